@@ -1,0 +1,1 @@
+"""The one place where speed is measured: `python -m benchmarks [NAME ...]`."""

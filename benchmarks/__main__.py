@@ -1,0 +1,21 @@
+"""Run every benchmark, or the named ones: `python -m benchmarks [NAME ...]`."""
+
+import importlib
+import pkgutil
+import sys
+
+import benchmarks
+
+
+def main(wanted: list[str]) -> None:
+    names = [m.name.removeprefix("bench_") for m in pkgutil.iter_modules(benchmarks.__path__, "") if "bench_" in m.name]
+    unknown = set(wanted) - set(names)
+    if unknown:
+        sys.exit(f"unknown benchmark {', '.join(sorted(unknown))}; use {', '.join(names)}")
+    for name in wanted or names:
+        print(f"\n{name}")
+        for figure in importlib.import_module(f"benchmarks.bench_{name}").run():
+            print(f"  {figure}", flush=True)
+
+
+main(sys.argv[1:])

@@ -1,0 +1,317 @@
+"""A scene: every physical constant of a run, read from one TOML file.
+
+    Room      outline, walls, sound speed, grid cell
+    Source    position, band, sampling rate, duration
+    Array     geometry of the microphones
+    Search    lattice of candidate positions, expansion radius R of Eq. 3
+    Gauge     the known microphones that fix translation, rotation and mirror
+    Sensing   how pressures are taken from recordings: SNR, mode picking, wavenumber
+    Solver    which solver, how many modes, order rule
+    Scene     all of the above, a title and a seed
+
+Lengths are metres, frequencies hertz, speeds metres per second.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+import tomllib
+import typing
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from .checks import InputError, StorageError, require_choice, require_positive
+
+Point = tuple[float, ...]
+
+WALLS = ("rigid", "pressure-release", "absorbing")
+GEOMETRIES = ("circle", "rectangle", "rectangle+random", "positions")
+
+
+@dataclass(frozen=True)
+class Room:
+    """Walls and air. Give `size` (a rectangle with a corner at the origin) or `outline`."""
+
+    size: Point | None = None
+    outline: tuple[Point, ...] | None = None
+    walls: str = "rigid"
+    admittance: float = 0.0  # specific admittance rho c / Z of absorbing walls
+    sound_speed: float = 343.0
+    cell: float = 0.02  # h, edge of one FDTD cell
+
+    def __post_init__(self):
+        if (self.size is None) == (self.outline is None):
+            raise InputError("room needs either room.size or room.outline; give exactly one")
+        for length in self.size or ():
+            require_positive("room.size", length, "m")
+        if self.size is not None and len(self.size) != 2:
+            raise InputError(f"room.size = {list(self.size)} has {len(self.size)} lengths; give two")
+        if self.outline is not None and (len(self.outline) < 3 or any(len(v) != 2 for v in self.outline)):
+            raise InputError("room.outline needs at least three corners [x, y]; add the missing ones")
+        require_choice("room.walls", self.walls, WALLS)
+        require_positive("room.sound_speed", self.sound_speed, "m/s")
+        require_positive("room.cell", self.cell, "m")
+        if self.walls == "absorbing" and not (math.isfinite(self.admittance) and self.admittance > 0):
+            raise InputError(
+                f"room.admittance = {self.admittance:g} must be above zero for absorbing walls"
+                ' (or set room.walls = "rigid")'
+            )
+        if self.walls != "absorbing" and self.admittance != 0:
+            raise InputError(
+                f'room.admittance = {self.admittance:g} has no meaning with room.walls = "{self.walls}";'
+                ' remove it or set room.walls = "absorbing"'
+            )
+
+    @property
+    def vertices(self) -> np.ndarray:
+        """Corners of the outline : (V, 2) float64 array, metres."""
+        if self.outline is not None:
+            return np.array(self.outline, dtype=float)
+        width, depth = self.size
+        return np.array([[0, 0], [width, 0], [width, depth], [0, depth]], dtype=float)
+
+
+@dataclass(frozen=True)
+class Source:
+    """The one source, outside the array: a zero-mean pulse of flat spectrum from `low` to `high`."""
+
+    position: Point
+    low: float = 20.0
+    high: float = 3000.0
+    sample_rate: float = 28590.0  # fs
+    duration: float = 4.0  # of the recording, s
+
+    def __post_init__(self):
+        if len(self.position) != 2:
+            raise InputError(f"source.position = {list(self.position)} must be [x, y]")
+        for key in ("low", "high", "sample_rate", "duration"):
+            require_positive(f"source.{key}", getattr(self, key), "s" if key == "duration" else "Hz")
+        if not self.low < self.high < self.sample_rate / 2:
+            raise InputError(
+                f"source.low = {self.low:g} Hz and source.high = {self.high:g} Hz must rise and stay below half of"
+                f" source.sample_rate = {self.sample_rate:g} Hz"
+            )
+
+
+@dataclass(frozen=True)
+class Array:
+    """Geometry of the microphones; `fdcal.arrays` turns it into positions on cell centres."""
+
+    geometry: str
+    center: Point = (0.0, 0.0)
+    count: int | None = None  # circle: microphones on it
+    radius: float | None = None  # circle
+    shape: tuple[int, ...] | None = None  # rectangle: microphones along x, y
+    size: Point | None = None  # rectangle: outer lengths along x, y
+    random: int = 0  # rectangle+random: extra microphones inside `size`
+    positions: tuple[Point, ...] | None = None  # positions: one microphone a row
+
+    NEEDS: typing.ClassVar = {
+        "circle": ("count", "radius"),
+        "rectangle": ("shape", "size"),
+        "rectangle+random": ("shape", "size", "random"),
+        "positions": ("positions",),
+    }
+
+    def __post_init__(self):
+        require_choice("array.geometry", self.geometry, GEOMETRIES)
+        needs = self.NEEDS[self.geometry]
+        for key in ("count", "radius", "shape", "size", "random", "positions"):
+            value = getattr(self, key)
+            if key in needs and not value:
+                raise InputError(f'array.{key} is missing or zero; array.geometry = "{self.geometry}" needs it')
+            if key not in needs and value:
+                raise InputError(f'array.{key} has no meaning with array.geometry = "{self.geometry}"; remove it')
+            for number in np.ravel(value) if key in needs and key != "positions" else ():
+                require_positive(f"array.{key}", float(number), "m" if key in ("radius", "size") else "")
+
+
+@dataclass(frozen=True)
+class Search:
+    """Lattice of candidate positions and the expansion radius R of Eq. 3."""
+
+    origin: Point  # corner with the lowest coordinates
+    size: Point
+    step: float = 0.01
+    radius: float = 0.8
+
+    def __post_init__(self):
+        if len(self.origin) != len(self.size):
+            raise InputError(
+                f"search.origin = {list(self.origin)} and search.size = {list(self.size)} differ in dimension"
+            )
+        for length in self.size:
+            require_positive("search.size", length, "m")
+        require_positive("search.step", self.step, "m")
+        require_positive("search.radius", self.radius, "m")
+        if min(self.size) < self.step:
+            raise InputError(f"search.step = {self.step:g} m is longer than search.size = {list(self.size)} m")
+        if math.prod(self.shape) > 4_000_000:
+            raise InputError(f"search.step = {self.step:g} m gives {math.prod(self.shape)} candidates; use a larger one")
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of candidates along each axis."""
+        return tuple(round(length / self.step) + 1 for length in self.size)
+
+
+@dataclass(frozen=True)
+class Gauge:
+    """Which microphones are known: `known` lists them, or `free` lists all the others."""
+
+    known: tuple[int, ...] | None = None
+    free: tuple[int, ...] | None = None
+
+    def __post_init__(self):
+        if (self.known is None) == (self.free is None):
+            raise InputError("gauge needs either gauge.known or gauge.free; give exactly one")
+
+    def indices(self, count: int) -> tuple[int, ...]:
+        """Known microphones of an array of `count`, ascending; InputError for a number it lacks."""
+        key, given = ("known", self.known) if self.free is None else ("free", self.free)
+        for index in given:
+            if not 0 <= index < count:
+                raise InputError(f"gauge.{key} names microphone {index}; the array has 0 to {count - 1}")
+        if len(set(given)) < len(given):
+            raise InputError(f"gauge.{key} = {list(given)} names a microphone twice")
+        if self.free is None:
+            return tuple(sorted(given))
+        return tuple(n for n in range(count) if n not in given)
+
+
+@dataclass(frozen=True)
+class Sensing:
+    """How pressures are taken from the recordings (the [measurement] table)."""
+
+    snr_db: float = math.inf  # per mode, noise on the complex pressures
+    lowest: float = 20.0  # Hz, modes are picked between lowest and highest
+    highest: float = 400.0
+    prominence_db: float = 1.0
+    resolution: float = 1.0  # Hz, closest pair of modes to be told apart
+    wavenumber: str = "discrete"  # or "continuous"
+
+    def __post_init__(self):
+        if math.isnan(self.snr_db) or self.snr_db == -math.inf:
+            raise InputError(f"measurement.snr_db = {self.snr_db} must be a number of decibels, or inf for no noise")
+        for key in ("lowest", "highest", "resolution"):
+            require_positive(f"measurement.{key}", getattr(self, key), "Hz")
+        require_positive("measurement.prominence_db", self.prominence_db, "dB")
+        if not self.lowest < self.highest:
+            raise InputError(
+                f"measurement.lowest = {self.lowest:g} Hz must lie below measurement.highest = {self.highest:g} Hz"
+            )
+        require_choice("measurement.wavenumber", self.wavenumber, ("discrete", "continuous"))
+
+
+@dataclass(frozen=True)
+class Solver:
+    """Which solver and its settings."""
+
+    name: str = "descent"
+    modes: int = 57  # modes in use at the end
+    first_modes: int = 3  # modes in use at the start
+    order_offset: int = 2  # added to ceil(kR), Eq. 3; 0 is the paper's
+    weights: str = "unit"  # each mode scaled to unit RMS, or "raw", the paper's
+    max_sweeps: int = 20  # of one stage
+
+    def __post_init__(self):
+        for key in ("modes", "first_modes", "max_sweeps"):
+            require_positive(f"solver.{key}", getattr(self, key))
+        if self.first_modes > self.modes:
+            raise InputError(
+                f"solver.first_modes = {self.first_modes} is above solver.modes = {self.modes}; lower it"
+            )
+        if self.order_offset < 0:
+            raise InputError(f"solver.order_offset = {self.order_offset} must not be negative")
+        require_choice("solver.weights", self.weights, ("unit", "raw"))
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything a run depends on.
+
+    `load_scene` makes one from a TOML file; `fdcal.measurement.measure` runs it.
+    """
+
+    name: str
+    title: str
+    room: Room
+    source: Source
+    array: Array
+    search: Search
+    gauge: Gauge
+    measurement: Sensing = field(default_factory=Sensing)
+    solver: Solver = field(default_factory=Solver)
+    seed: int = 0
+
+
+def scene_folder() -> Path:
+    """Folder of the scenes that come with fdcal: in the checkout, or inside an installed package."""
+    beside = Path(__file__).parent / "scenes"
+    return beside if beside.is_dir() else Path(__file__).parent.parent / "scenes"
+
+
+def scene_names() -> list[str]:
+    """Names of the scenes that come with fdcal."""
+    return sorted(path.stem for path in scene_folder().glob("*.toml"))
+
+
+def load_scene(path: str | Path) -> Scene:
+    """Scene from a TOML file, or by the name of one that comes with fdcal.
+
+    Raises InputError (unknown or missing key, wrong type, impossible value) and StorageError.
+    """
+    path = Path(path)
+    if path.suffix != ".toml" and not path.exists():
+        if path.name not in scene_names() or path.name != str(path):
+            raise InputError(f'scene "{path}" is unknown; use a .toml file or one of {", ".join(scene_names())}')
+        path = scene_folder() / f"{path.name}.toml"
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise StorageError(f"cannot read scene {path}: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path} is not valid TOML: {error}".replace("\n", " ")) from error
+    return _build(Scene, {"name": path.stem, "title": path.stem, **table}, "")
+
+
+def _build(cls, table: dict, prefix: str):
+    """Dataclass `cls` from a TOML table, with every key known, typed and present."""
+    hints = typing.get_type_hints(cls)
+    fields = {f.name: f for f in dataclasses.fields(cls)}
+    for key in table:
+        if key not in fields:
+            near = difflib.get_close_matches(key, fields, 1)
+            remedy = f'did you mean "{prefix}{near[0]}"?' if near else f"known keys: {', '.join(fields)}"
+            raise InputError(f"{prefix}{key} is not a key of a scene; {remedy}")
+    for key, f in fields.items():
+        required = f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
+        if required and key not in table:
+            raise InputError(f"{prefix}{key} is missing; add it to the scene")
+    return cls(**{key: _convert(hints[key], value, f"{prefix}{key}") for key, value in table.items()})
+
+
+def _convert(hint, value, key: str):
+    """`value` as the type `hint`, or InputError naming `key`."""
+    if dataclasses.is_dataclass(hint):
+        if not isinstance(value, dict):
+            raise InputError(f"{key} = {value!r} must be a table [{key}]")
+        return _build(hint, value, f"{key}.")
+    arguments = typing.get_args(hint)
+    if type(None) in arguments:
+        return _convert(arguments[0], value, key)
+    if typing.get_origin(hint) is tuple:
+        if not isinstance(value, list):
+            raise InputError(f"{key} = {value!r} must be a list")
+        return tuple(_convert(arguments[0], entry, key) for entry in value)
+    accepted = (int, float) if hint is float else hint
+    if not isinstance(value, accepted) or isinstance(value, bool):
+        word = {float: "a number", int: "a whole number", str: "a text"}[hint]
+        raise InputError(f"{key} = {value!r} must be {word}")
+    if hint is float and math.isnan(value):
+        raise InputError(f"{key} = nan must be a number")
+    return hint(value)
