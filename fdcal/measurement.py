@@ -117,3 +117,146 @@ class Measurement:
                 )
             },
         )
+
+
+def _fill_defaults(m: Measurement) -> None:
+    """Cast every array of `m` to its type and fill in what follows from the rest."""
+    put = lambda name, value: object.__setattr__(m, name, value)  # noqa: E731
+    if not np.iscomplexobj(m.pressures):
+        raise InputError("pressures are real; give complex pressures (the transform at each frequency), shape (M, N)")
+    put("frequencies", frozen_array(m.frequencies, float))
+    put("pressures", frozen_array(m.pressures, complex))
+    if m.frequencies.ndim != 1 or m.pressures.ndim != 2 or len(m.pressures) != len(m.frequencies):
+        raise InputError(
+            f"pressures of shape {m.pressures.shape} do not match frequencies of shape {m.frequencies.shape};"
+            " give (M, N) and (M,)"
+        )
+    require_choice("dimension", m.dimension, (2, 3))
+    put("dimension", int(m.dimension))
+    put("array_dimension", int(m.array_dimension or m.dimension))
+    put("sound_speed", float(m.sound_speed))
+    require_positive("sound_speed", m.sound_speed, "m/s")
+    given = 2 * np.pi * m.frequencies / m.sound_speed if m.wavenumbers is None else m.wavenumbers
+    put("wavenumbers", frozen_array(given, complex))
+    put("names", tuple(str(n) for n in (range(m.count) if m.names is None else m.names)))
+    if m.noise_power is not None:
+        put("noise_power", frozen_array(m.noise_power, float))
+    if m.positions is not None:
+        put("positions", frozen_array(m.positions, float))
+    order = np.argsort(m.known)
+    put("known", frozen_array(np.asarray(m.known, dtype=np.int64)[order], np.int64))
+    if m.known_positions is None:
+        if len(m.known) and m.positions is None:
+            raise InputError("known names microphones but known_positions is missing; add it, shape (A, D)")
+        shape = (0, m.array_dimension)
+        put("known_positions", frozen_array(m.positions[m.known] if len(m.known) else np.zeros(shape), float))
+    else:
+        places = np.reshape(m.known_positions, (len(m.known_positions), -1))
+        if len(places) != len(m.known):
+            raise InputError(f"known_positions has {len(places)} rows for {len(m.known)} known microphones")
+        places = places[order] if len(m.known) else np.zeros((0, m.array_dimension))
+        put("known_positions", frozen_array(places, float))
+
+
+def _check_pressures(m: Measurement) -> None:
+    modes, count = m.pressures.shape
+    if modes == 0 or count < 2:
+        raise InputError(f"pressures of shape {m.pressures.shape} hold too little; give one frequency, two microphones")
+    for name in ("frequencies", "pressures", "wavenumbers"):
+        require_finite(name, getattr(m, name))
+    if np.any(m.frequencies <= 0) or np.any(np.diff(m.frequencies) <= 0):
+        raise InputError("frequencies must be above zero and ascending, each once; sort them (and the pressures)")
+    if m.wavenumbers.shape != (modes,) or np.any(m.wavenumbers.real <= 0):
+        raise InputError(f"wavenumbers must be {modes} numbers with a real part above zero")
+    silent = np.flatnonzero(~np.any(m.pressures, axis=0))
+    if len(silent):
+        raise InputError(f'microphone "{m.names[silent[0]]}" has zero pressure at every frequency; leave it out')
+    silent = np.flatnonzero(~np.any(m.pressures, axis=1))
+    if len(silent):
+        raise InputError(f"pressures at {m.frequencies[silent[0]]:g} Hz are zero at every microphone; leave it out")
+    if m.noise_power is not None:
+        if m.noise_power.shape != (modes,):
+            raise InputError(
+                f"noise_power of shape {m.noise_power.shape} must have one entry for each of {modes} modes"
+            )
+        require_finite("noise_power", m.noise_power)
+        if np.any(m.noise_power < 0):
+            raise InputError("noise_power must not be negative")
+
+
+def _check_positions(m: Measurement) -> None:
+    count, D = m.count, m.array_dimension
+    if D not in (2, 3) or D > m.dimension:
+        raise InputError(f"array_dimension = {D} must be 2 or 3 and at most dimension = {m.dimension}")
+    if len(m.names) != count or len(set(m.names)) != count:
+        raise InputError(f"names must be {count} different texts, one for each microphone")
+    if m.positions is not None:
+        if m.positions.shape != (count, D):
+            raise InputError(f"positions of shape {m.positions.shape} must be ({count}, {D}), metres")
+        require_finite("positions", m.positions)
+    if len(m.known) and not (0 <= m.known[0] and m.known[-1] < count and np.all(np.diff(m.known) > 0)):
+        raise InputError(f"known = {m.known.tolist()} must name each microphone of 0 to {count - 1} at most once")
+    if m.known_positions.shape != (len(m.known), D):
+        raise InputError(f"known_positions of shape {m.known_positions.shape} must be ({len(m.known)}, {D}), metres")
+    require_finite("known_positions", m.known_positions)
+    if m.search is not None and len(m.search.size) != D:
+        raise InputError(f"search_size has {len(m.search.size)} lengths; the positions have {D} coordinates")
+
+
+REQUIRED = ("frequencies", "pressures", "sound_speed", "dimension")
+SEARCH = ("search_origin", "search_size", "search_step", "radius")
+OPTIONAL = ("array_dimension", "wavenumbers", "noise_power", "names", "positions", "known", "known_positions")
+
+
+def save_measurement(measurement: Measurement, file) -> None:
+    """Write `measurement` to an open binary `file` or a path, as .npz (see `load_measurement` for the keys)."""
+    table = {key: getattr(measurement, key) for key in REQUIRED + OPTIONAL}
+    table["names"] = np.array(measurement.names)
+    if measurement.search is not None:
+        s = measurement.search
+        table |= dict(zip(SEARCH, (s.origin, s.size, s.step, s.radius), strict=True))
+    np.savez_compressed(file, **{key: value for key, value in table.items() if value is not None})
+
+
+def load_measurement(path: str | Path) -> Measurement:
+    """Measurement from an .npz file.
+
+    Keys: `frequencies` (M,) Hz, `pressures` (M, N) complex, `sound_speed` m/s, `dimension`; optionally
+    `array_dimension`, `wavenumbers` (M,) complex rad/m, `noise_power` (M,), `names` (N,), `positions` (N, D) m,
+    `known` (A,) with `known_positions` (A, D) m, and all or none of `search_origin`, `search_size`,
+    `search_step`, `radius`, m.
+
+    Raises StorageError if the file cannot be read, InputError if it does not hold a measurement.
+    """
+    table = _read_arrays(path)
+    for key in REQUIRED:
+        if key not in table:
+            raise InputError(f'{path} has no "{key}"; a measurement needs {", ".join(REQUIRED)}')
+    given = [key for key in SEARCH if key in table]
+    if given and len(given) < len(SEARCH):
+        raise InputError(f"{path} has {', '.join(given)} alone; a search domain needs {', '.join(SEARCH)}")
+    try:
+        search = None
+        if given:
+            origin, size, step, radius = (np.asarray(table[key], dtype=float) for key in SEARCH)
+            search = Search(tuple(origin.tolist()), tuple(size.tolist()), float(step), float(radius))
+        fields = {key: table[key] for key in OPTIONAL + REQUIRED if key in table}
+        for key in ("sound_speed", "dimension", "array_dimension"):
+            if key in fields:
+                fields[key] = np.asarray(fields[key]).item()
+        return Measurement(**fields, search=search)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{path}: an array has the wrong type or shape ({error})") from error
+
+
+def _read_arrays(path: str | Path) -> dict[str, np.ndarray]:
+    """Every array of an .npz file; no pickled objects."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return {key: archive[key] for key in archive.files}
+    except (FileNotFoundError, PermissionError, IsADirectoryError) as error:
+        raise StorageError(f"cannot read {path}: {error.strerror}") from error
+    except Exception as error:  # a damaged archive raises anything from zipfile, zlib or NumPy
+        raise InputError(f"{path} is not an .npz file that can be read ({type(error).__name__})") from error

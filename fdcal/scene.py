@@ -151,7 +151,9 @@ class Search:
         if min(self.size) < self.step:
             raise InputError(f"search.step = {self.step:g} m is longer than search.size = {list(self.size)} m")
         if math.prod(self.shape) > 4_000_000:
-            raise InputError(f"search.step = {self.step:g} m gives {math.prod(self.shape)} candidates; use a larger one")
+            raise InputError(
+                f"search.step = {self.step:g} m gives {math.prod(self.shape)} candidates; use a larger one"
+            )
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -222,9 +224,7 @@ class Solver:
         for key in ("modes", "first_modes", "max_sweeps"):
             require_positive(f"solver.{key}", getattr(self, key))
         if self.first_modes > self.modes:
-            raise InputError(
-                f"solver.first_modes = {self.first_modes} is above solver.modes = {self.modes}; lower it"
-            )
+            raise InputError(f"solver.first_modes = {self.first_modes} is above solver.modes = {self.modes}; lower it")
         if self.order_offset < 0:
             raise InputError(f"solver.order_offset = {self.order_offset} must not be negative")
         require_choice("solver.weights", self.weights, ("unit", "raw"))
