@@ -6,7 +6,6 @@ The .npz file of a measurement is a public contract (README, "The measurement fi
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 
