@@ -24,12 +24,14 @@ from pathlib import Path
 
 import numpy as np
 
-from .checks import InputError, StorageError, require_choice, require_positive
+from .checks import InputError, StorageError, require_choice, require_finite, require_positive
 
 Point = tuple[float, ...]
 
 WALLS = ("rigid", "pressure-release", "absorbing")
 GEOMETRIES = ("circle", "rectangle", "rectangle+random", "positions")
+MOST_CELLS = 20_000_000  # of a simulation: 160 MB for each of its fields
+MOST_MICROPHONES = 10_000
 
 
 @dataclass(frozen=True)
@@ -44,17 +46,31 @@ class Room:
     cell: float = 0.02  # h, edge of one FDTD cell
 
     def __post_init__(self):
-        if (self.size is None) == (self.outline is None):
-            raise InputError("room needs either room.size or room.outline; give exactly one")
-        for length in self.size or ():
-            require_positive("room.size", length, "m")
-        if self.size is not None and len(self.size) != 2:
-            raise InputError(f"room.size = {list(self.size)} has {len(self.size)} lengths; give two")
-        if self.outline is not None and (len(self.outline) < 3 or any(len(v) != 2 for v in self.outline)):
-            raise InputError("room.outline needs at least three corners [x, y]; add the missing ones")
-        require_choice("room.walls", self.walls, WALLS)
         require_positive("room.sound_speed", self.sound_speed, "m/s")
         require_positive("room.cell", self.cell, "m")
+        self._check_outline()
+        self._check_walls()
+
+    def _check_outline(self):
+        if (self.size is None) == (self.outline is None):
+            raise InputError("room needs either room.size or room.outline; give exactly one")
+        if self.size is not None:
+            _require_pair("room.size", self.size)
+        for length in self.size or ():
+            require_positive("room.size", length, "m")
+        for corner in self.outline or ():
+            _require_pair("room.outline", corner)
+        if self.outline is not None and (len(self.outline) < 3 or self.area < self.cell**2):
+            raise InputError("room.outline encloses no area; give at least three corners [x, y], in order")
+        cells = float(np.prod(np.ptp(self.vertices, axis=0) / self.cell))
+        if cells > MOST_CELLS:
+            raise InputError(
+                f"room.cell = {self.cell:g} m cuts the room into {cells:.3g} cells; use a larger one"
+                f" ({MOST_CELLS:.0e} cells at most)"
+            )
+
+    def _check_walls(self):
+        require_choice("room.walls", self.walls, WALLS)
         if self.walls == "absorbing" and not (math.isfinite(self.admittance) and self.admittance > 0):
             raise InputError(
                 f"room.admittance = {self.admittance:g} must be above zero for absorbing walls"
@@ -74,6 +90,12 @@ class Room:
         width, depth = self.size
         return np.array([[0, 0], [width, 0], [width, depth], [0, depth]], dtype=float)
 
+    @property
+    def area(self) -> float:
+        """Area of the outline, m^2 (shoelace formula)."""
+        x, y = self.vertices.T
+        return abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))) / 2
+
 
 @dataclass(frozen=True)
 class Source:
@@ -86,8 +108,7 @@ class Source:
     duration: float = 4.0  # of the recording, s
 
     def __post_init__(self):
-        if len(self.position) != 2:
-            raise InputError(f"source.position = {list(self.position)} must be [x, y]")
+        _require_pair("source.position", self.position)
         for key in ("low", "high", "sample_rate", "duration"):
             require_positive(f"source.{key}", getattr(self, key), "s" if key == "duration" else "Hz")
         if not self.low < self.high < self.sample_rate / 2:
@@ -119,6 +140,7 @@ class Array:
 
     def __post_init__(self):
         require_choice("array.geometry", self.geometry, GEOMETRIES)
+        _require_pair("array.center", self.center)
         needs = self.NEEDS[self.geometry]
         for key in ("count", "radius", "shape", "size", "random", "positions"):
             value = getattr(self, key)
@@ -126,8 +148,17 @@ class Array:
                 raise InputError(f'array.{key} is missing or zero; array.geometry = "{self.geometry}" needs it')
             if key not in needs and value:
                 raise InputError(f'array.{key} has no meaning with array.geometry = "{self.geometry}"; remove it')
-            for number in np.ravel(value) if key in needs and key != "positions" else ():
+            for number in np.ravel(value) if key in needs and key != "positions" else ():  # positions may be negative
                 require_positive(f"array.{key}", float(number), "m" if key in ("radius", "size") else "")
+        for key, rows in (("shape", [self.shape]), ("size", [self.size]), ("positions", self.positions)):
+            for row in rows or () if key in needs else ():
+                _require_pair(f"array.{key}", row)
+        if self._number() > MOST_MICROPHONES:
+            raise InputError(f"array has {self._number()} microphones; use at most {MOST_MICROPHONES}")
+
+    def _number(self) -> int:
+        """Number of microphones N."""
+        return (self.count or 0) + math.prod(self.shape or (0,)) + self.random + len(self.positions or ())
 
 
 @dataclass(frozen=True)
@@ -142,14 +173,18 @@ class Search:
     def __post_init__(self):
         if len(self.origin) != len(self.size):
             raise InputError(
-                f"search.origin = {list(self.origin)} and search.size = {list(self.size)} differ in dimension"
+                f"search.origin = {list(self.origin)} and search.size = {list(self.size)} differ in dimension;"
+                " give both as many numbers as a position has"
             )
+        require_finite("search.origin", self.origin)
         for length in self.size:
             require_positive("search.size", length, "m")
         require_positive("search.step", self.step, "m")
         require_positive("search.radius", self.radius, "m")
         if min(self.size) < self.step:
-            raise InputError(f"search.step = {self.step:g} m is longer than search.size = {list(self.size)} m")
+            raise InputError(
+                f"search.step = {self.step:g} m is longer than search.size = {list(self.size)} m; use a smaller step"
+            )
         if math.prod(self.shape) > 4_000_000:
             raise InputError(
                 f"search.step = {self.step:g} m gives {math.prod(self.shape)} candidates; use a larger one"
@@ -248,6 +283,25 @@ class Scene:
     solver: Solver = field(default_factory=Solver)
     seed: int = 0
 
+    def __post_init__(self):
+        if self.seed < 0:
+            raise InputError(f"seed = {self.seed} must not be negative; use 0 or more")
+        for key, values in (("search.origin", self.search.origin), ("search.size", self.search.size)):
+            _require_pair(key, values)
+        if not self.source.low <= self.measurement.lowest < self.measurement.highest <= self.source.high:
+            raise InputError(
+                f"measurement.lowest = {self.measurement.lowest:g} Hz to measurement.highest ="
+                f" {self.measurement.highest:g} Hz leaves the band of the source, source.low = {self.source.low:g} Hz"
+                f" to source.high = {self.source.high:g} Hz; narrow the one or widen the other"
+            )
+
+
+def _require_pair(key: str, values) -> None:
+    """Raise InputError unless `values` are two finite numbers."""
+    if len(values) != 2:
+        raise InputError(f"{key} = {list(values)} has {len(values)} numbers; give two, along x and y")
+    require_finite(key, values)
+
 
 def scene_folder() -> Path:
     """Folder of the scenes that come with fdcal: in the checkout, or inside an installed package."""
@@ -266,7 +320,7 @@ def load_scene(path: str | Path) -> Scene:
     Raises InputError (unknown or missing key, wrong type, impossible value) and StorageError.
     """
     path = Path(path)
-    if path.suffix != ".toml" and not path.exists():
+    if path.suffix != ".toml" and not path.is_file():
         if path.name not in scene_names() or path.name != str(path):
             raise InputError(f'scene "{path}" is unknown; use a .toml file or one of {", ".join(scene_names())}')
         path = scene_folder() / f"{path.name}.toml"
@@ -314,4 +368,7 @@ def _convert(hint, value, key: str):
         raise InputError(f"{key} = {value!r} must be {word}")
     if hint is float and math.isnan(value):
         raise InputError(f"{key} = nan must be a number")
-    return hint(value)
+    try:
+        return hint(value)
+    except OverflowError as error:
+        raise InputError(f"{key} is too large a number; use a smaller one") from error
