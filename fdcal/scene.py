@@ -14,8 +14,6 @@ Lengths are metres, frequencies hertz, speeds metres per second.
 
 from __future__ import annotations
 
-import dataclasses
-import difflib
 import math
 import tomllib
 import typing
@@ -25,6 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from .checks import InputError, StorageError, require_choice, require_finite, require_positive
+from .tables import build
 
 Point = tuple[float, ...]
 
@@ -330,45 +329,4 @@ def load_scene(path: str | Path) -> Scene:
         raise StorageError(f"cannot read scene {path}: {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path} is not valid TOML: {error}".replace("\n", " ")) from error
-    return _build(Scene, {"name": path.stem, "title": path.stem, **table}, "")
-
-
-def _build(cls, table: dict, prefix: str):
-    """Dataclass `cls` from a TOML table, with every key known, typed and present."""
-    hints = typing.get_type_hints(cls)
-    fields = {f.name: f for f in dataclasses.fields(cls)}
-    for key in table:
-        if key not in fields:
-            near = difflib.get_close_matches(key, fields, 1)
-            remedy = f'did you mean "{prefix}{near[0]}"?' if near else f"known keys: {', '.join(fields)}"
-            raise InputError(f"{prefix}{key} is not a key of a scene; {remedy}")
-    for key, f in fields.items():
-        required = f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
-        if required and key not in table:
-            raise InputError(f"{prefix}{key} is missing; add it to the scene")
-    return cls(**{key: _convert(hints[key], value, f"{prefix}{key}") for key, value in table.items()})
-
-
-def _convert(hint, value, key: str):
-    """`value` as the type `hint`, or InputError naming `key`."""
-    if dataclasses.is_dataclass(hint):
-        if not isinstance(value, dict):
-            raise InputError(f"{key} = {value!r} must be a table [{key}]")
-        return _build(hint, value, f"{key}.")
-    arguments = typing.get_args(hint)
-    if type(None) in arguments:
-        return _convert(arguments[0], value, key)
-    if typing.get_origin(hint) is tuple:
-        if not isinstance(value, list):
-            raise InputError(f"{key} = {value!r} must be a list")
-        return tuple(_convert(arguments[0], entry, key) for entry in value)
-    accepted = (int, float) if hint is float else hint
-    if not isinstance(value, accepted) or isinstance(value, bool):
-        word = {float: "a number", int: "a whole number", str: "a text"}[hint]
-        raise InputError(f"{key} = {value!r} must be {word}")
-    if hint is float and math.isnan(value):
-        raise InputError(f"{key} = nan must be a number")
-    try:
-        return hint(value)
-    except OverflowError as error:
-        raise InputError(f"{key} is too large a number; use a smaller one") from error
+    return build(Scene, {"name": path.stem, "title": path.stem, **table})
