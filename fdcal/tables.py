@@ -55,9 +55,10 @@ def _convert(hint, value, key: str):
     if not isinstance(value, accepted) or isinstance(value, bool):
         word = {float: "a number", int: "a whole number", str: "a text"}[hint]
         raise InputError(f"{key} = {value!r} must be {word}")
-    if hint is float and math.isnan(value):
-        raise InputError(f"{key} = nan must be a number")
     try:
-        return hint(value)
+        converted = hint(value)
     except OverflowError as error:
         raise InputError(f"{key} is too large a number; use a smaller one") from error
+    if hint is float and math.isnan(converted):
+        raise InputError(f"{key} = nan must be a number")
+    return converted

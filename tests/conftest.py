@@ -1,0 +1,89 @@
+"""Fixtures that several test files share, and what decides whether a browser or GL test may be skipped."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from fdcal.scene import scene_folder
+
+ROOT = Path(__file__).parent.parent
+CHROMIUM = ("/usr/bin/chromium", "/usr/bin/chromium-browser", "/usr/bin/google-chrome")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def cache(tmp_path_factory) -> Path:
+    """A disk cache of this run's own, so that no test reads what an older version computed."""
+    folder = tmp_path_factory.mktemp("cache")
+    os.environ["FDCAL_CACHE"] = str(folder)
+    return folder
+
+
+@pytest.fixture
+def edited(tmp_path):
+    """Function that writes `tiny` with some keys changed: edited({"room.cell": "0.5", "title": None}) -> path.
+
+    Values are TOML text; None takes the key out. A key or table that `tiny` lacks is added.
+    """
+
+    def write(changes: dict[str, str | None], name: str = "edited") -> Path:
+        path = tmp_path / f"{name}.toml"
+        text = (scene_folder() / "tiny.toml").read_text(encoding="utf-8")
+        path.write_text(_edit(text, changes), encoding="utf-8")
+        return path
+
+    return write
+
+
+def _edit(text: str, changes: dict[str, str | None]) -> str:
+    tables: dict[str, dict[str, str]] = {"": {}}
+    table = ""
+    for line in text.splitlines():
+        code = line.split("#")[0].strip()
+        if code.startswith("["):
+            table = code.strip("[]")
+            tables[table] = {}
+        elif code:
+            key, value = code.split("=", 1)
+            tables[table][key.strip()] = value.strip()
+    for path, value in changes.items():
+        table, _, key = path.rpartition(".")
+        tables.setdefault(table, {}).pop(key, None)
+        if value is not None:
+            tables[table][key] = value
+    lines = []
+    for table, keys in tables.items():
+        lines += [f"[{table}]"] if table else []
+        lines += [f"{key} = {value}" for key, value in keys.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _missing(reason: str) -> None:
+    """Skip, but fail where CI is set: there a test that cannot run is a fault."""
+    if os.environ.get("CI"):
+        pytest.fail(reason)
+    pytest.skip(reason)
+
+
+@pytest.fixture(scope="session")
+def require_browser() -> str:
+    """Path of Chromium."""
+    for path in (*CHROMIUM, shutil.which("chromium")):
+        if path and Path(path).exists():
+            return path
+    _missing("no Chromium: apt-get install -y --no-install-recommends chromium")
+
+
+@pytest.fixture(scope="session")
+def require_gl() -> None:
+    """A GL library that draws without a screen; probed in a child, since VTK without one ends the interpreter."""
+    draw = "import pyvista; p = pyvista.Plotter(off_screen=True, window_size=(32, 32)); p.screenshot(return_img=True)"
+    environment = {**os.environ, "VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow"}
+    probe = subprocess.run([sys.executable, "-c", draw], env=environment, capture_output=True, timeout=120)
+    if probe.returncode != 0:
+        _missing("no off-screen GL: apt-get install -y libegl1 libgl1-mesa-dri")

@@ -1,0 +1,123 @@
+"""Scenes: those that ship load and hold what they promise; a bad one is refused in words that help."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from fdcal.arrays import positions_of
+from fdcal.checks import InputError, StorageError
+from fdcal.scene import Search, load_scene, scene_names
+
+
+def test_scenes_that_ship():
+    assert scene_names() == ["array1_circle", "array2_random", "fig1_square", "lshape", "tiny"]
+
+
+@pytest.mark.parametrize("name", ["array1_circle", "array2_random", "fig1_square", "lshape", "tiny"])
+def test_scene_holds_together(name):
+    scene = load_scene(name)
+    positions = positions_of(scene)
+    lattice = (positions - scene.search.origin) / scene.search.step
+    assert np.allclose(lattice, np.round(lattice), atol=1e-9), "the truth must be one of the candidates"
+    k = 2 * np.pi * scene.measurement.highest / scene.room.sound_speed
+    order = np.ceil(k * scene.search.radius) + scene.solver.order_offset
+    assert 2 * order + 1 <= len(positions) - 1, "one microphone is left out while it is searched for"
+    centre = positions.mean(axis=0)
+    assert np.linalg.norm(positions - centre, axis=1).max() <= scene.search.radius
+
+
+@pytest.mark.parametrize("name", ["array1_circle", "array2_random"])
+def test_paper_arrays(name):
+    scene = load_scene(name)
+    assert len(positions_of(scene)) == 65
+    assert scene.search.shape == (121, 121)
+    assert len(scene.gauge.indices(65)) == 3
+    assert (scene.room.size, scene.source.sample_rate, scene.search.radius) == ((6, 5), 28590, 0.8)
+
+
+def test_scene_is_frozen():
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        load_scene("tiny").seed = 1
+
+
+def test_name_and_path_give_the_same_scene(edited):
+    assert dataclasses.replace(load_scene(edited({})), name="tiny") == load_scene("tiny")
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"room.sise": "[1, 1]"}, ["room.sise is not a key", 'did you mean "room.size"']),
+        ({"microphones": "3"}, ["microphones is not a key", "known keys"]),
+        ({"source.position": None}, ["source.position is missing", "add it"]),
+        ({"room.cell": '"4 cm"'}, ["room.cell = '4 cm'", "a number"]),
+        ({"array.shape": "[3.5, 3]"}, ["array.shape = 3.5", "a whole number"]),
+        ({"seed": "true"}, ["seed = True", "a whole number"]),
+        ({"seed": "-1"}, ["seed = -1", "0 or more"]),
+        ({"room.size": "3.0"}, ["room.size = 3.0", "a list"]),
+        ({"room.size": "[-1.68, 1.2]"}, ["room.size = -1.68 m", "above zero"]),
+        ({"room.size": "[1.68, inf]"}, ["room.size", "finite"]),
+        ({"room.size": "[1.68, 1.2, 3.0]"}, ["room.size", "3 numbers", "give two"]),
+        ({"room.outline": "[[0, 0], [1, 0], [1, 1]]"}, ["room.size or room.outline", "exactly one"]),
+        ({"room.size": None, "room.outline": "[[0, 0], [1, 1], [2, 2]]"}, ["room.outline encloses no area"]),
+        ({"room.cell": "1e-6"}, ["room.cell = 1e-06", "use a larger one"]),
+        ({"room.cell": "1e999"}, ["room.cell = inf", "finite"]),
+        ({"room.cell": "1" + "0" * 400}, ["room.cell", "too large"]),
+        ({"room.walls": '"soft"'}, ['room.walls = "soft"', "rigid, pressure-release, absorbing"]),
+        ({"room.walls": '"absorbing"'}, ["room.admittance = 0", "above zero"]),
+        ({"room.admittance": "0.1"}, ["room.admittance = 0.1", "remove it"]),
+        ({"room.sound_speed": "nan"}, ["room.sound_speed", "must be a number"]),
+        ({"source.position": "[1.5]"}, ["source.position", "1 numbers", "give two"]),
+        ({"source.high": "9000.0"}, ["source.high = 9000 Hz", "half of source.sample_rate = 13000 Hz"]),
+        ({"array.geometry": '"spiral"'}, ['array.geometry = "spiral"', "use one of"]),
+        ({"array.geometry": '"circle"'}, ["array.count is missing"]),
+        ({"array.count": "5"}, ["array.count has no meaning", "remove it"]),
+        ({"array.center": "[inf, 0.5]"}, ["array.center[0] is not a finite number"]),
+        ({"array.random": "100000"}, ["array has 100009 microphones", "at most"]),
+        ({"search.step": "0.0"}, ["search.step = 0 m", "above zero"]),
+        ({"search.step": "1.0"}, ["search.step = 1 m", "use a smaller step"]),
+        ({"search.step": "1e-5"}, ["search.step = 1e-05", "use a larger one"]),
+        ({"search.origin": "[0.4]"}, ["search.origin", "differ in dimension"]),
+        ({"gauge.free": "[3]"}, ["gauge.known or gauge.free", "exactly one"]),
+        ({"measurement.snr_db": "-inf"}, ["measurement.snr_db = -inf", "decibels"]),
+        ({"measurement.lowest": "950.0"}, ["measurement.lowest = 950 Hz", "below measurement.highest = 850 Hz"]),
+        ({"measurement.highest": "1600.0"}, ["measurement.highest = 1600 Hz", "source.high = 1500 Hz"]),
+        ({"measurement.wavenumber": '"k"'}, ['measurement.wavenumber = "k"', "discrete, continuous"]),
+        ({"solver.modes": "2"}, ["solver.first_modes = 3", "solver.modes = 2", "lower it"]),
+        ({"solver.order_offset": "-1"}, ["solver.order_offset = -1"]),
+        ({"solver.weights": '"none"'}, ['solver.weights = "none"', "unit, raw"]),
+        ({"solver": "3"}, ["not valid TOML"]),
+    ],
+)
+def test_bad_scene_names_key_value_and_remedy(edited, changes, words):
+    with pytest.raises(InputError) as caught:
+        load_scene(edited(changes))
+    message = str(caught.value)
+    assert "\n" not in message
+    for word in words:
+        assert word in message
+
+
+def test_unknown_scene_lists_the_known_ones():
+    with pytest.raises(InputError, match=r'"nowhere" is unknown.*array1_circle'):
+        load_scene("nowhere")
+
+
+def test_missing_file_is_a_storage_error(tmp_path):
+    with pytest.raises(StorageError, match="cannot read scene"):
+        load_scene(tmp_path / "gone.toml")
+
+
+def test_not_toml(tmp_path):
+    for name, content in (("text", b"room = ["), ("binary", b"\xff\xfe")):
+        path = tmp_path / f"{name}.toml"
+        path.write_bytes(content)
+        with pytest.raises(InputError, match="not valid TOML"):
+            load_scene(path)
+
+
+def test_search_shape_counts_both_ends():
+    assert Search((0, 0), (1.2, 0.3), 0.1).shape == (13, 4)
