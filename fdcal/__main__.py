@@ -1,0 +1,5 @@
+"""`python -m fdcal ...` is the same as `fdcal ...`."""
+
+from .cli import main
+
+main()

@@ -1,0 +1,134 @@
+"""A measurement from a scene or a file, solved, scored and told: what `fdcal calibrate` does, without a command line.
+
+Given      measurement, settings and seed
+source_of  from the name of a scene, its file, or an .npz file
+solve      run the solver to its end
+summary    the outcome in words
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from .checks import InputError
+from .gauge import position_errors
+from .measurement import Measurement, load_measurement
+from .scene import Scene, Solver, load_scene
+
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class Given:
+    """A measurement and how to solve it; `scene` is None where a file alone was given."""
+
+    name: str
+    scene: Scene | None
+    measurement: Measurement
+    settings: Solver
+    seed: int
+
+
+def source_of(text: str, progress: Progress | None = None) -> Given:
+    """The measurement of an .npz file, or of a scene (see `from_scene`). Raises InputError and StorageError."""
+    if not text.lower().endswith(".npz"):
+        return from_scene(load_scene(text), progress)
+    measurement = load_measurement(text)
+    count = len(measurement.frequencies)
+    settings = Solver(modes=min(Solver.modes, count), first_modes=min(Solver.first_modes, count))
+    return Given(Path(text).stem, None, measurement, settings, 0)
+
+
+def from_scene(scene: Scene, progress: Progress | None = None) -> Given:
+    """The measurement of a scene, simulated or from the cache. Raises InputError and StorageError."""
+    from .store import cached_measurement  # brings the simulation, which only scenes need
+
+    return Given(scene.name, scene, cached_measurement(scene, progress), scene.solver, scene.seed)
+
+
+def changed(given: Given, solver: str | None, modes: int | None, seed: int | None) -> Given:
+    """`given` with another solver, number of modes or seed, each where it is not None."""
+    settings = given.settings
+    if seed is not None and seed < 0:
+        raise InputError(f"seed = {seed} must not be negative; use 0 or more")
+    if modes is not None:
+        if modes < 1:
+            raise InputError(f"modes = {modes} must be at least 1; use 1 to {len(given.measurement.frequencies)}")
+        settings = replace(settings, modes=modes, first_modes=min(settings.first_modes, modes))
+    settings = replace(settings, name=solver or settings.name)
+    return replace(given, settings=settings, seed=given.seed if seed is None else seed)
+
+
+def solve(given: Given, progress: Progress | None = None) -> dict:
+    """Run the solver to its end.
+
+    Returns
+    -------
+    dict, what a result file holds: positions (N, D) list, metres; solver; seed; frequencies used, Hz; cost,
+    dimensionless; sweeps; elapsed_s; converged; mean_error_m and max_error_m over all microphones, None without truth
+
+    Raises InputError where the solver cannot start, and whatever `progress` raises to stop the run.
+    """
+    from .solvers import run
+
+    problem, last = given.measurement.problem(given.settings.weights), given.settings.modes
+    start = time.perf_counter()
+    for state in run(problem, given.settings, given.seed):
+        if progress is not None:
+            progress(state.last / last, f"{state.last} modes, sweep {state.sweep}, cost {state.cost:.3g}")
+    truth = given.measurement.positions
+    errors = None if truth is None else position_errors(state.positions, truth)
+    return {
+        "positions": state.positions.tolist(),
+        "solver": given.settings.name,
+        "seed": given.seed,
+        "frequencies": problem.frequencies[state.first - 1 : state.last].tolist(),
+        "cost": float(state.cost),
+        "sweeps": int(state.sweep),
+        "elapsed_s": time.perf_counter() - start,
+        "converged": bool(state.converged),
+        "mean_error_m": None if errors is None else float(errors.mean()),
+        "max_error_m": None if errors is None else float(errors.max()),
+    }
+
+
+def summary(given: Given, result: dict) -> str:
+    """The outcome in five lines."""
+    free, count, f = (
+        given.measurement.count - len(given.measurement.known),
+        given.measurement.count,
+        result["frequencies"],
+    )
+    end = "converged" if result["converged"] else "stopped before it converged"
+    error = "unknown, since the true positions are"
+    if result["mean_error_m"] is not None:
+        mean, largest = 1e3 * result["mean_error_m"], 1e3 * result["max_error_m"]
+        error = f"mean {mean:.3g} mm, largest {largest:.3g} mm over all {count} microphones"
+    lines = (
+        f"{given.name}: {free} of {count} microphones sought by {result['solver']}, seed {result['seed']}",
+        f"modes   {len(f)}, {f[0]:.1f} to {f[-1]:.1f} Hz",
+        f"run     {result['sweeps']} sweeps in {result['elapsed_s']:.1f} s, {end}",
+        f"cost    {result['cost']:.3g} (dimensionless)",
+        f"error   {error}",
+    )
+    return "\n".join(lines)
+
+
+def positions_from(measurement: Measurement, result: dict | None) -> np.ndarray:
+    """Positions of a result, or the true ones without a result : (N, D) float64, metres."""
+    if result is None:
+        if measurement.positions is None:
+            raise InputError("the measurement holds no true positions; give those of a result: --result RESULT.json")
+        return measurement.positions
+    positions = np.asarray(result["positions"], float)
+    shape = (measurement.count, measurement.array_dimension)
+    if positions.shape != shape:
+        raise InputError(
+            f"the result has positions of shape {positions.shape}, the measurement {shape}; use its own result"
+        )
+    return positions
