@@ -15,9 +15,9 @@ from .checks import InputError, StorageError, frozen_array, require_choice, requ
 from .scene import Search
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Problem:
-    """All that a solver may see: no truth.
+    """All that a solver may see: no truth. Compared by identity, so that tables made for one can be kept.
 
     Attributes
     ----------

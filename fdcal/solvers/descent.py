@@ -1,0 +1,168 @@
+"""Block coordinate descent, section 3 of the paper: one microphone at a time over all candidates.
+
+    step   one free microphone is moved to the candidate of least cost, the basis recentred
+    sweep  all free microphones are moved once
+    stage  sweeps with one set of modes, until no microphone moves; then the next mode is added
+
+The centre of the expansion is the centre of mass rounded to the search lattice, so that one table of radial functions
+serves every step (`fdcal.dictionary.Lattice`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..checks import InputError, frozen_array
+from ..cost import lattice_of, leave_one_out, require_modes
+from ..measurement import Problem
+from ..scene import Solver
+
+
+@dataclass(frozen=True)
+class State:
+    """Everything `step` needs to go on, so that any state can be gone on from.
+
+    Attributes
+    ----------
+    positions : (N, D) float64, metres, read-only
+    centre : (D,) float64, metres, of the expansion
+    settings : Solver
+    seed : int, of the start and of every sweep's order
+    step, sweep, stage : steps taken, sweeps completed, stages completed
+    turn : place in the present sweep, 0 to the number of free microphones less 1
+    moved : microphone of the last step, -1 at the start
+    first, last : modes in use, counted from 1, both included
+    automatic : whether modes are added when trapped
+    stage_sweeps : sweeps completed in the present stage
+    changed : whether a microphone has changed place in the present sweep
+    cost : sum over the modes in use (Eq. 7), about the centre that the last step used
+    finished : nothing is left to do
+    converged : finished because no microphone moved any more, not because sweeps ran out
+    """
+
+    positions: np.ndarray
+    centre: np.ndarray
+    settings: Solver
+    seed: int
+    step: int
+    sweep: int
+    stage: int
+    turn: int
+    moved: int
+    first: int
+    last: int
+    automatic: bool
+    stage_sweeps: int
+    changed: bool
+    cost: float
+    finished: bool
+    converged: bool
+
+
+def init(problem: Problem, settings: Solver, seed: int) -> State:
+    """Free microphones at random on the search lattice, known ones in their places, the lowest modes in use.
+
+    Raises InputError without a search domain, or where the modes of `settings` cannot be carried.
+    """
+    if problem.search is None or problem.dimension != 2:
+        _refuse(problem)
+    require_modes(problem, settings.order_offset, settings.modes)
+    lattice = lattice_of(problem, settings.order_offset)
+    rng = np.random.default_rng([seed, 0])
+    positions = lattice.points[rng.choice(len(lattice.points), problem.pressures.shape[1], replace=False)]
+    positions[problem.known] = problem.known_positions
+    state = State(
+        positions=frozen_array(positions, float),
+        centre=frozen_array(lattice.nearest(positions.mean(axis=0)), float),
+        settings=settings,
+        seed=seed,
+        step=0,
+        sweep=0,
+        stage=0,
+        turn=0,
+        moved=-1,
+        first=1,
+        last=settings.first_modes,
+        automatic=True,
+        stage_sweeps=0,
+        changed=False,
+        cost=0.0,
+        finished=False,
+        converged=False,
+    )
+    return replace(state, cost=_cost(problem, state))
+
+
+def step(problem: Problem, state: State) -> State:
+    """`state` with the next microphone moved to its best place; unchanged if finished."""
+    if state.finished:
+        return state
+    from ..pruned import best_candidate  # compiled code is loaded with the first step
+
+    n = int(_turns(problem, state)[state.turn])
+    lattice = lattice_of(problem, state.settings.order_offset)
+    modes = range(state.first - 1, state.last)
+    W = lattice.microphones(state.positions, state.centre, modes)
+    fits = leave_one_out(W, problem.pressures[modes.start : modes.stop], n)
+    here = lattice.index(state.positions[n])
+    best, least = best_candidate(lattice, state.centre, modes, fits, here)
+    positions = state.positions.copy()
+    positions[n] = lattice.points[best]
+    moved = replace(
+        state,
+        positions=frozen_array(positions, float),
+        centre=frozen_array(lattice.nearest(positions.mean(axis=0)), float),
+        step=state.step + 1,
+        turn=state.turn + 1,
+        moved=n,
+        changed=state.changed or best != here,
+        cost=least,
+    )
+    return moved if moved.turn < len(problem.free) else _end_sweep(moved)
+
+
+def use_modes(problem: Problem, state: State, first: int, last: int, automatic: bool) -> State:
+    """`state` with modes `first` to `last` in use (from 1, both included) and the solver free to go on.
+
+    Raises InputError for modes that are not there.
+    """
+    if not 1 <= first <= last:
+        raise InputError(f"modes {first} to {last} are no range; the first is 1")
+    require_modes(problem, state.settings.order_offset, last)
+    changed = replace(
+        state, first=first, last=last, automatic=automatic, stage_sweeps=0, finished=False, converged=False
+    )
+    return replace(changed, cost=_cost(problem, changed))
+
+
+def _refuse(problem: Problem):
+    if problem.dimension != 2:
+        raise InputError("descent works on two-dimensional fields; this measurement has dimension = 3")
+    raise InputError("the measurement has no search domain; give --search ORIGIN,SIZE,STEP and --radius R")
+
+
+def _turns(problem: Problem, state: State) -> np.ndarray:
+    """Order in which the free microphones are moved in the present sweep: drawn anew for each."""
+    return np.random.default_rng([state.seed, 1, state.sweep]).permutation(problem.free)
+
+
+def _cost(problem: Problem, state: State) -> float:
+    """Eq. 7 over the modes in use: any microphone left out and put back where it stands."""
+    lattice = lattice_of(problem, state.settings.order_offset)
+    modes = range(state.first - 1, state.last)
+    W = lattice.microphones(state.positions, state.centre, modes)
+    fits = leave_one_out(W, problem.pressures[modes.start : modes.stop], 0)
+    return float(sum(fit.cost_of(w[:1])[0] for fit, w in zip(fits, W, strict=True)))
+
+
+def _end_sweep(state: State) -> State:
+    """Close the sweep; if the array is trapped, or was given time enough, add a mode or finish."""
+    trapped = not state.changed
+    state = replace(state, sweep=state.sweep + 1, stage_sweeps=state.stage_sweeps + 1, turn=0, changed=False)
+    if not trapped and state.stage_sweeps < state.settings.max_sweeps:
+        return state
+    if state.automatic and state.last < state.settings.modes:
+        return replace(state, stage=state.stage + 1, last=state.last + 1, stage_sweeps=0)
+    return replace(state, finished=True, converged=trapped)
