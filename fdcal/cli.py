@@ -61,7 +61,6 @@ def _progress_bar(title: str) -> Iterator[runs.Progress]:
 
 
 @click.group(invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(package_name="fdcal")
 @click.pass_context
 def commands(context):
     """Microphone positions from the resonances of a room.
