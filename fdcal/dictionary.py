@@ -88,7 +88,7 @@ def _join_orders(J: np.ndarray, phase: np.ndarray) -> np.ndarray:
 class Lattice:
     """The dictionary of every candidate of a search lattice, from one table of radial functions.
 
-    The centre of the expansion stays on the lattice, so that the offsets of all candidates are multiples of the
+    Every `centre` below is a point of the lattice, so that the offsets of all candidates are multiples of the
     step, their squared lengths are integers and J_l is needed at a few thousand radii only, once for all centres.
 
     Attributes
@@ -134,11 +134,13 @@ class Lattice:
         return int(iy * self.shape[1] + ix)
 
     def phases(self, centre) -> tuple[np.ndarray, np.ndarray]:
-        """exp(j theta) (C,) complex128 and row of `radial` (C,) int32 of every candidate about `centre`, a lattice point."""
+        """exp(j theta) (C,) complex128 and row of `radial` (C,) int32 of every candidate about `centre`."""
         index = tuple(self._index(centre).tolist())
-        if self._phases[0] != index:  # the centre seldom moves from step to step
-            self._phases = index, self._unit_and_row(self.steps - index)
-        return self._phases[1]
+        kept, phases = self._phases  # the centre seldom moves from step to step
+        if kept != index:
+            phases = self._unit_and_row(self.steps - index)
+            self._phases = index, phases
+        return phases
 
     def _unit_and_row(self, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         squared = np.sum(offset**2, axis=1)
@@ -147,7 +149,7 @@ class Lattice:
         return unit, self.row[squared]
 
     def dictionaries(self, centre, modes) -> list[np.ndarray]:
-        """W of every candidate about `centre`, a lattice point : (C, 2L + 1) complex128 for each of `modes`."""
+        """W of every candidate about `centre` : (C, 2L + 1) complex128 for each of `modes`."""
         unit, row = self.phases(centre)
         steps = np.repeat(unit[:, None], self.radial.shape[2], axis=1)
         steps[:, 0] = 1.0
@@ -155,7 +157,7 @@ class Lattice:
         return [_join_orders(self.radial[m, row, : L + 1], phase[:, : L + 1]) for m, L in self._orders_of(modes)]
 
     def microphones(self, positions, centre, modes) -> list[np.ndarray]:
-        """W of microphones, on the lattice or off it, about `centre`, a lattice point : (N, 2L + 1) for each of `modes`."""
+        """W of microphones, on the lattice or off it, about `centre` : (N, 2L + 1) complex128 for each of `modes`."""
         steps = (np.asarray(positions) - self.nearest(centre)) / self.search.step
         offset = np.rint(steps).astype(np.int64)
         on = np.all(np.abs(steps - offset) < 1e-6, axis=1) & np.all(np.abs(offset) < self.shape[::-1], axis=1)

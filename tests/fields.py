@@ -1,0 +1,75 @@
+"""Sound fields known in closed form, the tests' source of truth."""
+
+import numpy as np
+from scipy.special import jv
+
+from fdcal.measurement import Measurement
+from fdcal.scene import Search
+
+
+def rigid_room(points, source, wavenumbers, size=(6.0, 5.0), terms=200):
+    """Field of a point source in a rigid rectangle, a cosine series in x and closed form in y : (M, N) complex.
+
+    Valid for complex wavenumbers (damped by the exponential window), where no resonance makes it infinite.
+    """
+    (width, depth), n = size, np.arange(terms)
+    x, y = np.asarray(points).T
+    low, high = np.minimum(y, source[1])[:, None], np.maximum(y, source[1])[:, None]
+    shape = (
+        np.where(n == 0, 1, 2) / width * np.cos(n * np.pi * source[0] / width) * np.cos(n * np.pi * x[:, None] / width)
+    )
+    fields = []
+    for k in wavenumbers:
+        g = np.sqrt((n * np.pi / width) ** 2 - k**2 + 0j)
+        g = np.where(g.real < 0, -g, g)
+        echo = (1 + np.exp(-2 * g * low)) * (1 + np.exp(-2 * g * (depth - high)))
+        fields.append(np.sum(shape * np.exp(-g * (high - low)) * echo / (2 * g * (1 - np.exp(-2 * g * depth))), axis=1))
+    return np.array(fields)
+
+
+def room_frequencies(highest, sound_speed=343.0, size=(6.0, 5.0), apart=1.5):
+    """Eigenfrequencies of the rigid rectangle from 20 Hz up, hertz, leaving out those closer than `apart`."""
+    m, n = np.meshgrid(np.arange(60), np.arange(60))
+    every = np.sort((sound_speed / 2 * np.hypot(m / size[0], n / size[1])).ravel())
+    chosen = []
+    for f in every[(every > 20) & (every < highest)]:
+        if not chosen or f - chosen[-1] > apart:
+            chosen.append(f)
+    return np.array(chosen)
+
+
+def measured(positions, known, highest=300.0, snr_db=np.inf, seed=0, search=None, source=(5.47, 4.53), modes=None):
+    """Measurement of the modes of the 6 x 5 m rigid room at `positions`, c = 343 m/s, windowed with 3 / s."""
+    frequencies = room_frequencies(highest)[:modes]
+    wavenumbers = (2 * np.pi * frequencies - 3j) / 343.0
+    pressures = rigid_room(positions, source, wavenumbers)
+    noise = np.mean(np.abs(pressures) ** 2, axis=1) * 10 ** (-snr_db / 10)
+    rng = np.random.default_rng(seed)
+    draws = rng.standard_normal((2, *pressures.shape))
+    pressures = pressures + np.sqrt(noise / 2)[:, None] * (draws[0] + 1j * draws[1])
+    return Measurement(
+        frequencies=frequencies,
+        pressures=pressures,
+        sound_speed=343.0,
+        wavenumbers=wavenumbers,
+        positions=positions,
+        known=known,
+        noise_power=noise if np.isfinite(snr_db) else None,
+        search=search or Search((2.01, 1.71), (1.2, 1.2), 0.04, 0.8),
+    )
+
+
+def plane_wave(points, k, angle):
+    """exp(-j k x cos - j k y sin) at `points`."""
+    return np.exp(-1j * k * (np.asarray(points) @ [np.cos(angle), np.sin(angle)]))
+
+
+def plane_wave_coefficients(k, angle, order, centre):
+    """Its coefficients by Jacobi and Anger: exp(-j z cos t) = sum (-j)^l J_l(z) exp(j l t)."""
+    l = np.arange(-order, order + 1)  # noqa: E741
+    return (-1j) ** l * np.exp(-1j * l * angle) * plane_wave([centre], k, angle)
+
+
+def bessel_kernel(points, k):
+    """J_0(k d) between all pairs of `points`."""
+    return jv(0, k * np.linalg.norm(points[:, None] - points[None], axis=-1))
