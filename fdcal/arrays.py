@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from .checks import InputError, frozen_array
+from .gauge import fixes_gauge
 from .scene import Array, Scene
 
 ROUNDING = 1e-9  # of a cell: decides on which side of a cell edge a coordinate falls in spite of float rounding
@@ -190,8 +191,7 @@ def _check_gauge(positions: np.ndarray, scene: Scene) -> None:
     known = scene.gauge.indices(len(positions))
     if len(known) == len(positions):
         raise InputError("gauge leaves no microphone to be found; take at least one out of gauge.known")
-    spread = positions[list(known)] - positions[list(known)].mean(axis=0) if known else np.zeros((1, 2))
-    if len(known) < 3 or np.linalg.svd(spread, compute_uv=False)[-1] < ROUNDING:
+    if not fixes_gauge(positions[list(known)]):
         key, value = ("known", known) if scene.gauge.free is None else ("free", scene.gauge.free)
         raise InputError(
             f"gauge.{key} = {list(value)} does not fix translation, rotation and mirror;"
