@@ -1,0 +1,201 @@
+"""What there is to see, as primitives that any renderer can draw: one picture, two renderers.
+
+    backdrop        what stays: room, source, search domain, true and known microphones
+    with_estimate   what a step changes: crosses, error lines, the microphone looked at
+    paint           costs over the search lattice to a coloured floor and its colour bar
+    compose         all of these at once
+
+True microphones are black circles, estimates red crosses, known microphones blue squares: shapes first, colours that
+colour-blind eyes tell apart second. Each has a white halo, which keeps it legible on the map and on any background.
+Lengths are metres, line widths pixels, colours RGB from 0 to 255.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import matplotlib
+import numpy as np
+
+from . import shapes
+from .checks import frozen_array
+from .gauge import position_errors
+from .measurement import Measurement
+from .primitives import COLOUR_MAP, DARK, LIGHT, Colour, ColourBar, Floor, Label, Lines, Picture, Solid, Theme
+from .scene import Scene, Search
+
+DECADES = 4  # of cost that a logarithmic map shows below its highest value
+LAYERS = 14  # heights in one radius of a marker: what is drawn over the map lies that little above it
+TRUE, ESTIMATE, KNOWN, HALO = (0, 0, 0), (214, 24, 40), (0, 90, 181), (255, 255, 255)
+
+
+def compose(
+    scene: Scene | None,
+    measurement: Measurement,
+    positions=None,
+    microphone: int | None = None,
+    floor: Floor | None = None,
+    title: str = "",
+    dark: bool = False,
+) -> Picture:
+    """The whole picture.
+
+    Parameters
+    ----------
+    scene : Scene or None, for room and source
+    measurement : for true and known microphones, names and the search domain
+    positions : (N, D) float64, metres, the estimate; None draws none
+    microphone : the one looked at, drawn larger and named
+    floor : from `paint`
+    """
+    picture = backdrop(scene, measurement, dark)
+    if positions is not None:
+        picture = with_estimate(picture, measurement, positions, microphone)
+    return replace(picture, floor=floor, title=title)
+
+
+def backdrop(scene: Scene | None, measurement: Measurement, dark: bool = False) -> Picture:
+    """What stays the same while a solver runs."""
+    theme = DARK if dark else LIGHT
+    focus = _focus(measurement)
+    marker = 0.0125 * max(focus[2] - focus[0], focus[3] - focus[1])
+    layer = marker / LAYERS
+    lines, labels = _frame(focus, marker, theme)
+    bounds, solids = focus, ()
+    if scene is not None:
+        vertices = scene.room.vertices
+        bounds = (*map(float, vertices.min(axis=0)), *map(float, vertices.max(axis=0)))
+        room_lines, room_labels, solids = _room(scene, marker, theme)
+        lines, labels = room_lines + lines, labels + room_labels
+    if measurement.positions is not None:
+        circles = shapes.rings(shapes.lift(measurement.positions, 6 * layer), marker)
+        lines += _with_halo("microphones/true", circles, layer, TRUE, 2.0)
+    if len(measurement.known):
+        centres = shapes.lift(measurement.known_positions, 12 * layer)
+        solids += _squares("microphones/known_halo", centres - [0, 0, layer], 1.5 * marker, HALO)
+        solids += _squares("microphones/known", centres, 1.1 * marker, KNOWN)
+    return Picture(theme, focus, bounds, marker, lines, solids, labels)
+
+
+def with_estimate(picture: Picture, measurement: Measurement, positions, microphone: int | None = None) -> Picture:
+    """The picture with the estimate (N, D), metres, and one microphone looked at."""
+    positions, truth, marker = np.asarray(positions, float), measurement.positions, picture.marker
+    layer, lines = marker / LAYERS, picture.lines
+    free = np.setdiff1d(np.arange(len(positions)), measurement.known)
+    if truth is not None:
+        pieces = np.stack([shapes.lift(truth[free], 3 * layer), shapes.lift(positions[free], 3 * layer)], axis=1)
+        lines += _with_halo("microphones/error", pieces, layer, TRUE, 1.0, halo=1.6)
+    crosses = shapes.stars(shapes.lift(positions[free], 9 * layer), marker)
+    lines += _with_halo("microphones/estimate", crosses, layer, ESTIMATE, 2.5)
+    if microphone is None or not 0 <= microphone < len(positions):
+        return replace(picture, lines=lines)
+    found = shapes.lift(positions[[microphone]], 18 * layer)
+    if truth is not None:
+        circle = shapes.rings(shapes.lift(truth[[microphone]], 15 * layer), 1.9 * marker)
+        lines += _with_halo("looked_at/true", circle, layer, TRUE, 3.5)
+    lines += _with_halo("looked_at/estimate", shapes.stars(found, 1.9 * marker), layer, ESTIMATE, 4.0)
+    towards = 0.0 if truth is None else float(truth[microphone, 0] - positions[microphone, 0])
+    label = _name_tag(picture, f"microphone {measurement.names[microphone]}", found[0], towards)
+    return replace(picture, lines=lines, labels=(*picture.labels, label))
+
+
+def _name_tag(picture: Picture, text: str, place, towards: float) -> Label:
+    """A text beside `place` (3,), metres: not over the truth, which lies `towards` in x, and not beyond the edge."""
+    x0, _, x1, _ = picture.focus
+    share = (place[0] - x0) / (x1 - x0)
+    left = share > 0.8 or (towards > 0 and share > 0.15)
+    beside = float(place[0] + (-2.6 if left else 2.6) * picture.marker)
+    anchor = "center-right" if left else "center-left"
+    return Label("looked_at/name", text, (beside, float(place[1]), float(place[2])), TRUE, anchor)
+
+
+def paint(cost, search: Search, log: bool = False, label: str = "cost (dimensionless)") -> Floor:
+    """Costs (ny, nx) float64 over the search lattice, row 0 at low y, as colours; a pixel is one lattice cell."""
+    cost = np.asarray(cost, float)
+    low, high, clipped = float(cost.min()), float(cost.max()), False
+    if log:
+        high = max(high, np.finfo(float).tiny)
+        floor = high * 10.0**-DECADES
+        low, clipped = max(low, floor), low < floor
+        cost, ends = np.log10(np.maximum(cost, low)), (np.log10(low), np.log10(high))
+    else:
+        ends = (low, high)
+    span = ends[1] - ends[0]
+    share = (cost - ends[0]) / span if span > 0 else np.zeros_like(cost)
+    rgb = matplotlib.colormaps[COLOUR_MAP](share, bytes=True)[..., :3]
+    if high <= low:
+        high = low * (1 + 1e-6) + 1e-12  # a flat map still needs a scale
+    half = search.step / 2
+    size = (cost.shape[1] * search.step, cost.shape[0] * search.step)
+    origin = (search.origin[0] - half, search.origin[1] - half)
+    return Floor(frozen_array(rgb, np.uint8), origin, size, ColourBar(low, high, log, label, clipped))
+
+
+def headline(measurement: Measurement, positions) -> str:
+    """Mean and largest position error in words, or that the truth is not known."""
+    if measurement.positions is None:
+        return "true positions unknown"
+    errors = 1e3 * position_errors(positions, measurement.positions)
+    return f"mean error {errors.mean():.3g} mm, largest {errors.max():.3g} mm"
+
+
+def _focus(measurement: Measurement) -> tuple[float, float, float, float]:
+    """The search domain, or the box about all positions known."""
+    search = measurement.search
+    if search is not None:
+        low = np.array(search.origin[:2], float) - search.step / 2  # a candidate stands in the middle of its cell
+        high = low + np.array(search.shape[:2]) * search.step
+    else:
+        points = measurement.positions if measurement.positions is not None else measurement.known_positions
+        points = np.asarray(points, float)[:, :2] if len(points) else np.array([[0.0, 0.0], [1.0, 1.0]])
+        low, high = points.min(axis=0) - 0.1, points.max(axis=0) + 0.1
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def _frame(focus, marker: float, theme: Theme) -> tuple[tuple[Lines, ...], tuple[Label, ...]]:
+    """Outline of the search domain with rulers in metres."""
+    x0, y0, x1, y1 = focus
+    layer = marker / LAYERS
+    pieces = [shapes.loop([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], 2 * layer)]
+    labels = []
+    for axis, (low, high, across, anchor) in enumerate([(x0, x1, y0, "top-center"), (y0, y1, x0, "center-right")]):
+        ticks, places, texts = shapes.ruler(low, high, across, axis, 1.2 * marker, 2 * layer)
+        pieces.append(ticks)
+        for i, (place, text) in enumerate(zip(places, texts, strict=True)):
+            words = f"{'xy'[axis]} = {text} m" if i == 0 else text
+            labels.append(Label(f"frame/{'xy'[axis]}{i}", words, tuple(map(float, place)), theme.ink, anchor))
+    return (_lines("frame", np.concatenate(pieces), theme.ink, 1.5),), tuple(labels)
+
+
+def _room(scene: Scene, marker: float, theme: Theme):
+    """Lines, labels and solids of walls, floor grid and source."""
+    vertices = scene.room.vertices
+    height, layer = 0.12 * float(np.ptp(vertices, axis=0).max()), marker / LAYERS
+    mesh = shapes.walls(vertices, height)
+    wall = Solid(
+        "room/walls", frozen_array(mesh.vertices, np.float32), frozen_array(mesh.faces, np.int32), theme.ink, 0.12
+    )
+    edges = np.concatenate([shapes.loop(vertices, layer), shapes.loop(vertices, height)])
+    grid = shapes.floor_grid(vertices, 1.0 if height > 0.36 else 0.2, -4 * layer)
+    place = shapes.lift([scene.source.position], 6 * layer)
+    lines = (_lines("room/grid", grid, theme.faint, 1.0), _lines("room/edges", edges, theme.ink, 2.0))
+    lines += _with_halo("source", shapes.stars(place, 2 * marker, arms=4), layer, TRUE, 3.0)
+    beside = (float(place[0, 0]), float(place[0, 1] - 3 * marker), 6 * layer)
+    return lines, (Label("source/name", "source", beside, theme.ink, "top-center"),), (wall,)
+
+
+def _lines(name: str, segments, colour: Colour, width: float) -> Lines:
+    return Lines(name, frozen_array(segments, np.float32), colour, width)
+
+
+def _with_halo(
+    name: str, segments, layer: float, colour: Colour, width: float, halo: float = 3.0
+) -> tuple[Lines, Lines]:
+    """Lines on a wider white ground, one layer lower."""
+    below = np.asarray(segments) - [0, 0, layer]
+    return _lines(f"{name}_halo", below, HALO, width + halo), _lines(name, segments, colour, width)
+
+
+def _squares(name: str, centres, edge: float, colour: Colour) -> tuple[Solid]:
+    vertices, faces = shapes.squares(centres, edge)
+    return (Solid(name, frozen_array(vertices, np.float32), frozen_array(faces, np.int32), colour),)

@@ -1,0 +1,112 @@
+"""The primitives of a picture: lines, triangles, texts, a map on the floor with its colour bar.
+
+Lengths are metres, line widths pixels, colours RGB from 0 to 255. Frozen, arrays included; no renderer in sight.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.ticker import LogLocator
+
+from .shapes import round_values
+
+COLOUR_MAP = "viridis"  # any name of matplotlib.colormaps
+
+Colour = tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class Theme:
+    """Colours that depend on the background."""
+
+    background: Colour
+    ink: Colour  # texts, rulers, walls
+    faint: Colour  # the grid on the floor
+
+
+LIGHT = Theme(background=(255, 255, 255), ink=(40, 44, 52), faint=(222, 225, 230))
+DARK = Theme(background=(26, 27, 30), ink=(222, 225, 230), faint=(58, 61, 68))
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Segments (S, 2, 3) float32, metres, of one colour and width (pixels)."""
+
+    name: str
+    segments: np.ndarray
+    colour: Colour
+    width: float
+
+
+@dataclass(frozen=True)
+class Solid:
+    """Triangles: vertices (V, 3) float32, metres, faces (F, 3) int32; unlit unless `lit`."""
+
+    name: str
+    vertices: np.ndarray
+    faces: np.ndarray
+    colour: Colour
+    opacity: float = 1.0
+    lit: bool = False
+
+
+@dataclass(frozen=True)
+class Label:
+    """A text at a point (3,), metres; `anchor` is the part of the text that lies there, as in "center-left"."""
+
+    name: str
+    text: str
+    position: tuple[float, float, float]
+    colour: Colour
+    anchor: str = "center-center"
+
+
+@dataclass(frozen=True)
+class ColourBar:
+    """Scale of a map: `low` at the first colour, `high` at the last, logarithmic or linear."""
+
+    low: float
+    high: float
+    log: bool
+    label: str
+    clipped: bool = False  # lower values than `low` exist and share its colour
+
+    @property
+    def ticks(self) -> tuple[tuple[float, str], ...]:
+        """Share of the bar from 0 to 1, and text, of about five round values."""
+        if not self.log:
+            values = round_values(self.low, self.high, 5)
+            return tuple((float((v - self.low) / (self.high - self.low)), f"{v:.4g}") for v in values)
+        decades = np.log10(self.high / self.low)
+        values = LogLocator(subs=(1.0,) if decades > 2 else (1.0, 2.0, 5.0)).tick_values(self.low, self.high)
+        values = values[(values >= self.low * (1 - 1e-9)) & (values <= self.high * (1 + 1e-9))]
+        if len(values) < 2:
+            values = round_values(self.low, self.high, 4)
+        return tuple((float(np.log10(v / self.low) / decades), f"{v:.3g}") for v in values)
+
+
+@dataclass(frozen=True)
+class Floor:
+    """A map on the floor: `rgb` (ny, nx, 3) uint8 with row 0 at low y, its lowest corner and size, metres."""
+
+    rgb: np.ndarray
+    origin: tuple[float, float]
+    size: tuple[float, float]
+    bar: ColourBar
+
+
+@dataclass(frozen=True)
+class Picture:
+    """Everything to draw, in no renderer's terms. `focus` is the box (x0, y0, x1, y1), metres, to be filled."""
+
+    theme: Theme
+    focus: tuple[float, float, float, float]
+    bounds: tuple[float, float, float, float]
+    marker: float  # radius of a microphone's circle, metres
+    lines: tuple[Lines, ...] = ()
+    solids: tuple[Solid, ...] = ()
+    labels: tuple[Label, ...] = ()
+    floor: Floor | None = None
+    title: str = ""

@@ -1,0 +1,222 @@
+"""The picture says what it was given: positions, colours, extents, scales. No renderer takes part."""
+
+import dataclasses
+
+import matplotlib
+import numpy as np
+import pytest
+
+from fdcal import picture, shapes
+from fdcal.measurement import Measurement
+from fdcal.picture import ESTIMATE, HALO, KNOWN, TRUE, backdrop, compose, headline, paint, with_estimate
+from fdcal.primitives import COLOUR_MAP, ColourBar
+from fdcal.scene import Search, load_scene
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return load_scene("tiny")
+
+
+def listen(positions, known=(0, 1, 2), search=None, seed=0, **more) -> Measurement:
+    """Plane waves at the positions: a measurement that needs no simulation."""
+    rng = np.random.default_rng(seed)
+    angles, phases = rng.uniform(0, 2 * np.pi, (2, 3, 6))
+    k = np.array([1.0, 2.0, 3.0])
+    towards = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    p = np.exp(1j * (k[:, None, None] * (towards @ np.asarray(positions)[:, :2].T) + phases[:, :, None])).sum(axis=1)
+    known = np.array(known, int)
+    return Measurement(
+        frequencies=k * 343 / (2 * np.pi),
+        pressures=p,
+        sound_speed=343.0,
+        positions=positions,
+        known=known,
+        known_positions=np.asarray(positions)[known],
+        search=search,
+        **more,
+    )
+
+
+@pytest.fixture(scope="module")
+def measurement(scene):
+    positions = np.random.default_rng(1).uniform([0.5, 0.35], [0.9, 0.75], (12, 2))
+    return listen(positions, search=scene.search)
+
+
+def part(drawn, name):
+    """The primitive of that name."""
+    found = [p for p in (*drawn.lines, *drawn.solids, *drawn.labels) if p.name == name]
+    assert len(found) == 1, f"{len(found)} primitives are called {name}"
+    return found[0]
+
+
+def names(drawn):
+    return {p.name for p in (*drawn.lines, *drawn.solids, *drawn.labels)}
+
+
+def test_circles_at_the_truth_and_crosses_at_the_estimate(scene, measurement):
+    estimate = measurement.positions + 0.01
+    drawn = compose(scene, measurement, estimate, microphone=5)
+    circles = part(drawn, "microphones/true")
+    assert circles.colour == TRUE
+    centres = circles.segments[:, 0].reshape(12, -1, 3).mean(axis=1)
+    np.testing.assert_allclose(centres[:, :2], measurement.positions, atol=1e-6)
+    crosses = part(drawn, "microphones/estimate")
+    assert crosses.colour == ESTIMATE
+    middles = crosses.segments.mean(axis=1).reshape(-1, 2, 3)  # two strokes a cross
+    np.testing.assert_allclose(middles[:, 0, :2], estimate[3:], atol=1e-6)
+    np.testing.assert_allclose(middles[:, 1, :2], estimate[3:], atol=1e-6)
+
+
+def test_error_lines_join_truth_and_estimate(scene, measurement):
+    estimate = measurement.positions[::-1].copy()
+    drawn = compose(scene, measurement, estimate)
+    lines = part(drawn, "microphones/error")
+    np.testing.assert_allclose(lines.segments[:, 0, :2], measurement.positions[3:], atol=1e-6)
+    np.testing.assert_allclose(lines.segments[:, 1, :2], estimate[3:], atol=1e-6)
+
+
+def test_known_microphones_are_squares_of_their_own_colour(scene, measurement):
+    drawn = compose(scene, measurement, measurement.positions)
+    squares = part(drawn, "microphones/known")
+    assert squares.colour == KNOWN
+    centres = squares.vertices.reshape(3, 4, 3).mean(axis=1)
+    np.testing.assert_allclose(centres[:, :2], measurement.positions[:3], atol=1e-6)
+    assert len({TRUE, ESTIMATE, KNOWN}) == 3
+
+
+@pytest.mark.parametrize("microphone", [4, None, -1, 99])
+def test_the_microphone_looked_at_stands_out(scene, measurement, microphone):
+    drawn = compose(scene, measurement, measurement.positions, microphone=microphone)
+    if microphone != 4:
+        assert not any(name.startswith("looked_at") for name in names(drawn))
+        return
+    large, small = part(drawn, "looked_at/estimate").segments, part(drawn, "microphones/estimate").segments
+    assert np.linalg.norm(np.diff(large, axis=1), axis=-1).min() > np.linalg.norm(np.diff(small, axis=1), axis=-1).max()
+    assert part(drawn, "looked_at/name").text == "microphone 4"
+
+
+def test_without_truth_nothing_is_drawn_at_it(scene, measurement):
+    blind = dataclasses.replace(measurement, positions=None)
+    drawn = compose(scene, blind, measurement.positions, microphone=4)
+    assert not names(drawn) & {"microphones/true", "microphones/error", "looked_at/true"}
+    assert "microphones/estimate" in names(drawn)
+    assert headline(blind, measurement.positions) == "true positions unknown"
+
+
+def test_halos_are_wider_and_below(scene, measurement):
+    drawn = compose(scene, measurement, measurement.positions, microphone=4)
+    halos = [lines for lines in drawn.lines if lines.name.endswith("_halo")]
+    assert halos
+    for halo in halos:
+        over = part(drawn, halo.name.removesuffix("_halo"))
+        assert halo.colour == HALO and halo.width > over.width
+        assert (halo.segments[..., 2] < over.segments[..., 2]).all()
+
+
+def test_the_map_fills_the_search_domain_and_its_row_0_is_low_y():
+    search = Search(origin=(1.0, 2.0), size=(0.4, 0.2), step=0.1)
+    cost = np.arange(15.0).reshape(3, 5)
+    floor = paint(cost, search)
+    np.testing.assert_allclose(floor.origin, (0.95, 1.95))
+    np.testing.assert_allclose(floor.size, (0.5, 0.3))
+    ends = matplotlib.colormaps[COLOUR_MAP]([0.0, 1.0], bytes=True)[:, :3]
+    np.testing.assert_array_equal(floor.rgb[0, 0], ends[0])
+    np.testing.assert_array_equal(floor.rgb[-1, -1], ends[1])
+    assert (floor.bar.low, floor.bar.high, floor.bar.clipped) == (0.0, 14.0, False)
+    assert "dimensionless" in floor.bar.label
+
+
+def test_a_logarithmic_map_keeps_its_order_and_owns_up_to_clipping():
+    search = Search(origin=(0.0, 0.0), size=(0.3, 0.1), step=0.1)
+    cost = np.array([[1e-12, 1e-3, 1e-2, 1e-1], [1.0, 2.0, 5.0, 10.0]])
+    bar = paint(cost, search, log=True).bar
+    assert bar.clipped and bar.high == 10.0 and bar.low == pytest.approx(1e-3)
+    unclipped = paint(cost + 1.0, search, log=True).bar
+    assert not unclipped.clipped and unclipped.low == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("log", [False, True])
+@pytest.mark.parametrize("value", [0.0, 3.0])
+def test_a_flat_map_is_drawn_too(value, log):
+    floor = paint(np.full((2, 4), value), Search(origin=(0.0, 0.0), size=(0.3, 0.1), step=0.1), log=log)
+    assert np.isfinite([share for share, _ in floor.bar.ticks]).all() and floor.bar.low < floor.bar.high
+
+
+@pytest.mark.parametrize("ends", [(1e-6, 3.0), (0.9, 1.1), (2.0, 50.0), (330.0, 361.0)])
+@pytest.mark.parametrize("log", [False, True])
+def test_ticks_say_where_their_value_lies(ends, log):
+    bar = ColourBar(*ends, log=log, label="cost")
+    assert 2 <= len(bar.ticks) <= 12
+    for share, text in bar.ticks:
+        value = bar.low * (bar.high / bar.low) ** share if log else bar.low + share * (bar.high - bar.low)
+        assert float(text) == pytest.approx(value, rel=1e-2)
+
+
+def test_pictures_are_frozen(scene, measurement):
+    drawn = compose(scene, measurement, measurement.positions, 4, paint(np.ones((25, 25)), scene.search, True))
+    arrays = [lines.segments for lines in drawn.lines] + [solid.vertices for solid in drawn.solids] + [drawn.floor.rgb]
+    assert not any(array.flags.writeable for array in arrays)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        drawn.title = "another"
+
+
+def test_what_stays_is_shared_between_pictures(scene, measurement):
+    """A renderer tells by identity that a primitive needs no second sending."""
+    still = backdrop(scene, measurement)
+    first = with_estimate(still, measurement, measurement.positions, 3)
+    second = with_estimate(still, measurement, measurement.positions + 0.01, 4)
+    for name in ("microphones/true", "room/walls", "frame", "room/grid"):
+        assert part(first, name) is part(second, name)
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_ink_is_legible_on_its_background(scene, measurement, dark):
+    """Contrast of texts and rulers is at least 7 to 1 (WCAG, level AAA)."""
+
+    def luminance(colour):
+        c = np.array(colour) / 255
+        return np.where(c <= 0.03928, c / 12.92, ((c + 0.055) / 1.055) ** 2.4) @ [0.2126, 0.7152, 0.0722]
+
+    theme = backdrop(scene, measurement, dark).theme
+    low, high = sorted([luminance(theme.ink), luminance(theme.background)])
+    assert (high + 0.05) / (low + 0.05) >= 7
+
+
+def test_headline_measures_in_millimetres(measurement):
+    text = headline(measurement, measurement.positions + np.array([0.003, 0.004]))
+    assert text == "mean error 5 mm, largest 5 mm"
+
+
+@pytest.mark.parametrize("name", ["tiny", "lshape", "array1_circle"])
+def test_walls_are_a_closed_band_of_the_right_area(name):
+    scene = load_scene(name)
+    vertices = scene.room.vertices
+    mesh = shapes.walls(vertices, 0.5)
+    perimeter = np.linalg.norm(vertices - np.roll(vertices, -1, axis=0), axis=1).sum()
+    assert mesh.area == pytest.approx(0.5 * perimeter)
+    assert len(mesh.faces) == 2 * len(vertices)
+
+
+def test_the_floor_grid_stays_inside_the_outline():
+    corner = [(0, 0), (4, 0), (4, 2), (2, 2), (2, 4), (0, 4)]
+    grid = shapes.floor_grid(corner, 0.5, 0.0)
+    middles = grid.mean(axis=1)
+    assert not ((middles[:, 0] > 2) & (middles[:, 1] > 2)).any()
+    lengths = np.linalg.norm(grid[:, 1] - grid[:, 0], axis=1)
+    assert lengths.sum() == pytest.approx(2 * (3 * 4 + 4 * 2))  # 0.5, 1, 1.5 are long, 2 to 3.5 short, both ways
+
+
+def test_positions_in_space_keep_their_height():
+    lifted = shapes.lift([[1.0, 2.0, 0.7]], 0.1)
+    np.testing.assert_allclose(lifted, [[1.0, 2.0, 0.8]])
+
+
+def test_a_measurement_without_search_domain_is_framed_by_its_microphones(measurement):
+    bare = dataclasses.replace(measurement, search=None)
+    drawn = compose(None, bare, measurement.positions)
+    x0, y0, x1, y1 = drawn.focus
+    inside = (measurement.positions > [x0, y0]) & (measurement.positions < [x1, y1])
+    assert inside.all() and "room/walls" not in names(drawn)
+    assert picture.backdrop(None, bare).bounds == drawn.focus
