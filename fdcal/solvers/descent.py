@@ -16,6 +16,7 @@ import numpy as np
 
 from ..checks import InputError, frozen_array
 from ..cost import lattice_of, leave_one_out, require_modes
+from ..gauge import fixes_gauge
 from ..measurement import Problem
 from ..scene import Solver
 
@@ -68,6 +69,11 @@ def init(problem: Problem, settings: Solver, seed: int) -> State:
     """
     if problem.search is None or problem.dimension != 2:
         _refuse(problem)
+    if not fixes_gauge(problem.known_positions):
+        raise InputError(
+            f"known = {problem.known.tolist()} does not fix translation, rotation and mirror; descent needs at least"
+            " three known microphones that are not on one line"
+        )
     require_modes(problem, settings.order_offset, settings.modes)
     lattice = lattice_of(problem, settings.order_offset)
     rng = np.random.default_rng([seed, 0])
