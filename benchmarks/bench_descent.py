@@ -26,7 +26,7 @@ def _scene(name: str) -> list[Figure]:
     problem = measurement.problem(scene.solver.weights)
     errors, sweeps, start = [], [], time.perf_counter()
     for seed in range(SEEDS):
-        for state in solvers.run(problem, scene.solver, seed):
+        for state in solvers.run(problem, scene.solver, seed):  # noqa: B007, the last one counts
             pass
         errors.append(position_errors(state.positions, measurement.positions).mean())
         sweeps.append(state.sweep)
