@@ -21,6 +21,7 @@ ROOMS = [
     ["gauge"],
     ["arrays"],
     ["stencil"],
+    ["stencil"],
     ["fdtd"],
     ["dictionary"],
     ["spectrum"],
