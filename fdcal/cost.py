@@ -92,7 +92,7 @@ class LeaveOneOut:
         return self.r0 + (error.real**2 + error.imag**2) / (1 + leverage)
 
 
-def leave_one_out(dictionaries: list[np.ndarray], pressures: np.ndarray, n: int, tikhonov=0.0) -> list[LeaveOneOut]:
+def leave_one_out(dictionaries, pressures: np.ndarray, n: int, tikhonov=0.0, weights=None) -> list[LeaveOneOut]:
     """Fit of every mode to all microphones but `n`.
 
     Parameters
@@ -101,14 +101,18 @@ def leave_one_out(dictionaries: list[np.ndarray], pressures: np.ndarray, n: int,
     pressures : (M, N) complex128
     n : microphone left out
     tikhonov : weight mu of |alpha|^2
+    weights : (N,) float64 or None, of the squared residual of each microphone; that of `n` counts as 1
     """
     others = np.arange(pressures.shape[1]) != n
+    scale = None if weights is None else np.sqrt(weights[others])
     fits: list[LeaveOneOut | None] = [None] * len(dictionaries)
     widths = np.array([W.shape[1] for W in dictionaries])
     for width in np.unique(widths):  # modes of equal order in one batch
         modes = np.flatnonzero(widths == width)
         W = np.stack([dictionaries[m][others] for m in modes])
         p = pressures[modes][:, others]
+        if scale is not None:
+            W, p = W * scale[:, None], p * scale
         Z, alpha, r0, triangular = _fit(W, p, tikhonov)
         for i, m in enumerate(modes):
             fits[m] = LeaveOneOut(Z[i], alpha[i], float(r0[i]), complex(pressures[m, n]), bool(triangular[i]))
@@ -161,7 +165,14 @@ def landscape(positions, n: int, candidates, pressures, wavenumbers, orders, cen
     return np.stack([fit.cost_of(w) for fit, w in zip(fits, rows, strict=True)])
 
 
-@functools.lru_cache(maxsize=2)
+def known_weights(problem: Problem, known_weight: float) -> np.ndarray:
+    """Weights (N,) of the squared residuals: `known_weight` for known microphones, 1 for the others."""
+    weights = np.ones(problem.pressures.shape[1])
+    weights[problem.known] = known_weight
+    return weights
+
+
+@functools.lru_cache(maxsize=3)
 def lattice_of(problem: Problem, order_offset: int) -> Lattice:
     """The lattice of a problem's search domain with all modes that its microphones can carry.
 
@@ -197,9 +208,13 @@ def require_modes(problem: Problem, order_offset: int, count: int) -> None:
         )
 
 
-def lattice_landscape(problem: Problem, lattice: Lattice, positions, n: int, centre, modes: slice) -> np.ndarray:
-    """`landscape` over a whole search lattice, `centre` one of its points : (len(modes), ny, nx) float64."""
+def lattice_landscape(problem, lattice: Lattice, positions, n: int, centre, modes: slice, known_weight=1.0):
+    """`landscape` over a whole search lattice, `centre` one of its points : (len(modes), ny, nx) float64.
+
+    The squared residual of known microphones counts `known_weight` times.
+    """
     chosen = range(len(lattice.orders))[modes]
-    fits = leave_one_out(lattice.microphones(positions, centre, chosen), problem.pressures[modes], n)
+    W = lattice.microphones(positions, centre, chosen)
+    fits = leave_one_out(W, problem.pressures[modes], n, weights=known_weights(problem, known_weight))
     rows = lattice.dictionaries(centre, chosen)
     return np.stack([fit.cost_of(w) for fit, w in zip(fits, rows, strict=True)]).reshape(-1, *lattice.shape)

@@ -13,13 +13,13 @@ from .cost import LeaveOneOut
 from .dictionary import Lattice
 
 
-def best_candidate(lattice: Lattice, centre, modes, fits: list[LeaveOneOut], start: int) -> tuple[int, float]:
+def best_candidate(lattice: Lattice, centre, modes: slice, fits: list[LeaveOneOut], start: int) -> tuple[int, float]:
     """Index of the candidate of least cost, and that cost, summed over `modes`.
 
     Parameters
     ----------
     centre : (2,) float64, metres, a lattice point
-    modes : indices of the modes in use, as of `lattice`
+    modes : slice, the modes in use
     fits : their `leave_one_out`, in the same order
     start : candidate tried first; a good guess makes the search faster, never different
     """
@@ -32,7 +32,7 @@ def best_candidate(lattice: Lattice, centre, modes, fits: list[LeaveOneOut], sta
         columns[m, :K, :K], columns[m, K, :K] = fit.Z.T, fit.alpha
     r0 = np.array([fit.r0 for fit in fits])
     p_n = np.array([fit.p_n for fit in fits])
-    modes = np.asarray(modes, dtype=np.int64)
+    modes = np.arange(len(lattice.orders))[modes]
     return _search(unit, row, lattice.radial, modes, lattice.orders, columns, triangular, r0, p_n, start)
 
 

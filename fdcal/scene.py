@@ -251,11 +251,13 @@ class Solver:
     modes: int = 57  # modes in use at the end
     first_modes: int = 3  # modes in use at the start
     order_offset: int = 2  # added to ceil(kR), Eq. 3; 0 is the paper's
+    ample_modes: int = 15  # modes in use from which descent adds order_offset; with fewer it adds nothing
+    known_weight: float = 1000.0  # of a known microphone's squared residual in descent; 1 is the paper's
     weights: str = "unit"  # each mode scaled to unit RMS, or "raw", the paper's
     max_sweeps: int = 20  # of one stage
 
     def __post_init__(self):
-        for key in ("modes", "first_modes", "max_sweeps"):
+        for key in ("modes", "first_modes", "max_sweeps", "ample_modes", "known_weight"):
             require_positive(f"solver.{key}", getattr(self, key))
         if self.first_modes > self.modes:
             raise InputError(f"solver.first_modes = {self.first_modes} is above solver.modes = {self.modes}; lower it")

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..checks import InputError, frozen_array
-from ..cost import lattice_of, leave_one_out, require_modes
+from ..cost import known_weights, lattice_of, leave_one_out, require_modes
 from ..gauge import fixes_gauge
 from ..measurement import Problem
 from ..scene import Solver
@@ -60,6 +60,16 @@ class State:
     cost: float
     finished: bool
     converged: bool
+
+    @property
+    def order_offset(self) -> int:
+        """Added to ceil(kR): nothing while few modes are in use, which a richer expansion fits at any positions."""
+        return self.settings.order_offset if self.last >= self.settings.ample_modes else 0
+
+    @property
+    def modes(self) -> slice:
+        """Indices of the modes in use."""
+        return slice(self.first - 1, self.last)
 
 
 def init(problem: Problem, settings: Solver, seed: int) -> State:
@@ -108,12 +118,9 @@ def step(problem: Problem, state: State) -> State:
     from ..pruned import best_candidate  # compiled code is loaded with the first step
 
     n = int(_turns(problem, state)[state.turn])
-    lattice = lattice_of(problem, state.settings.order_offset)
-    modes = range(state.first - 1, state.last)
-    W = lattice.microphones(state.positions, state.centre, modes)
-    fits = leave_one_out(W, problem.pressures[modes.start : modes.stop], n)
+    lattice, _, fits = _fits(problem, state, n)
     here = lattice.index(state.positions[n])
-    best, least = best_candidate(lattice, state.centre, modes, fits, here)
+    best, least = best_candidate(lattice, state.centre, state.modes, fits, here)
     positions = state.positions.copy()
     positions[n] = lattice.points[best]
     moved = replace(
@@ -156,11 +163,16 @@ def _turns(problem: Problem, state: State) -> np.ndarray:
 
 def _cost(problem: Problem, state: State) -> float:
     """Eq. 7 over the modes in use: any microphone left out and put back where it stands."""
-    lattice = lattice_of(problem, state.settings.order_offset)
-    modes = range(state.first - 1, state.last)
-    W = lattice.microphones(state.positions, state.centre, modes)
-    fits = leave_one_out(W, problem.pressures[modes.start : modes.stop], 0)
-    return float(sum(fit.cost_of(w[:1])[0] for fit, w in zip(fits, W, strict=True)))
+    _, W, fits = _fits(problem, state, int(problem.free[0]))
+    return float(sum(fit.cost_of(w[problem.free[:1]])[0] for fit, w in zip(fits, W, strict=True)))
+
+
+def _fits(problem: Problem, state: State, n: int):
+    """The lattice, W of every mode in use and its fit without microphone `n`."""
+    lattice = lattice_of(problem, state.order_offset)
+    W = lattice.microphones(state.positions, state.centre, range(len(lattice.orders))[state.modes])
+    weights = known_weights(problem, state.settings.known_weight)
+    return lattice, W, leave_one_out(W, problem.pressures[state.modes], n, weights=weights)
 
 
 def _end_sweep(state: State) -> State:
