@@ -9,7 +9,7 @@ from fields import measured
 
 from fdcal import solvers
 from fdcal.checks import InputError
-from fdcal.cost import lattice_landscape, lattice_of
+from fdcal.cost import lattice_of
 from fdcal.scene import Search, Solver
 from fdcal.solvers import descent
 
@@ -48,8 +48,7 @@ def test_the_step_is_the_argmin_of_the_landscape():
     states = all_states()
     for before, after in pairwise(states):
         lattice = lattice_of(PROBLEM, before.order_offset)
-        arguments = (before.positions, after.moved, before.centre, before.modes, SETTINGS.known_weight)
-        total = lattice_landscape(PROBLEM, lattice, *arguments).sum(axis=0)
+        total = descent.landscape(PROBLEM, before, after.moved, before.modes).sum(axis=0)
         assert after.cost == pytest.approx(total.min(), rel=1e-7, abs=1e-12)
         np.testing.assert_array_equal(after.positions[after.moved], lattice.points[total.argmin()])
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..checks import InputError, frozen_array
-from ..cost import known_weights, lattice_of, leave_one_out, require_modes
+from ..cost import known_weights, lattice_landscape, lattice_of, leave_one_out, require_modes
 from ..gauge import fixes_gauge
 from ..measurement import Problem
 from ..scene import Solver
@@ -148,6 +148,13 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
         state, first=first, last=last, automatic=automatic, stage_sweeps=0, finished=False, converged=False
     )
     return replace(changed, cost=_cost(problem, changed))
+
+
+def landscape(problem: Problem, state: State, n: int, modes: slice) -> np.ndarray:
+    """What a step on microphone `n` would minimise, over the whole lattice, mode by mode : (modes, ny, nx) float64."""
+    lattice = lattice_of(problem, state.order_offset)
+    weight = state.settings.known_weight
+    return lattice_landscape(problem, lattice, state.positions, n, state.centre, modes, weight)
 
 
 def _refuse(problem: Problem):
