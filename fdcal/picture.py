@@ -7,7 +7,7 @@
 
 True microphones are black circles, estimates red crosses, known microphones blue squares: shapes first, colours that
 colour-blind eyes tell apart second. Each has a white halo, which keeps it legible on the map and on any background.
-Lengths are metres, line widths pixels, colours RGB from 0 to 255.
+Lengths are metres, colours RGB from 0 to 255. Markers and their strokes keep their size in the room, not on the screen.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from . import shapes
 from .checks import frozen_array
 from .gauge import position_errors
 from .measurement import Measurement
-from .primitives import COLOUR_MAP, DARK, LIGHT, Colour, ColourBar, Floor, Label, Lines, Picture, Solid, Theme
+from .primitives import COLOUR_MAP, DARK, LIGHT, Colour, ColourBar, Floor, Label, Lines, Picture, Solid, Squares, Theme
 from .scene import Scene, Search
 
 DECADES = 4  # of cost that a logarithmic map shows below its highest value
@@ -69,12 +69,8 @@ def backdrop(scene: Scene | None, measurement: Measurement, dark: bool = False) 
         lines, labels = room_lines + lines, labels + room_labels
     if measurement.positions is not None:
         circles = shapes.rings(shapes.lift(measurement.positions, 6 * layer), marker)
-        lines += _with_halo("microphones/true", circles, layer, TRUE, 2.0)
-    if len(measurement.known):
-        centres = shapes.lift(measurement.known_positions, 12 * layer)
-        solids += _squares("microphones/known_halo", centres - [0, 0, layer], 1.5 * marker, HALO)
-        solids += _squares("microphones/known", centres, 1.1 * marker, KNOWN)
-    return Picture(theme, focus, bounds, marker, lines, solids, labels)
+        lines += _with_halo("microphones/true", circles, marker, TRUE, 0.26)
+    return Picture(theme, focus, bounds, marker, lines, _known(measurement, marker), solids, labels)
 
 
 def with_estimate(picture: Picture, measurement: Measurement, positions, microphone: int | None = None) -> Picture:
@@ -84,16 +80,16 @@ def with_estimate(picture: Picture, measurement: Measurement, positions, microph
     free = np.setdiff1d(np.arange(len(positions)), measurement.known)
     if truth is not None:
         pieces = np.stack([shapes.lift(truth[free], 3 * layer), shapes.lift(positions[free], 3 * layer)], axis=1)
-        lines += _with_halo("microphones/error", pieces, layer, TRUE, 1.0, halo=1.6)
+        lines += _with_halo("microphones/error", pieces, marker, TRUE, 0.12, halo=0.2)
     crosses = shapes.stars(shapes.lift(positions[free], 9 * layer), marker)
-    lines += _with_halo("microphones/estimate", crosses, layer, ESTIMATE, 2.5)
+    lines += _with_halo("microphones/estimate", crosses, marker, ESTIMATE, 0.32)
     if microphone is None or not 0 <= microphone < len(positions):
         return replace(picture, lines=lines)
     found = shapes.lift(positions[[microphone]], 18 * layer)
     if truth is not None:
         circle = shapes.rings(shapes.lift(truth[[microphone]], 15 * layer), 1.9 * marker)
-        lines += _with_halo("looked_at/true", circle, layer, TRUE, 3.5)
-    lines += _with_halo("looked_at/estimate", shapes.stars(found, 1.9 * marker), layer, ESTIMATE, 4.0)
+        lines += _with_halo("looked_at/true", circle, marker, TRUE, 0.44)
+    lines += _with_halo("looked_at/estimate", shapes.stars(found, 1.9 * marker), marker, ESTIMATE, 0.5)
     towards = 0.0 if truth is None else float(truth[microphone, 0] - positions[microphone, 0])
     label = _name_tag(picture, f"microphone {measurement.names[microphone]}", found[0], towards)
     return replace(picture, lines=lines, labels=(*picture.labels, label))
@@ -135,8 +131,13 @@ def headline(measurement: Measurement, positions) -> str:
     """Mean and largest position error in words, or that the truth is not known."""
     if measurement.positions is None:
         return "true positions unknown"
-    errors = 1e3 * position_errors(positions, measurement.positions)
-    return f"mean error {errors.mean():.3g} mm, largest {errors.max():.3g} mm"
+    errors = position_errors(positions, measurement.positions)
+    return f"mean error {millimetres(errors.mean())}, largest {millimetres(errors.max())}"
+
+
+def millimetres(length: float) -> str:
+    """A length in metres as a text in millimetres, three figures below a decimetre: 4.13 mm, 535 mm."""
+    return f"{1e3 * length:.3g} mm" if length < 0.1 else f"{1e3 * length:.0f} mm"
 
 
 def _focus(measurement: Measurement) -> tuple[float, float, float, float]:
@@ -162,9 +163,11 @@ def _frame(focus, marker: float, theme: Theme) -> tuple[tuple[Lines, ...], tuple
         ticks, places, texts = shapes.ruler(low, high, across, axis, 1.2 * marker, 2 * layer)
         pieces.append(ticks)
         for i, (place, text) in enumerate(zip(places, texts, strict=True)):
-            words = f"{'xy'[axis]} = {text} m" if i == 0 else text
+            words = f"{text} m" if i == 0 else text
             labels.append(Label(f"frame/{'xy'[axis]}{i}", words, tuple(map(float, place)), theme.ink, anchor))
-    return (_lines("frame", np.concatenate(pieces), theme.ink, 1.5),), tuple(labels)
+    labels.append(Label("frame/x", "x", (x1 + 2.5 * marker, y0, 2 * layer), theme.ink, "center-left"))
+    labels.append(Label("frame/y", "y", (x0, y1 + 2.0 * marker, 2 * layer), theme.ink, "bottom-center"))
+    return (_thin("frame", np.concatenate(pieces), theme.ink, 1.5),), tuple(labels)
 
 
 def _room(scene: Scene, marker: float, theme: Theme):
@@ -178,24 +181,34 @@ def _room(scene: Scene, marker: float, theme: Theme):
     edges = np.concatenate([shapes.loop(vertices, layer), shapes.loop(vertices, height)])
     grid = shapes.floor_grid(vertices, 1.0 if height > 0.36 else 0.2, -4 * layer)
     place = shapes.lift([scene.source.position], 6 * layer)
-    lines = (_lines("room/grid", grid, theme.faint, 1.0), _lines("room/edges", edges, theme.ink, 2.0))
-    lines += _with_halo("source", shapes.stars(place, 2 * marker, arms=4), layer, TRUE, 3.0)
+    lines = (_thin("room/grid", grid, theme.faint, 1.0), _thin("room/edges", edges, theme.ink, 2.0))
+    lines += _with_halo("source", shapes.stars(place, 2 * marker, arms=4), marker, TRUE, 0.4)
     beside = (float(place[0, 0]), float(place[0, 1] - 3 * marker), 6 * layer)
     return lines, (Label("source/name", "source", beside, theme.ink, "top-center"),), (wall,)
 
 
-def _lines(name: str, segments, colour: Colour, width: float) -> Lines:
-    return Lines(name, frozen_array(segments, np.float32), colour, width)
+def _known(measurement: Measurement, marker: float) -> tuple[Squares, ...]:
+    """Squares of the known microphones, on white ones."""
+    centres = shapes.lift(measurement.known_positions, 12 * marker / LAYERS)
+    if not len(measurement.known):
+        return ()
+    below = centres - [0, 0, marker / LAYERS]
+    return (
+        Squares("microphones/known_halo", frozen_array(below, np.float32), 1.3 * marker, HALO),
+        Squares("microphones/known", frozen_array(centres, np.float32), 1.0 * marker, KNOWN),
+    )
+
+
+def _thin(name: str, segments, colour: Colour, width: float) -> Lines:
+    return Lines(name, frozen_array(segments, np.float32), colour, width, thin=True)
 
 
 def _with_halo(
-    name: str, segments, layer: float, colour: Colour, width: float, halo: float = 3.0
+    name: str, segments, marker: float, colour: Colour, width: float, halo: float = 0.36
 ) -> tuple[Lines, Lines]:
-    """Lines on a wider white ground, one layer lower."""
-    below = np.asarray(segments) - [0, 0, layer]
-    return _lines(f"{name}_halo", below, HALO, width + halo), _lines(name, segments, colour, width)
-
-
-def _squares(name: str, centres, edge: float, colour: Colour) -> tuple[Solid]:
-    vertices, faces = shapes.squares(centres, edge)
-    return (Solid(name, frozen_array(vertices, np.float32), frozen_array(faces, np.int32), colour),)
+    """Lines on a wider white ground, one layer lower; widths in radii of a marker."""
+    below = frozen_array(np.asarray(segments) - [0, 0, marker / LAYERS], np.float32)
+    return (
+        Lines(f"{name}_halo", below, HALO, (width + halo) * marker),
+        Lines(name, frozen_array(segments, np.float32), colour, width * marker),
+    )

@@ -1,6 +1,6 @@
 """The primitives of a picture: lines, triangles, texts, a map on the floor with its colour bar.
 
-Lengths are metres, line widths pixels, colours RGB from 0 to 255. Frozen, arrays included; no renderer in sight.
+Lengths are metres, colours RGB from 0 to 255. Frozen, arrays included; no renderer in sight.
 """
 
 from __future__ import annotations
@@ -32,24 +32,34 @@ DARK = Theme(background=(26, 27, 30), ink=(222, 225, 230), faint=(58, 61, 68))
 
 @dataclass(frozen=True)
 class Lines:
-    """Segments (S, 2, 3) float32, metres, of one colour and width (pixels)."""
+    """Segments (S, 2, 3) float32, metres, of one colour; their width is metres, or pixels if `thin`."""
 
     name: str
     segments: np.ndarray
     colour: Colour
     width: float
+    thin: bool = False
 
 
 @dataclass(frozen=True)
 class Solid:
-    """Triangles: vertices (V, 3) float32, metres, faces (F, 3) int32; unlit unless `lit`."""
+    """Triangles: vertices (V, 3) float32, metres, faces (F, 3) int32."""
 
     name: str
     vertices: np.ndarray
     faces: np.ndarray
     colour: Colour
     opacity: float = 1.0
-    lit: bool = False
+
+
+@dataclass(frozen=True)
+class Squares:
+    """Filled squares of one colour about `centres` (P, 3) float32, `edge` metres wide."""
+
+    name: str
+    centres: np.ndarray
+    edge: float
+    colour: Colour
 
 
 @dataclass(frozen=True)
@@ -106,6 +116,7 @@ class Picture:
     bounds: tuple[float, float, float, float]
     marker: float  # radius of a microphone's circle, metres
     lines: tuple[Lines, ...] = ()
+    squares: tuple[Squares, ...] = ()
     solids: tuple[Solid, ...] = ()
     labels: tuple[Label, ...] = ()
     floor: Floor | None = None

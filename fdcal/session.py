@@ -210,11 +210,12 @@ class Session:
 
 @dataclass(frozen=True)
 class Delivery:
-    """What a `LatestWorker` made: the request's arguments, and its result or the exception as text."""
+    """What a `LatestWorker` made: the request's arguments, and its result or the exception, as text too."""
 
     request: tuple
     result: Any = None
     error: str = ""
+    cause: Exception | None = None
 
 
 class LatestWorker:
@@ -277,4 +278,4 @@ class LatestWorker:
             return Delivery(arguments, result=self._function(*arguments))
         except Exception as error:
             log.exception("%s failed", self._thread.name)
-            return Delivery(arguments, error=f"{type(error).__name__}: {error}")
+            return Delivery(arguments, error=f"{type(error).__name__}: {error}", cause=error)

@@ -15,9 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
+from . import shapes
 from .camera import VIEWS, Camera, camera_for, project
 from .checks import InputError, require_choice
-from .lettering import letter, margins
+from .lettering import letter, margins, unit
 from .offscreen import check_size, render_png
 from .primitives import Picture, Solid
 
@@ -56,16 +57,19 @@ def draw(picture: Picture, size, view: str) -> np.ndarray:
     plotter = pyvista.Plotter(off_screen=True, window_size=list(size), lighting="none")
     plotter.enable_anti_aliasing("msaa", multi_samples=8)
     plotter.set_background([channel / 255 for channel in picture.theme.background])
-    thick = max(min(size) / 800, 0.5)
+    camera = camera_of(picture, size, view)
     if picture.floor is not None:
         _add_floor(plotter, pyvista, picture.floor)
     for solid in picture.solids:
         _add_solid(plotter, pyvista, solid)
+    for patch in picture.squares:
+        corners, triangles = shapes.squares(patch.centres, patch.edge)
+        _add_solid(plotter, pyvista, Solid(patch.name, corners, triangles, patch.colour))
     for lines in picture.lines:
         if len(lines.segments):
             mesh = pyvista.line_segments_from_points(lines.segments.reshape(-1, 3))
-            plotter.add_mesh(mesh, color=lines.colour, line_width=lines.width * thick, lighting=False)
-    camera = camera_of(picture, size, view)
+            width = lines.width * (unit(size) if lines.thin else size[1] / camera.height)
+            plotter.add_mesh(mesh, color=lines.colour, line_width=max(width, 0.75), lighting=False)
     _aim(plotter, camera)
     pixels = plotter.screenshot(return_img=True)
     plotter.close()

@@ -44,15 +44,19 @@ def measurement(scene):
     return listen(positions, search=scene.search)
 
 
+def parts(drawn):
+    return (*drawn.lines, *drawn.squares, *drawn.solids, *drawn.labels)
+
+
 def part(drawn, name):
     """The primitive of that name."""
-    found = [p for p in (*drawn.lines, *drawn.solids, *drawn.labels) if p.name == name]
+    found = [p for p in parts(drawn) if p.name == name]
     assert len(found) == 1, f"{len(found)} primitives are called {name}"
     return found[0]
 
 
 def names(drawn):
-    return {p.name for p in (*drawn.lines, *drawn.solids, *drawn.labels)}
+    return {p.name for p in parts(drawn)}
 
 
 def test_circles_at_the_truth_and_crosses_at_the_estimate(scene, measurement):
@@ -81,8 +85,7 @@ def test_known_microphones_are_squares_of_their_own_colour(scene, measurement):
     drawn = compose(scene, measurement, measurement.positions)
     squares = part(drawn, "microphones/known")
     assert squares.colour == KNOWN
-    centres = squares.vertices.reshape(3, 4, 3).mean(axis=1)
-    np.testing.assert_allclose(centres[:, :2], measurement.positions[:3], atol=1e-6)
+    np.testing.assert_allclose(squares.centres[:, :2], measurement.positions[:3], atol=1e-6)
     assert len({TRUE, ESTIMATE, KNOWN}) == 3
 
 

@@ -1,0 +1,195 @@
+"""The page's owner: opens the server, prepares the session in the background, then copies what is new to the screen.
+
+Three owners share nothing that changes: viser's loop bounds what clients send and puts commands on the session's
+queue, the solver thread publishes frozen states, and the main thread, here, copies the newest of them to the screen.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import viser
+
+from ..cost import usable_modes
+from ..offscreen import render_png
+from ..picture import Floor, Picture, backdrop, headline, paint, with_estimate
+from ..scene import Scene
+from ..session import LatestWorker
+from . import words
+from .controls import Choices, Controls
+from .plots import Curves
+from .preparing import Interrupt, Work, prepare
+from .safety import open_server
+from .stage import Stage
+
+RATE = 25.0  # times a second that the screen is brought up to date
+MAP_PAUSE = 0.12  # s between two maps while the solver runs, which needs the processor too
+LEFT_WIDTH, RIGHT_WIDTH = 290.0, 330.0  # pixels, of the panels
+
+
+@dataclass(frozen=True)
+class MapRequest:
+    """A cost map to be computed. `turn` counts the states seen, which have no cheap equality of their own."""
+
+    turn: int
+    microphone: int
+    first: int
+    last: int
+    log: bool
+    state: object = field(compare=False)
+
+
+def serve(
+    scene: Scene, host: str = "127.0.0.1", port: int = 8080, on_ready: Callable[[str], None] | None = None
+) -> None:
+    """Show a scene at http://host:port (0 takes a free port) until Ctrl-C.
+
+    `on_ready` is called with the address as soon as a page can be opened; the simulation may still run then.
+    Raises InputError (address, scene) and StorageError.
+    """
+    with Interrupt() as interrupt:
+        server = open_server(host, port)
+        closers: list[Callable] = [server.stop]
+        try:
+            _dress(server)
+            if on_ready is not None:
+                on_ready(address(host, server.get_port()))
+            work = prepare(server, scene, closers, interrupt)
+            if work is not None:
+                Viewer(server, work, closers).run(interrupt)
+        finally:
+            for close in reversed(closers):
+                close()
+
+
+def _dress(server: viser.ViserServer) -> None:
+    server.gui.configure_theme(show_share_button=False, show_logo=False)
+    server.gui.set_panel_label("fdcal")
+    server.gui.main_panel.dock_right()
+    server.gui.main_panel.set_width(RIGHT_WIDTH)
+
+
+def address(host: str, port: int) -> str:
+    """The address to type into a browser on this machine."""
+    name = "127.0.0.1" if host in ("", "0.0.0.0") else "[::1]" if host == "::" else f"[{host}]" if ":" in host else host
+    return f"http://{name}:{port}"
+
+
+class Viewer:
+    """The main loop and what it has shown so far."""
+
+    def __init__(self, server: viser.ViserServer, work: Work, closers: list[Callable]):
+        self._work, self._server = work, server
+        self._stage = Stage(server)
+        self._still: dict[bool, Picture] = {}
+        self._maps, self._exports = LatestWorker(self._map, "fdcal-map"), LatestWorker(self._export, "fdcal-export")
+        closers += [lambda: self._maps.close(0.5), lambda: self._exports.close(0.1)]
+        modes = usable_modes(work.problem, work.scene.solver.order_offset)
+        self._controls = Controls(
+            server.gui, work.session, work.measurement, modes, self._stage.place, self._ask_for_export
+        )
+        panel = server.gui.add_panel()
+        with panel.add_tab("Convergence", viser.Icon.CHART_LINE):
+            server.gui.add_html(words.legend())
+            self._curves = Curves(server.gui, work.measurement)
+        panel.dock_left()
+        panel.set_width(LEFT_WIDTH)
+        self._asked, self._asked_at = None, 0.0
+        self._turn, self._state = 0, work.session.view.state
+        self._drawn: tuple = ()
+        self._picture = self._compose(work.session.view.state, self._controls.choices, None)
+        self._stage.open_at(self._picture)
+        self._stage.show(self._picture)
+
+        self._welcome(server)
+
+    def _welcome(self, server: viser.ViserServer) -> None:
+        """Each page gets a camera that fits its canvas, whose size is only known once the panels stand."""
+
+        @server.on_client_connect
+        async def _(client: viser.ClientHandle) -> None:
+            self._stage.place(client, "top")
+
+            @client.camera.on_update
+            async def _(_) -> None:
+                self._stage.keep_placed(client)
+
+        @server.on_client_disconnect
+        async def _(client: viser.ClientHandle) -> None:
+            self._stage.forget(client)
+
+    def run(self, interrupt: Interrupt) -> None:
+        """Copy the newest state to the screen until interrupted."""
+        due = time.perf_counter()
+        while not interrupt.came:
+            self.tick(time.perf_counter())
+            due = max(due + 1 / RATE, time.perf_counter())
+            time.sleep(max(due - time.perf_counter(), 0.0))
+
+    def tick(self, now: float) -> None:
+        """Bring the screen up to date once."""
+        view, choices = self._work.session.view, self._controls.choices
+        choices = self._follow(view, choices)
+        if view.state is not self._state:
+            self._turn, self._state = self._turn + 1, view.state
+        floor = self._floor(view, choices, now)
+        if self._drawn != (self._turn, choices, id(floor)):
+            self._drawn = (self._turn, choices, id(floor))
+            self._picture = self._compose(view.state, choices, floor)
+            self._stage.show(self._picture)
+        self._controls.show(view, choices.microphone, None if floor is None else floor.bar)
+        self._curves.show(view, now)
+
+    def _follow(self, view, choices: Choices) -> Choices:
+        """The choices, with the microphone that the last step moved where that is wished for."""
+        moved = view.state.moved
+        if choices.follow and not view.running and moved >= 0 and moved != choices.microphone:
+            return replace(choices, microphone=moved)
+        return choices
+
+    def _floor(self, view, choices: Choices, now: float) -> Floor | None:
+        """The newest map there is; a newer one is asked for where the newest does not fit any more."""
+        if not choices.shown:
+            return None
+        state = view.state
+        first, last = (choices.mode, choices.mode) if choices.single else (state.first, state.last)
+        wanted = MapRequest(self._turn, choices.microphone, first, last, choices.log, state)
+        if wanted != self._asked and (not view.running or now - self._asked_at > MAP_PAUSE) and not self._maps.busy:
+            self._asked, self._asked_at = wanted, now
+            self._maps.request(wanted)
+        latest = self._maps.latest
+        return None if latest is None else latest.result
+
+    def _map(self, wanted: MapRequest) -> Floor:
+        """On the maps' thread: the landscape, painted."""
+        work, modes = self._work, slice(wanted.first - 1, wanted.last)
+        maps = work.solver.landscape(work.problem, wanted.state, wanted.microphone, modes)
+        return paint(maps.sum(axis=0), work.problem.search, wanted.log)
+
+    def _compose(self, state, choices: Choices, floor: Floor | None) -> Picture:
+        if choices.dark not in self._still:
+            self._still[choices.dark] = backdrop(self._work.scene, self._work.measurement, choices.dark)
+        still = self._still[choices.dark]
+        picture = with_estimate(still, self._work.measurement, state.positions, choices.microphone)
+        return replace(picture, floor=floor)
+
+    def _ask_for_export(self, client: viser.ClientHandle, choices: Choices) -> None:
+        state, measurement = self._work.session.view.state, self._work.measurement
+        modes = words.modes_text(measurement, state.first, state.last)
+        title = f"{self._work.scene.title}: step {state.step}, {modes}\n{headline(measurement, state.positions)}"
+        name = f"fdcal-step-{state.step}.png"
+        client.add_notification(
+            "Drawing the picture", "It is offered for download when it is done.", auto_close_seconds=4
+        )
+        self._exports.request(client, replace(self._picture, title=title), choices, name)
+
+    def _export(self, client: viser.ClientHandle, picture: Picture, choices: Choices, name: str) -> None:
+        """On the exports' thread: the picture as a PNG for one page, drawn in a child process."""
+        try:
+            png = render_png(picture, choices.export_size, choices.export_view)
+        except OSError as error:
+            client.add_notification("No picture", str(error), color="red")
+            return
+        client.send_file_download(name, png, save_immediately=True)

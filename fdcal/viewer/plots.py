@@ -1,0 +1,94 @@
+"""Error and cost against sweeps, with a mark where a mode came in."""
+
+from __future__ import annotations
+
+import numpy as np
+import viser
+from viser import uplot
+
+from ..gauge import position_errors
+from ..history import SessionView
+from ..measurement import Measurement
+
+MOST_POINTS = 600  # a plot is sent whole each time
+INTERVAL = 0.25  # s between two sendings
+RED, BLUE, ORANGE, GREY = "#d61828", "#1f78c8", "#e08a1e", "#8a8f98"
+
+
+class Curves:
+    """Owns the two plots and the numbers behind them."""
+
+    def __init__(self, gui: viser.GuiApi, measurement: Measurement):
+        self._truth, self._free = measurement.positions, max(measurement.count - len(measurement.known), 1)
+        self._seen: list = []  # states whose numbers are in _rows
+        self._rows: list[tuple] = []  # sweeps, mean error, largest error, cost, last mode in use
+        self._sent = -1e9
+        empty = np.array([np.nan])
+        self._error = None
+        if self._truth is not None:
+            series = _series(("mean", RED, 2.0), ("largest", ORANGE, 1.25))
+            self._error = _plot(gui, "Position error (m)", series, (empty,) * 4)
+        self._cost = _plot(gui, "Cost of the modes in use (dimensionless)", _series(("cost", BLUE, 2.0)), (empty,) * 3)
+
+    def show(self, view: SessionView, now: float) -> None:
+        """Bring the plots up to date, not too often."""
+        if now - self._sent < INTERVAL or not self._catch_up(view.history):
+            return
+        self._sent = now
+        x, mean, largest, cost, last = np.array(self._rows, float).T
+        chosen = np.unique(np.linspace(0, len(x) - 1, min(len(x), MOST_POINTS)).round().astype(int))
+        came_in = np.flatnonzero(np.diff(last) > 0) + 1
+        if self._error is not None:
+            self._error.data = _with_marks(x, (mean, largest), chosen, came_in)
+        self._cost.data = _with_marks(x, (cost,), chosen, came_in)
+
+    def _catch_up(self, history) -> bool:
+        """Compute what is new in `history`; False if nothing is."""
+        kept = min(len(self._seen), len(history))
+        while kept and self._seen[kept - 1] is not history[kept - 1]:
+            kept -= 1
+        if kept == len(history) == len(self._seen):
+            return False
+        new = history[kept:]
+        self._seen[kept:], self._rows[kept:] = new, [self._row(state) for state in new]
+        return True
+
+    def _row(self, state) -> tuple:
+        errors = np.array([np.nan]) if self._truth is None else position_errors(state.positions, self._truth)
+        floor = 1e-9  # a logarithmic axis has no zero
+        return (
+            state.step / self._free,
+            max(float(errors.mean()), floor),
+            max(float(errors.max()), floor),
+            max(float(state.cost), floor),
+            state.last,
+        )
+
+
+def _with_marks(x, curves, chosen, came_in) -> tuple[np.ndarray, ...]:
+    """Data of a plot: the curves at the `chosen` points, and a vertical stroke at each of `came_in`."""
+    seen = np.concatenate([curve[chosen] for curve in curves])
+    low, high = np.nanmin(seen), np.nanmax(seen)
+    order = np.argsort(np.concatenate([x[chosen], np.repeat(x[came_in], 3)]), kind="stable")
+    axis = np.concatenate([x[chosen], np.repeat(x[came_in], 3)])[order]
+    stroke = np.concatenate([np.full(len(chosen), np.nan), np.tile([low, high, np.nan], len(came_in))])[order]
+    lines = [np.concatenate([c[chosen], np.repeat(c[came_in], 3)])[order] for c in curves]
+    return (axis, *lines, stroke)
+
+
+def _series(*curves) -> tuple:
+    drawn = [uplot.Series(label=name, stroke=colour, width=width) for name, colour, width in curves]
+    marks = uplot.Series(label="mode added", stroke=GREY, width=1, dash=(4, 4), points={"show": False}, spanGaps=False)
+    return (uplot.Series(label="sweeps"), *drawn, marks)
+
+
+def _plot(gui: viser.GuiApi, title: str, series: tuple, data: tuple):
+    return gui.add_uplot(
+        data=data,
+        series=series,
+        title=title,
+        scales={"x": uplot.Scale(time=False), "y": uplot.Scale(distr=3)},
+        axes=(uplot.Axis(label="sweeps", labelSize=20, size=34), uplot.Axis(size=58)),
+        height=215,
+        padding=(12, 16, 0, 0),
+    )

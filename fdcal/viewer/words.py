@@ -1,0 +1,116 @@
+"""Status, legend and colour bar as HTML. Everything that comes from a file or a solver is escaped."""
+
+from __future__ import annotations
+
+from html import escape
+
+import matplotlib
+import numpy as np
+
+from ..gauge import position_errors
+from ..history import SessionView
+from ..measurement import Measurement
+from ..picture import ESTIMATE, KNOWN, millimetres
+from ..primitives import COLOUR_MAP, ColourBar
+
+CARD = "padding: 0.15em 0.75em; font-size: 0.86em; line-height: 1.5;"
+
+
+def state_word(view: SessionView) -> str:
+    """What the solver is doing."""
+    if view.error:
+        return "Stopped by an error"
+    if view.running:
+        return "Running"
+    if view.state.finished:
+        return "Finished, nothing moves any more" if view.state.converged else "Finished, sweeps used up"
+    return "Paused"
+
+
+def modes_text(measurement: Measurement, first: int, last: int) -> str:
+    """Modes in use and their frequencies."""
+    f = measurement.frequencies
+    if first == last:
+        return f"mode {first}, {f[last - 1]:.1f} Hz"
+    return f"modes {first} to {last}, {f[first - 1]:.1f} to {f[last - 1]:.1f} Hz"
+
+
+def error_text(measurement: Measurement, positions) -> str:
+    """Mean and largest position error."""
+    if measurement.positions is None:
+        return "unknown (no true positions)"
+    errors = position_errors(positions, measurement.positions)
+    return f"mean <b>{millimetres(errors.mean())}</b>, largest {millimetres(errors.max())}"
+
+
+def status(view: SessionView, measurement: Measurement) -> str:
+    """The lines at the top of the panel."""
+    state = view.state
+    rows = [
+        ("Progress", f"step {state.step}, sweep {state.sweep}, stage {state.stage + 1}"),
+        ("In use", escape(modes_text(measurement, state.first, state.last))),
+        ("Error", error_text(measurement, state.positions)),
+        ("Cost", f"{state.cost:.4g} <span style='opacity: 0.65'>(dimensionless)</span>"),
+    ]
+    cells = "".join(
+        f"<tr><td style='opacity: 0.65; padding-right: 0.9em; vertical-align: top'>{name}</td><td>{text}</td></tr>"
+        for name, text in rows
+    )
+    error = ""
+    if view.error:
+        error = (
+            f"<div style='color: #d61828; overflow-wrap: anywhere'>{escape(view.error[:400])}; more in the log</div>"
+        )
+    head = f"<div style='font-size: 1.15em; font-weight: 600'>{state_word(view)}</div>"
+    return f"<div style='{CARD}'>{head}{error}<table style='border-spacing: 0'>{cells}</table></div>"
+
+
+def waiting(title: str, text: str) -> str:
+    """The line shown before there is a session."""
+    return f"<div style='{CARD}'><b>{escape(title)}</b><br>{escape(text)}</div>"
+
+
+def legend() -> str:
+    """What the markers mean."""
+    circle, cross, white = (
+        "<circle cx='9' cy='9' r='5.5' fill='none'",
+        "<path d='M4 4L14 14M14 4L4 14'",
+        "stroke='#fff'",
+    )
+    marks = {
+        "true": f"{circle} {white} stroke-width='5'/>{circle} stroke='#000' stroke-width='2'/>",
+        "estimate": f"{cross} {white} stroke-width='5.5'/>{cross} stroke='{_css(ESTIMATE)}' stroke-width='2.6'/>",
+        "known": "<rect x='3' y='3' width='12' height='12' fill='#fff'/>"
+        f"<rect x='5' y='5' width='8' height='8' fill='{_css(KNOWN)}'/>",
+    }
+    items = "".join(
+        "<span style='white-space: nowrap; margin-right: 1.1em'>"
+        f"<svg width='18' height='18' style='vertical-align: -4px'>{mark}</svg> {name}</span>"
+        for name, mark in marks.items()
+    )
+    return f"<div style='{CARD}'>{items}</div>"
+
+
+def colour_bar(bar: ColourBar | None) -> str:
+    """The scale of the map, with ticks and unit."""
+    if bar is None:
+        return f"<div style='{CARD} opacity: 0.65'>no map</div>"
+    colours = matplotlib.colormaps[COLOUR_MAP](np.linspace(0, 1, 17), bytes=True)[:, :3]
+    gradient = ", ".join(_css(colour) for colour in colours)
+    ticks = "".join(
+        f"<div style='position: absolute; left: {100 * share:.2f}%; transform: translateX(-50%); text-align: center;"
+        " line-height: 1.1'><div style='width: 1px; height: 5px; margin: 0 auto; background: currentColor'></div>"
+        f"{text}</div>"
+        for share, text in bar.ticks
+    )
+    note = f"; lower values share the darkest colour ({bar.low:.2g})" if bar.clipped else ""
+    return (
+        f"<div style='{CARD}'><div style='margin: 0.3em 1em 0 1em'>"
+        f"<div style='height: 12px; border-radius: 2px; background: linear-gradient(to right, {gradient})'></div>"
+        f"<div style='position: relative; height: 1.7em; font-size: 0.9em'>{ticks}</div></div>"
+        f"<div style='opacity: 0.75; text-align: center'>{escape(bar.label)}{note}</div></div>"
+    )
+
+
+def _css(colour) -> str:
+    return f"rgb({int(colour[0])},{int(colour[1])},{int(colour[2])})"
