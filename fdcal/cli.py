@@ -14,7 +14,6 @@ from dataclasses import replace
 import click
 
 from . import arguments, runs
-from .arrays import positions_of
 from .checks import InputError
 from .scene import load_scene, scene_names
 
@@ -94,7 +93,7 @@ radius_option = click.option("--radius", type=float, metavar="R", help="Radius R
 def view(scene: str, host: str, port: int, no_browser: bool):
     """Watch a calibration in the browser; Ctrl-C ends it."""
     loaded = load_scene(scene)
-    positions_of(loaded)  # a scene that cannot be simulated is refused before a page opens
+    runs.check_scene(loaded)  # one that cannot be simulated is refused before a page opens
     if not arguments.address(host, port):
         print(arguments.warning(host, port), file=sys.stderr)
 

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .arrays import positions_of
 from .checks import InputError
 from .gauge import position_errors
 from .measurement import Measurement, load_measurement
@@ -42,6 +43,14 @@ def source_of(text: str, progress: Progress | None = None) -> Given:
     count = len(measurement.frequencies)
     settings = Solver(modes=min(Solver.modes, count), first_modes=min(Solver.first_modes, count))
     return Given(Path(text).stem, None, measurement, settings, 0)
+
+
+def check_scene(scene: Scene) -> None:
+    """Raise InputError for what can be told of a scene without simulating it: array, source, outline, CFL limit."""
+    from .fdtd import make_grid
+
+    positions_of(scene)
+    make_grid(scene.room, scene.source.sample_rate)
 
 
 def from_scene(scene: Scene, progress: Progress | None = None) -> Given:
