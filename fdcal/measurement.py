@@ -6,13 +6,15 @@ The .npz file of a measurement is a public contract (README, "The measurement fi
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from .arrays import positions_of
 from .checks import InputError, StorageError, frozen_array, require_choice, require_finite, require_positive
-from .scene import Search
+from .scene import Scene, Search
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,7 +216,12 @@ def save_measurement(measurement: Measurement, file) -> None:
     if measurement.search is not None:
         s = measurement.search
         table |= dict(zip(SEARCH, (s.origin, s.size, s.step, s.radius), strict=True))
-    np.savez_compressed(file, **{key: value for key, value in table.items() if value is not None})
+    table = {key: value for key, value in table.items() if value is not None}
+    if isinstance(file, (str, Path)):
+        with open(file, "wb") as stream:  # given a name, NumPy would add .npz to it
+            np.savez_compressed(stream, **table)
+    else:
+        np.savez_compressed(file, **table)
 
 
 def load_measurement(path: str | Path) -> Measurement:
@@ -259,3 +266,58 @@ def _read_arrays(path: str | Path) -> dict[str, np.ndarray]:
         raise StorageError(f"cannot read {path}: {error.strerror}") from error
     except Exception as error:  # a damaged archive raises anything from zipfile, zlib or NumPy
         raise InputError(f"{path} is not an .npz file that can be read ({type(error).__name__})") from error
+
+
+def require_measurable(scene: Scene) -> None:
+    """Raise InputError for what can be told without simulating: a recording too short, too high a band."""
+    from .spectrum import check_band
+
+    source, sensing = scene.source, scene.measurement
+    check_band(source.duration, source.sample_rate, sensing.highest, sensing.resolution)
+
+
+def measure(scene: Scene, recordings: np.ndarray | None = None, progress=None) -> Measurement:
+    """What the microphones of a scene measure: simulation, modes, complex pressures, noise.
+
+    Parameters
+    ----------
+    scene : Scene
+    recordings : (N, T) float64, as `fdcal.fdtd.simulate` returns them; simulated unless given
+    progress : callable(float) or None, told the fraction done of the simulation
+
+    Returns
+    -------
+    Measurement of every mode picked, with the truth, the known microphones and the search domain. Its wavenumbers are
+    complex where the room rings (see `fdcal.spectrum`). `noise_power` is zero without noise.
+
+    Raises InputError for whatever the scene does not allow.
+    """
+    from . import spectrum  # the signal library, which reading a measurement does without
+
+    require_measurable(scene)
+    positions = positions_of(scene)
+    if recordings is None:
+        from .fdtd import simulate
+
+        recordings = simulate(scene.room, scene.source, positions, progress)
+    fs, c, sensing = scene.source.sample_rate, scene.room.sound_speed, scene.measurement
+    band = sensing.lowest, sensing.highest
+    frequencies = spectrum.pick_modes(recordings, fs, *band, sensing.prominence_db, sensing.resolution)
+    s = spectrum.window_rate(recordings, fs)
+    wavenumbers = spectrum.wavenumber_continuous(frequencies, s, c)
+    if sensing.wavenumber == "discrete":
+        wavenumbers = spectrum.wavenumber_discrete(frequencies, s, c, scene.room.cell, fs)
+    clean = spectrum.transform(recordings, fs, s, frequencies)
+    noise_power = np.mean(np.abs(clean) ** 2, axis=1) * 10 ** (-sensing.snr_db / 10)
+    rng = np.random.default_rng([scene.seed, 1])
+    noise = rng.normal(scale=math.sqrt(0.5), size=(2, *clean.shape))  # of unit power, whatever the SNR
+    return Measurement(
+        frequencies=frequencies,
+        pressures=clean + np.sqrt(noise_power)[:, None] * (noise[0] + 1j * noise[1]),
+        sound_speed=c,
+        wavenumbers=wavenumbers,
+        noise_power=noise_power,
+        positions=positions,
+        known=scene.gauge.indices(len(positions)),
+        search=scene.search,
+    )

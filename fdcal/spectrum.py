@@ -113,9 +113,7 @@ def pick_modes(
         Silence, a recording too short for the resolution, no peak.
     """
     samples = recordings.shape[1]
-    _check_duration(samples, fs, resolution)
-    if highest >= fs / 2:
-        raise InputError(f"measurement.highest = {highest:g} Hz must lie below half of source.sample_rate = {fs:g} Hz")
+    check_band(samples / fs, fs, highest, resolution)
     ringing = window_rate(recordings, fs) * samples / fs / DECAY
     window = blackmanharris(samples) ** ringing
     padded = next_fast_len(PADDING * samples, real=True)
@@ -136,15 +134,17 @@ def pick_modes(
     return (first + peaks + vertex) * step
 
 
-def _check_duration(samples: int, fs: float, resolution: float) -> None:
-    """InputError unless lines `resolution` apart come apart under the picking window."""
+def check_band(duration: float, fs: float, highest: float, resolution: float) -> None:
+    """Raise InputError unless `duration` s resolve lines `resolution` Hz apart and fs exceeds twice `highest`."""
     least = LINE_WIDTH / resolution
-    if samples / fs < least:
+    if duration < least * (1 - 1e-9):
         raise InputError(
-            f"source.duration = {samples / fs:g} s is too short for measurement.resolution = {resolution:g} Hz;"
+            f"source.duration = {duration:g} s is too short for measurement.resolution = {resolution:g} Hz;"
             f" use at least {math.ceil(least * 100) / 100:g} s, or a resolution of"
-            f" {math.ceil(LINE_WIDTH * fs / samples * 100) / 100:g} Hz"
+            f" {math.ceil(LINE_WIDTH / duration * 100) / 100:g} Hz"
         )
+    if highest >= fs / 2:
+        raise InputError(f"measurement.highest = {highest:g} Hz must lie below half of source.sample_rate = {fs:g} Hz")
 
 
 def wavenumber_continuous(frequencies: np.ndarray, s: float, sound_speed: float) -> np.ndarray:
