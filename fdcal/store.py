@@ -1,0 +1,244 @@
+"""Files: writing without leaving a half, the disk cache, and the result of a calibration.
+
+    write_atomically        every output of fdcal: to a temporary name, then moved into place
+    cached_recordings       of a scene's simulation    cached_measurement   of a whole scene
+    save_result, load_result    the JSON file of `fdcal calibrate`
+
+The cache is a folder of .npy and .npz files, named by a hash of all that produced them and ending in a checksum of
+their own. FDCAL_CACHE names the folder. It may be deleted at any time; a damaged file in it is made anew.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import hashlib
+import io
+import json
+import logging
+import os
+import secrets
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import platformdirs
+
+from .arrays import positions_of
+from .checks import InputError, StorageError
+from .measurement import Measurement, load_measurement, measure, require_measurable, save_measurement
+from .scene import Scene
+
+SCHEME = 1  # raise it with every change to what simulation or spectrum compute: older cache files are then ignored
+CACHE_BYTES = 2_000_000_000  # the files used longest ago are dropped beyond this
+CHECKSUM = 32  # bytes of BLAKE2 at the end of a cache file
+TEMPORARY = ".fdcal-"  # what the name of an unfinished file begins with
+
+log = logging.getLogger(__name__)
+
+
+def write_atomically(path: str | Path, write: Callable[[Path], object], force: bool = False) -> None:
+    """Have `write(temporary)` write a file, and move it to `path` once it is whole.
+
+    The temporary file lies in the same folder and is gone whatever ends the writing, Ctrl-C included.
+
+    Raises
+    ------
+    InputError
+        `path` exists and `force` is not set.
+    StorageError
+        The folder is missing, or the system refuses.
+    """
+    path = Path(path)
+    if not force and path.exists():
+        raise InputError(f"{path} exists; use --force to overwrite it")
+    temporary = path.parent / f"{TEMPORARY}{secrets.token_hex(8)}{path.suffix}"
+    try:
+        temporary.touch(exist_ok=False)
+        write(temporary)
+        _move(temporary, path, force)
+    except OSError as error:
+        raise StorageError(f"cannot write {path}: {error.strerror or error}") from error
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def _move(temporary: Path, path: Path, force: bool) -> None:
+    """Give the file its name; without `force` it does not replace one that appeared meanwhile."""
+    if force:
+        os.replace(temporary, path)
+        return
+    try:
+        os.link(temporary, path)
+    except FileExistsError:
+        raise InputError(f"{path} exists; use --force to overwrite it") from None
+    except OSError:  # a file system without hard links
+        os.replace(temporary, path)
+
+
+def cached_recordings(scene: Scene, progress=None) -> np.ndarray:
+    """What the scene's microphones record, (N, T) float64: from the cache, or simulated and put there.
+
+    Raises InputError as `fdcal.fdtd.simulate` does.
+    """
+    positions = positions_of(scene)
+    key = _key("recordings", dataclasses.asdict(scene.room), dataclasses.asdict(scene.source), positions.tolist())
+
+    def make() -> np.ndarray:
+        from .fdtd import simulate
+
+        return simulate(scene.room, scene.source, positions, progress)
+
+    return _cached(f"{key}.npy", make, np.load, np.save)
+
+
+def cached_measurement(scene: Scene, progress=None) -> Measurement:
+    """What `measure` gives for the scene: from the cache, or made with `cached_recordings` and put there.
+
+    Raises InputError as `measure` does.
+    """
+    require_measurable(scene)
+    table = dataclasses.asdict(scene)
+    for name in ("name", "title", "solver"):  # these change nothing that is measured
+        del table[name]
+
+    def write(file, measurement: Measurement) -> None:
+        save_measurement(measurement, file)
+
+    def make() -> Measurement:
+        return measure(scene, cached_recordings(scene, progress))
+
+    return _cached(f"{_key('measurement', table)}.npz", make, load_measurement, write)
+
+
+def _key(*parts) -> str:
+    return hashlib.sha256(json.dumps([SCHEME, *parts], sort_keys=True).encode()).hexdigest()
+
+
+def cache_folder() -> Path:
+    """Folder of the cache: FDCAL_CACHE, or where the system keeps such files."""
+    return Path(os.environ.get("FDCAL_CACHE") or platformdirs.user_cache_dir("fdcal"))
+
+
+def _cached(name: str, make, read, write):
+    """Value of a cache file, or of `make()`, which is then written. The cache never stops a run: it only warns."""
+    path = cache_folder() / name
+    try:
+        content = path.read_bytes()
+        if _checksum(memoryview(content)[:-CHECKSUM]) == content[-CHECKSUM:]:
+            value = read(io.BytesIO(content))
+            os.utime(path)
+            return value
+        log.warning("the cache file %s is damaged and is made anew", path)
+    except (FileNotFoundError, NotADirectoryError):
+        pass
+    except Exception as error:
+        log.warning("the cache file %s cannot be read (%s) and is made anew", path, error)
+    value = make()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(path, lambda temporary: _write_checked(temporary, value, write), force=True)
+        _bound(path.parent)
+    except OSError as error:
+        log.warning("nothing is kept in the cache: %s", error)
+    return value
+
+
+def _write_checked(path: Path, value, write) -> None:
+    """Write a cache file: the value, then the checksum of what was written."""
+    buffer = io.BytesIO()
+    write(buffer, value)
+    with open(path, "wb") as file:
+        file.write(buffer.getbuffer())
+        file.write(_checksum(buffer.getbuffer()))
+
+
+def _checksum(content) -> bytes:
+    return hashlib.blake2b(content, digest_size=CHECKSUM).digest()
+
+
+def _bound(folder: Path) -> None:
+    """Drop the cache files used longest ago until the rest fits in CACHE_BYTES, and what a killed run left a day ago."""
+    files = sorted((f for f in folder.glob("*.np[yz]") if len(f.stem) == 64), key=lambda f: -f.stat().st_mtime_ns)
+    kept = np.cumsum([f.stat().st_size for f in files])
+    old = [f for f in folder.glob(f"{TEMPORARY}*") if f.stat().st_mtime < time.time() - 86_400]
+    for file in [f for f, total in zip(files[1:], kept[1:], strict=True) if total > CACHE_BYTES] + old:
+        file.unlink(missing_ok=True)
+
+
+# Of each key of a result: what it must be, and the number of dimensions of an array (0: a single value).
+RESULT = {
+    "positions": (float, 2),
+    "solver": (str, 0),
+    "seed": (int, 0),
+    "frequencies": (float, 1),
+    "cost": (float, 0),
+    "sweeps": (int, 0),
+    "elapsed_s": (float, 0),
+    "converged": (bool, 0),
+    "mean_error_m": (float, 0),
+    "max_error_m": (float, 0),
+}
+NULLABLE = ("mean_error_m", "max_error_m")  # null without truth
+
+
+def save_result(result: dict, path: str | Path, force: bool = False) -> None:
+    """Write the result of a calibration as JSON: the keys of RESULT and any others; arrays become lists.
+
+    Raises InputError (a key is missing or of another kind; the file exists) and StorageError.
+    """
+    table = {
+        key: value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value for key, value in result.items()
+    }
+    _checked(table, "the result")
+    text = json.dumps(table, indent=1, allow_nan=False) + "\n"
+    write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8"), force)
+
+
+def load_result(path: str | Path) -> dict:
+    """Result of a calibration from its JSON file; `positions` (N, D) and `frequencies` (M,) are float64 arrays.
+
+    Raises InputError naming the key that is missing or malformed, and StorageError.
+    """
+    try:
+        table = json.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise StorageError(f"cannot read {path}: {error.strerror}") from error
+    except ValueError as error:
+        raise InputError(f"{path} is not valid JSON: {error}".replace("\n", " ")) from error
+    if not isinstance(table, dict):
+        raise InputError(f"{path} must hold one JSON object with the keys {', '.join(RESULT)}")
+    return _checked(table, str(path))
+
+
+def _checked(table: dict, where: str) -> dict:
+    """`table` with its arrays as arrays, or InputError naming the key."""
+    checked = dict(table)
+    for key, (kind, dimensions) in RESULT.items():
+        if key not in table:
+            raise InputError(f'{where} has no "{key}"; write it with `fdcal calibrate -o`')
+        value = table[key]
+        if value is None and key in NULLABLE:
+            continue
+        words = f"{dimensions}-dimensional list of numbers" if dimensions else f"value of type {kind.__name__}"
+        if not _is(value, kind, dimensions):
+            raise InputError(f'{where}: "{key}" must be a {words}, finite throughout')
+        checked[key] = np.array(value, dtype=float) if dimensions else value
+    if checked["positions"].shape[1] not in (2, 3):
+        raise InputError(f'{where}: "positions" of shape {checked["positions"].shape} must be (N, 2) or (N, 3), metres')
+    return checked
+
+
+def _is(value, kind: type, dimensions: int) -> bool:
+    """Whether a value out of JSON is a `kind`, or a list of that many dimensions of finite numbers."""
+    if not dimensions:
+        accepted = (int, float) if kind is float else kind
+        right = isinstance(value, accepted) and (kind is bool or not isinstance(value, bool))
+        return right and (kind is not float or bool(np.isfinite(value)))
+    try:
+        array = np.array(value)
+    except ValueError:
+        return False
+    return array.ndim == dimensions and array.size > 0 and array.dtype.kind in "if" and bool(np.isfinite(array).all())
