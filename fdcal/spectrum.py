@@ -24,7 +24,7 @@ from .checks import InputError
 
 DECAY = 12.0  # nepers from the start to the cut: what the cut leaves is exp(-12) = 6e-6
 LINE_WIDTH = 2.72  # width at -6 dB of a line under the Blackman-Harris window, times the duration
-RANGE_DB = 80.0  # peaks this far below the strongest are side lobes of the window (at -92 dB) or rounding
+RANGE_DB = 60.0  # peaks this far below the strongest may be side lobes of stronger ones (the window has them at -92 dB)
 PADDING = 2  # the spectrum's points per 1 / duration
 BLOCK = 4096  # samples transformed at a time
 # Power series of 1 - J_0(z) in z^2, highest power first: the difference itself loses half the digits for small z.

@@ -160,7 +160,7 @@ def _checksum(content) -> bytes:
 
 
 def _bound(folder: Path) -> None:
-    """Drop the cache files used longest ago until the rest fits in CACHE_BYTES, and what a killed run left a day ago."""
+    """Drop the cache files used longest ago until the rest fits in CACHE_BYTES, and what a killed run once left."""
     files = sorted((f for f in folder.glob("*.np[yz]") if len(f.stem) == 64), key=lambda f: -f.stat().st_mtime_ns)
     kept = np.cumsum([f.stat().st_size for f in files])
     old = [f for f in folder.glob(f"{TEMPORARY}*") if f.stat().st_mtime < time.time() - 86_400]
