@@ -34,7 +34,7 @@ def require_positive(key: str, value: float, unit: str = "") -> None:
 def require_choice(key: str, value: str, choices) -> None:
     """Raise InputError unless `value` is one of `choices`."""
     if value not in choices:
-        raise InputError(f'{key} = "{value}" is unknown; use one of {", ".join(choices)}')
+        raise InputError(f'{key} = "{value}" is unknown; use one of {", ".join(map(str, choices))}')
 
 
 def require_finite(key: str, values) -> None:

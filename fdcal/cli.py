@@ -92,9 +92,10 @@ radius_option = click.option("--radius", type=float, metavar="R", help="Radius R
 @click.option("--no-browser", is_flag=True, help="Print the address, open nothing.")
 def view(scene: str, host: str, port: int, no_browser: bool):
     """Watch a calibration in the browser; Ctrl-C ends it."""
+    alone = arguments.address(host, port)
     loaded = load_scene(scene)
     runs.check_scene(loaded)  # one that cannot be simulated is refused before a page opens
-    if not arguments.address(host, port):
+    if not alone:
         print(arguments.warning(host, port), file=sys.stderr)
 
     def on_ready(url: str) -> None:

@@ -152,7 +152,9 @@ def _fill_defaults(m: Measurement) -> None:
         shape = (0, m.array_dimension)
         put("known_positions", frozen_array(m.positions[m.known] if len(m.known) else np.zeros(shape), float))
     else:
-        places = np.reshape(m.known_positions, (len(m.known_positions), -1))
+        places = np.asarray(m.known_positions)
+        if places.size:
+            places = places.reshape(len(places), -1)
         if len(places) != len(m.known):
             raise InputError(f"known_positions has {len(places)} rows for {len(m.known)} known microphones")
         places = places[order] if len(m.known) else np.zeros((0, m.array_dimension))

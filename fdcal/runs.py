@@ -18,7 +18,7 @@ import numpy as np
 from .arrays import positions_of
 from .checks import InputError
 from .gauge import position_errors
-from .measurement import Measurement, load_measurement
+from .measurement import Measurement, load_measurement, require_measurable
 from .scene import Scene, Solver, load_scene
 
 Progress = Callable[[float, str], None]
@@ -46,10 +46,11 @@ def source_of(text: str, progress: Progress | None = None) -> Given:
 
 
 def check_scene(scene: Scene) -> None:
-    """Raise InputError for what can be told of a scene without simulating it: array, source, outline, CFL limit."""
+    """Raise InputError for what can be told of a scene without simulating: array, source, band, outline, CFL limit."""
     from .fdtd import make_grid
 
     positions_of(scene)
+    require_measurable(scene)
     make_grid(scene.room, scene.source.sample_rate)
 
 

@@ -18,9 +18,13 @@ CHROMIUM = ("/usr/bin/chromium", "/usr/bin/chromium-browser", "/usr/bin/google-c
 
 @pytest.fixture(scope="session", autouse=True)
 def cache(tmp_path_factory) -> Path:
-    """A disk cache of this run's own, so that no test reads what an older version computed."""
+    """A disk cache of this run's own, so that no test reads what an older version computed.
+
+    Commands run by tests use it, too, and this checkout's code.
+    """
     folder = tmp_path_factory.mktemp("cache")
     os.environ["FDCAL_CACHE"] = str(folder)
+    os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     return folder
 
 

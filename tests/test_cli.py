@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fdcal.cli import main
 from fdcal.measurement import load_measurement
 from fdcal.scene import load_scene
 
@@ -34,17 +35,24 @@ def done(*arguments, folder: Path) -> str:
     return run.stdout
 
 
-def refused(*arguments, folder: Path, code: int = 2) -> str:
-    """The one error line of a command that must fail, leaving the folder as it was."""
-    before = sorted(folder.iterdir())
-    run = fdcal(*arguments, folder=folder)
-    assert run.returncode == code, run.stderr
-    assert run.stdout == ""
-    assert "Traceback" not in run.stderr
-    (line,) = [line for line in run.stderr.splitlines() if line.startswith("error: ")]
-    assert run.stderr.endswith(line + "\n")
-    assert sorted(folder.iterdir()) == before
-    return line
+@pytest.fixture
+def refused(tmp_path, monkeypatch, capsys):
+    """Function that runs a command that must fail, and gives its one error line; in this process, which saves time."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments, code: int = 2) -> str:
+        before = sorted(tmp_path.iterdir())
+        with pytest.raises(SystemExit) as ended:
+            main([str(argument) for argument in arguments])
+        out, errors = capsys.readouterr()
+        assert ended.value.code == code, errors
+        assert out == ""
+        (line,) = [line for line in errors.splitlines() if line.startswith("error: ")]
+        assert errors.endswith(line + "\n")
+        assert sorted(tmp_path.iterdir()) == before, "no output, no temporary file"
+        return line
+
+    return run
 
 
 @pytest.fixture(scope="module")
@@ -106,14 +114,14 @@ def test_calibrate_without_truth_has_no_error(altered, tmp_path):
     assert result["max_error_m"] is None
 
 
-def test_search_domain_from_the_command_line(altered, made, tmp_path):
+def test_search_domain_from_the_command_line(altered, made, tmp_path, refused):
     bare = altered(**dict.fromkeys(("search_origin", "search_size", "search_step", "radius")))
     domain = ["--search", "0.46,0.3,0.48,0.48,0.02", "--radius", 0.32]
     done("calibrate", bare, "--modes", 12, "--seed", 1, *domain, "-o", "out.json", folder=tmp_path)
     one, two = (json.loads(path.read_text()) for path in (made / "result.json", tmp_path / "out.json"))
     assert one["positions"] == two["positions"]
-    assert "--search" in refused("calibrate", bare, folder=tmp_path)
-    assert "--radius" in refused("calibrate", bare, *domain[:2], folder=tmp_path)
+    assert "--search" in refused("calibrate", bare)
+    assert "--radius" in refused("calibrate", bare, *domain[:2])
 
 
 def test_landscape_finds_the_true_place(made, tmp_path):
@@ -191,8 +199,8 @@ def test_view_prints_its_address_once_it_serves(start, made, tmp_path):
         (["snapshot", "tiny", "-o", "."], [".png"]),
     ],
 )
-def test_bad_arguments_exit_2(arguments, words, made, tmp_path):
-    line = refused(*arguments, folder=tmp_path)
+def test_bad_arguments_exit_2(arguments, words, refused):
+    line = refused(*arguments)
     for word in words:
         assert word in line
 
@@ -209,8 +217,8 @@ def test_bad_arguments_exit_2(arguments, words, made, tmp_path):
         ({"solver.order_offset": "30"}, ["2L + 1 =", "16 microphones"]),
     ],
 )
-def test_bad_scene_exits_2(edited, changes, words, tmp_path):
-    line = refused("calibrate", edited(changes), "-o", "result.json", folder=tmp_path)
+def test_bad_scene_exits_2(edited, changes, words, tmp_path, refused):
+    line = refused("calibrate", edited(changes), "-o", "result.json")
     for word in words:
         assert word in line
 
@@ -231,36 +239,49 @@ def test_bad_scene_exits_2(edited, changes, words, tmp_path):
         (lambda t: {"known": None, "known_positions": None}, ["known = []", "three"]),
     ],
 )
-def test_bad_measurement_exits_2(altered, made, change, words, tmp_path):
+def test_bad_measurement_exits_2(altered, made, change, words, refused):
     with np.load(made / "tiny.npz") as archive:
         path = altered(**change(dict(archive)))
-    line = refused("calibrate", path, "-o", "result.json", folder=tmp_path)
+    line = refused("calibrate", path, "-o", "result.json")
     for word in words:
         assert word in line
 
 
-def test_bad_results_exit_2(made, tmp_path):
+def test_bad_results_exit_2(made, tmp_path, refused):
     drawing = ["landscape", "tiny", "--microphone", 0, "-o", "f.png", "--result"]
     (tmp_path / "text.json").write_text("{")
     (tmp_path / "empty.json").write_text("{}")
     (tmp_path / "few.json").write_text(json.dumps({"positions": [[0, 0]]}))
-    for name in ("text", "empty", "few"):
-        assert "result" in refused(*drawing, f"{name}.json", folder=tmp_path) or name == "text"
-    assert "gone.json" in refused(*drawing, "gone.json", folder=tmp_path, code=3)
+    assert "not valid JSON" in refused(*drawing, "text.json")
+    assert 'no "positions"' in refused(*drawing, "empty.json")
+    assert 'no "solver"' in refused(*drawing, "few.json")
+    few = json.loads((made / "result.json").read_text()) | {"positions": [[0.5, 0.5]]}
+    (tmp_path / "few.json").write_text(json.dumps(few))
+    assert "shape (1, 2)" in refused(*drawing, "few.json")
+    assert "gone.json" in refused(*drawing, "gone.json", code=3)
 
 
-def test_missing_files_exit_3(tmp_path):
-    assert "gone.npz" in refused("calibrate", "gone.npz", folder=tmp_path, code=3)
-    assert "gone.toml" in refused("simulate", "gone.toml", "-o", "new.npz", folder=tmp_path, code=3)
-    assert "mkdir" in refused("simulate", "tiny", "-o", "gone/new.npz", folder=tmp_path, code=3)
+def test_a_refused_process_exits_with_the_code_and_no_traceback(tmp_path):
+    for arguments, code in ((["calibrate", "tiny", "--modes", "0"], 2), (["calibrate", "gone.npz"], 3)):
+        run = fdcal(*arguments, folder=tmp_path)
+        assert run.returncode == code
+        assert run.stdout == ""
+        assert "Traceback" not in run.stderr
+        assert run.stderr.splitlines()[-1].startswith("error: ")
 
 
-def test_port_in_use_exits_2(tmp_path):
+def test_missing_files_exit_3(refused):
+    assert "gone.npz" in refused("calibrate", "gone.npz", code=3)
+    assert "gone.toml" in refused("simulate", "gone.toml", "-o", "new.npz", code=3)
+    assert "mkdir" in refused("simulate", "tiny", "-o", "gone/new.npz", code=3)
+
+
+def test_port_in_use_exits_2(refused):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        line = refused("view", "tiny", "--port", port, "--no-browser", folder=tmp_path)
+        line = refused("view", "tiny", "--port", port, "--no-browser")
     assert f"--port {port} is in use" in line
     assert "--port 0" in line
 
@@ -273,19 +294,19 @@ def test_port_in_use_exits_2(tmp_path):
         ["landscape", "tiny", "--microphone", "1", "-o", "out.png"],
     ],
 )
-def test_existing_output_stays_without_force(arguments, tmp_path):
+def test_existing_output_stays_without_force(arguments, tmp_path, refused):
     path = tmp_path / arguments[-1]
     path.write_text("precious")
-    assert "--force" in refused(*arguments, folder=tmp_path)
+    assert "--force" in refused(*arguments)
     assert path.read_text() == "precious"
     done(*arguments, "--force", folder=tmp_path)
     assert path.read_bytes() != b"precious"
     assert list(tmp_path.iterdir()) == [path], "no temporary file stays"
 
 
-def test_snapshot_does_not_overwrite(tmp_path):
+def test_snapshot_does_not_overwrite(tmp_path, refused):
     (tmp_path / "out.png").write_text("precious")
-    assert "--force" in refused("snapshot", "tiny", "-o", "out.png", folder=tmp_path)
+    assert "--force" in refused("snapshot", "tiny", "-o", "out.png")
     assert (tmp_path / "out.png").read_text() == "precious"
 
 

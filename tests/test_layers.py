@@ -57,7 +57,7 @@ HOMES = {
     "threading": {"session"},
     "_thread": {"session"},
     "concurrent": {"session"},
-    "matplotlib": {"shapes", "primitives", "picture", "lettering", "figures"},
+    "matplotlib": {"shapes", "primitives", "picture", "lettering", "viewer", "figures"},
     "click": {"cli"},
     "tqdm": {"cli"},
     "platformdirs": {"store"},
