@@ -14,8 +14,9 @@ from __future__ import annotations
 
 import os
 
-# Threads that wait for each other sleep instead of spinning. OpenMP reads this when it is loaded.
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+# Threads that wait for each other spin for some 50 us and then sleep. GNU OpenMP, which reads this when it is loaded,
+# would spin for milliseconds: on a busy machine that takes the time of the very thread that is waited for.
+os.environ.setdefault("GOMP_SPINCOUNT", "1000")
 
 import numba
 import numpy as np
@@ -24,7 +25,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-BLOCK = 32  # steps between two meetings of the threads
+BLOCK = 24  # steps between two meetings of the threads
 DEPTH = 3  # steps of a wave front: 5 rows of 2 arrays fit in the first-level cache
 LANES = 8  # cells of one vector
 WORD = 8  # bytes of a float64
