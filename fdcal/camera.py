@@ -11,6 +11,7 @@ from .checks import require_choice
 from .primitives import Picture
 
 VIEWS = ("top", "3d")
+AROUND = 1.15  # of the search domain's size is what the 3-D view shows
 BIRD = (-0.42, -0.88, 0.78)  # direction from what is looked at to the eye of the 3-D view
 
 
@@ -49,9 +50,12 @@ def camera_for(picture: Picture, size, view: str, margins=(0, 0, 0, 0), fov: flo
         centre[:2] += scale / 2 * np.array([right - left, top - bottom])
         # A hair south of straight down: turning the view from here keeps z upright.
         return _looking(centre, (0.0, -1e-4, 1.0), scale * height, 0.0 if fov is None else fov)
-    wide = math.hypot(picture.bounds[2] - picture.bounds[0], picture.bounds[3] - picture.bounds[1])
-    seen = math.sqrt(math.hypot(x1 - x0, y1 - y0) * wide)  # between the array alone and the whole room
-    return _looking(centre, BIRD, 0.5 * seen * height / min(free), math.radians(35) if fov is None else fov)
+    fov, corners = math.radians(35) if fov is None else fov, [(x, y, 0.0) for x in (x0, x1) for y in (y0, y1)]
+    camera = _looking(centre, BIRD, math.hypot(x1 - x0, y1 - y0), fov)
+    for _ in range(4):  # perspective makes the size on the image no simple function of the distance
+        taken = np.ptp(project(camera, (width, height), corners), axis=0) / free
+        camera = _looking(centre, BIRD, AROUND * camera.height * float(taken.max()), fov)
+    return camera
 
 
 def _looking(centre: np.ndarray, direction, height: float, fov: float) -> Camera:

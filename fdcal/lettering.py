@@ -22,7 +22,7 @@ def unit(size) -> float:
 def margins(size, has_bar: bool) -> tuple[float, float, float, float]:
     """Pixels that rulers, colour bar and title take: left, bottom, right, top."""
     scale = unit(size)
-    return 90 * scale, 62 * scale, (130 if has_bar else 40) * scale, 84 * scale
+    return 90 * scale, 62 * scale, (160 if has_bar else 40) * scale, 84 * scale
 
 
 def letter(pixels: np.ndarray, picture: Picture, camera: Camera) -> np.ndarray:
@@ -78,7 +78,7 @@ def _bar_place(picture: Picture, camera: Camera, size) -> tuple[float, float, fl
     if camera.fov:
         return edge, 0.24 * size[1], 0.86 * size[1]
     (_, bottom), (right, top) = project(camera, size, [(*picture.focus[:2], 0.0), (*picture.focus[2:], 0.0)])
-    return min(right + 26 * scale, edge), top + 46 * scale, bottom
+    return min(right + 46 * scale, edge), top + 46 * scale, bottom
 
 
 def _bar(draw, bar: ColourBar, picture: Picture, font, place) -> None:

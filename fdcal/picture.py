@@ -7,7 +7,7 @@
 
 True microphones are black circles, estimates red crosses, known microphones blue squares: shapes first, colours that
 colour-blind eyes tell apart second. Each has a white halo, which keeps it legible on the map and on any background.
-Lengths are metres, colours RGB from 0 to 255. Markers and their strokes keep their size in the room, not on the screen.
+Lengths are metres, colours RGB from 0 to 255. Markers are flat and have a size in the room, not on the screen.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from . import shapes
 from .checks import frozen_array
 from .gauge import position_errors
 from .measurement import Measurement
-from .primitives import COLOUR_MAP, DARK, LIGHT, Colour, ColourBar, Floor, Label, Lines, Picture, Solid, Squares, Theme
+from .primitives import COLOUR_MAP, DARK, LIGHT, Colour, ColourBar, Floor, Label, Lines, Picture, Solid, Theme
 from .scene import Scene, Search
 
 DECADES = 4  # of cost that a logarithmic map shows below its highest value
-LAYERS = 14  # heights in one radius of a marker: what is drawn over the map lies that little above it
+LAYERS = 28  # heights in one radius of a marker: what is drawn over the map lies that little above it
 TRUE, ESTIMATE, KNOWN, HALO = (0, 0, 0), (214, 24, 40), (0, 90, 181), (255, 255, 255)
 
 
@@ -68,31 +68,34 @@ def backdrop(scene: Scene | None, measurement: Measurement, dark: bool = False) 
         room_lines, room_labels, solids = _room(scene, marker, theme)
         lines, labels = room_lines + lines, labels + room_labels
     if measurement.positions is not None:
-        circles = shapes.rings(shapes.lift(measurement.positions, 6 * layer), marker)
-        lines += _with_halo("microphones/true", circles, marker, TRUE, 0.26)
-    return Picture(theme, focus, bounds, marker, lines, _known(measurement, marker), solids, labels)
+        solids += _circles("microphones/true", shapes.lift(measurement.positions, 6 * layer), marker, 0.28)
+    if len(measurement.known):
+        centres = shapes.lift(measurement.known_positions, 12 * layer)
+        solids += (_solid("microphones/known_halo", shapes.squares(centres - [0, 0, layer], 1.3 * marker), HALO),)
+        solids += (_solid("microphones/known", shapes.squares(centres, marker), KNOWN),)
+    return Picture(theme, focus, bounds, marker, lines, solids, labels)
 
 
 def with_estimate(picture: Picture, measurement: Measurement, positions, microphone: int | None = None) -> Picture:
     """The picture with the estimate (N, D), metres, and one microphone looked at."""
     positions, truth, marker = np.asarray(positions, float), measurement.positions, picture.marker
-    layer, lines = marker / LAYERS, picture.lines
+    layer, solids = marker / LAYERS, picture.solids
     free = np.setdiff1d(np.arange(len(positions)), measurement.known)
     if truth is not None:
         pieces = np.stack([shapes.lift(truth[free], 3 * layer), shapes.lift(positions[free], 3 * layer)], axis=1)
-        lines += _with_halo("microphones/error", pieces, marker, TRUE, 0.12, halo=0.2)
+        solids += _strokes("microphones/error", pieces, marker, TRUE, 0.1, halo=0.2)
     crosses = shapes.stars(shapes.lift(positions[free], 9 * layer), marker)
-    lines += _with_halo("microphones/estimate", crosses, marker, ESTIMATE, 0.32)
+    solids += _strokes("microphones/estimate", crosses, marker, ESTIMATE, 0.34)
     if microphone is None or not 0 <= microphone < len(positions):
-        return replace(picture, lines=lines)
+        return replace(picture, solids=solids)
     found = shapes.lift(positions[[microphone]], 18 * layer)
     if truth is not None:
-        circle = shapes.rings(shapes.lift(truth[[microphone]], 15 * layer), 1.9 * marker)
-        lines += _with_halo("looked_at/true", circle, marker, TRUE, 0.44)
-    lines += _with_halo("looked_at/estimate", shapes.stars(found, 1.9 * marker), marker, ESTIMATE, 0.5)
+        circle = shapes.lift(truth[[microphone]], 15 * layer)
+        solids += _circles("looked_at/true", circle, marker, 0.44, radius=1.9)
+    solids += _strokes("looked_at/estimate", shapes.stars(found, 1.9 * marker), marker, ESTIMATE, 0.54)
     towards = 0.0 if truth is None else float(truth[microphone, 0] - positions[microphone, 0])
     label = _name_tag(picture, f"microphone {measurement.names[microphone]}", found[0], towards)
-    return replace(picture, lines=lines, labels=(*picture.labels, label))
+    return replace(picture, solids=solids, labels=(*picture.labels, label))
 
 
 def _name_tag(picture: Picture, text: str, place, towards: float) -> Label:
@@ -137,6 +140,8 @@ def headline(measurement: Measurement, positions) -> str:
 
 def millimetres(length: float) -> str:
     """A length in metres as a text in millimetres, three figures below a decimetre: 4.13 mm, 535 mm."""
+    if length < 1e-6:
+        return "0 mm"
     return f"{1e3 * length:.3g} mm" if length < 0.1 else f"{1e3 * length:.0f} mm"
 
 
@@ -167,7 +172,7 @@ def _frame(focus, marker: float, theme: Theme) -> tuple[tuple[Lines, ...], tuple
             labels.append(Label(f"frame/{'xy'[axis]}{i}", words, tuple(map(float, place)), theme.ink, anchor))
     labels.append(Label("frame/x", "x", (x1 + 2.5 * marker, y0, 2 * layer), theme.ink, "center-left"))
     labels.append(Label("frame/y", "y", (x0, y1 + 2.0 * marker, 2 * layer), theme.ink, "bottom-center"))
-    return (_thin("frame", np.concatenate(pieces), theme.ink, 1.5),), tuple(labels)
+    return (_lines("frame", np.concatenate(pieces), theme.ink, 1.5),), tuple(labels)
 
 
 def _room(scene: Scene, marker: float, theme: Theme):
@@ -175,40 +180,40 @@ def _room(scene: Scene, marker: float, theme: Theme):
     vertices = scene.room.vertices
     height, layer = 0.12 * float(np.ptp(vertices, axis=0).max()), marker / LAYERS
     mesh = shapes.walls(vertices, height)
-    wall = Solid(
-        "room/walls", frozen_array(mesh.vertices, np.float32), frozen_array(mesh.faces, np.int32), theme.ink, 0.12
-    )
+    solids = (_solid("room/walls", (mesh.vertices, mesh.faces), theme.ink, opacity=0.12),)
     edges = np.concatenate([shapes.loop(vertices, layer), shapes.loop(vertices, height)])
-    grid = shapes.floor_grid(vertices, 1.0 if height > 0.36 else 0.2, -4 * layer)
+    spacing = 1.0 if np.ptp(vertices, axis=0).max() > 3.0 else 0.2
+    grid = shapes.floor_grid(vertices, spacing, -4 * layer)
     place = shapes.lift([scene.source.position], 6 * layer)
-    lines = (_thin("room/grid", grid, theme.faint, 1.0), _thin("room/edges", edges, theme.ink, 2.0))
-    lines += _with_halo("source", shapes.stars(place, 2 * marker, arms=4), marker, TRUE, 0.4)
+    solids += _strokes("source", shapes.stars(place, 2 * marker, arms=4), marker, TRUE, 0.4)
+    lines = (_lines("room/grid", grid, theme.faint, 1.0), _lines("room/edges", edges, theme.ink, 2.0))
     beside = (float(place[0, 0]), float(place[0, 1] - 3 * marker), 6 * layer)
-    return lines, (Label("source/name", "source", beside, theme.ink, "top-center"),), (wall,)
+    return lines, (Label("source/name", "source", beside, theme.ink, "top-center"),), solids
 
 
-def _known(measurement: Measurement, marker: float) -> tuple[Squares, ...]:
-    """Squares of the known microphones, on white ones."""
-    centres = shapes.lift(measurement.known_positions, 12 * marker / LAYERS)
-    if not len(measurement.known):
-        return ()
+def _lines(name: str, segments, colour: Colour, width: float) -> Lines:
+    return Lines(name, frozen_array(segments, np.float32), colour, width)
+
+
+def _solid(name: str, triangles, colour: Colour, opacity: float = 1.0) -> Solid:
+    return Solid(name, frozen_array(triangles[0], np.float32), frozen_array(triangles[1], np.int32), colour, opacity)
+
+
+def _circles(name: str, centres, marker: float, width: float, radius: float = 1.0) -> tuple[Solid, Solid]:
+    """Circles of true microphones on wider white ones, a layer lower; widths and radius in radii of a marker."""
     below = centres - [0, 0, marker / LAYERS]
     return (
-        Squares("microphones/known_halo", frozen_array(below, np.float32), 1.3 * marker, HALO),
-        Squares("microphones/known", frozen_array(centres, np.float32), 1.0 * marker, KNOWN),
+        _solid(f"{name}_halo", shapes.annuli(below, radius * marker, (width + 0.34) * marker), HALO),
+        _solid(name, shapes.annuli(centres, radius * marker, width * marker), TRUE),
     )
 
 
-def _thin(name: str, segments, colour: Colour, width: float) -> Lines:
-    return Lines(name, frozen_array(segments, np.float32), colour, width, thin=True)
-
-
-def _with_halo(
-    name: str, segments, marker: float, colour: Colour, width: float, halo: float = 0.36
-) -> tuple[Lines, Lines]:
-    """Lines on a wider white ground, one layer lower; widths in radii of a marker."""
-    below = frozen_array(np.asarray(segments) - [0, 0, marker / LAYERS], np.float32)
+def _strokes(
+    name: str, segments, marker: float, colour: Colour, width: float, halo: float = 0.34
+) -> tuple[Solid, Solid]:
+    """Bars on wider white ones, a layer lower; widths in radii of a marker."""
+    below = segments - [0, 0, marker / LAYERS]
     return (
-        Lines(f"{name}_halo", below, HALO, (width + halo) * marker),
-        Lines(name, frozen_array(segments, np.float32), colour, width * marker),
+        _solid(f"{name}_halo", shapes.strokes(below, (width + halo) * marker, halo / 2 * marker), HALO),
+        _solid(name, shapes.strokes(segments, width * marker), colour),
     )

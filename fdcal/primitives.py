@@ -32,34 +32,23 @@ DARK = Theme(background=(26, 27, 30), ink=(222, 225, 230), faint=(58, 61, 68))
 
 @dataclass(frozen=True)
 class Lines:
-    """Segments (S, 2, 3) float32, metres, of one colour; their width is metres, or pixels if `thin`."""
+    """Segments (S, 2, 3) float32, metres, of one colour, `width` pixels wide."""
 
     name: str
     segments: np.ndarray
     colour: Colour
     width: float
-    thin: bool = False
 
 
 @dataclass(frozen=True)
 class Solid:
-    """Triangles: vertices (V, 3) float32, metres, faces (F, 3) int32."""
+    """Triangles of one colour, without shading: vertices (V, 3) float32, metres, faces (F, 3) int32."""
 
     name: str
     vertices: np.ndarray
     faces: np.ndarray
     colour: Colour
     opacity: float = 1.0
-
-
-@dataclass(frozen=True)
-class Squares:
-    """Filled squares of one colour about `centres` (P, 3) float32, `edge` metres wide."""
-
-    name: str
-    centres: np.ndarray
-    edge: float
-    colour: Colour
 
 
 @dataclass(frozen=True)
@@ -116,7 +105,6 @@ class Picture:
     bounds: tuple[float, float, float, float]
     marker: float  # radius of a microphone's circle, metres
     lines: tuple[Lines, ...] = ()
-    squares: tuple[Squares, ...] = ()
     solids: tuple[Solid, ...] = ()
     labels: tuple[Label, ...] = ()
     floor: Floor | None = None

@@ -1,6 +1,6 @@
-"""Markers, walls and rulers as plain arrays of line segments and triangles.
+"""Markers, walls and rulers as plain arrays of triangles and line segments.
 
-Segments are (S, 2, 3) float64, metres: S pieces from [:, 0] to [:, 1].
+Segments are (S, 2, 3) float64, metres: S pieces from [:, 0] to [:, 1]. Markers are flat and parallel to the floor.
 """
 
 from __future__ import annotations
@@ -17,12 +17,32 @@ def lift(points, z: float) -> np.ndarray:
     return np.column_stack([points[:, :2], heights + z])
 
 
-def rings(centres: np.ndarray, radius: float, corners: int = 28) -> np.ndarray:
-    """A circle of `corners` segments about each of the (P, 3) `centres`, parallel to the floor."""
-    angles = 2 * np.pi * np.arange(corners + 1) / corners
-    circle = radius * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
-    pieces = np.stack([circle[:-1], circle[1:]], axis=1)
-    return (centres[:, None, None, :] + pieces).reshape(-1, 2, 3)
+def annuli(centres: np.ndarray, radius: float, width: float, corners: int = 40) -> tuple[np.ndarray, np.ndarray]:
+    """A flat ring about each of the (P, 3) `centres` : (2 corners P, 3) vertices, metres, and int triangles.
+
+    The middle of its `width` lies at `radius`. The vertices of one ring follow one another, inside and outside in turn.
+    """
+    angles = np.repeat(2 * np.pi * np.arange(corners) / corners, 2)
+    reach = np.tile([radius - width / 2, radius + width / 2], corners)
+    circle = np.stack([reach * np.cos(angles), reach * np.sin(angles), 0 * angles], axis=1)
+    inner = 2 * np.arange(corners)
+    further = (inner + 2) % (2 * corners)
+    faces = np.stack([inner, inner + 1, further + 1, inner, further + 1, further], axis=1).reshape(-1, 3)
+    return _each(centres, circle, faces)
+
+
+def strokes(segments: np.ndarray, width: float, longer: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Flat bars along segments (S, 2, 3) : (4 S, 3) vertices, metres, and (2 S, 3) int triangles.
+
+    Each is `width` wide and extends by `longer` beyond both ends.
+    """
+    along = segments[:, 1] - segments[:, 0]
+    length = np.hypot(along[:, 0], along[:, 1])[:, None]
+    along = np.divide(along, length, out=np.tile([1.0, 0.0, 0.0], (len(along), 1)), where=length > 0)
+    side = width / 2 * np.stack([-along[:, 1], along[:, 0], 0 * along[:, 0]], axis=1)
+    start, end = segments[:, 0] - longer * along, segments[:, 1] + longer * along
+    vertices = np.stack([start - side, end - side, end + side, start + side], axis=1)
+    return vertices.reshape(-1, 3), _quads(len(segments))
 
 
 def stars(centres: np.ndarray, radius: float, arms: int = 2, turn: float = np.pi / 4) -> np.ndarray:
@@ -33,11 +53,19 @@ def stars(centres: np.ndarray, radius: float, arms: int = 2, turn: float = np.pi
 
 
 def squares(centres: np.ndarray, edge: float) -> tuple[np.ndarray, np.ndarray]:
-    """A filled square about each of the (P, 3) `centres` : (4 P, 3) corners, metres, and (2 P, 3) int triangles."""
+    """A filled square about each of the (P, 3) `centres` : (4 P, 3) vertices, metres, and (2 P, 3) int triangles."""
     corner = edge / 2 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
-    first = 4 * np.arange(len(centres))[:, None, None]
-    triangles = first + np.array([[0, 1, 2], [0, 2, 3]])
-    return (centres[:, None, :] + corner).reshape(-1, 3), triangles.reshape(-1, 3)
+    return _each(centres, corner, _quads(1))
+
+
+def _each(centres: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """One shape repeated about every centre."""
+    first = len(vertices) * np.arange(len(centres))[:, None, None]
+    return (centres[:, None, :] + vertices).reshape(-1, 3), (first + faces).reshape(-1, 3)
+
+
+def _quads(count: int) -> np.ndarray:
+    return (4 * np.arange(count)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
 
 
 def loop(vertices, z: float) -> np.ndarray:

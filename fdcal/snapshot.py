@@ -15,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 
-from . import shapes
 from .camera import VIEWS, Camera, camera_for, project
 from .checks import InputError, require_choice
 from .lettering import letter, margins, unit
@@ -62,14 +61,11 @@ def draw(picture: Picture, size, view: str) -> np.ndarray:
         _add_floor(plotter, pyvista, picture.floor)
     for solid in picture.solids:
         _add_solid(plotter, pyvista, solid)
-    for patch in picture.squares:
-        corners, triangles = shapes.squares(patch.centres, patch.edge)
-        _add_solid(plotter, pyvista, Solid(patch.name, corners, triangles, patch.colour))
     for lines in picture.lines:
         if len(lines.segments):
             mesh = pyvista.line_segments_from_points(lines.segments.reshape(-1, 3))
-            width = lines.width * (unit(size) if lines.thin else size[1] / camera.height)
-            plotter.add_mesh(mesh, color=lines.colour, line_width=max(width, 0.75), lighting=False)
+            width = max(lines.width * unit(size), 0.75)
+            plotter.add_mesh(mesh, color=lines.colour, line_width=width, lighting=False)
     _aim(plotter, camera)
     pixels = plotter.screenshot(return_img=True)
     plotter.close()

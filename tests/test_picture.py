@@ -45,7 +45,7 @@ def measurement(scene):
 
 
 def parts(drawn):
-    return (*drawn.lines, *drawn.squares, *drawn.solids, *drawn.labels)
+    return (*drawn.lines, *drawn.solids, *drawn.labels)
 
 
 def part(drawn, name):
@@ -64,11 +64,11 @@ def test_circles_at_the_truth_and_crosses_at_the_estimate(scene, measurement):
     drawn = compose(scene, measurement, estimate, microphone=5)
     circles = part(drawn, "microphones/true")
     assert circles.colour == TRUE
-    centres = circles.segments[:, 0].reshape(12, -1, 3).mean(axis=1)
+    centres = circles.vertices.reshape(12, -1, 3).mean(axis=1)
     np.testing.assert_allclose(centres[:, :2], measurement.positions, atol=1e-6)
     crosses = part(drawn, "microphones/estimate")
     assert crosses.colour == ESTIMATE
-    middles = crosses.segments.mean(axis=1).reshape(-1, 2, 3)  # two strokes a cross
+    middles = crosses.vertices.reshape(-1, 2, 4, 3).mean(axis=2)  # two strokes a cross, four corners a stroke
     np.testing.assert_allclose(middles[:, 0, :2], estimate[3:], atol=1e-6)
     np.testing.assert_allclose(middles[:, 1, :2], estimate[3:], atol=1e-6)
 
@@ -76,16 +76,17 @@ def test_circles_at_the_truth_and_crosses_at_the_estimate(scene, measurement):
 def test_error_lines_join_truth_and_estimate(scene, measurement):
     estimate = measurement.positions[::-1].copy()
     drawn = compose(scene, measurement, estimate)
-    lines = part(drawn, "microphones/error")
-    np.testing.assert_allclose(lines.segments[:, 0, :2], measurement.positions[3:], atol=1e-6)
-    np.testing.assert_allclose(lines.segments[:, 1, :2], estimate[3:], atol=1e-6)
+    corners = part(drawn, "microphones/error").vertices.reshape(-1, 4, 3)[..., :2]
+    np.testing.assert_allclose(corners[:, [0, 3]].mean(axis=1), measurement.positions[3:], atol=1e-6)
+    np.testing.assert_allclose(corners[:, [1, 2]].mean(axis=1), estimate[3:], atol=1e-6)
 
 
 def test_known_microphones_are_squares_of_their_own_colour(scene, measurement):
     drawn = compose(scene, measurement, measurement.positions)
     squares = part(drawn, "microphones/known")
     assert squares.colour == KNOWN
-    np.testing.assert_allclose(squares.centres[:, :2], measurement.positions[:3], atol=1e-6)
+    centres = squares.vertices.reshape(3, 4, 3).mean(axis=1)
+    np.testing.assert_allclose(centres[:, :2], measurement.positions[:3], atol=1e-6)
     assert len({TRUE, ESTIMATE, KNOWN}) == 3
 
 
@@ -95,8 +96,9 @@ def test_the_microphone_looked_at_stands_out(scene, measurement, microphone):
     if microphone != 4:
         assert not any(name.startswith("looked_at") for name in names(drawn))
         return
-    large, small = part(drawn, "looked_at/estimate").segments, part(drawn, "microphones/estimate").segments
-    assert np.linalg.norm(np.diff(large, axis=1), axis=-1).min() > np.linalg.norm(np.diff(small, axis=1), axis=-1).max()
+    large = np.ptp(part(drawn, "looked_at/estimate").vertices, axis=0)
+    others = part(drawn, "microphones/estimate").vertices.reshape(-1, 8, 3)
+    assert (large[:2] > 1.5 * np.ptp(others, axis=1)[:, :2]).all()
     assert part(drawn, "looked_at/name").text == "microphone 4"
 
 
@@ -108,14 +110,37 @@ def test_without_truth_nothing_is_drawn_at_it(scene, measurement):
     assert headline(blind, measurement.positions) == "true positions unknown"
 
 
-def test_halos_are_wider_and_below(scene, measurement):
-    drawn = compose(scene, measurement, measurement.positions, microphone=4)
-    halos = [lines for lines in drawn.lines if lines.name.endswith("_halo")]
-    assert halos
+def test_halos_are_white_wider_and_below(scene, measurement):
+    drawn = compose(scene, measurement, measurement.positions + 0.02, microphone=4)
+    halos = [solid for solid in drawn.solids if solid.name.endswith("_halo")]
+    assert len(halos) >= 5
     for halo in halos:
         over = part(drawn, halo.name.removesuffix("_halo"))
-        assert halo.colour == HALO and halo.width > over.width
-        assert (halo.segments[..., 2] < over.segments[..., 2]).all()
+        assert halo.colour == HALO and over.colour != HALO
+        assert area(halo) > 1.3 * area(over)
+        assert halo.vertices[:, 2].max() < over.vertices[:, 2].min()
+
+
+def area(solid) -> float:
+    corner = solid.vertices[solid.faces].astype(float)
+    return np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1).sum() / 2
+
+
+def test_areas_of_markers():
+    """A ring of many corners, a bar and a square have the areas of the textbook."""
+    centres = np.array([[0.0, 0.0, 0.0], [3.0, 1.0, 0.0]])
+    for triangles, expected in (
+        (shapes.annuli(centres, 2.0, 0.2, corners=400), 2 * np.pi * (2.1**2 - 1.9**2)),
+        (shapes.squares(centres, 0.3), 2 * 0.09),
+        (shapes.strokes(centres[None], 0.1, longer=0.5), 0.1 * (np.sqrt(10) + 1.0)),
+    ):
+        solid = picture.Solid("x", *triangles, (0, 0, 0))
+        assert area(solid) == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_bar_of_no_length_is_drawn_without_a_fault():
+    vertices, faces = shapes.strokes(np.zeros((1, 2, 3)), 0.1)
+    assert np.isfinite(vertices).all() and len(faces) == 2
 
 
 def test_the_map_fills_the_search_domain_and_its_row_0_is_low_y():

@@ -25,7 +25,7 @@ from .safety import open_server
 from .stage import Stage
 
 RATE = 25.0  # times a second that the screen is brought up to date
-MAP_PAUSE = 0.12  # s between two maps while the solver runs, which needs the processor too
+MAP_PAUSE = 0.5  # of a map's own time, before the next while the solver runs, which needs the processor too
 LEFT_WIDTH, RIGHT_WIDTH = 290.0, 330.0  # pixels, of the panels
 
 
@@ -53,7 +53,7 @@ def serve(
         server = open_server(host, port)
         closers: list[Callable] = [server.stop]
         try:
-            _dress(server)
+            _dress(server, scene)
             if on_ready is not None:
                 on_ready(address(host, server.get_port()))
             work = prepare(server, scene, closers, interrupt)
@@ -64,9 +64,10 @@ def serve(
                 close()
 
 
-def _dress(server: viser.ViserServer) -> None:
+def _dress(server: viser.ViserServer, scene: Scene) -> None:
+    """Theme and place of the main panel."""
     server.gui.configure_theme(show_share_button=False, show_logo=False)
-    server.gui.set_panel_label("fdcal")
+    server.gui.set_panel_label(f"fdcal · {scene.name}")
     server.gui.main_panel.dock_right()
     server.gui.main_panel.set_width(RIGHT_WIDTH)
 
@@ -96,7 +97,9 @@ class Viewer:
             self._curves = Curves(server.gui, work.measurement)
         panel.dock_left()
         panel.set_width(LEFT_WIDTH)
-        self._asked, self._asked_at = None, 0.0
+        self._asked: MapRequest | None = None
+        self._mapped_at = self._map_time = 0.0
+        self._followed = self._controls.choices.microphone
         self._turn, self._state = 0, work.session.view.state
         self._drawn: tuple = ()
         self._picture = self._compose(work.session.view.state, self._controls.choices, None)
@@ -139,15 +142,17 @@ class Viewer:
             self._drawn = (self._turn, choices, id(floor))
             self._picture = self._compose(view.state, choices, floor)
             self._stage.show(self._picture)
-        self._controls.show(view, choices.microphone, None if floor is None else floor.bar)
+        trouble = self._maps.latest.error if self._maps.latest is not None else ""
+        self._controls.show(view, choices.microphone, words.colour_bar(floor.bar if floor else None, trouble))
         self._curves.show(view, now)
 
     def _follow(self, view, choices: Choices) -> Choices:
-        """The choices, with the microphone that the last step moved where that is wished for."""
-        moved = view.state.moved
-        if choices.follow and not view.running and moved >= 0 and moved != choices.microphone:
-            return replace(choices, microphone=moved)
-        return choices
+        """The choices; where the solver is followed, with the microphone moved last before it was set running."""
+        if not choices.follow:
+            self._followed = choices.microphone
+        elif not view.running and view.state.moved >= 0:
+            self._followed = view.state.moved
+        return replace(choices, microphone=self._followed)
 
     def _floor(self, view, choices: Choices, now: float) -> Floor | None:
         """The newest map there is; a newer one is asked for where the newest does not fit any more."""
@@ -156,17 +161,22 @@ class Viewer:
         state = view.state
         first, last = (choices.mode, choices.mode) if choices.single else (state.first, state.last)
         wanted = MapRequest(self._turn, choices.microphone, first, last, choices.log, state)
-        if wanted != self._asked and (not view.running or now - self._asked_at > MAP_PAUSE) and not self._maps.busy:
-            self._asked, self._asked_at = wanted, now
+        rested = not view.running or now - self._mapped_at > MAP_PAUSE * self._map_time
+        if wanted != self._asked and rested and not self._maps.busy:
+            self._asked = wanted
             self._maps.request(wanted)
         latest = self._maps.latest
         return None if latest is None else latest.result
 
     def _map(self, wanted: MapRequest) -> Floor:
         """On the maps' thread: the landscape, painted."""
+        began = time.perf_counter()
         work, modes = self._work, slice(wanted.first - 1, wanted.last)
         maps = work.solver.landscape(work.problem, wanted.state, wanted.microphone, modes)
-        return paint(maps.sum(axis=0), work.problem.search, wanted.log)
+        floor = paint(maps.sum(axis=0), work.problem.search, wanted.log)
+        self._mapped_at = time.perf_counter()
+        self._map_time = self._mapped_at - began
+        return floor
 
     def _compose(self, state, choices: Choices, floor: Floor | None) -> Picture:
         if choices.dark not in self._still:

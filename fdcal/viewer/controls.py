@@ -12,7 +12,6 @@ import viser
 
 from ..history import SessionView
 from ..measurement import Measurement
-from ..primitives import ColourBar
 from ..session import Session
 from . import words
 from .safety import bounded, one_of
@@ -86,7 +85,7 @@ class Controls:
             self._first = self._gui.add_slider("First mode", 1, self._modes, 1, state.first)
             self._last = self._gui.add_slider("Last mode", 1, self._modes, 1, state.last)
             self._automatic = self._gui.add_checkbox(
-                "Add automatically",
+                "Add modes automatically",
                 state.automatic,
                 hint="The next mode comes in when no microphone moves any more",
             )
@@ -98,13 +97,15 @@ class Controls:
         with self._gui.add_folder("Cost map"):
             highest = self._measurement.count - 1
             self._microphone = self._gui.add_slider("Microphone", 0, highest, 1, self.choices.microphone)
-            follow = self._gui.add_checkbox("Follow solver", True, hint="Show the microphone that a step has moved")
+            self._follow = self._gui.add_checkbox(
+                "Follow solver", True, hint="Show the microphone that a step has moved"
+            )
             kind = self._gui.add_dropdown("Map", (SUM, SINGLE, "None"), initial_value=SUM)
             self._mode = self._gui.add_slider("Mode shown", 1, self._modes, 1, 1, visible=False)
             scale = self._gui.add_dropdown("Scale", (LINEAR, LOG), initial_value=LINEAR)
             self._bar = self._gui.add_html(words.colour_bar(None))
-        self._on(self._microphone, lambda value: self._choose(microphone=bounded(value, 0, highest, 0)))
-        self._on(follow, lambda value: self._choose(follow=bool(value)))
+        self._on(self._microphone, self._choose_microphone)
+        self._on(self._follow, lambda value: self._choose(follow=bool(value), microphone=self._looked_at))
         self._on(kind, self._choose_map)
         self._on(self._mode, lambda value: self._choose(mode=bounded(value, 1, self._modes, 1)))
         self._on(scale, lambda value: self._choose(log=value == LOG))
@@ -146,6 +147,18 @@ class Controls:
     def _choose(self, **changes) -> None:
         self.choices = replace(self.choices, **changes)
 
+    @property
+    def _looked_at(self) -> int:
+        """The microphone that the page shows."""
+        return self._shown.get("microphone", self.choices.microphone)
+
+    def _choose_microphone(self, value) -> None:
+        """A microphone chosen by hand is stayed with."""
+        number = bounded(value, 0, self._measurement.count - 1, self._looked_at)
+        self._shown["microphone"] = number
+        self._choose(microphone=number, follow=False)
+        self._follow.value = False
+
     def _choose_map(self, value) -> None:
         self._choose(single=value == SINGLE, shown=value in (SUM, SINGLE))
         self._mode.visible = value == SINGLE
@@ -174,7 +187,7 @@ class Controls:
         low = min(low, high)
         self._session.use_modes(low, high, bool(automatic))
 
-    def show(self, view: SessionView, microphone: int, bar: ColourBar | None) -> None:
+    def show(self, view: SessionView, microphone: int, bar: str) -> None:
         """Bring the panel up to date; called by the main loop."""
         state = view.state
         self._tell("status", words.status(view, self._measurement), self._status, "content")
@@ -183,13 +196,13 @@ class Controls:
         self._tell("last", state.last, self._last, "value")
         self._tell("automatic", state.automatic, self._automatic, "value")
         self._tell("microphone", microphone, self._microphone, "value")
-        self._tell("bar", bar, self._bar, "content", words.colour_bar)
+        self._tell("bar", bar, self._bar, "content")
         if self._shown.get("running") != view.running:
             self._shown["running"] = view.running
             self._run.icon = viser.Icon.PLAYER_PAUSE if view.running else viser.Icon.PLAYER_PLAY
 
-    def _tell(self, key: str, value, handle, name: str, convert: Callable = lambda value: value) -> None:
+    def _tell(self, key: str, value, handle, name: str) -> None:
         """Send a value when it differs from the last one sent: a slider that a hand holds is not pulled back."""
         if key not in self._shown or self._shown[key] != value:
             self._shown[key] = value
-            setattr(handle, name, convert(value))
+            setattr(handle, name, value)

@@ -1,4 +1,8 @@
-"""Error and cost against sweeps, with a mark where a mode came in."""
+"""Error and cost against sweeps, with a mark where a mode came in.
+
+uPlot writes small numbers as 0, so errors are in millimetres and costs in decibels. A NaN makes it search for axis
+ticks for ever, so none is ever sent.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +16,7 @@ from ..measurement import Measurement
 
 MOST_POINTS = 600  # a plot is sent whole each time
 INTERVAL = 0.25  # s between two sendings
+LEAST_ERROR, LEAST_COST = 1e-4, 1e-12  # m and 1, drawn for anything below: logarithms have no zero
 RED, BLUE, ORANGE, GREY = "#d61828", "#1f78c8", "#e08a1e", "#8a8f98"
 
 
@@ -23,12 +28,12 @@ class Curves:
         self._seen: list = []  # states whose numbers are in _rows
         self._rows: list[tuple] = []  # sweeps, mean error, largest error, cost, last mode in use
         self._sent = -1e9
-        empty = np.array([np.nan])
+        empty = np.ones(1)
         self._error = None
         if self._truth is not None:
             series = _series(("mean", RED, 2.0), ("largest", ORANGE, 1.25))
-            self._error = _plot(gui, "Position error (m)", series, (empty,) * 4)
-        self._cost = _plot(gui, "Cost of the modes in use (dimensionless)", _series(("cost", BLUE, 2.0)), (empty,) * 3)
+            self._error = _plot(gui, "Position error (mm, 0.1 or less at 0.1)", series, (empty,) * 4, 3)
+        self._cost = _plot(gui, "Cost of the modes in use (dB re 1)", _series(("cost", BLUE, 2.0)), (empty,) * 3, 1)
 
     def show(self, view: SessionView, now: float) -> None:
         """Bring the plots up to date, not too often."""
@@ -54,40 +59,44 @@ class Curves:
         return True
 
     def _row(self, state) -> tuple:
-        errors = np.array([np.nan]) if self._truth is None else position_errors(state.positions, self._truth)
-        floor = 1e-9  # a logarithmic axis has no zero
+        errors = np.zeros(1) if self._truth is None else position_errors(state.positions, self._truth)
         return (
             state.step / self._free,
-            max(float(errors.mean()), floor),
-            max(float(errors.max()), floor),
-            max(float(state.cost), floor),
+            1e3 * _drawable(errors.mean(), LEAST_ERROR),
+            1e3 * _drawable(errors.max(), LEAST_ERROR),
+            10 * np.log10(_drawable(state.cost, LEAST_COST)),
             state.last,
         )
+
+
+def _drawable(value, least: float) -> float:
+    """A finite number of at least `least`, which also stands for NaN."""
+    return min(max(least, float(value)), 1e12)
 
 
 def _with_marks(x, curves, chosen, came_in) -> tuple[np.ndarray, ...]:
     """Data of a plot: the curves at the `chosen` points, and a vertical stroke at each of `came_in`."""
     seen = np.concatenate([curve[chosen] for curve in curves])
-    low, high = np.nanmin(seen), np.nanmax(seen)
+    low, high = seen.min(), seen.max()
     order = np.argsort(np.concatenate([x[chosen], np.repeat(x[came_in], 3)]), kind="stable")
     axis = np.concatenate([x[chosen], np.repeat(x[came_in], 3)])[order]
-    stroke = np.concatenate([np.full(len(chosen), np.nan), np.tile([low, high, np.nan], len(came_in))])[order]
+    stroke = np.concatenate([np.full(len(chosen), low), np.tile([low, high, low], len(came_in))])[order]
     lines = [np.concatenate([c[chosen], np.repeat(c[came_in], 3)])[order] for c in curves]
     return (axis, *lines, stroke)
 
 
 def _series(*curves) -> tuple:
     drawn = [uplot.Series(label=name, stroke=colour, width=width) for name, colour, width in curves]
-    marks = uplot.Series(label="mode added", stroke=GREY, width=1, dash=(4, 4), points={"show": False}, spanGaps=False)
+    marks = uplot.Series(label="mode added", stroke=GREY, width=1, dash=(4, 4), points={"show": False})
     return (uplot.Series(label="sweeps"), *drawn, marks)
 
 
-def _plot(gui: viser.GuiApi, title: str, series: tuple, data: tuple):
+def _plot(gui: viser.GuiApi, title: str, series: tuple, data: tuple, distribution: int):
     return gui.add_uplot(
         data=data,
         series=series,
         title=title,
-        scales={"x": uplot.Scale(time=False), "y": uplot.Scale(distr=3)},
+        scales={"x": uplot.Scale(time=False), "y": uplot.Scale(distr=distribution)},
         axes=(uplot.Axis(label="sweeps", labelSize=20, size=34), uplot.Axis(size=58)),
         height=215,
         padding=(12, 16, 0, 0),

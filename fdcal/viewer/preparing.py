@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import signal
 import sys
 from collections.abc import Callable
@@ -56,7 +57,10 @@ class Interrupt:
         self.came = False
 
     def __enter__(self) -> Interrupt:
-        self._before = [(s, signal.signal(s, self._note)) for s in (signal.SIGINT, signal.SIGTERM)]
+        self._before = []
+        for number in (signal.SIGINT, signal.SIGTERM):
+            with contextlib.suppress(ValueError):  # outside the main thread there are no signals to hear
+                self._before.append((number, signal.signal(number, self._note)))
         return self
 
     def _note(self, *_) -> None:

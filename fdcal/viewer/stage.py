@@ -8,7 +8,7 @@ import numpy as np
 import viser
 
 from ..camera import camera_for
-from ..primitives import Floor, Label, Lines, Picture, Solid, Squares
+from ..primitives import Floor, Label, Lines, Picture, Solid
 
 FLAT = 0.06  # rad, opening of the top view: from far away, so that it looks like a plan
 MARGINS = (64, 44, 34, 40)  # pixels left, bottom, right and top of the search domain, for its rulers
@@ -19,13 +19,16 @@ class Stage:
 
     def __init__(self, server: viser.ViserServer):
         self._server = server
+        server.scene.configure_default_lights(False)
+        server.scene.configure_environment_map(None)
+        server.scene.add_light_ambient("/light", intensity=math.pi)  # alone, it leaves colours as they are
         self._nodes: dict[str, tuple] = {}  # name to (primitive, node)
         self._picture: Picture | None = None
         self._placed: dict[int, tuple] = {}  # page to its view, the canvas's size, and the eye given to it
 
     def show(self, picture: Picture) -> None:
         """Make the scene look like `picture`."""
-        parts = {part.name: part for part in (*picture.lines, *picture.squares, *picture.solids, *picture.labels)}
+        parts = {part.name: part for part in (*picture.lines, *picture.solids, *picture.labels)}
         if picture.floor is not None:
             parts["map"] = picture.floor
         self._picture = picture
@@ -78,15 +81,12 @@ class Stage:
             return self._send_floor(f"/{name}", old, node, part)
         if isinstance(part, Label):
             return self._send_label(f"/{name}", node, part)
-        if isinstance(part, Squares):
-            return self._send_squares(f"/{name}", part)
-        return self._send_solid(f"/{name}", part)
+        return self._send_solid(f"/{name}", old, node, part)
 
     def _send_lines(self, name: str, old: Lines | None, node, lines: Lines):
         if node is None or (old.colour, old.width) != (lines.colour, lines.width):
-            units = "screen" if lines.thin else "world"
             return self._server.scene.add_line_segments(
-                name, lines.segments, lines.colour, thickness=lines.width, thickness_units=units
+                name, lines.segments, lines.colour, thickness=lines.width, thickness_units="screen"
             )
         node.points = lines.segments
         return node
@@ -107,13 +107,10 @@ class Stage:
         node.text, node.position, node.anchor = label.text, label.position, label.anchor
         return node
 
-    def _send_squares(self, name: str, squares: Squares):
-        return self._server.scene.add_point_cloud(
-            name, squares.centres, squares.colour, point_size=squares.edge / 2, point_shape="square",
-            point_shading="flat", precision="float32",
-        )  # fmt: skip
-
-    def _send_solid(self, name: str, solid: Solid):
+    def _send_solid(self, name: str, old: Solid | None, node, solid: Solid):
+        if node is not None and old.colour == solid.colour and np.array_equal(old.faces, solid.faces):
+            node.vertices = solid.vertices
+            return node
         opacity = solid.opacity if solid.opacity < 1 else None
         return self._server.scene.add_mesh_simple(
             name, solid.vertices, solid.faces, color=solid.colour, opacity=opacity,
@@ -124,6 +121,8 @@ class Stage:
 def _same(old, new) -> bool:
     """Whether two primitives look alike though they are not one object."""
     if isinstance(new, Lines):
-        alike = old.segments.shape == new.segments.shape and bool(np.array_equal(old.segments, new.segments))
-        return alike and (old.colour, old.width) == (new.colour, new.width)
+        return (old.colour, old.width) == (new.colour, new.width) and np.array_equal(old.segments, new.segments)
+    if isinstance(new, Solid):
+        alike = (old.colour, old.opacity) == (new.colour, new.opacity) and np.array_equal(old.vertices, new.vertices)
+        return alike and np.array_equal(old.faces, new.faces)
     return isinstance(new, Label) and old == new

@@ -91,10 +91,10 @@ def legend() -> str:
     return f"<div style='{CARD}'>{items}</div>"
 
 
-def colour_bar(bar: ColourBar | None) -> str:
-    """The scale of the map, with ticks and unit."""
+def colour_bar(bar: ColourBar | None, trouble: str = "") -> str:
+    """The scale of the map, with ticks and unit, or why there is none."""
     if bar is None:
-        return f"<div style='{CARD} opacity: 0.65'>no map</div>"
+        return f"<div style='{CARD} opacity: 0.65'>{escape(trouble[:400]) or 'no map'}</div>"
     colours = matplotlib.colormaps[COLOUR_MAP](np.linspace(0, 1, 17), bytes=True)[:, :3]
     gradient = ", ".join(_css(colour) for colour in colours)
     ticks = "".join(
