@@ -206,15 +206,3 @@ def require_modes(problem: Problem, order_offset: int, count: int) -> None:
             f" functions for {microphones} microphones; use at most {usable} modes, a smaller search.radius or more"
             " microphones"
         )
-
-
-def lattice_landscape(problem, lattice: Lattice, positions, n: int, centre, modes: slice, known_weight=1.0):
-    """`landscape` over a whole search lattice, `centre` one of its points : (len(modes), ny, nx) float64.
-
-    The squared residual of known microphones counts `known_weight` times.
-    """
-    chosen = range(len(lattice.orders))[modes]
-    W = lattice.microphones(positions, centre, chosen)
-    fits = leave_one_out(W, problem.pressures[modes], n, weights=known_weights(problem, known_weight))
-    rows = lattice.dictionaries(centre, chosen)
-    return np.stack([fit.cost_of(w) for fit, w in zip(fits, rows, strict=True)]).reshape(-1, *lattice.shape)

@@ -148,14 +148,6 @@ class Lattice:
         unit[squared == 0] = 1.0
         return unit, self.row[squared]
 
-    def dictionaries(self, centre, modes) -> list[np.ndarray]:
-        """W of every candidate about `centre` : (C, 2L + 1) complex128 for each of `modes`."""
-        unit, row = self.phases(centre)
-        steps = np.repeat(unit[:, None], self.radial.shape[2], axis=1)
-        steps[:, 0] = 1.0
-        phase = np.cumprod(steps, axis=1)  # exp(j l theta)
-        return [_join_orders(self.radial[m, row, : L + 1], phase[:, : L + 1]) for m, L in self._orders_of(modes)]
-
     def microphones(self, positions, centre, modes) -> list[np.ndarray]:
         """W of microphones, on the lattice or off it, about `centre` : (N, 2L + 1) complex128 for each of `modes`."""
         steps = (np.asarray(positions) - self.nearest(centre)) / self.search.step

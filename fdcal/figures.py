@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .candidates import lattice_landscape
 from .checks import frozen_array
-from .cost import lattice_landscape, lattice_of, require_modes
+from .cost import lattice_of, require_modes
 from .measurement import Problem
 from .picture import COLOUR_MAP, DECADES
 from .scene import Search

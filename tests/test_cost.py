@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from fields import measured
 
+from fdcal.candidates import best_candidate, lattice_landscape
 from fdcal.checks import InputError
-from fdcal.cost import cost, landscape, lattice_landscape, lattice_of, leave_one_out, require_modes, residual
+from fdcal.cost import cost, landscape, lattice_of, leave_one_out, require_modes, residual
 from fdcal.dictionary import fourier_bessel, max_order
-from fdcal.pruned import best_candidate
 
 TRUTH = np.random.default_rng(3).uniform(-0.5, 0.5, (24, 2)) + [2.61, 2.31]
 MEASUREMENT = measured(TRUTH, [0, 1, 2], highest=150.0)

@@ -67,7 +67,7 @@ def test_lattice_table_is_the_dictionary_of_its_points():
     lattice = Lattice(search, k, orders)
     assert lattice.points.shape == (11 * 9, 2)
     for centre in (lattice.points[0], lattice.nearest([2.03, 0.77]), lattice.points[-1]):
-        for m, W in enumerate(lattice.dictionaries(centre, [0, 1])):
+        for m, W in enumerate(lattice.microphones(lattice.points, centre, [0, 1])):
             np.testing.assert_allclose(W, fourier_bessel(lattice.points, k[m], orders[m], centre), atol=1e-13)
         mixed = np.concatenate([lattice.points[[3, 50]], [[1.77, 0.66], [0.0, 5.0]]])
         for m, W in zip([1, 0], lattice.microphones(mixed, centre, [1, 0]), strict=True):

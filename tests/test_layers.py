@@ -28,7 +28,7 @@ ROOMS = [
     ["measurement"],
     ["store"],
     ["cost"],
-    ["pruned"],
+    ["candidates"],
     ["solvers"],
     ["verdict"],
     ["formats"],
@@ -126,7 +126,7 @@ def test_lower_rooms_read_no_files(path):
             assert not reads, f"{id_of(path)}:{node.lineno} reads a file"
 
 
-@pytest.mark.parametrize("path", [p for p in MODULES if room(p) in ("cost", "pruned", "solvers")], ids=id_of)
+@pytest.mark.parametrize("path", [p for p in MODULES if room(p) in ("cost", "candidates", "solvers")], ids=id_of)
 def test_cost_and_solvers_never_see_the_truth(path):
     assert not rooms_of(path) & {"arrays", "store", "fdtd"}
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):

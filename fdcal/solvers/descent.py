@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..checks import InputError, frozen_array
-from ..cost import known_weights, lattice_landscape, lattice_of, leave_one_out, require_modes
+from ..cost import known_weights, lattice_of, leave_one_out, require_modes
 from ..gauge import fixes_gauge
 from ..measurement import Problem
 from ..scene import Solver
@@ -115,7 +115,7 @@ def step(problem: Problem, state: State) -> State:
     """`state` with the next microphone moved to its best place; unchanged if finished."""
     if state.finished:
         return state
-    from ..pruned import best_candidate  # compiled code is loaded with the first step
+    from ..candidates import best_candidate  # compiled code is loaded with the first step
 
     n = int(_turns(problem, state)[state.turn])
     lattice, _, fits = _fits(problem, state, n)
@@ -152,6 +152,8 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
 
 def landscape(problem: Problem, state: State, n: int, modes: slice) -> np.ndarray:
     """What a step on microphone `n` would minimise, over the whole lattice, mode by mode : (modes, ny, nx) float64."""
+    from ..candidates import lattice_landscape
+
     lattice = lattice_of(problem, state.order_offset)
     weight = state.settings.known_weight
     return lattice_landscape(problem, lattice, state.positions, n, state.centre, modes, weight)
