@@ -180,23 +180,30 @@ def landscape(source, microphone, mode_numbers, result, output, search, radius, 
 @commands.command()
 @click.argument("scene")
 @result_option
+@click.option("--microphone", type=int, metavar="N", help="Lay the cost landscape of this one on the floor.")
 @click.option("--view", type=click.Choice(["top", "3d"]), default="top", show_default=True, help="Where from.")
 @click.option("--size", default="1280x800", show_default=True, metavar="WxH", help="Pixels.")
 @_output_option("FILE.png")
 @force_option
-def snapshot(scene, result, view, size, output, force):
+def snapshot(scene, result, microphone, view, size, output, force):
     """Draw room and microphones, and a result where given, without a browser."""
     path = arguments.output_path(output, ".png", force)
     shape = arguments.pixels(size)
-    given = _simulated(scene)
-    from .picture import compose, headline
+    given, found = _simulated(scene), _result(result)
+    from .picture import compose, headline, paint
     from .snapshot import render
 
-    positions, title = None, given.scene.title
-    if result is not None:
-        positions = runs.positions_from(given.measurement, _result(result))
+    positions, title, floor = None, given.scene.title, None
+    if found is not None:
+        positions = runs.positions_from(given.measurement, found)
         title += f": {headline(given.measurement, positions)}"
-    render(compose(given.scene, given.measurement, positions, title=title), path, shape, view, force)
+    if microphone is not None:
+        n = arguments.microphone_number(microphone, given.measurement.count)
+        modes = given.settings.modes if found is None else len(found["frequencies"])
+        others = given.measurement.positions if found is None else positions
+        floor = paint(runs.joint_landscape(given, others, n, modes), given.measurement.search, log=True)
+    picture = compose(given.scene, given.measurement, positions, microphone, floor, title)
+    render(picture, path, shape, view, force)
     print(path)
 
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from .arrays import positions_of
 from .checks import InputError
+from .cost import lattice_of, require_modes
 from .gauge import position_errors
 from .measurement import Measurement, load_measurement, require_measurable
 from .scene import Scene, Solver, load_scene
@@ -117,7 +118,7 @@ def summary(given: Given, result: dict) -> str:
     end = "converged" if result["converged"] else "stopped before it converged"
     error = "unknown, since the true positions are"
     if result["mean_error_m"] is not None:
-        mean, largest = 1e3 * result["mean_error_m"], 1e3 * result["max_error_m"]
+        mean, largest = (round(1e3 * result[key], 3) for key in ("mean_error_m", "max_error_m"))
         error = f"mean {mean:.3g} mm, largest {largest:.3g} mm over all {count} microphones"
     lines = (
         f"{given.name}: {free} of {count} microphones sought by {result['solver']}, seed {result['seed']}",
@@ -127,6 +128,17 @@ def summary(given: Given, result: dict) -> str:
         f"error   {error}",
     )
     return "\n".join(lines)
+
+
+def joint_landscape(given: Given, positions, n: int, modes: int) -> np.ndarray:
+    """Cost of the `modes` lowest modes together, microphone `n` moved over the search lattice : (ny, nx) float64."""
+    from .candidates import lattice_landscape  # compiled code, which reading a file does without
+
+    problem, offset = given.measurement.problem(given.settings.weights), given.settings.order_offset
+    require_modes(problem, offset, modes)
+    lattice = lattice_of(problem, offset)
+    centre = lattice.nearest(np.mean(positions, axis=0))
+    return lattice_landscape(problem, lattice, positions, n, centre, slice(0, modes)).sum(axis=0)
 
 
 def positions_from(measurement: Measurement, result: dict | None) -> np.ndarray:

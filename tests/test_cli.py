@@ -134,7 +134,7 @@ def test_landscape_finds_the_true_place(made, tmp_path):
 
 
 def test_snapshot(made, tmp_path, require_gl):
-    size = ["--size", "320x200", "--view", "3d"]
+    size = ["--size", "320x200", "--view", "3d", "--microphone", 9]
     done("snapshot", "tiny", "--result", made / "result.json", *size, "-o", "room.png", folder=tmp_path)
     assert (tmp_path / "room.png").read_bytes().startswith(PNG)
 
