@@ -11,7 +11,7 @@ from .checks import require_choice
 from .primitives import Picture
 
 VIEWS = ("top", "3d")
-AROUND = 1.15  # of the search domain's size is what the 3-D view shows
+AROUND = 1.35  # of the search domain's size is what the 3-D view shows
 BIRD = (-0.42, -0.88, 0.78)  # direction from what is looked at to the eye of the 3-D view
 
 

@@ -22,7 +22,7 @@ def unit(size) -> float:
 def margins(size, has_bar: bool) -> tuple[float, float, float, float]:
     """Pixels that rulers, colour bar and title take: left, bottom, right, top."""
     scale = unit(size)
-    return 90 * scale, 62 * scale, (160 if has_bar else 40) * scale, 84 * scale
+    return 90 * scale, 62 * scale, (160 if has_bar else 40) * scale, 104 * scale
 
 
 def letter(pixels: np.ndarray, picture: Picture, camera: Camera) -> np.ndarray:

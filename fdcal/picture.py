@@ -25,7 +25,7 @@ from .primitives import COLOUR_MAP, DARK, LIGHT, Colour, ColourBar, Floor, Label
 from .scene import Scene, Search
 
 DECADES = 4  # of cost that a logarithmic map shows below its highest value
-LAYERS = 28  # heights in one radius of a marker: what is drawn over the map lies that little above it
+LAYERS = 24  # heights in one radius of a marker: what is drawn over the map lies that little above it
 TRUE, ESTIMATE, KNOWN, HALO = (0, 0, 0), (214, 24, 40), (0, 90, 181), (255, 255, 255)
 
 
@@ -68,9 +68,9 @@ def backdrop(scene: Scene | None, measurement: Measurement, dark: bool = False) 
         room_lines, room_labels, solids = _room(scene, marker, theme)
         lines, labels = room_lines + lines, labels + room_labels
     if measurement.positions is not None:
-        solids += _circles("microphones/true", shapes.lift(measurement.positions, 6 * layer), marker, 0.28)
+        solids += _circles("microphones/true", shapes.lift(measurement.positions, 4 * layer), marker, 0.28)
     if len(measurement.known):
-        centres = shapes.lift(measurement.known_positions, 12 * layer)
+        centres = shapes.lift(measurement.known_positions, 6 * layer)
         solids += (_solid("microphones/known_halo", shapes.squares(centres - [0, 0, layer], 1.3 * marker), HALO),)
         solids += (_solid("microphones/known", shapes.squares(centres, marker), KNOWN),)
     return Picture(theme, focus, bounds, marker, lines, solids, labels)
@@ -82,15 +82,15 @@ def with_estimate(picture: Picture, measurement: Measurement, positions, microph
     layer, solids = marker / LAYERS, picture.solids
     free = np.setdiff1d(np.arange(len(positions)), measurement.known)
     if truth is not None:
-        pieces = np.stack([shapes.lift(truth[free], 3 * layer), shapes.lift(positions[free], 3 * layer)], axis=1)
-        solids += _strokes("microphones/error", pieces, marker, TRUE, 0.1, halo=0.2)
-    crosses = shapes.stars(shapes.lift(positions[free], 9 * layer), marker)
+        pieces = np.stack([shapes.lift(truth[free], 2 * layer), shapes.lift(positions[free], 2 * layer)], axis=1)
+        solids += _strokes("microphones/error", pieces, marker, TRUE, 0.13, halo=0.2)
+    crosses = shapes.stars(shapes.lift(positions[free], 8 * layer), marker)
     solids += _strokes("microphones/estimate", crosses, marker, ESTIMATE, 0.34)
     if microphone is None or not 0 <= microphone < len(positions):
         return replace(picture, solids=solids)
-    found = shapes.lift(positions[[microphone]], 18 * layer)
+    found = shapes.lift(positions[[microphone]], 12 * layer)
     if truth is not None:
-        circle = shapes.lift(truth[[microphone]], 15 * layer)
+        circle = shapes.lift(truth[[microphone]], 10 * layer)
         solids += _circles("looked_at/true", circle, marker, 0.44, radius=1.9)
     solids += _strokes("looked_at/estimate", shapes.stars(found, 1.9 * marker), marker, ESTIMATE, 0.54)
     towards = 0.0 if truth is None else float(truth[microphone, 0] - positions[microphone, 0])
@@ -184,10 +184,10 @@ def _room(scene: Scene, marker: float, theme: Theme):
     edges = np.concatenate([shapes.loop(vertices, layer), shapes.loop(vertices, height)])
     spacing = 1.0 if np.ptp(vertices, axis=0).max() > 3.0 else 0.2
     grid = shapes.floor_grid(vertices, spacing, -4 * layer)
-    place = shapes.lift([scene.source.position], 6 * layer)
+    place = shapes.lift([scene.source.position], 4 * layer)
     solids += _strokes("source", shapes.stars(place, 2 * marker, arms=4), marker, TRUE, 0.4)
     lines = (_lines("room/grid", grid, theme.faint, 1.0), _lines("room/edges", edges, theme.ink, 2.0))
-    beside = (float(place[0, 0]), float(place[0, 1] - 3 * marker), 6 * layer)
+    beside = (float(place[0, 0]), float(place[0, 1] - 3 * marker), 4 * layer)
     return lines, (Label("source/name", "source", beside, theme.ink, "top-center"),), solids
 
 

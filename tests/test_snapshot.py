@@ -16,7 +16,7 @@ from fdcal.picture import ESTIMATE, KNOWN, LAYERS, TRUE, compose, paint
 from fdcal.primitives import COLOUR_MAP
 from fdcal.scene import load_scene
 
-SIZE = (900, 700)
+SIZE = (1300, 1000)
 VIEWS = ("top", "3d")
 
 
@@ -85,7 +85,7 @@ def nearest(image, pixel, colour, reach=1) -> float:
 def test_each_cross_is_red_at_its_estimate(drawn, measurement, estimate, view):
     picture, image = drawn(view)
     free = [n for n in range(12) if n not in measurement.known]
-    places = np.column_stack([estimate[free], np.full(len(free), 9 * picture.marker / LAYERS)])
+    places = np.column_stack([estimate[free], np.full(len(free), 8 * picture.marker / LAYERS)])
     for n, pixel in zip(free, snapshot.pixels_of(picture, SIZE, view, places), strict=True):
         assert nearest(image, pixel, ESTIMATE) < 40, f"no red at microphone {n}"
 
@@ -95,7 +95,7 @@ def test_each_circle_is_black_around_its_truth(drawn, measurement, view):
     picture, image = drawn(view)
     for angle in np.pi * np.array([0.75, 1.0, 1.25, 1.5]):  # the error lines leave towards the other side
         rim = measurement.positions + picture.marker * np.array([np.cos(angle), np.sin(angle)])
-        places = np.column_stack([rim, np.full(12, 6 * picture.marker / LAYERS)])
+        places = np.column_stack([rim, np.full(12, 4 * picture.marker / LAYERS)])
         for n, pixel in enumerate(snapshot.pixels_of(picture, SIZE, view, places)):
             assert nearest(image, pixel, TRUE) < 110, f"no black rim at microphone {n}"
 
@@ -103,7 +103,7 @@ def test_each_circle_is_black_around_its_truth(drawn, measurement, view):
 @pytest.mark.parametrize("view", VIEWS)
 def test_each_known_microphone_is_a_blue_square(drawn, measurement, view):
     picture, image = drawn(view)
-    places = np.column_stack([measurement.known_positions, np.full(3, 12 * picture.marker / LAYERS)])
+    places = np.column_stack([measurement.known_positions, np.full(3, 6 * picture.marker / LAYERS)])
     for pixel in snapshot.pixels_of(picture, SIZE, view, places):
         assert nearest(image, pixel, KNOWN, reach=0) < 10
 
@@ -141,7 +141,7 @@ def test_a_small_opening_from_afar_looks_parallel(drawn):
     picture, _ = drawn("top")
     points = np.random.default_rng(0).uniform([0.4, 0.3, 0], [0.9, 0.8, 0.02], (20, 3))
     flat, far = (project(camera_for(picture, SIZE, "top", fov=fov), SIZE, points) for fov in (None, 0.05))
-    assert np.abs(flat - far).max() < 1.0
+    assert np.abs(flat - far).max() < 1.5
 
 
 @pytest.mark.parametrize("dark", [False, True])
