@@ -21,8 +21,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import label
-from scipy.signal import firwin, get_window
 
 from .arrays import inside
 from .checks import InputError
@@ -67,12 +65,19 @@ def cell_mask(room: Room) -> np.ndarray:
         raise InputError(f"room.cell = {room.cell:g} m makes {nx} x {ny} cells, over {MOST_CELLS}; use a larger one")
     centres = np.stack(np.meshgrid((np.arange(nx) + 0.5) * room.cell, (np.arange(ny) + 0.5) * room.cell), axis=-1)
     mask = inside(centres, room.vertices)
-    pieces = label(mask)[1]
+    pieces = _pieces(mask)
     if pieces != 1:
         key = "room.size" if room.size else "room.outline"
         what = f"falls into {pieces} pieces" if pieces else "holds no cell centre"
         raise InputError(f"{key} {what} with room.cell = {room.cell:g} m; use a smaller cell or mend the outline")
     return mask
+
+
+def _pieces(mask: np.ndarray) -> int:
+    """Number of connected pieces."""
+    from scipy.ndimage import label  # half a second to load, which a simulation out of the cache does without
+
+    return label(mask)[1]
 
 
 def _check_walls(room: Room) -> None:
@@ -124,6 +129,8 @@ def pulse(source: Source) -> np.ndarray:
     A linear-phase band-pass whose gain falls to nothing in `source.low` hertz on either side of the band. The mean,
     small already, is taken off exactly: a rigid room keeps it for ever, or grows with it.
     """
+    from scipy.signal import firwin, get_window  # a second to load, which a simulation out of the cache does without
+
     low, high, fs = source.low, source.high, source.sample_rate
     taps = 2 * math.ceil(0.5 * TAPS * fs / low) + 1
     edges = [0.5 * low, min(high + 0.5 * low, 0.5 * (high + 0.5 * fs))]

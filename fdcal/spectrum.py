@@ -16,8 +16,6 @@ import math
 
 import numpy as np
 from scipy.fft import next_fast_len, rfft
-from scipy.signal import find_peaks
-from scipy.signal.windows import blackmanharris
 from scipy.special import jv
 
 from .checks import InputError
@@ -112,10 +110,15 @@ def pick_modes(
     InputError
         Silence, a recording too short for the resolution, no peak.
     """
+    from scipy.signal import (
+        find_peaks,
+        get_window,
+    )  # a second to load, which a measurement out of the cache does without
+
     samples = recordings.shape[1]
     check_band(samples / fs, fs, highest, resolution)
     ringing = window_rate(recordings, fs) * samples / fs / DECAY
-    window = blackmanharris(samples) ** ringing
+    window = get_window("blackmanharris", samples, fftbins=False) ** ringing
     padded = next_fast_len(PADDING * samples, real=True)
     step = fs / padded
     first, last = max(1, math.floor(lowest / step)), math.ceil(highest / step)
