@@ -1,0 +1,467 @@
+"""The page: one real browser on `tiny`, and what may not come through from any client."""
+
+import contextlib
+import dataclasses
+import io
+import logging
+import os
+import re
+import signal
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import websockets
+from PIL import Image
+from viser import _messages
+from websockets.sync.client import connect
+
+from fdcal.checks import InputError
+from fdcal.history import History, SessionView
+from fdcal.measurement import Measurement
+from fdcal.picture import compose, with_estimate
+from fdcal.scene import load_scene
+from fdcal.viewer import app, plots, preparing, safety, words
+from fdcal.viewer.controls import Controls
+from fdcal.viewer.stage import Stage
+
+WAIT = 60.0  # s, bound of every wait
+JUNK = [1e9, -1e9, float("nan"), float("inf"), "many", "", None, [1, 2], {"a": 1}, 10**400, b"\x00"]
+ARGUMENTS = [
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-quic",
+    "--no-first-run",
+]
+ARGUMENTS += ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
+
+
+def finish(coroutine):
+    """Run a coroutine that waits for nothing; the browser's driver occupies this thread's event loop."""
+    with pytest.raises(StopIteration):
+        coroutine.send(None)
+
+
+# -- one page, in a real browser -------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def address():
+    """Where `fdcal view tiny` serves; it must end in good order on Ctrl-C."""
+    command = [sys.executable, "-m", "fdcal", "view", "tiny", "--port", "0", "--no-browser"]
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ)
+    try:
+        url = server.stdout.readline().strip()
+        assert re.fullmatch(r"http://127\.0\.0\.1:\d+", url), url or server.stderr.read()
+        yield url
+        server.send_signal(signal.SIGINT)
+        _, errors = server.communicate(timeout=WAIT)
+        assert server.returncode == 0 and "Traceback" not in errors, errors
+    finally:
+        server.kill()
+
+
+@pytest.fixture(scope="module")
+def browser(require_browser):
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=require_browser, headless=True, args=ARGUMENTS)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture(scope="module")
+def open_page(address, browser):
+    """Function that opens one more page and waits for its picture."""
+
+    def open_one():
+        page = browser.new_page(viewport={"width": 1280, "height": 720})
+        page.set_default_timeout(WAIT * 1e3)
+        page.goto(f"{address}/?fixedDpr=1")
+        drawn = "name => window.__viserMutable?.nodeRefFromName?.[name] != null"
+        page.wait_for_function(drawn, arg="/microphones/true", timeout=WAIT * 1e3)
+        return page
+
+    return open_one
+
+
+@pytest.fixture(scope="module")
+def page(open_page):
+    return open_page()
+
+
+def press(page, name):
+    page.get_by_role("button", name=name, exact=True).click()
+
+
+def test_step_advances_the_state(page):
+    page.get_by_text("step 0, sweep 0").wait_for()
+    press(page, "Step")
+    page.get_by_text("step 1, sweep 0").wait_for()
+    press(page, "Sweep")
+    page.get_by_text("step 13, sweep 1").wait_for()  # 16 microphones, 3 of them known
+
+
+def test_a_second_page_shows_the_same_session(page, open_page):
+    second = open_page()
+    second.get_by_text("step 13, sweep 1").wait_for()
+    press(second, "Step")
+    page.get_by_text("step 14, sweep 1").wait_for()
+    second.close()
+
+
+def test_run_becomes_pause(page):
+    press(page, "Run")
+    page.get_by_role("button", name=re.compile("^(Pause|Run)$")).wait_for()
+    page.get_by_text(re.compile("Running|Finished")).first.wait_for()
+    page.get_by_text(re.compile(r"Finished")).first.wait_for()  # tiny is done in seconds
+    press(page, "Reset")
+    page.get_by_text("step 0, sweep 0").wait_for()
+
+
+def test_a_slider_sets_the_modes_in_use(page):
+    label = page.get_by_text("Last mode", exact=True).get_attribute("for")
+    slider = page.locator(f"[id='{label}']").get_by_role("slider")
+    slider.focus()
+    slider.press("ArrowRight")
+    page.get_by_text(re.compile(r"^modes 1 to 4, ")).wait_for()
+
+
+def test_export_saves_what_is_shown(page, require_gl):
+    page.get_by_text("Export", exact=True).click()
+    with page.expect_download(timeout=WAIT * 1e3) as download:
+        press(page, "Save PNG")
+    with open(download.value.path(), "rb") as file:
+        image = Image.open(io.BytesIO(file.read()))
+    assert download.value.suggested_filename.startswith("fdcal-") and image.size == (1280, 800)
+    assert len(np.unique(np.asarray(image.convert("RGB")).reshape(-1, 3), axis=0)) > 100
+
+
+# -- who may connect -------------------------------------------------------------------------------------------------
+
+
+def shake_hands(address, origin):
+    protocol = f"viser-v{__import__('viser').__version__}"
+    with connect(address.replace("http", "ws"), origin=origin, subprotocols=[protocol], open_timeout=WAIT):
+        return True
+
+
+@pytest.mark.parametrize(
+    "origin", ["http://evil.example", "http://127.0.0.1.evil.example", "https://localhost.evil:80", "null"]
+)
+def test_a_foreign_origin_is_refused(address, origin):
+    with pytest.raises(websockets.exceptions.InvalidStatus) as caught:
+        shake_hands(address, origin)
+    assert caught.value.response.status_code == 403
+
+
+def test_its_own_origin_and_a_program_are_let_in(address):
+    assert shake_hands(address, address) and shake_hands(address, None)
+
+
+@pytest.fixture(scope="module")
+def server():
+    opened = safety.open_server("127.0.0.1", 0)
+    yield opened
+    opened.stop()
+
+
+def test_the_share_tunnel_is_out_of_reach(server):
+    assert _messages.ShareUrlRequest not in server._websock_server._incoming_handlers
+
+
+@pytest.mark.parametrize("port", [-1, 65536, 80000])
+def test_a_port_out_of_range_is_refused(port):
+    with pytest.raises(InputError, match="port"):
+        safety.open_server("127.0.0.1", port)
+
+
+def test_a_port_in_use_is_refused(server):
+    with pytest.raises(InputError, match="port"):
+        safety.open_server("127.0.0.1", server.get_port())
+
+
+@pytest.mark.parametrize("host", ["no.such.host.invalid", "999.1.1.1", "\x00", "a" * 300])
+def test_a_bad_host_is_refused(host):
+    with pytest.raises(InputError, match="host"):
+        safety.open_server(host, 0)
+
+
+@pytest.mark.parametrize(
+    ("host", "expected"),
+    [("127.0.0.1", "127.0.0.1"), ("0.0.0.0", "127.0.0.1"), ("::1", "[::1]"), ("localhost", "localhost")],
+)
+def test_the_address_can_be_typed_into_a_browser(host, expected):
+    assert app.address(host, 81) == f"http://{expected}:81"
+
+
+# -- what a client may say -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("value", JUNK, ids=lambda value: repr(value)[:12])
+def test_junk_becomes_a_bounded_number(value):
+    assert 1 <= safety.bounded(value, 1, 9, 5) <= 9
+
+
+def test_good_values_pass():
+    assert safety.bounded(7, 1, 9, 5) == 7 and safety.bounded(7.0, 1, 9, 5) == 7
+    assert safety.one_of("b", ("a", "b"), "a") == "b" and safety.one_of("c", ("a", "b"), "a") == "a"
+    for value in (3, 0.5, True, "short"):
+        assert safety.is_plain({"value": value})
+
+
+@pytest.mark.parametrize("updates", [{}, None, [], {"uuid": "x"}, {"value": 1, "update_cb": []}, {"value": "x" * 201}])
+def test_updates_other_than_a_plain_value_are_dropped(updates):
+    assert not safety.is_plain(updates)
+
+
+@pytest.mark.parametrize("junk", [value for value in JUNK if not isinstance(value, (float, int))] + [float("nan")])
+def test_a_control_keeps_its_value_when_junk_arrives(server, junk):
+    slider = server.gui.add_slider("Junk", 1, 9, 1, 5)
+    message = _messages.GuiUpdateMessage(slider._impl.uuid, {"value": junk})
+    finish(server._websock_server._handle_incoming_message(0, message))
+    assert slider.value == 5
+    message = _messages.GuiUpdateMessage(slider._impl.uuid, {"label": "gone"})
+    finish(server._websock_server._handle_incoming_message(0, message))
+    assert slider.label == "Junk"
+    slider.remove()
+
+
+# -- parts of the page, without a browser ----------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True)
+class State:
+    positions: np.ndarray
+    step: int = 0
+    sweep: int = 0
+    stage: int = 0
+    moved: int = -1
+    first: int = 1
+    last: int = 3
+    automatic: bool = True
+    cost: float = 1.0
+    finished: bool = False
+    converged: bool = False
+    seed: int = 0
+
+
+class Recorder:
+    """A session that notes its commands."""
+
+    def __init__(self, state):
+        self.commands = []
+        self.view = view_of([state])
+
+    def __getattr__(self, name):
+        return lambda *arguments: self.commands.append((name, *arguments))
+
+
+def view_of(states, **changes) -> SessionView:
+    view = SessionView(states[-1], len(states) - 1, len(states), False, "", History(states, len(states)))
+    return dataclasses.replace(view, **changes)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return load_scene("tiny")
+
+
+@pytest.fixture(scope="module")
+def measurement(scene):
+    positions = np.random.default_rng(3).uniform([0.5, 0.35], [0.9, 0.75], (10, 2))
+    return Measurement(
+        frequencies=np.linspace(100, 300, 6),
+        pressures=np.exp(1j * np.outer(np.arange(1, 7), positions.sum(axis=1))),
+        sound_speed=343.0,
+        positions=positions,
+        known=np.array([0, 1, 2]),
+        known_positions=positions[:3],
+        search=scene.search,
+    )
+
+
+@pytest.fixture
+def controls(server, measurement):
+    session = Recorder(State(measurement.positions))
+    yield Controls(server.gui, session, measurement, 6, lambda *_: None, lambda *_: None), session
+    server.gui.reset()
+
+
+def say(handle, value, client=True):
+    """What viser does when a page has set a control to `value`."""
+    handle._impl.value = value
+    event = SimpleNamespace(client=object() if client else None, target=SimpleNamespace(value=value))
+    for callback in handle._impl.update_cb:
+        finish(callback(event))
+
+
+@pytest.mark.parametrize("value", JUNK, ids=lambda value: repr(value)[:12])
+def test_every_control_survives_junk(controls, value):
+    panel, session = controls
+    handles = [panel._first, panel._last, panel._automatic, panel._microphone, panel._follow, panel._mode]
+    for handle in handles:
+        before = handle.value
+        with contextlib.suppress(TypeError):  # a value that cannot even be held
+            say(handle, value)
+        handle._impl.value = before
+    for name, first, last, automatic in session.commands:
+        assert name == "use_modes" and 1 <= first <= last <= 6 and isinstance(automatic, bool)
+    assert 0 <= panel.choices.microphone < 10 and 1 <= panel.choices.mode <= 6
+
+
+def test_the_mode_sliders_never_cross(controls):
+    panel, session = controls
+    say(panel._first, 5)
+    say(panel._first, 1)
+    say(panel._last, 2)
+    assert session.commands == [("use_modes", 5, 5, True), ("use_modes", 1, 3, True), ("use_modes", 1, 2, True)]
+
+
+def test_what_the_program_sets_is_no_command(controls):
+    panel, session = controls
+    say(panel._last, 5, client=False)
+    panel.show(view_of([State(session.view.state.positions, last=6)]), 4, "")
+    assert panel._last.value == 6 and panel._microphone.value == 4
+    assert session.commands == [] and panel.choices.microphone == 3
+
+
+def test_one_button_runs_and_pauses(controls):
+    panel, session = controls
+    say(panel._run, True)
+    session.view = dataclasses.replace(session.view, running=True)
+    panel.show(session.view, 3, "")
+    assert panel._run.label == "Pause"
+    say(panel._run, True)
+    assert session.commands == [("play",), ("pause",)]
+
+
+def test_a_microphone_chosen_by_hand_is_stayed_with(controls):
+    panel, _ = controls
+    assert panel.choices.follow
+    say(panel._microphone, 7)
+    assert panel.choices.microphone == 7 and not panel.choices.follow and not panel._follow.value
+
+
+def test_only_what_has_changed_is_sent(server, scene, measurement, monkeypatch):
+    stage, sent = Stage(server), []
+    monkeypatch.setattr(stage, "_send", lambda name, *_: sent.append(name) or SimpleNamespace(remove=lambda: None))
+    still = compose(scene, measurement)
+    stage.show(with_estimate(still, measurement, measurement.positions))
+    assert "room/walls" in sent and "microphones/estimate" in sent
+    sent.clear()
+    stage.show(with_estimate(still, measurement, measurement.positions.copy()))
+    assert sent == []
+    stage.show(with_estimate(still, measurement, measurement.positions + 0.01))
+    assert {name.removesuffix("_halo") for name in sent} == {"microphones/estimate", "microphones/error"}
+
+
+def test_the_camera_follows_the_canvas_until_a_hand_moves_it(server, scene, measurement):
+    stage = Stage(server)
+    stage.show(compose(scene, measurement))
+    camera = SimpleNamespace(image_width=600, image_height=700)
+    client = SimpleNamespace(client_id=1, camera=camera, atomic=contextlib.nullcontext)
+    stage.place(client, "top")
+    near = camera.position
+    camera.image_width = 300
+    stage.keep_placed(client)
+    assert camera.position[2] > 1.5 * near[2], "half the width needs twice the distance"
+    moved = (camera.position[0] + 1.0, *camera.position[1:])
+    camera.position, camera.image_width = moved, 600
+    stage.keep_placed(client)
+    assert camera.position == moved
+
+
+def test_plots_hold_finite_numbers_only(server, measurement):
+    """uPlot looks for axis ticks for ever when it meets a NaN."""
+    curves = plots.Curves(server.gui, measurement)
+    worse = measurement.positions + 0.1
+    states = [
+        State(worse, cost=float("nan")),
+        State(measurement.positions, 1, cost=0.0),
+        State(worse, 2, last=4, cost=2.0),
+    ]
+    curves.show(view_of(states), now=0.0)
+    for plot in (curves._error, curves._cost):
+        assert all(np.isfinite(column).all() for column in plot.data)
+        assert len({len(column) for column in plot.data}) == 1 and (np.diff(plot.data[0]) >= 0).all()
+        low, high = plot.data[-1].min(), plot.data[-1].max()
+        assert np.count_nonzero(plot.data[-1] == high) == 1 and low < high, "one stroke where the mode came in"
+
+
+def test_plots_follow_a_rewound_history(server, measurement):
+    curves = plots.Curves(server.gui, measurement)
+    states = [State(measurement.positions + 0.1 / (i + 1), i) for i in range(6)]
+    curves.show(view_of(states), now=0.0)
+    another = [*states[:3], State(measurement.positions + 0.5, 3)]
+    curves.show(view_of(another), now=1.0)
+    assert len(curves._error.data[0]) == 4
+    assert curves._error.data[1][-1] == pytest.approx(1e3 * 0.5 * np.sqrt(2))
+
+
+def test_words_are_escaped(measurement):
+    evil = "<script>alert(1)</script>"
+    state = State(measurement.positions)
+    for html in (
+        words.status(view_of([state], error=evil), measurement),
+        words.waiting(evil, evil),
+        words.colour_bar(None, evil),
+    ):
+        assert "<script" not in html and "&lt;script" in html
+
+
+def test_status_tells_units_and_doings(measurement):
+    state = State(measurement.positions + np.array([0.003, 0.004]), step=7, sweep=1, moved=4)
+    html = words.status(view_of([state]), measurement)
+    for text in ("Paused", "step 7, sweep 1, stage 1", "modes 1 to 3, 100.0 to 180.0 Hz", "5 mm", "dimensionless"):
+        assert text in html
+    assert "Running" in words.status(view_of([state], running=True), measurement)
+    assert "unknown" in words.status(view_of([state]), dataclasses.replace(measurement, positions=None))
+
+
+# -- before there is a session ---------------------------------------------------------------------------------------
+
+
+def test_the_page_tells_how_far_the_simulation_is(server, scene, monkeypatch, capsys):
+    """The simulation goes on only once the page has been told."""
+    told = []
+    monkeypatch.setattr(words, "waiting", lambda title, text: told.append(text) or text)
+
+    def slow(scene, progress):
+        progress(0.4)
+        for _ in range(600):
+            if any("40 %" in text for text in told):
+                raise InputError("scene.key = 1 is wrong; mend it")
+            preparing.time.sleep(0.1)
+
+    monkeypatch.setattr(preparing, "time", __import__("time"), raising=False)
+    monkeypatch.setattr(preparing, "cached_measurement", slow)
+    logging.getLogger("fdcal.session").setLevel(logging.CRITICAL)
+    with pytest.raises(InputError, match="mend it"):
+        preparing.prepare(server, scene, [], preparing.Interrupt())
+    assert "40 %" in capsys.readouterr().err
+
+
+def test_an_interrupted_simulation_stops(server, scene, monkeypatch):
+    interrupt, closers, ended = preparing.Interrupt(), [], []
+
+    def endless(scene, progress):
+        interrupt.came = True
+        try:
+            while True:
+                progress(0.1)
+        finally:
+            ended.append(True)
+
+    monkeypatch.setattr(preparing, "cached_measurement", endless)
+    assert preparing.prepare(server, scene, closers, interrupt) is None
+    for close in closers:
+        close()
+    progress = preparing.Progress()
+    progress.stop = True
+    with pytest.raises(preparing.Stopped):
+        progress(0.5)
