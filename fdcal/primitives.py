@@ -81,7 +81,7 @@ class ColourBar:
         decades = np.log10(self.high / self.low)
         values = LogLocator(subs=(1.0,) if decades > 2 else (1.0, 2.0, 5.0)).tick_values(self.low, self.high)
         values = values[(values >= self.low * (1 - 1e-9)) & (values <= self.high * (1 + 1e-9))]
-        if len(values) < 2:
+        if len(values) < 3:
             values = round_values(self.low, self.high, 4)
         return tuple((float(np.log10(v / self.low) / decades), f"{v:.3g}") for v in values)
 

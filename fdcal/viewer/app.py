@@ -21,7 +21,7 @@ from . import words
 from .controls import Choices, Controls
 from .plots import Curves
 from .preparing import Interrupt, Work, prepare
-from .safety import open_server
+from .safety import open_server, quietly
 from .stage import Stage
 
 RATE = 25.0  # times a second that the screen is brought up to date
@@ -51,7 +51,7 @@ def serve(
     """
     with Interrupt() as interrupt:
         server = open_server(host, port)
-        closers: list[Callable] = [server.stop]
+        closers: list[Callable] = [lambda: quietly(server.stop)]
         try:
             _dress(server, scene)
             if on_ready is not None:
@@ -91,12 +91,7 @@ class Viewer:
         self._controls = Controls(
             server.gui, work.session, work.measurement, modes, self._stage.place, self._ask_for_export
         )
-        panel = server.gui.add_panel()
-        with panel.add_tab("Convergence", viser.Icon.CHART_LINE):
-            server.gui.add_html(words.legend())
-            self._curves = Curves(server.gui, work.measurement)
-        panel.dock_left()
-        panel.set_width(LEFT_WIDTH)
+        self._curves = self._add_left_panel()
         self._asked: MapRequest | None = None
         self._mapped_at = self._map_time = 0.0
         self._followed = self._controls.choices.microphone
@@ -105,8 +100,16 @@ class Viewer:
         self._picture = self._compose(work.session.view.state, self._controls.choices, None)
         self._stage.open_at(self._picture)
         self._stage.show(self._picture)
-
         self._welcome(server)
+
+    def _add_left_panel(self) -> Curves:
+        panel = self._server.gui.add_panel()
+        with panel.add_tab("Convergence", viser.Icon.CHART_LINE):
+            self._server.gui.add_html(words.legend())
+            curves = Curves(self._server.gui, self._work.measurement)
+        panel.dock_left()
+        panel.set_width(LEFT_WIDTH)
+        return curves
 
     def _welcome(self, server: viser.ViserServer) -> None:
         """Each page gets a camera that fits its canvas, whose size is only known once the panels stand."""

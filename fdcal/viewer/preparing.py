@@ -92,7 +92,7 @@ def prepare(server: viser.ViserServer, scene: Scene, closers: list[Callable], in
     worker.close()
     if worker.latest.cause is not None:
         raise worker.latest.cause
-    closers.append(lambda: worker.latest.result.session.close(1.0))
+    closers.append(lambda: worker.latest.result.session.close(0.5))
     return worker.latest.result
 
 

@@ -13,6 +13,7 @@ import io
 import math
 import re
 import socket
+from collections.abc import Callable
 from unittest import mock
 
 import viser
@@ -32,15 +33,20 @@ def open_server(host: str, port: int) -> viser.ViserServer:
     """
     _require_address(host, port)
     listen = functools.partial(websockets.asyncio.server.serve, origins=allowed_origins(host))
-    quiet = contextlib.redirect_stdout(io.StringIO())  # the address is told by whoever asked for the server
-    with mock.patch.object(websockets.asyncio.server, "serve", listen), quiet:
-        server = viser.ViserServer(host=host, port=port, verbose=False)
+    with mock.patch.object(websockets.asyncio.server, "serve", listen):
+        server = quietly(lambda: viser.ViserServer(host=host, port=port, verbose=False))
     if port and server.get_port() != port:  # viser takes the next free one without a word
         server.stop()
         raise InputError(f"port = {port} is in use; choose another, or 0 for a free one")
     server._websock_server.unregister_handler(_messages.ShareUrlRequest)
     _guard_inputs(server)
     return server
+
+
+def quietly(function: Callable):
+    """Call a function of viser without what it prints: standard output belongs to the command line."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        return function()
 
 
 def allowed_origins(host: str) -> list:
