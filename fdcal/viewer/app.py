@@ -25,7 +25,7 @@ from .safety import open_server, quietly
 from .stage import Stage
 
 RATE = 25.0  # times a second that the screen is brought up to date
-MAP_PAUSE = 0.5  # of a map's own time, before the next while the solver runs, which needs the processor too
+MAP_PAUSE = 0.15  # s at least between two maps while the solver runs, which needs the processor too
 LEFT_WIDTH, RIGHT_WIDTH = 290.0, 330.0  # pixels, of the panels
 
 
@@ -164,7 +164,7 @@ class Viewer:
         state = view.state
         first, last = (choices.mode, choices.mode) if choices.single else (state.first, state.last)
         wanted = MapRequest(self._turn, choices.microphone, first, last, choices.log, state)
-        rested = not view.running or now - self._mapped_at > MAP_PAUSE * self._map_time
+        rested = not view.running or now - self._mapped_at > max(MAP_PAUSE, 0.5 * self._map_time)
         if wanted != self._asked and rested and not self._maps.busy:
             self._asked = wanted
             self._maps.request(wanted)
