@@ -11,7 +11,7 @@ from ..camera import camera_for
 from ..primitives import Floor, Label, Lines, Picture, Solid
 
 FLAT = 0.06  # rad, opening of the top view: from far away, so that it looks like a plan
-MARGINS = (64, 44, 34, 40)  # pixels left, bottom, right and top of the search domain, for its rulers
+MARGINS = (76, 44, 34, 40)  # pixels left, bottom, right and top of the search domain, for its rulers
 
 
 class Stage:
