@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .candidates import lattice_landscape
-from .checks import frozen_array
+from .checks import InputError, frozen_array
 from .cost import lattice_of, require_modes
 from .measurement import Problem
 from .picture import COLOUR_MAP, DECADES
@@ -50,8 +50,10 @@ def landscape_panels(problem: Problem, positions, n: int, modes: Sequence[int], 
     modes : P modes, counted from 1
     order_offset : added to the order of Eq. 3
 
-    Raises InputError for a mode whose order the microphones cannot carry, or without a search domain.
+    Raises InputError for a field that is not 2-D, a mode whose order the microphones cannot carry, or no search domain.
     """
+    if problem.dimension != 2:
+        raise InputError("landscapes are drawn of two-dimensional fields; this measurement has dimension = 3")
     if problem.search is not None:
         require_modes(problem, order_offset, max(modes))
     index = np.asarray(modes) - 1
@@ -91,8 +93,8 @@ def draw_landscape(panels: Panels, truth=None):
         panel.set_title(title)
         figure.colorbar(image, ax=panel, label="cost (dimensionless)")
     _name_axes(axes, count, columns)
-    axes[0].legend(loc="upper right", fontsize="small")
-    figure.suptitle(f"Cost of moving microphone {panels.microphone}")
+    figure.suptitle(f"Cost of moving microphone {panels.microphone}", x=0.02, ha="left")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=2, frameon=False)
     return figure
 
 

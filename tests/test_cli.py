@@ -233,6 +233,7 @@ def test_bad_scene_exits_2(edited, changes, words, tmp_path, refused):
         (lambda t: {"pressures": t["pressures"] * (np.arange(16) > 0)}, ['"0"', "zero"]),
         (lambda t: {"frequencies": t["frequencies"][:-1]}, ["shape", "frequencies"]),
         (lambda t: {"radius": None}, ["search_origin", "radius"]),
+        (lambda t: {"dimension": 3, "array_dimension": 2}, ["two-dimensional", "dimension = 3"]),
         (lambda t: {"dimension": 4}, ["dimension", "2, 3"]),
         (lambda t: {"known": t["known"] + 100}, ["known", "0 to 15"]),
         (lambda t: {"known": t["known"][:2], "known_positions": t["known_positions"][:2]}, ["known = [0, 5]", "three"]),
@@ -242,9 +243,11 @@ def test_bad_scene_exits_2(edited, changes, words, tmp_path, refused):
 def test_bad_measurement_exits_2(altered, made, change, words, refused):
     with np.load(made / "tiny.npz") as archive:
         path = altered(**change(dict(archive)))
-    line = refused("calibrate", path, "-o", "result.json")
-    for word in words:
-        assert word in line
+    for command in (["calibrate", path, "-o", "new.json"], ["landscape", path, "--microphone", 9, "-o", "new.png"]):
+        if command[0] == "calibrate" or "three" not in words:  # a landscape needs no gauge
+            line = refused(*command)
+            for word in words:
+                assert word in line
 
 
 def test_bad_results_exit_2(made, tmp_path, refused):
