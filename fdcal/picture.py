@@ -3,10 +3,12 @@
     backdrop        what stays: room, source, search domain, true and known microphones
     with_estimate   what a step changes: crosses, error lines, the microphone looked at
     paint           costs over the search lattice to a coloured floor and its colour bar
+    with_floor      that floor, and where its lowest cost stands
     compose         all of these at once
 
-True microphones are black circles, estimates red crosses, known microphones blue squares: shapes first, colours that
-colour-blind eyes tell apart second. Each has a white halo, which keeps it legible on the map and on any background.
+True microphones are black circles, estimates red crosses, known microphones blue squares, the lowest cost of the map an
+amber diamond: shapes first, colours that colour-blind eyes tell apart second. Each has a white halo, which keeps it
+legible on the map and on any background.
 Lengths are metres, colours RGB from 0 to 255. Markers are flat and have a size in the room, not on the screen.
 """
 
@@ -27,6 +29,7 @@ from .scene import Scene, Search
 DECADES = 4  # of cost that a logarithmic map shows below its highest value
 LAYERS = 24  # heights in one radius of a marker: what is drawn over the map lies that little above it
 TRUE, ESTIMATE, KNOWN, HALO = (0, 0, 0), (214, 24, 40), (0, 90, 181), (255, 255, 255)
+LOWEST = (255, 176, 0)
 
 
 def compose(
@@ -51,7 +54,17 @@ def compose(
     picture = backdrop(scene, measurement, dark)
     if positions is not None:
         picture = with_estimate(picture, measurement, positions, microphone)
-    return replace(picture, floor=floor, title=title)
+    return replace(with_floor(picture, floor), title=title)
+
+
+def with_floor(picture: Picture, floor: Floor | None) -> Picture:
+    """The picture with a map on the floor and a diamond where its cost is lowest; None takes neither."""
+    if floor is None:
+        return replace(picture, floor=None)
+    reach = 1.3 * picture.marker * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
+    diamond = shapes.loop(reach + floor.minimum, 9 * picture.marker / LAYERS)
+    solids = picture.solids + _strokes("map/minimum", diamond, picture.marker, LOWEST, 0.4, halo=0.25)
+    return replace(picture, floor=floor, solids=solids)
 
 
 def backdrop(scene: Scene | None, measurement: Measurement, dark: bool = False) -> Picture:
@@ -111,6 +124,8 @@ def _name_tag(picture: Picture, text: str, place, towards: float) -> Label:
 def paint(cost, search: Search, log: bool = False, label: str = "cost (dimensionless)") -> Floor:
     """Costs (ny, nx) float64 over the search lattice, row 0 at low y, as colours; a pixel is one lattice cell."""
     cost = np.asarray(cost, float)
+    iy, ix = np.unravel_index(cost.argmin(), cost.shape)
+    minimum = (search.origin[0] + ix * search.step, search.origin[1] + iy * search.step)
     low, high, clipped = float(cost.min()), float(cost.max()), False
     if log:
         high = max(high, np.finfo(float).tiny)
@@ -127,7 +142,7 @@ def paint(cost, search: Search, log: bool = False, label: str = "cost (dimension
     half = search.step / 2
     size = (cost.shape[1] * search.step, cost.shape[0] * search.step)
     origin = (search.origin[0] - half, search.origin[1] - half)
-    return Floor(frozen_array(rgb, np.uint8), origin, size, ColourBar(low, high, log, label, clipped))
+    return Floor(frozen_array(rgb, np.uint8), origin, size, ColourBar(low, high, log, label, clipped), minimum)
 
 
 def headline(measurement: Measurement, positions) -> str:

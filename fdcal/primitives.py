@@ -88,12 +88,16 @@ class ColourBar:
 
 @dataclass(frozen=True)
 class Floor:
-    """A map on the floor: `rgb` (ny, nx, 3) uint8 with row 0 at low y, its lowest corner and size, metres."""
+    """A map on the floor: `rgb` (ny, nx, 3) uint8 with row 0 at low y, its lowest corner and size, metres.
+
+    `minimum` is where its lowest cost stands, metres.
+    """
 
     rgb: np.ndarray
     origin: tuple[float, float]
     size: tuple[float, float]
     bar: ColourBar
+    minimum: tuple[float, float]
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ import pytest
 
 from fdcal import picture, shapes
 from fdcal.measurement import Measurement
-from fdcal.picture import ESTIMATE, HALO, KNOWN, TRUE, backdrop, compose, headline, paint, with_estimate
-from fdcal.primitives import COLOUR_MAP, ColourBar
+from fdcal.picture import ESTIMATE, HALO, KNOWN, TRUE, backdrop, compose, headline, paint, with_estimate, with_floor
+from fdcal.primitives import COLOUR_MAP, LIGHT, ColourBar, Picture
 from fdcal.scene import Search, load_scene
 
 
@@ -154,6 +154,18 @@ def test_the_map_fills_the_search_domain_and_its_row_0_is_low_y():
     np.testing.assert_array_equal(floor.rgb[-1, -1], ends[1])
     assert (floor.bar.low, floor.bar.high, floor.bar.clipped) == (0.0, 14.0, False)
     assert "dimensionless" in floor.bar.label
+
+
+def test_a_diamond_stands_where_the_cost_is_lowest():
+    search = Search(origin=(1.0, 2.0), size=(0.4, 0.2), step=0.1)
+    cost = np.ones((3, 5))
+    cost[1, 3] = 0.5
+    floor = paint(cost, search)
+    np.testing.assert_allclose(floor.minimum, (1.3, 2.1))
+    bare = Picture(LIGHT, (1.0, 2.0, 1.4, 2.2), (1.0, 2.0, 1.4, 2.2), 0.01)
+    diamond = next(solid for solid in with_floor(bare, floor).solids if solid.name == "map/minimum")
+    np.testing.assert_allclose(diamond.vertices.mean(axis=0)[:2], floor.minimum, atol=1e-6)
+    assert with_floor(bare, None).solids == ()
 
 
 def test_a_logarithmic_map_keeps_its_order_and_owns_up_to_clipping():

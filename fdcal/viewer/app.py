@@ -14,7 +14,7 @@ import viser
 
 from ..cost import usable_modes
 from ..offscreen import render_png
-from ..picture import Floor, Picture, backdrop, headline, paint, with_estimate
+from ..picture import Floor, Picture, backdrop, headline, paint, with_estimate, with_floor
 from ..scene import Scene
 from ..session import LatestWorker
 from . import words
@@ -186,7 +186,7 @@ class Viewer:
             self._still[choices.dark] = backdrop(self._work.scene, self._work.measurement, choices.dark)
         still = self._still[choices.dark]
         picture = with_estimate(still, self._work.measurement, state.positions, choices.microphone)
-        return replace(picture, floor=floor)
+        return with_floor(picture, floor)
 
     def _ask_for_export(self, client: viser.ClientHandle, choices: Choices) -> None:
         state, measurement = self._work.session.view.state, self._work.measurement

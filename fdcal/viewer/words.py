@@ -10,7 +10,7 @@ import numpy as np
 from ..gauge import position_errors
 from ..history import SessionView
 from ..measurement import Measurement
-from ..picture import ESTIMATE, KNOWN, millimetres
+from ..picture import ESTIMATE, KNOWN, LOWEST, millimetres
 from ..primitives import COLOUR_MAP, ColourBar
 
 CARD = "padding: 0.15em 0.75em; font-size: 0.86em; line-height: 1.5;"
@@ -72,6 +72,7 @@ def waiting(title: str, text: str) -> str:
 
 def legend() -> str:
     """What the markers mean."""
+    diamond = "<path d='M9 3L15 9L9 15L3 9Z' fill='none'"
     circle, cross, white = (
         "<circle cx='9' cy='9' r='5.5' fill='none'",
         "<path d='M4 4L14 14M14 4L4 14'",
@@ -82,6 +83,7 @@ def legend() -> str:
         "estimate": f"{cross} {white} stroke-width='5.5'/>{cross} stroke='{_css(ESTIMATE)}' stroke-width='2.6'/>",
         "known": "<rect x='3' y='3' width='12' height='12' fill='#fff'/>"
         f"<rect x='5' y='5' width='8' height='8' fill='{_css(KNOWN)}'/>",
+        "lowest cost": f"{diamond} {white} stroke-width='4.5'/>{diamond} stroke='{_css(LOWEST)}' stroke-width='2.4'/>",
     }
     items = "".join(
         "<span style='white-space: nowrap; margin-right: 1.1em'>"
