@@ -44,6 +44,8 @@ class Room:
     sound_speed: float = 343.0
     cell: float = 0.02  # h, edge of one FDTD cell
 
+    OPTIONAL: typing.ClassVar = ("size", "outline", "admittance")  # in a scene file; the checks below say when
+
     def __post_init__(self):
         require_positive("room.sound_speed", self.sound_speed, "m/s")
         require_positive("room.cell", self.cell, "m")
@@ -130,6 +132,7 @@ class Array:
     random: int = 0  # rectangle+random: extra microphones inside `size`
     positions: tuple[Point, ...] | None = None  # positions: one microphone a row
 
+    OPTIONAL: typing.ClassVar = ("center", "count", "radius", "shape", "size", "random", "positions")
     NEEDS: typing.ClassVar = {
         "circle": ("count", "radius"),
         "rectangle": ("shape", "size"),
@@ -201,6 +204,8 @@ class Gauge:
 
     known: tuple[int, ...] | None = None
     free: tuple[int, ...] | None = None
+
+    OPTIONAL: typing.ClassVar = ("known", "free")
 
     def __post_init__(self):
         if (self.known is None) == (self.free is None):
@@ -283,6 +288,8 @@ class Scene:
     measurement: Sensing = field(default_factory=Sensing)
     solver: Solver = field(default_factory=Solver)
     seed: int = 0
+
+    OPTIONAL: typing.ClassVar = ("name", "title")  # load_scene gives the name of the file
 
     def __post_init__(self):
         if self.seed < 0:

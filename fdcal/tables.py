@@ -1,4 +1,8 @@
-"""A frozen dataclass from a TOML table: every key known, present and of its type."""
+"""A frozen dataclass from a TOML table: every key known, present and of its type.
+
+Defaults are for Python alone: a table gives every field but those that its class names in OPTIONAL, so that no
+constant of a run is decided out of sight.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +19,7 @@ def build(cls, table: dict, prefix: str = ""):
 
     Parameters
     ----------
-    cls : dataclass of str, int, float, tuples of these, or dataclasses
+    cls : dataclass of str, int, float, tuples of these, or dataclasses; its OPTIONAL names what may be left out
     table : dict, as tomllib reads it
     prefix : what messages put before a key, such as "room."
 
@@ -31,9 +35,8 @@ def build(cls, table: dict, prefix: str = ""):
             near = difflib.get_close_matches(key, fields, 1)
             remedy = f'did you mean "{prefix}{near[0]}"?' if near else f"known keys: {', '.join(fields)}"
             raise InputError(f"{prefix}{key} is not a key of a scene; {remedy}")
-    for key, f in fields.items():
-        required = f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
-        if required and key not in table:
+    for key in fields:
+        if key not in table and key not in getattr(cls, "OPTIONAL", ()):
             raise InputError(f"{prefix}{key} is missing; add it to the scene")
     return cls(**{key: _convert(hints[key], value, f"{prefix}{key}") for key, value in table.items()})
 

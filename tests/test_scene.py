@@ -101,6 +101,31 @@ def test_bad_scene_names_key_value_and_remedy(edited, changes, words):
         assert word in message
 
 
+@pytest.mark.parametrize(
+    "key",
+    ["seed", "room.walls", "room.sound_speed", "room.cell"]
+    + [f"source.{name}" for name in ("position", "low", "high", "sample_rate", "duration")]
+    + ["array.geometry", "search.origin", "search.size", "search.step", "search.radius"]
+    + [f"measurement.{name}" for name in ("snr_db", "lowest", "highest", "prominence_db", "resolution", "wavenumber")]
+    + [f"solver.{name}" for name in ("name", "modes", "first_modes", "order_offset", "ample_modes", "known_weight")]
+    + ["solver.weights", "solver.max_sweeps"],
+)
+def test_a_missing_key_is_named_and_no_default_steps_in(edited, key):
+    with pytest.raises(InputError, match=rf"{key} is missing; add it"):
+        load_scene(edited({key: None}))
+
+
+@pytest.mark.parametrize("table", ["room", "source", "array", "search", "gauge", "measurement", "solver"])
+def test_a_missing_table_is_named(edited, table):
+    path = edited({})
+    whole = path.read_text()
+    start = whole.index(f"[{table}]")
+    end = whole.find("\n[", start)
+    path.write_text(whole[:start] + (whole[end + 1 :] if end >= 0 else ""))
+    with pytest.raises(InputError, match=rf"{table} is missing; add it"):
+        load_scene(path)
+
+
 def test_unknown_scene_lists_the_known_ones():
     with pytest.raises(InputError, match=r'"nowhere" is unknown.*array1_circle'):
         load_scene("nowhere")
