@@ -116,7 +116,7 @@ def simulate(scene: str, output: str, force: bool):
     """Simulate a scene and write what its microphones measured."""
     path = arguments.output_path(output, ".npz", force)
     measurement = _simulated(scene).measurement
-    from .measurement import save_measurement
+    from .measurement_file import save_measurement
     from .store import write_atomically
 
     write_atomically(path, lambda file: save_measurement(measurement, file), force)

@@ -27,7 +27,8 @@ import platformdirs
 
 from .arrays import positions_of
 from .checks import InputError, StorageError
-from .measurement import Measurement, load_measurement, measure, require_measurable, save_measurement
+from .measurement import Measurement, measure, require_measurable
+from .measurement_file import load_measurement, save_measurement
 from .scene import Scene
 
 SCHEME = 1  # raise it with every change to what simulation or spectrum compute: older cache files are then ignored

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from fdcal.cli import main
-from fdcal.measurement import load_measurement
+from fdcal.measurement_file import load_measurement
 from fdcal.scene import load_scene
 
 FDCAL = [sys.executable, "-m", "fdcal"]

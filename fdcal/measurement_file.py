@@ -1,0 +1,77 @@
+"""The .npz file of a measurement: a public contract (README, "The measurement file").
+
+save_measurement, load_measurement    the keys, which are those of `fdcal.measurement.Measurement`
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from .checks import InputError, StorageError
+from .measurement import Measurement
+from .scene import Search
+
+REQUIRED = ("frequencies", "pressures", "sound_speed", "dimension")
+SEARCH = ("search_origin", "search_size", "search_step", "radius")
+OPTIONAL = ("array_dimension", "wavenumbers", "noise_power", "names", "positions", "known", "known_positions")
+
+
+def save_measurement(measurement: Measurement, file) -> None:
+    """Write `measurement` to an open binary `file` or a path, as .npz (see `load_measurement` for the keys)."""
+    table = {key: getattr(measurement, key) for key in REQUIRED + OPTIONAL}
+    table["names"] = np.array(measurement.names)
+    if measurement.search is not None:
+        s = measurement.search
+        table |= dict(zip(SEARCH, (s.origin, s.size, s.step, s.radius), strict=True))
+    table = {key: value for key, value in table.items() if value is not None}
+    if isinstance(file, (str, Path)):
+        with open(file, "wb") as stream:  # given a name, NumPy would add .npz to it
+            np.savez_compressed(stream, **table)
+    else:
+        np.savez_compressed(file, **table)
+
+
+def load_measurement(path: str | Path) -> Measurement:
+    """Measurement from an .npz file.
+
+    Keys: `frequencies` (M,) Hz, `pressures` (M, N) complex, `sound_speed` m/s, `dimension`; optionally
+    `array_dimension`, `wavenumbers` (M,) complex rad/m, `noise_power` (M,), `names` (N,), `positions` (N, D) m,
+    `known` (A,) with `known_positions` (A, D) m, and all or none of `search_origin`, `search_size`,
+    `search_step`, `radius`, m.
+
+    Raises StorageError if the file cannot be read, InputError if it does not hold a measurement.
+    """
+    table = _read_arrays(path)
+    for key in REQUIRED:
+        if key not in table:
+            raise InputError(f'{path} has no "{key}"; a measurement needs {", ".join(REQUIRED)}')
+    given = [key for key in SEARCH if key in table]
+    if given and len(given) < len(SEARCH):
+        raise InputError(f"{path} has {', '.join(given)} alone; a search domain needs {', '.join(SEARCH)}")
+    try:
+        search = None
+        if given:
+            origin, size, step, radius = (np.asarray(table[key], dtype=float) for key in SEARCH)
+            search = Search(tuple(origin.tolist()), tuple(size.tolist()), float(step), float(radius))
+        fields = {key: table[key] for key in OPTIONAL + REQUIRED if key in table}
+        for key in ("sound_speed", "dimension", "array_dimension"):
+            if key in fields:
+                fields[key] = np.asarray(fields[key]).item()
+        return Measurement(**fields, search=search)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{path}: an array has the wrong type or shape ({error})") from error
+
+
+def _read_arrays(path: str | Path) -> dict[str, np.ndarray]:
+    """Every array of an .npz file; no pickled objects."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return {key: archive[key] for key in archive.files}
+    except (FileNotFoundError, PermissionError, IsADirectoryError) as error:
+        raise StorageError(f"cannot read {path}: {error.strerror}") from error
+    except Exception as error:  # a damaged archive raises anything from zipfile, zlib or NumPy
+        raise InputError(f"{path} is not an .npz file that can be read ({type(error).__name__})") from error
