@@ -18,8 +18,8 @@ import numpy as np
 from .arrays import positions_of
 from .checks import InputError
 from .cost import lattice_of, require_modes
-from .gauge import position_errors
-from .measurement import Measurement, require_measurable
+from .gauge import align, position_errors
+from .measurement import Measurement
 from .measurement_file import load_measurement
 from .scene import Scene, Solver, load_scene
 
@@ -82,7 +82,8 @@ def solve(given: Given, progress: Progress | None = None) -> dict:
     Returns
     -------
     dict, what a result file holds: positions (N, D) list, metres; solver; seed; frequencies used, Hz; cost,
-    dimensionless; sweeps; elapsed_s; converged; mean_error_m and max_error_m over all microphones, None without truth
+    dimensionless; sweeps; elapsed_s; converged; mean_error_m and max_error_m over all microphones, None without truth;
+    aligned, whether the errors are those after the best rigid motion, since no microphone was known
 
     Raises InputError where the solver cannot start, and whatever `progress` raises to stop the run.
     """
@@ -93,8 +94,9 @@ def solve(given: Given, progress: Progress | None = None) -> dict:
     for state in run(problem, given.settings, given.seed):
         if progress is not None:
             progress(state.last / last, f"{state.last} modes, sweep {state.sweep}, cost {state.cost:.3g}")
-    truth = given.measurement.positions
-    errors = None if truth is None else position_errors(state.positions, truth)
+    truth, blind = given.measurement.positions, not len(given.measurement.known)
+    placed = align(state.positions, truth) if blind and truth is not None else state.positions
+    errors = None if truth is None else position_errors(placed, truth)
     return {
         "positions": state.positions.tolist(),
         "solver": given.settings.name,
@@ -106,6 +108,7 @@ def solve(given: Given, progress: Progress | None = None) -> dict:
         "converged": bool(state.converged),
         "mean_error_m": None if errors is None else float(errors.mean()),
         "max_error_m": None if errors is None else float(errors.max()),
+        "aligned": blind and truth is not None,
     }
 
 
@@ -121,6 +124,7 @@ def summary(given: Given, result: dict) -> str:
     if result["mean_error_m"] is not None:
         mean, largest = (round(1e3 * result[key], 3) for key in ("mean_error_m", "max_error_m"))
         error = f"mean {mean:.3g} mm, largest {largest:.3g} mm over all {count} microphones"
+        error += ", moved as a whole onto the truth" if result["aligned"] else ""
     lines = (
         f"{given.name}: {free} of {count} microphones sought by {result['solver']}, seed {result['seed']}",
         f"modes   {len(f)}, {f[0]:.1f} to {f[-1]:.1f} Hz",

@@ -29,6 +29,7 @@ ROOMS = [
     ["store"],
     ["cost"],
     ["candidates"],
+    ["likelihood"],
     ["solvers"],
     ["verdict"],
     ["formats"],

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 from ..checks import require_choice
 
-HELPERS = ("starts",)  # modules here that are no solvers
+HELPERS = ("newton", "starts")  # modules here that are no solvers
 
 
 def names() -> list[str]:

@@ -1,0 +1,116 @@
+"""Laws of the Gaussian likelihood."""
+
+import numpy as np
+import pytest
+from fields import measured
+
+from fdcal.likelihood import (
+    DiffuseField,
+    diffuse_field,
+    kernel,
+    kernel_slope_over_z,
+    likelihood,
+    likelihood_landscape,
+    newton_terms,
+    noise_ratio,
+)
+
+TRUTH = np.random.default_rng(3).uniform(-0.5, 0.5, (20, 2)) + [2.61, 2.31]
+PROBLEM = measured(TRUTH, [0, 1, 2], highest=200.0, snr_db=30).problem()
+RATIO = 1e-3
+
+
+def field_and_guess(dimension):
+    """The room's field for 2-D; for 3-D the pressures do not fit the kernel, which no law below minds."""
+    power = np.mean(np.abs(PROBLEM.pressures) ** 2, axis=1)
+    field = diffuse_field(PROBLEM.pressures, PROBLEM.wavenumbers, RATIO * power, dimension)
+    rng = np.random.default_rng(4)
+    guess = np.column_stack([TRUTH, rng.uniform(-0.3, 0.3, len(TRUTH))])[:, :dimension]
+    return field, guess + rng.normal(0, 0.03, guess.shape)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_kernel_slope_is_the_derivative(dimension):
+    z, h = np.linspace(0.05, 12, 60), 1e-6
+    difference = (kernel(z + h, dimension) - kernel(z - h, dimension)) / (2 * h)
+    np.testing.assert_allclose(kernel_slope_over_z(z, dimension) * z, difference, atol=1e-8)
+    assert kernel_slope_over_z(np.zeros(1), dimension)[0] == pytest.approx(-1 / dimension)
+    joint = kernel_slope_over_z(np.array([0.99e-4, 1.01e-4]), dimension)
+    assert joint[0] == pytest.approx(joint[1], rel=1e-6)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_gradient_is_the_limit_of_differences(dimension):
+    field, guess = field_and_guess(dimension)
+    cost, gradient, _ = newton_terms(guess, PROBLEM.pressures, field)
+    assert cost == pytest.approx(likelihood(guess, PROBLEM.pressures, field).sum(), rel=1e-9)
+    for i, a in ((0, 0), (7, 1), (13, dimension - 1)):
+        h = np.zeros_like(guess)
+        h[i, a] = 1e-6
+        there, back = (likelihood(guess + s * h, PROBLEM.pressures, field).sum() for s in (1, -1))
+        assert gradient[i, a] == pytest.approx((there - back) / 2e-6, rel=1e-4)
+
+
+def draws(ratio, count):
+    """Pressures drawn from the model itself, of unit power, `ratio` of it noise, at the true positions."""
+    rng = np.random.default_rng(int(100 * ratio))
+    distance = np.linalg.norm(TRUTH[:, None] - TRUTH[None], axis=-1)
+    C = (1 - ratio) * kernel(PROBLEM.wavenumbers.real[:, None, None] * distance, 2) + ratio * np.eye(len(TRUTH))
+    G = np.linalg.cholesky(C)
+    for _ in range(count):
+        re, im = rng.standard_normal((2, *PROBLEM.pressures.shape, 1)) / np.sqrt(2)
+        yield (G @ (re + 1j * im))[..., 0]
+
+
+def test_curvature_is_the_hessian_in_the_mean():
+    ratios, h = [], 1e-5
+    for p in draws(RATIO, 4):
+        M = len(p)
+        field = DiffuseField(PROBLEM.wavenumbers.real, np.full(M, 1 - RATIO), np.full(M, RATIO), 2)
+        moves = h * np.eye(40).reshape(40, 20, 2)
+        slopes = [(newton_terms(TRUTH + d, p, field)[1], newton_terms(TRUTH - d, p, field)[1]) for d in moves]
+        hessian = np.array([(there - back).ravel() / (2 * h) for there, back in slopes])
+        ratios.append(np.trace(hessian) / np.trace(newton_terms(TRUTH, p, field)[2].reshape(40, 40)))
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_cost_does_not_change_under_rigid_motion_and_mirror(dimension):
+    field, guess = field_and_guess(dimension)
+    Q = np.linalg.qr(np.random.default_rng(1).normal(size=(dimension, dimension)))[0]
+    Q[:, 0] *= -1
+    here = likelihood(guess, PROBLEM.pressures, field)
+    np.testing.assert_allclose(likelihood(guess @ Q + 3.0, PROBLEM.pressures, field), here, rtol=1e-8)
+
+
+def test_landscape_is_the_likelihood_with_the_microphone_there():
+    field, guess = field_and_guess(2)
+    candidates = np.random.default_rng(5).uniform(-0.6, 0.6, (9, 2)) + TRUTH.mean(axis=0)
+    costs = likelihood_landscape(guess, 6, candidates, PROBLEM.pressures, field)
+    assert np.all(costs >= 0)
+    for c, candidate in enumerate(candidates):
+        moved = guess.copy()
+        moved[6] = candidate
+        np.testing.assert_allclose(costs[:, c], likelihood(moved, PROBLEM.pressures, field), rtol=1e-8)
+
+
+def test_there_is_no_trap_at_infinity():
+    """Far away the kernel explains anything, but the log-determinant makes it pay."""
+    field, _ = field_and_guess(2)
+    here = likelihood(TRUTH, PROBLEM.pressures, field).sum()
+    for factor in (3.0, 10.0, 100.0):
+        assert likelihood(factor * TRUTH, PROBLEM.pressures, field).sum() > here
+    flown = TRUTH.copy()
+    flown[4] += 50.0
+    assert likelihood(flown, PROBLEM.pressures, field).sum() > here
+
+
+@pytest.mark.parametrize("ratio", [1e-1, 1e-2, 1e-3])
+def test_the_noise_is_recovered_at_the_true_positions(ratio):
+    """Each mode has the same share of noise, whatever power its field was drawn with."""
+    found = []
+    for field, noise in zip(draws(1e-9, 10), draws(1.0, 10), strict=True):
+        field = field / np.sqrt(np.mean(np.abs(field) ** 2, axis=1, keepdims=True))
+        p = np.sqrt(1 - ratio) * field + np.sqrt(ratio) * noise
+        found.append(noise_ratio(TRUTH, p, PROBLEM.wavenumbers, 2))
+    assert np.mean(found) == pytest.approx(ratio, rel=0.15)
