@@ -7,7 +7,7 @@
     landscape cost over candidate positions of one microphone, all others held
 
 The landscape is the descent's step, the picture on the screen and the tests' oracle: with microphone n left out,
-W_-n = Q S, Z = S^-1, alpha = Z Q^H p_-n and r0 = |p_-n - W_-n alpha|^2, the cost with microphone n at x is
+W_-n = Q S, Z = S^-1, alpha = Z Z^H W_-n^H p_-n and r0 = |p_-n - W_-n alpha|^2, the cost with microphone n at x is
 
     cost(x) = r0 + |p_n - w(x) alpha|^2 / (1 + |w(x) Z|^2),
 
@@ -128,16 +128,22 @@ def _fit(W: np.ndarray, p: np.ndarray, tikhonov: float):
         p = np.concatenate([p, np.zeros((batch, width))], axis=1)
     if W.shape[1] < width:
         raise InputError(f"an expansion of {width} functions (2L + 1) needs more than {W.shape[1]} microphones")
-    Q, S = np.linalg.qr(W)
+    S = np.linalg.qr(W, mode="r")
     diagonal = np.abs(np.diagonal(S, axis1=1, axis2=2))
     deficient = diagonal.min(axis=1) <= RANK_TOLERANCE * diagonal.max(axis=1)
     S[deficient] = np.eye(width)
     Z = np.linalg.inv(S)
-    alpha = (Z @ (Q.conj().swapaxes(1, 2) @ p[..., None]))[..., 0]
+    alpha = _solve(W, Z, p)
+    alpha += _solve(W, Z, p - (W @ alpha[..., None])[..., 0])  # makes up for doing without Q, which costs more than S
     for b in np.flatnonzero(deficient):
         Z[b], alpha[b] = _reduced_fit(W[b], p[b])
     r0 = np.sum(np.abs(p - (W @ alpha[..., None])[..., 0]) ** 2, axis=1)
     return Z, alpha, r0, ~deficient
+
+
+def _solve(W: np.ndarray, Z: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """(W^H W)^-1 W^H p of a batch, Z Z^H being the inverse."""
+    return (Z @ (Z.conj().swapaxes(1, 2) @ (W.conj().swapaxes(1, 2) @ p[..., None])))[..., 0]
 
 
 def _reduced_fit(W: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

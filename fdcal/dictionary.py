@@ -166,9 +166,6 @@ class Lattice:
             W[m][~on] = fourier_bessel(positions[~on], self.wavenumbers[m], int(self.orders[m]), centre)
         return [W[m] for m in modes.tolist()]
 
-    def _orders_of(self, modes):
-        return [(m, int(self.orders[m])) for m in modes]
-
 
 def bessel_orders(z: np.ndarray, order: int) -> np.ndarray:
     """J_0..J_L at every z : (U, L + 1) complex128, by the recurrence from the two highest orders down.

@@ -89,6 +89,7 @@ def solve(given: Given, progress: Progress | None = None) -> dict:
     """
     from .solvers import run
 
+    _require_reachable(given.measurement)
     problem, last = given.measurement.problem(given.settings.weights), given.settings.modes
     start = time.perf_counter()
     for state in run(problem, given.settings, given.seed):
@@ -110,6 +111,21 @@ def solve(given: Given, progress: Progress | None = None) -> dict:
         "max_error_m": None if errors is None else float(errors.max()),
         "aligned": blind and truth is not None,
     }
+
+
+def _require_reachable(measurement: Measurement) -> None:
+    """Raise InputError where the truth, if it is told, lies outside the search domain: it could never be found."""
+    if measurement.positions is None or measurement.search is None:
+        return
+    search, free = measurement.search, np.setdiff1d(np.arange(measurement.count), measurement.known)
+    low, high = np.array(search.origin) - search.step, np.add(search.origin, search.size) + search.step
+    truth = measurement.positions[free]
+    outside = free[np.any((truth < low) | (truth > high), axis=1)]
+    if len(outside):
+        raise InputError(
+            f"microphone {outside[0]} stands at {measurement.positions[outside[0]].tolist()} m, outside the search"
+            f" domain of origin {list(search.origin)} m and size {list(search.size)} m; enlarge or move it"
+        )
 
 
 def summary(given: Given, result: dict) -> str:
@@ -136,14 +152,17 @@ def summary(given: Given, result: dict) -> str:
 
 
 def joint_landscape(given: Given, positions, n: int, modes: int) -> np.ndarray:
-    """Cost of the `modes` lowest modes together, microphone `n` moved over the search lattice : (ny, nx) float64."""
+    """What a step of descent on microphone `n` minimises, the `modes` lowest modes together : (ny, nx) float64."""
     from .candidates import lattice_landscape  # compiled code, which reading a file does without
+    from .solvers.descent import order_offset_of
 
-    problem, offset = given.measurement.problem(given.settings.weights), given.settings.order_offset
+    problem, settings = given.measurement.problem(given.settings.weights), given.settings
+    offset = order_offset_of(settings, modes)
     require_modes(problem, offset, modes)
     lattice = lattice_of(problem, offset)
     centre = lattice.nearest(np.mean(positions, axis=0))
-    return lattice_landscape(problem, lattice, positions, n, centre, slice(0, modes)).sum(axis=0)
+    maps = lattice_landscape(problem, lattice, positions, n, centre, slice(0, modes), settings.known_weight)
+    return maps.sum(axis=0)
 
 
 def positions_from(measurement: Measurement, result: dict | None) -> np.ndarray:

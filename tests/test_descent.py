@@ -109,6 +109,28 @@ def test_modes_by_hand():
         descent.use_modes(PROBLEM, state, 1, 10_000, automatic=False)
 
 
+def test_trapped_means_a_whole_sweep_with_the_modes_in_use():
+    """Modes changed in mid-sweep: what converges has left no microphone that would still move."""
+    state = all_states()[-1]
+    for turn in range(1, len(PROBLEM.free)):
+        midway = replace(state, turn=turn, finished=False, last=6)
+        end = descent.use_modes(PROBLEM, midway, 1, 8, automatic=False)
+        while not end.finished:
+            end = descent.step(PROBLEM, end)
+        assert end.converged and end.step - midway.step >= len(PROBLEM.free)
+
+
+def test_known_microphones_far_from_the_search_domain_are_refused():
+    elsewhere = replace(PROBLEM, known_positions=PROBLEM.known_positions + 5.0)
+    with pytest.raises(InputError, match="search domain"):
+        descent.init(elsewhere, SETTINGS, 0)
+
+
+def test_fewer_candidates_than_microphones_are_refused():
+    with pytest.raises(InputError, match=r"search\.step"):
+        descent.init(replace(PROBLEM, search=Search((2.01, 1.71), (0.2, 0.2), 0.1, 0.8)), SETTINGS, 0)
+
+
 def test_a_problem_without_search_domain_is_refused():
     with pytest.raises(InputError, match="search domain"):
         descent.init(replace(PROBLEM, search=None), SETTINGS, 0)

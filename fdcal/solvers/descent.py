@@ -63,8 +63,8 @@ class State:
 
     @property
     def order_offset(self) -> int:
-        """Added to ceil(kR): nothing while few modes are in use, which a richer expansion fits at any positions."""
-        return self.settings.order_offset if self.last >= self.settings.ample_modes else 0
+        """Added to ceil(kR), see `order_offset_of`."""
+        return order_offset_of(self.settings, self.last)
 
     @property
     def modes(self) -> slice:
@@ -72,18 +72,17 @@ class State:
         return slice(self.first - 1, self.last)
 
 
+def order_offset_of(settings: Solver, modes: int) -> int:
+    """Added to ceil(kR): nothing while few modes are in use, which a richer expansion fits at any positions."""
+    return settings.order_offset if modes >= settings.ample_modes else 0
+
+
 def init(problem: Problem, settings: Solver, seed: int) -> State:
     """Free microphones at random on the search lattice, known ones in their places, the lowest modes in use.
 
     Raises InputError without a search domain, or where the modes of `settings` cannot be carried.
     """
-    if problem.search is None or problem.dimension != 2:
-        _refuse(problem)
-    if not fixes_gauge(problem.known_positions):
-        raise InputError(
-            f"known = {problem.known.tolist()} does not fix translation, rotation and mirror; descent needs at least"
-            " three known microphones that are not on one line"
-        )
+    _require_solvable(problem)
     require_modes(problem, settings.order_offset, settings.modes)
     lattice = lattice_of(problem, settings.order_offset)
     rng = np.random.default_rng([seed, 0])
@@ -145,7 +144,15 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
         raise InputError(f"modes {first} to {last} are no range; the first is 1")
     require_modes(problem, state.settings.order_offset, last)
     changed = replace(
-        state, first=first, last=last, automatic=automatic, stage_sweeps=0, finished=False, converged=False
+        state,
+        first=first,
+        last=last,
+        automatic=automatic,
+        turn=0,  # a whole sweep with the new modes, before anything is called trapped
+        stage_sweeps=0,
+        changed=False,
+        finished=False,
+        converged=False,
     )
     return replace(changed, cost=_cost(problem, changed))
 
@@ -159,10 +166,30 @@ def landscape(problem: Problem, state: State, n: int, modes: slice) -> np.ndarra
     return lattice_landscape(problem, lattice, state.positions, n, state.centre, modes, weight)
 
 
-def _refuse(problem: Problem):
+def _require_solvable(problem: Problem) -> None:
+    """Raise InputError for what descent cannot work on."""
+    search, count = problem.search, problem.pressures.shape[1]
     if problem.dimension != 2:
         raise InputError("descent works on two-dimensional fields; this measurement has dimension = 3")
-    raise InputError("the measurement has no search domain; give --search ORIGIN,SIZE,STEP and --radius R")
+    if search is None:
+        raise InputError("the measurement has no search domain; give --search ORIGIN,SIZE,STEP and --radius R")
+    if not fixes_gauge(problem.known_positions):
+        raise InputError(
+            f"known = {problem.known.tolist()} does not fix translation, rotation and mirror; descent needs at least"
+            " three known microphones that are not on one line"
+        )
+    if np.prod(search.shape) < count:
+        raise InputError(
+            f"search.step = {search.step:g} m leaves {np.prod(search.shape)} candidates for {count} microphones;"
+            " use a smaller step or a larger search.size"
+        )
+    low, high = np.array(search.origin) - search.radius, np.add(search.origin, search.size) + search.radius
+    far = np.flatnonzero(np.any((problem.known_positions < low) | (problem.known_positions > high), axis=1))
+    if len(far):
+        raise InputError(
+            f"known microphone {problem.known[far[0]]} at {problem.known_positions[far[0]].tolist()} m is further than"
+            f" search.radius = {search.radius:g} m from the search domain; move search.origin"
+        )
 
 
 def _turns(problem: Problem, state: State) -> np.ndarray:
