@@ -19,7 +19,7 @@ from .arrays import positions_of
 from .checks import InputError
 from .cost import lattice_of, require_modes
 from .gauge import align, position_errors
-from .measurement import Measurement
+from .measurement import Measurement, require_measurable
 from .measurement_file import load_measurement
 from .scene import Scene, Solver, load_scene
 
