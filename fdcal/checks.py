@@ -25,6 +25,43 @@ def frozen_array(values, dtype) -> np.ndarray:
     return array
 
 
+# Kinds of array: the dtype kinds that hold one without loss, what it is called, and the dtype it gets.
+KINDS = {
+    "real": ("fiu", "real numbers", np.float64),
+    "complex": ("c", "complex numbers", np.complex128),
+    "number": ("fiuc", "numbers", np.complex128),
+    "index": ("iu", "whole numbers", np.int64),
+    "text": ("U", "texts", np.str_),
+}
+
+
+def require_array(key: str, values, kind: str, shape: tuple[int | None, ...], unit: str = "") -> np.ndarray:
+    """`values` as a read-only array; InputError unless they are of the kind and shape, and finite.
+
+    Parameters
+    ----------
+    key : what messages call it
+    kind : a key of KINDS; nothing is rounded or cut off to make it fit, but an empty array is of every kind
+    shape : lengths along each axis, None where any will do; () for a single value
+    unit : what messages call one of the numbers
+    """
+    letters, words, dtype = KINDS[kind]
+    wanted = f"({', '.join('any' if n is None else str(n) for n in shape)}{',' * (len(shape) == 1)})"
+    remedy = f"give {words}{unit and ', ' + unit}, of shape {wanted}" if shape else f"give one of {words}"
+    try:
+        array = np.asarray(values)
+    except ValueError as error:
+        raise InputError(f"{key} has rows of different lengths; {remedy}") from error
+    if array.size and array.dtype.kind not in letters:
+        sort = {"f": "real", "c": "complex", "b": "true or false", "U": "text"}.get(array.dtype.kind, array.dtype.name)
+        raise InputError(f"{key} is {sort} ({array.dtype}); {remedy}")
+    if array.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True)):
+        raise InputError(f"{key} has shape {array.shape}; {remedy}")
+    if kind != "text":
+        require_finite(key, array)
+    return frozen_array(array, dtype)
+
+
 def require_positive(key: str, value: float, unit: str = "") -> None:
     """Raise InputError unless `value` is finite and above zero."""
     if not (math.isfinite(value) and value > 0):

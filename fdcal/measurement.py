@@ -12,8 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from .arrays import positions_of
-from .checks import InputError, frozen_array, require_choice, require_finite, require_positive
+from .checks import InputError, frozen_array, require_array, require_choice, require_positive
 from .scene import Scene, Search
+
+ROUNDING = 1e-9  # of a wavenumber: an imaginary part this small may have either sign
+FAINTEST, LOUDEST = 1e-100, 1e100  # pressures whose squares, summed, can be used as they are
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +90,8 @@ class Measurement:
 
     def __post_init__(self):
         _fill_defaults(self)
+        _check_search(self)
         _check_pressures(self)
-        _check_positions(self)
 
     @property
     def count(self) -> int:
@@ -98,11 +101,10 @@ class Measurement:
     def problem(self, weights: str = "unit") -> Problem:
         """What a solver sees: modes of unit RMS (`weights = "unit"`), or as measured ("raw", the paper's)."""
         require_choice("weights", weights, ("unit", "raw"))
-        power = np.mean(np.abs(self.pressures) ** 2, axis=1) if weights == "unit" else np.ones(len(self.frequencies))
-        noise = None if self.noise_power is None else frozen_array(self.noise_power / power, float)
+        pressures, noise = self._unit_modes() if weights == "unit" else self._raw_modes()
         return Problem(
-            pressures=frozen_array(self.pressures / np.sqrt(power)[:, None], complex),
-            noise_power=noise,
+            pressures=frozen_array(pressures, complex),
+            noise_power=None if noise is None else frozen_array(noise, float),
             **{
                 name: getattr(self, name)
                 for name in (
@@ -118,91 +120,112 @@ class Measurement:
             },
         )
 
+    def _unit_modes(self) -> tuple[np.ndarray, np.ndarray | None]:
+        """Pressures (M, N) of unit RMS and their noise power (M,), whatever the unit.
+
+        Divided by a power of two first, which rounds nothing and keeps the squares within the range of floats.
+        """
+        _, exponent = np.frexp(_largest(self.pressures))
+        pressures = np.empty_like(self.pressures)
+        pressures.real = np.ldexp(self.pressures.real, -exponent[:, None])
+        pressures.imag = np.ldexp(self.pressures.imag, -exponent[:, None])
+        power = np.mean(np.abs(pressures) ** 2, axis=1)
+        noise = None if self.noise_power is None else np.ldexp(self.noise_power, -2 * exponent) / power
+        return pressures / np.sqrt(power)[:, None], noise
+
+    def _raw_modes(self) -> tuple[np.ndarray, np.ndarray | None]:
+        """Pressures and noise power as measured; InputError where a cost of them would leave the range of floats."""
+        largest = _largest(self.pressures)
+        for value in (largest.min(), largest.max()):
+            if not FAINTEST <= value <= LOUDEST:
+                raise InputError(
+                    f'pressures of {value:.3g} cannot be squared with solver.weights = "raw"; use another unit, between'
+                    f' {FAINTEST:g} and {LOUDEST:g}, or solver.weights = "unit"'
+                )
+        return self.pressures, self.noise_power
+
+
+def _largest(pressures: np.ndarray) -> np.ndarray:
+    """Largest real or imaginary part of each mode : (M,) float64; the modulus of it could overflow."""
+    return np.maximum(np.abs(pressures.real), np.abs(pressures.imag)).max(axis=1)
+
 
 def _fill_defaults(m: Measurement) -> None:
-    """Cast every array of `m` to its type and fill in what follows from the rest."""
+    """Check kind and shape of every array of `m`, and fill in what follows from the rest."""
     put = lambda name, value: object.__setattr__(m, name, value)  # noqa: E731
-    if not np.iscomplexobj(m.pressures):
-        raise InputError("pressures are real; give complex pressures (the transform at each frequency), shape (M, N)")
-    put("frequencies", frozen_array(m.frequencies, float))
-    put("pressures", frozen_array(m.pressures, complex))
-    if m.frequencies.ndim != 1 or m.pressures.ndim != 2 or len(m.pressures) != len(m.frequencies):
-        raise InputError(
-            f"pressures of shape {m.pressures.shape} do not match frequencies of shape {m.frequencies.shape};"
-            " give (M, N) and (M,)"
-        )
-    require_choice("dimension", m.dimension, (2, 3))
-    put("dimension", int(m.dimension))
-    put("array_dimension", int(m.array_dimension or m.dimension))
-    put("sound_speed", float(m.sound_speed))
+    for name, kind in (("sound_speed", "real"), ("dimension", "index")):
+        put(name, require_array(name, getattr(m, name), kind, ()).item())
     require_positive("sound_speed", m.sound_speed, "m/s")
+    require_choice("dimension", m.dimension, (2, 3))
+    own = m.dimension if m.array_dimension is None else m.array_dimension
+    put("array_dimension", require_array("array_dimension", own, "index", ()).item())
+    require_choice("array_dimension", m.array_dimension, range(2, m.dimension + 1))
+    put("frequencies", require_array("frequencies", m.frequencies, "real", (None,), "Hz"))
+    modes = len(m.frequencies)
+    what = "the transform at each of the frequencies, one column a microphone"
+    put("pressures", require_array("pressures", m.pressures, "complex", (modes, None), what))
     given = 2 * np.pi * m.frequencies / m.sound_speed if m.wavenumbers is None else m.wavenumbers
-    put("wavenumbers", frozen_array(given, complex))
-    put("names", tuple(str(n) for n in (range(m.count) if m.names is None else m.names)))
+    put("wavenumbers", require_array("wavenumbers", given, "number", (modes,), "rad/m"))
     if m.noise_power is not None:
-        put("noise_power", frozen_array(m.noise_power, float))
+        put("noise_power", require_array("noise_power", m.noise_power, "real", (modes,), "one for each mode"))
+    names = [str(n) for n in range(m.count)] if m.names is None else m.names
+    put("names", tuple(require_array("names", names, "text", (None,)).tolist()))
+    if not len(m.names) == len(set(m.names)) == m.count:
+        raise InputError(f"names must be {m.count} different texts, one for each microphone")
     if m.positions is not None:
-        put("positions", frozen_array(m.positions, float))
-    order = np.argsort(m.known)
-    put("known", frozen_array(np.asarray(m.known, dtype=np.int64)[order], np.int64))
-    if m.known_positions is None:
-        if len(m.known) and m.positions is None:
+        put("positions", require_array("positions", m.positions, "real", (m.count, m.array_dimension), "m"))
+    _fill_known(m)
+
+
+def _fill_known(m: Measurement) -> None:
+    """Known microphones in ascending order, and their positions: those given, or the true ones."""
+    known = require_array("known", m.known, "index", (None,), "microphones counted from 0")
+    order = np.argsort(known)
+    if len(known) and not (known.min() >= 0 and known.max() < m.count and len(set(known.tolist())) == len(known)):
+        raise InputError(f"known = {known.tolist()} must name each microphone of 0 to {m.count - 1} at most once")
+    if len(known) == m.count:
+        raise InputError(
+            f"known names all {m.count} microphones, which leaves no microphone to be found; leave some out"
+        )
+    shape = len(known), m.array_dimension
+    places = m.known_positions
+    if places is None:
+        if len(known) and m.positions is None:
             raise InputError("known names microphones but known_positions is missing; add it, shape (A, D)")
-        shape = (0, m.array_dimension)
-        put("known_positions", frozen_array(m.positions[m.known] if len(m.known) else np.zeros(shape), float))
-    else:
-        places = np.asarray(m.known_positions)
-        if places.size:
-            places = places.reshape(len(places), -1)
-        if len(places) != len(m.known):
-            raise InputError(f"known_positions has {len(places)} rows for {len(m.known)} known microphones")
-        places = places[order] if len(m.known) else np.zeros((0, m.array_dimension))
-        put("known_positions", frozen_array(places, float))
+        places = m.positions[known] if len(known) else np.zeros(shape)
+    places = require_array("known_positions", places, "real", shape, "m, one row for each of known")
+    object.__setattr__(m, "known", frozen_array(known[order], np.int64))
+    object.__setattr__(m, "known_positions", frozen_array(places[order], float))
 
 
 def _check_pressures(m: Measurement) -> None:
     modes, count = m.pressures.shape
     if modes == 0 or count < 2:
         raise InputError(f"pressures of shape {m.pressures.shape} hold too little; give one frequency, two microphones")
-    for name in ("frequencies", "pressures", "wavenumbers"):
-        require_finite(name, getattr(m, name))
     if np.any(m.frequencies <= 0) or np.any(np.diff(m.frequencies) <= 0):
         raise InputError("frequencies must be above zero and ascending, each once; sort them (and the pressures)")
-    if m.wavenumbers.shape != (modes,) or np.any(m.wavenumbers.real <= 0):
-        raise InputError(f"wavenumbers must be {modes} numbers with a real part above zero")
+    wrong = np.flatnonzero((m.wavenumbers.real <= 0) | (m.wavenumbers.imag > ROUNDING * m.wavenumbers.real))
+    if len(wrong):
+        raise InputError(
+            f"wavenumbers[{wrong[0]}] = {m.wavenumbers[wrong[0]]:.6g} rad/m must have a real part above zero and, of"
+            " a wave that decays, an imaginary part below it: the time sign is exp(+j w t); with the other sign take"
+            " the conjugate of wavenumbers and pressures"
+        )
     silent = np.flatnonzero(~np.any(m.pressures, axis=0))
     if len(silent):
         raise InputError(f'microphone "{m.names[silent[0]]}" has zero pressure at every frequency; leave it out')
     silent = np.flatnonzero(~np.any(m.pressures, axis=1))
     if len(silent):
         raise InputError(f"pressures at {m.frequencies[silent[0]]:g} Hz are zero at every microphone; leave it out")
-    if m.noise_power is not None:
-        if m.noise_power.shape != (modes,):
-            raise InputError(
-                f"noise_power of shape {m.noise_power.shape} must have one entry for each of {modes} modes"
-            )
-        require_finite("noise_power", m.noise_power)
-        if np.any(m.noise_power < 0):
-            raise InputError("noise_power must not be negative")
+    if m.noise_power is not None and np.any(m.noise_power < 0):
+        raise InputError(f"noise_power = {m.noise_power.min():g} must not be negative; use 0 for no noise")
 
 
-def _check_positions(m: Measurement) -> None:
-    count, D = m.count, m.array_dimension
-    if D not in (2, 3) or D > m.dimension:
-        raise InputError(f"array_dimension = {D} must be 2 or 3 and at most dimension = {m.dimension}")
-    if len(m.names) != count or len(set(m.names)) != count:
-        raise InputError(f"names must be {count} different texts, one for each microphone")
-    if m.positions is not None:
-        if m.positions.shape != (count, D):
-            raise InputError(f"positions of shape {m.positions.shape} must be ({count}, {D}), metres")
-        require_finite("positions", m.positions)
-    if len(m.known) and not (0 <= m.known[0] and m.known[-1] < count and np.all(np.diff(m.known) > 0)):
-        raise InputError(f"known = {m.known.tolist()} must name each microphone of 0 to {count - 1} at most once")
-    if m.known_positions.shape != (len(m.known), D):
-        raise InputError(f"known_positions of shape {m.known_positions.shape} must be ({len(m.known)}, {D}), metres")
-    require_finite("known_positions", m.known_positions)
-    if m.search is not None and len(m.search.size) != D:
-        raise InputError(f"search_size has {len(m.search.size)} lengths; the positions have {D} coordinates")
+def _check_search(m: Measurement) -> None:
+    if m.search is not None and len(m.search.size) != m.array_dimension:
+        raise InputError(
+            f"search_size has {len(m.search.size)} lengths; the positions have {m.array_dimension} coordinates"
+        )
 
 
 def require_measurable(scene: Scene) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .checks import InputError, StorageError
+from .checks import InputError, StorageError, require_array
 from .measurement import Measurement
 from .scene import Search
 
@@ -53,25 +53,29 @@ def load_measurement(path: str | Path) -> Measurement:
     try:
         search = None
         if given:
-            origin, size, step, radius = (np.asarray(table[key], dtype=float) for key in SEARCH)
-            search = Search(tuple(origin.tolist()), tuple(size.tolist()), float(step), float(radius))
-        fields = {key: table[key] for key in OPTIONAL + REQUIRED if key in table}
-        for key in ("sound_speed", "dimension", "array_dimension"):
-            if key in fields:
-                fields[key] = np.asarray(fields[key]).item()
-        return Measurement(**fields, search=search)
+            kinds = zip(SEARCH, ((None,), (None,), (), ()), strict=True)
+            values = [require_array(key, table[key], "real", shape, "m").tolist() for key, shape in kinds]
+            search = Search(tuple(values[0]), tuple(values[1]), *values[2:])
+        return Measurement(**{key: table[key] for key in OPTIONAL + REQUIRED if key in table}, search=search)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{path}: an array has the wrong type or shape ({error})") from error
 
 
 def _read_arrays(path: str | Path) -> dict[str, np.ndarray]:
-    """Every array of an .npz file; no pickled objects."""
+    """The arrays of an .npz file whose keys are a measurement's; no pickled objects."""
+    key = ""
     try:
         with np.load(path, allow_pickle=False) as archive:
-            return {key: archive[key] for key in archive.files}
+            table = {}
+            for key in archive.files:
+                if key in REQUIRED + OPTIONAL + SEARCH:
+                    table[key] = archive[key]
+            return table
     except (FileNotFoundError, PermissionError, IsADirectoryError) as error:
         raise StorageError(f"cannot read {path}: {error.strerror}") from error
     except Exception as error:  # a damaged archive raises anything from zipfile, zlib or NumPy
+        if key:
+            raise InputError(
+                f'{path}: "{key}" is damaged or no plain array of numbers ({error}); write it anew'
+            ) from error
         raise InputError(f"{path} is not an .npz file that can be read ({type(error).__name__})") from error

@@ -226,7 +226,12 @@ def test_bad_scene_exits_2(edited, changes, words, tmp_path, refused):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda t: {"pressures": None}, ["pressures"]),
+        (lambda t: {"frequencies": None}, ['no "frequencies"']),
+        (lambda t: {"pressures": None}, ['no "pressures"']),
+        (lambda t: {"sound_speed": None}, ['no "sound_speed"']),
+        (lambda t: {"dimension": None}, ['no "dimension"']),
+        (lambda t: {"known": t["known"] + 0.5}, ["known is real", "whole numbers"]),
+        (lambda t: {"wavenumbers": t["wavenumbers"].conj()}, ["wavenumbers[0]", "exp(+j w t)"]),
         (lambda t: {"pressures": t["pressures"].real}, ["real", "complex"]),
         (lambda t: {"pressures": t["pressures"][:, :-1]}, ["names must be 15"]),
         (lambda t: {"pressures": t["pressures"] * np.nan}, ["pressures", "finite"]),
