@@ -17,6 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
+from .checks import InputError
 from .history import History, SessionView
 
 log = logging.getLogger(__name__)
@@ -277,5 +278,6 @@ class LatestWorker:
         try:
             return Delivery(arguments, result=self._function(*arguments))
         except Exception as error:
-            log.exception("%s failed", self._thread.name)
+            told = isinstance(error, (InputError, OSError))  # one line says it all, and whoever asked says it
+            log.log(logging.DEBUG if told else logging.ERROR, "%s failed", self._thread.name, exc_info=True)
             return Delivery(arguments, error=f"{type(error).__name__}: {error}", cause=error)

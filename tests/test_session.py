@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import pytest
 
+from fdcal.checks import InputError, StorageError
 from fdcal.session import LatestWorker, Session
 
 WAIT = 20.0  # s, bound of every wait; none is ever waited out when the law holds
@@ -240,3 +241,15 @@ def test_worker_tells_an_exception_and_lives():
     worker.request(4)
     assert worker.wait_for(lambda latest: latest.result == 0.25, WAIT)
     assert worker.latest.error == "" and worker.close(WAIT)
+
+
+@pytest.mark.parametrize("error", [InputError("too many"), StorageError("disk full"), PermissionError("no")])
+def test_a_worker_logs_no_traceback_for_what_its_caller_tells(error, caplog):
+    worker = LatestWorker(lambda cause: (_ for _ in ()).throw(cause))
+    worker.request(error)
+    assert worker.wait_for(lambda latest: latest is not None, WAIT)
+    assert worker.latest.cause is error and not caplog.records
+    worker.request(RuntimeError("a fault"))
+    assert worker.wait_for(lambda latest: "a fault" in latest.error, WAIT)
+    assert "a fault" in caplog.text and "Traceback" in caplog.text
+    assert worker.close(WAIT)

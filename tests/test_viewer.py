@@ -3,7 +3,6 @@
 import contextlib
 import dataclasses
 import io
-import logging
 import os
 import re
 import signal
@@ -440,10 +439,18 @@ def test_the_page_tells_how_far_the_simulation_is(server, scene, monkeypatch, ca
 
     monkeypatch.setattr(preparing, "time", __import__("time"), raising=False)
     monkeypatch.setattr(preparing, "cached_measurement", slow)
-    logging.getLogger("fdcal.session").setLevel(logging.CRITICAL)
     with pytest.raises(InputError, match="mend it"):
         preparing.prepare(server, scene, [], preparing.Interrupt())
     assert "40 %" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("change", [{"solver.name": '"magic"'}, {"solver.modes": "500"}])
+def test_a_bad_scene_gets_one_line(edited, change):
+    command = [sys.executable, "-m", "fdcal", "view", str(edited(change)), "--port", "0", "--no-browser"]
+    run = subprocess.run(command, capture_output=True, timeout=WAIT, env=os.environ)
+    assert run.returncode == 2, run.stderr
+    line = run.stderr.split(b"\r")[-1]  # progress is written over
+    assert line.startswith(b"error: ") and run.stderr.count(b"\n") == 1, run.stderr
 
 
 def test_an_interrupted_simulation_stops(server, scene, monkeypatch):
