@@ -5,9 +5,9 @@ Every message names the key, its value and the remedy, on one line.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
+
+LEAST, MOST = 1e-12, 1e12  # of any length, time, frequency or number: what lies beyond is a slip of the pen
 
 
 class InputError(ValueError):
@@ -63,9 +63,13 @@ def require_array(key: str, values, kind: str, shape: tuple[int | None, ...], un
 
 
 def require_positive(key: str, value: float, unit: str = "") -> None:
-    """Raise InputError unless `value` is finite and above zero."""
-    if not (math.isfinite(value) and value > 0):
-        raise InputError(f"{key} = {value:g}{unit and ' ' + unit} must be finite and above zero")
+    """Raise InputError unless `value` is above zero and such that no product of a few overflows."""
+    if not LEAST <= value <= MOST:
+        text = f"{value:g}" if isinstance(value, float) else str(value)
+        raise InputError(
+            f"{key} = {text}{unit and ' ' + unit} must be finite and above zero;"
+            f" use a number from {LEAST:g} to {MOST:g}"
+        )
 
 
 def require_choice(key: str, value: str, choices) -> None:

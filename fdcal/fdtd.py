@@ -123,6 +123,11 @@ def _neighbour_sum(p: np.ndarray) -> np.ndarray:
     return q[1:-1, :-2] + q[1:-1, 2:] + q[:-2, 1:-1] + q[2:, 1:-1]
 
 
+def _taps(source: Source) -> int:
+    """Length of the pulse in samples, told before it is built: a low enough band would fill the memory."""
+    return 2 * math.ceil(0.5 * TAPS * source.sample_rate / source.low) + 1
+
+
 def pulse(source: Source) -> np.ndarray:
     """Zero-mean pulse, flat from `source.low` to `source.high`, that starts and ends in silence : (P,) float64.
 
@@ -132,7 +137,7 @@ def pulse(source: Source) -> np.ndarray:
     from scipy.signal import firwin, get_window  # a second to load, which a simulation out of the cache does without
 
     low, high, fs = source.low, source.high, source.sample_rate
-    taps = 2 * math.ceil(0.5 * TAPS * fs / low) + 1
+    taps = _taps(source)
     edges = [0.5 * low, min(high + 0.5 * low, 0.5 * (high + 0.5 * fs))]
     samples = firwin(taps, edges, window="hamming", pass_zero=False, fs=fs)
     window = get_window("hamming", taps, fftbins=False)
@@ -162,14 +167,15 @@ def simulate(room: Room, source: Source, receivers: np.ndarray, progress: Progre
     """
     grid = make_grid(room, source.sample_rate)
     samples = round(source.duration * source.sample_rate)
-    signal = pulse(source)
-    if samples < len(signal):
-        raise InputError(
-            f"source.duration = {source.duration:g} s is shorter than the pulse; use at least"
-            f" {math.ceil(1000 * len(signal) / source.sample_rate) / 1000:g} s, or a higher source.low"
-        )
     if samples * max(len(receivers), 1) > MOST_SAMPLES:
         raise InputError(f"source.duration = {source.duration:g} s makes recordings of over 4 GB; use a shorter one")
+    taps = _taps(source)
+    if samples < taps:
+        raise InputError(
+            f"source.duration = {source.duration:g} s is shorter than the pulse; use at least"
+            f" {math.ceil(1000 * taps / source.sample_rate) / 1000:g} s, or a higher source.low"
+        )
+    signal = pulse(source)
     start = _cells(grid, [source.position], room.cell, "source.position")[0]
     ends = _cells(grid, receivers, room.cell, "microphone")
     recordings = np.zeros((len(ends), samples))

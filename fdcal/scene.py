@@ -31,6 +31,9 @@ WALLS = ("rigid", "pressure-release", "absorbing")
 GEOMETRIES = ("circle", "rectangle", "rectangle+random", "positions")
 MOST_CELLS = 20_000_000  # of a simulation: 160 MB for each of its fields
 MOST_MICROPHONES = 10_000
+MOST_CANDIDATES = 500_000  # of a search: the solvers' tables of them take 1 to 2 GB
+MOST_METRES = 1e9  # of a coordinate
+MOST_DECIBELS = 300.0
 
 
 @dataclass(frozen=True)
@@ -183,14 +186,23 @@ class Search:
             require_positive("search.size", length, "m")
         require_positive("search.step", self.step, "m")
         require_positive("search.radius", self.radius, "m")
-        if min(self.size) < self.step:
+        if min(self.size) < self.step * (1 - 1e-9):
             raise InputError(
                 f"search.step = {self.step:g} m is longer than search.size = {list(self.size)} m; use a smaller step"
             )
-        if math.prod(self.shape) > 4_000_000:
+        if math.prod(self.shape) > MOST_CANDIDATES:
             raise InputError(
-                f"search.step = {self.step:g} m gives {math.prod(self.shape)} candidates; use a larger one"
+                f"search.step = {self.step:g} m gives {float(math.prod(self.shape)):.3g} candidates; use a larger one"
+                f" ({MOST_CANDIDATES} candidates at most)"
             )
+        for length in self.size:
+            steps = length / self.step
+            if abs(steps - round(steps)) > 1e-6:
+                below, above = (f(steps) * self.step for f in (math.floor, math.ceil))
+                raise InputError(
+                    f"search.size = {length:g} m is no whole number of steps of search.step = {self.step:g} m;"
+                    f" use {below:g} or {above:g} m"
+                )
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -236,8 +248,11 @@ class Sensing:
     wavenumber: str = "discrete"  # or "continuous"
 
     def __post_init__(self):
-        if math.isnan(self.snr_db) or self.snr_db == -math.inf:
-            raise InputError(f"measurement.snr_db = {self.snr_db} must be a number of decibels, or inf for no noise")
+        if not (abs(self.snr_db) <= MOST_DECIBELS or self.snr_db == math.inf):
+            raise InputError(
+                f"measurement.snr_db = {self.snr_db:g} must be a number of decibels, -{MOST_DECIBELS:g} to"
+                f" {MOST_DECIBELS:g}, or inf for no noise"
+            )
         for key in ("lowest", "highest", "resolution"):
             require_positive(f"measurement.{key}", getattr(self, key), "Hz")
         require_positive("measurement.prominence_db", self.prominence_db, "dB")
@@ -309,6 +324,8 @@ def _require_pair(key: str, values) -> None:
     if len(values) != 2:
         raise InputError(f"{key} = {list(values)} has {len(values)} numbers; give two, along x and y")
     require_finite(key, values)
+    if max(map(abs, values)) > MOST_METRES:
+        raise InputError(f"{key} = {list(values)} is too far away; use coordinates up to {MOST_METRES:g} m")
 
 
 def scene_folder() -> Path:

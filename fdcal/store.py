@@ -16,6 +16,7 @@ import hashlib
 import io
 import json
 import logging
+import math
 import os
 import secrets
 import time
@@ -237,7 +238,9 @@ def _is(value, kind: type, dimensions: int) -> bool:
     if not dimensions:
         accepted = (int, float) if kind is float else kind
         right = isinstance(value, accepted) and (kind is bool or not isinstance(value, bool))
-        return right and (kind is not float or bool(np.isfinite(value)))
+        with contextlib.suppress(OverflowError):  # a whole number beyond all floats
+            return right and (kind is not float or math.isfinite(value))
+        return False
     try:
         array = np.array(value)
     except ValueError:

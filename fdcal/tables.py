@@ -58,10 +58,9 @@ def _convert(hint, value, key: str):
     if not isinstance(value, accepted) or isinstance(value, bool):
         word = {float: "a number", int: "a whole number", str: "a text"}[hint]
         raise InputError(f"{key} = {value!r} must be {word}")
-    try:
-        converted = hint(value)
-    except OverflowError as error:
-        raise InputError(f"{key} is too large a number; use a smaller one") from error
+    if isinstance(value, int) and abs(value) >= 2**63:
+        raise InputError(f"{key} is too large a number; use a smaller one")
+    converted = hint(value)
     if hint is float and math.isnan(converted):
         raise InputError(f"{key} = nan must be a number")
     return converted

@@ -210,6 +210,7 @@ def test_bad_arguments_exit_2(arguments, words, refused):
     [
         ({"room.sise": "[1, 1]"}, ["room.sise", 'did you mean "room.size"']),
         ({"source.sample_rate": "8000.0"}, ["source.sample_rate = 8000 Hz", "CFL", "12127"]),
+        ({"source.low": "1e-6"}, ["source.duration = 0.6 s", "pulse", "higher source.low"]),
         ({"source.duration": "0.01"}, ["duration", "resolution"]),
         ({"source.position": "[0.7, 0.6]"}, ["source.position", "inside the array"]),
         ({"array.center": "[0.0, 0.0]"}, ["microphone 0", "outside the room"]),

@@ -185,6 +185,9 @@ def test_rooms_that_make_no_grid(room, words):
         ({"position": (3.0, 0.5)}, [(0.5, 0.5)], "source.position"),
         ({"duration": 0.02}, [(0.5, 0.5)], "source.duration = 0.02 s is shorter than the pulse; use at least 0.05"),
         ({"duration": 1e6}, [(0.5, 0.5)], "over 4 GB"),
+        ({"low": 1e-6}, [(0.5, 0.5)], "source.duration = 0.08 s is shorter than the pulse.*higher source.low"),
+        ({"low": 1e-12}, [(0.5, 0.5)], "source.duration = 0.08 s is shorter than the pulse.*higher source.low"),
+        ({"low": 1e-6, "duration": 1e9}, [(0.5, 0.5)], "over 4 GB"),
     ],
 )
 def test_what_simulate_refuses(source, ears, words):

@@ -195,6 +195,8 @@ def test_a_result_survives_the_round_trip(tmp_path):
         ("seed", True),
         ("sweeps", 1.5),
         ("cost", math.inf),
+        ("cost", 10**400),
+        ("mean_error_m", -(10**400)),
         ("converged", "yes"),
         ("cost", None),
     ],
