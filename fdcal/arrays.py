@@ -6,6 +6,7 @@ origin of the room's coordinates, so its centre is (i + 0.5) h; the snapped posi
     positions_of    the array of a scene, on cell centres, with every check a scene needs
     circle, rectangle, rectangle_plus_random    the pure geometries, before the checks
     snap, inside, encloses    cell centres, point in polygon, point in convex hull
+    hull, crosses    corners of the convex hull, and whether a wall crosses it
 """
 
 from __future__ import annotations
@@ -30,12 +31,14 @@ def positions_of(scene: Scene) -> np.ndarray:
     ------
     InputError
         Two microphones in one cell, one outside the room or the search domain, the source outside the room or
-        inside the array, known microphones that do not fix translation, rotation and mirror.
+        inside the array, a wall between microphones, known microphones that do not fix translation, rotation and
+        mirror.
     """
     rng = np.random.default_rng([scene.seed, 0])
     positions = snap(_geometry(scene.array, scene.room.cell, rng), scene.room.cell)
     _check_apart(positions, scene)
     _check_in_room(positions, scene)
+    _check_walls(positions, scene)
     _check_source(positions, scene)
     _check_gauge(positions, scene)
     _check_search(positions, scene)
@@ -132,6 +135,39 @@ def encloses(points: np.ndarray, point: np.ndarray) -> bool:
     return bool(gaps.max() <= np.pi + ROUNDING)
 
 
+def hull(points: np.ndarray) -> np.ndarray:
+    """Corners of the convex hull of `points` (N, 2), anticlockwise : (H, 2) float64; the two ends of points on a line.
+
+    Monotone chain: the points from left to right, and of each side only those where it turns left.
+    """
+    ordered = np.unique(np.asarray(points, dtype=float), axis=0)
+    sides = []
+    for row in (ordered, ordered[::-1]):
+        side: list[np.ndarray] = []
+        for point in row:
+            while len(side) > 1 and _turn(side[-2], side[-1], point) <= ROUNDING**2:
+                side.pop()
+            side.append(point)
+        sides += side[:-1]
+    return np.array(sides) if sides else ordered
+
+
+def crosses(a: np.ndarray, b: np.ndarray, corners: np.ndarray) -> bool:
+    """Whether the wall from `a` to `b` enters the convex polygon of `corners` (H, 2), or touches it."""
+    if encloses(corners, a) or encloses(corners, b):
+        return True
+    for c, d in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        ends, sides = (_turn(a, b, c), _turn(a, b, d)), (_turn(c, d, a), _turn(c, d, b))
+        if np.prod(np.sign(ends)) <= 0 and np.prod(np.sign(sides)) <= 0 and any(ends):
+            return True
+    return False
+
+
+def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
+    """Above zero where the way from `a` by `b` to `c` turns left: twice the triangle's area, m^2."""
+    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
+
+
 def _cells(points: np.ndarray, cell: float) -> np.ndarray:
     """Indices of the cells that hold `points` : (..., 2) int64."""
     return np.floor(np.asarray(points, dtype=float) / cell + ROUNDING).astype(np.int64)
@@ -171,6 +207,18 @@ def _check_in_room(positions: np.ndarray, scene: Scene) -> None:
             f"array puts microphone {outside[0]} at {_text(positions[outside[0]])}, outside the room or in a wall;"
             f" change array.{key} or the room"
         )
+
+
+def _check_walls(positions: np.ndarray, scene: Scene) -> None:
+    corners = hull(positions)
+    vertices = scene.room.vertices
+    for a, b in zip(vertices, np.roll(vertices, -1, axis=0), strict=True):
+        if crosses(a, b, corners):
+            key = "room.size" if scene.room.size else "room.outline"
+            raise InputError(
+                f"{key} has a wall from {_text(a)} to {_text(b)} between the microphones, where nothing may obstruct"
+                " the sound; move the array (array.center) so that their convex hull is free of walls"
+            )
 
 
 def _check_source(positions: np.ndarray, scene: Scene) -> None:

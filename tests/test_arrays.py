@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fdcal.arrays import circle, encloses, inside, positions_of, rectangle, rectangle_plus_random, snap
+from fdcal.arrays import circle, crosses, encloses, hull, inside, positions_of, rectangle, rectangle_plus_random, snap
 from fdcal.checks import InputError
-from fdcal.scene import load_scene
+from fdcal.scene import Array, Gauge, Room, load_scene
 
 L_SHAPE = np.array([[0, 0], [6, 0], [6, 3], [4, 3], [4, 5], [0, 5.0]])
 
@@ -124,3 +126,54 @@ def test_bad_array_names_key_value_and_remedy(edited, changes, words):
         positions_of(load_scene(edited(changes)))
     for word in words:
         assert word in str(caught.value)
+
+
+def test_hull_is_the_corners_alone():
+    square = rectangle((5, 4), (2.0, 2.0))
+    corners = {(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)}
+    assert {tuple(point) for point in hull(square).tolist()} == corners
+    assert len(hull(square)) == 4
+    assert len(hull(np.array([[0, 0], [1, 1], [2, 2.0]]))) == 2
+    assert len(hull(circle(17, 1.0))) == 17
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "expected"),
+    [
+        ((-2, 0), (2, 0.5), True),  # right through
+        ((0, 0), (0.1, 0.2), True),  # within
+        ((0, 0), (0, 5), True),  # ends within
+        ((-2, 1.1), (2, 1.1), False),  # past it
+        ((1.5, 0), (4, 0), False),  # before it
+        ((0.5, 2), (2, 0.5), False),  # past a corner
+        ((0.4, 2), (2, 0.4), False),
+        ((0, 1.9), (1.9, 0), True),  # cuts a corner off
+    ],
+)
+def test_wall_that_crosses_a_square(a, b, expected):
+    square = hull(rectangle((3, 3), (2.0, 2.0)))
+    assert crosses(np.array(a, float), np.array(b, float), square) == expected
+    assert crosses(np.array(b, float), np.array(a, float), square) == expected
+
+
+def across(outline, positions):
+    """lshape with another outline, or its own, and microphones at `positions`, the first three known."""
+    scene = load_scene("lshape")
+    room = scene.room if outline is None else Room(outline=outline, cell=scene.room.cell)
+    array = Array(geometry="positions", positions=positions)
+    return dataclasses.replace(scene, room=room, array=array, gauge=Gauge(known=(0, 1, 2)))
+
+
+def test_array_round_the_inner_corner_is_refused():
+    scene = across(None, ((3.91, 4.01), (5.01, 2.91), (3.51, 2.51), (2.51, 2.51)))
+    with pytest.raises(InputError, match=r"room\.outline.*\(4, 3\).*between the microphones.*array\.center"):
+        positions_of(scene)
+    positions_of(across(None, ((3.91, 2.91), (3.01, 2.91), (3.01, 1.91), (2.51, 2.51))))
+
+
+@pytest.mark.parametrize("end", [2.3, 1.0])  # a slot that ends between the microphones, and one that parts them
+def test_array_on_both_sides_of_a_slot_is_refused(end):
+    slot = ((0.0, 0.0), (6.0, 0.0), (6.0, 5.0), (2.02, 5.0), (2.02, end), (2.0, end), (2.0, 5.0), (0.0, 5.0))
+    places = ((1.51, 1.91), (2.49, 1.91), (2.49, 2.81), (1.51, 2.81))
+    with pytest.raises(InputError, match="nothing may obstruct"):
+        positions_of(across(slot, places))
