@@ -145,6 +145,11 @@ def paint(cost, search: Search, log: bool = False, label: str = "cost (dimension
     return Floor(frozen_array(rgb, np.uint8), origin, size, ColourBar(low, high, log, label, clipped), minimum)
 
 
+def cost_label(weights: str) -> str:
+    """Name and unit of a solver's cost; `weights` as in scene.Solver: raw pressures keep their unit."""
+    return "cost (dimensionless)" if weights == "unit" else "cost (pressure squared)"
+
+
 def headline(measurement: Measurement, positions) -> str:
     """Mean and largest position error in words, or that the truth is not known."""
     if measurement.positions is None:

@@ -8,6 +8,7 @@ This is the only module that uses threads.
 
 from __future__ import annotations
 
+import collections
 import itertools
 import logging
 import queue
@@ -211,24 +212,29 @@ class Session:
 
 @dataclass(frozen=True)
 class Delivery:
-    """What a `LatestWorker` made: the request's arguments, and its result or the exception, as text too."""
+    """What a `LatestWorker` made: the request's arguments, and its result or the exception, as text too.
+
+    `began` and `ended` are readings of `time.perf_counter`, s.
+    """
 
     request: tuple
     result: Any = None
     error: str = ""
     cause: Exception | None = None
+    began: float = 0.0
+    ended: float = 0.0
 
 
 class LatestWorker:
-    """A thread that runs only the newest request; those it could not begin in time are dropped.
+    """A thread that runs only the newest request, or the newest `keep`, oldest first; others that wait are dropped.
 
     `latest` is the newest `Delivery`, None before the first. An exception becomes `latest.error`; the thread lives on.
     """
 
-    def __init__(self, function: Callable, name: str = "fdcal-worker"):
+    def __init__(self, function: Callable, name: str = "fdcal-worker", keep: int = 1):
         self._function = function
         self._changed = threading.Condition()
-        self._waiting: tuple | None = None
+        self._waiting: collections.deque[tuple] = collections.deque(maxlen=keep)
         self._busy = self._closed = False
         self._latest: Delivery | None = None
         self._thread = threading.Thread(target=self._serve, name=name, daemon=True)
@@ -241,12 +247,18 @@ class LatestWorker:
     @property
     def busy(self) -> bool:
         """Whether a request waits or is being worked on."""
-        return self._busy or self._waiting is not None
+        with self._changed:
+            return self._busy or bool(self._waiting)
+
+    @property
+    def full(self) -> bool:
+        """Whether one more request would drop one that waits."""
+        return len(self._waiting) == self._waiting.maxlen
 
     def request(self, *arguments) -> None:
-        """Ask for `function(*arguments)`, in place of any request not begun yet."""
+        """Ask for `function(*arguments)`, in place of the oldest request not begun yet where it is `full`."""
         with self._changed:
-            self._waiting = arguments
+            self._waiting.append(arguments)
             self._changed.notify_all()
 
     def wait_for(self, predicate: Callable[[Delivery | None], bool], timeout: float | None = None) -> bool:
@@ -265,11 +277,12 @@ class LatestWorker:
     def _serve(self) -> None:
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._closed or self._waiting is not None)
+                self._changed.wait_for(lambda: self._closed or self._waiting)
                 if self._closed:
                     return
-                arguments, self._waiting, self._busy = self._waiting, None, True
-            delivery = self._work(arguments)
+                arguments, self._busy = self._waiting.popleft(), True
+            began = time.perf_counter()
+            delivery = replace(self._work(arguments), began=began, ended=time.perf_counter())
             with self._changed:
                 self._latest, self._busy = delivery, False
                 self._changed.notify_all()

@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 from types import SimpleNamespace
 
 import numpy as np
@@ -114,10 +115,22 @@ def test_a_second_page_shows_the_same_session(page, open_page):
 
 
 def test_run_becomes_pause(page):
+    page.evaluate(
+        """() => {
+            window.seen = [];
+            const look = () => {
+                const texts = [...document.querySelectorAll("button")].map(button => button.innerText.trim());
+                const now = ["Run", "Pause"].filter(text => texts.includes(text) && window.seen.at(-1) != text);
+                window.seen.push(...now);
+            };
+            look();
+            new MutationObserver(look).observe(document.body, {subtree: true, childList: true, characterData: true});
+        }"""
+    )
     press(page, "Run")
-    page.get_by_role("button", name=re.compile("^(Pause|Run)$")).wait_for()
-    page.get_by_text(re.compile("Running|Finished")).first.wait_for()
     page.get_by_text(re.compile(r"Finished")).first.wait_for()  # tiny is done in seconds
+    page.get_by_role("button", name="Run", exact=True).wait_for()
+    assert page.evaluate("window.seen") == ["Run", "Pause", "Run"]
     press(page, "Reset")
     page.get_by_text("step 0, sweep 0").wait_for()
 
@@ -196,6 +209,14 @@ def test_a_bad_host_is_refused(host):
 )
 def test_the_address_can_be_typed_into_a_browser(host, expected):
     assert app.address(host, 81) == f"http://{expected}:81"
+
+
+def test_a_host_name_that_does_not_resolve_is_no_hindrance(monkeypatch):
+    def unknown(*_):
+        raise safety.socket.gaierror(-2, "Name or service not known")
+
+    monkeypatch.setattr(safety.socket, "getaddrinfo", unknown)
+    assert any(origin and origin.fullmatch("http://127.0.0.1:81") for origin in safety.allowed_origins("0.0.0.0"))
 
 
 # -- what a client may say -------------------------------------------------------------------------------------------
@@ -287,7 +308,7 @@ def measurement(scene):
 @pytest.fixture
 def controls(server, measurement):
     session = Recorder(State(measurement.positions))
-    yield Controls(server.gui, session, measurement, 6, lambda *_: None, lambda *_: None), session
+    yield Controls(server.gui, session, measurement, 6, "unit", lambda *_: None, lambda *_: None), session
     server.gui.reset()
 
 
@@ -344,6 +365,126 @@ def test_a_microphone_chosen_by_hand_is_stayed_with(controls):
     assert panel.choices.follow
     say(panel._microphone, 7)
     assert panel.choices.microphone == 7 and not panel.choices.follow and not panel._follow.value
+
+
+def test_callbacks_leave_what_the_main_loop_has_sent_alone(controls):
+    panel, session = controls
+    panel.show(session.view, 3, "")
+    before = dict(panel._shown)
+    say(panel._microphone, 7)
+    say(panel._follow, True)
+    assert panel._shown == before and panel.choices.microphone == 7
+    panel.show(session.view, 5, "")
+    assert panel._microphone.value == 5
+
+
+class Solver:
+    """A solver whose maps wait for a gate, and tell in their lowest place for which microphone they are."""
+
+    def __init__(self, measurement):
+        self.gate, self.shape = threading.Semaphore(0), measurement.search.shape[::-1]
+
+    def landscape(self, problem, state, n, modes):
+        assert self.gate.acquire(timeout=WAIT)
+        cost = np.ones((1, *self.shape))
+        cost[0, 0, n] = 0.5
+        return cost
+
+
+@pytest.fixture
+def viewer(server, scene, measurement, monkeypatch):
+    """A page without a browser, ticked by the test."""
+    monkeypatch.setattr(app, "usable_modes", lambda *_: 6)
+    problem, session = SimpleNamespace(search=measurement.search), Recorder(State(measurement.positions))
+    work, closers = preparing.Work(scene, measurement, problem, Solver(measurement), session), []
+    yield app.Viewer(server, work, closers)
+    work.solver.gate.release(99)
+    for close in closers:
+        close()
+    server.gui.reset()
+    server.scene.reset()
+
+
+def mapped(viewer):
+    """Let one map be made; the microphone whose map is shown then, None without a map."""
+    viewer._work.solver.gate.release()
+    assert viewer._maps._worker.wait_for(lambda _: not viewer._maps._worker._busy, WAIT)
+    viewer.tick(1e9)
+    return shown(viewer)
+
+
+def shown(viewer):
+    floor, search = viewer._drawn.picture.floor, viewer._work.measurement.search
+    return None if floor is None else round((floor.minimum[0] - search.origin[0]) / search.step)
+
+
+def test_a_map_stands_under_its_own_microphone_only(viewer):
+    viewer.tick(0.0)
+    assert shown(viewer) is None and mapped(viewer) == 3
+    say(viewer._controls._microphone, 7)
+    viewer.tick(0.0)
+    assert shown(viewer) is None, "the map of microphone 3 stands under microphone 7"
+    assert not any("map" in solid.name for solid in viewer._drawn.picture.solids), "its diamond, too"
+    assert mapped(viewer) == 7
+    viewer._controls.choices = dataclasses.replace(viewer._controls.choices, single=True, mode=2)
+    viewer.tick(0.0)
+    assert shown(viewer) is None and mapped(viewer) == 7
+
+
+def test_while_running_the_map_of_an_older_state_stays_but_not_over_a_reset(viewer):
+    viewer.tick(0.0)
+    assert mapped(viewer) == 3
+    session, positions = viewer._work.session, viewer._work.measurement.positions
+    states = [session.view.state]
+    session.view = dataclasses.replace(session.view, history=History(states, 1), running=True)
+    viewer.tick(0.0)
+    assert shown(viewer) == 3, "the very same state"
+    viewer._turn += 1
+    mapped(viewer)
+    states.append(State(positions + 0.01, 1))
+    session.view = dataclasses.replace(session.view, state=states[1], index=1, count=2, history=History(states, 2))
+    viewer.tick(0.0)
+    assert shown(viewer) == 3, "an older state of the same run"
+    session.view = view_of([State(positions + 0.02)])
+    viewer.tick(0.0)
+    assert shown(viewer) is None, "the map of the run before the reset"
+
+
+def test_the_title_of_an_export_tells_of_the_picture_drawn(viewer, monkeypatch):
+    asked, session = [], viewer._work.session
+    monkeypatch.setattr(viewer._exports, "request", lambda *arguments: asked.append(arguments))
+    viewer.tick(0.0)
+    session.view = view_of([State(viewer._work.measurement.positions + 0.02, step=9)])
+    client = SimpleNamespace(add_notification=lambda *_, **__: None)
+    viewer._ask_for_export(client, viewer._controls.choices)
+    ((_, picture, _, name),) = asked
+    assert "step 0" in picture.title and name == "fdcal-step-0.png"
+
+
+def test_every_page_gets_its_export(viewer, monkeypatch):
+    gate, got, told = threading.Event(), [], []
+    monkeypatch.setattr(app, "render_png", lambda *_: gate.wait(WAIT) and b"png")
+    for page in range(app.MOST_EXPORTS + 9):
+        client = SimpleNamespace(
+            add_notification=lambda title, *_, **__: told.append(title),
+            send_file_download=lambda *_, page=page, **__: got.append(page),
+        )
+        viewer._ask_for_export(client, viewer._controls.choices)
+    gate.set()
+    assert viewer._exports.wait_for(lambda _: not viewer._exports._busy and not viewer._exports._waiting, WAIT)
+    assert len(got) >= app.MOST_EXPORTS and got == list(range(len(got)))
+    assert len(got) + told.count("Too many pictures are waiting") == app.MOST_EXPORTS + 9
+
+
+def test_a_fault_of_the_page_is_told_and_it_goes_on(viewer, monkeypatch, caplog):
+    monkeypatch.setattr(viewer._stage, "show", lambda picture: 1 / 0)
+    for now in (1.0, 1.1, 1.2):
+        viewer._guarded_tick(now)
+    assert len(caplog.records) == 1 and "ZeroDivisionError" in viewer._controls._status.content
+    monkeypatch.undo()
+    for now in (2.0, 20.0, 20.1):
+        viewer._guarded_tick(now)
+    assert "ZeroDivisionError" not in viewer._controls._status.content
 
 
 def test_only_what_has_changed_is_sent(server, scene, measurement, monkeypatch):
@@ -418,6 +559,7 @@ def test_status_tells_units_and_doings(measurement):
     html = words.status(view_of([state]), measurement)
     for text in ("Paused", "step 7, sweep 1, stage 1", "modes 1 to 3, 100.0 to 180.0 Hz", "5 mm", "dimensionless"):
         assert text in html
+    assert "(pressure squared)" in words.status(view_of([state]), measurement, "raw")
     assert "Running" in words.status(view_of([state], running=True), measurement)
     assert "unknown" in words.status(view_of([state]), dataclasses.replace(measurement, positions=None))
 
@@ -462,12 +604,14 @@ def test_an_interrupted_simulation_stops(server, scene, monkeypatch):
             while True:
                 progress(0.1)
         finally:
+            threading.Event().wait(0.3)
             ended.append(True)
 
     monkeypatch.setattr(preparing, "cached_measurement", endless)
     assert preparing.prepare(server, scene, closers, interrupt) is None
     for close in closers:
         close()
+    assert ended, "the simulation's thread must have ended, or it may write half a file"
     progress = preparing.Progress()
     progress.stop = True
     with pytest.raises(preparing.Stopped):

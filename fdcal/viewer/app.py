@@ -6,39 +6,41 @@ queue, the solver thread publishes frozen states, and the main thread, here, cop
 
 from __future__ import annotations
 
+import contextlib
+import logging
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import viser
 
 from ..cost import usable_modes
 from ..offscreen import render_png
-from ..picture import Floor, Picture, backdrop, headline, paint, with_estimate, with_floor
+from ..picture import Floor, Picture, backdrop, headline, with_estimate, with_floor
 from ..scene import Scene
 from ..session import LatestWorker
 from . import words
 from .controls import Choices, Controls
+from .maps import MapRequest, Maps
 from .plots import Curves
 from .preparing import Interrupt, Work, prepare
 from .safety import open_server, quietly
 from .stage import Stage
 
 RATE = 25.0  # times a second that the screen is brought up to date
-MAP_PAUSE = 0.15  # s at least between two maps while the solver runs, which needs the processor too
+FAULT_SHOWN = 10.0  # s at least that a fault of this loop stays in the status lines
+MOST_EXPORTS = 8  # pictures that may wait to be drawn
 LEFT_WIDTH, RIGHT_WIDTH = 290.0, 330.0  # pixels, of the panels
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class MapRequest:
-    """A cost map to be computed. `turn` counts the states seen, which have no cheap equality of their own."""
+class Drawn:
+    """What is on the screen: a picture and the state that it shows."""
 
-    turn: int
-    microphone: int
-    first: int
-    last: int
-    log: bool
-    state: object = field(compare=False)
+    picture: Picture
+    state: object
 
 
 def serve(
@@ -85,21 +87,21 @@ class Viewer:
         self._work, self._server = work, server
         self._stage = Stage(server)
         self._still: dict[bool, Picture] = {}
-        self._maps, self._exports = LatestWorker(self._map, "fdcal-map"), LatestWorker(self._export, "fdcal-export")
+        self._maps, self._exports = Maps(work), LatestWorker(self._export, "fdcal-export", MOST_EXPORTS)
         closers += [lambda: self._maps.close(0.5), lambda: self._exports.close(0.1)]
         modes = usable_modes(work.problem, work.scene.solver.order_offset)
         self._controls = Controls(
-            server.gui, work.session, work.measurement, modes, self._stage.place, self._ask_for_export
-        )
+            server.gui, work.session, work.measurement, modes, work.scene.solver.weights,
+            self._stage.place, self._ask_for_export,
+        )  # fmt: skip
         self._curves = self._add_left_panel()
-        self._asked: MapRequest | None = None
-        self._mapped_at = self._map_time = 0.0
+        self._fault, self._fault_time = "", 0.0
         self._followed = self._controls.choices.microphone
         self._turn, self._state = 0, work.session.view.state
-        self._drawn: tuple = ()
-        self._picture = self._compose(work.session.view.state, self._controls.choices, None)
-        self._stage.open_at(self._picture)
-        self._stage.show(self._picture)
+        self._key: tuple = ()  # of what is drawn
+        self._drawn = Drawn(self._compose(self._state, self._controls.choices, None), self._state)
+        self._stage.open_at(self._drawn.picture)
+        self._stage.show(self._drawn.picture)
         self._welcome(server)
 
     def _add_left_panel(self) -> Curves:
@@ -130,9 +132,24 @@ class Viewer:
         """Copy the newest state to the screen until interrupted."""
         due = time.perf_counter()
         while not interrupt.came:
-            self.tick(time.perf_counter())
+            self._guarded_tick(time.perf_counter())
             due = max(due + 1 / RATE, time.perf_counter())
             time.sleep(max(due - time.perf_counter(), 0.0))
+
+    def _guarded_tick(self, now: float) -> None:
+        """A fault of this loop is logged once and told in the status lines; the page lives on."""
+        try:
+            self.tick(now)
+        except Exception as error:
+            text = f"{type(error).__name__}: {error}"
+            if text != self._fault:
+                log.exception("the page could not be brought up to date")
+            self._fault, self._fault_time = text, now
+            with contextlib.suppress(Exception):
+                self._controls.report(self._work.session.view, text)
+        else:
+            if now - self._fault_time > FAULT_SHOWN:
+                self._fault = ""
 
     def tick(self, now: float) -> None:
         """Bring the screen up to date once."""
@@ -140,13 +157,13 @@ class Viewer:
         choices = self._follow(view, choices)
         if view.state is not self._state:
             self._turn, self._state = self._turn + 1, view.state
-        floor = self._floor(view, choices, now)
-        if self._drawn != (self._turn, choices, id(floor)):
-            self._drawn = (self._turn, choices, id(floor))
-            self._picture = self._compose(view.state, choices, floor)
-            self._stage.show(self._picture)
-        trouble = self._maps.latest.error if self._maps.latest is not None else ""
-        self._controls.show(view, choices.microphone, words.colour_bar(floor.bar if floor else None, trouble))
+        floor, trouble = self._floor(view, choices, now)
+        if self._key != (key := (self._turn, choices, id(floor))):
+            self._drawn = Drawn(self._compose(view.state, choices, floor), view.state)
+            self._stage.show(self._drawn.picture)
+            self._key = key
+        bar = words.colour_bar(floor.bar if floor else None, trouble)
+        self._controls.show(view, choices.microphone, bar, self._fault)
         self._curves.show(view, now)
 
     def _follow(self, view, choices: Choices) -> Choices:
@@ -157,29 +174,16 @@ class Viewer:
             self._followed = view.state.moved
         return replace(choices, microphone=self._followed)
 
-    def _floor(self, view, choices: Choices, now: float) -> Floor | None:
-        """The newest map there is; a newer one is asked for where the newest does not fit any more."""
+    def _floor(self, view, choices: Choices, now: float) -> tuple[Floor | None, str]:
+        """The map to show, and why there is none."""
         if not choices.shown:
-            return None
+            return None, ""
         state = view.state
         first, last = (choices.mode, choices.mode) if choices.single else (state.first, state.last)
-        wanted = MapRequest(self._turn, choices.microphone, first, last, choices.log, state)
-        rested = not view.running or now - self._mapped_at > max(MAP_PAUSE, 0.5 * self._map_time)
-        if wanted != self._asked and rested and not self._maps.busy:
-            self._asked = wanted
-            self._maps.request(wanted)
-        latest = self._maps.latest
-        return None if latest is None else latest.result
-
-    def _map(self, wanted: MapRequest) -> Floor:
-        """On the maps' thread: the landscape, painted."""
-        began = time.perf_counter()
-        work, modes = self._work, slice(wanted.first - 1, wanted.last)
-        maps = work.solver.landscape(work.problem, wanted.state, wanted.microphone, modes)
-        floor = paint(maps.sum(axis=0), work.problem.search, wanted.log)
-        self._mapped_at = time.perf_counter()
-        self._map_time = self._mapped_at - began
-        return floor
+        wanted = MapRequest(
+            self._turn, choices.microphone, choices.single, first, last, choices.log, state, view.history.lineage
+        )
+        return self._maps.newest(wanted, view.running, now)
 
     def _compose(self, state, choices: Choices, floor: Floor | None) -> Picture:
         if choices.dark not in self._still:
@@ -189,14 +193,18 @@ class Viewer:
         return with_floor(picture, floor)
 
     def _ask_for_export(self, client: viser.ClientHandle, choices: Choices) -> None:
-        state, measurement = self._work.session.view.state, self._work.measurement
+        """On viser's loop: what is drawn now, with a title that tells of just that."""
+        if self._exports.full:
+            client.add_notification("Too many pictures are waiting", "Try again in a moment.", color="red")
+            return
+        drawn, measurement = self._drawn, self._work.measurement
+        state = drawn.state
         modes = words.modes_text(measurement, state.first, state.last)
         title = f"{self._work.scene.title}: step {state.step}, {modes}\n{headline(measurement, state.positions)}"
-        name = f"fdcal-step-{state.step}.png"
         client.add_notification(
             "Drawing the picture", "It is offered for download when it is done.", auto_close_seconds=4
         )
-        self._exports.request(client, replace(self._picture, title=title), choices, name)
+        self._exports.request(client, replace(drawn.picture, title=title), choices, f"fdcal-step-{state.step}.png")
 
     def _export(self, client: viser.ClientHandle, picture: Picture, choices: Choices, name: str) -> None:
         """On the exports' thread: the picture as a PNG for one page, drawn in a child process."""

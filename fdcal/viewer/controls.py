@@ -51,13 +51,15 @@ class Controls:
         session: Session,
         measurement: Measurement,
         modes: int,
+        weights: str,
         place: Callable[[viser.ClientHandle, str], None],
         export: Callable[[viser.ClientHandle, Choices], None],
     ):
         self._gui, self._session, self._measurement, self._modes = gui, session, measurement, modes
+        self._weights = weights
         free = [n for n in range(measurement.count) if n not in measurement.known]
         self.choices = Choices(microphone=free[0] if free else 0, seed=session.view.state.seed)
-        self._shown: dict[str, object] = {}  # what the handles were last told by `show`
+        self._shown: dict[str, object] = {}  # what the handles were last told by `show`, whose own it is
         self._status = gui.add_html("")
         self._add_run()
         self._add_modes()
@@ -150,12 +152,11 @@ class Controls:
     @property
     def _looked_at(self) -> int:
         """The microphone that the page shows."""
-        return self._shown.get("microphone", self.choices.microphone)
+        return bounded(self._microphone.value, 0, self._measurement.count - 1, self.choices.microphone)
 
     def _choose_microphone(self, value) -> None:
         """A microphone chosen by hand is stayed with."""
-        number = bounded(value, 0, self._measurement.count - 1, self._looked_at)
-        self._shown["microphone"] = number
+        number = bounded(value, 0, self._measurement.count - 1, self.choices.microphone)
         self._choose(microphone=number, follow=False)
         self._follow.value = False
 
@@ -187,19 +188,26 @@ class Controls:
         low = min(low, high)
         self._session.use_modes(low, high, bool(automatic))
 
-    def show(self, view: SessionView, microphone: int, bar: str) -> None:
+    def show(self, view: SessionView, microphone: int, bar: str, fault: str = "") -> None:
         """Bring the panel up to date; called by the main loop."""
         state = view.state
-        self._tell("status", words.status(view, self._measurement), self._status, "content")
+        self.report(view, fault)
         self._tell("run", "Pause" if view.running else "Run", self._run, "label")
         self._tell("first", state.first, self._first, "value")
         self._tell("last", state.last, self._last, "value")
         self._tell("automatic", state.automatic, self._automatic, "value")
+        if not self.choices.follow and self.choices.microphone == microphone:
+            self._shown["microphone"] = microphone  # set by a hand, which may hold it still
         self._tell("microphone", microphone, self._microphone, "value")
         self._tell("bar", bar, self._bar, "content")
         if self._shown.get("running") != view.running:
             self._shown["running"] = view.running
             self._run.icon = viser.Icon.PLAYER_PAUSE if view.running else viser.Icon.PLAYER_PLAY
+
+    def report(self, view: SessionView, fault: str = "") -> None:
+        """Bring the status lines alone up to date; called by the main loop."""
+        text = words.status(view, self._measurement, self._weights, fault)
+        self._tell("status", text, self._status, "content")
 
     def _tell(self, key: str, value, handle, name: str) -> None:
         """Send a value when it differs from the last one sent: a slider that a hand holds is not pulled back."""

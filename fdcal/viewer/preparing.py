@@ -18,6 +18,8 @@ from ..session import LatestWorker, Session
 from ..store import cached_measurement
 from . import words
 
+LONGEST = 5.0  # s that an interrupted preparation is waited for
+
 
 class Stopped(Exception):
     """Raised inside a simulation that nobody waits for any more."""
@@ -75,7 +77,7 @@ def prepare(server: viser.ViserServer, scene: Scene, closers: list[Callable], in
     """Measurement and session of a scene; None if interrupted. Raises what their making raises."""
     progress = Progress()
     worker = LatestWorker(lambda: _work(scene, progress), name="fdcal-prepare")
-    closers.append(lambda: setattr(progress, "stop", True))
+    closers.append(lambda: _abandon(worker, progress))
     line, bar = server.gui.add_html(words.waiting(scene.title, "Starting ...")), server.gui.add_progress_bar(0.0)
     worker.request()
     told = ""
@@ -92,12 +94,22 @@ def prepare(server: viser.ViserServer, scene: Scene, closers: list[Callable], in
     worker.close()
     if worker.latest.cause is not None:
         raise worker.latest.cause
-    closers.append(lambda: worker.latest.result.session.close(0.5))
     return worker.latest.result
 
 
-def _work(scene: Scene, progress: Progress) -> Work:
-    measurement = cached_measurement(scene, progress)
+def _abandon(worker: LatestWorker, progress: Progress) -> None:
+    """End the simulation and wait for its thread, which may be writing the cache; close the session it has made."""
+    progress.stop = True
+    if worker.close(LONGEST) and worker.latest is not None and worker.latest.result is not None:
+        worker.latest.result.session.close(0.5)
+
+
+def _work(scene: Scene, progress: Progress) -> Work | None:
+    """None where the simulation was stopped."""
+    try:
+        measurement = cached_measurement(scene, progress)
+    except Stopped:
+        return None
     progress.done = 1.0
     problem = measurement.problem(scene.solver.weights)
     solver = solvers.load(scene.solver.name)

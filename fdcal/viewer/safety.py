@@ -55,7 +55,8 @@ def allowed_origins(host: str) -> list:
     if host not in LOOPBACK:
         names |= {socket.gethostname(), socket.getfqdn()}
     if host in ("0.0.0.0", "::", ""):
-        names |= {info[4][0] for info in socket.getaddrinfo(socket.gethostname(), None)}
+        with contextlib.suppress(OSError):  # a host whose own name does not resolve is still reached by the others
+            names |= {info[4][0] for info in socket.getaddrinfo(socket.gethostname(), None)}
     words = "|".join(re.escape(f"[{name}]" if ":" in name else name) for name in sorted(names))
     return [re.compile(rf"https?://({words})(:\d+)?", re.IGNORECASE), None]
 

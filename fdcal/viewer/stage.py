@@ -33,7 +33,7 @@ class Stage:
             parts["map"] = picture.floor
         self._picture = picture
         with self._server.atomic():
-            for name in self._nodes.keys() - parts.keys():
+            for name in sorted(self._nodes.keys() - parts.keys(), reverse=True):  # a child before its parent
                 self._nodes.pop(name)[1].remove()
             for name, part in parts.items():
                 old, node = self._nodes.get(name, (None, None))

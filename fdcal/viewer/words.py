@@ -10,7 +10,7 @@ import numpy as np
 from ..gauge import position_errors
 from ..history import SessionView
 from ..measurement import Measurement
-from ..picture import ESTIMATE, KNOWN, LOWEST, millimetres
+from ..picture import ESTIMATE, KNOWN, LOWEST, cost_label, millimetres
 from ..primitives import COLOUR_MAP, ColourBar
 
 CARD = "padding: 0.15em 0.75em; font-size: 0.86em; line-height: 1.5;"
@@ -43,24 +43,24 @@ def error_text(measurement: Measurement, positions) -> str:
     return f"mean <b>{millimetres(errors.mean())}</b>, largest {millimetres(errors.max())}"
 
 
-def status(view: SessionView, measurement: Measurement) -> str:
-    """The lines at the top of the panel."""
+def status(view: SessionView, measurement: Measurement, weights: str = "unit", fault: str = "") -> str:
+    """The lines at the top of the panel; `fault` is one of the page itself."""
     state = view.state
     rows = [
         ("Progress", f"step {state.step}, sweep {state.sweep}, stage {state.stage + 1}"),
         ("In use", escape(modes_text(measurement, state.first, state.last))),
         ("Error", error_text(measurement, state.positions)),
-        ("Cost", f"{state.cost:.4g} <span style='opacity: 0.65'>(dimensionless)</span>"),
+        ("Cost", f"{state.cost:.4g} <span style='opacity: 0.65'>{cost_label(weights).removeprefix('cost ')}</span>"),
     ]
     cells = "".join(
         f"<tr><td style='opacity: 0.65; padding-right: 0.9em; vertical-align: top'>{name}</td><td>{text}</td></tr>"
         for name, text in rows
     )
-    error = ""
-    if view.error:
-        error = (
-            f"<div style='color: #d61828; overflow-wrap: anywhere'>{escape(view.error[:400])}; more in the log</div>"
-        )
+    told = [view.error[:400]] if view.error else []
+    told += [f"The page could not be brought up to date: {fault[:400]}"] if fault else []
+    error = "".join(
+        f"<div style='color: #d61828; overflow-wrap: anywhere'>{escape(text)}; more in the log</div>" for text in told
+    )
     head = f"<div style='font-size: 1.15em; font-weight: 600'>{state_word(view)}</div>"
     return f"<div style='{CARD}'>{head}{error}<table style='border-spacing: 0'>{cells}</table></div>"
 
