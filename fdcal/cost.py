@@ -127,7 +127,10 @@ def _fit(W: np.ndarray, p: np.ndarray, tikhonov: float):
         W = np.concatenate([W, penalty], axis=1)
         p = np.concatenate([p, np.zeros((batch, width))], axis=1)
     if W.shape[1] < width:
-        raise InputError(f"an expansion of {width} functions (2L + 1) needs more than {W.shape[1]} microphones")
+        raise InputError(
+            f"an expansion of {width} functions (2L + 1) needs more than {W.shape[1]} microphones; use a"
+            " smaller search.radius or solver.order_offset"
+        )
     S = np.linalg.qr(W, mode="r")
     diagonal = np.abs(np.diagonal(S, axis1=1, axis2=2))
     deficient = diagonal.min(axis=1) <= RANK_TOLERANCE * diagonal.max(axis=1)
@@ -203,12 +206,19 @@ def require_modes(problem: Problem, order_offset: int, count: int) -> None:
     """Raise InputError unless the problem has `count` modes and the microphones to carry them."""
     measured, microphones = problem.pressures.shape
     if count > measured:
-        raise InputError(f"{count} modes asked for, but {measured} were measured; use at most {measured}")
+        raise InputError(
+            f"{count} modes asked for (solver.modes), but {measured} were measured; use at most {measured}"
+        )
     usable = usable_modes(problem, order_offset)
     if count > usable:
-        L = int(max_order(problem.wavenumbers[usable], problem.search.radius, order_offset))
+        R = problem.search.radius
+        L = int(max_order(problem.wavenumbers[usable], R, order_offset))
+        remedies = [f"use at most {usable} modes (solver.modes; {count} asked for)"] if usable else []
+        remedies += [f"a search.radius below {R:g} m"]
+        remedies += [f"a solver.order_offset below {order_offset}"] if order_offset else []
         raise InputError(
-            f"mode {usable + 1} at {problem.frequencies[usable]:.4g} Hz has order L = {L}, that is 2L + 1 = {2 * L + 1}"
-            f" functions for {microphones} microphones; use at most {usable} modes, a smaller search.radius or more"
+            f"mode {usable + 1} at {problem.frequencies[usable]:.4g} Hz has order L = ceil(k R) + solver.order_offset ="
+            f" {L} with search.radius = {R:g} m and solver.order_offset = {order_offset}, that is 2L + 1 = {2 * L + 1}"
+            f" functions for {microphones} microphones; {'' if usable else 'use '}{', '.join(remedies)}, or more"
             " microphones"
         )

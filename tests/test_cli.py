@@ -187,7 +187,11 @@ def test_view_prints_its_address_once_it_serves(start, made, tmp_path):
         (["calibrate", "tiny", "--search", "0,0,1,-1,0.1"], ["search.size = -1 m", "above zero"]),
         (["calibrate", "tiny", "--search", "0,0,nan,1,0.1"], ["search.size = nan", "finite"]),
         (["calibrate", "tiny", "--radius", "-1"], ["search.radius = -1 m", "above zero"]),
-        (["calibrate", "tiny", "--radius", "4"], ["2L + 1 =", "16 microphones", "use"]),
+        (["calibrate", "tiny", "--radius", "4"], ["2L + 1 =", "16 microphones; use a search.radius below 4 m"]),
+        (
+            ["calibrate", "tiny", "--radius", "0.5"],
+            ["search.radius = 0.5 m", "(solver.modes; 20 asked for)", "below 2"],
+        ),
         (["landscape", "tiny", "--microphone", "16", "-o", "f.png"], ["--microphone 16", "0 to 15"]),
         (["landscape", "tiny", "--microphone", "-1", "-o", "f.png"], ["--microphone -1", "0 to 15"]),
         (["landscape", "tiny", "--microphone", "0", "--mode-numbers", "0", "-o", "f.png"], ["mode 0", "1 to"]),
