@@ -30,7 +30,6 @@ Progress = Callable[[float], None]
 
 REPORTS = 50  # calls of `progress` in one run
 CHUNK = 100_000_000  # cell updates between two looks at Ctrl-C, a few hundredths of a second
-MOST_CELLS = 20_000_000
 MOST_SAMPLES = 500_000_000  # of all recordings together, 4 GB
 TAPS = 3.3  # length of a Hamming-windowed filter times its transition width over fs
 
@@ -57,12 +56,10 @@ def cell_mask(room: Room) -> np.ndarray:
     """Cells whose centre lies inside the room : (ny, nx) bool array, x along the rows.
 
     Raises InputError for a wall parallel to an axis that lies on no cell face, an outline left of or below the origin,
-    and a room of no cells, of too many, or of several pieces.
+    and a room of no cells or of several pieces.
     """
     _check_walls(room)
     nx, ny = (math.ceil(length / room.cell - 1e-6) for length in room.vertices.max(axis=0))
-    if nx * ny > MOST_CELLS:
-        raise InputError(f"room.cell = {room.cell:g} m makes {nx} x {ny} cells, over {MOST_CELLS}; use a larger one")
     centres = np.stack(np.meshgrid((np.arange(nx) + 0.5) * room.cell, (np.arange(ny) + 0.5) * room.cell), axis=-1)
     mask = inside(centres, room.vertices)
     pieces = _pieces(mask)

@@ -66,7 +66,7 @@ class Room:
             _require_pair("room.outline", corner)
         if self.outline is not None and (len(self.outline) < 3 or self.area < self.cell**2):
             raise InputError("room.outline encloses no area; give at least three corners [x, y], in order")
-        cells = float(np.prod(np.ptp(self.vertices, axis=0) / self.cell))
+        cells = float(np.prod(np.abs(self.vertices).max(axis=0) / self.cell))  # the grid starts at the origin
         if cells > MOST_CELLS:
             raise InputError(
                 f"room.cell = {self.cell:g} m cuts the room into {cells:.3g} cells; use a larger one"

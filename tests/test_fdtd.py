@@ -171,6 +171,7 @@ def test_too_low_a_sampling_rate_names_the_remedy():
         ({"outline": ((-1.0, 0.0), (1.0, 0.0), (1.0, 1.0))}, "below 0"),
         ({"outline": ((0.0, 0.0), (1.0, 0.1), (2.0, 0.0), (1.0, 0.12))}, "pieces|no cell"),
         ({"size": (2000.0, 2000.0)}, "use a larger one"),
+        ({"outline": ((1e6, 0.0), (1e6 + 1, 0.0), (1e6 + 1, 1.0))}, "use a larger one"),
     ],
 )
 def test_rooms_that_make_no_grid(room, words):
