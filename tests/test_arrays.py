@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fdcal.arrays import circle, crosses, encloses, hull, inside, positions_of, rectangle, rectangle_plus_random, snap
@@ -28,6 +28,7 @@ def test_rectangle_runs_along_x_first():
     assert np.allclose(rectangle((1, 2), (5.0, 1.0)), [[0, -0.5], [0, 0.5]])
 
 
+@settings(deadline=None)  # a busy machine is no fault
 @given(st.integers(0, 2**32), st.integers(1, 40))
 def test_random_microphones_are_drawn_without_replacement(seed, extra):
     draw = [rectangle_plus_random((3, 3), (0.4, 0.4), extra, 0.04, np.random.default_rng(seed)) for _ in range(2)]
@@ -44,6 +45,7 @@ def test_random_microphones_fill_every_free_cell_and_no_more():
         rectangle_plus_random((2, 2), (0.12, 0.12), 13, 0.04, rng)
 
 
+@settings(deadline=None)  # a busy machine is no fault
 @given(st.floats(-10, 10), st.floats(-10, 10), st.sampled_from([0.02, 0.04, 0.017]))
 def test_snapping_goes_to_the_own_cell_and_stays_there(x, y, cell):
     snapped = snap(np.array([x, y]), cell)
@@ -64,6 +66,7 @@ def test_inside_counts_the_area():
     assert np.isclose(inside(centres, L_SHAPE).sum() * 0.01, 26)
 
 
+@settings(deadline=None)  # a busy machine is no fault
 @given(st.floats(-3, 3), st.floats(-3, 3))
 def test_hull_of_a_square(x, y):
     if abs(max(abs(x), abs(y)) - 1) > 1e-6:
