@@ -10,7 +10,7 @@ import click
 import pytest
 
 from fdcal.cli import commands
-from fdcal.measurement import OPTIONAL, REQUIRED, SEARCH
+from fdcal.measurement_file import OPTIONAL, REQUIRED, SEARCH
 from fdcal.scene import scene_names
 
 ROOT = Path(__file__).parent.parent
