@@ -61,9 +61,9 @@ def with_floor(picture: Picture, floor: Floor | None) -> Picture:
     """The picture with a map on the floor and a diamond where its cost is lowest; None takes neither."""
     if floor is None:
         return replace(picture, floor=None)
-    reach = 1.3 * picture.marker * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
+    reach = 2.8 * picture.marker * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
     diamond = shapes.loop(reach + floor.minimum, 9 * picture.marker / LAYERS)
-    solids = picture.solids + _strokes("map/minimum", diamond, picture.marker, LOWEST, 0.4, halo=0.25)
+    solids = picture.solids + _strokes("map/minimum", diamond, picture.marker, LOWEST, 0.45, halo=0.25)
     return replace(picture, floor=floor, solids=solids)
 
 
