@@ -63,7 +63,7 @@ def with_floor(picture: Picture, floor: Floor | None) -> Picture:
         return replace(picture, floor=None)
     reach = 2.8 * picture.marker * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
     diamond = shapes.loop(reach + floor.minimum, 9 * picture.marker / LAYERS)
-    solids = picture.solids + _strokes("map/minimum", diamond, picture.marker, LOWEST, 0.45, halo=0.25)
+    solids = picture.solids + _strokes("lowest", diamond, picture.marker, LOWEST, 0.45, halo=0.25)
     return replace(picture, floor=floor, solids=solids)
 
 

@@ -79,7 +79,7 @@ class ColourBar:
             values = round_values(self.low, self.high, 5)
             return tuple((float((v - self.low) / (self.high - self.low)), f"{v:.4g}") for v in values)
         decades = np.log10(self.high / self.low)
-        values = LogLocator(subs=(1.0,) if decades > 2 else (1.0, 2.0, 5.0)).tick_values(self.low, self.high)
+        values = LogLocator(subs=(1.0,) if decades > 3 else (1.0, 2.0, 5.0)).tick_values(self.low, self.high)
         values = values[(values >= self.low * (1 - 1e-9)) & (values <= self.high * (1 + 1e-9))]
         if len(values) < 3:
             values = round_values(self.low, self.high, 4)

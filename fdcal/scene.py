@@ -345,6 +345,8 @@ def load_scene(path: str | Path) -> Scene:
     Raises InputError (unknown or missing key, wrong type, impossible value) and StorageError.
     """
     path = Path(path)
+    if path.suffix == ".npz":
+        raise InputError(f"{path} is a measurement; give a scene: a .toml file or one of {', '.join(scene_names())}")
     if path.suffix != ".toml" and not path.is_file():
         if path.name not in scene_names() or path.name != str(path):
             raise InputError(f'scene "{path}" is unknown; use a .toml file or one of {", ".join(scene_names())}')

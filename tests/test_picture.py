@@ -163,9 +163,11 @@ def test_a_diamond_stands_where_the_cost_is_lowest():
     floor = paint(cost, search)
     np.testing.assert_allclose(floor.minimum, (1.3, 2.1))
     bare = Picture(LIGHT, (1.0, 2.0, 1.4, 2.2), (1.0, 2.0, 1.4, 2.2), 0.01)
-    diamond = next(solid for solid in with_floor(bare, floor).solids if solid.name == "map/minimum")
+    diamond = next(solid for solid in with_floor(bare, floor).solids if solid.name == "lowest")
     np.testing.assert_allclose(diamond.vertices.mean(axis=0)[:2], floor.minimum, atol=1e-6)
     assert with_floor(bare, None).solids == ()
+    # In the browser a name is a path, and what lies below the map's node is drawn relative to it.
+    assert not any(solid.name.startswith("map") for solid in with_floor(bare, floor).solids)
 
 
 def test_a_logarithmic_map_keeps_its_order_and_owns_up_to_clipping():
@@ -173,6 +175,10 @@ def test_a_logarithmic_map_keeps_its_order_and_owns_up_to_clipping():
     cost = np.array([[1e-12, 1e-3, 1e-2, 1e-1], [1.0, 2.0, 5.0, 10.0]])
     bar = paint(cost, search, log=True).bar
     assert bar.clipped and bar.high == 10.0 and bar.low == pytest.approx(1e-3)
+    assert [text for _, text in bar.ticks][:2] == ["0.001", "0.01"]
+    two_decades = paint(cost.clip(0.24) * 10, search, log=True).bar
+    shares = [share for share, _ in two_decades.ticks]
+    assert len(shares) >= 3 and min(shares) < 0.35 and max(shares) > 0.6
     unclipped = paint(cost + 1.0, search, log=True).bar
     assert not unclipped.clipped and unclipped.low == pytest.approx(1.0)
 

@@ -158,3 +158,8 @@ def test_not_toml(tmp_path):
 
 def test_search_shape_counts_both_ends():
     assert Search((0, 0), (1.2, 0.3), 0.1).shape == (13, 4)
+
+
+def test_a_measurement_is_no_scene(tmp_path):
+    with pytest.raises(InputError, match="is a measurement; give a scene"):
+        load_scene(tmp_path / "mine.npz")

@@ -32,7 +32,7 @@ class Choices:
     shown: bool = True
     single: bool = False  # the map of one mode instead of the sum
     mode: int = 1  # that one mode
-    log: bool = False
+    log: bool = True
     dark: bool = False
     export_view: str = "top"
     export_size: tuple[int, int] = (1280, 800)
@@ -104,7 +104,7 @@ class Controls:
             )
             kind = self._gui.add_dropdown("Map", (SUM, SINGLE, "None"), initial_value=SUM)
             self._mode = self._gui.add_slider("Mode shown", 1, self._modes, 1, 1, visible=False)
-            scale = self._gui.add_dropdown("Scale", (LINEAR, LOG), initial_value=LINEAR)
+            scale = self._gui.add_dropdown("Scale", (LINEAR, LOG), initial_value=LOG)
             self._bar = self._gui.add_html(words.colour_bar(None))
         self._on(self._microphone, self._choose_microphone)
         self._on(self._follow, lambda value: self._choose(follow=bool(value), microphone=self._looked_at))

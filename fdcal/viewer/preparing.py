@@ -113,4 +113,12 @@ def _work(scene: Scene, progress: Progress) -> Work | None:
     progress.done = 1.0
     problem = measurement.problem(scene.solver.weights)
     solver = solvers.load(scene.solver.name)
-    return Work(scene, measurement, problem, solver, Session(problem, scene.solver, scene.seed, solver))
+    session = Session(problem, scene.solver, scene.seed, solver)
+    _warm_up(problem, solver, session.view.state)
+    return Work(scene, measurement, problem, solver, session)
+
+
+def _warm_up(problem, solver, state) -> None:
+    """Compile what a step and a map need, seconds the first time, so that the first click is answered at once."""
+    solver.step(problem, state)
+    solver.landscape(problem, state, int(problem.free[0]), slice(state.first - 1, state.first))

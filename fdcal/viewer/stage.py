@@ -30,7 +30,7 @@ class Stage:
         """Make the scene look like `picture`."""
         parts = {part.name: part for part in (*picture.lines, *picture.solids, *picture.labels)}
         if picture.floor is not None:
-            parts["map"] = picture.floor
+            parts["floor"] = picture.floor  # no other name may lie below it: viser would move that node along
         self._picture = picture
         with self._server.atomic():
             for name in sorted(self._nodes.keys() - parts.keys(), reverse=True):  # a child before its parent
