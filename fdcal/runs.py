@@ -145,7 +145,7 @@ def summary(given: Given, result: dict) -> str:
         f"{given.name}: {free} of {count} microphones sought by {result['solver']}, seed {result['seed']}",
         f"modes   {len(f)}, {f[0]:.1f} to {f[-1]:.1f} Hz",
         f"run     {result['sweeps']} sweeps in {result['elapsed_s']:.1f} s, {end}",
-        f"cost    {result['cost']:.3g} (dimensionless)",
+        f"cost    {result['cost']:.3g} ({'dimensionless' if given.settings.weights == 'unit' else 'pressure squared'})",
         f"error   {error}",
     )
     return "\n".join(lines)

@@ -60,8 +60,9 @@ class Curves:
 
     def _row(self, state) -> tuple:
         errors = np.zeros(1) if self._truth is None else position_errors(state.positions, self._truth)
+        at_once = state.step == state.sweep  # a solver whose every step moves all microphones
         return (
-            state.step / self._free,
+            state.step if at_once else state.step / self._free,
             1e3 * _drawable(errors.mean(), LEAST_ERROR),
             1e3 * _drawable(errors.max(), LEAST_ERROR),
             10 * np.log10(_drawable(state.cost, LEAST_COST)),
