@@ -408,7 +408,7 @@ def viewer(server, scene, measurement, monkeypatch):
 def mapped(viewer):
     """Let one map be made; the microphone whose map is shown then, None without a map."""
     viewer._work.solver.gate.release()
-    assert viewer._maps._worker.wait_for(lambda _: not viewer._maps._worker._busy, WAIT)
+    assert viewer._maps._worker.wait_for(lambda _: not viewer._maps._worker.busy, WAIT)
     viewer.tick(1e9)
     return shown(viewer)
 
@@ -440,6 +440,7 @@ def test_while_running_the_map_of_an_older_state_stays_but_not_over_a_reset(view
     viewer.tick(0.0)
     assert shown(viewer) == 3, "the very same state"
     viewer._turn += 1
+    viewer.tick(1e9)
     mapped(viewer)
     states.append(State(positions + 0.01, 1))
     session.view = dataclasses.replace(session.view, state=states[1], index=1, count=2, history=History(states, 2))
