@@ -22,7 +22,7 @@ ROOMS = [
     ["arrays"],
     ["stencil"],
     ["fdtd"],
-    ["dictionary"],
+    ["dictionary", "spherical"],
     ["spectrum"],
     ["measurement"],
     ["measurement_file"],
