@@ -19,7 +19,7 @@ def plane_wave(points, k, direction=DIRECTION):
 
 
 def plane_wave_coefficients(k, order, centre):
-    """exp(-j k d.x) = 4 pi sum (-j)^l j_l(k r) Y_lm(x) conj(Y_lm(d)); W at the point d with j_l divided out is Y_lm(d)."""
+    """exp(-j k d.x) = 4 pi sum (-j)^l j_l(k r) Y_lm(x) conj(Y_lm(d)); W at d is sqrt(4 pi) j_l Y_lm(d)."""
     l, _ = degrees(order)  # noqa: E741
     Y = spherical_bessel(DIRECTION[None], 3.3, order, np.zeros(3))[0] / spherical_jn(l, 3.3)
     return (-1j) ** l * Y.conj() * plane_wave(centre, k)
