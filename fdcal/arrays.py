@@ -1,9 +1,10 @@
 """Where the microphones stand: array geometries, snapped to the cells of the simulation.
 
 A simulated microphone records one FDTD cell. Cell i spans i h to (i + 1) h along an axis, counted from the
-origin of the room's coordinates, so its centre is (i + 0.5) h; the snapped position is the truth.
+origin of the room's coordinates, so its centre is (i + 0.5) h; the snapped position is the truth. Arrays in a room of
+three dimensions, which has no cells, are of `fdcal.space`.
 
-    positions_of    the array of a scene, on cell centres, with every check a scene needs
+    positions_of    the array of a scene, with every check a scene needs
     circle, rectangle, rectangle_plus_random    the pure geometries, before the checks
     snap, inside, encloses    cell centres, point in polygon, point in convex hull
     hull, crosses    corners of the convex hull, and whether a wall crosses it
@@ -16,7 +17,12 @@ import numpy as np
 from .checks import InputError, frozen_array
 from .gauge import fixes_gauge
 from .scene import Array, Scene
+from .space import places_of
 
+REMEDY = {
+    2: "three microphones known that are not on one line",
+    3: "four microphones known that are not in one plane",
+}
 ROUNDING = 1e-9  # of a cell: decides on which side of a cell edge a coordinate falls in spite of float rounding
 
 
@@ -25,24 +31,32 @@ def positions_of(scene: Scene) -> np.ndarray:
 
     Returns
     -------
-    (N, 2) float64 array, read-only, metres, on cell centres
+    (N, D) float64 array, read-only, metres; on cell centres, or in a room of three dimensions where they are. D is 2 in
+    a plane, whose height is left out then.
 
     Raises
     ------
     InputError
-        Two microphones in one cell, one outside the room or the search domain, the source outside the room or
+        Two microphones in one cell or place, one outside the room or the search domain, the source outside the room or
         inside the array, a wall between microphones, known microphones that do not fix translation, rotation and
         mirror.
     """
+    positions = places_of(scene)[:, : scene.array.dimension] if scene.room.dimension == 3 else _on_cells(scene)
+    _check_gauge(positions, scene)
+    if scene.search is not None:
+        _check_search(positions, scene)
+    return frozen_array(positions, float)
+
+
+def _on_cells(scene: Scene) -> np.ndarray:
+    """(N, 2) metres, on cell centres, in a room that is simulated."""
     rng = np.random.default_rng([scene.seed, 0])
     positions = snap(_geometry(scene.array, scene.room.cell, rng), scene.room.cell)
     _check_apart(positions, scene)
     _check_in_room(positions, scene)
     _check_walls(positions, scene)
     _check_source(positions, scene)
-    _check_gauge(positions, scene)
-    _check_search(positions, scene)
-    return frozen_array(positions, float)
+    return positions
 
 
 def circle(count: int, radius: float) -> np.ndarray:
@@ -239,11 +253,13 @@ def _check_gauge(positions: np.ndarray, scene: Scene) -> None:
     known = scene.gauge.indices(len(positions))
     if len(known) == len(positions):
         raise InputError("gauge leaves no microphone to be found; take at least one out of gauge.known")
+    if scene.room.dimension == 3 and not known:  # all at once needs none
+        return
     if not fixes_gauge(positions[list(known)]):
         key, value = ("known", known) if scene.gauge.free is None else ("free", scene.gauge.free)
         raise InputError(
             f"gauge.{key} = {list(value)} does not fix translation, rotation and mirror;"
-            " leave at least three microphones known that are not on one line"
+            f" leave at least {REMEDY[positions.shape[1]]}"
         )
 
 

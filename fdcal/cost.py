@@ -189,21 +189,31 @@ def lattice_of(problem: Problem, order_offset: int) -> Lattice:
     """
     if problem.search is None:
         raise InputError("the measurement has no search domain; give --search ORIGIN,SIZE,STEP and --radius R")
+    require_modes(problem, order_offset, 1)
     orders = max_order(problem.wavenumbers, problem.search.radius, order_offset)
     usable = usable_modes(problem, order_offset)
-    require_modes(problem, order_offset, 1)
     return Lattice(problem.search, problem.wavenumbers[:usable], orders[:usable])
 
 
 def usable_modes(problem: Problem, order_offset: int) -> int:
-    """How many of the lowest modes have 2L + 1 functions that the microphones, one left out, can carry."""
+    """How many of the lowest modes have 2L + 1 functions that the microphones, one left out, can carry.
+
+    All of a field of three dimensions, or without a search domain, which no lattice is searched for.
+    """
+    if problem.dimension == 3 or problem.search is None:
+        return len(problem.pressures)
     orders = max_order(problem.wavenumbers, problem.search.radius, order_offset)
     carried = 2 * orders + 1 < problem.pressures.shape[1]
     return int(np.argmin(carried)) if not carried.all() else len(carried)
 
 
 def require_modes(problem: Problem, order_offset: int, count: int) -> None:
-    """Raise InputError unless the problem has `count` modes and the microphones to carry them."""
+    """Raise InputError unless the field has two dimensions, `count` modes and the microphones to carry them."""
+    if problem.dimension != 2:
+        raise InputError(
+            'landscapes and solver.name = "descent" are of fields of two dimensions, and this one has three; use'
+            ' solver.name = "joint"'
+        )
     measured, microphones = problem.pressures.shape
     if count > measured:
         raise InputError(

@@ -95,7 +95,11 @@ def _check_walls(room: Room) -> None:
 
 
 def make_grid(room: Room, sample_rate: float) -> Grid:
-    """Coefficients of the scheme for `room` at `sample_rate` Hz; InputError above the stability limit."""
+    """Coefficients of the scheme for `room` at `sample_rate` Hz; InputError above the stability limit or for a box."""
+    if room.dimension != 2:
+        raise InputError(
+            f"room.size = {list(room.size)} has three lengths, and the grid has two; use fdcal.shoebox for its field"
+        )
     courant = room.sound_speed / (sample_rate * room.cell)
     if courant > math.sqrt(0.5) * (1 + 1e-12):
         least = math.ceil(math.sqrt(2) * room.sound_speed / room.cell)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .candidates import lattice_landscape
-from .checks import InputError, frozen_array
+from .checks import frozen_array
 from .cost import lattice_of, require_modes
 from .measurement import Problem
 from .picture import COLOUR_MAP, DECADES
@@ -52,9 +52,7 @@ def landscape_panels(problem: Problem, positions, n: int, modes: Sequence[int], 
 
     Raises InputError for a field that is not 2-D, a mode whose order the microphones cannot carry, or no search domain.
     """
-    if problem.dimension != 2:
-        raise InputError("landscapes are drawn of two-dimensional fields; this measurement has dimension = 3")
-    if problem.search is not None:
+    if problem.search is not None or problem.dimension != 2:
         require_modes(problem, order_offset, max(modes))
     index = np.asarray(modes) - 1
     names = ("pressures", "wavenumbers", "frequencies")

@@ -14,6 +14,7 @@ import numpy as np
 from .arrays import positions_of
 from .checks import InputError, frozen_array, require_array, require_choice, require_positive
 from .scene import Scene, Search
+from .space import places_of
 
 ROUNDING = 1e-9  # of a wavenumber: an imaginary part this small may have either sign
 FAINTEST, LOUDEST = 1e-100, 1e100  # pressures whose squares, summed, can be used as they are
@@ -230,19 +231,25 @@ def _check_search(m: Measurement) -> None:
 
 def require_measurable(scene: Scene) -> None:
     """Raise InputError for what can be told without simulating: a recording too short, too high a band."""
+    source, sensing = scene.source, scene.measurement
+    if scene.room.dimension == 3:
+        from .shoebox import require_resolved
+
+        require_resolved(source, sensing)
+        return
     from .spectrum import check_band
 
-    source, sensing = scene.source, scene.measurement
     check_band(source.duration, source.sample_rate, sensing.highest, sensing.resolution)
 
 
 def measure(scene: Scene, recordings: np.ndarray | None = None, progress=None) -> Measurement:
-    """What the microphones of a scene measure: simulation, modes, complex pressures, noise.
+    """What the microphones of a scene measure: simulation or closed form, modes, complex pressures, noise.
 
     Parameters
     ----------
     scene : Scene
-    recordings : (N, T) float64, as `fdcal.fdtd.simulate` returns them; simulated unless given
+    recordings : (N, T) float64, as `fdcal.fdtd.simulate` returns them; simulated unless given. A room of three
+        dimensions has none: its field is known in closed form (`fdcal.shoebox`)
     progress : callable(float) or None, told the fraction done of the simulation
 
     Returns
@@ -252,10 +259,36 @@ def measure(scene: Scene, recordings: np.ndarray | None = None, progress=None) -
 
     Raises InputError for whatever the scene does not allow.
     """
+    require_measurable(scene)
+    positions, dimension = positions_of(scene), scene.room.dimension
+    if dimension == 3:
+        from .shoebox import listen
+
+        heard = listen(scene.room, scene.source, places_of(scene), scene.measurement, progress)
+    else:
+        heard = _from_recordings(scene, positions, recordings, progress)
+    frequencies, wavenumbers, clean = heard
+    noise_power = np.mean(np.abs(clean) ** 2, axis=1) * 10 ** (-scene.measurement.snr_db / 10)
+    rng = np.random.default_rng([scene.seed, 1])
+    noise = rng.normal(scale=math.sqrt(0.5), size=(2, *clean.shape))  # of unit power, whatever the SNR
+    return Measurement(
+        frequencies=frequencies,
+        pressures=clean + np.sqrt(noise_power)[:, None] * (noise[0] + 1j * noise[1]),
+        sound_speed=scene.room.sound_speed,
+        dimension=dimension,
+        array_dimension=positions.shape[1],
+        wavenumbers=wavenumbers,
+        noise_power=noise_power,
+        positions=positions,
+        known=scene.gauge.indices(len(positions)),
+        search=scene.search,
+    )
+
+
+def _from_recordings(scene: Scene, positions, recordings, progress):
+    """Frequencies (M,), wavenumbers (M,) and pressures (M, N) from recordings, simulated unless given."""
     from . import spectrum  # the signal library, which reading a measurement does without
 
-    require_measurable(scene)
-    positions = positions_of(scene)
     if recordings is None:
         from .fdtd import simulate
 
@@ -267,17 +300,4 @@ def measure(scene: Scene, recordings: np.ndarray | None = None, progress=None) -
     wavenumbers = spectrum.wavenumber_continuous(frequencies, s, c)
     if sensing.wavenumber == "discrete":
         wavenumbers = spectrum.wavenumber_discrete(frequencies, s, c, scene.room.cell, fs)
-    clean = spectrum.transform(recordings, fs, s, frequencies)
-    noise_power = np.mean(np.abs(clean) ** 2, axis=1) * 10 ** (-sensing.snr_db / 10)
-    rng = np.random.default_rng([scene.seed, 1])
-    noise = rng.normal(scale=math.sqrt(0.5), size=(2, *clean.shape))  # of unit power, whatever the SNR
-    return Measurement(
-        frequencies=frequencies,
-        pressures=clean + np.sqrt(noise_power)[:, None] * (noise[0] + 1j * noise[1]),
-        sound_speed=c,
-        wavenumbers=wavenumbers,
-        noise_power=noise_power,
-        positions=positions,
-        known=scene.gauge.indices(len(positions)),
-        search=scene.search,
-    )
+    return frequencies, wavenumbers, spectrum.transform(recordings, fs, s, frequencies)

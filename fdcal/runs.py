@@ -53,7 +53,8 @@ def check_scene(scene: Scene) -> None:
 
     positions_of(scene)
     require_measurable(scene)
-    make_grid(scene.room, scene.source.sample_rate)
+    if scene.room.dimension == 2:
+        make_grid(scene.room, scene.source.sample_rate)
 
 
 def from_scene(scene: Scene, progress: Progress | None = None) -> Given:

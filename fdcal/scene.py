@@ -28,7 +28,8 @@ from .tables import build
 Point = tuple[float, ...]
 
 WALLS = ("rigid", "pressure-release", "absorbing")
-GEOMETRIES = ("circle", "rectangle", "rectangle+random", "positions")
+IN_SPACE = ("plane", "ball", "box")  # geometries of a room with three lengths; "positions" of any
+GEOMETRIES = ("circle", "rectangle", "rectangle+random", "positions", *IN_SPACE)
 MOST_CELLS = 20_000_000  # of a simulation: 160 MB for each of its fields
 MOST_MICROPHONES = 10_000
 MOST_CANDIDATES = 500_000  # of a search: the solvers' tables of them take 1 to 2 GB
@@ -38,20 +39,34 @@ MOST_DECIBELS = 300.0
 
 @dataclass(frozen=True)
 class Room:
-    """Walls and air. Give `size` (a rectangle with a corner at the origin) or `outline`."""
+    """Walls and air. Give `size` or `outline`.
+
+    `size` is a rectangle with a corner at the origin or, with three lengths, a box: a field of three dimensions, which
+    has a closed form (`fdcal.shoebox`) and no cells.
+    """
 
     size: Point | None = None
     outline: tuple[Point, ...] | None = None
     walls: str = "rigid"
     admittance: float = 0.0  # specific admittance rho c / Z of absorbing walls
     sound_speed: float = 343.0
-    cell: float = 0.02  # h, edge of one FDTD cell
+    cell: float | None = None  # h, edge of one FDTD cell; 0.02 unless given
 
-    OPTIONAL: typing.ClassVar = ("size", "outline", "admittance")  # in a scene file; the checks below say when
+    @staticmethod
+    def optional(table: dict) -> tuple[str, ...]:
+        """Keys that a scene file may leave out; the checks below say when."""
+        return "size", "outline", "admittance", *(("cell",) if _is_triple(table.get("size")) else ())
 
     def __post_init__(self):
         require_positive("room.sound_speed", self.sound_speed, "m/s")
-        require_positive("room.cell", self.cell, "m")
+        if self.dimension == 2:
+            object.__setattr__(self, "cell", 0.02 if self.cell is None else self.cell)
+            require_positive("room.cell", self.cell, "m")
+        elif self.cell is not None:
+            raise InputError(
+                f"room.cell = {self.cell:g} m has no meaning with a room.size of three lengths, whose field is known in"
+                " closed form; remove it"
+            )
         self._check_outline()
         self._check_walls()
 
@@ -59,11 +74,13 @@ class Room:
         if (self.size is None) == (self.outline is None):
             raise InputError("room needs either room.size or room.outline; give exactly one")
         if self.size is not None:
-            _require_pair("room.size", self.size)
+            _require_point("room.size", self.size, (2, 3))
         for length in self.size or ():
             require_positive("room.size", length, "m")
+        if self.dimension == 3:
+            return
         for corner in self.outline or ():
-            _require_pair("room.outline", corner)
+            _require_point("room.outline", corner, (2,))
         if self.outline is not None and (len(self.outline) < 3 or self.area < self.cell**2):
             raise InputError("room.outline encloses no area; give at least three corners [x, y], in order")
         cells = float(np.prod(np.abs(self.vertices).max(axis=0) / self.cell))  # the grid starts at the origin
@@ -87,11 +104,16 @@ class Room:
             )
 
     @property
+    def dimension(self) -> int:
+        """2 or 3, of the sound field."""
+        return 3 if _is_triple(self.size) else 2
+
+    @property
     def vertices(self) -> np.ndarray:
-        """Corners of the outline : (V, 2) float64 array, metres."""
+        """Corners of the outline, of a box those of its floor : (V, 2) float64 array, metres."""
         if self.outline is not None:
             return np.array(self.outline, dtype=float)
-        width, depth = self.size
+        width, depth = self.size[:2]
         return np.array([[0, 0], [width, 0], [width, depth], [0, depth]], dtype=float)
 
     @property
@@ -103,19 +125,38 @@ class Room:
 
 @dataclass(frozen=True)
 class Source:
-    """The one source, outside the array: a zero-mean pulse of flat spectrum from `low` to `high`."""
+    """The one source, outside the array: a zero-mean pulse of flat spectrum from `low` to `high`.
+
+    At three coordinates the field has a closed form, the spectrum is flat throughout, and `duration` alone counts.
+    """
 
     position: Point
-    low: float = 20.0
-    high: float = 3000.0
-    sample_rate: float = 28590.0  # fs
+    low: float | None = None  # Hz; 20 unless given
+    high: float | None = None  # Hz; 3000
+    sample_rate: float | None = None  # fs, Hz; 28590
     duration: float = 4.0  # of the recording, s
 
+    FLAT: typing.ClassVar = {"low": 20.0, "high": 3000.0, "sample_rate": 28590.0}  # of a field that is simulated
+
+    @classmethod
+    def optional(cls, table: dict) -> tuple[str, ...]:
+        """Keys that a scene file may leave out."""
+        return tuple(cls.FLAT) if _is_triple(table.get("position")) else ()
+
     def __post_init__(self):
-        _require_pair("source.position", self.position)
-        for key in ("low", "high", "sample_rate", "duration"):
-            require_positive(f"source.{key}", getattr(self, key), "s" if key == "duration" else "Hz")
-        if not self.low < self.high < self.sample_rate / 2:
+        _require_point("source.position", self.position, (2, 3))
+        require_positive("source.duration", self.duration, "s")
+        for key, usual in self.FLAT.items():
+            value = getattr(self, key)
+            if len(self.position) == 3 and value is not None:
+                raise InputError(
+                    f"source.{key} = {value:g} Hz has no meaning with a source.position of three coordinates, where no"
+                    " pulse is simulated; remove it"
+                )
+            if len(self.position) == 2:
+                object.__setattr__(self, key, usual if value is None else value)
+                require_positive(f"source.{key}", getattr(self, key), "Hz")
+        if len(self.position) == 2 and not self.low < self.high < self.sample_rate / 2:
             raise InputError(
                 f"source.low = {self.low:g} Hz and source.high = {self.high:g} Hz must rise and stay below half of"
                 f" source.sample_rate = {self.sample_rate:g} Hz"
@@ -124,14 +165,14 @@ class Source:
 
 @dataclass(frozen=True)
 class Array:
-    """Geometry of the microphones; `fdcal.arrays` turns it into positions on cell centres."""
+    """Geometry of the microphones; `fdcal.arrays` turns it into positions."""
 
     geometry: str
-    center: Point = (0.0, 0.0)
-    count: int | None = None  # circle: microphones on it
-    radius: float | None = None  # circle
-    shape: tuple[int, ...] | None = None  # rectangle: microphones along x, y
-    size: Point | None = None  # rectangle: outer lengths along x, y
+    center: Point | None = None  # the origin unless given
+    count: int | None = None  # circle, ball, box: microphones on or in it
+    radius: float | None = None  # circle, ball
+    shape: tuple[int, ...] | None = None  # rectangle, plane: microphones along x, y
+    size: Point | None = None  # rectangle, plane, box: outer lengths
     random: int = 0  # rectangle+random: extra microphones inside `size`
     positions: tuple[Point, ...] | None = None  # positions: one microphone a row
 
@@ -141,11 +182,13 @@ class Array:
         "rectangle": ("shape", "size"),
         "rectangle+random": ("shape", "size", "random"),
         "positions": ("positions",),
+        "plane": ("shape", "size"),
+        "ball": ("count", "radius"),
+        "box": ("count", "size"),
     }
 
     def __post_init__(self):
         require_choice("array.geometry", self.geometry, GEOMETRIES)
-        _require_pair("array.center", self.center)
         needs = self.NEEDS[self.geometry]
         for key in ("count", "radius", "shape", "size", "random", "positions"):
             value = getattr(self, key)
@@ -155,11 +198,34 @@ class Array:
                 raise InputError(f'array.{key} has no meaning with array.geometry = "{self.geometry}"; remove it')
             for number in np.ravel(value) if key in needs and key != "positions" else ():  # positions may be negative
                 require_positive(f"array.{key}", float(number), "m" if key in ("radius", "size") else "")
-        for key, rows in (("shape", [self.shape]), ("size", [self.size]), ("positions", self.positions)):
-            for row in rows or () if key in needs else ():
-                _require_pair(f"array.{key}", row)
+        self._check_lengths(needs)
         if self._number() > MOST_MICROPHONES:
             raise InputError(f"array has {self._number()} microphones; use at most {MOST_MICROPHONES}")
+
+    def _check_lengths(self, needs) -> None:
+        """Of every point and size, how many numbers it has; fills in the centre."""
+        if self.center is None:
+            object.__setattr__(self, "center", (0.0,) * self.room_dimension)
+        _require_point("array.center", self.center, (self.room_dimension,))
+        for key, rows, wanted in (
+            ("shape", [self.shape], 2),
+            ("size", [self.size], self.dimension),
+            ("positions", self.positions, self.dimension),
+        ):
+            for row in rows or () if key in needs else ():
+                _require_point(f"array.{key}", row, (wanted,))
+
+    @property
+    def dimension(self) -> int:
+        """2 or 3, coordinates of a microphone: 2 in a plane."""
+        return self.room_dimension - (self.geometry == "plane")
+
+    @property
+    def room_dimension(self) -> int:
+        """2 or 3, of the room that the array stands in."""
+        if self.geometry == "positions":
+            return 3 if _is_triple(self.positions[0]) else 2
+        return 3 if self.geometry in IN_SPACE else 2
 
     def _number(self) -> int:
         """Number of microphones N."""
@@ -208,6 +274,12 @@ class Search:
     def shape(self) -> tuple[int, ...]:
         """Number of candidates along each axis."""
         return tuple(round(length / self.step) + 1 for length in self.size)
+
+    def layer(self, height: float = 0.0) -> np.ndarray:
+        """Candidates of the horizontal layer at `height`, metres : (ny, nx, D) float64; all of them where D is 2."""
+        x, y = (o + self.step * np.arange(n) for o, n in zip(self.origin[:2], self.shape[:2], strict=True))
+        axes = (*np.meshgrid(x, y), np.full((len(y), len(x)), height))
+        return np.stack(axes[: len(self.origin)], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -298,19 +370,50 @@ class Scene:
     room: Room
     source: Source
     array: Array
-    search: Search
+    search: Search | None
     gauge: Gauge
     measurement: Sensing = field(default_factory=Sensing)
     solver: Solver = field(default_factory=Solver)
     seed: int = 0
 
-    OPTIONAL: typing.ClassVar = ("name", "title")  # load_scene gives the name of the file
+    @staticmethod
+    def optional(table: dict) -> tuple[str, ...]:
+        """Keys that a scene file may leave out: load_scene gives the name of the file."""
+        room = table.get("room")
+        boxed = isinstance(room, dict) and _is_triple(room.get("size"))
+        return "name", "title", *(("search",) if boxed else ())
 
     def __post_init__(self):
         if self.seed < 0:
             raise InputError(f"seed = {self.seed} must not be negative; use 0 or more")
-        for key, values in (("search.origin", self.search.origin), ("search.size", self.search.size)):
-            _require_pair(key, values)
+        self._check_dimensions()
+        if self.room.dimension == 2:
+            self._check_band()
+
+    def _check_dimensions(self):
+        D = self.room.dimension
+        if len(self.source.position) != D:
+            raise InputError(
+                f"source.position = {list(self.source.position)} has {len(self.source.position)} numbers; the room has"
+                f" {D} lengths, give as many coordinates"
+            )
+        if self.array.room_dimension != D:
+            wanted = '"ball", "box", "plane", or "positions" of three' if D == 3 else "a geometry of two"
+            raise InputError(
+                f'array.geometry = "{self.array.geometry}" is of {self.array.room_dimension} dimensions and the room of'
+                f" {D}; use {wanted} coordinates"
+            )
+        if self.search is None and D == 2:
+            raise InputError("search is missing; add it to the scene")
+        for key in ("origin", "size") if self.search is not None else ():
+            _require_point(f"search.{key}", getattr(self.search, key), (self.array.dimension,))
+        if D == 3 and self.measurement.wavenumber != "continuous":
+            raise InputError(
+                f'measurement.wavenumber = "{self.measurement.wavenumber}" has no meaning without a grid; a room of'
+                ' three lengths needs "continuous"'
+            )
+
+    def _check_band(self):
         if not self.source.low <= self.measurement.lowest < self.measurement.highest <= self.source.high:
             raise InputError(
                 f"measurement.lowest = {self.measurement.lowest:g} Hz to measurement.highest ="
@@ -319,10 +422,16 @@ class Scene:
             )
 
 
-def _require_pair(key: str, values) -> None:
-    """Raise InputError unless `values` are two finite numbers."""
-    if len(values) != 2:
-        raise InputError(f"{key} = {list(values)} has {len(values)} numbers; give two, along x and y")
+def _is_triple(values) -> bool:
+    """Whether a list, of whatever, has three entries."""
+    return isinstance(values, (list, tuple)) and len(values) == 3
+
+
+def _require_point(key: str, values, lengths: tuple[int, ...]) -> None:
+    """Raise InputError unless `values` are finite numbers, as many as one of `lengths`."""
+    if len(values) not in lengths:
+        words = " or ".join({2: "two, along x and y", 3: "three, along x, y and z"}[n] for n in lengths)
+        raise InputError(f"{key} = {list(values)} has {len(values)} numbers; give {words}")
     require_finite(key, values)
     if max(map(abs, values)) > MOST_METRES:
         raise InputError(f"{key} = {list(values)} is too far away; use coordinates up to {MOST_METRES:g} m")

@@ -110,10 +110,7 @@ def pick_modes(
     InputError
         Silence, a recording too short for the resolution, no peak.
     """
-    from scipy.signal import (
-        find_peaks,
-        get_window,
-    )  # a second to load, which a measurement out of the cache does without
+    from scipy.signal import get_window  # a second to load, which a measurement out of the cache does without
 
     samples = recordings.shape[1]
     check_band(samples / fs, fs, highest, resolution)
@@ -125,16 +122,24 @@ def pick_modes(
     power = np.zeros(last - first + 1)
     for recording in recordings:  # one at a time: all of them padded would take PADDING times the memory
         power += np.abs(rfft(recording * window, padded)[first : last + 1]) ** 2
+    return peaks_of(power, first * step, step, prominence_db, resolution)
+
+
+def peaks_of(power: np.ndarray, lowest: float, step: float, prominence_db: float, resolution: float) -> np.ndarray:
+    """Frequencies of the peaks of a power spectrum (F,) float64 at lowest, lowest + step, ..., Hz; as `pick_modes`."""
+    from scipy.signal import find_peaks  # a second to load, likewise
+
     decibels = 10 * np.log10(power / power.max() + 1e-30)
     peaks = find_peaks(decibels, height=-RANGE_DB, prominence=prominence_db, distance=max(1.0, resolution / step))[0]
     if len(peaks) == 0:
         raise InputError(
             f"no mode stands out by measurement.prominence_db = {prominence_db:g} dB between measurement.lowest ="
-            f" {lowest:g} Hz and measurement.highest = {highest:g} Hz; widen the band or lower the prominence"
+            f" {lowest:g} Hz and measurement.highest = {lowest + step * (len(power) - 1):g} Hz; widen the band or lower"
+            " the prominence"
         )
     left, top, right = decibels[peaks - 1], decibels[peaks], decibels[peaks + 1]
     vertex = 0.5 * (left - right) / np.minimum(left - 2 * top + right, -1e-300)  # of the parabola through three points
-    return (first + peaks + vertex) * step
+    return lowest + (peaks + vertex) * step
 
 
 def check_band(duration: float, fs: float, highest: float, resolution: float) -> None:

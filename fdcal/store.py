@@ -97,7 +97,7 @@ def cached_recordings(scene: Scene, progress=None) -> np.ndarray:
 
 
 def cached_measurement(scene: Scene, progress=None) -> Measurement:
-    """What `measure` gives for the scene: from the cache, or made with `cached_recordings` and put there.
+    """What `measure` gives for the scene: from the cache, or made, with `cached_recordings` if any, and put there.
 
     Raises InputError as `measure` does.
     """
@@ -110,7 +110,8 @@ def cached_measurement(scene: Scene, progress=None) -> Measurement:
         save_measurement(measurement, file)
 
     def make() -> Measurement:
-        return measure(scene, cached_recordings(scene, progress))
+        recordings = cached_recordings(scene, progress) if scene.room.dimension == 2 else None
+        return measure(scene, recordings, progress)
 
     return _cached(f"{_key('measurement', table)}.npz", make, load_measurement, write)
 

@@ -1,7 +1,7 @@
 """A frozen dataclass from a TOML table: every key known, present and of its type.
 
-Defaults are for Python alone: a table gives every field but those that its class names in OPTIONAL, so that no
-constant of a run is decided out of sight.
+Defaults are for Python alone: a table gives every field but those that its class names in OPTIONAL, or in
+`optional(table)` where that depends on the others, so that no constant of a run is decided out of sight.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ def build(cls, table: dict, prefix: str = ""):
 
     Parameters
     ----------
-    cls : dataclass of str, int, float, tuples of these, or dataclasses; its OPTIONAL names what may be left out
+    cls : dataclass of str, int, float, tuples of these, or dataclasses; its OPTIONAL, or what its `optional(table)`
+        returns, names what may be left out
     table : dict, as tomllib reads it
     prefix : what messages put before a key, such as "room."
 
@@ -35,8 +36,9 @@ def build(cls, table: dict, prefix: str = ""):
             near = difflib.get_close_matches(key, fields, 1)
             remedy = f'did you mean "{prefix}{near[0]}"?' if near else f"known keys: {', '.join(fields)}"
             raise InputError(f"{prefix}{key} is not a key of a scene; {remedy}")
+    optional = cls.optional(table) if hasattr(cls, "optional") else getattr(cls, "OPTIONAL", ())
     for key in fields:
-        if key not in table and key not in getattr(cls, "OPTIONAL", ()):
+        if key not in table and key not in optional:
             raise InputError(f"{prefix}{key} is missing; add it to the scene")
     return cls(**{key: _convert(hints[key], value, f"{prefix}{key}") for key, value in table.items()})
 

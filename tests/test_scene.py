@@ -9,11 +9,12 @@ import pytest
 
 from fdcal.arrays import positions_of
 from fdcal.checks import InputError, StorageError
-from fdcal.scene import Search, load_scene, scene_names
+from fdcal.scene import Search, load_scene, scene_folder, scene_names
 
 
 def test_scenes_that_ship():
-    assert scene_names() == ["array1_circle", "array2_random", "fig1_square", "lshape", "tiny"]
+    names = ["array1_circle", "array2_random", "ball3d", "fig1_square", "lshape", "plane3d", "tiny"]
+    assert scene_names() == names
 
 
 @pytest.mark.parametrize("name", ["array1_circle", "array2_random", "fig1_square", "lshape", "tiny"])
@@ -27,6 +28,20 @@ def test_scene_holds_together(name):
     assert 2 * order + 1 <= len(positions) - 1, "one microphone is left out while it is searched for"
     centre = positions.mean(axis=0)
     assert np.linalg.norm(positions - centre, axis=1).max() <= scene.search.radius
+
+
+@pytest.mark.parametrize(("name", "dimension", "count"), [("ball3d", 3, 64), ("plane3d", 2, 121)])
+def test_scene_in_space_holds_together(name, dimension, count):
+    scene = load_scene(name)
+    assert scene.room.dimension == 3 and (scene.room.cell, scene.source.low, scene.source.sample_rate) == (None,) * 3
+    positions = positions_of(scene)
+    assert positions.shape == (count, dimension)
+    low, size = np.array(scene.search.origin), np.array(scene.search.size)
+    assert np.all(positions > low) and np.all(positions < low + size)
+    known = positions[list(scene.gauge.indices(count))]
+    assert len(known) == 4
+    spread = np.linalg.svd(known - known.mean(axis=0), compute_uv=False)
+    assert spread[-1] > 0.3, "the known microphones are far apart in every direction"
 
 
 @pytest.mark.parametrize("name", ["array1_circle", "array2_random"])
@@ -60,7 +75,8 @@ def test_name_and_path_give_the_same_scene(edited):
         ({"room.size": "3.0"}, ["room.size = 3.0", "a list"]),
         ({"room.size": "[-1.68, 1.2]"}, ["room.size = -1.68 m", "above zero"]),
         ({"room.size": "[1.68, inf]"}, ["room.size", "finite"]),
-        ({"room.size": "[1.68, 1.2, 3.0]"}, ["room.size", "3 numbers", "give two"]),
+        ({"room.size": "[1.68]"}, ["room.size", "1 numbers", "give two, along x and y or three"]),
+        ({"room.size": "[1.68, 1.2, 3.0]"}, ["room.cell = 0.04 m has no meaning", "three lengths", "remove it"]),
         ({"room.outline": "[[0, 0], [1, 0], [1, 1]]"}, ["room.size or room.outline", "exactly one"]),
         ({"room.size": None, "room.outline": "[[0, 0], [1, 1], [2, 2]]"}, ["room.outline encloses no area"]),
         ({"room.cell": "1e-6"}, ["room.cell = 1e-06", "use a larger one"]),
@@ -113,6 +129,86 @@ def test_bad_scene_names_key_value_and_remedy(edited, changes, words):
         assert word in message
 
 
+@pytest.fixture
+def boxed(tmp_path):
+    """Function that writes `ball3d`, or another scene, with lines exchanged: boxed({"radius = 0.45": ""}) -> path."""
+
+    def write(changes: dict[str, str], name: str = "ball3d"):
+        text = (scene_folder() / f"{name}.toml").read_text(encoding="utf-8")
+        for old, new in changes.items():
+            assert text.count(old) == 1, f"{old!r} is there {text.count(old)} times"
+            text = text.replace(old, new)
+        path = tmp_path / "boxed.toml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"[room]": "[room]\ncell = 0.02"}, ["room.cell = 0.02 m has no meaning", "remove it"]),
+        ({"[source]": "[source]\nlow = 20.0"}, ["source.low = 20 Hz has no meaning", "remove it"]),
+        ({"position = [4.37, 3.55, 2.45]": "position = [4.37, 3.55, 1, 2]"}, ["source.position", "4 numbers"]),
+        (
+            {"position = [4.37, 3.55, 2.45]": "position = [4.3, 3.5]\nlow = 20.0\nhigh = 300.0\nsample_rate = 700.0"},
+            ["source.position = [4.3, 3.5] has 2 numbers", "the room has 3"],
+        ),
+        ({"[4.6, 3.8, 2.7]": "[4.6, 3.8, 2.7, 1.0]"}, ["room.size", "4 numbers", "give two, along x and y or three"]),
+        ({"[4.6, 3.8, 2.7]": "[4.6, 3.8]\ncell = 0.02"}, ["source.position", "the room has 2 lengths"]),
+        ({"center = [1.9, 1.6, 1.3]": "center = [1.9, 1.6]"}, ["array.center", "2 numbers", "give three"]),
+        ({"[1.0, 1.0, 1.0]": "[1.0, 1.0]"}, ["search.origin", "search.size", "differ in dimension"]),
+        (
+            {'"ball"': '"circle"', "center = [1.9, 1.6, 1.3]": ""},
+            ['array.geometry = "circle"', '"ball", "box", "plane"'],
+        ),
+        ({'"continuous"': '"discrete"'}, ['measurement.wavenumber = "discrete"', "no meaning", '"continuous"']),
+        ({"radius = 0.45": "radius = 0.45\nshape = [3, 3]"}, ["array.shape has no meaning"]),
+        ({"radius = 0.45": ""}, ["array.radius is missing"]),
+    ],
+)
+def test_bad_scene_in_space_names_key_value_and_remedy(boxed, changes, words):
+    with pytest.raises(InputError) as caught:
+        load_scene(boxed(changes))
+    for word in words:
+        assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"center = [1.9, 1.6, 1.3]": "center = [1.9, 1.6, 2.3]"}, ["microphone", "outside the room", "array.center"]),
+        ({"position = [4.37, 3.55, 2.45]": "position = [4.7, 3.55, 2.45]"}, ["source.position", "outside the room"]),
+        ({"position = [4.37, 3.55, 2.45]": "position = [1.9, 1.6, 1.3]"}, ["inside the array", "convex hull"]),
+        ({"known = [3, 29, 52, 57]": "known = [3, 29, 52]"}, ["gauge.known", "four microphones", "not in one plane"]),
+        ({"origin = [1.4, 1.1, 0.8]": "origin = [1.9, 1.1, 0.8]"}, ["outside the search domain", "search.origin"]),
+        (
+            {
+                '"ball"': '"positions"',
+                "count = 64": "",
+                "radius = 0.45": "positions = [[0, 0, 0], [1, 0, 0], [0, 0, 0]]",
+            },
+            ["microphones 0 and 2", "one place"],
+        ),
+    ],
+)
+def test_array_in_space_is_refused_in_words_that_help(boxed, changes, words):
+    scene = load_scene(boxed(changes))
+    with pytest.raises(InputError) as caught:
+        positions_of(scene)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_in_space_search_and_known_microphones_may_be_left_out(boxed):
+    path = boxed({"known = [3, 29, 52, 57]": "known = []"})
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text[: text.index("[search]")] + text[text.index("[gauge]") :], encoding="utf-8")
+    scene = load_scene(path)
+    assert scene.search is None and positions_of(scene).shape == (64, 3)
+
+
 @pytest.mark.parametrize(
     "key",
     ["seed", "room.walls", "room.sound_speed", "room.cell"]
@@ -158,6 +254,13 @@ def test_not_toml(tmp_path):
 
 def test_search_shape_counts_both_ends():
     assert Search((0, 0), (1.2, 0.3), 0.1).shape == (13, 4)
+
+
+def test_a_layer_of_the_search_domain_is_the_lattice_at_one_height():
+    flat, deep = Search((1, 2), (0.2, 0.1), 0.1), Search((1, 2, 3), (0.2, 0.1, 0.4), 0.1)
+    np.testing.assert_allclose(flat.layer(), [[[1, 2], [1.1, 2], [1.2, 2]], [[1, 2.1], [1.1, 2.1], [1.2, 2.1]]])
+    np.testing.assert_allclose(deep.layer(3.14)[..., :2], flat.layer())
+    assert np.all(deep.layer(3.14)[..., 2] == 3.14)
 
 
 def test_a_measurement_is_no_scene(tmp_path):

@@ -127,15 +127,17 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
 
 
 def landscape(problem: Problem, state: State, n: int, modes: slice) -> np.ndarray:
-    """The likelihood's cost of microphone `n` over the search lattice, mode by mode : (modes, ny, nx) float64."""
+    """The likelihood's cost of microphone `n` over the search lattice, mode by mode : (modes, ny, nx) float64.
+
+    In space, over the horizontal layer at the microphone's own height.
+    """
     search = problem.search
     if search is None:
         raise InputError("the measurement has no search domain; give --search ORIGIN,SIZE,STEP and --radius R")
-    axes = (o + search.step * np.arange(count) for o, count in zip(search.origin, search.shape, strict=True))
-    x, y = np.meshgrid(*axes)
-    candidates = np.column_stack([x.ravel(), y.ravel()])
+    layer = search.layer(float(state.positions[n, -1]))
     p, field = _model(problem, state, modes)
-    return likelihood_landscape(state.positions, n, candidates, p, field).reshape(-1, *x.shape)
+    maps = likelihood_landscape(state.positions, n, layer.reshape(-1, layer.shape[-1]), p, field)
+    return maps.reshape(-1, *layer.shape[:-1])
 
 
 def _require_modes(problem: Problem, count: int) -> None:

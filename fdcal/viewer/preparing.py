@@ -121,4 +121,5 @@ def _work(scene: Scene, progress: Progress) -> Work | None:
 def _warm_up(problem, solver, state) -> None:
     """Compile what a step and a map need, seconds the first time, so that the first click is answered at once."""
     solver.step(problem, state)
-    solver.landscape(problem, state, int(problem.free[0]), slice(state.first - 1, state.first))
+    if problem.search is not None:
+        solver.landscape(problem, state, int(problem.free[0]), slice(state.first - 1, state.first))
