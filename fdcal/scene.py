@@ -55,7 +55,7 @@ class Room:
     @staticmethod
     def optional(table: dict) -> tuple[str, ...]:
         """Keys that a scene file may leave out; the checks below say when."""
-        return "size", "outline", "admittance", *(("cell",) if _is_triple(table.get("size")) else ())
+        return "size", "outline", "admittance", *(("cell",) if _is_no_pair(table.get("size")) else ())
 
     def __post_init__(self):
         require_positive("room.sound_speed", self.sound_speed, "m/s")
@@ -141,7 +141,7 @@ class Source:
     @classmethod
     def optional(cls, table: dict) -> tuple[str, ...]:
         """Keys that a scene file may leave out."""
-        return tuple(cls.FLAT) if _is_triple(table.get("position")) else ()
+        return tuple(cls.FLAT) if _is_no_pair(table.get("position")) else ()
 
     def __post_init__(self):
         _require_point("source.position", self.position, (2, 3))
@@ -370,8 +370,8 @@ class Scene:
     room: Room
     source: Source
     array: Array
-    search: Search | None
     gauge: Gauge
+    search: Search | None = None
     measurement: Sensing = field(default_factory=Sensing)
     solver: Solver = field(default_factory=Solver)
     seed: int = 0
@@ -380,7 +380,7 @@ class Scene:
     def optional(table: dict) -> tuple[str, ...]:
         """Keys that a scene file may leave out: load_scene gives the name of the file."""
         room = table.get("room")
-        boxed = isinstance(room, dict) and _is_triple(room.get("size"))
+        boxed = isinstance(room, dict) and _is_no_pair(room.get("size"))
         return "name", "title", *(("search",) if boxed else ())
 
     def __post_init__(self):
@@ -425,6 +425,11 @@ class Scene:
 def _is_triple(values) -> bool:
     """Whether a list, of whatever, has three entries."""
     return isinstance(values, (list, tuple)) and len(values) == 3
+
+
+def _is_no_pair(values) -> bool:
+    """Whether a list of a scene file cannot be a point of the plane; how many entries it should have is told later."""
+    return isinstance(values, list) and len(values) != 2
 
 
 def _require_point(key: str, values, lengths: tuple[int, ...]) -> None:
