@@ -211,8 +211,8 @@ def require_modes(problem: Problem, order_offset: int, count: int) -> None:
     """Raise InputError unless the field has two dimensions, `count` modes and the microphones to carry them."""
     if problem.dimension != 2:
         raise InputError(
-            'landscapes and solver.name = "descent" are of fields of two dimensions, and this one has three; use'
-            ' solver.name = "joint"'
+            'landscapes and solver.name = "descent" need a two-dimensional field, and this one has dimension = 3; use'
+            ' solver.name = "joint", and `fdcal view` for its maps'
         )
     measured, microphones = problem.pressures.shape
     if count > measured:
