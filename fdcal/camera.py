@@ -43,14 +43,15 @@ def camera_for(picture: Picture, size, view: str, margins=(0, 0, 0, 0), fov: flo
     width, height = (max(int(length), 1) for length in size)
     left, bottom, right, top = margins
     free = max(width - left - right, 0.2 * width), max(height - bottom - top, 0.2 * height)
-    x0, y0, x1, y1 = picture.focus
-    centre = np.array([(x0 + x1) / 2, (y0 + y1) / 2, 0.0])
+    (x0, y0, x1, y1), heights = picture.focus, picture.heights
+    centre = np.array([(x0 + x1) / 2, (y0 + y1) / 2, sum(heights) / 2])
     if view == "top":
         scale = max((x1 - x0) / free[0], (y1 - y0) / free[1])  # metres a pixel
         centre[:2] += scale / 2 * np.array([right - left, top - bottom])
         # A hair south of straight down: turning the view from here keeps z upright.
         return _looking(centre, (0.0, -1e-4, 1.0), scale * height, 0.0 if fov is None else fov)
-    fov, corners = math.radians(35) if fov is None else fov, [(x, y, 0.0) for x in (x0, x1) for y in (y0, y1)]
+    fov = math.radians(35) if fov is None else fov
+    corners = [(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in heights]
     camera = _looking(centre, BIRD, math.hypot(x1 - x0, y1 - y0), fov)
     for _ in range(4):  # perspective makes the size on the image no simple function of the distance
         taken = np.ptp(project(camera, (width, height), corners), axis=0) / free

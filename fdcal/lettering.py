@@ -77,7 +77,8 @@ def _bar_place(picture: Picture, camera: Camera, size) -> tuple[float, float, fl
     edge = size[0] - 126 * scale
     if camera.fov:
         return edge, 0.24 * size[1], 0.86 * size[1]
-    (_, bottom), (right, top) = project(camera, size, [(*picture.focus[:2], 0.0), (*picture.focus[2:], 0.0)])
+    corners = [(*picture.focus[:2], picture.heights[0]), (*picture.focus[2:], picture.heights[0])]
+    (_, bottom), (right, top) = project(camera, size, corners)
     return min(right + 46 * scale, edge), top + 46 * scale, bottom
 
 

@@ -62,7 +62,7 @@ def with_floor(picture: Picture, floor: Floor | None) -> Picture:
     if floor is None:
         return replace(picture, floor=None)
     reach = 2.8 * picture.marker * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
-    diamond = shapes.loop(reach + floor.minimum, 9 * picture.marker / LAYERS)
+    diamond = shapes.loop(reach + floor.minimum, floor.height + 9 * picture.marker / LAYERS)
     solids = picture.solids + _strokes("lowest", diamond, picture.marker, LOWEST, 0.45, halo=0.25)
     return replace(picture, floor=floor, solids=solids)
 
@@ -70,10 +70,14 @@ def with_floor(picture: Picture, floor: Floor | None) -> Picture:
 def backdrop(scene: Scene | None, measurement: Measurement, dark: bool = False) -> Picture:
     """What stays the same while a solver runs."""
     theme = DARK if dark else LIGHT
-    focus = _focus(measurement)
-    marker = 0.0125 * max(focus[2] - focus[0], focus[3] - focus[1])
+    focus, heights = _focus(measurement), heights_of(scene, measurement)
+    base = heights[0]
+    marker = (0.0125 if base == heights[1] else 0.016) * max(focus[2] - focus[0], focus[3] - focus[1])
     layer = marker / LAYERS
-    lines, labels = _frame(focus, marker, theme)
+    lines, labels = _frame(focus, base, marker, theme)
+    if heights[1] > base:
+        box_lines, box_labels = _box(focus, heights, marker, theme)
+        lines, labels = lines + box_lines, labels + box_labels
     bounds, solids = focus, ()
     if scene is not None:
         vertices = scene.room.vertices
@@ -81,34 +85,40 @@ def backdrop(scene: Scene | None, measurement: Measurement, dark: bool = False) 
         room_lines, room_labels, solids = _room(scene, marker, theme)
         lines, labels = room_lines + lines, labels + room_labels
     if measurement.positions is not None:
-        solids += _circles("microphones/true", shapes.lift(measurement.positions, 4 * layer), marker, 0.28)
+        centres = _raised(measurement.positions, base, 4 * layer)
+        solids += _circles("microphones/true", centres, marker, 0.28)
+        if heights[1] > base:
+            lines += (_lines("microphones/stems", shapes.stems(centres, base), theme.faint, 1.0),)
     if len(measurement.known):
-        centres = shapes.lift(measurement.known_positions, 6 * layer)
+        centres = _raised(measurement.known_positions, base, 6 * layer)
         solids += (_solid("microphones/known_halo", shapes.squares(centres - [0, 0, layer], 1.3 * marker), HALO),)
         solids += (_solid("microphones/known", shapes.squares(centres, marker), KNOWN),)
-    return Picture(theme, focus, bounds, marker, lines, solids, labels)
+    return Picture(theme, focus, bounds, marker, lines, solids, labels, heights=heights)
 
 
 def with_estimate(picture: Picture, measurement: Measurement, positions, microphone: int | None = None) -> Picture:
     """The picture with the estimate (N, D), metres, and one microphone looked at."""
     positions, truth, marker = np.asarray(positions, float), measurement.positions, picture.marker
-    layer, solids = marker / LAYERS, picture.solids
+    layer, solids, base = marker / LAYERS, picture.solids, picture.heights[0]
     free = np.setdiff1d(np.arange(len(positions)), measurement.known)
     if truth is not None:
-        pieces = np.stack([shapes.lift(truth[free], 2 * layer), shapes.lift(positions[free], 2 * layer)], axis=1)
+        pieces = np.stack([_raised(one[free], base, 2 * layer) for one in (truth, positions)], axis=1)
         solids += _strokes("microphones/error", pieces, marker, TRUE, 0.13, halo=0.2)
-    crosses = shapes.stars(shapes.lift(positions[free], 8 * layer), marker)
+    crosses = shapes.stars(_raised(positions[free], base, 8 * layer), marker)
     solids += _strokes("microphones/estimate", crosses, marker, ESTIMATE, 0.34)
     if microphone is None or not 0 <= microphone < len(positions):
         return replace(picture, solids=solids)
-    found = shapes.lift(positions[[microphone]], 12 * layer)
+    found = _raised(positions[[microphone]], base, 12 * layer)
     if truth is not None:
-        circle = shapes.lift(truth[[microphone]], 10 * layer)
+        circle = _raised(truth[[microphone]], base, 10 * layer)
         solids += _circles("looked_at/true", circle, marker, 0.44, radius=1.9)
     solids += _strokes("looked_at/estimate", shapes.stars(found, 1.9 * marker), marker, ESTIMATE, 0.54)
     towards = 0.0 if truth is None else float(truth[microphone, 0] - positions[microphone, 0])
     label = _name_tag(picture, f"microphone {measurement.names[microphone]}", found[0], towards)
-    return replace(picture, solids=solids, labels=(*picture.labels, label))
+    lines = picture.lines
+    if picture.heights[1] > base:  # what ties the microphone to the map below it
+        lines += (_lines("looked_at/stem", shapes.stems(found, base), ESTIMATE, 2.0),)
+    return replace(picture, lines=lines, solids=solids, labels=(*picture.labels, label))
 
 
 def _name_tag(picture: Picture, text: str, place, towards: float) -> Label:
@@ -121,8 +131,11 @@ def _name_tag(picture: Picture, text: str, place, towards: float) -> Label:
     return Label("looked_at/name", text, (beside, float(place[1]), float(place[2])), TRUE, anchor)
 
 
-def paint(cost, search: Search, log: bool = False, label: str = "cost (dimensionless)") -> Floor:
-    """Costs (ny, nx) float64 over the search lattice, row 0 at low y, as colours; a pixel is one lattice cell."""
+def paint(cost, search: Search, log: bool = False, label: str = "cost (dimensionless)", height: float = 0.0) -> Floor:
+    """Costs (ny, nx) float64 over the search lattice, or one layer of it, as colours; a pixel is one lattice cell.
+
+    Row 0 is at low y; the map lies at `height`, metres.
+    """
     cost = np.asarray(cost, float)
     iy, ix = np.unravel_index(cost.argmin(), cost.shape)
     minimum = (search.origin[0] + ix * search.step, search.origin[1] + iy * search.step)
@@ -142,7 +155,8 @@ def paint(cost, search: Search, log: bool = False, label: str = "cost (dimension
     half = search.step / 2
     size = (cost.shape[1] * search.step, cost.shape[0] * search.step)
     origin = (search.origin[0] - half, search.origin[1] - half)
-    return Floor(frozen_array(rgb, np.uint8), origin, size, ColourBar(low, high, log, label, clipped), minimum)
+    bar = ColourBar(low, high, log, label, clipped)
+    return Floor(frozen_array(rgb, np.uint8), origin, size, bar, minimum, height)
 
 
 def cost_label(weights: str) -> str:
@@ -178,36 +192,75 @@ def _focus(measurement: Measurement) -> tuple[float, float, float, float]:
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
 
-def _frame(focus, marker: float, theme: Theme) -> tuple[tuple[Lines, ...], tuple[Label, ...]]:
-    """Outline of the search domain with rulers in metres."""
+def heights_of(scene: Scene | None, measurement: Measurement) -> tuple[float, float]:
+    """Lowest and highest z of the search domain, or about all positions known; of a plane array twice its height."""
+    search = measurement.search
+    if measurement.array_dimension == 2:
+        height = float(scene.array.center[2]) if scene is not None and scene.room.dimension == 3 else 0.0
+        return height, height
+    if search is not None:
+        return float(search.origin[2]), float(search.origin[2] + search.size[2])
+    points = measurement.positions if measurement.positions is not None else measurement.known_positions
+    z = np.asarray(points, float)[:, 2] if len(points) else np.array([0.0, 1.0])
+    return float(z.min() - 0.1), float(z.max() + 0.1)
+
+
+def _raised(points, base: float, z: float) -> np.ndarray:
+    """Points `z` above where they are : (P, 3), metres; those of two coordinates are at height `base`."""
+    return shapes.lift(points, z + (base if np.shape(points)[1] == 2 else 0.0))
+
+
+def _frame(focus, base: float, marker: float, theme: Theme) -> tuple[tuple[Lines, ...], tuple[Label, ...]]:
+    """Outline of the search domain at height `base`, with rulers in metres."""
     x0, y0, x1, y1 = focus
-    layer = marker / LAYERS
-    pieces = [shapes.loop([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], 2 * layer)]
+    level = base + 2 * marker / LAYERS
+    pieces = [shapes.loop([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], level)]
     labels = []
     for axis, (low, high, across, anchor) in enumerate([(x0, x1, y0, "top-center"), (y0, y1, x0, "center-right")]):
-        ticks, places, texts = shapes.ruler(low, high, across, axis, 1.2 * marker, 2 * layer)
+        ticks, places, texts = shapes.ruler(low, high, across, axis, 1.2 * marker, level)
         pieces.append(ticks)
         for i, (place, text) in enumerate(zip(places, texts, strict=True)):
             words = f"{text} m" if i == 0 else text
             labels.append(Label(f"frame/{'xy'[axis]}{i}", words, tuple(map(float, place)), theme.ink, anchor))
-    labels.append(Label("frame/x", "x", (x1 + 2.5 * marker, y0, 2 * layer), theme.ink, "center-left"))
-    labels.append(Label("frame/y", "y", (x0, y1 + 2.0 * marker, 2 * layer), theme.ink, "bottom-center"))
+    labels.append(Label("frame/x", "x", (x1 + 2.5 * marker, y0, level), theme.ink, "center-left"))
+    labels.append(Label("frame/y", "y", (x0, y1 + 2.0 * marker, level), theme.ink, "bottom-center"))
     return (_lines("frame", np.concatenate(pieces), theme.ink, 1.5),), tuple(labels)
+
+
+def _box(focus, heights, marker: float, theme: Theme) -> tuple[tuple[Lines, ...], tuple[Label, ...]]:
+    """The search domain's edges above its base. From the top they fall together, so one text tells of all heights."""
+    x0, y0, x1, y1 = focus
+    corners = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
+    uprights = shapes.stems(shapes.lift(corners, heights[0]), heights[1])
+    text = f"z {heights[0]:.2f} to {heights[1]:.2f} m"
+    label = Label("frame/z", text, (x1, y1 + marker, heights[1]), theme.ink, "bottom-right")
+    lines = (
+        _lines("frame_uprights", uprights, theme.faint, 1.5),
+        _lines("frame_top", shapes.loop(corners, heights[1]), theme.ink, 1.0),
+    )
+    return lines, (label,)
 
 
 def _room(scene: Scene, marker: float, theme: Theme):
     """Lines, labels and solids of walls, floor grid and source."""
-    vertices = scene.room.vertices
-    height, layer = 0.12 * float(np.ptp(vertices, axis=0).max()), marker / LAYERS
-    mesh = shapes.walls(vertices, height)
-    solids = (_solid("room/walls", (mesh.vertices, mesh.faces), theme.ink, opacity=0.12),)
-    edges = np.concatenate([shapes.loop(vertices, layer), shapes.loop(vertices, height)])
+    vertices, place, layer = scene.room.vertices, np.array([scene.source.position], float), marker / LAYERS
+    boxed = scene.room.dimension == 3
+    height = scene.room.size[2] if boxed else 0.12 * float(np.ptp(vertices, axis=0).max())
+    edges, upper, solids = shapes.loop(vertices, layer), shapes.loop(vertices, height), ()
+    lines: tuple[Lines, ...] = ()
+    if boxed:  # walls of full height would veil what is in the room: its edges are enough
+        uprights = shapes.stems(np.concatenate([shapes.lift(vertices, height), place]), 0.0)
+        lines = (_lines("room/box", np.concatenate([upper, uprights]), theme.faint, 2.0),)
+    else:
+        edges = np.concatenate([edges, upper])
+        mesh = shapes.walls(vertices, height)
+        solids = (_solid("room/walls", (mesh.vertices, mesh.faces), theme.ink, opacity=0.12),)
     spacing = 1.0 if np.ptp(vertices, axis=0).max() > 3.0 else 0.2
     grid = shapes.floor_grid(vertices, spacing, -4 * layer)
-    place = shapes.lift([scene.source.position], 4 * layer)
+    place = shapes.lift(place, 4 * layer)
     solids += _strokes("source", shapes.stars(place, 2 * marker, arms=4), marker, TRUE, 0.4)
-    lines = (_lines("room/grid", grid, theme.faint, 1.0), _lines("room/edges", edges, theme.ink, 2.0))
-    beside = (float(place[0, 0]), float(place[0, 1] - 3 * marker), 4 * layer)
+    lines += (_lines("room/grid", grid, theme.faint, 1.0), _lines("room/edges", edges, theme.ink, 2.0))
+    beside = (float(place[0, 0]), float(place[0, 1] - 3 * marker), float(place[0, 2]))
     return lines, (Label("source/name", "source", beside, theme.ink, "top-center"),), solids
 
 

@@ -81,16 +81,17 @@ class ColourBar:
         decades = np.log10(self.high / self.low)
         values = LogLocator(subs=(1.0,) if decades > 3 else (1.0, 2.0, 5.0)).tick_values(self.low, self.high)
         values = values[(values >= self.low * (1 - 1e-9)) & (values <= self.high * (1 + 1e-9))]
-        if len(values) < 3:
+        if not 3 <= len(values) <= 6:  # within a decade the locator may give as many as ten
             values = round_values(self.low, self.high, 4)
-        return tuple((float(np.log10(v / self.low) / decades), f"{v:.3g}") for v in values)
+        texts = (f"{v:.0f}" if 1e3 <= v < 1e5 else f"{v:.3g}" for v in values)
+        return tuple((float(np.log10(v / self.low) / decades), text) for v, text in zip(values, texts, strict=True))
 
 
 @dataclass(frozen=True)
 class Floor:
     """A map on the floor: `rgb` (ny, nx, 3) uint8 with row 0 at low y, its lowest corner and size, metres.
 
-    `minimum` is where its lowest cost stands, metres.
+    `minimum` is where its lowest cost stands, metres; `height` is that of the map, metres.
     """
 
     rgb: np.ndarray
@@ -98,11 +99,16 @@ class Floor:
     size: tuple[float, float]
     bar: ColourBar
     minimum: tuple[float, float]
+    height: float = 0.0
 
 
 @dataclass(frozen=True)
 class Picture:
-    """Everything to draw, in no renderer's terms. `focus` is the box (x0, y0, x1, y1), metres, to be filled."""
+    """Everything to draw, in no renderer's terms.
+
+    `focus` is the box (x0, y0, x1, y1), metres, to be filled, `heights` its lowest and highest z, which differ where
+    the microphones stand in space. What is flat, as the map, lies at the lowest.
+    """
 
     theme: Theme
     focus: tuple[float, float, float, float]
@@ -113,3 +119,4 @@ class Picture:
     labels: tuple[Label, ...] = ()
     floor: Floor | None = None
     title: str = ""
+    heights: tuple[float, float] = (0.0, 0.0)

@@ -34,15 +34,20 @@ def annuli(centres: np.ndarray, radius: float, width: float, corners: int = 40) 
 def strokes(segments: np.ndarray, width: float, longer: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Flat bars along segments (S, 2, 3) : (4 S, 3) vertices, metres, and (2 S, 3) int triangles.
 
-    Each is `width` wide and extends by `longer` beyond both ends.
+    Each is `width` wide, horizontally, and extends by `longer` beyond both ends.
     """
-    along = segments[:, 1] - segments[:, 0]
-    length = np.hypot(along[:, 0], along[:, 1])[:, None]
-    along = np.divide(along, length, out=np.tile([1.0, 0.0, 0.0], (len(along), 1)), where=length > 0)
-    side = width / 2 * np.stack([-along[:, 1], along[:, 0], 0 * along[:, 0]], axis=1)
+    along = _unit(segments[:, 1] - segments[:, 0])
+    level = _unit(along * [1.0, 1.0, 0.0])
+    side = width / 2 * np.stack([-level[:, 1], level[:, 0], 0 * level[:, 0]], axis=1)
     start, end = segments[:, 0] - longer * along, segments[:, 1] + longer * along
     vertices = np.stack([start - side, end - side, end + side, start + side], axis=1)
     return vertices.reshape(-1, 3), _quads(len(segments))
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    """Vectors (S, 3) at length 1; that of none points along x."""
+    length = np.linalg.norm(vectors, axis=1)[:, None]
+    return np.divide(vectors, length, out=np.tile([1.0, 0.0, 0.0], (len(vectors), 1)), where=length > 0)
 
 
 def stars(centres: np.ndarray, radius: float, arms: int = 2, turn: float = np.pi / 4) -> np.ndarray:
@@ -72,6 +77,13 @@ def loop(vertices, z: float) -> np.ndarray:
     """Closed line through (V, 2) `vertices` at height `z`, metres."""
     vertices = lift(vertices, z)
     return np.stack([vertices, np.roll(vertices, -1, axis=0)], axis=1)
+
+
+def stems(points: np.ndarray, z: float) -> np.ndarray:
+    """Vertical segments from the (P, 3) `points` down, or up, to height `z` : (P, 2, 3), metres."""
+    feet = np.array(points, float)
+    feet[:, 2] = z
+    return np.stack([points, feet], axis=1)
 
 
 def walls(vertices, height: float) -> trimesh.Trimesh:

@@ -23,6 +23,7 @@ takes s nepers a second from every wave, or the recordings of an undamped room w
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -98,9 +99,12 @@ def field(room: Room, source, places, wavenumbers, nepers: float = EXACT) -> np.
     k = np.asarray(wavenumbers, complex)
     apart = np.abs(places - source)
     axes = apart.argmax(axis=1)  # each microphone's closed form runs along the axis that parts it most from the source
+    sides = places[np.arange(len(places)), axes] < source[axes]
     p = np.empty((len(k), len(places)), complex)
-    for axis in np.unique(axes):
-        group = np.flatnonzero(axes == axis)
+    for axis, side in itertools.product(range(3), (False, True)):
+        group = np.flatnonzero((axes == axis) & (sides == side))
+        if len(group) == 0:
+            continue
         order = [(axis + 1) % 3, (axis + 2) % 3, axis]
         lengths = np.array(room.size)[order]
         reach = nepers / max(float(apart[group, axis].min()), 1e-9)
@@ -131,7 +135,10 @@ def _sum(room: Room, lengths, source, places, k: complex, terms) -> np.ndarray:
         squares = squares + kappa[numbers] ** 2
         shapes = shapes * (psi[:, :-1] * psi[:, -1:])[numbers]
     gamma = np.sqrt(squares - k**2 + 0j)[:, None]
-    return np.sum(shapes * _between(room, lengths[2], k, gamma, places[:, 2], source[2]), axis=0)
+    heights, level = np.unique(places[:, 2], return_inverse=True)  # few in a lattice
+    ends = (heights, source[2:]) if heights[0] < source[2] else (source[2:], heights)
+    g = _between(room, lengths[2], k, gamma, *ends)
+    return np.einsum("tn,tn->n", shapes, g[:, level])
 
 
 def _eigenfunctions(room: Room, length: float, k: complex, x, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -173,10 +180,9 @@ def _absorbed(rigid: np.ndarray, length: float, h: complex) -> np.ndarray:
     return kappa
 
 
-def _between(room: Room, length: float, k: complex, gamma, z, source: float) -> np.ndarray:
-    """g of every term and place : (T, N) complex128, metres."""
+def _between(room: Room, length: float, k: complex, gamma, low, high) -> np.ndarray:
+    """g of every term and pair of ends, each (N,) or (1,), low <= high : (T, N) complex128, metres."""
     h = 1j * k * room.admittance
     R = -1.0 if room.walls == "pressure-release" else (gamma - h) / (gamma + h)
-    low, high = np.minimum(z, source), np.maximum(z, source)
     echoes = (1 + R * np.exp(-2 * gamma * low)) * (1 + R * np.exp(-2 * gamma * (length - high)))
     return np.exp(-gamma * (high - low)) * echoes / (2 * gamma * (1 - R**2 * np.exp(-2 * gamma * length)))

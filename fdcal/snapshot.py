@@ -75,7 +75,8 @@ def draw(picture: Picture, size, view: str) -> np.ndarray:
 def _add_floor(plotter, pyvista, floor) -> None:
     rows, columns = floor.rgb.shape[:2]
     step = floor.size[0] / columns, floor.size[1] / rows
-    grid = pyvista.ImageData(dimensions=(columns + 1, rows + 1, 1), spacing=(*step, 1), origin=(*floor.origin, 0))
+    corner = (*floor.origin, floor.height)
+    grid = pyvista.ImageData(dimensions=(columns + 1, rows + 1, 1), spacing=(*step, 1), origin=corner)
     grid.cell_data["rgb"] = floor.rgb.reshape(-1, 3)
     plotter.add_mesh(grid, scalars="rgb", rgb=True, lighting=False)
 

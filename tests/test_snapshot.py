@@ -120,6 +120,32 @@ def test_the_map_lies_the_right_way_round(drawn, floor, view):
         assert nearest(image, pixel, colour, reach=3) < 12
 
 
+@pytest.mark.parametrize("view", VIEWS)
+@pytest.mark.parametrize("size", [SIZE, (500, 800)])
+def test_in_space_the_whole_search_domain_is_in_the_image(view, size):
+    scene = load_scene("ball3d")
+    x, y, z = (np.array([o, o + s]) for o, s in zip(scene.search.origin, scene.search.size, strict=True))
+    corners = np.array([(a, b, c) for a in x for b in y for c in z])
+    heard = Measurement(np.array([100.0]), np.ones((1, 8), complex), 343.0, 3, positions=corners, search=scene.search)
+    pixels = snapshot.pixels_of(compose(scene, heard), size, view, corners)
+    assert (pixels >= 0).all() and (pixels <= size).all()
+    assert np.ptp(pixels, axis=0).max() > 0.35 * min(size), "nor is it lost in it"
+
+
+@pytest.mark.parametrize("view", VIEWS)
+def test_in_space_each_known_microphone_is_a_blue_square_at_its_height(require_gl, view):
+    scene = load_scene("ball3d")
+    places = np.array([[1.6, 1.3, 0.9], [2.2, 1.3, 1.2], [1.9, 1.9, 1.4], [1.6, 1.75, 1.7], [2.25, 1.8, 1.0]])
+    heard = Measurement(
+        np.array([100.0]), np.ones((1, 5), complex), 343.0, 3, positions=places, known=np.arange(4), search=scene.search
+    )
+    picture = compose(scene, heard)
+    image = decode(offscreen.render_png(picture, SIZE, view))
+    above = places[:4] + [0, 0, 6 * picture.marker / LAYERS]
+    for pixel in snapshot.pixels_of(picture, SIZE, view, above):
+        assert nearest(image, pixel, KNOWN, reach=0) < 10
+
+
 def test_from_the_top_east_is_right_and_north_is_up(drawn):
     picture, _ = drawn("top")
     origin, east, north = snapshot.pixels_of(picture, SIZE, "top", [(0, 0, 0), (1, 0, 0), (0, 1, 0)])

@@ -6,9 +6,14 @@ import numpy as np
 import pytest
 
 from fdcal.arrays import positions_of
+from fdcal.checks import InputError
+from fdcal.cost import usable_modes
+from fdcal.figures import landscape_panels
+from fdcal.gauge import position_errors
 from fdcal.measurement import measure
 from fdcal.scene import Array, Sensing, load_scene
 from fdcal.shoebox import field
+from fdcal.solvers import load, run
 from fdcal.space import ball, box, holds, places_of, plane
 
 
@@ -67,3 +72,43 @@ def test_what_is_measured_is_the_field_where_the_microphones_stand(name):
     noise = np.mean(np.abs(told.pressures - clean.pressures) ** 2 / told.noise_power[:, None])
     assert noise == pytest.approx(1.0, abs=4 / np.sqrt(clean.pressures.size))
     np.testing.assert_array_equal(measure(scene).pressures, told.pressures)
+
+
+@pytest.fixture(scope="module", params=["ball3d", "plane3d"])
+def shipped(request):
+    """A scene that ships and its measurement."""
+    scene = load_scene(request.param)
+    return scene, measure(scene)
+
+
+def test_scenes_in_space_are_calibrated_all_at_once(shipped):
+    """What the README says of them, with room to spare."""
+    scene, measurement = shipped
+    *_, state = run(measurement.problem(), scene.solver, scene.seed)
+    assert state.finished and state.converged
+    errors = position_errors(state.positions, measurement.positions)
+    assert errors.mean() < 5e-3
+    np.testing.assert_array_equal(state.positions[list(measurement.known)], measurement.known_positions)
+
+
+def test_the_map_of_one_microphone_is_lowest_at_its_place_in_its_own_layer(shipped):
+    scene, measurement = shipped
+    solver, problem = load(scene.solver.name), measurement.problem()
+    state = solver.init(problem, scene.solver, 0)
+    there = dataclasses.replace(state, positions=measurement.positions)
+    for n in (1, 40):
+        cost = solver.landscape(problem, there, n, slice(0, 40)).sum(axis=0)
+        layer = scene.search.layer(measurement.positions[n, -1])
+        assert cost.shape == scene.search.shape[1::-1] == layer.shape[:2]
+        lowest = layer.reshape(-1, layer.shape[2])[cost.argmin()]
+        assert np.linalg.norm(lowest - measurement.positions[n]) < scene.search.step
+
+
+def test_the_paper_s_solver_and_its_lattice_decline_a_field_in_space(shipped):
+    scene, measurement = shipped
+    problem = measurement.problem()
+    with pytest.raises(InputError, match=r"two-dimensional"):
+        load("descent").init(problem, scene.solver, 0)
+    with pytest.raises(InputError, match=r'two-dimensional field.*solver\.name = "joint"'):
+        landscape_panels(problem, measurement.positions, 5, [1, 2], 2)
+    assert usable_modes(problem, 2) == len(measurement.frequencies)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from ..picture import Floor, cost_label, paint
+from ..picture import Floor, cost_label, heights_of, paint
 from ..session import LatestWorker
 from .preparing import Work
 
@@ -60,4 +60,8 @@ class Maps:
     def _paint(self, wanted: MapRequest) -> Floor:
         work, modes = self._work, slice(wanted.first - 1, wanted.last)
         maps = work.solver.landscape(work.problem, wanted.state, wanted.microphone, modes)
-        return paint(maps.sum(axis=0), work.problem.search, wanted.log, cost_label(work.scene.solver.weights))
+        label = cost_label(work.scene.solver.weights)
+        if work.measurement.array_dimension == 3:
+            label += f" at z = {wanted.state.positions[wanted.microphone, 2]:.2f} m"
+        base = heights_of(work.scene, work.measurement)[0]
+        return paint(maps.sum(axis=0), work.problem.search, wanted.log, label, base)

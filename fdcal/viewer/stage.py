@@ -92,13 +92,13 @@ class Stage:
         return node
 
     def _send_floor(self, name: str, old: Floor | None, node, floor: Floor):
-        if node is not None and (old.origin, old.size) == (floor.origin, floor.size):
+        if node is not None and (old.origin, old.size, old.height) == (floor.origin, floor.size, floor.height):
             node.image = floor.rgb
             return node
         (x, y), (width, depth) = floor.origin, floor.size
         return self._server.scene.add_image(
             name, floor.rgb, width, depth, format="png", cast_shadow=False, receive_shadow=False,
-            wxyz=(1.0, 0.0, 0.0, 0.0), position=(x + width / 2, y + depth / 2, 0.0),
+            wxyz=(1.0, 0.0, 0.0, 0.0), position=(x + width / 2, y + depth / 2, floor.height),
         )  # fmt: skip
 
     def _send_label(self, name: str, node, label: Label):
