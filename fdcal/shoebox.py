@@ -37,7 +37,8 @@ ROUGH = 10.0  # likewise for the search of peaks alone
 MOST_TERMS = 40_000
 LINE_WIDTH = 2 * math.sqrt(3) / math.pi / 2 * DECAY  # width at -6 dB of a line that decays by DECAY, times duration
 POINTS = 6  # of the spectrum in the width of a line
-STEPS = 12  # from a rigid to an absorbing wall, each of a few Newton steps
+STEPS = 4.0  # from a rigid to an absorbing wall, each of a few Newton steps, for every |h| l
+MOST_STEPS = 100
 
 
 def listen(room: Room, source: Source, places, sensing: Sensing, progress=None):
@@ -164,15 +165,17 @@ def _absorbed(rigid: np.ndarray, length: float, h: complex) -> np.ndarray:
     sines. Raises InputError where two of them meet, which walls of high admittance bring about.
     """
     half, odd = length / 2, np.arange(len(rigid)) % 2 == 1
+    steps = max(1, math.ceil(STEPS * abs(h) * length))
     kappa = rigid.astype(complex)
-    kappa[:1] = np.sqrt(2 * h / STEPS / length)
-    for part in np.arange(1, STEPS + 1) / STEPS:
-        for _ in range(8):
+    kappa[:1] = np.sqrt(2 * h / steps / length)
+    fault = np.full(len(kappa), np.inf)
+    for part in h * np.arange(1, steps + 1) / steps if steps <= MOST_STEPS else ():
+        for _ in range(12):
             sin, cos = np.sin(kappa * half), np.cos(kappa * half)
-            fault = np.where(odd, kappa * cos + part * h * sin, kappa * sin - part * h * cos)
-            slope = np.where(
-                odd, cos - half * kappa * sin + part * h * half * cos, sin + half * kappa * cos + part * h * half * sin
-            )
+            fault = np.where(odd, kappa * cos + part * sin, kappa * sin - part * cos)
+            if np.all(np.abs(fault) < 1e-13 * (np.abs(kappa) + abs(h))):
+                break
+            slope = (1 + part * half) * np.where(odd, cos, sin) + half * kappa * np.where(odd, -sin, cos)
             kappa = kappa - fault / slope
     apart = np.abs(kappa[2:] - kappa[:-2])
     if not (np.all(np.abs(fault) < 1e-10 * (np.abs(kappa) + abs(h))) and np.all(apart > 0.5 / length)):
