@@ -43,6 +43,29 @@ def numbers(text: str, option: str, kind: type) -> list:
         raise InputError(f'{option} "{text}" is no list of {word}; write them with commas between, as 1,5,9') from None
 
 
+def names(text: str | None) -> tuple[str, ...]:
+    """The names of a list such as "3,17"; none unless given."""
+    if text is None:
+        return ()
+    parts = tuple(part.strip() for part in text.split(","))
+    if not all(parts):
+        raise InputError(f'--exclude "{text}" is no list of microphones; write them with commas between, as 3,17')
+    return parts
+
+
+def distance(text: str | None) -> tuple[str, str, float] | None:
+    """Two microphones, by name or number, and metres, from "0,5,1.25"."""
+    if text is None:
+        return None
+    first, second, metres = (text.split(",") + [""] * 3)[:3]
+    try:
+        if text.count(",") != 2 or not (first.strip() and second.strip()):
+            raise ValueError
+        return first.strip(), second.strip(), float(metres)
+    except ValueError:
+        raise InputError(f'--distance "{text}" must be two microphones and metres, as 0,5,1.25') from None
+
+
 def mode_numbers(text: str | None, measured: int) -> list[int]:
     """Modes counted from 1, each once, ascending; 1, 5 and 9 unless given."""
     if text is None:

@@ -1,6 +1,7 @@
 """The command line: arguments in, the rooms below called.
 
-Exit codes: 0 done, 2 bad input, 3 a file that cannot be read or written, 130 interrupted. An error is one line on
+Exit codes: 0 done, 2 bad input, 3 a file that cannot be read or written, 4 calibrated, but the verdict is not "good"
+(everything is written nevertheless, the verdict with it), 130 interrupted. An error is one line on
 standard error. Libraries that take long to load are imported by the command that needs them.
 """
 
@@ -129,14 +130,19 @@ def simulate(scene: str, output: str, force: bool):
 @click.option("--solver", metavar="NAME", help="descent is the paper's.  [default: the scene's]")
 @click.option("--modes", type=int, metavar="M", help="Modes in use at the end, from the lowest up.")
 @click.option("--seed", type=int, metavar="S", help="Draws the solver's start.  [default: the scene's]")
+@click.option("--exclude", metavar="NAME,...", help="Leave microphones out, by name or number, as 3,17.")
+@click.option("--estimate-sound-speed", is_flag=True, help="Find it, too: from known microphones, or --distance.")
+@click.option("--distance", metavar="I,J,METRES", help="How far two microphones are apart; where none is known.")
 @_output_option("RESULT.json", required=False)
 @search_option
 @radius_option
 @force_option
-def calibrate(source, solver, modes, seed, output, search, radius, force):
-    """Find the microphones."""
+def calibrate(source, solver, modes, seed, exclude, estimate_sound_speed, distance, output, search, radius, force):
+    """Find the microphones, and say whether to trust the answer: exit code 4 where not."""
     path = arguments.output_path(output, ".json", force) if output else None
-    given = runs.changed(_given(source, search, radius), solver, modes, seed)
+    given = _given(source, search, radius, arguments.names(exclude))
+    given = runs.changed(given, solver, modes, seed)
+    given = replace(given, estimate_sound_speed=estimate_sound_speed, distance=arguments.distance(distance))
     with _progress_bar("calibrating") as progress:
         result = runs.solve(given, progress)
     if path is not None:
@@ -144,6 +150,7 @@ def calibrate(source, solver, modes, seed, output, search, radius, force):
 
         save_result(result, path, force)
     print(runs.summary(given, result))
+    return 0 if result["verdict"] == "good" else 4
 
 
 @commands.command()
@@ -220,9 +227,11 @@ def _simulated(scene: str) -> runs.Given:
     return _given(scene)
 
 
-def _given(source: str, search: str | None = None, radius: float | None = None) -> runs.Given:
+def _given(
+    source: str, search: str | None = None, radius: float | None = None, excluded: tuple[str, ...] = ()
+) -> runs.Given:
     with _progress_bar("simulating") as progress:
-        given = runs.source_of(source, progress)
+        given = runs.source_of(source, progress, excluded)
     measurement = given.measurement
     domain = arguments.search_domain(measurement.search, measurement.array_dimension, search, radius)
     return replace(given, measurement=replace(measurement, search=domain))

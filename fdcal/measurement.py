@@ -164,6 +164,7 @@ def _fill_defaults(m: Measurement) -> None:
     put("frequencies", require_array("frequencies", m.frequencies, "real", (None,), "Hz"))
     modes = len(m.frequencies)
     what = "the transform at each of the frequencies, one column a microphone"
+    _name_unfinite(m)
     put("pressures", require_array("pressures", m.pressures, "complex", (modes, None), what))
     given = 2 * np.pi * m.frequencies / m.sound_speed if m.wavenumbers is None else m.wavenumbers
     put("wavenumbers", require_array("wavenumbers", given, "number", (modes,), "rad/m"))
@@ -176,6 +177,20 @@ def _fill_defaults(m: Measurement) -> None:
     if m.positions is not None:
         put("positions", require_array("positions", m.positions, "real", (m.count, m.array_dimension), "m"))
     _fill_known(m)
+
+
+def _name_unfinite(m: Measurement) -> None:
+    """Raise InputError with the name of the first microphone, of a few, that heard NaN or infinity."""
+    pressures = np.asarray(m.pressures)
+    if pressures.ndim != 2 or pressures.dtype.kind not in "fc":
+        return
+    bad = np.flatnonzero(~np.all(np.isfinite(pressures), axis=0))
+    names = np.arange(pressures.shape[1]) if m.names is None else m.names
+    if 0 < len(bad) < pressures.shape[1] and len(names) == pressures.shape[1]:
+        name = names[bad[0]]
+        raise InputError(
+            f'pressures of microphone "{name}" are not all finite numbers; mend them, or leave it out: --exclude {name}'
+        )
 
 
 def _fill_known(m: Measurement) -> None:
@@ -214,7 +229,10 @@ def _check_pressures(m: Measurement) -> None:
         )
     silent = np.flatnonzero(~np.any(m.pressures, axis=0))
     if len(silent):
-        raise InputError(f'microphone "{m.names[silent[0]]}" has zero pressure at every frequency; leave it out')
+        raise InputError(
+            f'microphone "{m.names[silent[0]]}" has zero pressure at every frequency; leave it out:'
+            f" --exclude {m.names[silent[0]]}"
+        )
     silent = np.flatnonzero(~np.any(m.pressures, axis=1))
     if len(silent):
         raise InputError(f"pressures at {m.frequencies[silent[0]]:g} Hz are zero at every microphone; leave it out")

@@ -5,6 +5,7 @@ save_measurement, load_measurement    the keys, which are those of `fdcal.measur
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from .checks import InputError, StorageError, require_array
 from .measurement import Measurement
 from .scene import Search
+from .selection import without
 
 REQUIRED = ("frequencies", "pressures", "sound_speed", "dimension")
 SEARCH = ("search_origin", "search_size", "search_step", "radius")
@@ -33,13 +35,15 @@ def save_measurement(measurement: Measurement, file) -> None:
         np.savez_compressed(file, **table)
 
 
-def load_measurement(path: str | Path) -> Measurement:
+def load_measurement(path: str | Path, excluded: Sequence[str] = ()) -> Measurement:
     """Measurement from an .npz file.
 
     Keys: `frequencies` (M,) Hz, `pressures` (M, N) complex, `sound_speed` m/s, `dimension`; optionally
     `array_dimension`, `wavenumbers` (M,) complex rad/m, `noise_power` (M,), `names` (N,), `positions` (N, D) m,
     `known` (A,) with `known_positions` (A, D) m, and all or none of `search_origin`, `search_size`,
     `search_step`, `radius`, m.
+
+    The microphones `excluded`, by name or number, are left out before anything is checked.
 
     Raises StorageError if the file cannot be read, InputError if it does not hold a measurement.
     """
@@ -56,7 +60,8 @@ def load_measurement(path: str | Path) -> Measurement:
             kinds = zip(SEARCH, ((None,), (None,), (), ()), strict=True)
             values = [require_array(key, table[key], "real", shape, "m").tolist() for key, shape in kinds]
             search = Search(tuple(values[0]), tuple(values[1]), *values[2:])
-        return Measurement(**{key: table[key] for key in OPTIONAL + REQUIRED if key in table}, search=search)
+        table = without({key: table[key] for key in OPTIONAL + REQUIRED if key in table}, excluded)
+        return Measurement(**table, search=search)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 

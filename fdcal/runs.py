@@ -10,41 +10,54 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 
 from .arrays import positions_of
-from .checks import InputError
+from .checks import InputError, require_positive
 from .cost import lattice_of, require_modes
 from .gauge import align, position_errors
-from .measurement import Measurement, require_measurable
+from .measurement import Measurement, Problem, require_measurable
 from .measurement_file import load_measurement
+from .requirements import check_solvable
 from .scene import Scene, Solver, load_scene
+from .selection import check_channels, number_of, without
 
 Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True)
 class Given:
-    """A measurement and how to solve it; `scene` is None where a file alone was given."""
+    """A measurement and how to solve it; `scene` is None where a file alone was given.
+
+    `excluded` microphones are no longer in the measurement; `distance` is two names or numbers, and metres.
+    """
 
     name: str
     scene: Scene | None
     measurement: Measurement
     settings: Solver
     seed: int
+    excluded: tuple[str, ...] = ()
+    estimate_sound_speed: bool = False
+    distance: tuple[str, str, float] | None = None
 
 
-def source_of(text: str, progress: Progress | None = None) -> Given:
-    """The measurement of an .npz file, or of a scene (see `from_scene`). Raises InputError and StorageError."""
+def source_of(text: str, progress: Progress | None = None, excluded: tuple[str, ...] = ()) -> Given:
+    """The measurement of an .npz file, or of a scene (see `from_scene`), without the microphones `excluded`.
+
+    Raises InputError and StorageError.
+    """
     if not text.lower().endswith(".npz"):
-        return from_scene(load_scene(text), progress)
-    measurement = load_measurement(text)
+        given = from_scene(load_scene(text), progress)
+        table = {field.name: getattr(given.measurement, field.name) for field in fields(Measurement)}
+        return replace(given, measurement=Measurement(**without(table, excluded)), excluded=excluded)
+    measurement = load_measurement(text, excluded)
     count = len(measurement.frequencies)
     settings = Solver(modes=min(Solver.modes, count), first_modes=min(Solver.first_modes, count))
-    return Given(Path(text).stem, None, measurement, settings, 0)
+    return Given(Path(text).stem, None, measurement, settings, 0, excluded)
 
 
 def check_scene(scene: Scene) -> None:
@@ -82,9 +95,11 @@ def solve(given: Given, progress: Progress | None = None) -> dict:
 
     Returns
     -------
-    dict, what a result file holds: positions (N, D) list, metres; solver; seed; frequencies used, Hz; cost,
-    dimensionless; sweeps; elapsed_s; converged; mean_error_m and max_error_m over all microphones, None without truth;
-    aligned, whether the errors are those after the best rigid motion, since no microphone was known
+    dict, what a result file holds: positions (N, D) list, metres, and names (N,); excluded, microphones left out,
+    which have no row; solver; seed; frequencies used, Hz; cost, dimensionless; sweeps; elapsed_s; converged;
+    mean_error_m and max_error_m over all microphones, None without truth; aligned, whether the errors are those after
+    the best rigid motion, since no microphone was known; verdict, verdict_text, uncertainty_m (N,) and
+    residual_to_noise (see `fdcal.verdict.Verdict`); sound_speed, m/s, told or estimated
 
     Raises InputError where the solver cannot start, and whatever `progress` raises to stop the run.
     """
@@ -92,15 +107,21 @@ def solve(given: Given, progress: Progress | None = None) -> dict:
 
     _require_reachable(given.measurement)
     problem, last = given.measurement.problem(given.settings.weights), given.settings.modes
+    _require_length(given, problem)
+    check_channels(given.measurement.pressures, given.measurement.names)
+    check_solvable(problem, last, given.measurement.names)
     start = time.perf_counter()
     for state in run(problem, given.settings, given.seed):
         if progress is not None:
             progress(state.last / last, f"{state.last} modes, sweep {state.sweep}, cost {state.cost:.3g}")
+    positions, problem, trust = _trusted(given, problem, state)
     truth, blind = given.measurement.positions, not len(given.measurement.known)
-    placed = align(state.positions, truth) if blind and truth is not None else state.positions
+    placed = align(positions, truth) if blind and truth is not None else positions
     errors = None if truth is None else position_errors(placed, truth)
     return {
-        "positions": state.positions.tolist(),
+        "positions": positions.tolist(),
+        "names": list(given.measurement.names),
+        "excluded": list(given.excluded),
         "solver": given.settings.name,
         "seed": given.seed,
         "frequencies": problem.frequencies[state.first - 1 : state.last].tolist(),
@@ -111,7 +132,57 @@ def solve(given: Given, progress: Progress | None = None) -> dict:
         "mean_error_m": None if errors is None else float(errors.mean()),
         "max_error_m": None if errors is None else float(errors.max()),
         "aligned": blind and truth is not None,
+        "sound_speed": problem.sound_speed,
+        **trust,
     }
+
+
+def _trusted(given: Given, problem: Problem, state) -> tuple[np.ndarray, Problem, dict]:
+    """Positions and problem, of another sound speed where that was asked for, and the keys of the verdict."""
+    from . import soundspeed
+    from .verdict import judge
+
+    positions, noise = state.positions, getattr(state, "noise", None)
+    if given.estimate_sound_speed:
+        found = (
+            soundspeed.from_known(problem, positions, state.modes, noise)
+            if given.distance is None
+            else soundspeed.from_distance(problem, positions, _pair(given), given.distance[2])
+        )
+        positions, problem = found.positions, found.problem
+    verdict = judge(problem, positions, state.modes, noise, given.measurement.names, state.converged)
+    return (
+        positions,
+        problem,
+        {
+            "uncertainty_m": verdict.uncertainty.tolist(),
+            "residual_to_noise": verdict.residual_to_noise,
+            "verdict": verdict.code,
+            "verdict_text": verdict.text,
+        },
+    )
+
+
+def _pair(given: Given) -> tuple[int, int]:
+    """Numbers of the two microphones of --distance."""
+    names = given.measurement.names
+    first, second = (number_of(text, names, "--distance") for text in given.distance[:2])
+    if first == second:
+        raise InputError(f"--distance names microphone {names[first]} twice; name two")
+    return first, second
+
+
+def _require_length(given: Given, problem: Problem) -> None:
+    """Raise InputError where the sound speed is asked for without a length, or with two."""
+    if given.distance is not None:
+        if not given.estimate_sound_speed:
+            raise InputError("--distance fixes the size, so that the sound speed follows; add --estimate-sound-speed")
+        if len(problem.known):
+            raise InputError("--distance is for arrays without known microphones; these fix the size already")
+        require_positive("--distance", given.distance[2], "m")
+        _pair(given)
+    elif given.estimate_sound_speed and len(problem.known) < 2:
+        raise InputError("--estimate-sound-speed needs two known microphones at least, or --distance I,J,METRES")
 
 
 def _require_reachable(measurement: Measurement) -> None:
@@ -130,7 +201,7 @@ def _require_reachable(measurement: Measurement) -> None:
 
 
 def summary(given: Given, result: dict) -> str:
-    """The outcome in five lines."""
+    """The outcome in six lines."""
     free, count, f = (
         given.measurement.count - len(given.measurement.known),
         given.measurement.count,
@@ -148,6 +219,7 @@ def summary(given: Given, result: dict) -> str:
         f"run     {result['sweeps']} sweeps in {result['elapsed_s']:.1f} s, {end}",
         f"cost    {result['cost']:.3g} ({'dimensionless' if given.settings.weights == 'unit' else 'pressure squared'})",
         f"error   {error}",
+        f"verdict {result['verdict']}: {result['verdict_text']}",
     )
     return "\n".join(lines)
 
@@ -173,6 +245,11 @@ def positions_from(measurement: Measurement, result: dict | None) -> np.ndarray:
             raise InputError("the measurement holds no true positions; give those of a result: --result RESULT.json")
         return measurement.positions
     positions = np.asarray(result["positions"], float)
+    if result.get("excluded"):
+        raise InputError(
+            f"the result leaves out microphone {', '.join(map(str, result['excluded']))}, and this needs a place for"
+            " all of them; calibrate without --exclude"
+        )
     shape = (measurement.count, measurement.array_dimension)
     if positions.shape != shape:
         raise InputError(

@@ -184,6 +184,13 @@ RESULT = {
     "mean_error_m": (float, 0),
     "max_error_m": (float, 0),
 }
+NEWER = {  # a file of an older fdcal lacks these
+    "uncertainty_m": (float, 1),
+    "residual_to_noise": (float, 0),
+    "verdict": (str, 0),
+    "verdict_text": (str, 0),
+    "sound_speed": (float, 0),
+}
 NULLABLE = ("mean_error_m", "max_error_m")  # null without truth
 
 
@@ -219,7 +226,9 @@ def load_result(path: str | Path) -> dict:
 def _checked(table: dict, where: str) -> dict:
     """`table` with its arrays as arrays, or InputError naming the key."""
     checked = dict(table)
-    for key, (kind, dimensions) in RESULT.items():
+    for key, (kind, dimensions) in (RESULT | NEWER).items():
+        if key in NEWER and key not in table:
+            continue
         if key not in table:
             raise InputError(f'{where} has no "{key}"; write it with `fdcal calibrate -o`')
         value = table[key]
@@ -231,7 +240,17 @@ def _checked(table: dict, where: str) -> dict:
         checked[key] = np.array(value, dtype=float) if dimensions else value
     if checked["positions"].shape[1] not in (2, 3):
         raise InputError(f'{where}: "positions" of shape {checked["positions"].shape} must be (N, 2) or (N, 3), metres')
+    rows = len(checked["positions"])
+    if len(checked.get("uncertainty_m", range(rows))) != rows:
+        raise InputError(f'{where}: "uncertainty_m" must hold {rows} numbers, one for each row of "positions"')
+    for key in ("names", "excluded"):
+        if not all(isinstance(name, str) for name in _list_of(checked.get(key, []))):
+            raise InputError(f'{where}: "{key}" must be a list of texts')
     return checked
+
+
+def _list_of(value) -> list:
+    return value if isinstance(value, list) else [None]
 
 
 def _is(value, kind: type, dimensions: int) -> bool:

@@ -29,9 +29,9 @@ def fdcal(*arguments, folder: Path) -> subprocess.CompletedProcess:
 
 
 def done(*arguments, folder: Path) -> str:
-    """Standard output of a command that must succeed."""
+    """Standard output of a command that must succeed; a calibration may end with a verdict that is not good."""
     run = fdcal(*arguments, folder=folder)
-    assert run.returncode == 0, run.stderr
+    assert run.returncode in ((0, 4) if arguments[0:1] == ("calibrate",) else (0,)), run.stderr
     return run.stdout
 
 
@@ -90,6 +90,7 @@ def test_simulate_writes_all_of_the_measurement(made):
 def test_calibrate_writes_the_result_and_tells_it(made):
     result = json.loads((made / "result.json").read_text())
     keys = {"positions", "solver", "seed", "frequencies", "cost", "sweeps", "elapsed_s", "converged"}
+    keys |= {"names", "excluded", "verdict", "verdict_text", "uncertainty_m", "residual_to_noise", "sound_speed"}
     assert keys | {"mean_error_m", "max_error_m"} <= set(result)
     assert np.shape(result["positions"]) == (16, 2)
     assert (result["solver"], result["seed"], len(result["frequencies"])) == ("descent", 1, 12)
