@@ -269,7 +269,7 @@ def test_bad_results_exit_2(made, tmp_path, refused):
     assert "not valid JSON" in refused(*drawing, "text.json")
     assert 'no "positions"' in refused(*drawing, "empty.json")
     assert 'no "solver"' in refused(*drawing, "few.json")
-    few = json.loads((made / "result.json").read_text()) | {"positions": [[0.5, 0.5]]}
+    few = json.loads((made / "result.json").read_text()) | {"positions": [[0.5, 0.5]], "uncertainty_m": [0.0]}
     (tmp_path / "few.json").write_text(json.dumps(few))
     assert "shape (1, 2)" in refused(*drawing, "few.json")
     assert "gone.json" in refused(*drawing, "gone.json", code=3)
