@@ -172,3 +172,11 @@ def test_excluding_keeps_names_known_ones_and_truth_in_step(tmp_path):
     assert left.names == tuple(map(str, kept))
     assert np.array_equal(left.positions, TRUTH[kept])
     assert left.known.tolist() == [0, 20] and np.array_equal(left.known_positions, TRUTH[[0, 22]])
+
+
+def test_a_result_that_leaves_microphones_out_is_no_place_for_all(calibrate, capsys):
+    assert calibrate(dict, "--exclude", "17")[0] == 0
+    with pytest.raises(SystemExit) as ended:
+        main(["landscape", "m.npz", "--microphone", "3", "--result", "r.json", "-o", "f.png"])
+    assert ended.value.code == 2
+    assert "leaves out microphone 17" in capsys.readouterr().err

@@ -216,6 +216,46 @@ def test_a_malformed_result_names_the_key(tmp_path, key, value):
     assert os.listdir(tmp_path) == ["r.json"]
 
 
+TRUST = {
+    "names": ["a", "b"],
+    "excluded": ["c"],
+    "uncertainty_m": [0.0, 0.001],
+    "residual_to_noise": 1.02,
+    "verdict": "good",
+    "verdict_text": "nothing speaks against these positions",
+    "sound_speed": 343.0,
+}
+
+
+def test_a_result_with_a_verdict_survives_the_round_trip_and_older_files_are_read(tmp_path):
+    save_result(RESULT | TRUST, tmp_path / "new.json")
+    back = load_result(tmp_path / "new.json")
+    for key, value in TRUST.items():
+        np.testing.assert_array_equal(back[key], value)
+    save_result(RESULT, tmp_path / "old.json")
+    assert not set(TRUST) & set(load_result(tmp_path / "old.json"))
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("uncertainty_m", [0.1]),
+        ("uncertainty_m", [0.1, math.nan]),
+        ("residual_to_noise", None),
+        ("verdict", 4),
+        ("sound_speed", math.inf),
+        ("names", "a,b"),
+        ("excluded", [3]),
+    ],
+)
+def test_a_malformed_verdict_names_the_key(tmp_path, key, value):
+    path = tmp_path / "r.json"
+    table = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in (RESULT | TRUST | {key: value}).items()}
+    path.write_text(json.dumps(table))
+    with pytest.raises(InputError, match=f'r.json: "{key}"'):
+        load_result(path)
+
+
 def test_a_file_that_is_no_result(tmp_path):
     path = tmp_path / "r.json"
     with pytest.raises(StorageError, match="cannot read"):
