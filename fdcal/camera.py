@@ -10,9 +10,9 @@ import numpy as np
 from .checks import require_choice
 from .primitives import Picture
 
-VIEWS = ("top", "3d")
-AROUND = 1.35  # of the search domain's size is what the 3-D view shows
-BIRD = (-0.42, -0.88, 0.78)  # direction from what is looked at to the eye of the 3-D view
+VIEWS = ("top", "3d", "close")
+AROUND = {"3d": 1.06, "close": 1.3}  # of its size: what is shown around the room, and around the search domain
+BIRD = (-0.42, -0.88, 0.78)  # direction from what is looked at to the eye of the 3-D views
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ def camera_for(picture: Picture, size, view: str, margins=(0, 0, 0, 0), fov: flo
     Parameters
     ----------
     size : (width, height), pixels
-    view : "top" (north up, the search domain fills the image) or "3d" (the array within its room)
+    view : "top" (north up, the search domain fills the image), "3d" (the whole room) or "close" (the array alone)
     margins : left, bottom, right, top pixels to be left free
     fov : radians; by default parallel from the top and 35 degrees in 3-D
     """
@@ -51,12 +51,40 @@ def camera_for(picture: Picture, size, view: str, margins=(0, 0, 0, 0), fov: flo
         # A hair south of straight down: turning the view from here keeps z upright.
         return _looking(centre, (0.0, -1e-4, 1.0), scale * height, 0.0 if fov is None else fov)
     fov = math.radians(35) if fov is None else fov
-    corners = [(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in heights]
-    camera = _looking(centre, BIRD, math.hypot(x1 - x0, y1 - y0), fov)
-    for _ in range(4):  # perspective makes the size on the image no simple function of the distance
-        taken = np.ptp(project(camera, (width, height), corners), axis=0) / free
-        camera = _looking(centre, BIRD, AROUND * camera.height * float(taken.max()), fov)
+    corners = _corners(picture, view)
+    centre = (corners.min(axis=0) + corners.max(axis=0)) / 2
+    camera = _looking(centre, BIRD, float(np.ptp(corners, axis=0).max()), fov)
+    middle = np.array([(left + width - right) / 2, (top + height - bottom) / 2])
+    for _ in range(6):  # perspective makes size and place on the image no simple function of the distance
+        seen = project(camera, (width, height), corners)
+        taken = np.ptp(seen, axis=0) / free
+        off = ((seen.min(axis=0) + seen.max(axis=0)) / 2 - middle) * camera.height / height
+        centre = centre + off @ _image_axes(camera)
+        camera = _looking(centre, BIRD, AROUND[view] * camera.height * float(taken.max()), fov)
     return camera
+
+
+def _corners(picture: Picture, view: str) -> np.ndarray:
+    """Corners (8, 3), metres, of the box that a 3-D view shows."""
+    x0, y0, x1, y1 = picture.bounds if view == "3d" else picture.focus
+    low, high = (0.0, picture.heights[1]) if view == "3d" else picture.heights
+    if view == "3d":
+        room = [
+            part.segments[..., 2].max() for part in picture.lines if part.name.startswith("room") and part.segments.size
+        ]
+        high = float(max([*room, high]))
+    if picture.floor is not None and picture.floor.heights is not None:
+        high = max(high, picture.floor.height + float(picture.floor.heights.max()))
+    return np.array([(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in (low, high)])
+
+
+def _image_axes(camera: Camera) -> np.ndarray:
+    """Directions (2, 3) in the room that lead right and down in the image."""
+    forward = np.subtract(camera.look_at, camera.position)
+    right = np.cross(forward, camera.up)
+    right /= np.linalg.norm(right)
+    down = np.cross(forward, right)
+    return np.stack([right, down / np.linalg.norm(down)])
 
 
 def _looking(centre: np.ndarray, direction, height: float, fov: float) -> Camera:

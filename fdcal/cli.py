@@ -188,7 +188,7 @@ def landscape(source, microphone, mode_numbers, result, output, search, radius, 
 @click.argument("scene")
 @result_option
 @click.option("--microphone", type=int, metavar="N", help="Lay the cost landscape of this one on the floor.")
-@click.option("--view", type=click.Choice(["top", "3d"]), default="top", show_default=True, help="Where from.")
+@click.option("--view", type=click.Choice(["top", "3d", "close"]), default="top", show_default=True, help="Where from.")
 @click.option("--size", default="1280x800", show_default=True, metavar="WxH", help="Pixels.")
 @_output_option("FILE.png")
 @force_option
@@ -197,7 +197,8 @@ def snapshot(scene, result, microphone, view, size, output, force):
     path = arguments.output_path(output, ".png", force)
     shape = arguments.pixels(size)
     given, found = _simulated(scene), _result(result)
-    from .picture import compose, headline, paint
+    from .painting import paint
+    from .picture import compose, headline
     from .snapshot import render
 
     positions, title, floor = None, given.scene.title, None

@@ -14,7 +14,8 @@ from .candidates import lattice_landscape
 from .checks import frozen_array
 from .cost import lattice_of, require_modes
 from .measurement import Problem
-from .picture import COLOUR_MAP, DECADES
+from .painting import DECADES
+from .primitives import COLOUR_MAP
 from .scene import Search
 
 

@@ -10,22 +10,30 @@ from typing import Any
 class History(Sequence):
     """The first `count` entries of a list that is only ever appended to: a frozen sequence that costs no copy.
 
-    `lineage` is shared by histories of which one begins with the other; a cut makes a new one.
+    `lineage` is one and the same object for histories of one run; a reset or a turn taken from an earlier state makes
+    a new one.
     """
 
-    __slots__ = ("_count", "lineage")
+    __slots__ = ("_count", "_states", "lineage")
 
-    def __init__(self, states: list, count: int):
-        self.lineage = states
-        self._count = count
+    def __init__(self, states: list, count: int, lineage: object = None):
+        self.lineage = states if lineage is None else lineage
+        self._states, self._count = states, count
 
     def __len__(self) -> int:
         return self._count
 
     def __getitem__(self, index):
         if isinstance(index, slice):
-            return self.lineage[: self._count][index]
-        return self.lineage[range(self._count)[index]]
+            return self._states[: self._count][index]
+        return self._states[range(self._count)[index]]
+
+
+def thinned(states: Sequence) -> list:
+    """About half of the states: the first, the last, the first of every stage, and every second of the others."""
+    last = len(states) - 1
+    begins = {i for i in range(1, last) if states[i].stage != states[i - 1].stage}
+    return [state for i, state in enumerate(states) if i % 2 == 0 or i == last or i in begins]
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,7 @@
 
     backdrop        what stays: room, source, search domain, true and known microphones
     with_estimate   what a step changes: crosses, error lines, the microphone looked at
-    paint           costs over the search lattice to a coloured floor and its colour bar
-    with_floor      that floor, and where its lowest cost stands
+    with_floor      a map from `fdcal.painting`, and where its lowest cost and its other minima stand
     compose         all of these at once
 
 True microphones are black circles, estimates red crosses, known microphones blue squares, the lowest cost of the map an
@@ -16,17 +15,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import matplotlib
 import numpy as np
 
 from . import shapes
 from .checks import frozen_array
 from .gauge import position_errors
 from .measurement import Measurement
-from .primitives import COLOUR_MAP, DARK, LIGHT, Colour, ColourBar, Floor, Label, Lines, Picture, Solid, Theme
-from .scene import Scene, Search
+from .primitives import DARK, LIGHT, Colour, Floor, Label, Lines, Picture, Solid, Theme
+from .scene import Scene
 
-DECADES = 4  # of cost that a logarithmic map shows below its highest value
 LAYERS = 24  # heights in one radius of a marker: what is drawn over the map lies that little above it
 TRUE, ESTIMATE, KNOWN, HALO = (0, 0, 0), (214, 24, 40), (0, 90, 181), (255, 255, 255)
 LOWEST = (255, 176, 0)
@@ -51,24 +48,46 @@ def compose(
     microphone : the one looked at, drawn larger and named
     floor : from `paint`
     """
-    picture = backdrop(scene, measurement, dark)
+    picture = backdrop(scene, measurement, dark, floor)
     if positions is not None:
-        picture = with_estimate(picture, measurement, positions, microphone)
+        picture = with_estimate(picture, measurement, positions, microphone, floor)
     return replace(with_floor(picture, floor), title=title)
 
 
 def with_floor(picture: Picture, floor: Floor | None) -> Picture:
-    """The picture with a map on the floor and a diamond where its cost is lowest; None takes neither."""
+    """The picture with a map on the floor, a diamond where it is lowest, small ones at other minima; None takes all."""
     if floor is None:
         return replace(picture, floor=None)
-    reach = 2.8 * picture.marker * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
-    diamond = shapes.loop(reach + floor.minimum, floor.height + 9 * picture.marker / LAYERS)
-    solids = picture.solids + _strokes("lowest", diamond, picture.marker, LOWEST, 0.45, halo=0.25)
+    marker, height = picture.marker, 9 * picture.marker / LAYERS
+    reach = marker * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
+    others = [place for place in floor.minima if np.hypot(*np.subtract(place, floor.minimum)) > marker]
+    solids = picture.solids
+    if others:
+        small = np.concatenate([_loop_on(floor, 1.6 * reach + place, height) for place in others])
+        solids += _strokes("minima", small, marker, LOWEST, 0.32, halo=0.25)
+    diamond = _loop_on(floor, 2.8 * reach + floor.minimum, height)
+    solids += _strokes("lowest", diamond, marker, LOWEST, 0.45, halo=0.25)
     return replace(picture, floor=floor, solids=solids)
 
 
-def backdrop(scene: Scene | None, measurement: Measurement, dark: bool = False) -> Picture:
-    """What stays the same while a solver runs."""
+def _loop_on(floor: Floor, corners: np.ndarray, z: float) -> np.ndarray:
+    """A level closed line through `corners` (V, 2), metres, that touches the map with its highest corner."""
+    top = float(drape(corners, floor)[:, 2].max()) if floor.heights is not None else floor.height
+    return shapes.loop(corners, z + top)
+
+
+def drape(points, floor: Floor | None) -> np.ndarray:
+    """Points (P, 2) with the height of the map there : (P, 3), metres; unchanged where the map is flat or missing."""
+    points = np.atleast_2d(np.asarray(points, float))
+    if floor is None or floor.heights is None or points.shape[1] == 3:
+        return points
+    place = (points - floor.origin) / np.divide(floor.size, floor.heights.shape[::-1]) - 0.5
+    column, row = np.clip(np.rint(place), 0, np.array(floor.heights.shape[::-1]) - 1).astype(int).T
+    return np.column_stack([points, floor.height + floor.heights[row, column]])
+
+
+def backdrop(scene: Scene | None, measurement: Measurement, dark: bool = False, ground: Floor | None = None) -> Picture:
+    """What stays the same while a solver runs; on a map with heights, `ground`, the microphones stand on it."""
     theme = DARK if dark else LIGHT
     focus, heights = _focus(measurement), heights_of(scene, measurement)
     base = heights[0]
@@ -85,25 +104,42 @@ def backdrop(scene: Scene | None, measurement: Measurement, dark: bool = False) 
         room_lines, room_labels, solids = _room(scene, marker, theme)
         lines, labels = room_lines + lines, labels + room_labels
     if measurement.positions is not None:
-        centres = _raised(measurement.positions, base, 4 * layer)
+        centres = _raised(drape(measurement.positions, ground), base, 4 * layer)
         solids += _circles("microphones/true", centres, marker, 0.28)
         if heights[1] > base:
             lines += (_lines("microphones/stems", shapes.stems(centres, base), theme.faint, 1.0),)
     if len(measurement.known):
-        centres = _raised(measurement.known_positions, base, 6 * layer)
-        solids += (_solid("microphones/known_halo", shapes.squares(centres - [0, 0, layer], 1.3 * marker), HALO),)
-        solids += (_solid("microphones/known", shapes.squares(centres, marker), KNOWN),)
+        solids += _squares(_raised(drape(measurement.known_positions, ground), base, 6 * layer), marker)
     return Picture(theme, focus, bounds, marker, lines, solids, labels, heights=heights)
 
 
-def with_estimate(picture: Picture, measurement: Measurement, positions, microphone: int | None = None) -> Picture:
-    """The picture with the estimate (N, D), metres, and one microphone looked at."""
-    positions, truth, marker = np.asarray(positions, float), measurement.positions, picture.marker
+def _squares(centres: np.ndarray, marker: float) -> tuple[Solid, Solid]:
+    """Known microphones at (A, 3), metres."""
+    below = centres - [0, 0, marker / LAYERS]
+    return (
+        _solid("microphones/known_halo", shapes.squares(below, 1.3 * marker), HALO),
+        _solid("microphones/known", shapes.squares(centres, marker), KNOWN),
+    )
+
+
+def with_estimate(
+    picture: Picture, measurement: Measurement, positions, microphone: int | None = None, ground: Floor | None = None
+) -> Picture:
+    """The picture with the estimate (N, D), metres, and one microphone looked at, on `ground` where that has heights.
+
+    A known microphone that a hand has moved is drawn where it is now supposed to be.
+    """
+    positions, marker, known = drape(positions, ground), picture.marker, measurement.known
+    truth = None if measurement.positions is None else drape(measurement.positions, ground)
     layer, solids, base = marker / LAYERS, picture.solids, picture.heights[0]
-    free = np.setdiff1d(np.arange(len(positions)), measurement.known)
+    if len(known):
+        others = tuple(solid for solid in solids if not solid.name.startswith("microphones/known"))
+        solids = others + _squares(_raised(positions[known], base, 6 * layer), marker)
+    free = np.setdiff1d(np.arange(len(positions)), known)
     if truth is not None:
-        pieces = np.stack([_raised(one[free], base, 2 * layer) for one in (truth, positions)], axis=1)
-        solids += _strokes("microphones/error", pieces, marker, TRUE, 0.13, halo=0.2)
+        pieces = np.stack([_raised(one, base, 2 * layer) for one in (truth, positions)], axis=1)
+        moved = np.isin(np.arange(len(truth)), free) | (np.ptp(pieces, axis=1) > 1e-6).any(axis=1)
+        solids += _strokes("microphones/error", pieces[moved], marker, TRUE, 0.13, halo=0.2)
     crosses = shapes.stars(_raised(positions[free], base, 8 * layer), marker)
     solids += _strokes("microphones/estimate", crosses, marker, ESTIMATE, 0.34)
     if microphone is None or not 0 <= microphone < len(positions):
@@ -129,39 +165,6 @@ def _name_tag(picture: Picture, text: str, place, towards: float) -> Label:
     beside = float(place[0] + (-2.6 if left else 2.6) * picture.marker)
     anchor = "center-right" if left else "center-left"
     return Label("looked_at/name", text, (beside, float(place[1]), float(place[2])), TRUE, anchor)
-
-
-def paint(cost, search: Search, log: bool = False, label: str = "cost (dimensionless)", height: float = 0.0) -> Floor:
-    """Costs (ny, nx) float64 over the search lattice, or one layer of it, as colours; a pixel is one lattice cell.
-
-    Row 0 is at low y; the map lies at `height`, metres.
-    """
-    cost = np.asarray(cost, float)
-    iy, ix = np.unravel_index(cost.argmin(), cost.shape)
-    minimum = (search.origin[0] + ix * search.step, search.origin[1] + iy * search.step)
-    low, high, clipped = float(cost.min()), float(cost.max()), False
-    if log:
-        high = max(high, np.finfo(float).tiny)
-        floor = high * 10.0**-DECADES
-        low, clipped = max(low, floor), low < floor
-        cost, ends = np.log10(np.maximum(cost, low)), (np.log10(low), np.log10(high))
-    else:
-        ends = (low, high)
-    span = ends[1] - ends[0]
-    share = (cost - ends[0]) / span if span > 0 else np.zeros_like(cost)
-    rgb = matplotlib.colormaps[COLOUR_MAP](share, bytes=True)[..., :3]
-    if high <= low:
-        high = low * (1 + 1e-6) + 1e-12  # a flat map still needs a scale
-    half = search.step / 2
-    size = (cost.shape[1] * search.step, cost.shape[0] * search.step)
-    origin = (search.origin[0] - half, search.origin[1] - half)
-    bar = ColourBar(low, high, log, label, clipped)
-    return Floor(frozen_array(rgb, np.uint8), origin, size, bar, minimum, height)
-
-
-def cost_label(weights: str) -> str:
-    """Name and unit of a solver's cost; `weights` as in scene.Solver: raw pressures keep their unit."""
-    return "cost (dimensionless)" if weights == "unit" else "cost (pressure squared)"
 
 
 def headline(measurement: Measurement, positions) -> str:

@@ -5,6 +5,7 @@ Lengths are metres, colours RGB from 0 to 255. Frozen, arrays included; no rende
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ from matplotlib.ticker import LogLocator
 from .shapes import round_values
 
 COLOUR_MAP = "viridis"  # any name of matplotlib.colormaps
+LETTERS = 44  # that find room along a colour bar
 
 Colour = tuple[int, int, int]
 
@@ -77,21 +79,35 @@ class ColourBar:
         """Share of the bar from 0 to 1, and text, of about five round values."""
         if not self.log:
             values = round_values(self.low, self.high, 5)
-            return tuple((float((v - self.low) / (self.high - self.low)), f"{v:.4g}") for v in values)
+            return _few((float((v - self.low) / (self.high - self.low)), number(v, 4)) for v in values)
         decades = np.log10(self.high / self.low)
         values = LogLocator(subs=(1.0,) if decades > 3 else (1.0, 2.0, 5.0)).tick_values(self.low, self.high)
         values = values[(values >= self.low * (1 - 1e-9)) & (values <= self.high * (1 + 1e-9))]
         if not 3 <= len(values) <= 6:  # within a decade the locator may give as many as ten
-            values = round_values(self.low, self.high, 4)
-        texts = (f"{v:.0f}" if 1e3 <= v < 1e5 else f"{v:.3g}" for v in values)
-        return tuple((float(np.log10(v / self.low) / decades), text) for v, text in zip(values, texts, strict=True))
+            even = round_values(self.low, self.high, 4)
+            values = even[even >= self.low] if decades < 3 else values
+        return _few((float(np.log10(v / self.low) / decades), number(v, 3 if decades > 0.05 else 5)) for v in values)
+
+
+def number(value: float, digits: int) -> str:
+    """A number with so many digits that count, without an exponent up to a million."""
+    return f"{value:.0f}" if 10.0**digits <= abs(value) < 1e6 else f"{value:.{digits}g}"
+
+
+def _few(ticks: Iterable[tuple[float, str]]) -> tuple[tuple[float, str], ...]:
+    """Every second tick left out, again and again, while their texts are too long to stand side by side."""
+    ticks = tuple(ticks)
+    while len(ticks) > 2 and sum(len(text) + 2 for _, text in ticks) > LETTERS:
+        ticks = ticks[::2]
+    return ticks
 
 
 @dataclass(frozen=True)
 class Floor:
     """A map on the floor: `rgb` (ny, nx, 3) uint8 with row 0 at low y, its lowest corner and size, metres.
 
-    `minimum` is where its lowest cost stands, metres; `height` is that of the map, metres.
+    `minimum` is where its lowest cost stands, `minima` where its local minima do, metres; `height` is that of the map,
+    metres. `heights` (ny, nx) float32, metres above that, makes it a relief.
     """
 
     rgb: np.ndarray
@@ -100,6 +116,9 @@ class Floor:
     bar: ColourBar
     minimum: tuple[float, float]
     height: float = 0.0
+    minima: tuple[tuple[float, float], ...] = ()
+    opacity: float = 1.0
+    heights: np.ndarray | None = None
 
 
 @dataclass(frozen=True)

@@ -1,25 +1,29 @@
-"""The one solver thread, its commands, and a worker that only runs the newest request.
+"""The one solver thread and its commands.
 
 A session plays, pauses, steps, rewinds and resets a solver without blocking whoever asks. It knows no screen:
 commands go in through a queue, one frozen `SessionView` at a time comes out. The solver thread alone calls the
 solver's `init`, `step` and `use_modes`; each state carries all that `step` needs, so going on from any of them is free.
-This is the only module that uses threads.
+This module and `fdcal.worker` are the only ones that use threads.
 """
 
 from __future__ import annotations
 
-import collections
+import contextlib
 import itertools
 import logging
 import queue
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
-from .checks import InputError
-from .history import History, SessionView
+import numpy as np
+
+from .checks import frozen_array
+from .history import History, SessionView, thinned
+
+MOST_STATES = 4000  # kept of a run: some 6 kB each; beyond it every second one is let go
 
 log = logging.getLogger(__name__)
 
@@ -44,7 +48,7 @@ class Session:
     >>> session.wait_for(lambda view: view.state.sweep == 1, timeout=60)  # doctest: +SKIP
     """
 
-    NEWEST_ONLY = ("seek", "use_modes")  # of several such commands in a row only the last matters
+    NEWEST_ONLY = ("seek", "use_modes", "place", "pace")  # of several such commands in a row only the last matters
 
     def __init__(self, problem, settings, seed: int, module=None):
         if module is None:
@@ -56,6 +60,8 @@ class Session:
         self._changed = threading.Condition()
         self._states = [module.init(problem, settings, self._seed)]
         self._goal: Callable[[Any], bool] | None = None  # true once the state reached ends the run
+        self._pause = 0.0  # s between two steps
+        self._held: object = None  # the gesture that the last state came from, if a hand made it
         self._view = SessionView(self._states[0], 0, 1, False, "", History(self._states, 1))
         self._thread = threading.Thread(target=self._serve, name="fdcal-solver", daemon=True)
         self._thread.start()
@@ -81,9 +87,24 @@ class Session:
         """Go on until the state's sweep number rises or the solver has finished."""
         self._commands.put(("sweep",))
 
-    def reset(self, seed: int | None = None) -> None:
-        """Start anew, from `seed` or from the last one used."""
-        self._commands.put(("reset", seed))
+    def stage(self) -> None:
+        """Go on until the state's stage number rises or the solver has finished."""
+        self._commands.put(("stage",))
+
+    def pace(self, rate: float) -> None:
+        """Take at most `rate` steps a second while running; 0 is as many as there may be."""
+        self._commands.put(("pace", float(rate)))
+
+    def reset(self, seed: int | None = None, settings=None) -> None:
+        """Start anew, from `seed` or from the last one used, with other `settings` (the solver's name among them)."""
+        self._commands.put(("reset", seed, settings))
+
+    def place(self, microphone: int, position, gesture: object = None) -> None:
+        """Put a microphone at `position`, metres, its first coordinates or all of them, by hand, and pause.
+
+        Places of one `gesture` (any object but None) follow one another as one state of the history.
+        """
+        self._commands.put(("place", int(microphone), tuple(map(float, position)), gesture))
 
     def seek(self, index: int) -> None:
         """Look at state `index` of the history (bounded to it) and pause; going on from there drops the later ones."""
@@ -121,14 +142,22 @@ class Session:
     def _pending(self) -> list[tuple]:
         """All commands that wait (blocking for one when idle), without those a later one makes void."""
         commands = [self._commands.get()] if self._goal is None else []
+        if self._goal is not None and self._pause:
+            with contextlib.suppress(queue.Empty):
+                commands.append(self._commands.get(timeout=self._pause))
         while not self._commands.empty():
             commands.append(self._commands.get())
-        after = [command[0] for command in commands[1:]]
         return [
             command
-            for command, name in itertools.zip_longest(commands, after)
-            if command[0] != name or name not in self.NEWEST_ONLY
+            for command, after in itertools.zip_longest(commands, commands[1:])
+            if after is None or not self._void(command, after)
         ]
+
+    def _void(self, command: tuple, after: tuple) -> bool:
+        """Whether a command that another follows is not worth doing."""
+        if command[0] != after[0] or command[0] not in self.NEWEST_ONLY:
+            return False
+        return command[0] != "place" or (command[1], command[3]) == (after[1], after[3])
 
     def _guarded(self, function: Callable, *arguments) -> None:
         """Call a function of this thread; its exception pauses the session and is told, the thread lives on."""
@@ -144,21 +173,25 @@ class Session:
             self._view = replace(self._view, **changes)
             self._changed.notify_all()
 
-    def _keep(self, states: list, error: str = "") -> None:
+    def _keep(self, states: list, error: str = "", lineage: object = None) -> None:
         """Make the last of `states` the one looked at. Published lists are only appended to, never cut."""
         self._states, count = states, len(states)
+        self._held = None
         self._publish(
             state=states[-1],
             index=count - 1,
             count=count,
             running=self._goal is not None,
             error=error,
-            history=History(states, count),
+            history=History(states, count, lineage),
         )
 
-    def _upto(self, count: int) -> list:
-        """The first `count` states, as a list that may be appended to."""
-        return self._states if count == len(self._states) else self._states[:count]
+    def _upto(self, count: int) -> tuple[list, object]:
+        """The first `count` states, as a list that may be appended to, and the lineage they go on."""
+        if count < len(self._states):
+            return self._states[:count], None
+        states = self._states if count < MOST_STATES else thinned(self._states)
+        return states, self._view.history.lineage
 
     def _advance(self) -> None:
         """One step from the state looked at, unless it is the solver's last."""
@@ -170,9 +203,9 @@ class Session:
         state = self._module.step(self._problem, view.state)
         if state.finished or self._goal(state):
             self._goal = None
-        states = self._upto(view.index + 1)
+        states, lineage = self._upto(view.index + 1)
         states.append(state)
-        self._keep(states)
+        self._keep(states, lineage=lineage)
 
     def _run(self, goal: Callable[[Any], bool]) -> None:
         self._goal = goal
@@ -193,14 +226,27 @@ class Session:
         start = self._view.state.sweep
         self._run(lambda state: state.sweep > start)
 
-    def _on_reset(self, seed: int | None) -> None:
-        state = self._module.init(self._problem, self._settings, self._seed if seed is None else int(seed))
-        self._seed = self._seed if seed is None else int(seed)
-        self._goal = None
+    def _on_stage(self) -> None:
+        start = self._view.state.stage
+        self._run(lambda state: state.stage > start)
+
+    def _on_pace(self, rate: float) -> None:
+        self._pause = 1 / rate if rate > 0 else 0.0
+
+    def _on_reset(self, seed: int | None, settings=None) -> None:
+        seed, module = self._seed if seed is None else int(seed), self._module
+        if settings is None:
+            settings = self._settings
+        elif settings.name != self._settings.name:
+            from . import solvers
+
+            module = solvers.load(settings.name)
+        state = module.init(self._problem, settings, seed)
+        self._module, self._settings, self._seed, self._goal = module, settings, seed, None
         self._keep([state])
 
     def _on_seek(self, index: int) -> None:
-        self._goal = None
+        self._goal = self._held = None
         index = min(max(index, 0), len(self._states) - 1)
         self._publish(state=self._states[index], index=index, running=False)
 
@@ -209,88 +255,14 @@ class Session:
         state = self._module.use_modes(self._problem, self._view.state, first, last, automatic)
         self._keep([*self._states[: self._view.index], state])
 
-
-@dataclass(frozen=True)
-class Delivery:
-    """What a `LatestWorker` made: the request's arguments, and its result or the exception, as text too.
-
-    `began` and `ended` are readings of `time.perf_counter`, s.
-    """
-
-    request: tuple
-    result: Any = None
-    error: str = ""
-    cause: Exception | None = None
-    began: float = 0.0
-    ended: float = 0.0
-
-
-class LatestWorker:
-    """A thread that runs only the newest request, or the newest `keep`, oldest first; others that wait are dropped.
-
-    `latest` is the newest `Delivery`, None before the first. An exception becomes `latest.error`; the thread lives on.
-    """
-
-    def __init__(self, function: Callable, name: str = "fdcal-worker", keep: int = 1):
-        self._function = function
-        self._changed = threading.Condition()
-        self._waiting: collections.deque[tuple] = collections.deque(maxlen=keep)
-        self._busy = self._closed = False
-        self._latest: Delivery | None = None
-        self._thread = threading.Thread(target=self._serve, name=name, daemon=True)
-        self._thread.start()
-
-    @property
-    def latest(self) -> Delivery | None:
-        return self._latest
-
-    @property
-    def busy(self) -> bool:
-        """Whether a request waits or is being worked on."""
-        with self._changed:
-            return self._busy or bool(self._waiting)
-
-    @property
-    def full(self) -> bool:
-        """Whether one more request would drop one that waits."""
-        return len(self._waiting) == self._waiting.maxlen
-
-    def request(self, *arguments) -> None:
-        """Ask for `function(*arguments)`, in place of the oldest request not begun yet where it is `full`."""
-        with self._changed:
-            self._waiting.append(arguments)
-            self._changed.notify_all()
-
-    def wait_for(self, predicate: Callable[[Delivery | None], bool], timeout: float | None = None) -> bool:
-        """Block until `predicate(latest)` holds; False if it did not within `timeout` seconds."""
-        with self._changed:
-            return self._changed.wait_for(lambda: predicate(self._latest), timeout)
-
-    def close(self, timeout: float = 2.0) -> bool:
-        """End the thread after the request under way; False if it was still at work after `timeout` seconds."""
-        with self._changed:
-            self._closed = True
-            self._changed.notify_all()
-        self._thread.join(timeout)
-        return not self._thread.is_alive()
-
-    def _serve(self) -> None:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._closed or self._waiting)
-                if self._closed:
-                    return
-                arguments, self._busy = self._waiting.popleft(), True
-            began = time.perf_counter()
-            delivery = replace(self._work(arguments), began=began, ended=time.perf_counter())
-            with self._changed:
-                self._latest, self._busy = delivery, False
-                self._changed.notify_all()
-
-    def _work(self, arguments: tuple) -> Delivery:
-        try:
-            return Delivery(arguments, result=self._function(*arguments))
-        except Exception as error:
-            told = isinstance(error, (InputError, OSError))  # one line says it all, and whoever asked says it
-            log.log(logging.DEBUG if told else logging.ERROR, "%s failed", self._thread.name, exc_info=True)
-            return Delivery(arguments, error=f"{type(error).__name__}: {error}", cause=error)
+    def _on_place(self, microphone: int, position: tuple, gesture: object) -> None:
+        """A state that a hand made follows the one looked at; the next of the same gesture takes its place."""
+        old = self._view.state
+        positions = np.array(old.positions)
+        positions[microphone, : len(position)] = position  # a hand in a plan leaves the height alone
+        state = replace(old, positions=frozen_array(positions, float))
+        state = self._module.use_modes(self._problem, state, old.first, old.last, old.automatic)
+        kept = self._view.index + (0 if gesture is not None and gesture == self._held else 1)
+        self._goal = None
+        self._keep([*self._states[:kept], state])
+        self._held = gesture

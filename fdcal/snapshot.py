@@ -23,7 +23,7 @@ from .primitives import Picture, Solid
 
 
 def render(picture: Picture, path, size=(1280, 800), view: str = "top", force: bool = False) -> None:
-    """Write the picture to a PNG file of `size` (width, height) pixels, seen from the "top" or in "3d".
+    """Write the picture to a PNG file of `size` (width, height) pixels, seen from the "top", in "3d" or "close".
 
     Raises InputError (bad size or view, file exists without `force`) and StorageError (no GL library, cannot write).
     """
@@ -75,10 +75,16 @@ def draw(picture: Picture, size, view: str) -> np.ndarray:
 def _add_floor(plotter, pyvista, floor) -> None:
     rows, columns = floor.rgb.shape[:2]
     step = floor.size[0] / columns, floor.size[1] / rows
+    if floor.heights is not None:
+        x, y = (o + s * (np.arange(n) + 0.5) for o, s, n in zip(floor.origin, step, (columns, rows), strict=True))
+        surface = pyvista.StructuredGrid(*np.meshgrid(x, y), floor.height + floor.heights.astype(float))
+        surface.point_data["rgb"] = floor.rgb.transpose(1, 0, 2).reshape(-1, 3)
+        plotter.add_mesh(surface, scalars="rgb", rgb=True, lighting=False, opacity=floor.opacity)
+        return
     corner = (*floor.origin, floor.height)
     grid = pyvista.ImageData(dimensions=(columns + 1, rows + 1, 1), spacing=(*step, 1), origin=corner)
     grid.cell_data["rgb"] = floor.rgb.reshape(-1, 3)
-    plotter.add_mesh(grid, scalars="rgb", rgb=True, lighting=False)
+    plotter.add_mesh(grid, scalars="rgb", rgb=True, lighting=False, opacity=floor.opacity)
 
 
 def _add_solid(plotter, pyvista, solid: Solid) -> None:

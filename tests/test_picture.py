@@ -8,7 +8,8 @@ import pytest
 
 from fdcal import picture, shapes
 from fdcal.measurement import Measurement
-from fdcal.picture import ESTIMATE, HALO, KNOWN, TRUE, backdrop, compose, headline, paint, with_estimate, with_floor
+from fdcal.painting import paint
+from fdcal.picture import ESTIMATE, HALO, KNOWN, TRUE, backdrop, compose, headline, with_estimate, with_floor
 from fdcal.primitives import COLOUR_MAP, LIGHT, ColourBar, Picture
 from fdcal.scene import Search, load_scene
 
@@ -74,7 +75,8 @@ def test_circles_at_the_truth_and_crosses_at_the_estimate(scene, measurement):
 
 
 def test_error_lines_join_truth_and_estimate(scene, measurement):
-    estimate = measurement.positions[::-1].copy()
+    estimate = measurement.positions.copy()
+    estimate[3:] = estimate[:2:-1] + 0.01
     drawn = compose(scene, measurement, estimate)
     corners = part(drawn, "microphones/error").vertices.reshape(-1, 4, 3)[..., :2]
     np.testing.assert_allclose(corners[:, [0, 3]].mean(axis=1), measurement.positions[3:], atol=1e-6)
@@ -88,6 +90,16 @@ def test_known_microphones_are_squares_of_their_own_colour(scene, measurement):
     centres = squares.vertices.reshape(3, 4, 3).mean(axis=1)
     np.testing.assert_allclose(centres[:, :2], measurement.positions[:3], atol=1e-6)
     assert len({TRUE, ESTIMATE, KNOWN}) == 3
+
+
+def test_a_known_microphone_that_a_hand_has_moved_is_drawn_where_it_is_supposed_to_be(scene, measurement):
+    estimate = measurement.positions.copy()
+    estimate[1] += 0.05
+    drawn = compose(scene, measurement, estimate)
+    squares = part(drawn, "microphones/known").vertices.reshape(3, 4, 3).mean(axis=1)
+    np.testing.assert_allclose(squares[:, :2], estimate[:3], atol=1e-6)
+    lines = part(drawn, "microphones/error").vertices.reshape(-1, 4, 3)[..., :2]
+    assert np.isclose(lines[:, [0, 3]].mean(axis=1), measurement.positions[1], atol=1e-6).all(axis=1).any()
 
 
 @pytest.mark.parametrize("microphone", [4, None, -1, 99])
@@ -279,6 +291,7 @@ def ball():
 def test_in_space_every_marker_is_at_its_own_height(ball):
     scene, measurement = ball
     estimate = measurement.positions + [0.01, 0.0, 0.02]
+    estimate[:4] = measurement.positions[:4]
     drawn = compose(scene, measurement, estimate, microphone=5)
     for name, expected, corners in (
         ("microphones/true", measurement.positions, 80),

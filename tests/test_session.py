@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import pytest
 
 from fdcal.checks import InputError, StorageError
-from fdcal.session import LatestWorker, Session
+from fdcal.session import Session
+from fdcal.worker import LatestWorker
 
 WAIT = 20.0  # s, bound of every wait; none is ever waited out when the law holds
 
@@ -22,9 +23,16 @@ class Count:
     automatic: bool = True
     seed: int = 0
 
+    positions: tuple = ((0.0, 0.0), (1.0, 1.0))
+    moved: int = -1
+
     @property
     def sweep(self):
         return self.step // 3
+
+    @property
+    def stage(self):
+        return self.step // 6
 
     @property
     def finished(self):
@@ -253,3 +261,89 @@ def test_a_worker_logs_no_traceback_for_what_its_caller_tells(error, caplog):
     assert worker.wait_for(lambda latest: "a fault" in latest.error, WAIT)
     assert "a fault" in caplog.text and "Traceback" in caplog.text
     assert worker.close(WAIT)
+
+
+# -- hands, stages, other solvers, long runs -------------------------------------------------------------------------
+
+
+def test_stage_stops_where_the_stage_rises(make):
+    session = make(Counter())
+    session.stage()
+    assert session.wait_for(lambda view: view.state.stage == 1 and not view.running, WAIT)
+    assert session.view.state.step == 6
+
+
+def test_a_slow_pace_holds_up_no_command(make):
+    session = make(Counter())
+    session.pace(1e-3)  # a step every 1000 s
+    session.play()
+    assert session.wait_for(lambda view: view.running, WAIT)
+    session.pause()
+    assert session.wait_for(lambda view: not view.running, WAIT)
+    session.pace(0)
+    session.play()
+    assert session.wait_for(lambda view: view.state.finished, WAIT)
+
+
+def test_a_microphone_put_by_hand_is_a_state_of_its_own(make):
+    session = make(Counter())
+    session.step()
+    assert session.wait_for(lambda view: view.count == 2, WAIT)
+    for x in (0.1, 0.2, 0.3):  # one drag
+        session.place(1, (x, 0.5), gesture="a")
+    assert session.wait_for(lambda view: view.state.positions[1][0] == 0.3, WAIT)
+    assert session.view.count == 3 and session.view.state.step == 1
+    session.place(0, (0.7, 0.7), gesture="b")
+    assert session.wait_for(lambda view: view.state.positions[0][0] == 0.7, WAIT)
+    view = session.view
+    assert view.count == 4 and not view.state.positions.flags.writeable
+    assert view.state.positions.tolist() == [[0.7, 0.7], [0.3, 0.5]]
+    assert tuple(view.history[1].positions[1]) == (1.0, 1.0), "an earlier state has changed"
+
+
+def test_places_of_different_microphones_in_one_go_all_count(make):
+    solver = Counter(gated=True)
+    session = make(solver)
+    session.step()
+    assert solver.began.acquire(timeout=WAIT)
+    for n, gesture in ((0, "a"), (0, "a"), (1, "b")):  # all of them wait while the step is under way
+        session.place(n, (0.5, 0.5 + n), gesture)
+    solver.gate.release()
+    assert session.wait_for(lambda view: view.state.positions[1][1] == 1.5, WAIT)
+    assert session.view.state.positions[0][1] == 0.5
+
+
+def test_reset_takes_other_settings(make, monkeypatch):
+    from fdcal import solvers
+
+    @dataclass(frozen=True)
+    class Settings:
+        name: str
+
+    class Other(Counter):
+        def init(self, problem, settings, seed):
+            return Count(step=11, seed=seed)
+
+    monkeypatch.setattr(solvers, "load", lambda name: Other())
+    session = Session(None, Settings("counter"), 3, module=Counter())
+    try:
+        session.reset(settings=Settings("other"))
+        assert session.wait_for(lambda view: view.state.step == 11, WAIT)
+        assert session.view.state.seed == 3 and session.view.count == 1
+    finally:
+        assert session.close(WAIT)
+
+
+def test_a_long_run_keeps_a_bounded_history(make, monkeypatch):
+    from fdcal import session as module
+
+    monkeypatch.setattr(module, "MOST_STATES", 8)
+    session = make(Counter())
+    before = session.view.history.lineage
+    session.play()
+    assert session.wait_for(lambda view: view.state.finished and not view.running, WAIT)
+    view = session.view
+    steps = [state.step for state in view.history]
+    assert len(steps) <= 9 and view.index == len(steps) - 1 and view.history.lineage is before
+    assert steps[0] == 0 and steps[-1] == 12 and steps == sorted(set(steps))
+    assert 6 in steps, "the first state of a stage stays"

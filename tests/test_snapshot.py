@@ -12,12 +12,13 @@ from fdcal import offscreen, snapshot
 from fdcal.camera import camera_for, project
 from fdcal.checks import InputError, StorageError
 from fdcal.measurement import Measurement
-from fdcal.picture import ESTIMATE, KNOWN, LAYERS, TRUE, compose, paint
+from fdcal.painting import paint
+from fdcal.picture import ESTIMATE, KNOWN, LAYERS, TRUE, compose
 from fdcal.primitives import COLOUR_MAP
 from fdcal.scene import load_scene
 
 SIZE = (1300, 1000)
-VIEWS = ("top", "3d")
+VIEWS = ("top", "close")
 
 
 @pytest.fixture(scope="module")

@@ -15,15 +15,19 @@ import numpy as np
 import pytest
 import websockets
 from PIL import Image
+from playwright.sync_api import TimeoutError as PlaywrightTimeout
 from viser import _messages
 from websockets.sync.client import connect
 
+from fdcal import landscapes, solvers
+from fdcal.camera import camera_for, project
 from fdcal.checks import InputError
 from fdcal.history import History, SessionView
 from fdcal.measurement import Measurement
 from fdcal.picture import compose, with_estimate
 from fdcal.scene import load_scene
-from fdcal.viewer import app, plots, preparing, safety, words
+from fdcal.store import cached_measurement
+from fdcal.viewer import app, plots, preparing, safety, stage, words
 from fdcal.viewer.controls import Controls
 from fdcal.viewer.stage import Stage
 
@@ -130,21 +134,133 @@ def test_run_becomes_pause(page):
     press(page, "Run")
     page.get_by_text(re.compile(r"Finished")).first.wait_for()  # tiny is done in seconds
     page.get_by_role("button", name="Run", exact=True).wait_for()
+    assert page.get_by_role("button", name="Run", exact=True).is_disabled(), "a finished run has nothing to run"
+    assert not page.get_by_role("button", name="Step", exact=True).count()
     assert page.evaluate("window.seen") == ["Run", "Pause", "Run"]
     press(page, "Reset")
     page.get_by_text("step 0, sweep 0").wait_for()
 
 
+def test_rewinding_and_going_on_from_there(page):
+    press(page, "Sweep")
+    page.get_by_text("step 13, sweep 1").wait_for()
+    handle = slider(page, "State")
+    handle.focus()
+    handle.press("Home")
+    page.get_by_text("step 0, sweep 0").wait_for()
+    handle.press("ArrowRight")
+    page.get_by_text("step 1, sweep 0").wait_for()
+    press(page, "Step")
+    page.get_by_text("step 2, sweep 0").wait_for()
+    press(page, "Reset")
+    page.get_by_text("step 0, sweep 0").wait_for()
+
+
 def test_a_slider_sets_the_modes_in_use(page):
-    label = page.get_by_text("Last mode", exact=True).get_attribute("for")
-    slider = page.locator(f"[id='{label}']").get_by_role("slider")
-    slider.focus()
-    slider.press("ArrowRight")
+    handle = slider(page, "Last mode")
+    handle.focus()
+    handle.press("ArrowRight")
     page.get_by_text(re.compile(r"^modes 1 to 4, ")).wait_for()
 
 
+# How to find things in the page of `tiny`: the camera of `Stage.place`, and viser's own scene.
+
+
+def slider(page, label):
+    number = page.get_by_text(label, exact=True).get_attribute("for")
+    return page.locator(f"[id='{number}']").get_by_role("slider")
+
+
+def choose(page, label, option):
+    number = page.get_by_text(label, exact=True).get_attribute("for")
+    page.locator(f"[id='{number}']").click()
+    page.get_by_role("option", name=option, exact=True).click()
+
+
+def tab(page, name):
+    page.get_by_role("tab", name=name, exact=True).click()
+
+
+def on_screen(page, scene, points):
+    """Pixels of the page at which points (P, 3), metres, appear from the top."""
+    box = page.locator("canvas").first.bounding_box()
+    size = (round(box["width"]), round(box["height"]))
+    picture = compose(scene, cached_measurement(scene))
+    camera = camera_for(picture, size, "top", stage.MARGINS, fov=stage.FLAT)
+    return project(camera, size, points) + [box["x"], box["y"]]
+
+
+MIDDLE = """name => {
+    const box = [1e9, 1e9, -1e9, -1e9];
+    window.__viserMutable.nodeRefFromName[name].traverse(node => {
+        const places = node.geometry?.attributes?.position;
+        node.updateWorldMatrix(true, false);
+        for (let i = 0; places && i < places.count; i++) {
+            const at = node.localToWorld(node.position.clone().fromBufferAttribute(places, i));
+            const [x, y] = [-at.z, -at.x];  // the browser's own axes: y up
+            box[0] = Math.min(box[0], x); box[1] = Math.min(box[1], y);
+            box[2] = Math.max(box[2], x); box[3] = Math.max(box[3], y);
+        }
+    });
+    return [(box[0] + box[2]) / 2, (box[1] + box[3]) / 2];
+}"""
+
+
+def middle(page, name):
+    """Middle, in x and y, of all that viser draws under a name."""
+    return page.evaluate(MIDDLE, name)
+
+
+def pick(page, scene, place, text):
+    """Click at a place until the page says `text`: a page drawn by software may not have noticed the pointer yet."""
+    for _ in range(20):
+        page.mouse.click(*on_screen(page, scene, [[*place, 0.0]])[0])
+        with contextlib.suppress(PlaywrightTimeout):
+            page.get_by_text(text).first.wait_for(timeout=2000)
+            return
+    pytest.fail(f"no {text!r} after a click at {place}")
+
+
+def test_a_microphone_is_picked_by_a_click(page, scene):
+    tab(page, "Map")
+    known = cached_measurement(scene).positions[5]
+    pick(page, scene, known, "microphone 5, ")
+    assert not page.get_by_label("Follow solver").is_checked()
+
+
+def test_the_diamond_stands_where_the_map_is_lowest(page, scene):
+    choose(page, "Modes", "Chosen here")
+    page.locator("//label[.='Mode numbers']/following::input[1]").first.fill("2-4, 6")
+    page.keyboard.press("Enter")
+    page.get_by_text("microphone 5, sum of 4 modes").wait_for()
+    problem, descent = cached_measurement(scene).problem("unit"), solvers.load("descent")
+    state = descent.use_modes(problem, descent.init(problem, scene.solver, 0), 1, 4, True)  # what the page shows
+    fine = landscapes.finer(scene.search)
+    cost = sum(landscapes.fine_mode(problem, state, 5, mode, fine) for mode in (2, 3, 4, 6))
+    lowest = landscapes.places(np.array([np.unravel_index(cost.argmin(), cost.shape)]), fine)[0]
+    stands = f"p => {{ const at = ({MIDDLE})('/lowest'); return Math.hypot(at[0] - p[0], at[1] - p[1]) < 1e-4 }}"
+    page.wait_for_function(stands, arg=lowest.tolist())
+
+
+def test_a_microphone_is_dragged_and_the_map_stays_that_of_the_one_looked_at(page, scene):
+    truth = cached_measurement(scene).positions
+    target = truth[7] + [0.1, -0.06]
+    page.get_by_text("cost at the cross").first.wait_for()
+    before = page.get_by_text("cost at the cross").first.inner_text()
+    start, end = on_screen(page, scene, np.column_stack([[truth[7], target], [0.0, 0.0]]))
+    page.mouse.move(*start)
+    page.mouse.down()
+    for share in np.linspace(0.1, 1, 8):
+        page.mouse.move(*(start + share * (end - start)))
+    page.wait_for_function("text => !document.body.innerText.includes(text)", arg=before)
+    page.mouse.up()
+    page.get_by_text("microphone 5, ").first.wait_for()
+    pick(page, scene, target, "microphone 7, ")  # it is there now
+    np.testing.assert_allclose(middle(page, "/looked_at/estimate"), target, atol=0.004)
+
+
 def test_export_saves_what_is_shown(page, require_gl):
-    page.get_by_text("Export", exact=True).click()
+    tab(page, "Save")
     with page.expect_download(timeout=WAIT * 1e3) as download:
         press(page, "Save PNG")
     with open(download.value.path(), "rb") as file:
@@ -323,59 +439,68 @@ def say(handle, value, client=True):
 @pytest.mark.parametrize("value", JUNK, ids=lambda value: repr(value)[:12])
 def test_every_control_survives_junk(controls, value):
     panel, session = controls
-    handles = [panel._first, panel._last, panel._automatic, panel._microphone, panel._follow, panel._mode]
+    solve, map_ = panel.solve, panel.map
+    handles = [solve.first, solve.last, solve.automatic, solve.speed, solve.seed, map_.microphone, map_.follow]
+    handles += [map_.which, map_.upto, map_.text, map_.kind, map_.scale, map_.opacity, panel.dark]
     for handle in handles:
         before = handle.value
-        with contextlib.suppress(TypeError):  # a value that cannot even be held
-            say(handle, value)
+        with contextlib.suppress(TypeError, ValueError, OverflowError):  # viser holds values of the control's type only
+            value_held = type(before)(value)
+            say(handle, value_held)
         handle._impl.value = before
-    for name, first, last, automatic in session.commands:
+    for name, *arguments in session.commands:
+        if name == "pace":
+            assert 0 <= arguments[0] <= 60
+            continue
+        first, last, automatic = arguments
         assert name == "use_modes" and 1 <= first <= last <= 6 and isinstance(automatic, bool)
-    assert 0 <= panel.choices.microphone < 10 and 1 <= panel.choices.mode <= 6
+    choices = panel.choices
+    assert 0 <= choices.microphone < 10 and 0.1 <= choices.look.opacity <= 1 and choices.seed >= 0
+    assert choices.modes is None or set(choices.modes) <= set(range(1, 7))
 
 
 def test_the_mode_sliders_never_cross(controls):
     panel, session = controls
-    say(panel._first, 5)
-    say(panel._first, 1)
-    say(panel._last, 2)
+    say(panel.solve.first, 5)
+    say(panel.solve.first, 1)
+    say(panel.solve.last, 2)
     assert session.commands == [("use_modes", 5, 5, True), ("use_modes", 1, 3, True), ("use_modes", 1, 2, True)]
 
 
 def test_what_the_program_sets_is_no_command(controls):
     panel, session = controls
-    say(panel._last, 5, client=False)
-    panel.show(view_of([State(session.view.state.positions, last=6)]), 4, "")
-    assert panel._last.value == 6 and panel._microphone.value == 4
+    say(panel.solve.last, 5, client=False)
+    panel.show(view_of([State(session.view.state.positions, last=6)]), 4, None, "")
+    assert panel.solve.last.value == 6 and panel.map.microphone.value == 4
     assert session.commands == [] and panel.choices.microphone == 3
 
 
 def test_one_button_runs_and_pauses(controls):
     panel, session = controls
-    say(panel._run, True)
+    say(panel.bar.run, True)
     session.view = dataclasses.replace(session.view, running=True)
-    panel.show(session.view, 3, "")
-    assert panel._run.label == "Pause"
-    say(panel._run, True)
+    panel.show(session.view, 3, None, "")
+    assert panel.bar.run.label == "Pause"
+    say(panel.bar.run, True)
     assert session.commands == [("play",), ("pause",)]
 
 
 def test_a_microphone_chosen_by_hand_is_stayed_with(controls):
     panel, _ = controls
     assert panel.choices.follow
-    say(panel._microphone, 7)
-    assert panel.choices.microphone == 7 and not panel.choices.follow and not panel._follow.value
+    say(panel.map.microphone, 7)
+    assert panel.choices.microphone == 7 and not panel.choices.follow and not panel.map.follow.value
 
 
 def test_callbacks_leave_what_the_main_loop_has_sent_alone(controls):
     panel, session = controls
-    panel.show(session.view, 3, "")
-    before = dict(panel._shown)
-    say(panel._microphone, 7)
-    say(panel._follow, True)
-    assert panel._shown == before and panel.choices.microphone == 7
-    panel.show(session.view, 5, "")
-    assert panel._microphone.value == 5
+    panel.show(session.view, 3, None, "")
+    before = dict(panel.desk.shown)
+    say(panel.map.microphone, 7)
+    say(panel.map.follow, True)
+    assert panel.desk.shown == before and panel.choices.microphone == 7
+    panel.show(session.view, 5, None, "")
+    assert panel.map.microphone.value == 5
 
 
 class Solver:
@@ -386,7 +511,7 @@ class Solver:
 
     def landscape(self, problem, state, n, modes):
         assert self.gate.acquire(timeout=WAIT)
-        cost = np.ones((1, *self.shape))
+        cost = np.ones((modes.stop - modes.start, *self.shape))
         cost[0, 0, n] = 0.5
         return cost
 
@@ -421,12 +546,12 @@ def shown(viewer):
 def test_a_map_stands_under_its_own_microphone_only(viewer):
     viewer.tick(0.0)
     assert shown(viewer) is None and mapped(viewer) == 3
-    say(viewer._controls._microphone, 7)
+    say(viewer._controls.map.microphone, 7)
     viewer.tick(0.0)
     assert shown(viewer) is None, "the map of microphone 3 stands under microphone 7"
     assert not any("map" in solid.name for solid in viewer._drawn.picture.solids), "its diamond, too"
     assert mapped(viewer) == 7
-    viewer._controls.choices = dataclasses.replace(viewer._controls.choices, single=True, mode=2)
+    viewer._controls.map.choose_modes([2])
     viewer.tick(0.0)
     assert shown(viewer) is None and mapped(viewer) == 7
 
@@ -481,11 +606,11 @@ def test_a_fault_of_the_page_is_told_and_it_goes_on(viewer, monkeypatch, caplog)
     monkeypatch.setattr(viewer._stage, "show", lambda picture: 1 / 0)
     for now in (1.0, 1.1, 1.2):
         viewer._guarded_tick(now)
-    assert len(caplog.records) == 1 and "ZeroDivisionError" in viewer._controls._status.content
+    assert len(caplog.records) == 1 and "ZeroDivisionError" in viewer._controls.bar.status.content
     monkeypatch.undo()
     for now in (2.0, 20.0, 20.1):
         viewer._guarded_tick(now)
-    assert "ZeroDivisionError" not in viewer._controls._status.content
+    assert "ZeroDivisionError" not in viewer._controls.bar.status.content
 
 
 def test_only_what_has_changed_is_sent(server, scene, measurement, monkeypatch):
@@ -498,7 +623,11 @@ def test_only_what_has_changed_is_sent(server, scene, measurement, monkeypatch):
     stage.show(with_estimate(still, measurement, measurement.positions.copy()))
     assert sent == []
     stage.show(with_estimate(still, measurement, measurement.positions + 0.01))
-    assert {name.removesuffix("_halo") for name in sent} == {"microphones/estimate", "microphones/error"}
+    assert {name.removesuffix("_halo") for name in sent} == {
+        "microphones/estimate",
+        "microphones/error",
+        "microphones/known",
+    }
 
 
 def test_the_camera_follows_the_canvas_until_a_hand_moves_it(server, scene, measurement):

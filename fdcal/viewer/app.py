@@ -18,19 +18,22 @@ from ..cost import usable_modes
 from ..offscreen import render_png
 from ..picture import Floor, Picture, backdrop, headline, with_estimate, with_floor
 from ..scene import Scene
-from ..session import LatestWorker
+from ..worker import LatestWorker
 from . import words
-from .controls import Choices, Controls
-from .maps import MapRequest, Maps
-from .plots import Curves
+from .controls import Controls
+from .desk import Choices
+from .hands import Hands
+from .maps import Map, MapRequest, Maps
 from .preparing import Interrupt, Work, prepare
 from .safety import open_server, quietly
+from .side import SidePanel
 from .stage import Stage
 
 RATE = 25.0  # times a second that the screen is brought up to date
 FAULT_SHOWN = 10.0  # s at least that a fault of this loop stays in the status lines
+LOOK_ROUND = 1.0  # s between two looks at the sizes of all canvases
 MOST_EXPORTS = 8  # pictures that may wait to be drawn
-LEFT_WIDTH, RIGHT_WIDTH = 290.0, 330.0  # pixels, of the panels
+RIGHT_WIDTH = 330.0  # pixels, of the main panel
 
 log = logging.getLogger(__name__)
 
@@ -94,24 +97,17 @@ class Viewer:
             server.gui, work.session, work.measurement, modes, work.scene.solver.weights,
             self._stage.place, self._ask_for_export,
         )  # fmt: skip
-        self._curves = self._add_left_panel()
-        self._fault, self._fault_time = "", 0.0
+        self._side = SidePanel(server.gui, self._controls.desk)
+        self._fault, self._fault_time, self._looked = "", 0.0, 0.0
         self._followed = self._controls.choices.microphone
         self._turn, self._state = 0, work.session.view.state
         self._key: tuple = ()  # of what is drawn
-        self._drawn = Drawn(self._compose(self._state, self._controls.choices, None), self._state)
-        self._stage.open_at(self._drawn.picture)
-        self._stage.show(self._drawn.picture)
+        self._drawn = Drawn(self._compose(self._state, self._controls.choices, self._followed, None), self._state)
+        picture = self._drawn.picture
+        self._hands = Hands(server, self._controls.desk, picture, self._controls.map.pick)
+        self._stage.open_at(picture)
+        self._stage.show(picture)
         self._welcome(server)
-
-    def _add_left_panel(self) -> Curves:
-        panel = self._server.gui.add_panel()
-        with panel.add_tab("Convergence", viser.Icon.CHART_LINE):
-            self._server.gui.add_html(words.legend())
-            curves = Curves(self._server.gui, self._work.measurement)
-        panel.dock_left()
-        panel.set_width(LEFT_WIDTH)
-        return curves
 
     def _welcome(self, server: viser.ViserServer) -> None:
         """Each page gets a camera that fits its canvas, whose size is only known once the panels stand."""
@@ -127,6 +123,7 @@ class Viewer:
         @server.on_client_disconnect
         async def _(client: viser.ClientHandle) -> None:
             self._stage.forget(client)
+            self._hands.forget(client.client_id)
 
     def run(self, interrupt: Interrupt) -> None:
         """Copy the newest state to the screen until interrupted."""
@@ -146,7 +143,7 @@ class Viewer:
                 log.exception("the page could not be brought up to date")
             self._fault, self._fault_time = text, now
             with contextlib.suppress(Exception):
-                self._controls.report(self._work.session.view, text)
+                self._controls.bar.report(self._work.session.view, text)
         else:
             if now - self._fault_time > FAULT_SHOWN:
                 self._fault = ""
@@ -154,43 +151,49 @@ class Viewer:
     def tick(self, now: float) -> None:
         """Bring the screen up to date once."""
         view, choices = self._work.session.view, self._controls.choices
-        choices = self._follow(view, choices)
         if view.state is not self._state:
             self._turn, self._state = self._turn + 1, view.state
-        floor, trouble = self._floor(view, choices, now)
-        if self._key != (key := (self._turn, choices, id(floor))):
-            self._drawn = Drawn(self._compose(view.state, choices, floor), view.state)
-            self._stage.show(self._drawn.picture)
-            self._key = key
-        bar = words.colour_bar(floor.bar if floor else None, trouble)
-        self._controls.show(view, choices.microphone, bar, self._fault)
-        self._curves.show(view, now)
-
-    def _follow(self, view, choices: Choices) -> Choices:
-        """The choices; where the solver is followed, with the microphone moved last before it was set running."""
-        if not choices.follow:
-            self._followed = choices.microphone
-        elif not view.running and view.state.moved >= 0:
+        follow = choices.follow and view.running and choices.shown
+        if follow or not choices.follow or view.state.moved < 0:
+            self._followed = choices.microphone if not choices.follow else self._followed
+        else:
             self._followed = view.state.moved
-        return replace(choices, microphone=self._followed)
+        drawn, trouble = self._map(view, choices, follow, now)
+        if follow and drawn is not None:
+            self._followed = drawn.request.microphone  # a running solver is faster than its maps
+        floor = drawn.floor if drawn else None
+        if self._key != (key := (self._turn, choices, self._followed, id(floor))):
+            self._drawn = Drawn(self._compose(view.state, choices, self._followed, floor), view.state)
+            self._stage.show(self._drawn.picture)
+            self._hands.show(view.state.positions, floor)
+            self._key = key
+        self._controls.show(view, self._followed, drawn, trouble, self._fault)
+        self._side.show(view, drawn, now)
+        if now - self._looked > LOOK_ROUND:
+            self._looked = now
+            self._stage.keep_all_placed(self._server.get_clients().values())
 
-    def _floor(self, view, choices: Choices, now: float) -> tuple[Floor | None, str]:
+    def _map(self, view, choices: Choices, follow: bool, now: float) -> tuple[Map | None, str]:
         """The map to show, and why there is none."""
         if not choices.shown:
             return None, ""
         state = view.state
-        first, last = (choices.mode, choices.mode) if choices.single else (state.first, state.last)
+        modes = choices.modes or tuple(range(state.first, state.last + 1))
+        microphone = state.moved if follow and state.moved >= 0 else self._followed
         wanted = MapRequest(
-            self._turn, choices.microphone, choices.single, first, last, choices.log, state, view.history.lineage
+            self._turn, microphone, modes, choices.modes is not None, choices.look, follow, state, view.history.lineage
         )
         return self._maps.newest(wanted, view.running, now)
 
-    def _compose(self, state, choices: Choices, floor: Floor | None) -> Picture:
-        if choices.dark not in self._still:
-            self._still[choices.dark] = backdrop(self._work.scene, self._work.measurement, choices.dark)
-        still = self._still[choices.dark]
-        picture = with_estimate(still, self._work.measurement, state.positions, choices.microphone)
-        return with_floor(picture, floor)
+    def _compose(self, state, choices: Choices, microphone: int, floor: Floor | None) -> Picture:
+        dark, measurement = choices.look.dark, self._work.measurement
+        if floor is not None and floor.heights is not None:
+            still = backdrop(self._work.scene, measurement, dark, floor)
+        else:
+            if dark not in self._still:
+                self._still[dark] = backdrop(self._work.scene, measurement, dark)
+            still = self._still[dark]
+        return with_floor(with_estimate(still, measurement, state.positions, microphone, floor), floor)
 
     def _ask_for_export(self, client: viser.ClientHandle, choices: Choices) -> None:
         """On viser's loop: what is drawn now, with a title that tells of just that."""

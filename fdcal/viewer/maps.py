@@ -1,14 +1,38 @@
-"""Cost maps, computed on a thread of their own; only the one that belongs to what is looked at is given out."""
+"""Cost maps, computed on threads of their own; only one that belongs to what is looked at is given out.
+
+A quick thread makes the map over the solver's own lattice, many times a second while a hand drags a microphone; a slow
+one makes the same map finely once everything stands still, and gives up as soon as something else is asked for.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-from ..picture import Floor, cost_label, heights_of, paint
-from ..session import LatestWorker
+import numpy as np
+
+from .. import landscapes
+from ..painting import cost_label, paint
+from ..panels import Marks, mosaic
+from ..picture import heights_of
+from ..primitives import DARK, LIGHT, Floor
+from ..worker import LatestWorker
 from .preparing import Work
 
 PAUSE = 0.15  # s at least between two maps while the solver runs, which needs the processor too
+FOLLOW = 0.6  # s at least that the map of a microphone stays while a running solver is followed
+STILL = 0.35  # s without a change before a fine map is begun
+MOST_PANELS = 9  # maps of single modes side by side
+
+
+@dataclass(frozen=True)
+class Look:
+    """How a map is drawn."""
+
+    log: bool = True
+    opacity: float = 1.0
+    relief: bool = False
+    shared: bool = False  # one scale for the maps side by side
+    dark: bool = False
 
 
 @dataclass(frozen=True)
@@ -17,10 +41,10 @@ class MapRequest:
 
     turn: int
     microphone: int
-    single: bool  # the map of one mode, not the sum of those in use
-    first: int
-    last: int
-    log: bool
+    modes: tuple[int, ...]  # counted from 1
+    given: bool  # the modes are those that a hand has chosen, not those in use
+    look: Look
+    follow: bool = field(compare=False)  # any microphone will do, as long as the solver moved it lately
     state: object = field(compare=False)
     lineage: object = field(compare=False)  # of the history that the state belongs to
 
@@ -29,39 +53,119 @@ class MapRequest:
         if self == wanted or not running:
             return self == wanted
         mine, theirs = (
-            (one.microphone, one.single, one.log, one.first if one.single else None) for one in (self, wanted)
+            (None if wanted.follow else one.microphone, one.modes if one.given else None, one.look)
+            for one in (self, wanted)
         )
         return mine == theirs and self.lineage is wanted.lineage
 
 
+@dataclass(frozen=True)
+class Map:
+    """A map that is ready: the floor, the maps of single modes side by side, and what is to be said of it."""
+
+    request: MapRequest
+    floor: Floor
+    panels: np.ndarray | None  # (H, W, 3) uint8
+    minima: int
+    here: float  # cost at the microphone's supposed place
+    lowest: float
+    fine: bool = False
+
+
 class Maps:
-    """Asks for maps and hands out the newest that fits; all of it on the caller's thread but `_paint`."""
+    """Asks for maps and hands out the newest that fits; all of it on the caller's thread but `_quick` and `_fine`."""
 
     def __init__(self, work: Work):
-        self._work, self._asked = work, None
-        self._worker = LatestWorker(self._paint, "fdcal-map")
+        self._work, self._asked, self._since = work, None, 0.0
+        self._fine_asked: MapRequest | None = None
+        self._costs: dict[str, tuple] = {}  # of each thread: what its last costs belong to, and them
+        self._worker = LatestWorker(self._quick, "fdcal-map")
+        self._slow = LatestWorker(self._fine, "fdcal-fine-map")
 
-    def newest(self, wanted: MapRequest, running: bool, now: float) -> tuple[Floor | None, str]:
+    def newest(self, wanted: MapRequest, running: bool, now: float) -> tuple[Map | None, str]:
         """The map to show and, where there is none for it, why. Asks for `wanted` where it is not there yet."""
         latest = self._worker.latest
         pause = 0.0 if latest is None else max(PAUSE, 0.5 * (latest.ended - latest.began))
+        if latest is not None and wanted.follow and latest.request[0].microphone != wanted.microphone:
+            pause = max(pause, FOLLOW)
         rested = not running or latest is None or now - latest.ended > pause
         if wanted != self._asked and rested and not self._worker.busy:
-            self._asked = wanted
+            self._asked, self._since = wanted, now
             self._worker.request(wanted)
+        if not running and wanted == self._asked and now - self._since > STILL:
+            self._ask_finely(wanted)
+        fine = self._slow.latest
+        if fine is not None and fine.result is not None and fine.request[0] == wanted:
+            return fine.result, ""
         if latest is None or not latest.request[0].stands_for(wanted, running):
             return None, ""
         return latest.result, latest.error
 
-    def close(self, timeout: float) -> bool:
-        """End the thread after the map under way."""
-        return self._worker.close(timeout)
+    def _ask_finely(self, wanted: MapRequest) -> None:
+        if wanted != self._fine_asked and landscapes.has_fine(wanted.state) and not wanted.look.relief:
+            self._fine_asked = wanted
+            self._slow.request(wanted)
 
-    def _paint(self, wanted: MapRequest) -> Floor:
-        work, modes = self._work, slice(wanted.first - 1, wanted.last)
-        maps = work.solver.landscape(work.problem, wanted.state, wanted.microphone, modes)
-        label = cost_label(work.scene.solver.weights)
-        if work.measurement.array_dimension == 3:
-            label += f" at z = {wanted.state.positions[wanted.microphone, 2]:.2f} m"
-        base = heights_of(work.scene, work.measurement)[0]
-        return paint(maps.sum(axis=0), work.problem.search, wanted.log, label, base)
+    @property
+    def busy(self) -> bool:
+        """Whether a map is under way."""
+        return self._worker.busy or self._slow.busy
+
+    def close(self, timeout: float) -> bool:
+        """End the threads after the maps under way."""
+        self._asked = None
+        return all([self._slow.close(timeout), self._worker.close(timeout)])
+
+    def _quick(self, wanted: MapRequest) -> Map:
+        """On the quick thread: a map over the solver's lattice."""
+        key = (wanted.turn, wanted.microphone, wanted.modes)
+        if self._costs.get("quick", (None,))[0] != key:
+            maps = landscapes.each_mode(
+                self._work.problem, self._work.solver, wanted.state, wanted.microphone, wanted.modes
+            )
+            self._costs["quick"] = key, maps, landscapes.local_minima(maps.sum(axis=0))
+        _, maps, minima = self._costs["quick"]
+        return self._draw(wanted, maps.sum(axis=0), minima, self._work.problem.search, maps)
+
+    def _fine(self, wanted: MapRequest) -> Map | None:
+        """On the slow thread: the same finely, mode by mode; None as soon as something else is wanted."""
+        key = (wanted.turn, wanted.microphone, wanted.modes)
+        search = landscapes.finer(self._work.problem.search)
+        if self._costs.get("fine", (None,))[0] != key:
+            total = 0.0
+            for mode in wanted.modes:
+                if self._asked != wanted:
+                    return None
+                total = total + landscapes.fine_mode(self._work.problem, wanted.state, wanted.microphone, mode, search)
+            self._costs["fine"] = key, total, landscapes.local_minima(total)
+        _, total, minima = self._costs["fine"]
+        quick = self._worker.latest
+        panels = quick.result.panels if quick and quick.result and quick.request[0] == wanted else None
+        drawn = self._draw(wanted, total, minima, search, None)
+        return replace(drawn, panels=panels, fine=True)
+
+    def _draw(self, wanted: MapRequest, total, minima, search, maps) -> Map:
+        look, n = wanted.look, wanted.microphone
+        label = cost_label(self._work.scene.solver.weights)
+        if self._work.measurement.array_dimension == 3:
+            label += f" at z = {wanted.state.positions[n, 2]:.2f} m"
+        floor = paint(
+            total, search, look.log, label, minima=landscapes.places(minima, search),
+            opacity=look.opacity, relief=look.relief, height=heights_of(self._work.scene, self._work.measurement)[0],
+        )  # fmt: skip
+        here = landscapes.cost_at(total, search, wanted.state.positions[n])
+        panels = None if maps is None else self._side_by_side(wanted, maps, total)
+        return Map(wanted, floor, panels, len(minima), here, float(total.min()))
+
+    def _side_by_side(self, wanted: MapRequest, maps, total) -> np.ndarray:
+        measurement, n, f = self._work.measurement, wanted.microphone, self._work.measurement.frequencies
+        shown = np.unique(np.linspace(0, len(maps) - 1, min(len(maps), MOST_PANELS)).round().astype(int))
+        captions = [f"{wanted.modes[i]}: {f[wanted.modes[i] - 1]:.1f} Hz" for i in shown]
+        captions.append(f"sum of {len(maps)}" if len(maps) > 1 else "sum (one mode)")
+        truth = None if measurement.positions is None else tuple(measurement.positions[n][:2])
+        marks = Marks(truth, tuple(wanted.state.positions[n][:2]))
+        theme = DARK if wanted.look.dark else LIGHT
+        return mosaic(
+            [*maps[shown], total], captions, self._work.problem.search, marks, theme,
+            log=wanted.look.log, shared=wanted.look.shared, columns=2 if len(shown) < 6 else 3,
+        )  # fmt: skip

@@ -14,8 +14,9 @@ import viser
 from .. import solvers
 from ..measurement import Measurement, Problem
 from ..scene import Scene
-from ..session import LatestWorker, Session
+from ..session import Session
 from ..store import cached_measurement
+from ..worker import LatestWorker
 from . import words
 
 LONGEST = 5.0  # s that an interrupted preparation is waited for

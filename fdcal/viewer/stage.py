@@ -5,12 +5,17 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import trimesh
 import viser
+from PIL import Image
+from trimesh.visual import TextureVisuals
+from trimesh.visual.material import PBRMaterial
 
 from ..camera import camera_for
 from ..primitives import Floor, Label, Lines, Picture, Solid
 
 FLAT = 0.06  # rad, opening of the top view: from far away, so that it looks like a plan
+LETTERS = 1.5  # height of a ruler's numbers, in radii of a marker
 MARGINS = (76, 44, 34, 40)  # pixels left, bottom, right and top of the search domain, for its rulers
 
 
@@ -24,7 +29,7 @@ class Stage:
         server.scene.add_light_ambient("/light", intensity=math.pi)  # alone, it leaves colours as they are
         self._nodes: dict[str, tuple] = {}  # name to (primitive, node)
         self._picture: Picture | None = None
-        self._placed: dict[int, tuple] = {}  # page to its view, the canvas's size, and the eye given to it
+        self._placed: dict[int, tuple] = {}  # page to its view, the canvas's size, and the eyes given to it
 
     def show(self, picture: Picture) -> None:
         """Make the scene look like `picture`."""
@@ -48,7 +53,8 @@ class Stage:
         size = (max(camera.image_width, 1), max(camera.image_height, 1))
         seen = camera_for(self._picture, size, view, MARGINS, fov=FLAT if view == "top" else None)
         distance = math.dist(seen.position, seen.look_at)
-        self._placed[client.client_id] = view, size, seen.position
+        eyes = self._placed.get(client.client_id, ("", None, (self._server.initial_camera.position,)))[2]
+        self._placed[client.client_id] = view, size, (*eyes, seen.position)[-4:]
         with client.atomic():
             camera.near, camera.far = distance / 40, distance * 40
             camera.fov, camera.up_direction = seen.fov, seen.up
@@ -56,12 +62,21 @@ class Stage:
 
     def keep_placed(self, client: viser.ClientHandle) -> None:
         """Follow a canvas that changes its size, as long as nobody has moved its camera."""
-        view, size, eye = self._placed.get(client.client_id, ("top", None, None))
+        view, size, eyes = self._placed.get(client.client_id, ("top", None, ()))
         camera = client.camera
-        if size is None or (
-            (camera.image_width, camera.image_height) != size and np.allclose(camera.position, eye, rtol=1e-3)
+        if size is None:
+            self.place(client, view)
+        elif (camera.image_width, camera.image_height) != size and any(
+            np.allclose(camera.position, eye, rtol=1e-3)
+            for eye in eyes  # what the page tells may be an older one
         ):
             self.place(client, view)
+
+    def keep_all_placed(self, clients) -> None:
+        """`keep_placed` for pages whose canvas has changed without a word; called by the main loop now and then."""
+        for client in clients:
+            if client.client_id in self._placed:
+                self.keep_placed(client)
 
     def forget(self, client: viser.ClientHandle) -> None:
         """A page has closed."""
@@ -92,18 +107,24 @@ class Stage:
         return node
 
     def _send_floor(self, name: str, old: Floor | None, node, floor: Floor):
-        if node is not None and (old.origin, old.size, old.height) == (floor.origin, floor.size, floor.height):
-            node.image = floor.rgb
+        if floor.heights is not None:
+            return self._server.scene.add_mesh_trimesh(name, relief(floor), cast_shadow=False, receive_shadow=False)
+        if node is not None and old.heights is None and _place_of(old) == _place_of(floor):
+            node.image = _see_through(floor)
             return node
         (x, y), (width, depth) = floor.origin, floor.size
         return self._server.scene.add_image(
-            name, floor.rgb, width, depth, format="png", cast_shadow=False, receive_shadow=False,
+            name, _see_through(floor), width, depth, format="png", cast_shadow=False, receive_shadow=False,
             wxyz=(1.0, 0.0, 0.0, 0.0), position=(x + width / 2, y + depth / 2, floor.height),
         )  # fmt: skip
 
     def _send_label(self, name: str, node, label: Label):
         if node is None:
-            return self._server.scene.add_label(name, label.text, position=label.position, anchor=label.anchor)
+            ruler = label.name.startswith("frame/")  # as large as its room, so that numbers do not collide from afar
+            return self._server.scene.add_label(
+                name, label.text, position=label.position, anchor=label.anchor,
+                font_size_mode="scene" if ruler else "screen", font_scene_height=LETTERS * self._picture.marker,
+            )  # fmt: skip
         node.text, node.position, node.anchor = label.text, label.position, label.anchor
         return node
 
@@ -116,6 +137,36 @@ class Stage:
             name, solid.vertices, solid.faces, color=solid.colour, opacity=opacity,
             side="double", cast_shadow=False, receive_shadow=False,
         )  # fmt: skip
+
+
+def _place_of(floor: Floor) -> tuple:
+    return floor.origin, floor.size, floor.height
+
+
+def _see_through(floor: Floor) -> np.ndarray:
+    """The map's image, with its opacity where it has one : (ny, nx, 3 or 4) uint8."""
+    if floor.opacity >= 1:
+        return floor.rgb
+    alpha = np.full((*floor.rgb.shape[:2], 1), round(255 * floor.opacity), np.uint8)
+    return np.concatenate([floor.rgb, alpha], axis=2)
+
+
+def relief(floor: Floor) -> trimesh.Trimesh:
+    """A map with heights as a surface through the middles of its pixels, the map's image on it.
+
+    Neither a metal, which would show surroundings that are not there, nor shiny: its colours are those of the map.
+    """
+    ny, nx = floor.heights.shape
+    u, v = np.meshgrid(*((np.arange(count) + 0.5) / count for count in (nx, ny)))
+    across = [o + size * share.ravel() for o, size, share in zip(floor.origin, floor.size, (u, v), strict=True)]
+    corner = (nx * np.arange(ny - 1)[:, None] + np.arange(nx - 1)).ravel()[:, None]
+    faces = np.concatenate([corner + [0, 1, nx + 1], corner + [0, nx + 1, nx]])
+    image = Image.fromarray(np.ascontiguousarray(floor.rgb[::-1]))
+    matt = PBRMaterial(baseColorTexture=image, metallicFactor=0.0, roughnessFactor=1.0, doubleSided=True)
+    visual = TextureVisuals(uv=np.column_stack([u.ravel(), v.ravel()]), material=matt)
+    return trimesh.Trimesh(
+        np.column_stack([*across, floor.height + floor.heights.ravel()]), faces, visual=visual, process=False
+    )
 
 
 def _same(old, new) -> bool:

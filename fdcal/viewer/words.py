@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from html import escape
 
-import matplotlib
 import numpy as np
 
 from ..gauge import position_errors
 from ..history import SessionView
 from ..measurement import Measurement
-from ..picture import ESTIMATE, KNOWN, LOWEST, cost_label, millimetres
-from ..primitives import COLOUR_MAP, ColourBar
+from ..painting import colours, cost_label
+from ..picture import ESTIMATE, KNOWN, LOWEST, millimetres
+from ..primitives import ColourBar
 
 CARD = "padding: 0.15em 0.75em; font-size: 0.86em; line-height: 1.5;"
 
@@ -72,7 +72,7 @@ def waiting(title: str, text: str) -> str:
 
 def legend() -> str:
     """What the markers mean."""
-    diamond = "<path d='M9 3L15 9L9 15L3 9Z' fill='none'"
+    diamond, small = "<path d='M9 3L15 9L9 15L3 9Z' fill='none'", "<path d='M9 6L12 9L9 12L6 9Z' fill='none'"
     circle, cross, white = (
         "<circle cx='9' cy='9' r='5.5' fill='none'",
         "<path d='M4 4L14 14M14 4L4 14'",
@@ -84,6 +84,7 @@ def legend() -> str:
         "known": "<rect x='3' y='3' width='12' height='12' fill='#fff'/>"
         f"<rect x='5' y='5' width='8' height='8' fill='{_css(KNOWN)}'/>",
         "lowest cost": f"{diamond} {white} stroke-width='4.5'/>{diamond} stroke='{_css(LOWEST)}' stroke-width='2.4'/>",
+        "other minimum": f"{small} {white} stroke-width='4'/>{small} stroke='{_css(LOWEST)}' stroke-width='1.8'/>",
     }
     items = "".join(
         "<span style='white-space: nowrap; margin-right: 1.1em'>"
@@ -97,8 +98,7 @@ def colour_bar(bar: ColourBar | None, trouble: str = "") -> str:
     """The scale of the map, with ticks and unit, or why there is none."""
     if bar is None:
         return f"<div style='{CARD} opacity: 0.65'>{escape(trouble[:400]) or 'no map'}</div>"
-    colours = matplotlib.colormaps[COLOUR_MAP](np.linspace(0, 1, 17), bytes=True)[:, :3]
-    gradient = ", ".join(_css(colour) for colour in colours)
+    gradient = ", ".join(_css(colour) for colour in colours(np.linspace(0, 1, 17)))
     ticks = "".join(
         f"<div style='position: absolute; left: {100 * share:.2f}%; transform: translateX(-50%); text-align: center;"
         " line-height: 1.1'><div style='width: 1px; height: 5px; margin: 0 auto; background: currentColor'></div>"
@@ -111,6 +111,37 @@ def colour_bar(bar: ColourBar | None, trouble: str = "") -> str:
         f"<div style='height: 12px; border-radius: 2px; background: linear-gradient(to right, {gradient})'></div>"
         f"<div style='position: relative; height: 1.7em; font-size: 0.9em'>{ticks}</div></div>"
         f"<div style='opacity: 0.75; text-align: center'>{escape(bar.label)}{note}</div></div>"
+    )
+
+
+def complaint(text: str) -> str:
+    """Why what was written into a field is not taken."""
+    return f"<div style='{CARD} color: #d61828'>{escape(text)}</div>" if text else ""
+
+
+def map_lines(drawn) -> str:
+    """What is to be read off a map (maps.Map): its local minima, and the cost where the microphone is supposed."""
+    if drawn is None:
+        return ""
+    count = drawn.minima
+    minima = "no local minimum" if not count else "1 local minimum" if count == 1 else f"{count} local minima"
+    modes = len(drawn.request.modes)
+    what = f"sum of {modes} modes" if modes > 1 else f"mode {drawn.request.modes[0]} alone"
+    return (
+        f"<div style='{CARD}'>microphone {drawn.request.microphone}, {what}: <b>{minima}</b> inside<br>"
+        f"cost at the cross <b>{drawn.here:.4g}</b>, lowest {drawn.lowest:.4g}</div>"
+    )
+
+
+def panels_caption(drawn) -> str:
+    """What the maps side by side (of maps.Map) show."""
+    if drawn is None or drawn.panels is None:
+        return f"<div style='{CARD} opacity: 0.65'>no maps</div>"
+    n, modes, look = drawn.request.microphone, len(drawn.request.modes), drawn.request.look
+    scale = "one scale" if look.shared else "each its own scale"
+    return (
+        f"<div style='{CARD}'>Cost of moving <b>microphone {n}</b>, mode by mode and summed"
+        f" ({modes} mode{'s' if modes > 1 else ''}); {scale}, {'logarithmic' if look.log else 'linear'}</div>"
     )
 
 

@@ -1,0 +1,112 @@
+"""Which map lies on the floor, and how it is drawn."""
+
+from __future__ import annotations
+
+from ..checks import InputError
+from . import modeset, words
+from .desk import FLOOR, NOTHING, RELIEF, Desk
+from .maps import Map
+from .safety import bounded, one_of
+
+IN_USE, CHOSEN = "Those in use", "Chosen here"
+LINEAR, LOG = "Linear", "Logarithmic"
+
+
+class MapTab:
+    """Owns the handles of the tab."""
+
+    def __init__(self, desk: Desk):
+        self._desk, gui, choices = desk, desk.gui, desk.choices
+        highest = desk.measurement.count - 1
+        self.microphone = gui.add_slider(
+            "Microphone", 0, highest, 1, choices.microphone, hint="Or click one in the scene; drag one to move it"
+        )
+        self.follow = gui.add_checkbox("Follow solver", True, hint="Show the microphone that a step has moved")
+        self.which = gui.add_dropdown("Modes", (IN_USE, CHOSEN), initial_value=IN_USE, hint="Of the map alone")
+        self.upto = gui.add_slider("Up to mode", 1, desk.modes, 1, 1, visible=False, hint="Watch the minima merge")
+        self.text = gui.add_text("Mode numbers", "1", visible=False, hint="As in 1-3, 5")
+        self.kind = gui.add_dropdown("Show", (FLOOR, RELIEF, NOTHING), initial_value=FLOOR)
+        self.scale = gui.add_dropdown("Scale", (LOG, LINEAR), initial_value=LOG)
+        self.opacity = gui.add_slider("Opacity (%)", 10, 100, 5, 100)
+        self.bar = gui.add_html(words.colour_bar(None))
+        self._listen()
+
+    def _listen(self) -> None:
+        desk = self._desk
+        desk.on(self.microphone, self.choose_microphone)
+        desk.on(self.follow, lambda value: desk.choose(follow=bool(value), microphone=self._looked_at))
+        desk.on(self.which, self._choose_which)
+        desk.on(self.upto, lambda value: self.choose_modes(range(1, bounded(value, 1, desk.modes, 1) + 1)))
+        desk.on(self.text, self._read)
+        desk.on(self.kind, self._choose_kind)
+        desk.on(self.scale, lambda value: desk.look(log=value != LINEAR))
+        desk.on(self.opacity, lambda value: desk.look(opacity=bounded(value, 10, 100, 100) / 100))
+
+    @property
+    def _looked_at(self) -> int:
+        """The microphone that the page shows."""
+        return bounded(self.microphone.value, 0, self._desk.measurement.count - 1, self._desk.choices.microphone)
+
+    def choose_microphone(self, value) -> None:
+        """A microphone chosen by hand is stayed with."""
+        number = bounded(value, 0, self._desk.measurement.count - 1, self._desk.choices.microphone)
+        self._desk.choose(microphone=number, follow=False)
+        self.follow.value = False
+
+    def pick(self, number: int) -> None:
+        """A microphone chosen in the scene."""
+        self.choose_microphone(number)
+        self.microphone.value = self._desk.choices.microphone
+
+    def choose_modes(self, modes) -> None:
+        """The map of just these modes, counted from 1; None for those in use."""
+        modes = None if modes is None else tuple(modes)
+        self._desk.choose(modes=modes, complaint="")
+        self.which.value = IN_USE if modes is None else CHOSEN
+        self.upto.visible = self.text.visible = modes is not None
+        if modes is not None:
+            self.text.value, self.upto.value = modeset.write(modes), modes[-1]
+
+    def toggle_mode(self, mode: int) -> None:
+        """Switch one mode of the map on or off; the last one stays."""
+        now = set(self._desk.choices.modes or self._in_use()) ^ {mode}
+        if now:
+            self.choose_modes(sorted(now))
+
+    def _in_use(self) -> tuple[int, ...]:
+        state = self._desk.session.view.state
+        return tuple(range(state.first, state.last + 1))
+
+    def _choose_which(self, value) -> None:
+        self.choose_modes(self._in_use() if value == CHOSEN else None)
+
+    def _read(self, text) -> None:
+        """A text that cannot be read is told below and changes nothing."""
+        try:
+            modes = modeset.read(text, self._desk.modes)
+        except InputError as error:
+            self._desk.choose(complaint=str(error))
+            return
+        self._desk.choose(modes=modes, complaint="")
+        self.upto.value = modes[-1]
+
+    def _choose_kind(self, value) -> None:
+        kind = one_of(value, (FLOOR, RELIEF, NOTHING), FLOOR)
+        self._desk.choose(shown=kind != NOTHING)
+        self._desk.look(relief=kind == RELIEF)
+        for handle in (self.scale, self.opacity):
+            handle.visible = kind != NOTHING
+        self.opacity.visible = kind == FLOOR
+
+    def show(self, microphone: int, drawn: Map | None, trouble: str) -> None:
+        """Called by the main loop, with the map on the floor or why there is none."""
+        desk = self._desk
+        if not desk.choices.follow and desk.choices.microphone == microphone:
+            desk.shown["microphone"] = microphone  # set by a hand, which may hold it still
+        desk.tell("microphone", microphone, self.microphone)
+        complaint = desk.choices.complaint
+        key = None if drawn is None else id(drawn.floor), trouble, complaint
+        if desk.shown.get("map") != key:
+            desk.shown["map"] = key
+            bar = words.colour_bar(drawn.floor.bar if drawn else None, trouble) + words.map_lines(drawn)
+            desk.tell("bar", words.complaint(complaint) + bar, self.bar, "content")
