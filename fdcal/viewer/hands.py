@@ -32,14 +32,19 @@ class Hands:
         x0, y0, x1, y1 = picture.focus
         edge = 0.0 if desk.measurement.search is None else desk.measurement.search.step / 2
         self._low, self._high = np.array([x0 + edge, y0 + edge]), np.array([x1 - edge, y1 - edge])
+        corners = np.array([(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in picture.heights])
+        self._corners = corners
         self._discs = self._add_discs(server)
 
     def _add_discs(self, server: viser.ViserServer):
-        radius = REACH * self._marker
+        """One disc a microphone, and specks in the corners: the browser looks for discs only inside of what they all
+        spanned when it first did, so they must span the whole search domain from the start."""
+        radius, count, specks = REACH * self._marker, self._desk.measurement.count, len(self._corners)
         vertices, faces = annuli(np.zeros((1, 3)), radius / 2, radius, corners=12)
-        count = self._desk.measurement.count
+        places = np.concatenate([np.tile(self._corners[0], (count, 1)), self._corners])
         discs = server.scene.add_batched_meshes_simple(
-            "/hands", vertices, faces, np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)), np.zeros((count, 3)),
+            "/hands", vertices, faces, np.tile([1.0, 0.0, 0.0, 0.0], (count + specks, 1)), places,
+            batched_scales=np.repeat([1.0, 1e-3], [count, specks]),
             opacity=0.0, side="double", lod="off", cast_shadow=False, receive_shadow=False,
         )  # fmt: skip
 
@@ -94,4 +99,4 @@ class Hands:
         places = np.column_stack([points[:, :2], heights + ABOVE * self._marker])
         if self._shown is None or not np.array_equal(self._shown, places):
             self._shown = places
-            self._discs.batched_positions = places.astype(np.float32)
+            self._discs.batched_positions = np.concatenate([places, self._corners]).astype(np.float32)
