@@ -1,5 +1,6 @@
 """Maps for the eye: the cost of moving one microphone, mode by mode, as finely as a screen shows it, and its minima.
 
+    mode_shape    the sound field of one mode, as the microphones heard it
     each_mode     costs of single modes over the search lattice, as the solver at work reckons them
     finer         the same domain with a lattice as fine as the screen
     local_minima  where a map is lower than all around
@@ -18,7 +19,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from .cost import known_weights, leave_one_out
+from .checks import InputError
+from .cost import coefficients, known_weights, leave_one_out
 from .dictionary import bessel_orders, fourier_bessel, max_order
 from .measurement import Problem
 from .scene import Search
@@ -59,6 +61,28 @@ def fine_mode(problem: Problem, state, n: int, mode: int, search: Search) -> np.
     weights = known_weights(problem, state.settings.known_weight)
     fits = leave_one_out([W], problem.pressures[mode - 1 : mode], n, weights=weights)
     return all_candidates(lattice, centre, slice(0, 1), fits).reshape(rings.shape)
+
+
+def mode_shape(problem: Problem, positions, mode: int, order_offset: int) -> np.ndarray:
+    """Real part of the pressure of one mode (counted from 1) over the search lattice, greatest 1 : (ny, nx) float64.
+
+    W alpha of Eq. 6 with the microphones at `positions` (N, 2), metres, and the phase of most pressure; true to the
+    room where the positions are and among the microphones. Raises InputError where there is no plane lattice.
+    """
+    search = problem.search
+    if problem.dimension != 2 or search is None:
+        raise InputError("the shape of a mode is drawn of two-dimensional fields with a search domain")
+    positions, k = np.asarray(positions, float), problem.wavenumbers[mode - 1]
+    most = (len(positions) - 2) // 2  # 2L + 1 functions for the microphones
+    L = min(int(max_order(k[None], search.radius, order_offset)[0]), most)
+    centre = positions.mean(axis=0)
+    alpha = coefficients(fourier_bessel(positions, complex(k), L, centre), problem.pressures[mode - 1])
+    x, y = (o + search.step * np.arange(n) for o, n in zip(search.origin, search.shape, strict=True))
+    points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    field = fourier_bessel(points, complex(k), L, centre) @ alpha
+    field = np.real(field * np.exp(-0.5j * np.angle(np.sum(field**2))))
+    field /= field[np.abs(field).argmax()]
+    return field.reshape(len(y), len(x))
 
 
 def finer(search: Search, count: int = FINE) -> Search:

@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from .camera import Camera, project
-from .primitives import COLOUR_MAP, ColourBar, Label, Picture
+from .primitives import ColourBar, Label, Picture
 
 ANCHORS = {"left": "l", "center": "m", "right": "r", "top": "a", "bottom": "d"}  # of a label to Pillow's
 
@@ -87,7 +87,7 @@ def _bar(draw, bar: ColourBar, picture: Picture, font, place) -> None:
     scale, theme = font.size / 16, picture.theme
     left, top, bottom = place
     right, rows, stroke = left + 22 * scale, np.arange(round(top), round(bottom)), max(round(scale), 1)
-    colours = matplotlib.colormaps[COLOUR_MAP]((bottom - rows) / (bottom - top), bytes=True)[:, :3]
+    colours = matplotlib.colormaps[bar.colours]((bottom - rows) / (bottom - top), bytes=True)[:, :3]
     for row, colour in zip(rows, colours, strict=True):
         draw.line([(left, row), (right, row)], fill=tuple(map(int, colour)))
     draw.rectangle([left, top, right, bottom], outline=theme.ink, width=stroke)

@@ -8,7 +8,7 @@ import matplotlib
 import numpy as np
 
 from .checks import frozen_array
-from .primitives import COLOUR_MAP, ColourBar, Floor
+from .primitives import COLOUR_MAP, TWO_SIDED, ColourBar, Floor
 from .scene import Search
 
 DECADES = 4  # of cost that a logarithmic map shows below its highest value
@@ -80,14 +80,30 @@ def shares(cost: np.ndarray, low: float, high: float, log: bool) -> np.ndarray:
     return (cost - low) / (high - low)
 
 
-def colours(share: np.ndarray) -> np.ndarray:
+def colours(share: np.ndarray, name: str = COLOUR_MAP) -> np.ndarray:
     """Colours (..., 3) uint8 of shares of the scale, 0 to 1."""
-    return _table()[np.rint(255 * share).astype(np.uint8)]
+    return _table(name)[np.rint(255 * share).astype(np.uint8)]
 
 
 @functools.cache
-def _table() -> np.ndarray:
-    return matplotlib.colormaps[COLOUR_MAP](np.arange(256), bytes=True)[:, :3].copy()
+def _table(name: str) -> np.ndarray:
+    return matplotlib.colormaps[name](np.arange(256), bytes=True)[:, :3].copy()
+
+
+def paint_field(field, search: Search, label: str, opacity: float = 1.0, height: float = 0.0) -> Floor:
+    """A field of both signs, -1 to 1, as `paint`: white where it is nothing."""
+    field, half = np.asarray(field, float), search.step / 2
+    row, column = np.unravel_index(np.abs(field).argmin(), field.shape)
+    return Floor(
+        rgb=frozen_array(colours((1 + np.clip(field, -1, 1)) / 2, TWO_SIDED), np.uint8),
+        origin=(search.origin[0] - half, search.origin[1] - half),
+        size=(field.shape[1] * search.step, field.shape[0] * search.step),
+        bar=ColourBar(-1.0, 1.0, False, label, colours=TWO_SIDED),
+        minimum=(float(search.origin[0] + column * search.step), float(search.origin[1] + row * search.step)),
+        height=height,
+        opacity=opacity,
+        marked=False,
+    )
 
 
 def cost_label(weights: str) -> str:

@@ -27,6 +27,8 @@ from .scene import Scene
 LAYERS = 24  # heights in one radius of a marker: what is drawn over the map lies that little above it
 TRUE, ESTIMATE, KNOWN, HALO = (0, 0, 0), (214, 24, 40), (0, 90, 181), (255, 255, 255)
 LOWEST = (255, 176, 0)
+TRAIL, ERROR = (240, 130, 200), (255, 110, 60)
+ELLIPSE = 36  # sides of a drawn ellipse
 
 
 def compose(
@@ -56,8 +58,8 @@ def compose(
 
 def with_floor(picture: Picture, floor: Floor | None) -> Picture:
     """The picture with a map on the floor, a diamond where it is lowest, small ones at other minima; None takes all."""
-    if floor is None:
-        return replace(picture, floor=None)
+    if floor is None or not floor.marked:
+        return replace(picture, floor=floor)
     marker, height = picture.marker, 9 * picture.marker / LAYERS
     reach = marker * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
     others = [place for place in floor.minima if np.hypot(*np.subtract(place, floor.minimum)) > marker]
@@ -155,6 +157,41 @@ def with_estimate(
     if picture.heights[1] > base:  # what ties the microphone to the map below it
         lines += (_lines("looked_at/stem", shapes.stems(found, base), ESTIMATE, 2.0),)
     return replace(picture, lines=lines, solids=solids, labels=(*picture.labels, label))
+
+
+def with_trails(picture: Picture, paths, ground: Floor | None = None) -> Picture:
+    """The picture with the way of every microphone: `paths` (T, N, D), metres, oldest first; a stay draws nothing."""
+    paths = np.asarray(paths, float)
+    if len(paths) < 2:
+        return picture
+    base, z = picture.heights[0], 3 * picture.marker / LAYERS
+    flat = _raised(drape(paths.reshape(-1, paths.shape[2]), ground), base, z)
+    points = flat.reshape(*paths.shape[:2], 3)
+    pieces = np.stack([points[:-1], points[1:]], axis=2).reshape(-1, 2, 3)
+    pieces = pieces[np.abs(pieces[:, 1] - pieces[:, 0]).max(axis=1) > 1e-9]
+    if not len(pieces):
+        return picture
+    return replace(picture, lines=(*picture.lines, _lines("trails", pieces, TRAIL, 2.0)))
+
+
+def with_ellipses(picture: Picture, positions, axes, ground: Floor | None = None) -> Picture:
+    """The picture with an error ellipse about each microphone; `axes` (N, D, D), metres, half axes in rows.
+
+    Of an ellipsoid the largest section is drawn. Microphones whose ellipse is no larger than a dot have none.
+    """
+    axes, positions = np.asarray(axes, float), np.asarray(positions, float)
+    base, z = picture.heights[0], 7 * picture.marker / LAYERS
+    long, middle = axes[:, -1], axes[:, -2]
+    seen = np.flatnonzero(np.linalg.norm(long, axis=1) > 1e-6)
+    if not len(seen):
+        return picture
+    centres = _raised(drape(positions[seen], ground), base, z)
+    pad = ((0, 0), (0, 3 - axes.shape[2]))
+    long, middle = np.pad(long[seen], pad), np.pad(middle[seen], pad)
+    angles = np.linspace(0, 2 * np.pi, ELLIPSE + 1)
+    rim = np.cos(angles)[:, None, None] * long + np.sin(angles)[:, None, None] * middle + centres
+    pieces = np.stack([rim[:-1], rim[1:]], axis=2).reshape(-1, 2, 3)
+    return replace(picture, lines=(*picture.lines, _lines("ellipses", pieces, ERROR, 2.5)))
 
 
 def _name_tag(picture: Picture, text: str, place, towards: float) -> Label:

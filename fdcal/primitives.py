@@ -13,7 +13,7 @@ from matplotlib.ticker import LogLocator
 
 from .shapes import round_values
 
-COLOUR_MAP = "viridis"  # any name of matplotlib.colormaps
+COLOUR_MAP, TWO_SIDED = "viridis", "RdBu_r"  # any name of matplotlib.colormaps; of costs, and of signed fields
 LETTERS = 44  # that find room along a colour bar
 
 Colour = tuple[int, int, int]
@@ -73,6 +73,7 @@ class ColourBar:
     log: bool
     label: str
     clipped: bool = False  # lower values than `low` exist and share its colour
+    colours: str = COLOUR_MAP
 
     @property
     def ticks(self) -> tuple[tuple[float, str], ...]:
@@ -118,6 +119,7 @@ class Floor:
     height: float = 0.0
     minima: tuple[tuple[float, float], ...] = ()
     opacity: float = 1.0
+    marked: bool = True  # with diamonds
     heights: np.ndarray | None = None
 
 

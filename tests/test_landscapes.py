@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from fdcal import cost, landscapes, solvers
 from fdcal.basins import bottoms
+from fdcal.checks import InputError
 from fdcal.measurement import Measurement
 from fdcal.scene import Search, Solver
 
@@ -121,3 +122,25 @@ def test_a_map_is_read_off_between_its_points():
     for point in [(1.0, 2.0), (1.013, 2.21), (1.4, 2.3)]:
         assert landscapes.cost_at(values, SEARCH, point) == pytest.approx(3 * point[0] - 2 * point[1], abs=1e-12)
     assert landscapes.cost_at(values, SEARCH, (9.0, 9.0)) == pytest.approx(values[-1, -1]), "beyond: the edge"
+
+
+def test_the_shape_of_a_mode_is_the_field_that_was_heard(problem):
+    """The first mode of the fixture is a sum of plane waves, known everywhere."""
+    rng = np.random.default_rng(2)
+    positions = np.array(SEARCH.origin) + rng.uniform(0.02, 0.28, (24, 2))
+    angles, phases = rng.uniform(0, 2 * np.pi, (2, 3, 5))
+    x, y = (o + SEARCH.step * np.arange(n) for o, n in zip(SEARCH.origin, SEARCH.shape, strict=True))
+    points = np.stack(np.meshgrid(x, y), axis=-1)
+    towards = np.stack([np.cos(angles[0]), np.sin(angles[0])], axis=-1)
+    field = np.exp(1j * (2.0 * points @ towards.T + phases[0])).sum(axis=-1)
+    shape = landscapes.mode_shape(problem, positions, 1, 4)
+    assert shape.shape == field.shape and np.abs(shape).max() == pytest.approx(1.0)
+    inside = np.s_[2:11, 2:11]  # among the microphones
+    basis = np.stack([field.real[inside].ravel(), field.imag[inside].ravel()], axis=1)
+    _, left, *_ = np.linalg.lstsq(basis, shape[inside].ravel(), rcond=None)
+    assert left[0] < 1e-8, "one moment of the oscillation"
+
+
+def test_no_shape_without_a_plane_lattice(problem):
+    with pytest.raises(InputError, match="two-dimensional"):
+        landscapes.mode_shape(dataclasses.replace(problem, search=None), np.zeros((24, 2)), 1, 2)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from PIL import ImageColor
 
-from fdcal.painting import colours, ends, paint, shares
+from fdcal.painting import colours, ends, paint, paint_field, shares
 from fdcal.panels import CAPTION, CELL, GAP, Marks, mosaic
 from fdcal.picture import drape
-from fdcal.primitives import DARK, LIGHT, ColourBar
+from fdcal.primitives import DARK, LIGHT, TWO_SIDED, ColourBar
 from fdcal.scene import Search
 
 SEARCH = Search(origin=(0.0, 0.0), size=(1.0, 1.0), step=0.05, radius=1.0)
@@ -83,3 +83,11 @@ def test_one_scale_for_all_or_each_its_own():
 def test_a_dark_page_gets_dark_ground():
     image = mosaic([bowl(0.5, 0.5)] * 3, ["one"] * 3, SEARCH, Marks(), DARK)
     np.testing.assert_array_equal(image[-1, -1], ImageColor.getrgb("#242424"))
+
+
+def test_a_field_is_white_where_it_is_nothing_and_has_its_own_scale():
+    field = np.add.outer(np.zeros(21), np.linspace(-1, 1, 21))
+    floor = paint_field(field, SEARCH, "pressure")
+    assert floor.rgb[5, 10].min() > 235 and not floor.marked and floor.bar.colours == TWO_SIDED
+    red, blue = floor.rgb[5, 20].astype(int), floor.rgb[5, 0].astype(int)
+    assert red[0] > red[2] + 40 and blue[2] > blue[0] + 40

@@ -9,7 +9,19 @@ import pytest
 from fdcal import picture, shapes
 from fdcal.measurement import Measurement
 from fdcal.painting import paint
-from fdcal.picture import ESTIMATE, HALO, KNOWN, TRUE, backdrop, compose, headline, with_estimate, with_floor
+from fdcal.picture import (
+    ESTIMATE,
+    HALO,
+    KNOWN,
+    TRUE,
+    backdrop,
+    compose,
+    headline,
+    with_ellipses,
+    with_estimate,
+    with_floor,
+    with_trails,
+)
 from fdcal.primitives import COLOUR_MAP, LIGHT, ColourBar, Picture
 from fdcal.scene import Search, load_scene
 
@@ -346,3 +358,27 @@ def test_bars_in_space_keep_their_width_and_length():
     corners = vertices.reshape(3, 4, 3)
     np.testing.assert_allclose(np.linalg.norm(corners[:, 0] - corners[:, 3], axis=1), 0.1)
     np.testing.assert_allclose(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1), [4, 2, 2])
+
+
+def test_trails_follow_each_microphone_and_skip_stays(scene, measurement):
+    start = measurement.positions
+    paths = np.stack([start, start, start + [0.01, 0.0], start + [0.01, 0.02]])
+    paths[:, 4] = start[4]  # this one never moves
+    segments = part(with_trails(compose(scene, measurement), paths), "trails").segments
+    assert segments.shape == (2 * 11, 2, 3)
+    for n in (0, 7, 11):
+        for ends in (paths[1:3, n], paths[2:4, n]):
+            assert (np.abs(segments[:, :, :2] - ends).max(axis=(1, 2)) < 1e-6).any()
+    assert "trails" not in names(with_trails(compose(scene, measurement), paths[:1]))
+
+
+def test_ellipses_have_the_half_axes_given(scene, measurement):
+    axes = np.tile(np.array([[0.0, 0.004], [0.02, 0.0]]), (12, 1, 1))
+    axes[:3] = 0  # known
+    drawn = with_ellipses(compose(scene, measurement), measurement.positions, axes)
+    rims = part(drawn, "ellipses").segments[:, 0, :2].reshape(-1, 9, 2)  # a corner of all, then the next
+    away = rims - measurement.positions[3:]
+    np.testing.assert_allclose(np.abs(away[..., 0]).max(axis=0), 0.02, rtol=1e-4)
+    np.testing.assert_allclose((away[..., 0] / 0.02) ** 2 + (away[..., 1] / 0.004) ** 2, 1.0, rtol=1e-3)
+    nothing = with_ellipses(compose(scene, measurement), measurement.positions, 0 * axes)
+    assert "ellipses" not in names(nothing)

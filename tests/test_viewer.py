@@ -27,7 +27,7 @@ from fdcal.measurement import Measurement
 from fdcal.picture import compose, with_estimate
 from fdcal.scene import load_scene
 from fdcal.store import cached_measurement
-from fdcal.viewer import app, plots, preparing, safety, stage, words
+from fdcal.viewer import app, plots, preparing, safety, spreads, stage, words
 from fdcal.viewer.controls import Controls
 from fdcal.viewer.stage import Stage
 
@@ -229,7 +229,7 @@ def test_a_microphone_is_picked_by_a_click(page, scene):
 
 
 def test_the_diamond_stands_where_the_map_is_lowest(page, scene):
-    choose(page, "Modes", "Chosen here")
+    choose(page, "Modes shown", "Chosen here")
     page.locator("//label[.='Mode numbers']/following::input[1]").first.fill("2-4, 6")
     page.keyboard.press("Enter")
     page.get_by_text("microphone 5, sum of 4 modes").wait_for()
@@ -257,6 +257,19 @@ def test_a_microphone_is_dragged_and_the_map_stays_that_of_the_one_looked_at(pag
     page.get_by_text("microphone 5, ").first.wait_for()
     pick(page, scene, target, "microphone 7, ")  # it is there now
     np.testing.assert_allclose(middle(page, "/looked_at/estimate"), target, atol=0.004)
+
+
+def test_a_mode_is_switched_on_and_off(page):
+    tab(page, "Modes")
+    press(page, "●6")
+    page.get_by_text("sum of 3 modes").first.wait_for()
+    press(page, "○5")
+    page.get_by_text("sum of 4 modes").first.wait_for()
+    page.get_by_text("highest in the map: mode 5").first.wait_for()
+    tab(page, "Map")
+    choose(page, "Show", "Shape of the last mode")
+    page.get_by_text("pressure of mode 5").first.wait_for()
+    choose(page, "Show", "Flat map")
 
 
 def test_export_saves_what_is_shown(page, require_gl):
@@ -520,7 +533,7 @@ class Solver:
 def viewer(server, scene, measurement, monkeypatch):
     """A page without a browser, ticked by the test."""
     monkeypatch.setattr(app, "usable_modes", lambda *_: 6)
-    problem, session = SimpleNamespace(search=measurement.search), Recorder(State(measurement.positions))
+    problem, session = measurement.problem("unit"), Recorder(State(measurement.positions))
     work, closers = preparing.Work(scene, measurement, problem, Solver(measurement), session), []
     yield app.Viewer(server, work, closers)
     work.solver.gate.release(99)
@@ -671,6 +684,44 @@ def test_plots_follow_a_rewound_history(server, measurement):
     curves.show(view_of(another), now=1.0)
     assert len(curves._error.data[0]) == 4
     assert curves._error.data[1][-1] == pytest.approx(1e3 * 0.5 * np.sqrt(2))
+
+
+def test_the_last_mode_of_the_map_stays(controls):
+    panel, _ = controls
+    panel.map.choose_modes([3])
+    panel.map.toggle_mode(3)
+    assert panel.choices.modes == (3,)
+    panel.map.toggle_mode(1)
+    assert panel.choices.modes == (1, 3) and panel.map.text.value == "1, 3"
+    panel.map.choose_modes(None)
+    panel.map.toggle_mode(2)
+    assert panel.choices.modes == (1, 3), "those in use, 1 to 3, without the second"
+    say(panel.map.text, "1-99")
+    assert panel.choices.modes == (1, 3) and "1 to 6" in panel.choices.complaint
+
+
+def test_microphones_are_listed_worst_first(measurement):
+    offsets = 0.001 * np.array([0, 0, 0, 5, 9, 1, 7, 3, 2, 4])
+    html = words.table(measurement, measurement.positions + offsets[:, None] * [1, 0], None, 6)
+    numbers = [int(number) for number in re.findall(r"<td>(\d+)(?: known)?</td>", html)]
+    assert numbers == [4, 6, 3, 9, 7, 8, 5, 0, 1, 2]
+    assert "9 mm" in html and html.count("known") == 3 and "700" in html.split("<td>6</td>")[0].rpartition("<tr")[2]
+
+
+def test_modes_beyond_f_max_are_warned_of(measurement):
+    assert "beyond" not in words.modes_lines(measurement, (1, 2), 500, 3)
+    html = words.modes_lines(measurement, (1, 6), 299, 3)
+    assert "beyond" in html and "300.0 Hz" in html and "299 Hz" in html and "7 functions for 10" in html
+
+
+def test_uncertainty_is_told_of_finished_states_only(measurement, monkeypatch):
+    made, asked = spreads.Spreads(SimpleNamespace()), []
+    assert made.close(WAIT)
+    monkeypatch.setattr(made._worker, "request", asked.append)
+    going, done = State(measurement.positions), State(measurement.positions, finished=True)
+    for state in (going, done):
+        assert made.of(state, False, 0.0) is None and made.of(state, False, 9.0) is None
+    assert len(asked) == 1 and asked[0] is done
 
 
 def test_words_are_escaped(measurement):

@@ -12,11 +12,21 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import numpy as np
 import viser
 
 from ..cost import usable_modes
 from ..offscreen import render_png
-from ..picture import Floor, Picture, backdrop, headline, with_estimate, with_floor
+from ..picture import (
+    Floor,
+    Picture,
+    backdrop,
+    headline,
+    with_ellipses,
+    with_estimate,
+    with_floor,
+    with_trails,
+)
 from ..scene import Scene
 from ..worker import LatestWorker
 from . import words
@@ -27,10 +37,12 @@ from .maps import Map, MapRequest, Maps
 from .preparing import Interrupt, Work, prepare
 from .safety import open_server, quietly
 from .side import SidePanel
+from .spreads import Errors, Spreads
 from .stage import Stage
 
 RATE = 25.0  # times a second that the screen is brought up to date
 FAULT_SHOWN = 10.0  # s at least that a fault of this loop stays in the status lines
+TRAIL = 200  # states that a trail goes back
 LOOK_ROUND = 1.0  # s between two looks at the sizes of all canvases
 MOST_EXPORTS = 8  # pictures that may wait to be drawn
 RIGHT_WIDTH = 330.0  # pixels, of the main panel
@@ -97,7 +109,9 @@ class Viewer:
             server.gui, work.session, work.measurement, modes, work.scene.solver.weights,
             self._stage.place, self._ask_for_export,
         )  # fmt: skip
-        self._side = SidePanel(server.gui, self._controls.desk)
+        self._side = SidePanel(server.gui, self._controls.desk, work.problem, self._controls.map)
+        self._spreads = Spreads(work)
+        closers.append(lambda: self._spreads.close(0.5))
         self._fault, self._fault_time, self._looked = "", 0.0, 0.0
         self._followed = self._controls.choices.microphone
         self._turn, self._state = 0, work.session.view.state
@@ -162,13 +176,15 @@ class Viewer:
         if follow and drawn is not None:
             self._followed = drawn.request.microphone  # a running solver is faster than its maps
         floor = drawn.floor if drawn else None
-        if self._key != (key := (self._turn, choices, self._followed, id(floor))):
-            self._drawn = Drawn(self._compose(view.state, choices, self._followed, floor), view.state)
+        errors = self._spreads.of(view.state, view.running, now)
+        if self._key != (key := (self._turn, choices, self._followed, id(floor), id(errors))):
+            picture = self._compose(view.state, choices, self._followed, floor)
+            self._drawn = Drawn(self._trace(picture, view, choices, floor, errors), view.state)
             self._stage.show(self._drawn.picture)
             self._hands.show(view.state.positions, floor)
             self._key = key
         self._controls.show(view, self._followed, drawn, trouble, self._fault)
-        self._side.show(view, drawn, now)
+        self._side.show(view, drawn, self._followed, errors, now)
         if now - self._looked > LOOK_ROUND:
             self._looked = now
             self._stage.keep_all_placed(self._server.get_clients().values())
@@ -194,6 +210,15 @@ class Viewer:
                 self._still[dark] = backdrop(self._work.scene, measurement, dark)
             still = self._still[dark]
         return with_floor(with_estimate(still, measurement, state.positions, microphone, floor), floor)
+
+    def _trace(self, picture: Picture, view, choices: Choices, floor: Floor | None, errors: Errors | None) -> Picture:
+        """The picture with trails and error ellipses where they are wanted."""
+        if choices.trails:
+            past = view.history[max(view.index + 1 - TRAIL, 0) : view.index + 1]
+            picture = with_trails(picture, np.array([state.positions for state in past]), floor)
+        if choices.ellipses and errors is not None:
+            picture = with_ellipses(picture, view.state.positions, errors.axes, floor)
+        return picture
 
     def _ask_for_export(self, client: viser.ClientHandle, choices: Choices) -> None:
         """On viser's loop: what is drawn now, with a title that tells of just that."""

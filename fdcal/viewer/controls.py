@@ -55,6 +55,10 @@ class Controls:
             "Camera", tuple(VIEWS), hint="Of this page alone: from above, the whole room, or the array"
         )
         self.dark = gui.add_checkbox("Dark page", False)
+        self.trails = gui.add_checkbox("Trails", False, hint="The way that each microphone has come, last 200 states")
+        self.ellipses = gui.add_checkbox("Error ellipses (95 %)", False, hint="Of a solver that has finished")
+        desk.on(self.trails, lambda value: desk.choose(trails=bool(value)))
+        desk.on(self.ellipses, lambda value: desk.choose(ellipses=bool(value)))
         desk.on_page(self.camera, lambda client, value: place(client, VIEWS[one_of(value, VIEWS, "Top")]))
         desk.on(self.dark, self._darken)
 

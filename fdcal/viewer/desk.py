@@ -15,7 +15,7 @@ from ..measurement import Measurement
 from ..session import Session
 from .maps import Look
 
-FLOOR, RELIEF, NOTHING = "Flat map", "Relief", "No map"
+FLOOR, RELIEF, SHAPE, NOTHING = "Flat map", "Relief", "Shape of the last mode", "No map"
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,8 @@ class Choices:
     shown: bool = True  # a map at all
     modes: tuple[int, ...] | None = None  # of the map, chosen by hand; None: those in use
     look: Look = field(default_factory=Look)
+    trails: bool = False  # the way that each microphone has come
+    ellipses: bool = False  # how far each may be from where it is supposed
     complaint: str = ""  # about what was written into a field
     export_view: str = "top"
     export_size: tuple[int, int] = (1280, 800)

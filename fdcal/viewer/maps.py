@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from .. import landscapes
-from ..painting import cost_label, paint
+from ..painting import cost_label, paint, paint_field
 from ..panels import Marks, mosaic
 from ..picture import heights_of
 from ..primitives import DARK, LIGHT, Floor
@@ -33,6 +33,7 @@ class Look:
     relief: bool = False
     shared: bool = False  # one scale for the maps side by side
     dark: bool = False
+    shape: bool = False  # the sound field of the last of the modes instead of a cost
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,8 @@ class Maps:
         return latest.result, latest.error
 
     def _ask_finely(self, wanted: MapRequest) -> None:
-        if wanted != self._fine_asked and landscapes.has_fine(wanted.state) and not wanted.look.relief:
+        plain = not (wanted.look.relief or wanted.look.shape)
+        if plain and wanted != self._fine_asked and landscapes.has_fine(wanted.state):
             self._fine_asked = wanted
             self._slow.request(wanted)
 
@@ -118,6 +120,8 @@ class Maps:
 
     def _quick(self, wanted: MapRequest) -> Map:
         """On the quick thread: a map over the solver's lattice."""
+        if wanted.look.shape:
+            return self._shape(wanted)
         key = (wanted.turn, wanted.microphone, wanted.modes)
         if self._costs.get("quick", (None,))[0] != key:
             maps = landscapes.each_mode(
@@ -126,6 +130,16 @@ class Maps:
             self._costs["quick"] = key, maps, landscapes.local_minima(maps.sum(axis=0))
         _, maps, minima = self._costs["quick"]
         return self._draw(wanted, maps.sum(axis=0), minima, self._work.problem.search, maps)
+
+    def _shape(self, wanted: MapRequest) -> Map:
+        """On the quick thread: the sound field of a mode."""
+        work, mode = self._work, wanted.modes[-1]
+        offset = getattr(wanted.state, "order_offset", 0)
+        field = landscapes.mode_shape(work.problem, wanted.state.positions, mode, offset)
+        label = f"pressure of mode {mode}, {work.measurement.frequencies[mode - 1]:.1f} Hz (greatest 1)"
+        height = heights_of(work.scene, work.measurement)[0]
+        floor = paint_field(field, work.problem.search, label, wanted.look.opacity, height)
+        return Map(wanted, floor, None, 0, 0.0, 0.0)
 
     def _fine(self, wanted: MapRequest) -> Map | None:
         """On the slow thread: the same finely, mode by mode; None as soon as something else is wanted."""

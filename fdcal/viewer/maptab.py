@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from ..checks import InputError
 from . import modeset, words
-from .desk import FLOOR, NOTHING, RELIEF, Desk
+from .desk import FLOOR, NOTHING, RELIEF, SHAPE, Desk
 from .maps import Map
 from .safety import bounded, one_of
 
 IN_USE, CHOSEN = "Those in use", "Chosen here"
+KINDS = (FLOOR, RELIEF, SHAPE, NOTHING)
 LINEAR, LOG = "Linear", "Logarithmic"
 
 
@@ -22,10 +23,10 @@ class MapTab:
             "Microphone", 0, highest, 1, choices.microphone, hint="Or click one in the scene; drag one to move it"
         )
         self.follow = gui.add_checkbox("Follow solver", True, hint="Show the microphone that a step has moved")
-        self.which = gui.add_dropdown("Modes", (IN_USE, CHOSEN), initial_value=IN_USE, hint="Of the map alone")
+        self.which = gui.add_dropdown("Modes shown", (IN_USE, CHOSEN), initial_value=IN_USE, hint="Of the map alone")
         self.upto = gui.add_slider("Up to mode", 1, desk.modes, 1, 1, visible=False, hint="Watch the minima merge")
         self.text = gui.add_text("Mode numbers", "1", visible=False, hint="As in 1-3, 5")
-        self.kind = gui.add_dropdown("Show", (FLOOR, RELIEF, NOTHING), initial_value=FLOOR)
+        self.kind = gui.add_dropdown("Show", KINDS, initial_value=FLOOR)
         self.scale = gui.add_dropdown("Scale", (LOG, LINEAR), initial_value=LOG)
         self.opacity = gui.add_slider("Opacity (%)", 10, 100, 5, 100)
         self.bar = gui.add_html(words.colour_bar(None))
@@ -91,12 +92,11 @@ class MapTab:
         self.upto.value = modes[-1]
 
     def _choose_kind(self, value) -> None:
-        kind = one_of(value, (FLOOR, RELIEF, NOTHING), FLOOR)
+        kind = one_of(value, KINDS, FLOOR)
         self._desk.choose(shown=kind != NOTHING)
-        self._desk.look(relief=kind == RELIEF)
-        for handle in (self.scale, self.opacity):
-            handle.visible = kind != NOTHING
-        self.opacity.visible = kind == FLOOR
+        self._desk.look(relief=kind == RELIEF, shape=kind == SHAPE)
+        self.scale.visible = kind in (FLOOR, RELIEF)
+        self.opacity.visible = kind in (FLOOR, SHAPE)
 
     def show(self, microphone: int, drawn: Map | None, trouble: str) -> None:
         """Called by the main loop, with the map on the floor or why there is none."""

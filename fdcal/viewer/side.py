@@ -6,10 +6,14 @@ import numpy as np
 import viser
 
 from ..history import SessionView
+from ..measurement import Problem
 from . import words
 from .desk import Desk
 from .maps import Map
+from .maptab import MapTab
+from .modestab import ModesTab
 from .plots import Curves
+from .spreads import Errors
 
 WIDTH = 300.0  # pixels
 INTERVAL = 0.2  # s between two images of the maps side by side
@@ -18,24 +22,42 @@ INTERVAL = 0.2  # s between two images of the maps side by side
 class SidePanel:
     """Owns the panel's tabs."""
 
-    def __init__(self, gui: viser.GuiApi, desk: Desk):
-        self._desk, self._sent, self._panels = desk, -1e9, None
+    def __init__(self, gui: viser.GuiApi, desk: Desk, problem: Problem, map_tab: MapTab):
+        self._desk, self._sent, self._tabled, self._panels = desk, -1e9, -1e9, None
         panel = gui.add_panel()
-        with panel.add_tab("Curves", viser.Icon.CHART_LINE):
+        with panel.add_tab("Curves"):
             gui.add_html(words.legend())
             self.curves = Curves(gui, desk.measurement)
-        with panel.add_tab("Maps", viser.Icon.LAYOUT_GRID):
+        with panel.add_tab("Maps"):
             self.caption = gui.add_html(words.panels_caption(None))
             self.shared = gui.add_checkbox("One scale for all", False, hint="Otherwise each map has its own")
             self.image = gui.add_image(np.full((8, 8, 3), 128, np.uint8), format="jpeg", jpeg_quality=92)
             self.image.visible = False
+        with panel.add_tab("Modes"):
+            self.modes = ModesTab(desk, problem, map_tab)
+        with panel.add_tab("Mics"):
+            self.table = gui.add_html("")
+        self._table_key: tuple = ()
         desk.on(self.shared, lambda value: desk.look(shared=bool(value)))
         panel.dock_left()
         panel.set_width(WIDTH)
 
-    def show(self, view: SessionView, drawn: Map | None, now: float) -> None:
+    def show(self, view: SessionView, drawn: Map | None, microphone: int, errors: Errors | None, now: float) -> None:
         """Called by the main loop."""
         self.curves.show(view, now)
+        self.modes.show(view, now)
+        self._show_table(view.state, microphone, errors, now)
+        self._show_panels(drawn, now)
+
+    def _show_table(self, state, microphone: int, errors: Errors | None, now: float) -> None:
+        key = (id(state), microphone, id(errors))
+        if key != self._table_key and now - self._tabled > INTERVAL:
+            self._table_key, self._tabled = key, now
+            sigma = None if errors is None else errors.sigma
+            text = words.table(self._desk.measurement, np.asarray(state.positions), sigma, microphone)
+            self._desk.tell("table", text, self.table, "content")
+
+    def _show_panels(self, drawn: Map | None, now: float) -> None:
         panels = None if drawn is None else drawn.panels
         if panels is self._panels or now - self._sent < INTERVAL:
             return

@@ -13,6 +13,7 @@ from ..painting import colours, cost_label
 from ..picture import ESTIMATE, KNOWN, LOWEST, millimetres
 from ..primitives import ColourBar
 
+MOST_ROWS = 100  # of the table
 CARD = "padding: 0.15em 0.75em; font-size: 0.86em; line-height: 1.5;"
 
 
@@ -98,7 +99,7 @@ def colour_bar(bar: ColourBar | None, trouble: str = "") -> str:
     """The scale of the map, with ticks and unit, or why there is none."""
     if bar is None:
         return f"<div style='{CARD} opacity: 0.65'>{escape(trouble[:400]) or 'no map'}</div>"
-    gradient = ", ".join(_css(colour) for colour in colours(np.linspace(0, 1, 17)))
+    gradient = ", ".join(_css(colour) for colour in colours(np.linspace(0, 1, 17), bar.colours))
     ticks = "".join(
         f"<div style='position: absolute; left: {100 * share:.2f}%; transform: translateX(-50%); text-align: center;"
         " line-height: 1.1'><div style='width: 1px; height: 5px; margin: 0 auto; background: currentColor'></div>"
@@ -123,6 +124,9 @@ def map_lines(drawn) -> str:
     """What is to be read off a map (maps.Map): its local minima, and the cost where the microphone is supposed."""
     if drawn is None:
         return ""
+    if drawn.request.look.shape:
+        text = "Sound pressure at one moment, from what the microphones heard and where they are supposed to be (Eq. 6)"
+        return f"<div style='{CARD}'>{text}</div>"
     count = drawn.minima
     minima = "no local minimum" if not count else "1 local minimum" if count == 1 else f"{count} local minima"
     modes = len(drawn.request.modes)
@@ -130,6 +134,42 @@ def map_lines(drawn) -> str:
     return (
         f"<div style='{CARD}'>microphone {drawn.request.microphone}, {what}: <b>{minima}</b> inside<br>"
         f"cost at the cross <b>{drawn.here:.4g}</b>, lowest {drawn.lowest:.4g}</div>"
+    )
+
+
+def modes_lines(measurement: Measurement, used, limit: float, order: int | None) -> str:
+    """How high the modes of the map go, what the array can follow (f_max, Eq. 9), and a warning beyond it."""
+    f, count = float(measurement.frequencies[used[-1] - 1]), measurement.count
+    lines = [f"highest in the map: mode {used[-1]}, <b>{f:.1f} Hz</b>"]
+    lines += [f"f<sub>max</sub> of the supposed positions (Eq. 9): <b>{limit:.0f} Hz</b>"]
+    if order is not None:
+        lines += [f"order L = <b>{order}</b>: {2 * order + 1} functions for {count} microphones"]
+    beyond = f > limit
+    if beyond:
+        lines += ["<span style='color: #d61828'>&#9888; modes beyond f<sub>max</sub> are in the map</span>"]
+    return f"<div style='{CARD}'>{'<br>'.join(lines)}</div>"
+
+
+def table(measurement: Measurement, positions, sigma, looked_at: int) -> str:
+    """Microphones, worst first: error and uncertainty (one sigma), mm; known ones last."""
+    truth, known = measurement.positions, set(measurement.known.tolist())
+    errors = None if truth is None else position_errors(positions, truth)
+    order = errors if errors is not None else sigma if sigma is not None else np.zeros(len(positions))
+    rows = []
+    for n in sorted(range(len(positions)), key=lambda n: (n in known, -float(order[n]), n))[:MOST_ROWS]:
+        name = escape(str(measurement.names[n])) + (" known" if n in known else "")
+        place = ", ".join(f"{x:.3f}" for x in positions[n])
+        error = "" if errors is None else millimetres(errors[n])
+        spread = "" if sigma is None or n in known else f"&plusmn; {millimetres(float(sigma[n]))}"
+        bold = " style='font-weight: 700; background: rgba(31,120,200,0.15)'" if n == looked_at else ""
+        rows.append(f"<tr{bold}><td>{name}</td><td>{place}</td><td>{error}</td><td>{spread}</td></tr>")
+    head = "".join(f"<th>{text}</th>" for text in ("mic", "position (m)", "error", "1 &sigma;"))
+    style = "<style>.mics td, .mics th {padding: 0 0.5em 0 0; text-align: left; white-space: nowrap}</style>"
+    more = len(positions) - MOST_ROWS
+    below = f"<div style='opacity: 0.65'>and {more} better ones</div>" if more > 0 else ""
+    return (
+        f"{style}<div style='{CARD} font-size: 0.74em; overflow-x: auto'><table class='mics'>"
+        f"<tr>{head}</tr>{''.join(rows)}</table>{below}</div>"
     )
 
 
