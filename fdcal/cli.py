@@ -11,6 +11,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 
 import click
 
@@ -125,8 +126,46 @@ def simulate(scene: str, output: str, force: bool):
     print(f"{path}: {len(f)} modes, {f[0]:.1f} to {f[-1]:.1f} Hz, at {measurement.count} microphones")
 
 
+@commands.command("import")
+@click.argument("source", metavar="INPUT")
+@_output_option("FILE.npz")
+@click.option("--frequencies", default="auto", show_default=True, metavar="auto|LO:HI", help="Band to choose from, Hz.")
+@click.option("--most", type=int, default=57, show_default=True, metavar="M", help="Frequencies to take at most.")
+@click.option("--kind", default="auto", show_default=True, help="response (from silence to silence) or work.")
+@click.option("--window", default="auto", show_default=True, metavar="auto|none|RATE", help="Exponential window, 1/s.")
+@click.option("--temperature", type=float, metavar="C", help="Of the air, degrees Celsius; gives the speed of sound.")
+@click.option("--sound-speed", "speed", type=float, metavar="M/S", help="In place of a temperature.")
+@click.option("--source", "number", type=int, metavar="I", help="Which of several sources, from 0.")
+@click.option("--dimension", type=int, default=3, show_default=True, help="2 or 3, of the sound field.")
+@click.option("--plane", metavar="z=Z", help="Take the microphones in a plane, by the positions in the file.")
+@click.option("--subset", metavar="N|I,J,...", help="Take a number of microphones at random, or those of a list.")
+@click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="Draws the --subset.")
+@click.option("--leave-out", metavar="NAMES|bad", help="Leave out these channels, or all that are found bad.")
+@click.option("--known", metavar="NAMES|corners|FILE.csv", help="Known microphones; a table tells name,x,y[,z].")
+@click.option("--reference", metavar="FILE.wav", help="The signal that the source was given: deconvolve with it.")
+@click.option("--reference-microphone", "against", metavar="NAME", help="Take cross-spectra against this channel.")
+@click.option("--array-radius", "radius", type=float, metavar="R", help="Metres; gives the highest usable frequency.")
+@force_option
+def import_(source, output, number, force, **wishes):
+    """Turn recordings or impulse responses into a measurement.
+
+    INPUT is a WAV or FLAC file, a SOFA file, a folder of MeshRIR, an HDF5 file of Acoular, or an .npz file.
+    """
+    path = arguments.output_path(output, ".npz", force)
+    if Path(source).resolve() == path.resolve():
+        raise InputError(f"-o {output} is the input itself, which stays untouched; choose another name")
+    from .intake import Wishes, intake, report
+    from .measurement_file import save_measurement
+    from .store import write_atomically
+
+    measurement, told = intake(source, Wishes(source=number, **wishes))
+    write_atomically(path, lambda file: save_measurement(measurement, file), force)
+    print(report(measurement, told))
+    print(path)
+
+
 @commands.command()
-@click.argument("source", metavar="SCENE|FILE.npz")
+@click.argument("source", metavar="SCENE|FILE")
 @click.option("--solver", metavar="NAME", help="descent is the paper's.  [default: the scene's]")
 @click.option("--modes", type=int, metavar="M", help="Modes in use at the end, from the lowest up.")
 @click.option("--seed", type=int, metavar="S", help="Draws the solver's start.  [default: the scene's]")

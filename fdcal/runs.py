@@ -1,7 +1,7 @@
 """A measurement from a scene or a file, solved, scored and told: what `fdcal calibrate` does, without a command line.
 
 Given      measurement, settings and seed
-source_of  from the name of a scene, its file, or an .npz file
+source_of  from the name of a scene, its file, an .npz file, or what `fdcal import` reads
 solve      run the solver to its end
 summary    the outcome in words
 """
@@ -46,18 +46,38 @@ class Given:
 
 
 def source_of(text: str, progress: Progress | None = None, excluded: tuple[str, ...] = ()) -> Given:
-    """The measurement of an .npz file, or of a scene (see `from_scene`), without the microphones `excluded`.
+    """The measurement of an .npz file, of recordings, or of a scene, without the microphones `excluded`.
 
     Raises InputError and StorageError.
     """
-    if not text.lower().endswith(".npz"):
+    if is_recording(text):
+        from .intake import intake  # the signal library, which a measurement does without
+
+        measurement = _without(intake(text)[0], excluded)
+    elif text.lower().endswith(".npz"):
+        measurement = load_measurement(text, excluded)
+    else:
         given = from_scene(load_scene(text), progress)
-        table = {field.name: getattr(given.measurement, field.name) for field in fields(Measurement)}
-        return replace(given, measurement=Measurement(**without(table, excluded)), excluded=excluded)
-    measurement = load_measurement(text, excluded)
+        return replace(given, measurement=_without(given.measurement, excluded), excluded=excluded)
     count = len(measurement.frequencies)
     settings = Solver(modes=min(Solver.modes, count), first_modes=min(Solver.first_modes, count))
     return Given(Path(text).stem, None, measurement, settings, 0, excluded)
+
+
+def is_recording(text: str) -> bool:
+    """Whether `text` is a file or folder that `fdcal import` reads."""
+    from . import formats
+    from .formats import archive
+
+    path = Path(text)
+    if path.suffix.lower() in archive.SUFFIXES:
+        return "recordings" in archive.keys_of(path)
+    return path.exists() and formats.reader_of(path) is not None
+
+
+def _without(measurement: Measurement, excluded: tuple[str, ...]) -> Measurement:
+    table = {field.name: getattr(measurement, field.name) for field in fields(Measurement)}
+    return Measurement(**without(table, excluded))
 
 
 def check_scene(scene: Scene) -> None:

@@ -40,7 +40,10 @@ ROOMS = [
     ["uncertainty"],
     ["evidence", "soundspeed"],
     ["verdict"],
-    ["formats"],
+    ["recording", "placed", "bins"],
+    ["formats", "responses"],
+    ["steady", "deconvolution", "choosing", "frames"],
+    ["intake"],
     ["history"],
     ["worker"],
     ["session"],
@@ -72,6 +75,9 @@ HOMES = {
     "tqdm": {"cli"},
     "platformdirs": {"store"},
     "tomllib": {"scene"},
+    "soundfile": {"formats"},
+    "h5py": {"formats"},
+    "sofar": {"formats"},
 }
 MODULES = sorted(path for path in PACKAGE.rglob("*.py") if path != PACKAGE / "__init__.py")
 

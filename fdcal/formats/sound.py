@@ -1,0 +1,55 @@
+"""WAV, FLAC and what else libsndfile reads: one channel a microphone."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from ..checks import InputError
+from ..recording import Recording
+
+NAME = "multichannel sound"
+SUFFIXES = (".wav", ".flac", ".w64", ".rf64", ".aiff", ".aif", ".caf", ".au")
+
+
+def read(path: Path, source: int | None = None) -> Recording:
+    """Recording of a sound file, streamed. Raises InputError for a file that is damaged or holds no sound."""
+    import soundfile
+
+    try:
+        with soundfile.SoundFile(path) as file:
+            channels, samples, rate = file.channels, file.frames, file.samplerate
+            log, whole, seekable = (
+                file.extra_info,
+                "FLOAT" not in file.subtype and file.subtype != "DOUBLE",
+                file.seekable(),
+            )
+    except (soundfile.LibsndfileError, RuntimeError, ValueError) as error:
+        raise InputError(f"{path} is not a sound file that can be read: {error}") from error
+    if not seekable or samples >= 2**62:
+        raise InputError(f"{path} does not say how long it is; convert it to WAV or FLAC")
+    _require_whole(path, log)
+
+    def block(start: int, stop: int, chosen: np.ndarray) -> np.ndarray:
+        try:
+            with soundfile.SoundFile(path) as file:
+                file.seek(start)
+                values = file.read(stop - start, dtype="float32" if whole else "float64", always_2d=True)
+        except (soundfile.LibsndfileError, RuntimeError, ValueError) as error:
+            raise InputError(f"{path} cannot be read at sample {start}: {error}; copy the file again") from error
+        if values.shape[1] != channels:
+            raise InputError(f"{path} has changed while it was read; start again")
+        return values.T[chosen]
+
+    return Recording(str(path), None, float(rate), channels, samples, block, full_scale=1.0 if whole else None)
+
+
+def _require_whole(path: Path, log: str) -> None:
+    """Raise InputError where the header announces more samples than there are: libsndfile only notes it."""
+    note = re.search(r"^\s*(?:data|SSND|data\s*chunk)\s*:\s*(\d+)\s*\(should be (\d+)\)", log, re.MULTILINE)
+    if note and int(note[2]) < int(note[1]):
+        raise InputError(
+            f"{path} is truncated: its header announces {note[1]} bytes of sound, {note[2]} are there; copy it again"
+        )
