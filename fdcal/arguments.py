@@ -93,11 +93,12 @@ def pixels(text: str) -> tuple[int, int]:
     return width, height
 
 
-def output_path(text: str, suffix: str, force: bool) -> Path:
+def output_path(text: str, suffix: str | list[str], force: bool) -> Path:
     """Where a result may be written; asked before the work, so that an hour is not spent for nothing."""
     path = Path(text)
-    if path.suffix.lower() != suffix:
-        raise InputError(f'-o "{text}" must end in {suffix}; write {path.stem or "result"}{suffix}')
+    allowed = [suffix] if isinstance(suffix, str) else suffix
+    if path.suffix.lower() not in allowed:
+        raise InputError(f'-o "{text}" must end in {" or ".join(allowed)}; write {path.stem or "result"}{allowed[0]}')
     if path.is_dir():
         raise InputError(f"-o {text} is a folder; name a file")
     if not path.parent.is_dir():

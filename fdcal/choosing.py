@@ -41,20 +41,25 @@ def _with_positions(recording: Recording, positions: np.ndarray) -> Recording:
 
 def subset(recording: Recording, text: str, seed: int) -> Recording:
     """The microphones of a list of numbers and ranges, "0,3,8:12", or a number of them drawn at random, "200"."""
-    parts = text.split(",")
     try:
-        if len(parts) == 1 and ":" not in text:
-            return _drawn(recording, int(text), seed)
-        numbers: list[int] = []
-        for part in parts:
-            first, colon, end = part.partition(":")
-            numbers += range(int(first), min(int(end), recording.count + 1)) if colon else [int(part)]
+        numbers = _listed(text, recording.count)
     except ValueError:
         raise InputError(f'--subset "{text}" is no number and no list; write 200, or 0,3,8:12') from None
+    if len(numbers) == 1 and "," not in text and ":" not in text:
+        return _drawn(recording, numbers[0], seed)
     wrong = [n for n in numbers if not 0 <= n < recording.count]
     if wrong or len(set(numbers)) < len(numbers) or not numbers:
         raise InputError(f"--subset {text} must name microphones of 0 to {recording.count - 1}, each at most once")
     return select(recording, numbers)
+
+
+def _listed(text: str, count: int) -> list[int]:
+    """Numbers of a list such as "0,3,8:12"; ranges end one past `count` at most. Raises ValueError."""
+    numbers: list[int] = []
+    for part in text.split(","):
+        first, colon, end = part.partition(":")
+        numbers += range(int(first), min(int(end), count + 1)) if colon else [int(part)]
+    return numbers
 
 
 def _drawn(recording: Recording, number: int, seed: int) -> Recording:

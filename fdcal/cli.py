@@ -172,16 +172,21 @@ def import_(source, output, number, force, **wishes):
 @click.option("--exclude", metavar="NAME,...", help="Leave microphones out, by name or number, as 3,17.")
 @click.option("--estimate-sound-speed", is_flag=True, help="Find it, too: from known microphones, or --distance.")
 @click.option("--distance", metavar="I,J,METRES", help="How far two microphones are apart; where none is known.")
+@click.option("--check", is_flag=True, help="Compare with the positions in the file; name swapped channels.")
 @_output_option("RESULT.json", required=False)
 @search_option
 @radius_option
 @force_option
-def calibrate(source, solver, modes, seed, exclude, estimate_sound_speed, distance, output, search, radius, force):
+def calibrate(
+    source, solver, modes, seed, exclude, estimate_sound_speed, distance, check, output, search, radius, force
+):
     """Find the microphones, and say whether to trust the answer: exit code 4 where not."""
     path = arguments.output_path(output, ".json", force) if output else None
     given = _given(source, search, radius, arguments.names(exclude))
     given = runs.changed(given, solver, modes, seed)
     given = replace(given, estimate_sound_speed=estimate_sound_speed, distance=arguments.distance(distance))
+    if check:
+        runs.require_told(given.measurement)
     with _progress_bar("calibrating") as progress:
         result = runs.solve(given, progress)
     if path is not None:
@@ -189,7 +194,27 @@ def calibrate(source, solver, modes, seed, exclude, estimate_sound_speed, distan
 
         save_result(result, path, force)
     print(runs.summary(given, result))
+    if check:
+        print(runs.checked(given, result))
     return 0 if result["verdict"] == "good" else 4
+
+
+@commands.command()
+@click.argument("result", metavar="RESULT.json")
+@_output_option("FILE.csv|json|xml|sofa|npy")
+@click.option("--frame", type=click.Choice(["known", "minimal", "axes"]), help="Axes.  [default: known, else axes]")
+@click.option("--original", metavar="FILE.sofa", help="Fill the positions into a copy of this file.")
+@force_option
+def export(result, output, frame, original, force):
+    """Write the positions of a result for other programs: the suffix tells the format."""
+    from . import formats
+    from .frames import placed_in
+    from .store import write_atomically
+
+    path = arguments.output_path(output, formats.suffixes("write"), force)
+    placed = placed_in(_result(result), frame)
+    write_atomically(path, lambda file: formats.write(file, path, placed, original), force)
+    print(f"{path}: {len(placed.names)} microphones, frame: {placed.frame}")
 
 
 @commands.command()

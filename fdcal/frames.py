@@ -15,6 +15,7 @@ from scipy.optimize import linear_sum_assignment
 
 from .checks import InputError, require_choice
 from .gauge import align
+from .placed import Placed
 
 FRAMES = ("known", "minimal", "axes")
 IN_LINE = 1e-6  # of the array's extent: microphones this close to a line or plane through others lie in it
@@ -28,6 +29,22 @@ def in_frame(positions, frame: str) -> np.ndarray:
     if frame == "known":
         return positions.copy()
     return _minimal(positions) if frame == "minimal" else _axes(positions)
+
+
+def placed_in(result: dict, frame: str | None) -> Placed:
+    """The microphones of a result of `fdcal calibrate` in a frame; that of the known ones, or "axes" without any.
+
+    Raises InputError where the known ones are asked for and there is none.
+    """
+    positions, known = np.asarray(result["positions"], float), result.get("known")
+    if frame is None:
+        frame = "axes" if known == [] else "known"
+    if frame == "known" and known == []:
+        raise InputError("--frame known: no microphone was known; use minimal or axes")
+    names = tuple(result.get("names") or map(str, range(len(positions))))
+    if len(names) != len(positions):
+        raise InputError(f"the result has {len(positions)} positions and {len(names)} names; write it anew")
+    return Placed(names, in_frame(positions, frame), result.get("uncertainty_m"), frame)
 
 
 def _minimal(positions: np.ndarray) -> np.ndarray:
@@ -71,22 +88,27 @@ def check(found, said, known=()) -> Check:
     found, said = np.asarray(found, float), np.asarray(said, float)
     if found.shape != said.shape:
         raise InputError(f"{found.shape} positions were found where the file tells {said.shape}; use its own result")
-    order = np.arange(len(found))
-    placed = found
-    for _ in range(20):
-        placed = found if len(known) else align(found, said[order])
-        distance = np.linalg.norm(placed[:, None] - said[None], axis=2)
-        before, order = order, linear_sum_assignment(distance**2)[1]
-        order = _clear_only(order, distance)
-        if np.array_equal(before, order):
-            break
+    placed = found if len(known) else align(found, said, _trusted(found, said))
+    order = _exchanged(placed, said)
+    if not len(known):
+        placed = align(found, said[order])
+        order = _exchanged(placed, said)
     cycles = _cycles(order)
     errors = np.linalg.norm(placed - said, axis=1)
     return Check(errors, tuple(c for c in cycles if len(c) == 2), tuple(c for c in cycles if len(c) > 2))
 
 
-def _clear_only(order: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """`order` without the exchanges that bring a microphone concerned no clear gain."""
+def _trusted(found: np.ndarray, said: np.ndarray) -> np.ndarray:
+    """The half of the microphones whose distances to most of the others are as said: none of them is swapped."""
+    off = [np.median(np.abs(np.linalg.norm(f - found, axis=1) - np.linalg.norm(s - said, axis=1)))
+           for f, s in zip(found, said, strict=True)]  # fmt: skip
+    return np.argsort(off, kind="stable")[: max(found.shape[1] + 2, (len(found) + 1) // 2)]
+
+
+def _exchanged(placed: np.ndarray, said: np.ndarray) -> np.ndarray:
+    """Whose place each microphone is in : (N,) int64, its own unless another one is clearly nearer, all in turn."""
+    distance = np.linalg.norm(placed[:, None] - said[None], axis=2)
+    order = linear_sum_assignment(distance**2)[1]
     kept = np.arange(len(order))
     for cycle in _cycles(order):
         if all(distance[n, order[n]] < CLEARLY * distance[n, n] for n in cycle):

@@ -13,15 +13,15 @@ def position_errors(estimate, truth) -> np.ndarray:
     return np.linalg.norm(np.asarray(estimate) - np.asarray(truth), axis=1)
 
 
-def align(estimate, truth) -> np.ndarray:
+def align(estimate, truth, by=slice(None)) -> np.ndarray:
     """`estimate` moved, turned and flipped as a whole onto `truth`, least squares : (N, D) float64, metres.
 
     Both (N, D), metres. Kabsch's method without the condition on the determinant: a mirror image is allowed, since
-    pressures cannot tell it from the array.
+    pressures cannot tell it from the array. `by` numbers the microphones that decide; all unless given.
     """
     estimate, truth = np.asarray(estimate, float), np.asarray(truth, float)
-    centre, goal = estimate.mean(axis=0), truth.mean(axis=0)
-    U, _, Vt = np.linalg.svd((estimate - centre).T @ (truth - goal))
+    centre, goal = estimate[by].mean(axis=0), truth[by].mean(axis=0)
+    U, _, Vt = np.linalg.svd((estimate[by] - centre).T @ (truth[by] - goal))
     return (estimate - centre) @ (U @ Vt) + goal
 
 

@@ -115,9 +115,9 @@ def solve(given: Given, progress: Progress | None = None) -> dict:
 
     Returns
     -------
-    dict, what a result file holds: positions (N, D) list, metres, and names (N,); excluded, microphones left out,
-    which have no row; solver; seed; frequencies used, Hz; cost, dimensionless; sweeps; elapsed_s; converged;
-    mean_error_m and max_error_m over all microphones, None without truth; aligned, whether the errors are those after
+    dict, what a result file holds: positions (N, D) list, metres, and names (N,); known, names; excluded, names
+    of microphones left out, which have no row; solver; seed; frequencies used, Hz; cost, dimensionless; sweeps;
+    elapsed_s; converged; mean_error_m and max_error_m over all microphones, None without truth; aligned, whether the errors are those after
     the best rigid motion, since no microphone was known; verdict, verdict_text, uncertainty_m (N,) and
     residual_to_noise (see `fdcal.verdict.Verdict`); sound_speed, m/s, told or estimated
 
@@ -142,6 +142,7 @@ def solve(given: Given, progress: Progress | None = None) -> dict:
         "positions": positions.tolist(),
         "names": list(given.measurement.names),
         "excluded": list(given.excluded),
+        "known": [given.measurement.names[n] for n in given.measurement.known],
         "solver": given.settings.name,
         "seed": given.seed,
         "frequencies": problem.frequencies[state.first - 1 : state.last].tolist(),
@@ -242,6 +243,21 @@ def summary(given: Given, result: dict) -> str:
         f"verdict {result['verdict']}: {result['verdict_text']}",
     )
     return "\n".join(lines)
+
+
+def require_told(measurement: Measurement) -> None:
+    """Raise InputError where a measurement tells no positions to compare with."""
+    if measurement.positions is None:
+        raise InputError("--check compares with the positions in the file, which has none; leave it out")
+
+
+def checked(given: Given, result: dict) -> str:
+    """How the positions that the measurement tells compare with those found, and which channels are swapped."""
+    from .frames import check, told
+
+    measurement = given.measurement
+    require_told(measurement)
+    return told(check(result["positions"], measurement.positions, measurement.known), measurement.names)
 
 
 def joint_landscape(given: Given, positions, n: int, modes: int) -> np.ndarray:

@@ -60,7 +60,8 @@ def read(path: Path, source: int | None = None) -> Recording:
 def write(path: Path, placed: Placed, original: str | None = None) -> None:
     """The positions as receivers: of the `original` file if given, or of one with unit impulses for data.
 
-    Raises InputError where the original has another number of receivers, or moves them.
+    Receivers are in the order of the microphones; their names are not kept. Raises InputError where the original has
+    another number of receivers, or moves them.
     """
     from . import needs
 
@@ -95,8 +96,8 @@ def write(path: Path, placed: Placed, original: str | None = None) -> None:
     sofa.ListenerView, sofa.ListenerUp = np.array([[1.0, 0, 0]]), np.array([[0, 0, 1.0]])
     sofa.ReceiverPosition = placed.positions[:, :, None]
     sofa.ReceiverPosition_Type, sofa.ReceiverPosition_Units = "cartesian", "metre"
-    if hasattr(sofa, "ReceiverDescriptions"):
-        sofa.ReceiverDescriptions = np.array(placed.names, dtype=str)[:, None]
+    for name in [name for name in vars(sofa) if name.endswith("Descriptions")]:
+        sofa.delete(name)  # optional, and with netCDF4 1.7.5 sofar cannot write a text for each
     sofar.write_sofa(str(path), sofa)
 
 

@@ -1,0 +1,293 @@
+"""From recordings of a room to pressures and positions: exact without noise, and the noise is told as it is."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+from recorded import FS, SPEED, at_work, exact, mismatch_db, noisy, places, responses
+from scipy.signal import fftconvolve
+
+from fdcal import bins
+from fdcal.checks import InputError
+from fdcal.choosing import known, on_plane, subset, without
+from fdcal.cli import main
+from fdcal.deconvolution import deconvolved
+from fdcal.intake import Wishes, intake, report
+from fdcal.measurement_file import load_measurement
+from fdcal.recording import Recording, of_array, read
+from fdcal.responses import decay_of, from_response
+from fdcal.steady import from_work
+
+BAND = 20.0, 400.0
+
+
+def recorded(samples, kind="response", **told) -> Recording:
+    return of_array("file", kind, FS, samples, **told)
+
+
+def test_a_response_gives_its_transform():
+    taken = from_response(recorded(responses()), BAND, SPEED)
+    assert np.all(mismatch_db(taken.pressures, exact(taken.frequencies, SPEED * -taken.wavenumbers[0].imag)) < -100)
+    assert np.all(np.diff(taken.frequencies) > 0)
+
+
+@pytest.mark.parametrize("snr_db", [20, 40])
+def test_the_noise_of_a_response_is_told_as_it_is(snr_db):
+    taken = from_response(recorded(noisy(responses(), snr_db)), BAND, SPEED)
+    s = SPEED * -taken.wavenumbers[0].imag
+    error = taken.pressures - exact(taken.frequencies, s)
+    ratio = taken.noise_power.mean() / np.mean(np.abs(error) ** 2)
+    assert 0.7 < ratio < 1.4
+
+
+def test_a_room_that_rings_is_weighted_and_its_noise_not_told():
+    cut = responses()[:, :400]  # a tenth of a second
+    taken = from_response(recorded(cut), BAND, SPEED)
+    s = SPEED * -taken.wavenumbers[0].imag
+    assert s > 10
+    assert np.all(mismatch_db(taken.pressures, exact(taken.frequencies, s)) < -60)
+    assert taken.noise_power is None
+    plain = from_response(recorded(cut), BAND, SPEED, window=0.0)
+    assert np.median(mismatch_db(plain.pressures, exact(plain.frequencies))) > -40, "what the window is for"
+
+
+def test_the_decay_is_told_in_the_midst_of_noise():
+    t = np.arange(FS) / FS
+    ringing = np.random.default_rng(0).standard_normal((8, FS)) * np.exp(-20 * t)
+    clean = decay_of(recorded(ringing), BAND).rate
+    noise = 0.01 * np.random.default_rng(1).standard_normal(ringing.shape)
+    decay = decay_of(recorded(ringing + noise), BAND)
+    assert clean == pytest.approx(20, rel=0.1)
+    assert decay.rate == pytest.approx(20, rel=0.15)
+    assert 0.2 < decay.tail < 0.5
+
+
+def test_a_source_at_work_gives_what_its_responses_give():
+    heard, _ = at_work(30, 60)
+    taken = from_work(recorded(heard, "work"), BAND, SPEED)
+    assert len(taken.frequencies) > 40
+    assert np.median(mismatch_db(taken.pressures, exact(taken.frequencies))) < -60
+    assert np.max(mismatch_db(taken.pressures, exact(taken.frequencies))) < -45
+
+
+def test_the_noise_beside_a_source_at_work_is_told_as_it_is():
+    heard, _ = at_work(30, 20)
+    for reference in (None, 3):
+        taken = from_work(recorded(heard, "work"), BAND, SPEED, reference=reference)
+        truth = exact(taken.frequencies)
+        factor = np.sum(truth.conj() * taken.pressures, axis=1) / np.sum(np.abs(truth) ** 2, axis=1)
+        error = np.mean(np.abs(taken.pressures - factor[:, None] * truth) ** 2, axis=1)
+        assert 0.5 < np.mean(error / taken.noise_power) < 2
+        assert np.median(mismatch_db(taken.pressures, truth)) < -25, "averaging helps"
+
+
+def test_a_narrow_resonance_keeps_its_own_frequency():
+    t = np.arange(30 * FS) / FS
+    f = 101.23
+    rng = np.random.default_rng(0)
+    ring = fftconvolve(rng.standard_normal(len(t)), np.exp((2j * np.pi * f - 0.5) * t[: 8 * FS]))[: len(t)].real
+    heard = np.outer(rng.standard_normal(6), ring) + 0.01 * rng.standard_normal((6, len(t)))
+    taken = from_work(recorded(heard, "work"), (80.0, 120.0), SPEED, most=3)
+    assert np.min(np.abs(taken.frequencies - f)) < 0.05
+    assert np.allclose(taken.wavenumbers, 2 * np.pi * taken.frequencies / SPEED)
+
+
+def test_a_known_signal_gives_back_the_responses():
+    said = at_work(8, 200)[1]
+    silent = np.concatenate([said, np.zeros(2400)])
+    played = np.array([fftconvolve(silent, h)[: len(silent)] for h in responses()[:6]])
+    made = deconvolved(recorded(played, None), recorded(silent[None], None), BAND)
+    taken = from_response(made, BAND, SPEED)
+    s = SPEED * -taken.wavenumbers[0].imag
+    assert np.max(mismatch_db(taken.pressures, exact(taken.frequencies, s)[:, :6])) < -40
+
+
+def test_frequencies_keep_apart_and_prefer_peaks():
+    f = np.arange(20, 400, 0.25)
+    power = 1 + 50 * np.exp(-(((f - 100.0) / 0.6) ** 2)) + 50 * np.exp(-(((f - 103.0) / 0.6) ** 2))
+    chosen = f[bins.choose(f, power, np.full(len(f), 1e-3), 2.5, 400)]
+    assert {100.0, 103.0} <= set(chosen)
+    assert np.all(np.diff(chosen) >= 2.5)
+    few = f[bins.choose(f, power, np.full(len(f), 1e-3), 2.5, 12)]
+    assert len(few) == 12
+    assert np.ptp(few) > 300, "spread over the band"
+    with pytest.raises(InputError, match="10 dB above the noise"):
+        bins.choose(f, power, 100 * power, 2.5)
+
+
+def test_highest_usable_frequency_is_eq_9():
+    assert bins.highest_usable(65, 0.35, 343.0, 2) == pytest.approx(64 * 343 / (4 * np.pi * 0.35))
+    assert bins.highest_usable(64, 0.7, 343.0, 3) == pytest.approx(7 * 343 / (2 * np.pi * 0.7))
+
+
+MESH = np.stack([a.ravel() for a in np.meshgrid([0.0, 1, 2], [0.0, 1], [-1.0, 0, 1], indexing="ij")], axis=1)
+
+
+def mesh_recording() -> Recording:
+    return recorded(np.random.default_rng(0).standard_normal((18, 100)), positions=MESH)
+
+
+def test_planes_subsets_and_corners_are_taken_by_position():
+    plane = on_plane(mesh_recording(), "z=0")
+    assert np.array_equal(plane.positions, MESH[MESH[:, 2] == 0][:, :2])
+    numbers, corners = known(plane, "corners")
+    assert sorted(map(tuple, corners)) == [(0, 0), (0, 1), (2, 0), (2, 1)]
+    assert np.array_equal(plane.positions[numbers], corners)
+    drawn = subset(mesh_recording(), "7", 3)
+    assert drawn.count == 7
+    assert drawn.names == subset(mesh_recording(), "7", 3).names != subset(mesh_recording(), "7", 4).names
+    listed = subset(mesh_recording(), "5,0:3", 0)
+    assert listed.names == ("5", "0", "1", "2")
+    assert np.array_equal(read(listed, 3, 9), read(mesh_recording(), 3, 9)[[5, 0, 1, 2]])
+    assert without(listed, "1,bad", np.array([0])).names == ("0", "2")
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda r: on_plane(r, "z=0.4"), "nearest plane is z=0"),
+        (lambda r: on_plane(r, "w=1"), "is no plane"),
+        (lambda r: subset(r, "19", 0), "cannot be drawn from 18"),
+        (lambda r: subset(r, "1,18", 0), "0 to 17"),
+        (lambda r: subset(r, "a", 0), "no number and no list"),
+        (lambda r: without(r, "18", np.zeros(0, int)), 'no channel "18"'),
+        (lambda r: known(r, "0,x"), 'no channel "x"'),
+        (lambda r: known(recorded(np.ones((3, 50))), "0,1"), "tells no positions"),
+    ],
+)
+def test_a_choice_that_cannot_be_is_refused(call, words):
+    with pytest.raises(InputError, match=words):
+        call(mesh_recording())
+
+
+# As a user would.
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """A WAV of responses, one of a source at work, and a table of five known microphones."""
+    path = tmp_path_factory.mktemp("mine")
+    quiet = noisy(responses(), 40)
+    soundfile.write(path / "responses.wav", quiet.T / np.abs(quiet).max() * 0.9, FS, subtype="PCM_24")
+    heard, _ = at_work(40, 30)
+    soundfile.write(path / "work.wav", heard.T / np.abs(heard).max() * 0.9, FS, subtype="FLOAT")
+    rows = [f"{n},{x!r},{y!r},{z!r}" for n, (x, y, z) in enumerate(places().tolist()) if n < 5]
+    (path / "known.csv").write_text("\n".join(["name,x,y,z", *rows]) + "\n")
+    return path
+
+
+def run(*arguments, code: int = 0) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([str(argument) for argument in arguments])
+    assert (ended.value.code or 0) == code
+
+
+@pytest.mark.parametrize(("name", "kind"), [("responses.wav", "complete"), ("work.wav", "a source at work")])
+def test_from_a_recording_to_a_table_of_positions(name, kind, folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    before = (folder / name).read_bytes()
+    run("import", folder / name, "-o", "m.npz", "--known", folder / "known.csv", "--sound-speed", SPEED)
+    told = capsys.readouterr().out
+    assert kind in told
+    assert "channels     24" in told
+    assert "known        5 of 24" in told
+    assert "SNR" in told
+    with pytest.raises(SystemExit) as ended:
+        main(["calibrate", "m.npz", "--solver", "joint", "-o", "r.json"])
+    assert ended.value.code in (None, 0, 4)
+    run("export", "r.json", "-o", "positions.csv")
+    rows = np.genfromtxt("positions.csv", delimiter=",", names=True)
+    found = np.stack([rows["x"], rows["y"], rows["z"]], axis=1)
+    assert np.sqrt(np.mean(np.sum((found - places()) ** 2, axis=1))) < 0.03
+    assert np.allclose(found[:5], places()[:5])
+    assert (folder / name).read_bytes() == before
+
+
+def test_a_recording_is_calibrated_without_an_import(folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as ended:
+        main(["calibrate", str(folder / "responses.wav"), "--solver", "joint", "-o", "r.json"])
+    assert ended.value.code in (None, 0, 4), capsys.readouterr().err
+    assert len(json.loads(Path("r.json").read_text())["positions"]) == 24
+
+
+def test_a_swap_in_the_file_is_named(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    said = places().copy()
+    said[[7, 12]] = said[[12, 7]]
+    np.savez("a.npz", recordings=noisy(responses(), 40), sample_rate=FS, kind="response", positions=said)
+    run("import", "a.npz", "-o", "m.npz", "--known", "0,1,2,3,4", "--sound-speed", SPEED)
+    with pytest.raises(SystemExit):
+        main(["calibrate", "m.npz", "--solver", "joint", "--check"])
+    assert "channels 7 and 12 are swapped" in capsys.readouterr().out
+
+
+def test_bad_channels_are_left_out_when_asked(tmp_path):
+    samples = noisy(responses(), 40)
+    samples[3] = 0
+    samples[8] = samples[2]
+    np.savez(tmp_path / "a.npz", recordings=samples, sample_rate=FS, kind="response")
+    with pytest.raises(InputError, match=r"channel 3 is silent; .*--leave-out bad"):
+        intake(tmp_path / "a.npz")
+    measurement, told = intake(tmp_path / "a.npz", Wishes(leave_out="bad"))
+    assert told.left_out == ("3", "8")
+    assert measurement.names == tuple(str(n) for n in range(24) if n not in (3, 8))
+    assert "left out     3, 8" in report(measurement, told)
+
+
+def test_a_plane_of_microphones_in_space(tmp_path):
+    np.savez(tmp_path / "a.npz", recordings=responses()[:18], sample_rate=FS, kind="response", positions=MESH)
+    measurement, _ = intake(tmp_path / "a.npz", Wishes(plane="z=0", known="corners"))
+    assert (measurement.dimension, measurement.array_dimension, measurement.count) == (3, 2, 6)
+    assert len(measurement.known) == 4
+
+
+@pytest.mark.parametrize(
+    ("options", "words", "code"),
+    [
+        (["--frequencies", "300:20"], "is no band", 2),
+        (["--frequencies", "low"], "write auto or LO:HI", 2),
+        (["--window", "wide"], "auto, none or a rate", 2),
+        (["--kind", "music"], "auto, response, work", 2),
+        (["--temperature", "300"], "degrees Celsius", 2),
+        (["--temperature", "20", "--sound-speed", "343"], "say the same", 2),
+        (["--dimension", "4"], "2, 3", 2),
+        (["--most", "0"], "1 to 2000", 2),
+        (["--subset", "1"], "two microphones", 2),
+        (["--array-radius", "-1"], "above zero", 2),
+        (["--reference", "nothing.wav"], "no such file", 3),
+        (["--reference-microphone", "99"], "is no channel", 2),
+        (["--known", "0,1"], "tells no positions", 2),
+        (["--known", "nothing.csv"], "cannot read nothing.csv", 3),
+    ],
+)
+def test_a_wish_that_cannot_be_is_refused(options, words, code, folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    run("import", folder / "responses.wav", "-o", "m.npz", *options, code=code)
+    out, err = capsys.readouterr()
+    assert words in err
+    assert err.count("\n") == 1
+    assert out == ""
+    assert list(tmp_path.iterdir()) == [], "nothing is left half-written"
+
+
+def test_an_output_that_exists_is_kept(folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("m.npz").write_text("mine")
+    run("import", folder / "responses.wav", "-o", "m.npz", code=2)
+    assert "--force" in capsys.readouterr().err
+    assert Path("m.npz").read_text() == "mine"
+    run("import", folder / "responses.wav", "-o", "m.npz", "--force")
+    assert load_measurement("m.npz").count == 24
+
+
+def test_a_reference_of_another_rate_is_refused(folder, tmp_path):
+    soundfile.write(tmp_path / "sweep.wav", np.random.default_rng(0).uniform(-1, 1, 8000), 8000)
+    with pytest.raises(InputError, match=r"8000 Hz and .*4000 Hz; convert"):
+        intake(folder / "responses.wav", Wishes(reference=str(tmp_path / "sweep.wav")))
+    with pytest.raises(InputError, match="24 channels; the reference signal must be one"):
+        intake(folder / "responses.wav", Wishes(reference=str(folder / "responses.wav")))
