@@ -115,11 +115,11 @@ def solve(given: Given, progress: Progress | None = None) -> dict:
 
     Returns
     -------
-    dict, what a result file holds: positions (N, D) list, metres, and names (N,); known, names; excluded, names
-    of microphones left out, which have no row; solver; seed; frequencies used, Hz; cost, dimensionless; sweeps;
-    elapsed_s; converged; mean_error_m and max_error_m over all microphones, None without truth; aligned, whether the errors are those after
-    the best rigid motion, since no microphone was known; verdict, verdict_text, uncertainty_m (N,) and
-    residual_to_noise (see `fdcal.verdict.Verdict`); sound_speed, m/s, told or estimated
+    dict, what a result file holds: positions (N, D) list, metres, and names (N,); known, names; excluded, names of
+    microphones left out, which have no row; solver; seed; frequencies used, Hz; cost, dimensionless; sweeps;
+    elapsed_s; converged; mean_error_m and max_error_m over all microphones, None without truth; aligned, whether the
+    errors are those after the best rigid motion, since no microphone was known; verdict, verdict_text, uncertainty_m
+    (N,) and residual_to_noise (see `fdcal.verdict.Verdict`); sound_speed, m/s, told or estimated
 
     Raises InputError where the solver cannot start, and whatever `progress` raises to stop the run.
     """
