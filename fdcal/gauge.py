@@ -5,7 +5,77 @@ Pressures alone leave the array free to move, turn and flip as a whole: the gaug
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+
+from .checks import InputError, frozen_array
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """The least gauge: one position, one direction, one sign (section 5 of the paper); in space a plane as well.
+
+    Attributes
+    ----------
+    microphones : (D + 1,) int64; the first one's position is known, the second's direction from it, and on which side
+        of what is fixed by then each of the others stands
+    positions : (D + 1, D) float64, metres; of the others than the first only what is said above counts
+    """
+
+    microphones: np.ndarray
+    positions: np.ndarray
+
+
+def least_frame(known, known_positions) -> Frame:
+    """The frame of the first D + 1 of `known` (A,), at `known_positions` (A, D), metres, that span D directions.
+
+    Raises InputError where no such are known.
+    """
+    places = np.asarray(known_positions, float)
+    D = places.shape[1]
+    chosen = list(range(min(2, len(places))))
+    for candidate in range(2, len(places)):
+        if len(chosen) <= D and _spans(places[[*chosen, candidate]]):
+            chosen.append(candidate)
+    if len(chosen) != D + 1:
+        raise InputError(
+            f"known = {np.asarray(known).tolist()} fixes no frame; the least gauge needs {D + 1} known microphones that"
+            " span the array: a position, a direction and a side"
+        )
+    return Frame(frozen_array(np.asarray(known)[chosen], np.int64), frozen_array(places[chosen], float))
+
+
+def place(positions, frame: Frame) -> np.ndarray:
+    """`positions` (N, D), metres, moved, turned and flipped as a whole into `frame`."""
+    origin = positions[frame.microphones[0]]
+    turn = _axes(positions[frame.microphones]) @ _axes(frame.positions).T
+    return (positions - origin) @ turn + frame.positions[0]
+
+
+def _axes(points: np.ndarray) -> np.ndarray:
+    """Orthonormal axes (D, D), columns: towards the second point, then by Gram and Schmidt towards the others."""
+    Q, R = np.linalg.qr((points[1:] - points[0]).T)
+    return Q * np.where(np.diag(R) < 0, -1.0, 1.0)
+
+
+def _spans(points: np.ndarray) -> bool:
+    """Whether A points span A - 1 directions."""
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(spread[len(points) - 2] > 1e-3 * spread[0])
+
+
+def rigid_motions(positions) -> np.ndarray:
+    """Translations and infinitesimal rotations of `positions` (N, D) : (N D, D (D + 1) / 2) float64."""
+    N, D = positions.shape
+    centred = positions - positions.mean(axis=0)
+    moves = [np.tile(row, N) for row in np.eye(D)]
+    for a in range(D):
+        for b in range(a):
+            turned = np.zeros((N, D))
+            turned[:, a], turned[:, b] = centred[:, b], -centred[:, a]
+            moves.append(turned.ravel())
+    return np.array(moves).T
 
 
 def position_errors(estimate, truth) -> np.ndarray:

@@ -13,6 +13,7 @@ import numpy as np
 
 from .arrays import positions_of
 from .checks import InputError, frozen_array, require_array, require_choice, require_positive
+from .gauge import Frame, least_frame
 from .scene import Scene, Search
 from .space import places_of
 
@@ -35,6 +36,7 @@ class Problem:
     noise_power : (M,) float64 or None, in the unit of abs(pressures)**2
     sound_speed : float, m/s
     dimension, array_dimension : 2 or 3, of the sound field and of the positions (D)
+    frame : Frame or None, the least gauge, with which no microphone is `known`
     """
 
     pressures: np.ndarray
@@ -47,6 +49,7 @@ class Problem:
     sound_speed: float
     dimension: int
     array_dimension: int
+    frame: Frame | None = None
 
     @property
     def free(self) -> np.ndarray:
@@ -99,25 +102,25 @@ class Measurement:
         """Number of microphones N."""
         return self.pressures.shape[1]
 
-    def problem(self, weights: str = "unit") -> Problem:
-        """What a solver sees: modes of unit RMS (`weights = "unit"`), or as measured ("raw", the paper's)."""
+    def problem(self, weights: str = "unit", known: str = "all") -> Problem:
+        """What a solver sees.
+
+        weights : "unit", modes of unit RMS; or "raw", as measured, the paper's
+        known : "all" that are known; "minimal", the least gauge of them (`fdcal.gauge.Frame`); or "none"
+        """
         require_choice("weights", weights, ("unit", "raw"))
+        require_choice("known", known, ("all", "minimal", "none"))
         pressures, noise = self._unit_modes() if weights == "unit" else self._raw_modes()
+        everything = known == "all"
         return Problem(
             pressures=frozen_array(pressures, complex),
             noise_power=None if noise is None else frozen_array(noise, float),
+            known=self.known if everything else frozen_array([], np.int64),
+            known_positions=self.known_positions if everything else frozen_array(self.known_positions[:0], float),
+            frame=least_frame(self.known, self.known_positions) if known == "minimal" else None,
             **{
                 name: getattr(self, name)
-                for name in (
-                    "wavenumbers",
-                    "frequencies",
-                    "known",
-                    "known_positions",
-                    "search",
-                    "sound_speed",
-                    "dimension",
-                    "array_dimension",
-                )
+                for name in ("wavenumbers", "frequencies", "search", "sound_speed", "dimension", "array_dimension")
             },
         )
 

@@ -339,7 +339,7 @@ class Sensing:
 class Solver:
     """Which solver and its settings."""
 
-    name: str = "descent"
+    name: str = "joint"  # or "descent", the paper's, or "descent+joint"
     modes: int = 57  # modes in use at the end
     first_modes: int = 3  # modes in use at the start
     order_offset: int = 2  # added to ceil(kR), Eq. 3; 0 is the paper's
@@ -347,6 +347,12 @@ class Solver:
     known_weight: float = 1000.0  # of a known microphone's squared residual in descent; 1 is the paper's
     weights: str = "unit"  # each mode scaled to unit RMS, or "raw", the paper's
     max_sweeps: int = 20  # of one stage
+    start: str | None = None  # "affine" or "random"; descent's is random and joint's affine unless given
+    cost: str = "likelihood"  # of joint; "projection" is Eq. 7 with a Tikhonov weight
+    noise: str = "told"  # by the measurement, where it is; "auto" estimates it; or the SNR of each mode, decibels
+    known: str = "all"  # microphones whose positions are given; "minimal" takes the least gauge of them; or "none"
+
+    OPTIONAL: typing.ClassVar = ("start", "cost", "noise", "known")
 
     def __post_init__(self):
         for key in ("modes", "first_modes", "max_sweeps", "ample_modes", "known_weight"):
@@ -356,6 +362,24 @@ class Solver:
         if self.order_offset < 0:
             raise InputError(f"solver.order_offset = {self.order_offset} must not be negative")
         require_choice("solver.weights", self.weights, ("unit", "raw"))
+        require_choice("solver.cost", self.cost, ("likelihood", "projection"))
+        require_choice("solver.known", self.known, ("all", "minimal", "none"))
+        if self.start is not None:
+            require_choice("solver.start", self.start, ("affine", "random"))
+        _ = self.snr_db
+
+    @property
+    def snr_db(self) -> float | None:
+        """The signal-to-noise ratio of `noise`, decibels; None where it is no number."""
+        if self.noise in ("told", "auto"):
+            return None
+        try:
+            value = float(self.noise)
+        except ValueError:
+            value = math.nan
+        if not -MOST_DECIBELS <= value <= MOST_DECIBELS:
+            raise InputError(f'solver.noise = "{self.noise}" must be "told", "auto" or a number of decibels')
+        return value
 
 
 @dataclass(frozen=True)
