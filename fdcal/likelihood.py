@@ -22,13 +22,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
 from scipy.special import j0, j1
 
 from .checks import frozen_array
 
 FLOOR = 1e-3  # least power of the field as a part of the pressures' power
 LEAST_NOISE = 1e-6  # least noise, likewise; the real kernel leaves that much of a windowed field unexplained
+LEAST_NEAR_NOISE = 1e-10  # with complex wavenumbers and near sources, which explain it
 
 
 @dataclass(frozen=True)
@@ -37,24 +38,41 @@ class DiffuseField:
 
     Attributes
     ----------
-    wavenumbers : (M,) float64, rad/m, real
+    wavenumbers : (M,) float64, rad/m; or complex128, and then C is s W W^H + v I of the dictionary about the centre
+        of mass, which the kernel is not
     power : (M,) float64, s, in the unit of abs(pressures)**2
     noise : (M,) float64, v, in the same unit
     dimension : 2 or 3, of the sound field
+    log_det : whether the log-determinant counts; without it the cost is the paper's, Eq. 7, with a Tikhonov weight
+    near : whether a source may be close to the array (see `fdcal.expansion`)
+    about : (N, D) float64, metres, or None: positions whose centre of mass and extent the two above are about, those
+        of the microphones unless given; the gradient takes them as fixed
+    prior : (M, Q) float64 or None, power by direction where the field is not diffuse (`fdcal.learned`); in 2-D
     """
 
     wavenumbers: np.ndarray
     power: np.ndarray
     noise: np.ndarray
     dimension: int
+    log_det: bool = True
+    near: bool = False
+    about: np.ndarray | None = None
+    prior: np.ndarray | None = None
 
 
-def diffuse_field(pressures, wavenumbers, noise, dimension: int) -> DiffuseField:
-    """Field whose power is what the pressures (M, N) have beyond the noise (M,), and never quite zero."""
+def diffuse_field(
+    pressures, wavenumbers, noise, dimension: int, log_det: bool = True, near: bool = False, about=None
+) -> DiffuseField:
+    """Field whose power is what the pressures (M, N) have beyond the noise (M,), and never quite zero.
+
+    With `near` the imaginary part of the wavenumbers counts, too, if they have one.
+    """
     measured = np.mean(np.abs(pressures) ** 2, axis=1)
     power = np.maximum(measured - noise, FLOOR * measured)
-    k = np.real(wavenumbers)
-    return DiffuseField(frozen_array(k, float), frozen_array(power, float), frozen_array(noise, float), dimension)
+    damped = near and np.any(np.imag(wavenumbers))
+    k = frozen_array(wavenumbers, complex) if damped else frozen_array(np.real(wavenumbers), float)
+    fixed = frozen_array(power, float), frozen_array(noise, float), dimension, log_det, near
+    return DiffuseField(k, *fixed, None if about is None else frozen_array(about, float))
 
 
 def kernel(z: np.ndarray, dimension: int) -> np.ndarray:
@@ -95,37 +113,38 @@ def likelihood(positions, pressures, field: DiffuseField) -> np.ndarray:
 def newton_terms(positions, pressures, field: DiffuseField) -> tuple[float, np.ndarray, np.ndarray]:
     """Cost summed over the modes, its gradient and its Gauss-Newton curvature.
 
+    positions (N, D) metres, pressures (M, N) complex128. Raises numpy.linalg.LinAlgError where C is singular.
+
     Returns
     -------
-    cost : float
+    cost : float; of a projection (see `DiffuseField`) sum_m p^H P p, Eq. 7 with a Tikhonov weight v / s
     gradient : (N, D) float64, 1/m; exact
     curvature : (N, D, N, D) float64, 1/m^2; H_ia,jb = 2 Re sum_m conj(g_mia) C^-1_mij g_mjb, g_a = D_a u
     """
-    C, z = _covariance(positions, field)
-    inverse = np.linalg.inv(C)
-    u = (inverse @ pressures[..., None])[..., 0]
-    log_det = np.sum(np.linalg.slogdet(C)[1] - len(positions) * np.log(field.noise))
-    cost = float(log_det + np.sum(pressures.conj() * u).real)
-    slope = (field.power * field.wavenumbers**2)[:, None, None] * kernel_slope_over_z(z, field.dimension)
-    apart = np.moveaxis(positions[:, None] - positions[None], -1, 0)  # (D, N, N)
-    products = np.real(u[:, :, None] * u[:, None].conj())
-    weight = np.einsum("mij,mij->ij", inverse - products, slope)
-    gradient = 2 * np.einsum("ij,aij->ia", weight, apart)
-    g = np.stack([((slope * d) @ u[..., None])[..., 0] for d in apart], axis=1)  # (M, D, N)
-    return cost, gradient, _curvature(inverse, g)
+    return _terms(positions, pressures, field, slopes=True)
 
 
-def _curvature(inverse: np.ndarray, g: np.ndarray) -> np.ndarray:
-    """2 Re sum_m conj(g_mai) inverse_mij g_mbj : (N, D, N, D)."""
-    _, D, N = g.shape
-    parts = np.concatenate([g.real, g.imag])  # Re(conj(a) b) = a.re b.re + a.im b.im
-    twice = np.concatenate([inverse, inverse])
-    H = np.empty((N, D, N, D))
-    for a in range(D):
-        rows = parts[:, a, :, None] * twice
-        for b in range(D):
-            H[:, a, :, b] = 2 * np.einsum("mij,mj->ij", rows, parts[:, b])
-    return H
+def total(positions, pressures, field: DiffuseField) -> float:
+    """The cost of `newton_terms` alone."""
+    return _terms(positions, pressures, field, slopes=False)[0]
+
+
+def _terms(positions, pressures, field: DiffuseField, slopes: bool):
+    """Through the expansion in two dimensions and for complex wavenumbers; through the kernel in three."""
+    from .dense import dense_terms  # compiled code is loaded with the first step
+    from .expansion import expansion_terms
+    from .learned import learned_terms
+
+    k, s, v = field.wavenumbers, field.power, field.noise
+    if field.prior is not None:
+        return learned_terms(positions, pressures, k, s, v, field.prior, field.log_det, slopes)
+    if field.dimension == 2 or field.near or np.iscomplexobj(k):
+        rest = field.dimension, field.log_det, field.near, field.about, slopes
+        return expansion_terms(positions, pressures, k, s, v, *rest)
+    pairs = np.tril_indices(len(positions), -1)
+    z = k[:, None] * np.linalg.norm(positions[pairs[0]] - positions[pairs[1]], axis=1)
+    slope = k[:, None] ** 2 * kernel_slope_over_z(z, 3) if slopes else np.zeros((1, 1))
+    return dense_terms(positions, pressures, kernel(z, 3), slope, s, v, field.log_det, slopes)
 
 
 def likelihood_landscape(positions, n: int, candidates, pressures, field: DiffuseField) -> np.ndarray:
@@ -148,22 +167,89 @@ def likelihood_landscape(positions, n: int, candidates, pressures, field: Diffus
     return costs
 
 
-def noise_ratio(positions, pressures, wavenumbers, dimension: int) -> float:
-    """Share of noise in the power of the pressures that makes them most likely, one for all modes : LEAST_NOISE to 1/2.
+def left_out(positions, pressures, field: DiffuseField) -> np.ndarray:
+    """How well each microphone is predicted by the others: mean over the modes of |error|^2 / its variance : (N,).
 
-    What the positions cannot explain counts as noise too.
+    About 1 where the model holds. Leaving microphone n out, the error is u_n / (C^-1)_nn, its variance
+    1 / (C^-1)_nn.
     """
-    k = np.real(wavenumbers)
-    distance = np.linalg.norm(positions[:, None] - positions[None], axis=-1)
-    values, vectors = np.linalg.eigh(kernel(k[:, None, None] * distance, dimension))
-    values = np.maximum(values, 0.0)
-    power = np.mean(np.abs(pressures) ** 2, axis=1)[:, None]
-    along = np.abs((vectors.swapaxes(1, 2) @ pressures[..., None])[..., 0]) ** 2 / power
+    inverse = np.linalg.inv(_covariance(positions, field)[0])
+    u = (inverse @ pressures[..., None])[..., 0]
+    return np.mean(np.abs(u) ** 2 / np.diagonal(inverse, axis1=1, axis2=2), axis=0)
 
-    def cost(log_ratio: float) -> float:
-        ratio = np.exp(log_ratio)
-        spectrum = (1 - ratio) * values + ratio
+
+@dataclass(frozen=True)
+class Unexplained:
+    """What positions leave unexplained of the pressures.
+
+    Attributes
+    ----------
+    noise : share of the power of every mode, from LEAST_NOISE (near: LEAST_NEAR_NOISE) to 1/2
+    spread : metres, error of the positions beside it, each microphone's for itself; its share grows as k^2
+    cost : -log of the probability density, up to a constant that depends on the number of modes and microphones alone
+    dimension : 2 or 3, of the sound field
+    """
+
+    noise: float
+    spread: float
+    cost: float
+    dimension: int
+
+    def shares(self, wavenumbers, spread: bool = True) -> np.ndarray:
+        """Share of every mode's power (M,): noise and, unless told otherwise, what the spread adds; at most 1/2."""
+        more = (np.real(wavenumbers) * self.spread) ** 2 / self.dimension if spread else 0.0
+        return np.minimum(self.noise + more, 0.5) + np.zeros(len(wavenumbers))
+
+
+def unexplained(positions, pressures, wavenumbers, dimension: int, near: bool = False) -> Unexplained:
+    """The noise, one share for all modes, and the spread of the positions that make the pressures most likely.
+
+    An error e of a microphone changes its pressure by the gradient of the field there, of power k^2 / dimension: at
+    rough positions the high modes are hard to explain and the low ones are not. `near` as of `diffuse_field`.
+    """
+    power = np.mean(np.abs(pressures) ** 2, axis=1)
+    values, along = _spectra(positions, pressures, wavenumbers, dimension, near)
+    along = along / power[:, None]
+    slope = np.real(wavenumbers)[:, None] ** 2 / dimension
+    least = LEAST_NEAR_NOISE if near else LEAST_NOISE
+
+    def cost(logs) -> float:
+        noise, spread = np.exp(logs)
+        share = np.clip(noise + slope * spread, least, 0.5)
+        spectrum = (1 - share) * values + share
         return float(np.sum(np.log(spectrum) + along / spectrum))
 
-    best = minimize_scalar(cost, bounds=(np.log(LEAST_NOISE), np.log(0.5)), method="bounded")
-    return float(np.exp(best.x))
+    top = float(slope.max())
+    bounds = [(np.log(least), np.log(0.5)), (np.log(least / top), np.log(0.5 / top))]
+    grid = [np.linspace(*bound, 7) for bound in bounds]
+    start = min(((a, b) for a in grid[0] for b in grid[1]), key=cost)
+    best = minimize(cost, start, method="Nelder-Mead", bounds=bounds, options={"xatol": 0.05, "fatol": 0.1})
+    noise, variance = np.exp(best.x)
+    return Unexplained(float(noise), float(np.sqrt(variance)), float(best.fun), dimension)
+
+
+def noise_ratio(positions, pressures, wavenumbers, dimension: int) -> float:
+    """Share of noise in the power of the pressures, as `unexplained` finds it where the positions have no spread."""
+    power = np.mean(np.abs(pressures) ** 2, axis=1)
+    values, along = _spectra(positions, pressures, wavenumbers, dimension, False)
+    along = along / power[:, None]
+
+    def cost(log_ratio: float) -> float:
+        spectrum = (1 - np.exp(log_ratio)) * values + np.exp(log_ratio)
+        return float(np.sum(np.log(spectrum) + along / spectrum))
+
+    return float(np.exp(minimize_scalar(cost, bounds=(np.log(LEAST_NOISE), np.log(0.5)), method="bounded").x))
+
+
+def _spectra(positions, pressures, wavenumbers, dimension: int, near: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues of the kernel and |u^H p|^2 along its eigenvectors : two (M, N) float64 arrays."""
+    damped = near and np.any(np.imag(wavenumbers))
+    k = np.asarray(wavenumbers) if damped else np.real(wavenumbers)
+    if dimension == 2 or near:
+        from .expansion import expansion_spectra
+
+        pairs = expansion_spectra(positions, pressures, k, dimension, near)
+        return np.array([values for values, _ in pairs]), np.array([along for _, along in pairs])
+    distance = np.linalg.norm(positions[:, None] - positions[None], axis=-1)
+    values, vectors = np.linalg.eigh(kernel(k[:, None, None] * distance, dimension))
+    return np.maximum(values, 0.0), np.abs((vectors.swapaxes(1, 2) @ pressures[..., None])[..., 0]) ** 2

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .gauge import rigid_motions
 from .likelihood import LEAST_NOISE, DiffuseField, diffuse_field, newton_terms, noise_ratio
 from .measurement import Problem
 
@@ -47,19 +48,6 @@ class Spread:
         return -self.slopes @ self.basis @ self.newton @ self.basis.T
 
 
-def rigid_motions(positions) -> np.ndarray:
-    """Translations and infinitesimal rotations of `positions` (N, D) : (N D, D (D + 1) / 2) float64."""
-    N, D = positions.shape
-    centred = positions - positions.mean(axis=0)
-    moves = [np.tile(row, N) for row in np.eye(D)]
-    for a in range(D):
-        for b in range(a):
-            turned = np.zeros((N, D))
-            turned[:, a], turned[:, b] = centred[:, b], -centred[:, a]
-            moves.append(turned.ravel())
-    return np.array(moves).T
-
-
 def visible_moves(positions, known) -> np.ndarray:
     """Orthonormal moves of the free microphones, less the rigid motions that leave all known ones : (N D, F)."""
     N, D = positions.shape
@@ -84,7 +72,7 @@ def field_of(problem: Problem, positions, modes: slice, noise: np.ndarray | None
     p, k = problem.pressures[modes], problem.wavenumbers[modes]
     power = np.mean(np.abs(p) ** 2, axis=1)
     if noise is None:
-        v = np.ravel(noise_ratio(positions, p, k, problem.dimension))[0] * power
+        v = noise_ratio(positions, p, k, problem.dimension) * power
     else:
         v = np.maximum(np.asarray(noise)[modes], LEAST_NOISE * power)
     return p, diffuse_field(p, np.real(k), v, problem.dimension)

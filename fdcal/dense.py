@@ -1,0 +1,63 @@
+"""The covariance through its kernel: cost, gradient and Gauss-Newton matrix of all positions, compiled.
+
+The formulas of `fdcal.likelihood` with dense matrices. Where the expansion has more functions than there are
+microphones, as in three dimensions, this is the shorter way.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .compiled import add_curvature, compiled, lower_inverse, symmetric
+
+
+def dense_terms(positions, pressures, kappa, slope, power, noise, log_det: bool, slopes=True):
+    """Cost, gradient and curvature as of `fdcal.expansion.expansion_terms`.
+
+    kappa, slope : (M, N (N - 1) / 2) float64, kappa(k r) and k^2 kappa'(k r) / (k r) of the pairs i > j, row by row
+    """
+    x = np.ascontiguousarray(positions, float)
+    N, D = x.shape
+    cost, gradient, H = np.zeros(1), np.zeros((N, D)), np.zeros((D, D, N, N))
+    scale = np.ones_like(noise) if log_det else noise
+    p = np.ascontiguousarray(pressures, complex)
+    _modes(x, p, kappa, slope, power, noise, scale, float(log_det), slopes, cost, gradient, H)
+    return float(cost[0]), gradient, symmetric(H)
+
+
+@compiled
+def _modes(x, p, kappa, slope, power, noise, scale, log_det, slopes, cost, gradient, H):
+    N, D = x.shape
+    C = np.empty((N, N))
+    for m in range(len(p)):
+        q = 0
+        for i in range(N):
+            C[i, i] = power[m] + noise[m]
+            for j in range(i):
+                C[i, j] = C[j, i] = power[m] * kappa[m, q]
+                q += 1
+        G = np.linalg.cholesky(C)
+        X = lower_inverse(G)
+        y_re, y_im = X @ p[m].real.copy(), X @ p[m].imag.copy()
+        for i in range(N):
+            cost[0] += scale[m] * (y_re[i] ** 2 + y_im[i] ** 2) + log_det * np.log(G[i, i] ** 2 / noise[m])
+        if not slopes:
+            continue
+        inverse = X.T @ X
+        u_re, u_im = X.T @ y_re, X.T @ y_im
+        g = np.zeros((2, D, N))
+        q = 0
+        for i in range(N):
+            for j in range(i):
+                s = power[m] * slope[m, q]
+                q += 1
+                w = 2 * s * (log_det * inverse[i, j] - scale[m] * (u_re[i] * u_re[j] + u_im[i] * u_im[j]))
+                for a in range(D):
+                    d = x[i, a] - x[j, a]
+                    gradient[i, a] += w * d
+                    gradient[j, a] -= w * d
+                    g[0, a, i] += s * d * u_re[j]
+                    g[1, a, i] += s * d * u_im[j]
+                    g[0, a, j] -= s * d * u_re[i]
+                    g[1, a, j] -= s * d * u_im[i]
+        add_curvature(H, g, inverse, 2 * scale[m])
