@@ -1,4 +1,7 @@
-"""Solvers: every module here with an `init` and a `step` over frozen states is one, found by its file name."""
+"""Solvers: every module here with an `init` and a `step` over frozen states is one, found by its file name.
+
+A name with "+" is a chain of them (`chain`).
+"""
 
 from __future__ import annotations
 
@@ -8,18 +11,25 @@ from collections.abc import Iterator
 
 from ..checks import require_choice
 
-HELPERS = ("newton", "starts")  # modules here that are no solvers
+HELPERS = ("chain", "newton", "starts")  # modules here that are no solvers
+CHAINS = ("descent+joint",)
 
 
 def names() -> list[str]:
-    """Names of the solvers."""
-    return sorted(module.name for module in pkgutil.iter_modules(__path__) if module.name not in HELPERS)
+    """Names of the solvers, chains among them."""
+    modules = [module.name for module in pkgutil.iter_modules(__path__) if module.name not in HELPERS]
+    return sorted([*modules, *CHAINS])
 
 
 def load(name: str):
-    """Module of the solver `name`; InputError if there is none."""
+    """Solver `name`, a module or a chain of them; InputError if there is none."""
     require_choice("solver.name", name, names())
-    return importlib.import_module(f"{__name__}.{name}")
+    members = tuple(importlib.import_module(f"{__name__}.{part}") for part in name.split("+"))
+    if len(members) == 1:
+        return members[0]
+    from .chain import Chain
+
+    return Chain(members)
 
 
 def run(problem, settings, seed: int) -> Iterator:

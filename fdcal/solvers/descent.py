@@ -19,6 +19,7 @@ from ..cost import known_weights, lattice_of, leave_one_out, require_modes
 from ..gauge import fixes_gauge
 from ..measurement import Problem
 from ..scene import Solver
+from . import starts
 
 
 @dataclass(frozen=True)
@@ -78,15 +79,19 @@ def order_offset_of(settings: Solver, modes: int) -> int:
 
 
 def init(problem: Problem, settings: Solver, seed: int) -> State:
-    """Free microphones at random on the search lattice, known ones in their places, the lowest modes in use.
+    """Free microphones on the search lattice, at random or near the affine start; the lowest modes in use.
 
-    Raises InputError without a search domain, or where the modes of `settings` cannot be carried.
+    Known ones stand in their places. Raises InputError without a search domain, without known microphones that fix the
+    gauge, where the modes of `settings` cannot be carried, or where there is no affine start.
     """
-    _require_solvable(problem)
+    _require_solvable(problem, settings)
     require_modes(problem, settings.order_offset, settings.modes)
     lattice = lattice_of(problem, settings.order_offset)
-    rng = np.random.default_rng([seed, 0])
-    positions = lattice.points[rng.choice(len(lattice.points), problem.pressures.shape[1], replace=False)]
+    if settings.start == "affine":
+        positions = lattice.nearest(starts.affine(problem, settings.modes))
+    else:
+        rng = np.random.default_rng([seed, 0])
+        positions = lattice.points[rng.choice(len(lattice.points), problem.pressures.shape[1], replace=False)]
     positions[problem.known] = problem.known_positions
     state = State(
         positions=frozen_array(positions, float),
@@ -166,8 +171,13 @@ def landscape(problem: Problem, state: State, n: int, modes: slice) -> np.ndarra
     return lattice_landscape(problem, lattice, state.positions, n, state.centre, modes, weight)
 
 
-def _require_solvable(problem: Problem) -> None:
+def _require_solvable(problem: Problem, settings: Solver) -> None:
     """Raise InputError for what descent cannot work on."""
+    if settings.known != "all":
+        raise InputError(
+            f'solver.known = "{settings.known}" leaves descent without the known microphones that it needs; use --known'
+            " all, or --solver joint"
+        )
     search, count = problem.search, problem.pressures.shape[1]
     if problem.dimension != 2:
         raise InputError("descent works on two-dimensional fields; this measurement has dimension = 3")

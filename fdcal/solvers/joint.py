@@ -1,11 +1,23 @@
-"""All microphones at once: Levenberg-Marquardt on the likelihood, from the affine start, frequencies added in stages.
+"""All microphones at once: Levenberg-Marquardt on the likelihood, from the affine start, in stages.
 
     step   one damped Gauss-Newton step of all free microphones
     sweep  the same: every free microphone has moved once
-    stage  steps with one set of modes, until none moves a microphone; then more modes are added
+    stage  steps towards one goal, until none moves a microphone:
 
-The noise is taken as what the positions cannot explain, estimated anew at each stage. So it is large while the
-positions are poor, which widens the basin, and falls to the measurement's own noise, where that is known, at the end.
+    bend    the array bends as a whole (`starts.bends`), by polynomials of second and third degree, with the low modes
+            and then with all; the noise is what the positions cannot explain, so it is large at first, which widens
+            the basin
+    free    every microphone for itself, the noise estimated anew
+    sharp   the noise of the measurement, told or estimated, less `confidence`; where that is little, with complex
+            wavenumbers, if they are, and with sources near the array allowed for (`fdcal.expansion`)
+
+    learned in the plane and in noise, the field not diffuse but from directions learned from the pressures
+            (`fdcal.learned`), three times anew
+
+Less noise is supposed in the end than there is, by up to 10 dB: the positions then lean on the pressures and not on the
+field being isotropic, which in a room it is not. It takes away most of that prior's bias: see `confidence`.
+
+If what remains unexplained is more than noise, another affine start is tried, and the likeliest end is kept.
 """
 
 from __future__ import annotations
@@ -15,15 +27,34 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..checks import InputError, frozen_array
-from ..likelihood import LEAST_NOISE, DiffuseField, diffuse_field, likelihood, likelihood_landscape, noise_ratio
+from ..gauge import place
+from ..likelihood import LEAST_NEAR_NOISE, LEAST_NOISE, DiffuseField, Unexplained, diffuse_field, likelihood_landscape
+from ..likelihood import total as total_cost
 from ..measurement import Problem
 from ..scene import Solver
 from . import starts
 from .newton import FIRST_DAMPING, damped_step
 
-FIRST_MODES = 28  # of the first stage; fewer low modes do not hold the soft directions of the array
-SETTLED = 1e-5  # metres: a stage ends when no microphone moves further
+FIRST_MODES = 28  # of the first bend
+SETTLED = {
+    "bend": 2e-3,
+    "free": 3e-4,
+    "sharp": 1e-6,
+    "learned": 1e-6,
+}  # metres: a stage ends when nothing moves further
+NEGLIGIBLE = {"bend": 1.0, "free": 1.0, "sharp": 1e-3, "learned": 1e-2}  # or -log likelihood falls by no more
 MOST_STEPS = 60  # of one stage
+MOST_ROUNDS = 4  # stages of phase "free" in one attempt
+LEARNED = (3, 5, 3.0)  # stages, rounds of learning in each, and `confidence` at most: the prior is better then
+NOISY_ENOUGH = 3e-3  # noise's share of the power from which it pays to learn
+STRIDE = 0.125  # of the shortest wavelength: no microphone moves further in one step
+DIFFUSE_ENOUGH = {2: 1e-5, 3: 2e-6}  # noise's share of the power: with less, a near source and damping count
+FLED = 0.5  # of the shortest wavelength: a microphone that goes further in the last stages has left its basin
+UNEXPLAINED = 3.0  # times the noise told: more of it and what is told is not believed
+CONVINCING = 1.2  # times the noise told: less of it, and the end needs no other attempt
+NOISY = {2: 0.1, 3: 0.01}  # share of noise in the power from which the prior is trusted, in 2-D and 3-D
+FAINT = 1e-4  # part of the power that need not be explained in any case
+LEAST_MODES = {2: 6, 3: 12}  # of a sound field of two and three dimensions
 
 
 @dataclass(frozen=True)
@@ -34,15 +65,27 @@ class State:
     ----------
     positions : (N, D) float64, metres, read-only; up to rotation, translation and mirror without known microphones
     settings : Solver
-    seed : int, not used: nothing is drawn
+    seed : int, of a random start
     step, sweep, stage : steps taken (twice), stages completed
     moved : -1, since all microphones move
     first, last : modes in use, counted from 1, both included
     automatic : whether modes are added when settled
+    phase : "bend", "free", "sharp" or "learned"
+    prior : (modes in use, Q) float64, power by direction, or None for a diffuse field
+    lessons : stages of phase "learned" begun
+    near : whether a near source and damping count
+    degree : of the polynomials that bend the array
+    shape : (N, D) float64, metres, positions at the beginning of the stage, of which the polynomials are
+    attempt : which of `starts.attempts`
+    best : (positions, cost) of the attempts before, or None; the cost is that of `starts.left_over`
+    rounds : stages of phase "free" in the present attempt
     stage_steps : steps taken in the present stage
     damping : of the next step
     noise : (M,) float64, noise power supposed, in the unit of abs(pressures)**2, read-only
-    cost : -log likelihood over the modes in use, up to a constant, dimensionless
+    noise_power : (M,) float64, noise power of the measurement, told or estimated, likewise
+    noise_told : whether it was told
+    spread : metres, error of each microphone's own place that the pressures told of when the stage began
+    cost : of the modes in use, dimensionless: -log likelihood up to a constant, or Eq. 7
     finished : nothing is left to do
     converged : finished because no microphone moved any more, not because steps ran out
     """
@@ -57,9 +100,21 @@ class State:
     first: int
     last: int
     automatic: bool
+    phase: str
+    prior: np.ndarray | None
+    lessons: int
+    near: bool
+    degree: int
+    shape: np.ndarray
+    attempt: int
+    best: tuple | None
+    rounds: int
     stage_steps: int
     damping: float
     noise: np.ndarray
+    noise_power: np.ndarray
+    noise_told: bool
+    spread: float
     cost: float
     finished: bool
     converged: bool
@@ -70,15 +125,20 @@ class State:
         return slice(self.first - 1, self.last)
 
 
-def init(problem: Problem, settings: Solver, seed: int) -> State:
-    """The affine start, with the lowest modes in use.
+def init(problem: Problem, settings: Solver, seed: int, positions=None) -> State:
+    """The start that `settings.start` names, or `positions` (N, D), metres, with the lowest modes in use.
 
     Raises InputError for too few modes, known microphones that do not fix the gauge, microphones on a line.
     """
     _require_modes(problem, settings.modes)
-    positions = starts.affine(problem)
+    given = positions is not None
+    random = settings.start == "random"
+    if not given and random:
+        positions = starts.random(problem, np.random.default_rng([seed, 0]))
+    elif not given:
+        positions = starts.affine(problem, settings.modes)
     state = State(
-        positions=frozen_array(positions, float),
+        positions=positions,
         settings=settings,
         seed=seed,
         step=0,
@@ -86,16 +146,28 @@ def init(problem: Problem, settings: Solver, seed: int) -> State:
         stage=0,
         moved=-1,
         first=1,
-        last=min(FIRST_MODES, settings.modes),
+        last=settings.modes if given else _first_modes(problem, settings),
         automatic=True,
+        phase="free" if given or random else "bend",
+        prior=None,
+        lessons=0,
+        near=False,
+        degree=2,
+        shape=positions,
+        attempt=0,
+        best=None,
+        rounds=0,
         stage_steps=0,
         damping=FIRST_DAMPING,
         noise=np.zeros(0),
+        noise_power=np.zeros(0),
+        noise_told=False,
+        spread=0.0,
         cost=0.0,
         finished=False,
         converged=False,
     )
-    return _begin_stage(problem, state)
+    return _begin(problem, state)
 
 
 def step(problem: Problem, state: State) -> State:
@@ -103,18 +175,23 @@ def step(problem: Problem, state: State) -> State:
     if state.finished:
         return state
     p, field = _model(problem, state)
-    trial = damped_step(state.positions, p, field, _free_directions(problem), state.damping)
+    wavelength = 2 * np.pi / float(np.real(field.wavenumbers).max())
+    basis = _directions(problem, state)
+    trial = damped_step(state.positions, p, field, basis, state.damping, STRIDE * wavelength)
     moved = replace(
         state,
-        positions=frozen_array(trial.positions, float),
+        positions=_placed(problem, trial.positions),
         step=state.step + 1,
         sweep=state.sweep + 1,
         stage_steps=state.stage_steps + 1,
         damping=trial.damping,
         cost=trial.cost,
     )
-    settled = trial.moved < SETTLED
-    return _end_stage(problem, moved, settled) if settled or moved.stage_steps >= MOST_STEPS else moved
+    fall = trial.fall if field.log_det else trial.fall / float(np.median(field.noise))
+    if state.phase in ("sharp", "learned") and np.abs(trial.positions - state.shape).max() > FLED * wavelength:
+        return _finish(problem, replace(moved, positions=state.shape, stage=state.stage + 1), settled=False)
+    settled = trial.moved < SETTLED[state.phase] or fall < NEGLIGIBLE[state.phase]
+    return _end(problem, moved, settled) if settled or moved.stage_steps >= MOST_STEPS else moved
 
 
 def use_modes(problem: Problem, state: State, first: int, last: int, automatic: bool) -> State:
@@ -122,8 +199,19 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
     if not 1 <= first <= last:
         raise InputError(f"modes {first} to {last} are no range; the first is 1")
     _require_modes(problem, last)
-    changed = replace(state, first=first, last=last, automatic=automatic, finished=False, converged=False)
-    return _begin_stage(problem, changed)
+    phase = state.phase if state.phase == "bend" else "free"
+    changed = replace(
+        state,
+        first=first,
+        last=last,
+        automatic=automatic,
+        phase=phase,
+        near=False,
+        finished=False,
+        converged=False,
+        best=None,
+    )
+    return _begin(problem, changed)
 
 
 def landscape(problem: Problem, state: State, n: int, modes: slice) -> np.ndarray:
@@ -135,59 +223,206 @@ def landscape(problem: Problem, state: State, n: int, modes: slice) -> np.ndarra
     if search is None:
         raise InputError("the measurement has no search domain; give --search ORIGIN,SIZE,STEP and --radius R")
     layer = search.layer(float(state.positions[n, -1]))
-    p, field = _model(problem, state, modes)
+    p, k = problem.pressures[modes], problem.wavenumbers[modes]
+    field = diffuse_field(p, k, state.noise[modes], problem.dimension)
     maps = likelihood_landscape(state.positions, n, layer.reshape(-1, layer.shape[-1]), p, field)
     return maps.reshape(-1, *layer.shape[:-1])
 
 
+def confidence(share: np.ndarray, problem: Problem) -> np.ndarray:
+    """By how much less noise is supposed than its share of the power, from 1 to 10.
+
+    The prior of an isotropic field pulls at the positions with a force that does not shrink with the noise. Supposing
+    less noise weakens that pull as much against the pressures. In much noise the prior is needed, and its pull is
+    smaller than the error; in space, where a mode has more coefficients, sooner; and always where the array is a plane
+    of it, since then the prior is what tells its size.
+    """
+    if problem.array_dimension < problem.dimension:
+        return np.ones_like(share)
+    return np.clip(NOISY[problem.dimension] / np.maximum(share, 1e-12), 1.0, 10.0)
+
+
 def _require_modes(problem: Problem, count: int) -> None:
+    """Raise InputError unless `count` modes were measured, and are enough for the coordinates sought."""
     measured, microphones = problem.pressures.shape
+    D = problem.array_dimension
     if count > measured:
-        raise InputError(f"{count} modes asked for, but {measured} were measured; use at most {measured}")
-    unknowns = problem.array_dimension * len(problem.free)
-    least = starts.MODES
-    if count < least:
-        raise InputError(f"modes = {count} are too few for {unknowns} unknown coordinates; use at least {least}")
-    if microphones < 2 * problem.array_dimension + 2:
         raise InputError(
-            f"{microphones} microphones are too few to find; use {2 * problem.array_dimension + 2} or more"
+            f"solver.modes = {count}, but {measured} modes were measured; use at most {measured}, or measure more"
+        )
+    if microphones < 2 * D + 2:
+        raise InputError(f"{microphones} microphones are too few to find; use {2 * D + 2} or more")
+    unknowns = D * len(problem.free)
+    equations = 2 * (microphones - problem.dimension - 1)  # real ones a mode, less the least that its field takes up
+    least = max(LEAST_MODES[problem.dimension], -(-unknowns // equations) + 1)
+    if count < least:
+        raise InputError(
+            f"{count} modes are too few for {unknowns} unknown coordinates; use at least {least} (--modes)"
         )
 
 
-def _model(problem: Problem, state: State, modes: slice | None = None) -> tuple[np.ndarray, DiffuseField]:
-    modes = state.modes if modes is None else modes
-    p = problem.pressures[modes]
-    return p, diffuse_field(p, problem.wavenumbers[modes], state.noise[modes], problem.dimension)
+def _first_modes(problem: Problem, settings: Solver) -> int:
+    """Modes of the first bend: without known microphones all, since the low ones alone do not hold the scale."""
+    return min(FIRST_MODES, settings.modes) if len(problem.known) else settings.modes
 
 
-def _free_directions(problem: Problem) -> np.ndarray | None:
-    """Basis (N D, F) of the coordinates that may move; None where all may."""
+def _model(problem: Problem, state: State) -> tuple[np.ndarray, DiffuseField]:
+    p, k, noise = (values[state.modes] for values in (problem.pressures, problem.wavenumbers, state.noise))
+    likely = state.settings.cost == "likelihood"
+    field = diffuse_field(p, k, noise, problem.dimension, likely, state.near, state.shape)
+    return p, field if state.prior is None else replace(field, prior=state.prior)
+
+
+def _directions(problem: Problem, state: State) -> np.ndarray | None:
+    """Basis (N D, F) in which the positions may move; None where all may."""
+    if state.phase == "bend":
+        return starts.bends(state.shape, problem.known, state.degree)
     if not len(problem.known):
         return None
     N, D = problem.pressures.shape[1], problem.array_dimension
-    coordinates = (D * problem.free[:, None] + np.arange(D)).ravel()
-    return np.eye(N * D)[:, coordinates]
+    return np.eye(N * D)[:, (D * problem.free[:, None] + np.arange(D)).ravel()]
 
 
-def _begin_stage(problem: Problem, state: State) -> State:
-    """The noise estimated from what the positions leave unexplained, never below what the measurement says."""
-    p, k = problem.pressures, problem.wavenumbers
-    ratio = noise_ratio(state.positions, p[state.modes], k[state.modes], problem.dimension)
-    power = np.mean(np.abs(p) ** 2, axis=1)
-    told = np.zeros(len(p)) if problem.noise_power is None else problem.noise_power
-    noise = np.maximum(told, max(ratio, LEAST_NOISE) * power)
-    if state.last >= state.settings.modes and np.any(told > 0) and state.stage > 0:
-        noise = np.maximum(told, LEAST_NOISE * power)
-    begun = replace(state, stage_steps=0, damping=FIRST_DAMPING, noise=frozen_array(noise, float))
-    pressures, field = _model(problem, begun)
-    return replace(begun, cost=float(likelihood(begun.positions, pressures, field).sum()))
+def _placed(problem: Problem, positions) -> np.ndarray:
+    """Positions in the frame of the least gauge, where there is one : read-only."""
+    return frozen_array(positions if problem.frame is None else place(positions, problem.frame), float)
 
 
-def _end_stage(problem: Problem, state: State, settled: bool) -> State:
-    """More modes, or another look at the noise, or the end."""
-    if state.automatic and state.last < state.settings.modes:
-        return _begin_stage(problem, replace(state, stage=state.stage + 1, last=state.settings.modes))
-    again = _begin_stage(problem, replace(state, stage=state.stage + 1))
-    if np.allclose(again.noise, state.noise, rtol=0.2) or state.stage > 10:
-        return replace(state, finished=True, converged=settled)
-    return again
+def _begin(problem: Problem, state: State, rest: Unexplained | None = None) -> State:
+    """Start a stage: the noise is what the positions leave unexplained or, in the end, that of the measurement."""
+    positions = _placed(problem, state.positions)
+    rest = starts.left_over(problem, positions, state.modes) if rest is None else rest
+    power = np.mean(np.abs(problem.pressures) ** 2, axis=1)
+    told = _told(problem, state.settings, power)
+    noise_power = rest.noise * power if told is None else told
+    share, near = rest.shares(problem.wavenumbers), False
+    if state.phase == "sharp":
+        believed = told is not None and rest.noise <= UNEXPLAINED * float(np.median(told / power))
+        share = told / power if believed else rest.shares(problem.wavenumbers, spread=False)
+        near = bool(np.median(share[state.modes]) <= DIFFUSE_ENOUGH[problem.dimension])
+        share = share / confidence(share, problem)
+    least = LEAST_NEAR_NOISE if state.near else LEAST_NOISE  # one stage with the near model first
+    begun = replace(
+        state,
+        positions=positions,
+        shape=positions,
+        stage_steps=0,
+        damping=FIRST_DAMPING,
+        noise=frozen_array(np.maximum(share, least) * power, float),
+        noise_power=frozen_array(noise_power, float),
+        noise_told=told is not None,
+        near=near,
+        spread=rest.spread,
+    )
+    return replace(begun, cost=total_cost(positions, *_model(problem, begun)))
+
+
+def _told(problem: Problem, settings: Solver, power: np.ndarray) -> np.ndarray | None:
+    """Noise power (M,) that the settings or the measurement tell, None where it is to be estimated."""
+    if settings.snr_db is not None:
+        return power / (1 + 10 ** (settings.snr_db / 10))
+    return problem.noise_power if settings.noise == "told" else None
+
+
+def _end(problem: Problem, state: State, settled: bool) -> State:
+    """The next stage, or the end."""
+    done = replace(state, stage=state.stage + 1)
+    if not state.automatic:
+        return replace(done, finished=True, converged=settled)
+    if state.phase == "bend":
+        if state.degree == 2:
+            return _begin(problem, replace(done, degree=3, last=state.settings.modes))
+        return _begin_free(problem, done)
+    if state.last < state.settings.modes:
+        return _begin(problem, replace(done, phase="free", last=state.settings.modes))
+    rest = starts.left_over(problem, state.positions, state.modes, state.near)
+    if state.phase == "free" and state.rounds < MOST_ROUNDS and _rough(problem, state, rest):
+        return _begin_free(problem, done, rest)
+    if state.phase == "free":
+        return _begin(problem, replace(done, phase="sharp"), rest)
+    if state.phase == "learned" or _worth_learning(problem, state):
+        return _learn(problem, done) if state.lessons < LEARNED[0] else _finish(problem, done, settled)
+    sharper = _begin(problem, done, rest)
+    if np.median(sharper.noise) < 0.5 * np.median(state.noise):
+        return sharper
+    return _finish(problem, done, settled)
+
+
+def _begin_free(problem: Problem, state: State, rest: Unexplained | None = None) -> State:
+    """Every microphone for itself, those in a wrong basin put elsewhere first."""
+    rest = starts.left_over(problem, state.positions, state.modes) if rest is None else rest
+    positions = starts.rehomed(problem, state.positions, state.modes, rest)
+    return _begin(problem, replace(state, phase="free", rounds=state.rounds + 1, positions=positions))
+
+
+def _rough(problem: Problem, state: State, rest: Unexplained) -> bool:
+    """Whether the spread still falls and is more than the noise, or a microphone stands in a wrong basin."""
+    highest = float(np.real(problem.wavenumbers[state.modes]).max())
+    spread = (highest * rest.spread) ** 2 / rest.dimension > rest.noise and rest.spread < 0.7 * state.spread
+    return spread or (
+        state.stage_steps > 1
+        and float(starts.misfits(problem, state.positions, state.modes, rest).max()) > starts.ASTRAY
+    )
+
+
+def _worth_learning(problem: Problem, state: State) -> bool:
+    power = np.mean(np.abs(problem.pressures) ** 2, axis=1)
+    noisy = float(np.median(state.noise_power / power)) >= NOISY_ENOUGH
+    return problem.dimension == 2 and noisy and state.settings.cost == "likelihood"
+
+
+def _learn(problem: Problem, state: State) -> State:
+    """A stage of phase "learned", the directions learned at the positions reached."""
+    from ..learned import diffuse_prior, learned_prior
+
+    p, k = problem.pressures[state.modes], problem.wavenumbers[state.modes]
+    whole = np.mean(np.abs(problem.pressures) ** 2, axis=1)
+    field = diffuse_field(p, k, state.noise_power[state.modes], 2)
+    prior = diffuse_prior(state.positions, k)
+    prior = learned_prior(state.positions, p, k, field.power, field.noise, prior, (state.lessons + 1) * LEARNED[1])
+    less = np.minimum(confidence(state.noise_power / whole, problem), LEARNED[2])
+    begun = replace(
+        state,
+        phase="learned",
+        prior=frozen_array(prior, float),
+        lessons=state.lessons + 1,
+        shape=state.positions,
+        stage_steps=0,
+        damping=FIRST_DAMPING,
+        noise=frozen_array(state.noise_power / less, float),
+    )
+    return replace(begun, cost=total_cost(begun.positions, *_model(problem, begun)))
+
+
+def _finish(problem: Problem, state: State, settled: bool) -> State:
+    """The end, or another attempt where too much is left unexplained."""
+    rest = starts.left_over(problem, state.positions, state.modes, state.near)
+    power = np.mean(np.abs(problem.pressures) ** 2, axis=1)
+    least = float(np.median(state.noise_power / power)) if state.noise_told else 0.0
+    best = (state.positions, rest.cost, settled)
+    agreed = state.best is not None and abs(state.best[1] - rest.cost) < 1.0 + 1e-4 * abs(rest.cost)
+    if state.best is not None and state.best[1] <= rest.cost:
+        best = state.best
+    explained = float(np.median(rest.shares(problem.wavenumbers))) <= max(CONVINCING * least, FAINT)
+    tries = starts.attempts(problem, state.settings.modes)
+    if explained or agreed or state.settings.start == "random" or state.attempt + 1 >= len(tries):
+        p = frozen_array(best[0], float)
+        ended = replace(state, positions=p, finished=True, converged=best[2])
+        return replace(ended, cost=total_cost(p, *_model(problem, ended)))
+    return _try(problem, replace(state, attempt=state.attempt + 1, best=best), *tries[state.attempt + 1])
+
+
+def _try(problem: Problem, state: State, how: str, value: float) -> State:
+    """Another attempt, one of `starts.attempts`."""
+    if how == "lowest":
+        positions = starts.affine(problem, state.settings.modes, int(value))
+    else:
+        centre = state.best[0].mean(axis=0)
+        positions = centre + value * (state.best[0] - centre)
+    last = _first_modes(problem, state.settings)
+    return _begin(
+        problem,
+        replace(
+            state, positions=positions, phase="bend", near=False, prior=None, lessons=0, rounds=0, degree=2, last=last
+        ),
+    )
