@@ -18,6 +18,7 @@ import pytest
 
 from fdcal.cli import main
 from fdcal.measurement_file import load_measurement
+from fdcal.runs import positions_from
 from fdcal.scene import load_scene
 
 FDCAL = [sys.executable, "-m", "fdcal"]
@@ -93,7 +94,7 @@ def test_calibrate_writes_the_result_and_tells_it(made):
     keys |= {"names", "excluded", "verdict", "verdict_text", "uncertainty_m", "residual_to_noise", "sound_speed"}
     assert keys | {"mean_error_m", "max_error_m"} <= set(result)
     assert np.shape(result["positions"]) == (16, 2)
-    assert (result["solver"], result["seed"], len(result["frequencies"])) == ("descent", 1, 12)
+    assert (result["solver"], result["seed"], len(result["frequencies"])) == ("joint", 1, 12)
     assert 0 <= result["mean_error_m"] <= result["max_error_m"]
     measurement = load_measurement(made / "tiny.npz")
     assert np.array_equal(np.array(result["positions"])[measurement.known], measurement.known_positions)
@@ -108,11 +109,99 @@ def test_calibrate_of_scene_and_of_its_file_agree(made, tmp_path):
 
 
 def test_calibrate_without_truth_has_no_error(altered, tmp_path):
-    out = done("calibrate", altered(positions=None), "--modes", 3, "-o", "blind.json", folder=tmp_path)
+    out = done("calibrate", altered(positions=None), "--modes", 12, "-o", "blind.json", folder=tmp_path)
     assert "unknown" in out
     result = json.loads((tmp_path / "blind.json").read_text())
     assert result["mean_error_m"] is None
     assert result["max_error_m"] is None
+
+
+@pytest.fixture
+def calibrated(made, tmp_path, monkeypatch, capsys):
+    """Function that calibrates tiny's file, or another, with options, in this process: summary and result."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*options, path=made / "tiny.npz") -> tuple[str, dict]:
+        with pytest.raises(SystemExit) as ended:
+            main(["calibrate", str(path), "--modes", "20", "-o", "r.json", "--force", *map(str, options)])
+        assert ended.value.code in (0, 4)
+        return capsys.readouterr().out, json.loads((tmp_path / "r.json").read_text())
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("options", "sought", "aligned"),
+    [
+        ([], 13, False),
+        (["--known", "all", "--cost", "projection"], 13, False),
+        (["--known", "minimal"], 16, False),
+        (["--known", "none"], 16, True),
+        (["--noise", "60"], 13, False),
+        (["--noise", "auto"], 13, False),
+        (["--solver", "descent+joint", "--start", "affine"], 13, False),
+    ],
+)
+def test_calibrate_options_end_within_two_millimetres(calibrated, options, sought, aligned):
+    out, result = calibrated(*options)
+    assert result["aligned"] is aligned
+    assert f"{sought} of 16 microphones" in out
+    assert ("moved as a whole onto the truth" in out) is aligned
+    assert result["mean_error_m"] < 2e-3
+
+
+def test_a_file_without_known_microphones_is_calibrated_blind(calibrated, altered):
+    _, result = calibrated(path=altered(known=None, known_positions=None))
+    assert result["aligned"] is True and result["mean_error_m"] < 2e-3
+    _, result = calibrated(path=altered(known=None, known_positions=None, positions=None))
+    assert result["aligned"] is True and result["mean_error_m"] is None
+
+
+def test_the_least_gauge_takes_a_position_a_direction_and_a_side(calibrated, made):
+    known = load_measurement(made / "tiny.npz").known
+    truth = load_measurement(made / "tiny.npz").positions
+    found = np.array(calibrated("--known", "minimal")[1]["positions"])
+    first, second, third = known
+    assert np.array_equal(found[first], truth[first])
+    along, there = (x[second] - x[first] for x in (found, truth))
+    assert np.linalg.norm(along) * np.linalg.norm(there) == pytest.approx(along @ there, rel=1e-12)
+    assert not np.array_equal(found[second], truth[second])
+    sides = [along[0] * (x[third] - x[first])[1] - along[1] * (x[third] - x[first])[0] for x in (found, truth)]
+    assert sides[0] * sides[1] > 0
+
+
+def test_the_solver_s_seed_is_of_no_account_to_the_affine_start_and_all_to_a_random_one(calibrated):
+    one, two = (calibrated("--seed", seed)[1]["positions"] for seed in (0, 1))
+    assert one == two
+    one, two = (calibrated("--seed", seed, "--start", "random")[1]["positions"] for seed in (0, 1))
+    assert one != two
+
+
+def test_a_snr_told_takes_the_place_of_the_one_measured(calibrated, altered):
+    """With 3 dB supposed, where there is no noise, the prior wins and the pressures hardly count."""
+    careful, exact = (calibrated("--noise", snr)[1] for snr in ("3", "told"))
+    assert careful["mean_error_m"] > 3 * exact["mean_error_m"]
+    measured = altered(noise_power=None)
+    assert calibrated("--noise", "told", path=measured)[1]["positions"] == calibrated("--noise", "auto")[1]["positions"]
+
+
+def test_known_microphones_that_do_not_span_the_array_are_refused(altered, refused):
+    table = load_measurement(altered())
+    path = altered(known=table.known[:2], known_positions=table.known_positions[:2])
+    assert "name at least 3 known microphones that span the array, or none" in refused("calibrate", path)
+    line = refused("calibrate", path, "--known", "minimal")
+    assert "known = [0, 5] fixes no frame" in line and "3 known microphones" in line
+    bare = altered(known=None, known_positions=None)
+    assert "known = [] fixes no frame" in refused("calibrate", bare, "--known", "minimal")
+
+
+def test_a_blind_result_is_laid_onto_the_truth_before_it_is_drawn(calibrated, made):
+    calibrated("--known", "none")
+    with pytest.raises(SystemExit) as ended:
+        main(["landscape", str(made / "tiny.npz"), "--microphone", "9", "--result", "r.json", "-o", "f.png"])
+    assert not ended.value.code
+    found = positions_from(load_measurement(made / "tiny.npz"), json.loads(Path("r.json").read_text()))
+    assert np.abs(found - load_measurement(made / "tiny.npz").positions).max() < 5e-3
 
 
 def test_search_domain_from_the_command_line(altered, made, tmp_path, refused):
@@ -121,7 +210,8 @@ def test_search_domain_from_the_command_line(altered, made, tmp_path, refused):
     done("calibrate", bare, "--modes", 12, "--seed", 1, *domain, "-o", "out.json", folder=tmp_path)
     one, two = (json.loads(path.read_text()) for path in (made / "result.json", tmp_path / "out.json"))
     assert one["positions"] == two["positions"]
-    assert "--search" in refused("calibrate", bare)
+    assert "--search" in refused("calibrate", bare, "--solver", "descent")
+    assert "--search" in refused("calibrate", bare, "--start", "random")
     assert "--radius" in refused("calibrate", bare, *domain[:2])
 
 
@@ -180,17 +270,30 @@ def test_view_prints_its_address_once_it_serves(start, made, tmp_path):
         (["simulate", "tiny", "-o", "tiny.mat"], ["tiny.mat", ".npz"]),
         (["simulate", "old.npz", "-o", "new.npz"], ["old.npz", "give a scene"]),
         (["calibrate", "tiny", "--modes", "0"], ["modes = 0", "1 to"]),
-        (["calibrate", "tiny", "--modes", "10000"], ["10000 modes", "use at most"]),
+        (["calibrate", "tiny", "--modes", "10000"], ["solver.modes = 10000", "use at most"]),
         (["calibrate", "tiny", "--seed", "-4"], ["seed = -4", "0 or more"]),
-        (["calibrate", "tiny", "--solver", "magic"], ['solver.name = "magic"', "descent"]),
+        (["calibrate", "tiny", "--solver", "magic"], ['solver.name = "magic"', "descent, descent+joint, joint"]),
+        (["calibrate", "tiny", "--solver", "joint+descent"], ['"joint+descent" is unknown', "descent+joint"]),
+        (["calibrate", "tiny", "--modes", "3"], ["3 modes are too few", "26 unknown coordinates", "use at least 6"]),
+        (["calibrate", "tiny", "--start", "zero"], ['solver.start = "zero"', "affine, random"]),
+        (["calibrate", "tiny", "--known", "some"], ['solver.known = "some"', "all, minimal, none"]),
+        (["calibrate", "tiny", "--cost", "least"], ['solver.cost = "least"', "likelihood, projection"]),
+        (["calibrate", "tiny", "--noise", "much"], ['solver.noise = "much"', '"auto"', "decibels"]),
+        (["calibrate", "tiny", "--noise", "nan"], ['solver.noise = "nan"', "decibels"]),
+        (["calibrate", "tiny", "--noise", "301"], ['solver.noise = "301"', "decibels"]),
+        (["calibrate", "tiny", "--solver", "descent", "--known", "none"], ['solver.known = "none"', "--known all"]),
+        (["calibrate", "tiny", "--solver", "descent+joint", "--known", "minimal"], ['"minimal"', "--solver joint"]),
         (["calibrate", "tiny", "--search", "0,0,1,1"], ["--search 0,0,1,1", "4 numbers", "give 5", "step"]),
         (["calibrate", "tiny", "--search", "0,0,1,1,fine"], ["--search", "no list of numbers"]),
         (["calibrate", "tiny", "--search", "0,0,1,-1,0.1"], ["search.size = -1 m", "above zero"]),
         (["calibrate", "tiny", "--search", "0,0,nan,1,0.1"], ["search.size = nan", "finite"]),
         (["calibrate", "tiny", "--radius", "-1"], ["search.radius = -1 m", "above zero"]),
-        (["calibrate", "tiny", "--radius", "4"], ["2L + 1 =", "16 microphones; use a search.radius below 4 m"]),
         (
-            ["calibrate", "tiny", "--radius", "0.5"],
+            ["calibrate", "tiny", "--solver", "descent", "--radius", "4"],
+            ["2L + 1 =", "16 microphones; use a search.radius below 4 m"],
+        ),
+        (
+            ["calibrate", "tiny", "--solver", "descent", "--radius", "0.5"],
             ["search.radius = 0.5 m", "(solver.modes; 20 asked for)", "below 2"],
         ),
         (["landscape", "tiny", "--microphone", "16", "-o", "f.png"], ["--microphone 16", "0 to 15"]),
@@ -220,7 +323,7 @@ def test_bad_arguments_exit_2(arguments, words, refused):
         ({"source.position": "[0.7, 0.6]"}, ["source.position", "inside the array"]),
         ({"array.center": "[0.0, 0.0]"}, ["microphone 0", "outside the room"]),
         ({"gauge.known": "[0, 1]"}, ["gauge.known = [0, 1]", "three"]),
-        ({"solver.order_offset": "30"}, ["2L + 1 =", "16 microphones"]),
+        ({"solver.name": '"descent"', "solver.order_offset": "30"}, ["2L + 1 =", "16 microphones"]),
     ],
 )
 def test_bad_scene_exits_2(edited, changes, words, tmp_path, refused):
@@ -254,7 +357,8 @@ def test_bad_scene_exits_2(edited, changes, words, tmp_path, refused):
 def test_bad_measurement_exits_2(altered, made, change, words, refused):
     with np.load(made / "tiny.npz") as archive:
         path = altered(**change(dict(archive)))
-    for command in (["calibrate", path, "-o", "new.json"], ["landscape", path, "--microphone", 9, "-o", "new.png"]):
+    descent = ["calibrate", path, "--solver", "descent", "-o", "new.json"]
+    for command in (descent, ["landscape", path, "--microphone", 9, "-o", "new.png"]):
         if command[0] == "calibrate" or "three" not in words:  # a landscape needs no gauge
             line = refused(*command)
             for word in words:
@@ -304,7 +408,7 @@ def test_port_in_use_exits_2(refused):
     "arguments",
     [
         ["simulate", "tiny", "-o", "out.npz"],
-        ["calibrate", "tiny", "--modes", "3", "-o", "out.json"],
+        ["calibrate", "tiny", "--modes", "12", "-o", "out.json"],
         ["landscape", "tiny", "--microphone", "1", "-o", "out.png"],
     ],
 )

@@ -19,7 +19,7 @@ GRID = np.array([(x, y) for x in range(13) for y in range(13)]) * 0.1 + [2.01, 1
 TRUTH = GRID[np.random.default_rng(1).choice(len(GRID), 20, replace=False)]
 KNOWN = list(range(17))
 PROBLEM = measured(TRUTH, KNOWN, highest=150.0, search=SEARCH).problem()
-SETTINGS = Solver(modes=8, first_modes=2, max_sweeps=5, ample_modes=4)
+SETTINGS = Solver(name="descent", modes=8, first_modes=2, max_sweeps=5, ample_modes=4)
 
 
 def all_states(seed=0, settings=SETTINGS):
@@ -139,3 +139,31 @@ def test_a_problem_without_search_domain_is_refused():
 def test_an_unknown_solver_is_refused_by_name():
     with pytest.raises(InputError, match="descent"):
         solvers.load("simulated-annealing")
+
+
+def test_the_affine_start_is_snapped_to_the_lattice_and_left_alone_by_the_seed():
+    """Of a field that is affine over the array it is exact, so nothing is left to do but to snap."""
+    rng = np.random.default_rng(0)
+    shape = (len(PROBLEM.pressures), 2)
+    slopes = rng.normal(size=shape) + 1j * rng.normal(size=shape)
+    problem = replace(PROBLEM, pressures=slopes @ (TRUTH - TRUTH.mean(axis=0)).T + rng.normal(size=(shape[0], 1)))
+    for seed in (0, 1):
+        state = descent.init(problem, replace(SETTINGS, start="affine"), seed)
+        np.testing.assert_allclose(state.positions, TRUTH, atol=1e-12)
+    near = descent.init(PROBLEM, replace(SETTINGS, start="affine"), 0).positions
+    np.testing.assert_allclose(near, lattice_of(PROBLEM, 2).nearest(near), atol=1e-12)
+    assert np.abs(near - TRUTH).max() < 0.5 < np.abs(descent.init(PROBLEM, SETTINGS, 0).positions - TRUTH).max()
+
+
+def test_without_an_affine_start_one_line_says_why():
+    one_direction = replace(PROBLEM, pressures=np.outer(np.arange(1, len(PROBLEM.pressures) + 1), TRUTH[:, 0]) + 0j)
+    with pytest.raises(InputError, match="fewer than 2 directions"):
+        descent.init(one_direction, replace(SETTINGS, start="affine"), 0)
+
+
+@pytest.mark.parametrize("known", ["none", "minimal"])
+def test_known_microphones_cannot_be_kept_from_descent(known):
+    measurement = measured(TRUTH, KNOWN, highest=150.0, search=SEARCH)
+    settings = replace(SETTINGS, known=known)
+    with pytest.raises(InputError, match=rf'solver.known = "{known}".*--known all.*--solver joint'):
+        descent.init(measurement.problem("unit", known), settings, 0)

@@ -1,17 +1,20 @@
-"""Laws of the joint solver and of the affine start."""
+"""Laws of the joint solver."""
 
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from fields import measured
+from fields import measured, rigid_room, room_frequencies
+from hypothesis import given, strategies
+from hypothesis import settings as settings_of_hypothesis
 
 from fdcal import solvers
 from fdcal.checks import InputError
 from fdcal.gauge import align, position_errors
+from fdcal.measurement import Measurement
 from fdcal.scene import Solver
-from fdcal.solvers import joint, starts
+from fdcal.solvers import joint
 
 TRUTH = np.random.default_rng(7).uniform(-0.5, 0.5, (40, 2)) + [2.61, 2.31]
 KNOWN = [0, 1, 2]
@@ -56,10 +59,24 @@ def test_noise_costs_accuracy_in_proportion_and_loses_no_array(snr_db, rms_mm):
 
 
 def test_noise_that_nobody_told_is_estimated():
-    measurement = replace(measured(TRUTH, KNOWN, snr_db=20, seed=2), noise_power=None)
-    last = solve(measurement)[-1]
-    assert last.noise[0] == pytest.approx(1e-2, rel=0.4)
-    assert np.sqrt(np.mean(position_errors(last.positions, TRUTH) ** 2)) < 0.04
+    told = measured(TRUTH, KNOWN, snr_db=20, seed=2)
+    for measurement, settings in (
+        (replace(told, noise_power=None), SETTINGS),
+        (replace(told, noise_power=1e4 * told.noise_power), replace(SETTINGS, noise="auto")),
+    ):
+        last = solve(measurement, settings)[-1]
+        assert not last.noise_told
+        assert np.median(last.noise_power) == pytest.approx(1e-2, rel=0.4)
+        assert np.sqrt(np.mean(position_errors(last.positions, TRUTH) ** 2)) < 0.04
+
+
+def test_a_snr_given_goes_before_what_the_measurement_tells():
+    problem = measured(TRUTH, KNOWN, snr_db=20, seed=2).problem()
+    told, given = (joint.init(problem, replace(SETTINGS, noise=noise), 0) for noise in ("told", "30"))
+    assert told.noise_told and given.noise_told
+    np.testing.assert_array_equal(told.noise_power, problem.noise_power)
+    power = np.mean(np.abs(problem.pressures) ** 2, axis=1)
+    np.testing.assert_allclose(given.noise_power, power / 1001)
 
 
 def test_rigid_motion_of_the_truth_moves_the_answer_with_it():
@@ -72,13 +89,88 @@ def test_rigid_motion_of_the_truth_moves_the_answer_with_it():
     np.testing.assert_allclose(there, here @ turn.T + [1.0, -4.0], atol=2e-4)
 
 
+def seen_from(frame, known):
+    """The same array and room, turned and mirrored in space: source and walls go with the microphones."""
+    flip = {"mirrored": [-1, 1], "turned half": [-1, -1], "as it is": [1, 1]}[frame]
+    place = lambda points: np.asarray(points) * flip + (6.0 * (flip[0] < 0), 5.0 * (flip[1] < 0))  # noqa: E731
+    return measured(place(TRUTH), known, source=tuple(place((5.47, 4.53)))), place(TRUTH)
+
+
+@pytest.mark.parametrize("known", [[], KNOWN], ids=["blind", "known"])
+def test_no_rigid_motion_and_no_mirror_of_all_changes_the_shape_found(known):
+    shapes = []
+    for frame in ("as it is", "mirrored", "turned half"):
+        measurement, truth = seen_from(frame, known)
+        found = solve(measurement)[-1].positions
+        shapes.append(np.linalg.norm(found[:, None] - found[None], axis=-1))
+        assert position_errors(found if known else align(found, truth), truth).max() < 2e-3
+    for shape in shapes[1:]:
+        np.testing.assert_allclose(shape, shapes[0], atol=1e-4)
+
+
+@pytest.mark.parametrize("known", ["minimal", "none"])
+def test_less_gauge_finds_the_same_array(known):
+    settings = replace(SETTINGS, known=known)
+    last = list(solvers.run(measured(TRUTH, KNOWN).problem("unit", known), settings, 0))[-1]
+    placed = last.positions if known == "minimal" else align(last.positions, TRUTH)
+    assert last.finished and last.converged and position_errors(placed, TRUTH).max() < 2e-3
+
+
+def test_the_least_gauge_places_every_state_as_promised():
+    """The first known microphone's position, the direction to the second, the side of the third; and no more."""
+    states = list(solvers.run(measured(TRUTH, KNOWN, snr_db=30).problem("unit", "minimal"), SETTINGS, 0))
+    ahead = TRUTH[1] - TRUTH[0]
+    normal = np.array([-ahead[1], ahead[0]])
+    for state in states:
+        a, b, c = state.positions[KNOWN]
+        np.testing.assert_array_equal(a, TRUTH[0])
+        assert abs((b - a) @ normal) < 1e-12 and (b - a) @ ahead > 0
+        assert np.sign((c - a) @ normal) == np.sign((TRUTH[2] - TRUTH[0]) @ normal)
+    assert np.linalg.norm(states[-1].positions[1] - TRUTH[1]) > 1e-6
+
+
+def test_the_least_gauge_needs_microphones_that_span_the_array():
+    with pytest.raises(InputError, match=r"known = \[0, 1\] fixes no frame; the least gauge needs 3"):
+        measured(TRUTH, [0, 1]).problem("unit", "minimal")
+
+
+def test_the_projection_finds_the_array_where_there_is_no_noise():
+    last = solve(measured(TRUTH, KNOWN), replace(SETTINGS, cost="projection"))[-1]
+    assert position_errors(last.positions, TRUTH).max() < 2e-3
+
+
+def test_nearly_all_known_leaves_the_rest_to_be_found():
+    last = solve(measured(TRUTH, list(range(39))))[-1]
+    assert last.converged and position_errors(last.positions, TRUTH).max() < 2e-3
+
+
+@settings_of_hypothesis(max_examples=6, deadline=None, derandomize=True)
+@given(strategies.integers(0, 10_000), strategies.floats(3.5, 7.0), strategies.floats(0.6, 0.9))
+def test_random_arrays_in_random_rooms_are_found_blind(seed, width, ratio):
+    rng = np.random.default_rng(seed)
+    size = width, width * ratio
+    frequencies = room_frequencies(300, size=size)[:50]
+    angle, reach = 2 * np.pi * rng.random(30), 0.5 * np.sqrt(rng.random(30))
+    truth = np.column_stack([reach * np.cos(angle), reach * np.sin(angle)]) + np.multiply(size, [0.43, 0.46])
+    wavenumbers = (2 * np.pi * frequencies - 3j) / 343.0
+    pressures = rigid_room(truth, np.multiply(size, [0.95, 0.93]), wavenumbers, size=size)
+    measurement = Measurement(frequencies, pressures, 343.0, wavenumbers=wavenumbers)
+    last = solve(measurement, Solver(modes=len(frequencies)))[-1]
+    assert last.converged
+    assert position_errors(align(last.positions, truth), truth).max() < 5e-3
+
+
 def test_same_bits_again_and_gone_on_from_any_state(clean):
     again = solve(measured(TRUTH, KNOWN))
     assert len(again) == len(clean)
     assert all(np.array_equal(a.positions, b.positions) for a, b in zip(again, clean, strict=True))
     problem = measured(TRUTH, KNOWN).problem()
-    resumed = joint.step(problem, clean[3])
-    np.testing.assert_array_equal(resumed.positions, clean[4].positions)
+    for index in (0, len(clean) // 2, len(clean) - 3):
+        state = clean[index]
+        while not state.finished:
+            state = joint.step(problem, state)
+        np.testing.assert_array_equal(state.positions, clean[-1].positions)
+        assert (state.step, state.cost) == (clean[-1].step, clean[-1].cost)
 
 
 def test_landscape_is_lowest_at_the_microphone_once_it_is_found(clean):
@@ -88,16 +180,6 @@ def test_landscape_is_lowest_at_the_microphone_once_it_is_found(clean):
     iy, ix = np.unravel_index(total.argmin(), total.shape)
     lowest = np.array(problem.search.origin) + problem.search.step * np.array([ix, iy])
     assert np.abs(lowest - TRUTH[n]).max() <= problem.search.step
-
-
-def test_affine_start_is_exact_for_an_affine_field():
-    measurement = measured(TRUTH, KNOWN)
-    rng = np.random.default_rng(0)
-    shape = (len(measurement.frequencies), 2)
-    slopes = rng.normal(size=shape) + 1j * rng.normal(size=shape)
-    pressures = slopes @ (TRUTH - TRUTH.mean(axis=0)).T + rng.normal(size=(shape[0], 1))
-    problem = replace(measurement, pressures=pressures).problem()
-    np.testing.assert_allclose(starts.affine(problem), TRUTH, atol=1e-9)
 
 
 def test_modes_by_hand():

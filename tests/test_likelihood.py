@@ -1,5 +1,7 @@
 """Laws of the Gaussian likelihood."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from fields import measured
@@ -13,6 +15,8 @@ from fdcal.likelihood import (
     likelihood_landscape,
     newton_terms,
     noise_ratio,
+    total,
+    unexplained,
 )
 
 TRUTH = np.random.default_rng(3).uniform(-0.5, 0.5, (20, 2)) + [2.61, 2.31]
@@ -40,15 +44,10 @@ def test_kernel_slope_is_the_derivative(dimension):
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_gradient_is_the_limit_of_differences(dimension):
+def test_the_cost_of_a_step_is_the_likelihood_of_all_modes(dimension):
     field, guess = field_and_guess(dimension)
-    cost, gradient, _ = newton_terms(guess, PROBLEM.pressures, field)
+    cost = newton_terms(guess, PROBLEM.pressures, field)[0]
     assert cost == pytest.approx(likelihood(guess, PROBLEM.pressures, field).sum(), rel=1e-9)
-    for i, a in ((0, 0), (7, 1), (13, dimension - 1)):
-        h = np.zeros_like(guess)
-        h[i, a] = 1e-6
-        there, back = (likelihood(guess + s * h, PROBLEM.pressures, field).sum() for s in (1, -1))
-        assert gradient[i, a] == pytest.approx((there - back) / 2e-6, rel=1e-4)
 
 
 def draws(ratio, count):
@@ -67,20 +66,12 @@ def test_curvature_is_the_hessian_in_the_mean():
     for p in draws(RATIO, 4):
         M = len(p)
         field = DiffuseField(PROBLEM.wavenumbers.real, np.full(M, 1 - RATIO), np.full(M, RATIO), 2)
-        moves = h * np.eye(40).reshape(40, 20, 2)
+        moves = h * np.eye(40)[::5].reshape(-1, 20, 2)
         slopes = [(newton_terms(TRUTH + d, p, field)[1], newton_terms(TRUTH - d, p, field)[1]) for d in moves]
         hessian = np.array([(there - back).ravel() / (2 * h) for there, back in slopes])
-        ratios.append(np.trace(hessian) / np.trace(newton_terms(TRUTH, p, field)[2].reshape(40, 40)))
+        curvature = newton_terms(TRUTH, p, field)[2].reshape(40, 40)
+        ratios.append(np.trace(hessian[:, ::5]) / np.diag(curvature)[::5].sum())
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.1)
-
-
-@pytest.mark.parametrize("dimension", [2, 3])
-def test_cost_does_not_change_under_rigid_motion_and_mirror(dimension):
-    field, guess = field_and_guess(dimension)
-    Q = np.linalg.qr(np.random.default_rng(1).normal(size=(dimension, dimension)))[0]
-    Q[:, 0] *= -1
-    here = likelihood(guess, PROBLEM.pressures, field)
-    np.testing.assert_allclose(likelihood(guess @ Q + 3.0, PROBLEM.pressures, field), here, rtol=1e-8)
 
 
 def test_landscape_is_the_likelihood_with_the_microphone_there():
@@ -94,15 +85,16 @@ def test_landscape_is_the_likelihood_with_the_microphone_there():
         np.testing.assert_allclose(costs[:, c], likelihood(moved, PROBLEM.pressures, field), rtol=1e-8)
 
 
-def test_there_is_no_trap_at_infinity():
-    """Far away the kernel explains anything, but the log-determinant makes it pay."""
-    field, _ = field_and_guess(2)
-    here = likelihood(TRUTH, PROBLEM.pressures, field).sum()
-    for factor in (3.0, 10.0, 100.0):
-        assert likelihood(factor * TRUTH, PROBLEM.pressures, field).sum() > here
+def test_the_trap_at_infinity_is_open_in_the_quadratic_form_and_closed_in_the_likelihood():
+    """Far away the kernel is the identity and explains anything; the determinant makes that dear."""
+    likely, _ = field_and_guess(2)
+    quadratic = dataclasses.replace(likely, log_det=False)
+    rough = TRUTH + np.random.default_rng(6).normal(0, 0.02, TRUTH.shape)
     flown = TRUTH.copy()
     flown[4] += 50.0
-    assert likelihood(flown, PROBLEM.pressures, field).sum() > here
+    for near, far in ((TRUTH, flown), (TRUTH, 100 * TRUTH), (rough, 100 * rough)):
+        assert total(far, PROBLEM.pressures, quadratic) < total(near, PROBLEM.pressures, quadratic)
+        assert total(far, PROBLEM.pressures, likely) > total(near, PROBLEM.pressures, likely) + 100
 
 
 @pytest.mark.parametrize("ratio", [1e-1, 1e-2, 1e-3])
@@ -114,3 +106,15 @@ def test_the_noise_is_recovered_at_the_true_positions(ratio):
         p = np.sqrt(1 - ratio) * field + np.sqrt(ratio) * noise
         found.append(noise_ratio(TRUTH, p, PROBLEM.wavenumbers, 2))
     assert np.mean(found) == pytest.approx(ratio, rel=0.15)
+
+
+@pytest.mark.parametrize("spread", [0.015, 0.03])
+def test_the_spread_of_rough_positions_is_told_from_noise(spread):
+    """Errors of the positions count the more the higher the mode, noise does not."""
+    rng, found = np.random.default_rng(0), []
+    for p in draws(1e-4, 6):
+        rest = unexplained(TRUTH + rng.normal(0, spread, TRUTH.shape), p, PROBLEM.wavenumbers, 2)
+        found.append((rest.spread, rest.noise))
+    spreads, noises = np.mean(found, axis=0)
+    assert spreads == pytest.approx(spread * np.sqrt(2), rel=0.3)  # of both coordinates together
+    assert noises < 5e-3

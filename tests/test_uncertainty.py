@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from fields import measured
 
-from fdcal.gauge import align
+from fdcal.gauge import align, rigid_motions
 from fdcal.likelihood import DiffuseField, diffuse_field, kernel
 from fdcal.solvers.newton import FIRST_DAMPING, damped_step
 from fdcal.uncertainty import (
@@ -13,7 +13,6 @@ from fdcal.uncertainty import (
     freed,
     newton_covariance,
     one_sigma,
-    rigid_motions,
     scale_sigma,
     spread,
     visible_moves,

@@ -25,7 +25,7 @@ from fdcal.checks import InputError
 from fdcal.history import History, SessionView
 from fdcal.measurement import Measurement
 from fdcal.picture import compose, with_estimate
-from fdcal.scene import load_scene
+from fdcal.scene import load_scene, scene_folder
 from fdcal.store import cached_measurement
 from fdcal.viewer import app, plots, preparing, safety, spreads, stage, words
 from fdcal.viewer.controls import Controls
@@ -53,9 +53,12 @@ def finish(coroutine):
 
 
 @pytest.fixture(scope="module")
-def address():
-    """Where `fdcal view tiny` serves; it must end in good order on Ctrl-C."""
-    command = [sys.executable, "-m", "fdcal", "view", "tiny", "--port", "0", "--no-browser"]
+def address(tmp_path_factory):
+    """Where `fdcal view` serves `tiny`, solved by descent, which has steps to be seen; ends in good order on Ctrl-C."""
+    slow = tmp_path_factory.mktemp("view") / "slow.toml"
+    text = (scene_folder() / "tiny.toml").read_text(encoding="utf-8")
+    slow.write_text(text.replace('name = "joint"', 'name = "descent"'), encoding="utf-8")
+    command = [sys.executable, "-m", "fdcal", "view", str(slow), "--port", "0", "--no-browser"]
     server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ)
     try:
         url = server.stdout.readline().strip()
