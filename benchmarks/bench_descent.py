@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,11 +23,11 @@ def run() -> list[Figure]:
 
 def _scene(name: str) -> list[Figure]:
     scene = load_scene(name)
-    measurement = cached_measurement(scene)
+    settings, measurement = replace(scene.solver, name="descent"), cached_measurement(scene)
     problem = measurement.problem(scene.solver.weights)
     errors, sweeps, start = [], [], time.perf_counter()
     for seed in range(SEEDS):
-        for state in solvers.run(problem, scene.solver, seed):  # noqa: B007, the last one counts
+        for state in solvers.run(problem, settings, seed):  # noqa: B007, the last one counts
             pass
         errors.append(position_errors(state.positions, measurement.positions).mean())
         sweeps.append(state.sweep)

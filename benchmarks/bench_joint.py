@@ -1,0 +1,143 @@
+"""How long `joint` takes: array 1 and one in a ball from measurement to verdict, against descent, against N and M.
+
+Compiled code is warm, times are medians of REPEATS; the processor's own time stands beside the clock's. The time
+against descent is that of the steps until Eq. 7 at joint's positions, of the same modes and orders, is not above what
+descent ends with. Sizes are measured each in a process of its own, whose peak memory less that before is the run's.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from fdcal import cost, solvers
+from fdcal.dictionary import max_order
+from fdcal.runs import Given, solve
+from fdcal.scene import Solver, load_scene
+from fdcal.store import cached_measurement
+
+from .draws import draw
+from .report import Figure
+
+REPEATS = 5
+MICROPHONES = (16, 32, 64, 128, 256, 512)  # with 57 modes
+MODES = (8, 16, 32, 57, 128, 256)  # with 64 microphones
+CHILD = "import sys; from benchmarks.sizes import report; report(int(sys.argv[1]), int(sys.argv[2]))"
+
+
+def run() -> list[Figure]:
+    array1, ball = cached_measurement(load_scene("array1_circle")), draw("ball3d", 0, 79, 40).measurement
+    return [
+        *_whole("array1_circle, 57 modes, blind", _blind(array1), 57, 0.5),
+        *_whole("array1_circle, 57 modes, three known", array1, 57, 0.2),
+        *_whole("ball3d, 79 modes, 40 dB, blind", _blind(ball), 79, 2.0),
+        *_against_descent(array1),
+        *_sizes(),
+    ]
+
+
+def _blind(measurement):
+    return replace(measurement, known=(), known_positions=None)
+
+
+def _whole(name: str, measurement, modes: int, limit: float) -> list[Figure]:
+    """From measurement to verdict."""
+    given = Given(name, None, measurement, Solver(name="joint", modes=modes), 0)
+    solve(given)
+    wall, cpu = np.transpose([timed(lambda: solve(given)) for _ in range(REPEATS)])
+    took = float(np.median(wall))
+    return [
+        Figure(f"{name}: measurement to verdict", took, "s", f"at most {limit:g}", took <= limit),
+        Figure(f"{name}: time of the processor", float(np.median(cpu)), "s"),
+    ]
+
+
+def timed(function) -> tuple[float, float]:
+    """Seconds of the clock and of the processor."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    function()
+    return time.perf_counter() - wall, time.process_time() - cpu
+
+
+def _against_descent(measurement) -> list[Figure]:
+    problem = measurement.problem()
+    settings = replace(load_scene("array1_circle").solver, name="descent", start="random")
+    solvers.load("descent").step(problem, solvers.load("descent").init(problem, settings, 0))  # compiles
+    states = []
+    slow, slow_cpu = timed(lambda: states.extend(solvers.run(problem, settings, 0)))
+    goal = equation7(problem, states[-1].positions, settings)
+    rule, settings = settings, replace(settings, name="joint", start="affine")
+    whole = float(np.median([timed(lambda: list(solvers.run(problem, settings, 0)))[0] for _ in range(REPEATS)]))
+    runs = [_until(problem, settings, rule, goal) for _ in range(REPEATS)]
+    fast, fast_cpu, ratio = (float(np.median(column)) for column in np.transpose([(*r, slow / r[0]) for r in runs]))
+    return [
+        Figure("descent, array1_circle, 57 modes, seed 0: Eq. 7 at its end", goal, ""),
+        Figure("descent: time", slow, "s"),
+        Figure("descent: time of the processor", slow_cpu, "s"),
+        Figure("joint, start included, until Eq. 7 is as low", fast, "s"),
+        Figure("joint: time of the processor", fast_cpu, "s"),
+        Figure("descent over joint", ratio, "times", "at least 50", ratio >= 50),
+        Figure("descent over the whole of joint", slow / whole, "times"),
+        Figure("descent over joint, processor", slow_cpu / fast_cpu, "times"),
+    ]
+
+
+def equation7(problem, positions, settings) -> float:
+    """Eq. 7 summed over the modes of `settings`, about the centre of mass."""
+    modes = slice(0, settings.modes)
+    k = problem.wavenumbers[modes]
+    orders = max_order(k, problem.search.radius, settings.order_offset)
+    return float(cost.cost(positions, problem.pressures[modes], k, orders, positions.mean(axis=0)).sum())
+
+
+def _until(problem, settings, rule, goal: float) -> tuple[float, float]:
+    """Seconds of clock and processor of joint's steps until Eq. 7 is at most `goal`; infinite if it never is."""
+    joint, total = solvers.load("joint"), np.zeros(2)
+    state = None
+
+    def advance():
+        nonlocal state
+        state = joint.init(problem, settings, 0) if state is None else joint.step(problem, state)
+
+    while state is None or not state.finished:
+        total += timed(advance)
+        if equation7(problem, state.positions, rule) <= goal:
+            return tuple(total)
+    return np.inf, np.inf
+
+
+def _sizes() -> list[Figure]:
+    """Time and memory against N and M, and the exponents fitted to the larger half of each."""
+    figures, targets = [], {(512, 128): 30.0}
+    table = {size: _size(*size) for size in {*((n, 57) for n in MICROPHONES), *((64, m) for m in MODES), *targets}}
+    for (n, m), (wall, cpu, step, megabytes, rms) in sorted(table.items()):
+        limit = targets.get((n, m))
+        target, met = ("", None) if limit is None else (f"at most {limit:g}", wall <= limit)
+        figures += [
+            Figure(f"N = {n}, M = {m}, blind: time", wall, "s", target, met),
+            Figure(f"N = {n}, M = {m}: time of the processor", cpu, "s"),
+            Figure(f"N = {n}, M = {m}: one step, mean, processor", 1e3 * step, "ms"),
+            Figure(f"N = {n}, M = {m}: peak memory beyond that before", megabytes, "MB"),
+            Figure(f"N = {n}, M = {m}: RMS error", 1e3 * rms, "mm"),
+        ]
+    for name, sizes, rows in (
+        ("N", MICROPHONES, [table[n, 57] for n in MICROPHONES]),
+        ("M", MODES, [table[64, m] for m in MODES]),
+    ):
+        half = len(sizes) // 2
+        for what, column in (("time of the processor", 1), ("time of a step", 2), ("memory", 3)):
+            values = np.maximum([row[column] for row in rows[half:]], 1e-9)
+            slope = float(np.polyfit(np.log(sizes[half:]), np.log(values), 1)[0])
+            figures.append(Figure(f"{what} grows with {name} to the power (the larger three)", slope, ""))
+    return figures
+
+
+def _size(count: int, modes: int) -> tuple[float, ...]:
+    child = subprocess.run(
+        [sys.executable, "-c", CHILD, str(count), str(modes)], capture_output=True, text=True, check=True
+    )
+    return tuple(map(float, child.stdout.split()))

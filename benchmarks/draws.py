@@ -1,0 +1,193 @@
+"""Draws of arrays, sources and noise, rooms in closed form as truth, and the bound that no estimate undercuts.
+
+The rooms are rigid: the scenes' 6 x 5 m in two dimensions, their box in three, their sound damped as the exponential
+window damps it. Pressures are those at the room's own frequencies, at least 1 Hz apart, exact to rounding; no function
+of the solvers has a part in them.
+
+Sources stand anywhere in the room, not nearer than 0.2 m (3-D: 0.3 m) to a wall and 1.2 m to the centre of the array.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib.util
+import itertools
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from fdcal.arrays import positions_of
+from fdcal.checks import InputError
+from fdcal.gauge import align, position_errors
+from fdcal.likelihood import diffuse_field, newton_terms
+from fdcal.measurement import Measurement
+from fdcal.scene import Scene, Solver, load_scene
+from fdcal.shoebox import field as box_field
+from fdcal.solvers import run
+from fdcal.space import places_of
+
+from .report import Figure
+
+_found = importlib.util.spec_from_file_location("fields", Path(__file__).parents[1] / "tests" / "fields.py")
+fields = importlib.util.module_from_spec(_found)
+_found.loader.exec_module(fields)  # the tests' closed forms: the folder of the tests is no package
+
+AWAY = 1.2  # metres, least distance of the source to the centre of the array
+FROM_WALLS = {2: 0.2, 3: 0.3}  # metres
+DECAY = {2: 3.0, 3: 1.5}  # s, 1/s: recordings of 4 s and 8 s, weighted
+FREE = 1000.0  # times the power of the field: its coefficients are then as good as unknown
+LOST = 3.0  # times the bound
+
+
+@dataclass(frozen=True)
+class Draw:
+    """A measurement, and its pressures without noise, (M, N) complex128, in the same unit."""
+
+    measurement: Measurement
+    clean: np.ndarray
+
+
+def draw(name: str, seed: int, modes: int, snr_db: float = np.inf) -> Draw:
+    """The array of scene `name` with a source, noise and, where it is random, an array of their own."""
+    scene, frequencies, k, clean = _clean(name, seed, modes)
+    noise = np.mean(np.abs(clean) ** 2, axis=1) * 10 ** (-snr_db / 10)
+    parts = np.random.default_rng([seed, 3]).standard_normal((2, *clean.shape))
+    measurement = Measurement(
+        frequencies=frequencies,
+        pressures=clean + np.sqrt(noise / 2)[:, None] * (parts[0] + 1j * parts[1]),
+        sound_speed=scene.room.sound_speed,
+        dimension=scene.room.dimension,
+        array_dimension=scene.array.dimension,
+        wavenumbers=k,
+        noise_power=noise,
+        positions=positions_of(scene),
+        known=scene.gauge.indices(clean.shape[1]),
+        search=scene.search,
+    )
+    return Draw(measurement, clean)
+
+
+@functools.lru_cache(maxsize=64)
+def _clean(name: str, seed: int, modes: int):
+    """The scene of a draw, its frequencies (M,), Hz, wavenumbers (M,), rad/m, and pressures (M, N) without noise."""
+    scene = load_scene(name)
+    position = _source(scene, np.random.default_rng([seed, 2]))
+    scene = replace(scene, seed=seed, source=replace(scene.source, position=position))
+    D, c = scene.room.dimension, scene.room.sound_speed
+    frequencies = eigenfrequencies(scene.room.size, modes, c, D == 3)
+    k = (2 * np.pi * frequencies - 1j * DECAY[D]) / c
+    if D == 3:
+        return scene, frequencies, k, box_field(scene.room, position, places_of(scene), k)
+    return scene, frequencies, k, rigid_field(positions_of(scene), position, k, scene.room.size)
+
+
+def _source(scene: Scene, rng: np.random.Generator) -> tuple[float, ...]:
+    """A place of the source : metres."""
+    size, gap = np.array(scene.room.size), FROM_WALLS[scene.room.dimension]
+    while True:
+        place = rng.uniform(gap, size - gap)
+        if np.linalg.norm(place - scene.array.center) >= AWAY:
+            return tuple(place.tolist())
+
+
+def eigenfrequencies(size, count: int, c: float, spaced: bool, lowest=20.0, highest=300.0, apart=1.0) -> np.ndarray:
+    """The `count` lowest of a rigid room that are `apart`, Hz; `spaced`: evenly taken from those below `highest`."""
+    numbers = np.array(list(itertools.product(range(40), repeat=len(size))))
+    every = np.sort(c / 2 * np.linalg.norm(numbers / np.array(size), axis=1))
+    chosen = [0.0]
+    for f in every[every > lowest]:
+        if f - chosen[-1] > apart:
+            chosen.append(float(f))
+    usable = np.array(chosen[1:])
+    if spaced:
+        usable = usable[usable < highest]
+        return usable[np.round(np.linspace(0, len(usable) - 1, count)).astype(int)]
+    return usable[:count]
+
+
+def rigid_field(points, source, wavenumbers, size) -> np.ndarray:
+    """`tests/fields.py`'s rigid rectangle, its closed form along the axis that parts a microphone more from the source.
+
+    Along the other one the series converges as slowly as 1 / n. (M, N) complex128.
+    """
+    points, source = np.asarray(points), np.asarray(source)
+    p = np.empty((len(wavenumbers), len(points)), complex)
+    along = np.argmax(np.abs(points - source), axis=1)
+    for axis, order in ((1, [0, 1]), (0, [1, 0])):
+        group = along == axis
+        if group.any():
+            p[:, group] = fields.rigid_room(
+                points[group][:, order], source[order], wavenumbers, np.array(size)[order].tolist()
+            )
+    return p
+
+
+def bound(drawn: Draw, known: str, modes: int) -> float:
+    """Cramer-Rao bound of the RMS position error over all microphones, metres; coefficients of the field unknown.
+
+    The curvature of the likelihood at the true positions and the pressures without noise, the field's power times FREE;
+    known microphones, or with known = "none" translation and rotation, left out.
+    """
+    m, clean = drawn.measurement, drawn.clean[:modes]
+    power = np.mean(np.abs(clean) ** 2, axis=1)
+    scaled = clean / np.sqrt(power)[:, None]
+    field = diffuse_field(scaled, np.real(m.wavenumbers[:modes]), m.noise_power[:modes] / power, m.dimension)
+    field = replace(field, power=FREE * np.ones(len(power)))
+    H = newton_terms(m.positions, scaled, field)[2]
+    N, D = m.positions.shape
+    free = np.setdiff1d(np.arange(N), m.known) if known == "all" else np.arange(N)
+    values = np.linalg.eigvalsh(H[free][:, :, free].reshape(len(free) * D, -1))
+    if known == "none":
+        values = values[D * (D + 1) // 2 :]
+    return float(np.sqrt(np.sum(1 / values) / N))
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """positions (N, D), metres, aligned if blind; rms, metres; seconds of wall clock and of the processor; state."""
+
+    positions: np.ndarray
+    rms: float
+    wall: float
+    cpu: float
+    state: object
+
+
+def solve(measurement: Measurement, known: str, modes: int, **settings) -> Outcome:
+    """What `joint` makes of a measurement; NaN where it refuses."""
+    problem = measurement.problem(known=known)
+    wall, cpu = time.perf_counter(), time.process_time()
+    state, found = None, np.full(measurement.positions.shape, np.nan)
+    try:
+        for state in run(problem, Solver(name="joint", modes=modes, **settings), 0):  # noqa: B007, the last one counts
+            pass
+        found = state.positions
+        found = align(found, measurement.positions) if known == "none" else found
+    except (InputError, np.linalg.LinAlgError) as error:
+        print(f"    {type(error).__name__}: {error}")
+    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    rms = pooled(position_errors(found, measurement.positions))
+    return Outcome(found, rms, wall, cpu, state)
+
+
+def pooled(values) -> float:
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def summary(
+    name: str, drawn: list[Draw], known: str, modes: int, limit: float | None = 1.3, **settings
+) -> list[Figure]:
+    """Figures of the RMS error pooled over draws, beside `limit` times the bound or none, and of how many are lost."""
+    rms = [solve(d.measurement, known, modes, **settings).rms for d in drawn]
+    least = [bound(d, known, modes) for d in drawn]
+    ratio, lost = pooled(rms) / pooled(least), sum(not r <= LOST * b for r, b in zip(rms, least, strict=True))
+    target, none = ("", "") if limit is None else (f"at most {limit:g}", "0")
+    met, kept = (None, None) if limit is None else (ratio <= limit, lost == 0)
+    return [
+        Figure(f"{name}: RMS error, {len(drawn)} draws pooled", 1e3 * pooled(rms), "mm"),
+        Figure(f"{name}: over the bound, {1e3 * pooled(least):.3g} mm", ratio, "times", target, met),
+        Figure(f"{name}: lost, more than {LOST:g} times their bound", lost, "draws", none, kept),
+    ]
