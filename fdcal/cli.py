@@ -166,7 +166,13 @@ def import_(source, output, number, force, **wishes):
 
 @commands.command()
 @click.argument("source", metavar="SCENE|FILE")
-@click.option("--solver", metavar="NAME", help="descent is the paper's.  [default: the scene's]")
+@click.option("--solver", metavar="NAME", help="joint, descent (the paper's) or descent+joint.  [default: the scene's]")
+@click.option("--start", metavar="affine|random", help="Positions to begin with.  [default: the solver's own]")
+@click.option(
+    "--known", metavar="all|minimal|none", help="Known microphones; minimal: a position, a direction, a side."
+)
+@click.option("--noise", metavar="DB|auto|told", help="SNR of each frequency that joint supposes; auto estimates it.")
+@click.option("--cost", metavar="likelihood|projection", help="What joint minimises; projection is Eq. 7.")
 @click.option("--modes", type=int, metavar="M", help="Modes in use at the end, from the lowest up.")
 @click.option("--seed", type=int, metavar="S", help="Draws the solver's start.  [default: the scene's]")
 @click.option("--exclude", metavar="NAME,...", help="Leave microphones out, by name or number, as 3,17.")
@@ -178,12 +184,13 @@ def import_(source, output, number, force, **wishes):
 @radius_option
 @force_option
 def calibrate(
-    source, solver, modes, seed, exclude, estimate_sound_speed, distance, check, output, search, radius, force
-):
+    source, solver, start, known, noise, cost, modes, seed, exclude, estimate_sound_speed, distance, check, output,
+    search, radius, force,
+):  # fmt: skip
     """Find the microphones, and say whether to trust the answer: exit code 4 where not."""
     path = arguments.output_path(output, ".json", force) if output else None
     given = _given(source, search, radius, arguments.names(exclude))
-    given = runs.changed(given, solver, modes, seed)
+    given = runs.changed(given, solver, modes, seed, start=start, known=known, noise=noise, cost=cost)
     given = replace(given, estimate_sound_speed=estimate_sound_speed, distance=arguments.distance(distance))
     if check:
         runs.require_told(given.measurement)

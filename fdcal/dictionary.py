@@ -121,7 +121,7 @@ class Lattice:
             table[:, : L + 1] = bessel_orders(k * radii, L)
 
     def nearest(self, point) -> np.ndarray:
-        """Lattice point nearest to `point` : (2,) float64, metres; inside the search domain."""
+        """Lattice point nearest to `point` (..., 2) : (..., 2) float64, metres; inside the search domain."""
         return np.asarray(self.search.origin) + self.search.step * self._index(point)
 
     def _index(self, point) -> np.ndarray:

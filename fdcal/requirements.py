@@ -23,7 +23,7 @@ def check_solvable(problem: Problem, modes: int, names: Sequence[str]) -> None:
     """
     _check_known(problem, names)
     _check_count(problem, modes)
-    _check_line(problem)
+    _check_line(problem, modes)
 
 
 def _check_known(problem: Problem, names) -> None:
@@ -56,12 +56,12 @@ def _check_count(problem: Problem, modes: int) -> None:
         )
 
 
-def _check_line(problem: Problem) -> None:
+def _check_line(problem: Problem, modes: int) -> None:
     """On a line (a plane, in space) the last singular vector only bends along with the others."""
     N, D = problem.pressures.shape[1], problem.array_dimension
     if fixes_gauge(problem.known_positions):
         return
-    shape, values = singular_vectors(problem)
+    shape, values, _ = singular_vectors(problem, modes)
     first, last = shape[:, :-1] / np.abs(shape[:, :-1]).max(axis=0), shape[:, -1]
     powers = np.indices((BENT + 1,) * (D - 1)).reshape(D - 1, -1)
     powers = powers[:, powers.sum(axis=0) <= (BENT if D == 2 else 2)]

@@ -18,7 +18,7 @@ import numpy as np
 from .arrays import positions_of
 from .checks import InputError, require_positive
 from .cost import lattice_of, require_modes
-from .gauge import align, position_errors
+from .gauge import align, place, position_errors
 from .measurement import Measurement, Problem, require_measurable
 from .measurement_file import load_measurement
 from .requirements import check_solvable
@@ -97,9 +97,14 @@ def from_scene(scene: Scene, progress: Progress | None = None) -> Given:
     return Given(scene.name, scene, cached_measurement(scene, progress), scene.solver, scene.seed)
 
 
-def changed(given: Given, solver: str | None, modes: int | None, seed: int | None) -> Given:
-    """`given` with another solver, number of modes or seed, each where it is not None."""
-    settings = given.settings
+def changed(
+    given: Given, solver: str | None = None, modes: int | None = None, seed: int | None = None, **others: str | None
+) -> Given:
+    """`given` with another solver, number of modes, seed, or other fields of `scene.Solver`, each where not None.
+
+    Raises InputError for values that cannot be.
+    """
+    settings = replace(given.settings, **{key: value for key, value in others.items() if value is not None})
     if seed is not None and seed < 0:
         raise InputError(f"seed = {seed} must not be negative; use 0 or more")
     if modes is not None:
@@ -110,23 +115,28 @@ def changed(given: Given, solver: str | None, modes: int | None, seed: int | Non
     return replace(given, settings=settings, seed=given.seed if seed is None else seed)
 
 
+def problem_of(given: Given) -> Problem:
+    """What the solver sees of a measurement, with the known microphones that the settings leave it."""
+    return given.measurement.problem(given.settings.weights, given.settings.known)
+
+
 def solve(given: Given, progress: Progress | None = None) -> dict:
     """Run the solver to its end.
 
     Returns
     -------
     dict, what a result file holds: positions (N, D) list, metres, and names (N,); known, names; excluded, names of
-    microphones left out, which have no row; solver; seed; frequencies used, Hz; cost, dimensionless; sweeps;
-    elapsed_s; converged; mean_error_m and max_error_m over all microphones, None without truth; aligned, whether the
-    errors are those after the best rigid motion, since no microphone was known; verdict, verdict_text, uncertainty_m
-    (N,) and residual_to_noise (see `fdcal.verdict.Verdict`); sound_speed, m/s, told or estimated
+    microphones left out, which have no row; solver; seed; frequencies used, Hz; cost, dimensionless; sweeps; elapsed_s;
+    converged; mean_error_m and max_error_m over all microphones, None without truth; aligned, whether nothing fixes
+    rotation, translation and mirror, so that the errors are those after the best rigid motion; verdict, verdict_text,
+    uncertainty_m (N,) and residual_to_noise (see `fdcal.verdict.Verdict`); sound_speed, m/s, told or estimated
 
     Raises InputError where the solver cannot start, and whatever `progress` raises to stop the run.
     """
     from .solvers import run
 
-    _require_reachable(given.measurement)
-    problem, last = given.measurement.problem(given.settings.weights), given.settings.modes
+    _require_reachable(given)
+    problem, last = problem_of(given), given.settings.modes
     _require_length(given, problem)
     check_channels(given.measurement.pressures, given.measurement.names)
     check_solvable(problem, last, given.measurement.names)
@@ -135,7 +145,7 @@ def solve(given: Given, progress: Progress | None = None) -> dict:
         if progress is not None:
             progress(state.last / last, f"{state.last} modes, sweep {state.sweep}, cost {state.cost:.3g}")
     positions, problem, trust = _trusted(given, problem, state)
-    truth, blind = given.measurement.positions, not len(given.measurement.known)
+    truth, blind = given.measurement.positions, problem.frame is None and not len(problem.known)
     placed = align(positions, truth) if blind and truth is not None else positions
     errors = None if truth is None else position_errors(placed, truth)
     return {
@@ -152,7 +162,7 @@ def solve(given: Given, progress: Progress | None = None) -> dict:
         "converged": bool(state.converged),
         "mean_error_m": None if errors is None else float(errors.mean()),
         "max_error_m": None if errors is None else float(errors.max()),
-        "aligned": blind and truth is not None,
+        "aligned": blind,
         "sound_speed": problem.sound_speed,
         **trust,
     }
@@ -163,14 +173,15 @@ def _trusted(given: Given, problem: Problem, state) -> tuple[np.ndarray, Problem
     from . import soundspeed
     from .verdict import judge
 
-    positions, noise = state.positions, getattr(state, "noise", None)
+    positions, noise = state.positions, getattr(state, "noise_power", None)
     if given.estimate_sound_speed:
         found = (
             soundspeed.from_known(problem, positions, state.modes, noise)
             if given.distance is None
             else soundspeed.from_distance(problem, positions, _pair(given), given.distance[2])
         )
-        positions, problem = found.positions, found.problem
+        positions = found.positions if problem.frame is None else place(found.positions, problem.frame)
+        problem = found.problem
     verdict = judge(problem, positions, state.modes, noise, given.measurement.names, state.converged)
     return (
         positions,
@@ -206,9 +217,10 @@ def _require_length(given: Given, problem: Problem) -> None:
         raise InputError("--estimate-sound-speed needs two known microphones at least, or --distance I,J,METRES")
 
 
-def _require_reachable(measurement: Measurement) -> None:
-    """Raise InputError where the truth, if it is told, lies outside the search domain: it could never be found."""
-    if measurement.positions is None or measurement.search is None:
+def _require_reachable(given: Given) -> None:
+    """Raise InputError where the truth, if it is told, lies outside the search domain: descent could never find it."""
+    measurement = given.measurement
+    if measurement.positions is None or measurement.search is None or not given.settings.name.startswith("descent"):
         return
     search, free = measurement.search, np.setdiff1d(np.arange(measurement.count), measurement.known)
     low, high = np.array(search.origin) - search.step, np.add(search.origin, search.size) + search.step
@@ -223,11 +235,8 @@ def _require_reachable(measurement: Measurement) -> None:
 
 def summary(given: Given, result: dict) -> str:
     """The outcome in six lines."""
-    free, count, f = (
-        given.measurement.count - len(given.measurement.known),
-        given.measurement.count,
-        result["frequencies"],
-    )
+    count, f = given.measurement.count, result["frequencies"]
+    free = count - len(given.measurement.known) * (given.settings.known == "all")
     end = "converged" if result["converged"] else "stopped before it converged"
     error = "unknown, since the true positions are"
     if result["mean_error_m"] is not None:
@@ -275,7 +284,10 @@ def joint_landscape(given: Given, positions, n: int, modes: int) -> np.ndarray:
 
 
 def positions_from(measurement: Measurement, result: dict | None) -> np.ndarray:
-    """Positions of a result, or the true ones without a result : (N, D) float64, metres."""
+    """Positions of a result, or the true ones without a result : (N, D) float64, metres.
+
+    Those of a result that nothing has placed are moved as a whole onto the truth, where it is told.
+    """
     if result is None:
         if measurement.positions is None:
             raise InputError("the measurement holds no true positions; give those of a result: --result RESULT.json")
@@ -291,4 +303,8 @@ def positions_from(measurement: Measurement, result: dict | None) -> np.ndarray:
         raise InputError(
             f"the result has positions of shape {positions.shape}, the measurement {shape}; use its own result"
         )
-    return positions
+    return (
+        align(positions, measurement.positions)
+        if result.get("aligned") and measurement.positions is not None
+        else positions
+    )

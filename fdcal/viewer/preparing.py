@@ -112,7 +112,7 @@ def _work(scene: Scene, progress: Progress) -> Work | None:
     except Stopped:
         return None
     progress.done = 1.0
-    problem = measurement.problem(scene.solver.weights)
+    problem = measurement.problem(scene.solver.weights, scene.solver.known)
     solver = solvers.load(scene.solver.name)
     session = Session(problem, scene.solver, scene.seed, solver)
     _warm_up(problem, solver, session.view.state)
