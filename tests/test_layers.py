@@ -37,6 +37,7 @@ ROOMS = [
     ["dense", "expansion"],
     ["learned"],
     ["likelihood"],
+    ["likelihood_maps"],
     ["basins"],
     ["landscapes"],
     ["solvers"],

@@ -28,7 +28,7 @@ import numpy as np
 
 from ..checks import InputError, frozen_array
 from ..gauge import place
-from ..likelihood import LEAST_NEAR_NOISE, LEAST_NOISE, DiffuseField, Unexplained, diffuse_field, likelihood_landscape
+from ..likelihood import LEAST_NEAR_NOISE, LEAST_NOISE, DiffuseField, Unexplained, diffuse_field
 from ..likelihood import total as total_cost
 from ..measurement import Problem
 from ..scene import Solver
@@ -219,14 +219,13 @@ def landscape(problem: Problem, state: State, n: int, modes: slice) -> np.ndarra
 
     In space, over the horizontal layer at the microphone's own height.
     """
-    search = problem.search
-    if search is None:
+    if problem.search is None:
         raise InputError("the measurement has no search domain; give --search ORIGIN,SIZE,STEP and --radius R")
-    layer = search.layer(float(state.positions[n, -1]))
-    p, k = problem.pressures[modes], problem.wavenumbers[modes]
-    field = diffuse_field(p, k, state.noise[modes], problem.dimension)
-    maps = likelihood_landscape(state.positions, n, layer.reshape(-1, layer.shape[-1]), p, field)
-    return maps.reshape(-1, *layer.shape[:-1])
+    from ..likelihood_maps import likelihood_maps  # compiled code is loaded with the first map
+
+    power = np.mean(np.abs(problem.pressures[modes]) ** 2, axis=1)
+    noise = np.maximum(state.noise[modes], LEAST_NOISE * power)  # with less, the near model's, the kernel is singular
+    return likelihood_maps(problem, state.positions, n, modes, noise)
 
 
 def confidence(share: np.ndarray, problem: Problem) -> np.ndarray:
