@@ -12,7 +12,7 @@ import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 
 from .checks import InputError
-from .recording import Recording, of_array, read
+from .recording import Recording, groups, of_array, read
 
 LEAD, LENGTH = 0.25, 2.25  # s: before the sound, and in all
 MOST_SAMPLES = 16_000_000  # of one channel: what is longer is cut, 5 min at 48 kHz
@@ -41,9 +41,10 @@ def deconvolved(recording: Recording, reference: Recording, band: tuple[float, f
     lead = int(LEAD * fs)
     length = min(int(LENGTH * fs), padded)
     responses = np.empty((recording.count, length))
-    for n in range(recording.count):
-        whole = irfft(rfft(read(recording, 0, samples, [n])[0], padded) * inverse, padded)
-        responses[n] = np.roll(whole, lead)[:length]
+    for channels, values in groups(recording):
+        for n, row in zip(channels, values, strict=True):
+            whole = irfft(rfft(row[:samples], padded) * inverse, padded)
+            responses[n] = np.roll(whole, lead)[:length]
     made = of_array(recording.path, "response", fs, responses, names=recording.names)
     return replace(made, positions=recording.positions, sound_speed=recording.sound_speed)
 

@@ -22,7 +22,8 @@ from .checks import InputError, frozen_array, require_array, require_positive
 
 KINDS = ("response", "work")
 ZERO_CELSIUS = 273.15  # K
-GROUP_SAMPLES = 4_000_000  # samples held at a time: 32 MB as float64
+GROUP_SAMPLES = 16_000_000  # samples held at a time: 128 MB as float64
+PIECE_SAMPLES = 4_000_000  # likewise, of a file that holds all channels side by side
 MOST_CHANNELS = 10_000
 RATES = 100.0, 1e7  # Hz, what a sampling rate may be
 CLIPPED_RUN = 3  # neighbouring samples at the greatest value that a channel reaches: no wave does that
@@ -135,6 +136,13 @@ def read(recording: Recording, start: int, stop: int, channels=None) -> np.ndarr
     return values
 
 
+def pieces(samples: int, channels: int) -> Iterator[tuple[int, int]]:
+    """First and last of the stretches in which to read `samples` of a file where channels lie side by side."""
+    step = max(1, PIECE_SAMPLES // channels)
+    for first in range(0, samples, step):
+        yield first, min(first + step, samples)
+
+
 def groups(recording: Recording, most: int = GROUP_SAMPLES) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Channels (n,) and all of their samples (n, T), a few channels at a time."""
     step = max(1, most // recording.samples)
@@ -143,7 +151,7 @@ def groups(recording: Recording, most: int = GROUP_SAMPLES) -> Iterator[tuple[np
         yield channels, read(recording, 0, recording.samples, channels)
 
 
-def blocks(recording: Recording, most: int = GROUP_SAMPLES) -> Iterator[np.ndarray]:
+def blocks(recording: Recording, most: int = PIECE_SAMPLES) -> Iterator[np.ndarray]:
     """All channels, a stretch of samples (N, t) at a time, in order."""
     step = max(1, most // recording.count)
     for start in range(0, recording.samples, step):

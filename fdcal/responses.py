@@ -18,7 +18,7 @@ from scipy.fft import irfft, next_fast_len, rfft
 
 from . import bins
 from .checks import InputError
-from .recording import Recording, groups, read
+from .recording import GROUP_SAMPLES, Recording, groups, read
 from .spectrum import DECAY, PADDING, transform, wavenumber_continuous
 
 LISTENED = 24  # channels by which the decay is told
@@ -120,18 +120,28 @@ def decay_of(recording: Recording, band: tuple[float, float]) -> Decay:
 def piece_levels(recording: Recording, band: tuple[float, float]) -> np.ndarray:
     """Power in the band, mean over a few channels, in each of PIECES pieces : (PIECES,) float64."""
     channels = np.unique(np.linspace(0, recording.count - 1, LISTENED).astype(int))
-    fs, samples = recording.sample_rate, recording.samples
+    slow, fs = _slow(recording, channels, 16 * band[1])
+    samples = slow.shape[1]
     padded = next_fast_len(PADDING * samples, real=True)  # so that nothing of the start wraps round to the end
-    last = min(int(np.ceil(2 * band[1] * padded / fs)), padded // 2)
-    f = np.arange(last + 1) * fs / padded
-    edge = np.clip((2 * band[1] - f) / band[1], 0, 1) * np.clip(f / band[0], 0, 1)
-    smooth = np.sin(np.pi / 2 * edge) ** 2
+    f = np.arange(padded // 2 + 1) * fs / padded
+    smooth = np.sin(np.pi / 2 * np.clip(2 - f / band[1], 0, 1) * np.clip(f / band[0], 0, 1)) ** 2
     total = np.zeros(PIECES)
-    for n in channels:
-        slow = irfft(rfft(read(recording, 0, samples, [n])[0], padded)[: last + 1] * smooth, 2 * last)
-        kept = slow[: int(len(slow) * samples / padded)]
+    for row in slow:
+        kept = irfft(rfft(row, padded) * smooth, padded)[:samples]
         total += [np.mean(piece**2) if len(piece) else 0.0 for piece in np.array_split(kept, PIECES)]
     return total / len(channels)
+
+
+def _slow(recording: Recording, channels: np.ndarray, least: float) -> tuple[np.ndarray, float]:
+    """Channels (n, t), each sample the mean of some, and their sampling rate, at least `least` Hz if may be."""
+    factor = max(1, int(recording.sample_rate / least))
+    step = factor * max(1, GROUP_SAMPLES // (4 * factor * len(channels)))
+    rows = []
+    for start in range(0, recording.samples - factor + 1, step):
+        stop = start + (min(step, recording.samples - start) // factor) * factor
+        values = read(recording, start, stop, channels)
+        rows.append(values.reshape(len(channels), -1, factor).mean(axis=2))
+    return np.concatenate(rows, axis=1), recording.sample_rate / factor
 
 
 def mean_power(recording: Recording, band: tuple[float, float], s: float) -> tuple[np.ndarray, np.ndarray]:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..checks import InputError
-from ..recording import Recording
+from ..recording import Recording, pieces
 
 NAME = "Acoular HDF5"
 SUFFIXES = (".h5", ".hdf5")
@@ -35,10 +35,13 @@ def read(path: Path, source: int | None = None) -> Recording:
         raise InputError(f"{path} is no HDF5 file that can be read: {error}") from error
 
     def block(start: int, stop: int, chosen: np.ndarray) -> np.ndarray:
+        values = np.empty((len(chosen), stop - start))
         try:
             with h5py.File(path, "r") as file:
-                return file["time_data"][start:stop][:, chosen].T
+                for first, last in pieces(stop - start, channels):
+                    values[:, first:last] = file["time_data"][start + first : start + last].T[chosen]
         except Exception as error:
             raise InputError(f"{path} cannot be read at sample {start}: {error}; copy the file again") from error
+        return values
 
     return Recording(str(path), None, rate, int(channels), int(samples), block)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..checks import InputError
-from ..recording import Recording
+from ..recording import Recording, pieces
 
 NAME = "multichannel sound"
 SUFFIXES = (".wav", ".flac", ".w64", ".rf64", ".aiff", ".aif", ".caf", ".au")
@@ -33,15 +33,16 @@ def read(path: Path, source: int | None = None) -> Recording:
     _require_whole(path, log)
 
     def block(start: int, stop: int, chosen: np.ndarray) -> np.ndarray:
+        values = np.empty((len(chosen), stop - start), dtype="float32" if whole else "float64")
         try:
             with soundfile.SoundFile(path) as file:
                 file.seek(start)
-                values = file.read(stop - start, dtype="float32" if whole else "float64", always_2d=True)
-        except (soundfile.LibsndfileError, RuntimeError, ValueError) as error:
-            raise InputError(f"{path} cannot be read at sample {start}: {error}; copy the file again") from error
-        if values.shape[1] != channels:
-            raise InputError(f"{path} has changed while it was read; start again")
-        return values.T[chosen]
+                for first, last in pieces(stop - start, channels):
+                    part = file.read(last - first, dtype=values.dtype.name, always_2d=True)
+                    values[:, first:last] = part.T[chosen]  # fewer where the file ends too soon: an error, too
+        except (soundfile.LibsndfileError, RuntimeError, ValueError, IndexError) as error:
+            raise InputError(f"{path} is truncated near sample {start}: {error}; copy the file again") from error
+        return values
 
     return Recording(str(path), None, float(rate), channels, samples, block, full_scale=1.0 if whole else None)
 
