@@ -62,10 +62,19 @@ def choose(frequencies, power, noise, resolution: float, most: int = MOST) -> np
     is_peak[peaks] = True
     order = np.lexsort((-snr, ~is_peak))
     chosen = _apart(frequencies, order[usable[order]], resolution)
-    if len(chosen) <= most:
-        return np.sort(chosen)
-    parts = ((frequencies[chosen] - frequencies[0]) / (np.ptp(frequencies) * (1 + 1e-9)) * most).astype(int)
-    return np.sort([chosen[np.flatnonzero(parts == part)[0]] for part in np.unique(parts)])
+    return chosen[spread(frequencies[chosen], (frequencies[0], frequencies[-1]), most)]
+
+
+def spread(frequencies, band: tuple[float, float], most: int) -> np.ndarray:
+    """Indices of `most` at most of some frequencies (B,), Hz, in the order of preference, ascending in frequency.
+
+    All of them if they are not too many, else the first one in each of `most` equal parts of the band.
+    """
+    firsts = np.arange(len(frequencies))
+    if len(frequencies) > most:
+        parts = np.clip((frequencies - band[0]) / (band[1] - band[0]) * most, 0, most - 1).astype(int)
+        firsts = np.unique(parts, return_index=True)[1]
+    return firsts[np.argsort(frequencies[firsts])]
 
 
 def _apart(frequencies: np.ndarray, order: np.ndarray, resolution: float) -> np.ndarray:

@@ -23,6 +23,7 @@ from scipy.fft import next_fast_len, rfft
 
 from . import bins
 from .checks import InputError
+from .decimation import decimated
 from .recording import Recording, read
 from .responses import Pressures
 
@@ -52,6 +53,7 @@ def from_work(
 
     Raises InputError for a recording too short, and where nothing rises above the noise.
     """
+    recording = decimated(recording, band[1])
     length, starts = stretches(recording, band)
     grid, power = mean_power(recording, band, length, starts)
     resolution = 2 * recording.sample_rate / length
@@ -67,8 +69,8 @@ def from_work(
             f"{recording.path}: no frequency between {band[0]:g} and {band[1]:g} Hz is heard alike by the microphones;"
             " one source alone may sound, and it must be louder than the noise"
         )
-    keep = np.sort(keep[np.argsort(-snr[keep], kind="stable")][:most])
-    keep = keep[np.argsort(seen[keep])]
+    keep = keep[np.argsort(-snr[keep], kind="stable")]
+    keep = keep[bins.spread(seen[keep], band, most)]
     keep = keep[np.concatenate([[True], np.diff(seen[keep]) > 0.25 * resolution])]
     how = f"{len(starts)} stretches of {length / recording.sample_rate:.3g} s"
     how += ", dominant eigenvector" if reference is None else f", against microphone {recording.names[reference]}"

@@ -15,6 +15,7 @@ from fdcal import bins
 from fdcal.checks import InputError
 from fdcal.choosing import known, on_plane, subset, without
 from fdcal.cli import main
+from fdcal.decimation import decimated
 from fdcal.deconvolution import deconvolved
 from fdcal.intake import Wishes, intake, report
 from fdcal.measurement_file import load_measurement
@@ -83,6 +84,19 @@ def test_the_noise_beside_a_source_at_work_is_told_as_it_is():
         error = np.mean(np.abs(taken.pressures - factor[:, None] * truth) ** 2, axis=1)
         assert 0.5 < np.mean(error / taken.noise_power) < 2
         assert np.median(mismatch_db(taken.pressures, truth)) < -25, "averaging helps"
+
+
+def test_a_lower_rate_changes_nothing_in_the_band():
+    fs, t = 48_000, np.arange(48_000) / 48_000
+    tones = np.array([np.cos(2 * np.pi * f * t + 0.3) for f in (25.0, 300.0, 499.0, 1700.0, 5000.0)])
+    slow = decimated(of_array("file", "work", fs, tones), 500.0)
+    assert slow.sample_rate == 2000
+    kept = read(slow, 0, slow.samples)
+    at = np.arange(slow.samples) / slow.sample_rate
+    for row, f in zip(kept[:3], (25.0, 300.0, 499.0), strict=True):
+        assert np.allclose(row[100:-100], np.cos(2 * np.pi * f * at + 0.3)[100:-100], atol=1e-5)
+    assert np.abs(kept[3:, 100:-100]).max() < 1e-4, "1700 and 5000 Hz would fold to 300 and 1000 Hz"
+    assert np.array_equal(read(slow, 700, 900, [1]), kept[[1], 700:900])
 
 
 def test_a_narrow_resonance_keeps_its_own_frequency():

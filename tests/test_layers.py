@@ -46,7 +46,7 @@ ROOMS = [
     ["evidence", "soundspeed"],
     ["verdict"],
     ["recording", "placed", "bins"],
-    ["formats", "responses"],
+    ["formats", "responses", "decimation"],
     ["steady", "deconvolution", "choosing", "frames"],
     ["intake"],
     ["history"],
