@@ -23,7 +23,7 @@ from .checks import InputError, frozen_array, require_array, require_positive
 KINDS = ("response", "work")
 ZERO_CELSIUS = 273.15  # K
 GROUP_SAMPLES = 16_000_000  # samples held at a time: 128 MB as float64
-PIECE_SAMPLES = 4_000_000  # likewise, of a file that holds all channels side by side
+PIECE_SAMPLES = 500_000  # likewise, of a file where channels lie side by side: what a processor keeps at hand
 MOST_CHANNELS = 10_000
 RATES = 100.0, 1e7  # Hz, what a sampling rate may be
 CLIPPED_RUN = 3  # neighbouring samples at the greatest value that a channel reaches: no wave does that
@@ -143,6 +143,22 @@ def pieces(samples: int, channels: int) -> Iterator[tuple[int, int]]:
         yield first, min(first + step, samples)
 
 
+def held(recording: Recording, most: int = 4 * GROUP_SAMPLES) -> Recording:
+    """The recording in memory, as float32, if its samples are not too many; else as it is."""
+    if recording.count * recording.samples > most:
+        return recording
+    values = np.empty((recording.count, recording.samples), dtype=np.float32)
+    start = 0
+    for part in blocks(recording):
+        values[:, start : start + part.shape[1]] = part
+        start += part.shape[1]
+
+    def block(start: int, stop: int, channels: np.ndarray) -> np.ndarray:
+        return values[channels, start:stop]
+
+    return replace(recording, block=block)
+
+
 def groups(recording: Recording, most: int = GROUP_SAMPLES) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Channels (n,) and all of their samples (n, T), a few channels at a time."""
     step = max(1, most // recording.samples)
@@ -151,7 +167,7 @@ def groups(recording: Recording, most: int = GROUP_SAMPLES) -> Iterator[tuple[np
         yield channels, read(recording, 0, recording.samples, channels)
 
 
-def blocks(recording: Recording, most: int = PIECE_SAMPLES) -> Iterator[np.ndarray]:
+def blocks(recording: Recording, most: int = GROUP_SAMPLES // 4) -> Iterator[np.ndarray]:
     """All channels, a stretch of samples (N, t) at a time, in order."""
     step = max(1, most // recording.count)
     for start in range(0, recording.samples, step):

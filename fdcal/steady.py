@@ -24,7 +24,7 @@ from scipy.fft import next_fast_len, rfft
 from . import bins
 from .checks import InputError
 from .decimation import decimated
-from .recording import Recording, read
+from .recording import Recording, held, read
 from .responses import Pressures
 
 STRETCHES = 15  # at least, from which a mean is taken
@@ -53,7 +53,7 @@ def from_work(
 
     Raises InputError for a recording too short, and where nothing rises above the noise.
     """
-    recording = decimated(recording, band[1])
+    recording = held(decimated(recording, band[1]))
     length, starts = stretches(recording, band)
     grid, power = mean_power(recording, band, length, starts)
     resolution = 2 * recording.sample_rate / length
