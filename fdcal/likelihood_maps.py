@@ -52,6 +52,8 @@ def likelihood_maps(problem: Problem, positions, n: int, modes: slice, noise, se
     Returns
     -------
     (modes, ny, nx) float64
+
+    Raises numpy.linalg.LinAlgError where the positions are not finite.
     """
     x = np.ascontiguousarray(positions, float)
     domain, search = problem.search, problem.search if search is None else search
@@ -72,7 +74,9 @@ def _predictions(problem: Problem, x, n: int, modes: slice, p, field: DiffuseFie
     """Of every mode the cost's constant, the nodes' numbers (in x, in y), and h and f (nodes,), x fastest."""
     others = np.arange(len(x)) != n
     reach = _reach(problem.search, x[others])
-    furthest = float(field.wavenumbers.max(initial=0.0)) * reach  # in radians; NaN or far too much if they diverge
+    if not np.isfinite(reach):
+        raise np.linalg.LinAlgError("positions are not finite")
+    furthest = float(field.wavenumbers.max(initial=0.0)) * reach  # in radians
     few = problem.dimension == 2 and 2 * (furthest + MARGIN) + 1 <= MOST_FUNCTIONS * len(x)
     orders = max_order(field.wavenumbers, reach, MARGIN) if few else None
     tables, near = _tables(problem), _Distances(problem.search, x[others], x[n])

@@ -79,6 +79,13 @@ def test_microphones_far_out_change_no_law_nor_the_tables_of_those_that_are_not(
     np.testing.assert_allclose(likelihood_maps(problem, ROUGH, N, MODES, noise), before, rtol=1e-9)
 
 
+def test_positions_that_are_none_are_refused():
+    problem, astray = MEASURED.problem(), ROUGH.copy()
+    astray[3, 0] = np.nan
+    with pytest.raises(np.linalg.LinAlgError, match="finite"):
+        likelihood_maps(problem, astray, N, MODES, noise_of(problem, 1e-3))
+
+
 def test_a_finer_lattice_shows_the_same_surface():
     problem = replace(MEASURED.problem(), search=AREA)
     fine, noise = finer(AREA, 90), noise_of(problem, 1e-3)
