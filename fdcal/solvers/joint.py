@@ -42,7 +42,7 @@ SETTLED = {
     "sharp": 1e-6,
     "learned": 1e-6,
 }  # metres: a stage ends when nothing moves further
-NEGLIGIBLE = {"bend": 1.0, "free": 1.0, "sharp": 1e-3, "learned": 1e-2}  # or -log likelihood falls by no more
+NEGLIGIBLE = {"bend": 1.0, "free": 1.0, "sharp": 1e-3, "learned": 0.3}  # or -log likelihood falls by no more
 MOST_STEPS = 60  # of one stage
 MOST_ROUNDS = 4  # stages of phase "free" in one attempt
 LEARNED = (3, 5, 3.0)  # stages, rounds of learning in each, and `confidence` at most: the prior is better then
