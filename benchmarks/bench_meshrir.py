@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -30,6 +29,13 @@ SPEED = 343.2  # m/s
 RATE, SAMPLES = 48_000, 32_768
 FEWER = 12  # the sum over images is taken at a rate this much lower
 TAPS, FINE = 64, 512  # of the pulse that stands for an image, and its points per sample
+# The command in a child of a small process: a child of this one would be charged with what this one holds.
+MEASURED = """
+import resource, subprocess, sys
+code = subprocess.run([sys.executable, "-m", "fdcal", *sys.argv[1:]], stdout=subprocess.DEVNULL).returncode
+print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
+sys.exit(code)
+"""
 CENTRE = 3.6, 2.9, 1.3  # m, of the mesh
 SOURCE = 5.9, 5.1, 0.9  # m
 
@@ -115,18 +121,16 @@ def from_folder(folder: Path, options: tuple[str, ...], out: Path, truth=None) -
     `truth` (N, D), metres, where the folder does not tell it.
     """
     file, result = out / "taken.npz", out / "result.json"
-    fdcal = [sys.executable, "-m", "fdcal"]
-    start = time.perf_counter()
+    start, greatest = time.perf_counter(), 0.0
     for command in (
         ["import", str(folder), "-o", str(file), "--force", *options],
         ["calibrate", str(file), "--solver", "joint", "-o", str(result), "--force"],
     ):
-        done = subprocess.run([*fdcal, *command], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        done = subprocess.run([sys.executable, "-c", MEASURED, *command], capture_output=True, text=True)
         if done.returncode not in (0, 4):  # 4: calibrated, but not to be trusted
             raise RuntimeError(done.stderr)
-    seconds = time.perf_counter() - start
-    memory = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024  # of the greatest child so far
-    return seconds, memory, _error(file, json.loads(result.read_text()), truth)
+        greatest = max(greatest, int(done.stdout.split()[-1]) / 1024)
+    return time.perf_counter() - start, greatest, _error(file, json.loads(result.read_text()), truth)
 
 
 def _error(file: Path, result: dict, truth=None) -> float:
@@ -154,6 +158,6 @@ def run() -> list[Figure]:
             figures += [
                 Figure(f"{words}: RMS error", 1e3 * error, "mm", f"at most {limit:g}", 1e3 * error <= limit),
                 Figure(f"{words}: folder to positions", seconds, "s", "at most 30", seconds <= 30),
-                Figure(f"{words}: memory at most so far", megabytes, "MB", "below 1000", megabytes < 1000),
+                Figure(f"{words}: memory at most", megabytes, "MB", "below 1000", megabytes < 1000),
             ]
     return figures

@@ -85,6 +85,6 @@ def run() -> list[Figure]:
                     f"{words}, {known} known: RMS error", 1e3 * error, "mm", f"at most {limit:g}", 1e3 * error <= limit
                 ),
                 Figure(f"{words}: WAV to positions", seconds, "s"),
-                Figure(f"{words}: memory at most so far", megabytes, "MB", "below 1000", megabytes < 1000),
+                Figure(f"{words}: memory at most", megabytes, "MB", "below 1000", megabytes < 1000),
             ]
     return figures

@@ -11,6 +11,7 @@ from .recording import Recording
 ROOM = 4.0  # times the highest frequency, the least new sampling rate
 STOP_DB = 110.0  # by which what would fold into the band is held down
 SLOWEST = 200.0  # Hz
+AT_ONCE = 8_000_000  # samples of all channels that are filtered at a time
 
 
 def decimated(recording: Recording, highest: float) -> Recording:
@@ -26,14 +27,20 @@ def decimated(recording: Recording, highest: float) -> Recording:
     half = factor * (taps // (2 * factor) + 1)  # so that the filter is full at a sample that is kept
     taps = firwin(2 * half + 1, (highest + stop) / 2, window=("kaiser", beta), fs=fs).astype(np.float32)
 
-    def block(start: int, stop: int, channels: np.ndarray) -> np.ndarray:
-        first, last = start * factor - half, (stop - 1) * factor + half + 1
+    def block(start: int, end: int, channels: np.ndarray) -> np.ndarray:
+        out = np.empty((len(channels), end - start), dtype=np.float32)
+        step = max(1, AT_ONCE // (factor * len(channels)))
+        for begin in range(start, end, step):
+            piece(out[:, begin - start :][:, : min(step, end - begin)], begin, channels)
+        return out
+
+    def piece(out: np.ndarray, begin: int, channels: np.ndarray) -> None:
+        end = begin + out.shape[1]
+        first, last = begin * factor - half, (end - 1) * factor + half + 1
         inside = max(first, 0), min(last, recording.samples)
         values = np.zeros((len(channels), last - first), dtype=np.float32)
         values[:, inside[0] - first : inside[1] - first] = recording.block(*inside, channels)
-        out = np.empty((len(channels), stop - start), dtype=np.float32)
         for row, samples in zip(out, values, strict=True):
-            row[:] = upfirdn(taps, samples, 1, factor)[2 * half // factor :][: stop - start]
-        return out
+            row[:] = upfirdn(taps, samples, 1, factor)[2 * half // factor :][: end - begin]
 
     return replace(recording, sample_rate=fs / factor, samples=recording.samples // factor, block=block)

@@ -99,6 +99,14 @@ def test_a_lower_rate_changes_nothing_in_the_band():
     assert np.array_equal(read(slow, 700, 900, [1]), kept[[1], 700:900])
 
 
+def test_a_lower_rate_is_the_same_whole_or_in_pieces(monkeypatch):
+    samples = np.random.default_rng(0).standard_normal((2, 30_000))
+    slow = decimated(of_array("file", "work", 8000.0, samples), 500.0)
+    whole = slow.block(3, slow.samples - 5, np.array([1, 0]))
+    monkeypatch.setattr("fdcal.decimation.AT_ONCE", 1000)
+    assert np.array_equal(slow.block(3, slow.samples - 5, np.array([1, 0])), whole)
+
+
 def test_a_narrow_resonance_keeps_its_own_frequency():
     t = np.arange(30 * FS) / FS
     f = 101.23
