@@ -105,9 +105,9 @@ def view(scene: str, host: str, port: int, no_browser: bool):
         if not no_browser:
             arguments.open_page(url)
 
-    from .viewer import serve
+    from .viewer import Opening, serve
 
-    serve(loaded, host, port, on_ready)
+    serve(Opening(loaded), host, port, on_ready)
 
 
 @commands.command()

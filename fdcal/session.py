@@ -38,6 +38,8 @@ class Session:
     seed : int, of the start
     module : object with `init(problem, settings, seed)`, `step(problem, state)` and
         `use_modes(problem, state, first, last, automatic)`; the solver named in `settings` unless given
+    states : sequence of its states, oldest first, that the history begins with; the start alone unless given
+    index : int, which of them is looked at; the last unless given
 
     Raises what the solver's `init` raises. Later exceptions pause the session and are told in `view.error`.
 
@@ -50,7 +52,7 @@ class Session:
 
     NEWEST_ONLY = ("seek", "use_modes", "place", "pace")  # of several such commands in a row only the last matters
 
-    def __init__(self, problem, settings, seed: int, module=None):
+    def __init__(self, problem, settings, seed: int, module=None, states=(), index: int | None = None):
         if module is None:
             from . import solvers
 
@@ -58,11 +60,13 @@ class Session:
         self._problem, self._settings, self._seed, self._module = problem, settings, int(seed), module
         self._commands: queue.SimpleQueue = queue.SimpleQueue()
         self._changed = threading.Condition()
-        self._states = [module.init(problem, settings, self._seed)]
+        self._states = list(states) or [module.init(problem, settings, self._seed)]
+        count = len(self._states)
+        index = count - 1 if index is None else min(max(int(index), 0), count - 1)
         self._goal: Callable[[Any], bool] | None = None  # true once the state reached ends the run
         self._pause = 0.0  # s between two steps
         self._held: object = None  # the gesture that the last state came from, if a hand made it
-        self._view = SessionView(self._states[0], 0, 1, False, "", History(self._states, 1))
+        self._view = SessionView(self._states[index], index, count, False, "", History(self._states, count))
         self._thread = threading.Thread(target=self._serve, name="fdcal-solver", daemon=True)
         self._thread.start()
 

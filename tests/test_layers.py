@@ -52,6 +52,7 @@ ROOMS = [
     ["history"],
     ["worker"],
     ["session"],
+    ["opening"],
     ["shapes"],
     ["primitives"],
     ["painting"],

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,11 +25,15 @@ from fdcal.camera import camera_for, project
 from fdcal.checks import InputError
 from fdcal.history import History, SessionView
 from fdcal.measurement import Measurement
+from fdcal.opening import Opening, edited
 from fdcal.picture import compose, with_estimate
 from fdcal.scene import load_scene, scene_folder
 from fdcal.store import cached_measurement
-from fdcal.viewer import app, plots, preparing, safety, spreads, stage, words
+from fdcal.viewer import app, plots, preparing, safety, spreads, stage, viewing, words
 from fdcal.viewer.controls import Controls
+from fdcal.viewer.desk import Desk
+from fdcal.viewer.frame import Frame, Rooms
+from fdcal.viewer.page import Page
 from fdcal.viewer.stage import Stage
 
 WAIT = 60.0  # s, bound of every wait
@@ -441,9 +446,16 @@ def measurement(scene):
 
 
 @pytest.fixture
-def controls(server, measurement):
-    session = Recorder(State(measurement.positions))
-    yield Controls(server.gui, session, measurement, 6, "unit", lambda *_: None, lambda *_: None), session
+def work(scene, measurement):
+    """What a page shows, its session one that notes its commands."""
+    session, problem = Recorder(State(measurement.positions)), measurement.problem("unit")
+    return preparing.Work(scene, measurement, problem, Solver(measurement), session, Opening(scene))
+
+
+@pytest.fixture
+def controls(server, work):
+    rooms = Rooms(Frame(server.gui))
+    yield Controls(rooms, Desk(server.gui, work, 6), lambda *_: None, lambda *_: None), work.session
     server.gui.reset()
 
 
@@ -536,15 +548,13 @@ class Solver:
 
 
 @pytest.fixture
-def viewer(server, scene, measurement, monkeypatch):
+def viewer(server, work, monkeypatch):
     """A page without a browser, ticked by the test."""
-    monkeypatch.setattr(app, "usable_modes", lambda *_: 6)
-    problem, session = measurement.problem("unit"), Recorder(State(measurement.positions))
-    work, closers = preparing.Work(scene, measurement, problem, Solver(measurement), session), []
-    yield app.Viewer(server, work, closers)
+    monkeypatch.setattr(viewing, "usable_modes", lambda *_: 6)
+    made = viewing.Viewer(server, work, Rooms(Frame(server.gui)), Stage(server))
+    yield made
     work.solver.gate.release(99)
-    for close in closers:
-        close()
+    made.close()
     server.gui.reset()
     server.scene.reset()
 
@@ -601,34 +611,34 @@ def test_the_title_of_an_export_tells_of_the_picture_drawn(viewer, monkeypatch):
     viewer.tick(0.0)
     session.view = view_of([State(viewer._work.measurement.positions + 0.02, step=9)])
     client = SimpleNamespace(add_notification=lambda *_, **__: None)
-    viewer._ask_for_export(client, viewer._controls.choices)
+    viewer._ask_for_export(client, viewer.desk.choices)
     ((_, picture, _, name),) = asked
     assert "step 0" in picture.title and name == "fdcal-step-0.png"
 
 
 def test_every_page_gets_its_export(viewer, monkeypatch):
     gate, got, told = threading.Event(), [], []
-    monkeypatch.setattr(app, "render_png", lambda *_: gate.wait(WAIT) and b"png")
-    for page in range(app.MOST_EXPORTS + 9):
+    monkeypatch.setattr(viewing, "render_png", lambda *_: gate.wait(WAIT) and b"png")
+    for page in range(viewing.MOST_EXPORTS + 9):
         client = SimpleNamespace(
             add_notification=lambda title, *_, **__: told.append(title),
             send_file_download=lambda *_, page=page, **__: got.append(page),
         )
-        viewer._ask_for_export(client, viewer._controls.choices)
+        viewer._ask_for_export(client, viewer.desk.choices)
     gate.set()
     assert viewer._exports.wait_for(lambda _: not viewer._exports._busy and not viewer._exports._waiting, WAIT)
-    assert len(got) >= app.MOST_EXPORTS and got == list(range(len(got)))
-    assert len(got) + told.count("Too many pictures are waiting") == app.MOST_EXPORTS + 9
+    assert len(got) >= viewing.MOST_EXPORTS and got == list(range(len(got)))
+    assert len(got) + told.count("Too many pictures are waiting") == viewing.MOST_EXPORTS + 9
 
 
 def test_a_fault_of_the_page_is_told_and_it_goes_on(viewer, monkeypatch, caplog):
     monkeypatch.setattr(viewer._stage, "show", lambda picture: 1 / 0)
     for now in (1.0, 1.1, 1.2):
-        viewer._guarded_tick(now)
+        viewer.guarded_tick(now)
     assert len(caplog.records) == 1 and "ZeroDivisionError" in viewer._controls.bar.status.content
     monkeypatch.undo()
     for now in (2.0, 20.0, 20.1):
-        viewer._guarded_tick(now)
+        viewer.guarded_tick(now)
     assert "ZeroDivisionError" not in viewer._controls.bar.status.content
 
 
@@ -754,23 +764,125 @@ def test_status_tells_units_and_doings(measurement):
 # -- before there is a session ---------------------------------------------------------------------------------------
 
 
-def test_the_page_tells_how_far_the_simulation_is(server, scene, monkeypatch, capsys):
+@pytest.fixture
+def page_of(server, scene):
+    """A page without a browser, turned by the test; and what it takes to be ready."""
+    made = Page(server)
+
+    def turn_until(happened):
+        for _ in range(round(WAIT / 0.02)):
+            made.turn(time.perf_counter())
+            if happened():
+                return
+            time.sleep(0.02)
+        pytest.fail("it does not happen")
+
+    yield made, turn_until
+    made.close()
+    server.gui.reset()
+    server.scene.reset()
+
+
+def test_the_page_tells_how_far_the_simulation_is(page_of, scene, monkeypatch, capsys):
     """The simulation goes on only once the page has been told."""
-    told = []
-    monkeypatch.setattr(words, "waiting", lambda title, text: told.append(text) or text)
+    page, turn_until = page_of
 
     def slow(scene, progress):
         progress(0.4)
         for _ in range(600):
-            if any("40 %" in text for text in told):
+            if "40 %" in page.notice.line.content and page.notice.bar.value == 40:
                 raise InputError("scene.key = 1 is wrong; mend it")
-            preparing.time.sleep(0.1)
+            time.sleep(0.02)
 
-    monkeypatch.setattr(preparing, "time", __import__("time"), raising=False)
     monkeypatch.setattr(preparing, "cached_measurement", slow)
+    page.open(Opening(scene))
     with pytest.raises(InputError, match="mend it"):
-        preparing.prepare(server, scene, [], preparing.Interrupt())
+        turn_until(lambda: False)
     assert "40 %" in capsys.readouterr().err
+
+
+def test_another_scene_takes_the_place_of_the_first(page_of, scene):
+    """The first goes on until the second is ready; what the page looks like is kept, tabs stay."""
+    page, turn_until = page_of
+    page.open(Opening(scene))
+    turn_until(lambda: page.viewer is not None)
+    first, tabs = page.desk, dict(page.frame._tabs)
+    first.look(dark=True, log=False)
+    first.choose(trails=True)
+    page.open(Opening(edited(scene, {"solver.name": "descent"}), start_seed=5, choices={"microphone": 9, "modes": [2]}))
+    assert page.desk is first
+    turn_until(lambda: page.desk is not first)
+    choices, session = page.desk.choices, page.desk.session
+    assert choices.look.dark and not choices.look.log and choices.trails
+    assert choices.microphone == 9 and choices.modes == (2,) and session.view.state.seed == 5
+    assert page.frame._tabs == tabs and page.viewer._controls.map.microphone.value == 9
+    assert not first.session._thread.is_alive() and session._thread.is_alive()
+    session.step()
+    turn_until(lambda: "step 1," in page.viewer._controls.bar.status.content)
+
+
+@pytest.mark.parametrize(
+    ("changes", "choices", "told"),
+    [
+        ({"solver.modes": 500}, {}, "modes"),
+        ({"gauge.known": [0, 99]}, {}, "gauge.known"),
+        ({}, {"microphone": 99}, "choices.microphone"),
+        ({}, {"colour": 1}, "choices.colour"),
+    ],
+)
+def test_what_cannot_be_opened_is_told_and_the_old_one_stays(page_of, scene, changes, choices, told):
+    page, turn_until = page_of
+    page.open(Opening(scene))
+    turn_until(lambda: page.viewer is not None)
+    before = page.desk
+    page.open(Opening(edited(scene, changes), choices=choices))
+    turn_until(lambda: page.switch.refusal)
+    page.turn(0.0)
+    assert page.desk is before and told in page.notice.line.content and page.notice.button.label == "Close"
+    before.session.step()
+    turn_until(lambda: "step 1," in page.viewer._controls.bar.status.content)
+    page.switch.cancel()
+    page.turn(0.0)
+    assert not page.notice.line.visible and not page.notice.button.visible
+
+
+def test_cancel_keeps_the_old_session(page_of, scene, monkeypatch):
+    page, turn_until = page_of
+    page.open(Opening(scene))
+    turn_until(lambda: page.viewer is not None)
+    before, ended = page.desk, threading.Event()
+
+    def endless(scene, progress):
+        try:
+            while True:
+                progress(0.1)
+                time.sleep(0.01)
+        finally:
+            ended.set()
+
+    monkeypatch.setattr(preparing, "cached_measurement", endless)
+    page.open(Opening(scene))
+    turn_until(lambda: "10 %" in page.notice.line.content)
+    assert page.notice.button.label == "Cancel" and page.notice.button.visible
+    event = SimpleNamespace(client=object(), target=page.notice.button)
+    for callback in page.notice.button._impl.update_cb:
+        finish(callback(event))
+    turn_until(lambda: page.switch.progress is None)
+    assert ended.wait(WAIT) and page.desk is before and not page.notice.line.visible
+
+
+def test_a_session_goes_on_from_states_given(page_of, scene):
+    page, turn_until = page_of
+    problem, joint = cached_measurement(scene).problem("unit"), solvers.load("joint")
+    states = [joint.init(problem, scene.solver, 0)]
+    for _ in range(3):
+        states.append(joint.step(problem, states[-1]))
+    page.open(Opening(scene, states=tuple(states), index=2))
+    turn_until(lambda: page.viewer is not None)
+    view = page.desk.session.view
+    assert (view.count, view.index) == (4, 2) and list(view.history) == states
+    page.desk.session.step()
+    assert page.desk.session.wait_for(lambda view: view.count == 4 and view.index == 3, WAIT)
 
 
 @pytest.mark.parametrize("change", [{"solver.name": '"magic"'}, {"solver.modes": "500"}])
@@ -782,22 +894,24 @@ def test_a_bad_scene_gets_one_line(edited, change):
     assert line.startswith(b"error: ") and run.stderr.count(b"\n") == 1, run.stderr
 
 
-def test_an_interrupted_simulation_stops(server, scene, monkeypatch):
-    interrupt, closers, ended = preparing.Interrupt(), [], []
+def test_an_interrupted_simulation_stops(page_of, scene, monkeypatch):
+    page, turn_until = page_of
+    begun, ended = [], []
 
     def endless(scene, progress):
-        interrupt.came = True
+        begun.append(True)
         try:
             while True:
                 progress(0.1)
+                time.sleep(0.01)
         finally:
             threading.Event().wait(0.3)
             ended.append(True)
 
     monkeypatch.setattr(preparing, "cached_measurement", endless)
-    assert preparing.prepare(server, scene, closers, interrupt) is None
-    for close in closers:
-        close()
+    page.open(Opening(scene))
+    turn_until(lambda: begun)
+    page.close()
     assert ended, "the simulation's thread must have ended, or it may write half a file"
     progress = preparing.Progress()
     progress.stop = True

@@ -7,9 +7,8 @@ from collections.abc import Callable
 import viser
 
 from ..history import SessionView
-from ..measurement import Measurement
-from ..session import Session
 from .desk import Choices, Desk
+from .frame import Rooms
 from .maps import Map
 from .maptab import MapTab
 from .runtab import RunBar, SolveTab
@@ -24,25 +23,21 @@ class Controls:
 
     def __init__(
         self,
-        gui: viser.GuiApi,
-        session: Session,
-        measurement: Measurement,
-        modes: int,
-        weights: str,
+        rooms: Rooms,
+        desk: Desk,
         place: Callable[[viser.ClientHandle, str], None],
         export: Callable[[viser.ClientHandle, Choices], None],
     ):
-        self.desk = Desk(gui, session, measurement, modes, weights)
-        self.bar = RunBar(self.desk)
-        gui.add_divider()
-        tabs = gui.add_tab_group()
-        with tabs.add_tab("Solve", viser.Icon.PLAYER_TRACK_NEXT):
-            self.solve = SolveTab(self.desk)
-        with tabs.add_tab("Map", viser.Icon.MAP):
-            self.map = MapTab(self.desk)
-        with tabs.add_tab("View", viser.Icon.EYE):
+        self.desk = desk
+        with rooms.bar():
+            self.bar = RunBar(desk)
+        with rooms.at("Solve"):
+            self.solve = SolveTab(desk)
+        with rooms.at("Map"):
+            self.map = MapTab(desk)
+        with rooms.at("View"):
             self._add_view(place)
-        with tabs.add_tab("Save", viser.Icon.DOWNLOAD):
+        with rooms.at("Save"):
             self._add_export(export)
 
     @property
@@ -54,9 +49,13 @@ class Controls:
         self.camera = gui.add_button_group(
             "Camera", tuple(VIEWS), hint="Of this page alone: from above, the whole room, or the array"
         )
-        self.dark = gui.add_checkbox("Dark page", False)
-        self.trails = gui.add_checkbox("Trails", False, hint="The way that each microphone has come, last 200 states")
-        self.ellipses = gui.add_checkbox("Error ellipses (95 %)", False, hint="Of a solver that has finished")
+        self.dark = gui.add_checkbox("Dark page", desk.choices.look.dark)
+        self.trails = gui.add_checkbox(
+            "Trails", desk.choices.trails, hint="The way that each microphone has come, last 200 states"
+        )
+        self.ellipses = gui.add_checkbox(
+            "Error ellipses (95 %)", desk.choices.ellipses, hint="Of a solver that has finished"
+        )
         desk.on(self.trails, lambda value: desk.choose(trails=bool(value)))
         desk.on(self.ellipses, lambda value: desk.choose(ellipses=bool(value)))
         desk.on_page(self.camera, lambda client, value: place(client, VIEWS[one_of(value, VIEWS, "Top")]))

@@ -11,9 +11,10 @@ from dataclasses import dataclass, field, replace
 
 import viser
 
-from ..measurement import Measurement
-from ..session import Session
+from ..checks import InputError
+from ..opening import Opening
 from .maps import Look
+from .preparing import Work
 
 FLOOR, RELIEF, SHAPE, NOTHING = "Flat map", "Relief", "Shape of the last mode", "No map"
 
@@ -35,14 +36,67 @@ class Choices:
     seed: int = 0
 
 
-class Desk:
-    """Choices, session and handles. `choices` is replaced whole by the callbacks, and read by the main loop."""
+KEPT = ("trails", "ellipses", "export_view", "export_size")  # when another scene is opened
+SWITCHES = ("follow", "shown", "trails", "ellipses", "log", "relief", "shared", "dark", "shape")
 
-    def __init__(self, gui: viser.GuiApi, session: Session, measurement: Measurement, modes: int, weights: str):
-        self.gui, self.session, self.measurement = gui, session, measurement
-        self.modes, self.weights = modes, weights
-        free = [n for n in range(measurement.count) if n not in measurement.known]
-        self.choices = Choices(microphone=free[0] if free else 0, seed=session.view.state.seed)
+
+def first_choices(work: Work, modes: int, before: Choices | None) -> Choices:
+    """What the controls say when a session opens: what its opening says, and the looks of the page before.
+
+    Raises InputError for what the opening's `choices` must not be.
+    """
+    measurement, session = work.measurement, work.session
+    free = [n for n in range(measurement.count) if n not in measurement.known]
+    choices = Choices(microphone=free[0] if free else 0, seed=session.view.state.seed)
+    if before is not None:
+        look = replace(before.look, shape=False)
+        choices = replace(choices, look=look, **{name: getattr(before, name) for name in KEPT})
+    for key, value in work.opening.choices.items():
+        value = _read(key, value, measurement.count, modes)
+        if hasattr(choices.look, key):
+            choices = replace(choices, look=replace(choices.look, **{key: value}))
+        else:
+            choices = replace(choices, **{key: value})
+    return choices
+
+
+def _read(key: str, value, count: int, modes: int):
+    """A value of an opening's choices, which may come out of a file."""
+    if key in SWITCHES and isinstance(value, bool):
+        return value
+    if key == "opacity" and isinstance(value, (int, float)) and 0.1 <= value <= 1:
+        return float(value)
+    if key == "microphone" and isinstance(value, int) and 0 <= value < count:
+        return value
+    if key == "modes" and value is None:
+        return None
+    if key == "modes" and isinstance(value, (list, tuple)) and value:
+        if all(isinstance(mode, int) and 1 <= mode <= modes for mode in value):
+            return tuple(sorted(set(value)))
+    raise InputError(
+        f"choices.{key} = {value!r} cannot be; there are microphone (0 to {count - 1}), modes (of 1 to {modes}),"
+        f" opacity (0.1 to 1) and, true or false, {', '.join(SWITCHES)}"
+    )
+
+
+class Desk:
+    """Choices, session and handles. `choices` is replaced whole by the callbacks, and read by the main loop.
+
+    `open(opening)` has another session take this one's place as soon as it is ready; it may refuse, and tells so on the
+    page. Whoever stays longer than a session asks the page for its desk each time (`page.Page.desk`).
+    """
+
+    def __init__(
+        self,
+        gui: viser.GuiApi,
+        work: Work,
+        modes: int,
+        open_other: Callable[[Opening], None] = lambda opening: None,
+        before: Choices | None = None,
+    ):
+        self.gui, self.work, self.session, self.measurement = gui, work, work.session, work.measurement
+        self.modes, self.weights, self.open = modes, work.scene.solver.weights, open_other
+        self.choices = first_choices(work, modes, before)
         self.shown: dict[str, object] = {}  # what the handles were last told by `tell`
 
     def on(self, handle, act: Callable) -> None:

@@ -24,7 +24,14 @@ ABOVE = 14 / 24  # height of the discs over the floor, in radii of a marker: ove
 class Hands:
     """Owns the discs."""
 
-    def __init__(self, server: viser.ViserServer, desk: Desk, picture: Picture, choose: Callable[[int], None]):
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        desk: Desk,
+        picture: Picture,
+        choose: Callable[[int], None],
+        name: str = "/hands",
+    ):
         self._desk, self._choose, self._marker, self._base = desk, choose, picture.marker, picture.heights[0]
         self._shown: np.ndarray | None = None
         self._gestures = itertools.count()
@@ -34,16 +41,17 @@ class Hands:
         self._low, self._high = np.array([x0 + edge, y0 + edge]), np.array([x1 - edge, y1 - edge])
         corners = np.array([(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in picture.heights])
         self._corners = corners
-        self._discs = self._add_discs(server)
+        self._discs = self._add_discs(server, name)
 
-    def _add_discs(self, server: viser.ViserServer):
+    def _add_discs(self, server: viser.ViserServer, name: str):
         """One disc a microphone, and specks in the corners: the browser looks for discs only inside of what they all
-        spanned when it first did, so they must span the whole search domain from the start."""
+        spanned when it first did, so they must span the whole search domain from the start, each time under a new
+        name."""
         radius, count, specks = REACH * self._marker, self._desk.measurement.count, len(self._corners)
         vertices, faces = annuli(np.zeros((1, 3)), radius / 2, radius, corners=12)
         places = np.concatenate([np.tile(self._corners[0], (count, 1)), self._corners])
         discs = server.scene.add_batched_meshes_simple(
-            "/hands", vertices, faces, np.tile([1.0, 0.0, 0.0, 0.0], (count + specks, 1)), places,
+            name, vertices, faces, np.tile([1.0, 0.0, 0.0, 0.0], (count + specks, 1)), places,
             batched_scales=np.repeat([1.0, 1e-3], [count, specks]),
             opacity=0.0, side="double", lod="off", cast_shadow=False, receive_shadow=False,
         )  # fmt: skip
@@ -91,6 +99,10 @@ class Hands:
     def forget(self, client_id: int) -> None:
         """A page has closed, perhaps in the middle of a drag."""
         self._gesture.pop(client_id, None)
+
+    def remove(self) -> None:
+        """Take the discs away."""
+        self._discs.remove()
 
     def show(self, positions, ground: Floor | None) -> None:
         """Bring the discs to the supposed positions (N, D), metres; called by the main loop."""

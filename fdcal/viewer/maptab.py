@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..checks import InputError
 from . import modeset, words
-from .desk import FLOOR, NOTHING, RELIEF, SHAPE, Desk
+from .desk import FLOOR, NOTHING, RELIEF, SHAPE, Choices, Desk
 from .maps import Map
 from .safety import bounded, one_of
 
@@ -13,22 +13,39 @@ KINDS = (FLOOR, RELIEF, SHAPE, NOTHING)
 LINEAR, LOG = "Linear", "Logarithmic"
 
 
+def _kind_of(choices: Choices) -> str:
+    if not choices.shown:
+        return NOTHING
+    return RELIEF if choices.look.relief else SHAPE if choices.look.shape else FLOOR
+
+
 class MapTab:
     """Owns the handles of the tab."""
 
     def __init__(self, desk: Desk):
         self._desk, gui, choices = desk, desk.gui, desk.choices
-        highest = desk.measurement.count - 1
+        highest, look, chosen = desk.measurement.count - 1, choices.look, choices.modes is not None
         self.microphone = gui.add_slider(
             "Microphone", 0, highest, 1, choices.microphone, hint="Or click one in the scene; drag one to move it"
         )
-        self.follow = gui.add_checkbox("Follow solver", True, hint="Show the microphone that a step has moved")
-        self.which = gui.add_dropdown("Modes shown", (IN_USE, CHOSEN), initial_value=IN_USE, hint="Of the map alone")
-        self.upto = gui.add_slider("Up to mode", 1, desk.modes, 1, 1, visible=False, hint="Watch the minima merge")
-        self.text = gui.add_text("Mode numbers", "1", visible=False, hint="As in 1-3, 5")
-        self.kind = gui.add_dropdown("Show", KINDS, initial_value=FLOOR)
-        self.scale = gui.add_dropdown("Scale", (LOG, LINEAR), initial_value=LOG)
-        self.opacity = gui.add_slider("Opacity (%)", 10, 100, 5, 100)
+        self.follow = gui.add_checkbox(
+            "Follow solver", choices.follow, hint="Show the microphone that a step has moved"
+        )
+        kind, modes = _kind_of(choices), choices.modes or (1,)
+        self.which = gui.add_dropdown(
+            "Modes shown", (IN_USE, CHOSEN), initial_value=CHOSEN if chosen else IN_USE, hint="Of the map alone"
+        )
+        self.upto = gui.add_slider(
+            "Up to mode", 1, desk.modes, 1, modes[-1], visible=chosen, hint="Watch the minima merge"
+        )
+        self.text = gui.add_text("Mode numbers", modeset.write(modes), visible=chosen, hint="As in 1-3, 5")
+        self.kind = gui.add_dropdown("Show", KINDS, initial_value=kind)
+        self.scale = gui.add_dropdown(
+            "Scale", (LOG, LINEAR), initial_value=LOG if look.log else LINEAR, visible=kind in (FLOOR, RELIEF)
+        )
+        self.opacity = gui.add_slider(
+            "Opacity (%)", 10, 100, 5, round(100 * look.opacity), visible=kind in (FLOOR, SHAPE)
+        )
         self.bar = gui.add_html(words.colour_bar(None))
         self._listen()
 

@@ -1,25 +1,18 @@
-"""From a scene to a session, in the background, while page and terminal show how far it is; and Ctrl-C."""
+"""From an opening to a session, on a thread that can be stopped; and Ctrl-C."""
 
 from __future__ import annotations
 
 import contextlib
 import signal
-import sys
-from collections.abc import Callable
 from dataclasses import dataclass
 from types import ModuleType
 
-import viser
-
 from .. import solvers
 from ..measurement import Measurement, Problem
+from ..opening import Opening
 from ..scene import Scene
 from ..session import Session
 from ..store import cached_measurement
-from ..worker import LatestWorker
-from . import words
-
-LONGEST = 5.0  # s that an interrupted preparation is waited for
 
 
 class Stopped(Exception):
@@ -35,6 +28,7 @@ class Work:
     problem: Problem
     solver: ModuleType
     session: Session
+    opening: Opening
 
 
 class Progress:
@@ -74,49 +68,24 @@ class Interrupt:
             signal.signal(number, handler)
 
 
-def prepare(server: viser.ViserServer, scene: Scene, closers: list[Callable], interrupt: Interrupt) -> Work | None:
-    """Measurement and session of a scene; None if interrupted. Raises what their making raises."""
-    progress = Progress()
-    worker = LatestWorker(lambda: _work(scene, progress), name="fdcal-prepare")
-    closers.append(lambda: _abandon(worker, progress))
-    line, bar = server.gui.add_html(words.waiting(scene.title, "Starting ...")), server.gui.add_progress_bar(0.0)
-    worker.request()
-    told = ""
-    while not worker.wait_for(lambda latest: latest is not None, timeout=0.1):
-        if interrupt.came:
-            return None
-        if progress.text != told:
-            told = progress.text
-            line.content, bar.value = words.waiting(scene.title, told), 100 * progress.done
-            print(f"\r{told:<40}", end="", file=sys.stderr, flush=True)
-    print(f"\r{'':<40}\r" if told else "", end="", file=sys.stderr, flush=True)
-    line.remove()
-    bar.remove()
-    worker.close()
-    if worker.latest.cause is not None:
-        raise worker.latest.cause
-    return worker.latest.result
-
-
-def _abandon(worker: LatestWorker, progress: Progress) -> None:
-    """End the simulation and wait for its thread, which may be writing the cache; close the session it has made."""
-    progress.stop = True
-    if worker.close(LONGEST) and worker.latest is not None and worker.latest.result is not None:
-        worker.latest.result.session.close(0.5)
-
-
-def _work(scene: Scene, progress: Progress) -> Work | None:
-    """None where the simulation was stopped."""
-    try:
+def work_of(opening: Opening, progress: Progress) -> Work:
+    """Measurement, problem and session of an opening. Raises what their making raises, and Stopped."""
+    scene = opening.scene
+    measurement = opening.measurement
+    if measurement is None:
         measurement = cached_measurement(scene, progress)
-    except Stopped:
-        return None
-    progress.done = 1.0
+    progress(1.0)
     problem = measurement.problem(scene.solver.weights, scene.solver.known)
     solver = solvers.load(scene.solver.name)
-    session = Session(problem, scene.solver, scene.seed, solver)
-    _warm_up(problem, solver, session.view.state)
-    return Work(scene, measurement, problem, solver, session)
+    session = Session(problem, scene.solver, opening.seed, solver, opening.states, opening.index)
+    try:
+        _warm_up(problem, solver, session.view.history[0])
+    except BaseException:
+        session.close(0.5)
+        raise
+    if opening.play:
+        session.play()
+    return Work(scene, measurement, problem, solver, session, opening)
 
 
 def _warm_up(problem, solver, state) -> None:

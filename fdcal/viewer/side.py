@@ -3,44 +3,43 @@
 from __future__ import annotations
 
 import numpy as np
-import viser
 
 from ..history import SessionView
 from ..measurement import Problem
 from . import words
 from .desk import Desk
+from .frame import Rooms
 from .maps import Map
 from .maptab import MapTab
 from .modestab import ModesTab
 from .plots import Curves
 from .spreads import Errors
 
-WIDTH = 300.0  # pixels
 INTERVAL = 0.2  # s between two images of the maps side by side
 
 
 class SidePanel:
     """Owns the panel's tabs."""
 
-    def __init__(self, gui: viser.GuiApi, desk: Desk, problem: Problem, map_tab: MapTab):
+    def __init__(self, rooms: Rooms, desk: Desk, problem: Problem, map_tab: MapTab):
         self._desk, self._sent, self._tabled, self._panels = desk, -1e9, -1e9, None
-        panel = gui.add_panel()
-        with panel.add_tab("Curves"):
+        gui = desk.gui
+        with rooms.at("Curves"):
             gui.add_html(words.legend())
             self.curves = Curves(gui, desk.measurement)
-        with panel.add_tab("Maps"):
+        with rooms.at("Maps"):
             self.caption = gui.add_html(words.panels_caption(None))
-            self.shared = gui.add_checkbox("One scale for all", False, hint="Otherwise each map has its own")
+            self.shared = gui.add_checkbox(
+                "One scale for all", desk.choices.look.shared, hint="Otherwise each map has its own"
+            )
             self.image = gui.add_image(np.full((8, 8, 3), 128, np.uint8), format="jpeg", jpeg_quality=92)
             self.image.visible = False
-        with panel.add_tab("Modes"):
+        with rooms.at("Modes"):
             self.modes = ModesTab(desk, problem, map_tab)
-        with panel.add_tab("Mics"):
+        with rooms.at("Mics"):
             self.table = gui.add_html("")
         self._table_key: tuple = ()
         desk.on(self.shared, lambda value: desk.look(shared=bool(value)))
-        panel.dock_left()
-        panel.set_width(WIDTH)
 
     def show(self, view: SessionView, drawn: Map | None, microphone: int, errors: Errors | None, now: float) -> None:
         """Called by the main loop."""

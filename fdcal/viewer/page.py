@@ -1,0 +1,128 @@
+"""The page: what stays while sessions come and go, and the main loop.
+
+`Page.open(opening)` is the one entry to show something else: from the panels, a lesson, a session file. What is
+looked at stays, and goes on, until the next session is ready (`switch`); one that cannot be is refused in one line.
+Then the new session's parts take their places in the panels (`frame.Rooms`), and the old ones go. Pages stay
+connected, and tabs chosen stay chosen.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+
+import viser
+
+from ..opening import Opening
+from .desk import Desk
+from .frame import Frame, Rooms
+from .preparing import Interrupt, Work
+from .stage import Stage
+from .switch import Notice, Switch
+from .viewing import Viewer
+
+RATE = 25.0  # times a second that the screen is brought up to date
+LOOK_ROUND = 1.0  # s between two looks at the sizes of all canvases
+
+
+class Page:
+    """Owns the panels' frame, the scene, and the session that is shown."""
+
+    def __init__(self, server: viser.ViserServer):
+        self._server, self.frame, self.stage, self.switch = server, Frame(server.gui), Stage(server), Switch()
+        self.notice = Notice(self.frame, self.switch)
+        self.viewer: Viewer | None = None
+        self._told, self._looked = "", 0.0
+        self._welcome(server)
+
+    def open(self, opening: Opening) -> None:
+        """Show something else as soon as it is ready. Any thread; the last one asked for counts."""
+        self.switch.open(opening)
+
+    @property
+    def desk(self) -> Desk | None:
+        """The session that is shown, and the choices made for it; None before there is one."""
+        return None if self.viewer is None else self.viewer.desk
+
+    def _welcome(self, server: viser.ViserServer) -> None:
+        """Each page gets a camera that fits its canvas, whose size is only known once the panels stand."""
+
+        @server.on_client_connect
+        async def _(client: viser.ClientHandle) -> None:
+            self.stage.place(client, "top")
+
+            @client.camera.on_update
+            async def _(_) -> None:
+                self.stage.keep_placed(client)
+
+        @server.on_client_disconnect
+        async def _(client: viser.ClientHandle) -> None:
+            self.stage.forget(client)
+            if self.viewer is not None:
+                self.viewer.forget(client)
+
+    def run(self, interrupt: Interrupt) -> None:
+        """Bring the screen up to date until interrupted. Raises what keeps the first session from being."""
+        due = time.perf_counter()
+        while not interrupt.came:
+            self.turn(time.perf_counter())
+            due = max(due + 1 / RATE, time.perf_counter())
+            time.sleep(max(due - time.perf_counter(), 0.0))
+
+    def turn(self, now: float) -> None:
+        """Once round the loop."""
+        work = self.switch.take()
+        first = self.viewer is None
+        if first:
+            self._tell_terminal()
+            if self.switch.cause is not None:
+                raise self.switch.cause
+        if work is not None:
+            self._exchange(work)
+        self.notice.show(first)
+        if self.viewer is not None:
+            self.viewer.guarded_tick(now)
+        if now - self._looked > LOOK_ROUND:
+            self._looked = now
+            self.stage.keep_all_placed(self._server.get_clients().values())
+
+    def _exchange(self, work: Work) -> None:
+        """The new session on the page in place of the old one, which stays where the new one cannot be shown."""
+        old, rooms = self.viewer, Rooms(self.frame)
+        try:
+            with self._server.atomic():
+                new = Viewer(self._server, work, rooms, self.stage, self.open, old and old.desk.choices)
+                if old is not None:
+                    old.take_down()
+        except Exception as error:
+            rooms.remove()
+            work.session.close(0.5)
+            if old is None:
+                raise
+            self.switch.refuse(error)
+            old.redraw()
+            return
+        self.viewer = new
+        self._server.gui.set_panel_label(f"fdcal · {work.scene.name}")
+        if old is not None:
+            old.close()
+        if old is None or old.picture.focus != new.picture.focus:
+            self.stage.open_at(new.picture)
+            for client in self._server.get_clients().values():
+                self.stage.place(client, "top")
+
+    def _tell_terminal(self) -> None:
+        """How far the first session is; the line is taken away when there is one, or none will be."""
+        progress = self.switch.progress
+        text = "" if progress is None else progress.text
+        if text != self._told:
+            self._told = text
+            print(f"\r{text:<40}" if text else f"\r{'':<40}\r", end="", file=sys.stderr, flush=True)
+
+    def close(self) -> None:
+        """End all threads but the server's."""
+        if self._told:
+            print(f"\r{'':<40}\r", end="", file=sys.stderr, flush=True)
+        self.switch.close()
+        if self.viewer is not None:
+            self.viewer.close()

@@ -1,0 +1,202 @@
+"""One session on the screen: the newest state is copied there by the main loop, with its map and its curves.
+
+Three owners share nothing that changes: viser's loop bounds what clients send and puts commands on the session's
+queue, the solver thread publishes frozen states, and the main thread, here, copies the newest of them to the screen.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import viser
+
+from ..cost import usable_modes
+from ..offscreen import render_png
+from ..opening import Opening
+from ..picture import (
+    Floor,
+    Picture,
+    backdrop,
+    headline,
+    with_ellipses,
+    with_estimate,
+    with_floor,
+    with_trails,
+)
+from ..worker import LatestWorker
+from . import words
+from .controls import Controls
+from .desk import Choices, Desk
+from .frame import Rooms
+from .hands import Hands
+from .maps import Map, MapRequest, Maps
+from .preparing import Work
+from .side import SidePanel
+from .spreads import Errors, Spreads
+from .stage import Stage
+
+FAULT_SHOWN = 10.0  # s at least that a fault of the page stays in the status lines
+TRAIL = 200  # states that a trail goes back
+MOST_EXPORTS = 8  # pictures that may wait to be drawn
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What is on the screen: a picture and the state that it shows."""
+
+    picture: Picture
+    state: object
+
+
+class Viewer:
+    """One session on the screen: its controls, and what has been shown of it so far."""
+
+    def __init__(
+        self,
+        server: viser.ViserServer,
+        work: Work,
+        rooms: Rooms,
+        stage: Stage,
+        open_other: Callable[[Opening], None] = lambda opening: None,
+        before: Choices | None = None,
+    ):
+        self._work, self._stage, self._rooms = work, stage, rooms
+        modes = usable_modes(work.problem, work.scene.solver.order_offset)
+        self.desk = Desk(rooms.gui, work, modes, open_other, before)
+        self._still: dict[bool, Picture] = {}
+        self._fault, self._fault_time = "", 0.0
+        self._followed = self.desk.choices.microphone
+        self._turn, self._state = 0, work.session.view.state
+        self._key: tuple = ()  # of what is drawn
+        self._drawn = Drawn(self._compose(self._state, self.desk.choices, self._followed, None), self._state)
+        self._controls = Controls(self._rooms, self.desk, stage.place, self._ask_for_export)
+        self._side = SidePanel(self._rooms, self.desk, work.problem, self._controls.map)
+        self._maps, self._spreads = Maps(work), Spreads(work)  # threads last: what is above may refuse
+        self._exports = LatestWorker(self._export, "fdcal-export", MOST_EXPORTS)
+        stage.show(self._drawn.picture)
+        name = f"/hands/{rooms.number}"
+        self._hands = Hands(server, self.desk, self._drawn.picture, self._controls.map.pick, name)
+
+    @property
+    def picture(self) -> Picture:
+        """What is on the screen."""
+        return self._drawn.picture
+
+    def redraw(self) -> None:
+        """Draw everything anew with the next tick."""
+        self._key = ()
+
+    def forget(self, client: viser.ClientHandle) -> None:
+        """A page has closed."""
+        self._hands.forget(client.client_id)
+
+    def take_down(self) -> None:
+        """Take away what the panels show of this session; in the scene another one takes its place."""
+        self._hands.remove()
+        self._rooms.remove()
+
+    def close(self) -> None:
+        """End the threads after what they are at."""
+        self._work.session.close(0.0)  # asked to stop before the others are waited for
+        self._exports.close(0.1)
+        for owner in (self._maps, self._spreads, self._work.session):
+            owner.close(0.5)
+
+    def guarded_tick(self, now: float) -> None:
+        """A fault of this loop is logged once and told in the status lines; the page lives on."""
+        try:
+            self.tick(now)
+        except Exception as error:
+            text = f"{type(error).__name__}: {error}"
+            if text != self._fault:
+                log.exception("the page could not be brought up to date")
+            self._fault, self._fault_time = text, now
+            with contextlib.suppress(Exception):
+                self._controls.bar.report(self._work.session.view, text)
+        else:
+            if now - self._fault_time > FAULT_SHOWN:
+                self._fault = ""
+
+    def tick(self, now: float) -> None:
+        """Bring the screen up to date once."""
+        view, choices = self._work.session.view, self.desk.choices
+        if view.state is not self._state:
+            self._turn, self._state = self._turn + 1, view.state
+        follow = choices.follow and view.running and choices.shown
+        if follow or not choices.follow or view.state.moved < 0:
+            self._followed = choices.microphone if not choices.follow else self._followed
+        else:
+            self._followed = view.state.moved
+        drawn, trouble = self._map(view, choices, follow, now)
+        if follow and drawn is not None:
+            self._followed = drawn.request.microphone  # a running solver is faster than its maps
+        floor = drawn.floor if drawn else None
+        errors = self._spreads.of(view.state, view.running, now)
+        if self._key != (key := (self._turn, choices, self._followed, id(floor), id(errors))):
+            picture = self._compose(view.state, choices, self._followed, floor)
+            self._drawn = Drawn(self._trace(picture, view, choices, floor, errors), view.state)
+            self._stage.show(self._drawn.picture)
+            self._hands.show(view.state.positions, floor)
+            self._key = key
+        self._controls.show(view, self._followed, drawn, trouble, self._fault)
+        self._side.show(view, drawn, self._followed, errors, now)
+
+    def _map(self, view, choices: Choices, follow: bool, now: float) -> tuple[Map | None, str]:
+        """The map to show, and why there is none."""
+        if not choices.shown:
+            return None, ""
+        state = view.state
+        modes = choices.modes or tuple(range(state.first, state.last + 1))
+        microphone = state.moved if follow and state.moved >= 0 else self._followed
+        wanted = MapRequest(
+            self._turn, microphone, modes, choices.modes is not None, choices.look, follow, state, view.history.lineage
+        )
+        return self._maps.newest(wanted, view.running, now)
+
+    def _compose(self, state, choices: Choices, microphone: int, floor: Floor | None) -> Picture:
+        dark, measurement = choices.look.dark, self._work.measurement
+        if floor is not None and floor.heights is not None:
+            still = backdrop(self._work.scene, measurement, dark, floor)
+        else:
+            if dark not in self._still:
+                self._still[dark] = backdrop(self._work.scene, measurement, dark)
+            still = self._still[dark]
+        return with_floor(with_estimate(still, measurement, state.positions, microphone, floor), floor)
+
+    def _trace(self, picture: Picture, view, choices: Choices, floor: Floor | None, errors: Errors | None) -> Picture:
+        """The picture with trails and error ellipses where they are wanted."""
+        if choices.trails:
+            past = view.history[max(view.index + 1 - TRAIL, 0) : view.index + 1]
+            picture = with_trails(picture, np.array([state.positions for state in past]), floor)
+        if choices.ellipses and errors is not None:
+            picture = with_ellipses(picture, view.state.positions, errors.axes, floor)
+        return picture
+
+    def _ask_for_export(self, client: viser.ClientHandle, choices: Choices) -> None:
+        """On viser's loop: what is drawn now, with a title that tells of just that."""
+        if self._exports.full:
+            client.add_notification("Too many pictures are waiting", "Try again in a moment.", color="red")
+            return
+        drawn, measurement = self._drawn, self._work.measurement
+        state = drawn.state
+        modes = words.modes_text(measurement, state.first, state.last)
+        title = f"{self._work.scene.title}: step {state.step}, {modes}\n{headline(measurement, state.positions)}"
+        client.add_notification(
+            "Drawing the picture", "It is offered for download when it is done.", auto_close_seconds=4
+        )
+        self._exports.request(client, replace(drawn.picture, title=title), choices, f"fdcal-step-{state.step}.png")
+
+    def _export(self, client: viser.ClientHandle, picture: Picture, choices: Choices, name: str) -> None:
+        """On the exports' thread: the picture as a PNG for one page, drawn in a child process."""
+        try:
+            png = render_png(picture, choices.export_size, choices.export_view)
+        except OSError as error:
+            client.add_notification("No picture", str(error), color="red")
+            return
+        client.send_file_download(name, png, save_immediately=True)
