@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+MOST_STATES = 4000  # kept of a run: some 6 kB each; beyond it every second one is let go
 
 
 class History(Sequence):
@@ -34,6 +36,16 @@ def thinned(states: Sequence) -> list:
     last = len(states) - 1
     begins = {i for i in range(1, last) if states[i].stage != states[i - 1].stage}
     return [state for i, state in enumerate(states) if i % 2 == 0 or i == last or i in begins]
+
+
+def recorded(states: Iterable) -> list:
+    """The states of a run as a session keeps them, MOST_STATES at most."""
+    kept: list = []
+    for state in states:
+        if len(kept) >= MOST_STATES:
+            kept = thinned(kept)
+        kept.append(state)
+    return kept
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,9 @@ summary    the outcome in words
 
 from __future__ import annotations
 
+import collections
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
@@ -120,6 +121,23 @@ def problem_of(given: Given) -> Problem:
     return given.measurement.problem(given.settings.weights, given.settings.known)
 
 
+def states_of(given: Given, progress: Progress | None = None, problem: Problem | None = None) -> Iterator:
+    """Every state of the solver, from the start to the end; `problem` is that of `problem_of`.
+
+    Raises InputError where the solver cannot start, and whatever `progress` raises to stop the run.
+    """
+    from .solvers import run
+
+    _require_reachable(given)
+    problem, last = problem_of(given) if problem is None else problem, given.settings.modes
+    check_channels(given.measurement.pressures, given.measurement.names)
+    check_solvable(problem, last, given.measurement.names)
+    for state in run(problem, given.settings, given.seed):
+        if progress is not None:
+            progress(state.last / last, f"{state.last} modes, sweep {state.sweep}, cost {state.cost:.3g}")
+        yield state
+
+
 def solve(given: Given, progress: Progress | None = None) -> dict:
     """Run the solver to its end.
 
@@ -133,17 +151,10 @@ def solve(given: Given, progress: Progress | None = None) -> dict:
 
     Raises InputError where the solver cannot start, and whatever `progress` raises to stop the run.
     """
-    from .solvers import run
-
-    _require_reachable(given)
-    problem, last = problem_of(given), given.settings.modes
+    problem = problem_of(given)
     _require_length(given, problem)
-    check_channels(given.measurement.pressures, given.measurement.names)
-    check_solvable(problem, last, given.measurement.names)
     start = time.perf_counter()
-    for state in run(problem, given.settings, given.seed):
-        if progress is not None:
-            progress(state.last / last, f"{state.last} modes, sweep {state.sweep}, cost {state.cost:.3g}")
+    state = collections.deque(states_of(given, progress, problem), maxlen=1).pop()
     positions, problem, trust = _trusted(given, problem, state)
     truth, blind = given.measurement.positions, problem.frame is None and not len(problem.known)
     placed = align(positions, truth) if blind and truth is not None else positions

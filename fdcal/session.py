@@ -21,9 +21,7 @@ from typing import Any
 import numpy as np
 
 from .checks import frozen_array
-from .history import History, SessionView, thinned
-
-MOST_STATES = 4000  # kept of a run: some 6 kB each; beyond it every second one is let go
+from .history import MOST_STATES, History, SessionView, thinned
 
 log = logging.getLogger(__name__)
 

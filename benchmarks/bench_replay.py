@@ -1,0 +1,40 @@
+"""The replay of a run: how large 500 states of array 1 are, how long they take to write, and the largest file."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import numpy as np
+
+from fdcal.export.replay import replay
+from fdcal.measurement import Measurement
+from fdcal.scene import load_scene
+
+from .report import Figure, best_time
+
+FIELDS = ("positions", "cost", "step", "sweep", "stage", "moved", "first", "last")
+
+
+def run_of(count: int, states: int, dimension: int):
+    """A measurement of nothing, and states whose every microphone moves at random: the most that there is to tell."""
+    rng = np.random.default_rng(0)
+    truth = rng.uniform(0, 3, (count, dimension))
+    pressures = rng.normal(size=(2, count)) + 1j * rng.normal(size=(2, count))
+    measurement = Measurement([100.0, 150.0], pressures, 343.0, dimension, positions=truth, known=range(4))
+    State = dataclasses.make_dataclass("State", FIELDS)
+    moves = rng.normal(size=(states, *truth.shape))
+    return measurement, [State(truth + move, 1.0, i, i, 0, -1, 1, 2) for i, move in enumerate(moves)]
+
+
+def run() -> list[Figure]:
+    scene = load_scene("array1_circle")
+    figures = []
+    for name, count, states, dimension in (("array 1", 65, 500, 2), ("1000 microphones in space", 1000, 500, 3)):
+        measurement, moved = run_of(count, states, dimension)
+        title = f"replay of {states} states of {name}"
+        size = len(replay(scene, measurement, moved, title)) / 1e6
+        figures.append(Figure(title, size, "MB", "below 5", size < 5))
+        write = functools.partial(replay, scene, measurement, moved, title)
+        figures.append(Figure(f"{title}, to write", best_time(write, 2), "s"))
+    return figures

@@ -1,0 +1,108 @@
+"""Commands that draw: `landscape`, `snapshot` and `replay`."""
+
+from __future__ import annotations
+
+import click
+
+from . import arguments, runs
+from .options import (
+    force_option,
+    given_of,
+    output_option,
+    progress_bar,
+    radius_option,
+    result_of,
+    result_option,
+    search_option,
+    simulated,
+)
+
+
+@click.command()
+@click.argument("source", metavar="SCENE|FILE.npz")
+@click.option("--microphone", type=int, required=True, metavar="N", help="The one to move, counted from 0.")
+@click.option("--mode-numbers", metavar="M,M,...", help="Modes to draw, counted from 1.  [default: 1,5,9]")
+@result_option
+@output_option("FIG.png")
+@search_option
+@radius_option
+@force_option
+def landscape(source, microphone, mode_numbers, result, output, search, radius, force):
+    """Draw the cost of moving one microphone, mode by mode and summed: the paper's Fig. 1.
+
+    The other microphones stand at their true positions, or at those of a result.
+    """
+    path = arguments.output_path(output, ".png", force)
+    given = given_of(source, search, radius)
+    measurement = given.measurement
+    n = arguments.microphone_number(microphone, measurement.count)
+    modes = arguments.mode_numbers(mode_numbers, len(measurement.frequencies))
+    positions = runs.positions_from(measurement, result_of(result))
+    from .figures import draw_landscape, landscape_panels
+    from .store import write_atomically
+
+    problem = measurement.problem(given.settings.weights)
+    panels = landscape_panels(problem, positions, n, modes, given.settings.order_offset)
+    figure = draw_landscape(panels, None if measurement.positions is None else measurement.positions[n])
+    write_atomically(path, lambda file: figure.savefig(file, format="png"), force)
+    x, y = panels.found[-1]
+    print(f"{path}: microphone {n}, least cost {panels.maps[-1].min():.3g} at ({x:.4g}, {y:.4g}) m")
+
+
+@click.command()
+@click.argument("scene")
+@result_option
+@click.option("--microphone", type=int, metavar="N", help="Lay the cost landscape of this one on the floor.")
+@click.option("--view", type=click.Choice(["top", "3d", "close"]), default="top", show_default=True, help="Where from.")
+@click.option("--size", default="1280x800", show_default=True, metavar="WxH", help="Pixels.")
+@output_option("FILE.png")
+@force_option
+def snapshot(scene, result, microphone, view, size, output, force):
+    """Draw room and microphones, and a result where given, without a browser."""
+    path = arguments.output_path(output, ".png", force)
+    shape = arguments.pixels(size)
+    given, found = simulated(scene), result_of(result)
+    from .painting import paint
+    from .picture import compose, headline
+    from .snapshot import render
+
+    positions, title, floor = None, given.scene.title, None
+    if found is not None:
+        positions = runs.positions_from(given.measurement, found)
+        title += f": {headline(given.measurement, positions)}"
+    if microphone is not None:
+        n = arguments.microphone_number(microphone, given.measurement.count)
+        modes = given.settings.modes if found is None else len(found["frequencies"])
+        others = given.measurement.positions if found is None else positions
+        floor = paint(runs.joint_landscape(given, others, n, modes), given.measurement.search, log=True)
+    picture = compose(given.scene, given.measurement, positions, microphone, floor, title)
+    render(picture, path, shape, view, force)
+    print(path)
+
+
+@click.command()
+@click.argument("source", metavar="SCENE|FILE")
+@click.option("--solver", metavar="NAME", help="joint, descent (the paper's) or descent+joint.  [default: the scene's]")
+@click.option("--modes", type=int, metavar="M", help="Modes in use at the end, from the lowest up.")
+@click.option("--seed", type=int, metavar="S", help="Draws the solver's start.  [default: the scene's]")
+@output_option("FILE.html")
+@search_option
+@radius_option
+@force_option
+def replay(source, solver, modes, seed, output, search, radius, force):
+    """Calibrate, and write the whole run as one page that plays offline in any browser."""
+    path = arguments.output_path(output, ".html", force)
+    given = runs.changed(given_of(source, search, radius), solver, modes, seed)
+    from .export.replay import replay
+    from .history import recorded
+    from .store import write_atomically
+
+    with progress_bar("calibrating") as progress:
+        states = recorded(runs.states_of(given, progress))
+    title = given.name if given.scene is None else given.scene.title
+    text = replay(given.scene, given.measurement, states, title, given.settings.weights)
+    write_atomically(path, lambda file: file.write_text(text, encoding="utf-8"), force)
+    print(f"{path}: {len(states)} states of {given.settings.name}, {len(text) / 1e6:.2g} MB")
+
+
+COMMANDS = (landscape, snapshot, replay)

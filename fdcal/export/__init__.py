@@ -1,0 +1,4 @@
+"""What is taken away from a run: for other programs, for a lecture without a server, for going on another day.
+
+replay     the whole run as one HTML file that needs no network
+"""
