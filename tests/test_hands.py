@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from fdcal import modeset
 from fdcal.checks import InputError
 from fdcal.scene import Search
-from fdcal.viewer import modeset
 from fdcal.viewer.hands import Hands
 
 SEARCH = Search(origin=(1.0, 2.0), size=(0.4, 0.4), step=0.1, radius=1.0)

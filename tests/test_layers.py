@@ -16,7 +16,7 @@ PACKAGE = ROOT / "fdcal"
 # and do not import each other; a folder is one room, whose modules may.
 ROOMS = [
     ["checks"],
-    ["tables"],
+    ["tables", "modeset"],
     ["scene"],
     ["gauge"],
     ["space"],
@@ -63,6 +63,7 @@ ROOMS = [
     ["offscreen"],
     ["figures"],
     ["export"],
+    ["lesson"],
     ["viewer", "snapshot"],
     ["arguments", "runs"],
     ["options"],
@@ -84,7 +85,7 @@ HOMES = {
     "click": {"options", "drawing", "cli"},
     "tqdm": {"options"},
     "platformdirs": {"store"},
-    "tomllib": {"scene"},
+    "tomllib": {"scene", "lesson"},
     "soundfile": {"formats"},
     "h5py": {"formats"},
     "sofar": {"formats"},

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from .. import modeset
 from ..checks import InputError
-from . import modeset, words
+from . import words
 from .desk import FLOOR, NOTHING, RELIEF, SHAPE, Choices, Desk
 from .maps import Map
 from .safety import bounded, one_of

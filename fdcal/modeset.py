@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from ..checks import InputError
+from .checks import InputError
 
 LONGEST = 200  # characters
 
