@@ -23,30 +23,43 @@ from .options import (
 @click.option("--microphone", type=int, required=True, metavar="N", help="The one to move, counted from 0.")
 @click.option("--mode-numbers", metavar="M,M,...", help="Modes to draw, counted from 1.  [default: 1,5,9]")
 @result_option
-@output_option("FIG.png")
+@output_option("FIG.png|svg|vti")
 @search_option
 @radius_option
 @force_option
 def landscape(source, microphone, mode_numbers, result, output, search, radius, force):
     """Draw the cost of moving one microphone, mode by mode and summed: the paper's Fig. 1.
 
-    The other microphones stand at their true positions, or at those of a result.
+    The suffix tells the format: a picture, a drawing, or numbers for ParaView. The other microphones stand at their
+    true positions, or at those of a result.
     """
-    path = arguments.output_path(output, ".png", force)
+    path = arguments.output_path(output, [".png", ".svg", ".vti"], force)
     given = given_of(source, search, radius)
     measurement = given.measurement
     n = arguments.microphone_number(microphone, measurement.count)
     modes = arguments.mode_numbers(mode_numbers, len(measurement.frequencies))
     positions = runs.positions_from(measurement, result_of(result))
-    from .figures import draw_landscape, landscape_panels
+    from .figures import landscape_panels
     from .store import write_atomically
 
     problem = measurement.problem(given.settings.weights)
     panels = landscape_panels(problem, positions, n, modes, given.settings.order_offset)
-    figure = draw_landscape(panels, None if measurement.positions is None else measurement.positions[n])
-    write_atomically(path, lambda file: figure.savefig(file, format="png"), force)
+    content = _landscape_bytes(path.suffix.lower(), panels, measurement)
+    write_atomically(path, lambda file: file.write_bytes(content), force)
     x, y = panels.found[-1]
     print(f"{path}: microphone {n}, least cost {panels.maps[-1].min():.3g} at ({x:.4g}, {y:.4g}) m")
+
+
+def _landscape_bytes(suffix: str, panels, measurement) -> bytes:
+    """Panels in the format of a suffix."""
+    if suffix == ".vti":
+        from .export.paraview import landscape
+
+        return landscape(panels).encode()
+    from .figures import draw_landscape, figure_bytes
+
+    truth = None if measurement.positions is None else measurement.positions[panels.microphone]
+    return figure_bytes(draw_landscape(panels, truth), suffix[1:])
 
 
 @click.command()

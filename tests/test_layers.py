@@ -17,6 +17,7 @@ PACKAGE = ROOT / "fdcal"
 ROOMS = [
     ["checks"],
     ["tables", "modeset"],
+    ["vtkxml"],
     ["scene"],
     ["gauge"],
     ["space"],
