@@ -18,6 +18,7 @@ from .checks import InputError
 from .options import (
     force_option,
     given_of,
+    opening_of,
     output_option,
     progress_bar,
     radius_option,
@@ -60,15 +61,14 @@ def commands(context):
 
 
 @commands.command()
-@click.argument("scene", default="array1_circle")
+@click.argument("scene", default="array1_circle", metavar="[SCENE|SESSION]")
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to serve the page at.")
 @click.option("--port", type=int, default=8080, show_default=True, help="Port; 0 takes a free one.")
 @click.option("--no-browser", is_flag=True, help="Print the address, open nothing.")
 def view(scene: str, host: str, port: int, no_browser: bool):
-    """Watch a calibration in the browser; Ctrl-C ends it."""
+    """Watch a calibration in the browser; Ctrl-C ends it. SESSION is a file that the page has saved."""
     alone = arguments.address(host, port)
-    loaded = load_scene(scene)
-    runs.check_scene(loaded)  # one that cannot be simulated is refused before a page opens
+    opening = opening_of(scene)
     if not alone:
         print(arguments.warning(host, port), file=sys.stderr)
 
@@ -77,9 +77,9 @@ def view(scene: str, host: str, port: int, no_browser: bool):
         if not no_browser:
             arguments.open_page(url)
 
-    from .viewer import Opening, serve
+    from .viewer import serve
 
-    serve(Opening(loaded), host, port, on_ready)
+    serve(opening, host, port, on_ready)
 
 
 @commands.command()

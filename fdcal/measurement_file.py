@@ -5,7 +5,7 @@ save_measurement, load_measurement    the keys, which are those of `fdcal.measur
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,14 +20,17 @@ SEARCH = ("search_origin", "search_size", "search_step", "radius")
 OPTIONAL = ("array_dimension", "wavenumbers", "noise_power", "names", "positions", "known", "known_positions")
 
 
-def save_measurement(measurement: Measurement, file) -> None:
-    """Write `measurement` to an open binary `file` or a path, as .npz (see `load_measurement` for the keys)."""
+def save_measurement(measurement: Measurement, file, others: Mapping[str, np.ndarray] | None = None) -> None:
+    """Write `measurement` to an open binary `file` or a path, as .npz (see `load_measurement` for the keys).
+
+    `others` are arrays under keys of their own, which `load_measurement` passes over.
+    """
     table = {key: getattr(measurement, key) for key in REQUIRED + OPTIONAL}
     table["names"] = np.array(measurement.names)
     if measurement.search is not None:
         s = measurement.search
         table |= dict(zip(SEARCH, (s.origin, s.size, s.step, s.radius), strict=True))
-    table = {key: value for key, value in table.items() if value is not None}
+    table = {key: value for key, value in table.items() if value is not None} | dict(others or {})
     if isinstance(file, (str, Path)):
         with open(file, "wb") as stream:  # given a name, NumPy would add .npz to it
             np.savez_compressed(stream, **table)
@@ -35,8 +38,8 @@ def save_measurement(measurement: Measurement, file) -> None:
         np.savez_compressed(file, **table)
 
 
-def load_measurement(path: str | Path, excluded: Sequence[str] = ()) -> Measurement:
-    """Measurement from an .npz file.
+def load_measurement(path, excluded: Sequence[str] = (), called: str = "") -> Measurement:
+    """Measurement from an .npz file, or an open binary one, which messages call `called`.
 
     Keys: `frequencies` (M,) Hz, `pressures` (M, N) complex, `sound_speed` m/s, `dimension`; optionally
     `array_dimension`, `wavenumbers` (M,) complex rad/m, `noise_power` (M,), `names` (N,), `positions` (N, D) m,
@@ -48,6 +51,7 @@ def load_measurement(path: str | Path, excluded: Sequence[str] = ()) -> Measurem
     Raises StorageError if the file cannot be read, InputError if it does not hold a measurement.
     """
     table = _read_arrays(path)
+    path = called or path
     for key in REQUIRED:
         if key not in table:
             raise InputError(f'{path} has no "{key}"; a measurement needs {", ".join(REQUIRED)}')

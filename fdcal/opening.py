@@ -59,7 +59,7 @@ def table_of(scene: Scene) -> dict[str, Any]:
 
     `tables.build(Scene, table)` makes the same scene of it.
     """
-    return _plain(dataclasses.asdict(scene))
+    return plain(dataclasses.asdict(scene))
 
 
 def edited(scene: Scene, changes: Mapping[str, Any]) -> Scene:
@@ -77,12 +77,12 @@ def edited(scene: Scene, changes: Mapping[str, Any]) -> Scene:
                 raise InputError(f"{key} is not a key of a scene; {part} holds a value")
         inner.pop(last, None)
         if value is not None:
-            inner[last] = _plain(value)
+            inner[last] = plain(value)
     return build(Scene, table)
 
 
-def _plain(value):
-    """Tuples as lists, whatever is None left out."""
+def plain(value):
+    """Mappings and tuples as dicts and lists, whatever is None left out."""
     if isinstance(value, Mapping):
-        return {key: _plain(inner) for key, inner in value.items() if inner is not None}
-    return [_plain(inner) for inner in value] if isinstance(value, (tuple, list)) else value
+        return {key: plain(inner) for key, inner in value.items() if inner is not None}
+    return [plain(inner) for inner in value] if isinstance(value, (tuple, list)) else value

@@ -11,7 +11,10 @@ import click
 
 from . import arguments, runs
 from .checks import InputError
-from .scene import scene_names
+from .opening import Opening
+from .scene import load_scene, scene_names
+
+SESSIONS = (".zip", ".json")
 
 
 @contextmanager
@@ -76,3 +79,14 @@ def result_of(path: str | None) -> dict | None:
     from .store import load_result
 
     return load_result(path)
+
+
+def opening_of(text: str) -> Opening:
+    """What a page is to show: a session left by another, or a scene."""
+    if text.lower().endswith(SESSIONS):
+        from .export.sessionfile import read
+
+        return read(text)
+    scene = load_scene(text)
+    runs.check_scene(scene)  # one that cannot be simulated is refused before a page opens
+    return Opening(scene)

@@ -3,4 +3,5 @@
 replay     the whole run as one HTML file that needs no network
 paraview   maps as .vti, microphones as .vtp
 positions  the microphones as a table
+sessionfile, states  a session to be opened where it was left
 """

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from types import ModuleType
 
 from .. import solvers
+from ..checks import InputError
 from ..measurement import Measurement, Problem
 from ..opening import Opening
 from ..scene import Scene
@@ -80,8 +81,10 @@ def work_of(opening: Opening, progress: Progress) -> Work:
     session = Session(problem, scene.solver, opening.seed, solver, opening.states, opening.index)
     try:
         _warm_up(problem, solver, session.view.history[0])
-    except BaseException:
+    except BaseException as error:
         session.close(0.5)
+        if opening.states and isinstance(error, Exception) and not isinstance(error, InputError):
+            raise InputError(f"the solver cannot go on from the states given: {error!r}") from error
         raise
     if opening.play:
         session.play()
