@@ -292,13 +292,14 @@ def measure(scene: Scene, recordings: np.ndarray | None = None, progress=None) -
     noise_power = np.mean(np.abs(clean) ** 2, axis=1) * 10 ** (-scene.measurement.snr_db / 10)
     rng = np.random.default_rng([scene.seed, 1])
     noise = rng.normal(scale=math.sqrt(0.5), size=(2, *clean.shape))  # of unit power, whatever the SNR
+    wrong = 1 + scene.measurement.sound_speed_error
     return Measurement(
         frequencies=frequencies,
         pressures=clean + np.sqrt(noise_power)[:, None] * (noise[0] + 1j * noise[1]),
-        sound_speed=scene.room.sound_speed,
+        sound_speed=wrong * scene.room.sound_speed,
         dimension=dimension,
         array_dimension=positions.shape[1],
-        wavenumbers=wavenumbers,
+        wavenumbers=wavenumbers / wrong,
         noise_power=noise_power,
         positions=positions,
         known=scene.gauge.indices(len(positions)),

@@ -32,6 +32,7 @@ class Opening:
     choices : what the page's controls say, by the names of `viewer.desk.Choices` and `viewer.maps.Look`; of those not
         named, the looks of the page before are kept
     play : whether the solver runs at once
+    fewer_modes : whether the solver takes as many modes as there are where there are less than it asks for
     """
 
     scene: Scene
@@ -41,6 +42,7 @@ class Opening:
     index: int | None = None
     choices: Mapping[str, Any] = field(default_factory=dict)
     play: bool = False
+    fewer_modes: bool = False
 
     def __post_init__(self):
         if self.start_seed is not None and self.start_seed < 0:

@@ -35,6 +35,7 @@ MOST_MICROPHONES = 10_000
 MOST_CANDIDATES = 500_000  # of a search: the solvers' tables of them take 1 to 2 GB
 MOST_METRES = 1e9  # of a coordinate
 MOST_DECIBELS = 300.0
+MOST_SPEED_ERROR = 0.5
 
 
 @dataclass(frozen=True)
@@ -318,6 +319,9 @@ class Sensing:
     prominence_db: float = 1.0
     resolution: float = 1.0  # Hz, closest pair of modes to be told apart
     wavenumber: str = "discrete"  # or "continuous"
+    sound_speed_error: float = 0.0  # share by which the sound speed told to solvers is too high
+
+    OPTIONAL: typing.ClassVar = ("sound_speed_error",)
 
     def __post_init__(self):
         if not (abs(self.snr_db) <= MOST_DECIBELS or self.snr_db == math.inf):
@@ -331,6 +335,11 @@ class Sensing:
         if not self.lowest < self.highest:
             raise InputError(
                 f"measurement.lowest = {self.lowest:g} Hz must lie below measurement.highest = {self.highest:g} Hz"
+            )
+        if not abs(self.sound_speed_error) <= MOST_SPEED_ERROR:
+            raise InputError(
+                f"measurement.sound_speed_error = {self.sound_speed_error:g} is a share; use -{MOST_SPEED_ERROR:g} to"
+                f" {MOST_SPEED_ERROR:g}, as 0.01 for 1 %"
             )
         require_choice("measurement.wavenumber", self.wavenumber, ("discrete", "continuous"))
 

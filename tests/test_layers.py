@@ -53,7 +53,7 @@ ROOMS = [
     ["history"],
     ["worker"],
     ["session"],
-    ["opening"],
+    ["opening", "scenario"],
     ["shapes"],
     ["primitives"],
     ["painting"],

@@ -27,6 +27,7 @@ from fdcal.history import History, SessionView
 from fdcal.measurement import Measurement
 from fdcal.opening import Opening, edited
 from fdcal.picture import compose, with_estimate
+from fdcal.scenario import knobs_of
 from fdcal.scene import load_scene, scene_folder
 from fdcal.store import cached_measurement
 from fdcal.viewer import app, plots, preparing, safety, spreads, stage, viewing, words
@@ -454,8 +455,10 @@ def work(scene, measurement):
 
 @pytest.fixture
 def controls(server, work):
-    rooms = Rooms(Frame(server.gui))
-    yield Controls(rooms, Desk(server.gui, work, 6), lambda *_: None, lambda *_: None), work.session
+    rooms, opened = Rooms(Frame(server.gui)), []
+    work.session.opened = opened
+    desk = Desk(server.gui, work, 6, opened.append)
+    yield Controls(rooms, desk, lambda *_: None, lambda *_: None), work.session
     server.gui.reset()
 
 
@@ -472,12 +475,16 @@ def test_every_control_survives_junk(controls, value):
     panel, session = controls
     solve, map_ = panel.solve, panel.map
     handles = [solve.first, solve.last, solve.automatic, solve.speed, solve.seed, map_.microphone, map_.follow]
+    tab = panel.scene
+    handles += [tab.name, tab.microphones, tab.radius, tab.walls, tab.absorption, tab.noise, tab.snr, tab.speed]
+    handles += [tab.known, tab.seed, solve.name, solve.start]
     handles += [map_.which, map_.upto, map_.text, map_.kind, map_.scale, map_.opacity, panel.dark]
     for handle in handles:
         before = handle.value
         with contextlib.suppress(TypeError, ValueError, OverflowError):  # viser holds values of the control's type only
             value_held = type(before)(value)
             say(handle, value_held)
+            tab.press()
         handle._impl.value = before
     for name, *arguments in session.commands:
         if name == "pace":
@@ -485,9 +492,62 @@ def test_every_control_survives_junk(controls, value):
             continue
         first, last, automatic = arguments
         assert name == "use_modes" and 1 <= first <= last <= 6 and isinstance(automatic, bool)
+    for opening in session.opened:
+        knobs = knobs_of(opening.scene)
+        assert 4 <= knobs.microphones <= 150 and 0.05 <= knobs.radius <= 3 and 3 <= knobs.known < knobs.microphones
+        assert abs(knobs.sound_speed_error) <= 0.05 and knobs.snr_db >= -10 and 0 <= knobs.seed < 2**31
     choices = panel.choices
     assert 0 <= choices.microphone < 10 and 0.1 <= choices.look.opacity <= 1 and choices.seed >= 0
     assert choices.modes is None or set(choices.modes) <= set(range(1, 7))
+
+
+def test_apply_opens_the_scenario_that_the_handles_say(controls, scene):
+    panel, session = controls
+    tab = panel.scene
+    say(tab.apply, True)
+    say(tab.noise, True)
+    say(tab.snr, 25)
+    say(tab.walls, "absorbing")
+    say(tab.absorption, 10.0)
+    say(tab.known, 5)
+    assert tab.snr.visible and tab.absorption.visible
+    say(tab.apply, True)
+    same, changed = (opening.scene for opening in session.opened)
+    assert same is scene, "what no hand has touched stays exactly as it was"
+    knobs = knobs_of(changed)
+    assert (knobs.snr_db, knobs.walls, knobs.known) == (25, "absorbing", 5)
+    assert knobs.absorption == pytest.approx(0.1) and changed.room.size == scene.room.size
+
+
+def test_a_scenario_that_cannot_be_tells_its_line_and_opens_nothing(controls):
+    panel, session = controls
+    say(panel.scene.radius, 2.5)
+    say(panel.scene.apply, True)
+    assert session.opened == [] and "outside the room" in panel.scene.told.content
+    say(panel.scene.name, "array1_circle")
+    assert panel.scene.microphones.value == 65 and panel.scene.told.content == ""
+    say(panel.scene.apply, True)
+    assert [opening.scene for opening in session.opened] == [load_scene("array1_circle")]
+
+
+def test_another_solver_starts_anew_and_the_same_one_is_reset(controls):
+    panel, session = controls
+    say(panel.bar.steps, "Reset")
+    say(panel.solve.name, "descent")
+    assert panel.solve.start.value == "random" and panel.solve.seed.visible
+    say(panel.solve.seed, 5)
+    say(panel.solve.anew, True)
+    assert session.commands == [("reset", 0)]
+    (opening,) = session.opened
+    assert (opening.scene.solver.name, opening.scene.solver.start, opening.seed) == ("descent", "random", 5)
+    assert opening.measurement is panel.desk.measurement
+
+
+def test_a_seed_that_draws_nothing_is_not_shown(controls):
+    panel, _ = controls
+    assert not panel.solve.seed.visible, "joint from its affine start"
+    say(panel.solve.start, "random")
+    assert panel.solve.seed.visible
 
 
 def test_the_mode_sliders_never_cross(controls):

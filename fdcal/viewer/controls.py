@@ -11,8 +11,10 @@ from .desk import Choices, Desk
 from .frame import Rooms
 from .maps import Map
 from .maptab import MapTab
-from .runtab import RunBar, SolveTab
+from .runtab import RunBar
 from .safety import one_of
+from .scenetab import SceneTab
+from .solvetab import SolveTab
 
 VIEWS = {"Top": "top", "3-D": "3d", "Close": "close"}
 SIZES = {"1280 x 800": (1280, 800), "1920 x 1080": (1920, 1080), "3840 x 2160": (3840, 2160)}
@@ -29,10 +31,12 @@ class Controls:
         export: Callable[[viser.ClientHandle, Choices], None],
     ):
         self.desk = desk
-        with rooms.bar():
-            self.bar = RunBar(desk)
         with rooms.at("Solve"):
             self.solve = SolveTab(desk)
+        with rooms.bar():
+            self.bar = RunBar(desk, self.solve.start_anew)
+        with rooms.at("Scene"):
+            self.scene = SceneTab(desk)
         with rooms.at("Map"):
             self.map = MapTab(desk)
         with rooms.at("View"):

@@ -11,12 +11,7 @@ from contextlib import contextmanager
 import viser
 
 RIGHT_WIDTH, LEFT_WIDTH = 330.0, 300.0  # pixels
-RIGHT = {
-    "Solve": viser.Icon.PLAYER_TRACK_NEXT,
-    "Map": viser.Icon.MAP,
-    "View": viser.Icon.EYE,
-    "Save": viser.Icon.DOWNLOAD,
-}
+RIGHT = ("Solve", "Scene", "Map", "View", "Save")  # no icons: with them one would go to a second row
 LEFT = ("Curves", "Maps", "Modes", "Mics")
 
 
@@ -34,7 +29,7 @@ class Frame:
         self.bar = gui.add_folder(None)
         gui.add_divider()
         group, panel = gui.add_tab_group(), gui.add_panel()
-        self._tabs = {name: group.add_tab(name, icon) for name, icon in RIGHT.items()}
+        self._tabs = {name: group.add_tab(name) for name in RIGHT}
         self._tabs |= {name: panel.add_tab(name) for name in LEFT}
         panel.dock_left()
         panel.set_width(LEFT_WIDTH)

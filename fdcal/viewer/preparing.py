@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import signal
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import ModuleType
 
 from .. import solvers
 from ..checks import InputError
+from ..cost import usable_modes
 from ..measurement import Measurement, Problem
 from ..opening import Opening
 from ..scene import Scene
@@ -71,12 +72,13 @@ class Interrupt:
 
 def work_of(opening: Opening, progress: Progress) -> Work:
     """Measurement, problem and session of an opening. Raises what their making raises, and Stopped."""
-    scene = opening.scene
-    measurement = opening.measurement
+    scene, measurement = opening.scene, opening.measurement
     if measurement is None:
         measurement = cached_measurement(scene, progress)
     progress(1.0)
     problem = measurement.problem(scene.solver.weights, scene.solver.known)
+    if opening.fewer_modes:
+        scene = _with_modes_there_are(scene, problem)
     solver = solvers.load(scene.solver.name)
     session = Session(problem, scene.solver, opening.seed, solver, opening.states, opening.index)
     try:
@@ -89,6 +91,16 @@ def work_of(opening: Opening, progress: Progress) -> Work:
     if opening.play:
         session.play()
     return Work(scene, measurement, problem, solver, session, opening)
+
+
+def _with_modes_there_are(scene: Scene, problem: Problem) -> Scene:
+    """The scene with no more modes asked for than were measured and, by descent, can be carried."""
+    own, count = scene.solver, len(problem.frequencies)
+    if own.name.startswith("descent"):
+        count = usable_modes(problem, own.order_offset)
+    if not 0 < count < own.modes:
+        return scene
+    return replace(scene, solver=replace(own, modes=count, first_modes=min(own.first_modes, count)))
 
 
 def _warm_up(problem, solver, state) -> None:

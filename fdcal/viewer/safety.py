@@ -109,6 +109,15 @@ def bounded(value, low: int, high: int, otherwise: int) -> int:
         return otherwise
 
 
+def bounded_number(value, low: float, high: float, otherwise: float) -> float:
+    """`value` as a finite number from `low` to `high`; `otherwise` if it is none."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError, OverflowError):
+        return otherwise
+    return min(max(number, low), high) if math.isfinite(number) else otherwise
+
+
 def one_of(value, options, otherwise):
     """`value` if it is one of `options`."""
     return value if isinstance(value, str) and value in options else otherwise

@@ -54,6 +54,13 @@ class Drawn:
     state: object
 
 
+def most_modes(work: Work) -> int:
+    """How many modes can be in use: descent needs an expansion that the microphones carry."""
+    if work.scene.solver.name.startswith("descent"):
+        return usable_modes(work.problem, work.scene.solver.order_offset)
+    return len(work.problem.frequencies)
+
+
 class Viewer:
     """One session on the screen: its controls, and what has been shown of it so far."""
 
@@ -67,7 +74,7 @@ class Viewer:
         before: Choices | None = None,
     ):
         self._work, self._stage, self._rooms = work, stage, rooms
-        modes = usable_modes(work.problem, work.scene.solver.order_offset)
+        modes = most_modes(work)
         self.desk = Desk(rooms.gui, work, modes, open_other, before)
         self._still: dict[bool, Picture] = {}
         self._fault, self._fault_time = "", 0.0
