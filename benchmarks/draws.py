@@ -73,7 +73,7 @@ def draw(name: str, seed: int, modes: int, snr_db: float = np.inf) -> Draw:
 def _clean(name: str, seed: int, modes: int):
     """The scene of a draw, its frequencies (M,), Hz, wavenumbers (M,), rad/m, and pressures (M, N) without noise."""
     scene = load_scene(name)
-    position = _source(scene, np.random.default_rng([seed, 2]))
+    position = source_of(scene, np.random.default_rng([seed, 2]))
     scene = replace(scene, seed=seed, source=replace(scene.source, position=position))
     D, c = scene.room.dimension, scene.room.sound_speed
     frequencies = eigenfrequencies(scene.room.size, modes, c, D == 3)
@@ -83,7 +83,7 @@ def _clean(name: str, seed: int, modes: int):
     return scene, frequencies, k, rigid_field(positions_of(scene), position, k, scene.room.size)
 
 
-def _source(scene: Scene, rng: np.random.Generator) -> tuple[float, ...]:
+def source_of(scene: Scene, rng: np.random.Generator) -> tuple[float, ...]:
     """A place of the source : metres."""
     size, gap = np.array(scene.room.size), FROM_WALLS[scene.room.dimension]
     while True:

@@ -1,4 +1,4 @@
-"""Commands that draw: `landscape`, `snapshot` and `replay`."""
+"""Commands that draw: `landscape`, `field`, `snapshot` and `replay`."""
 
 from __future__ import annotations
 
@@ -63,6 +63,28 @@ def _landscape_bytes(suffix: str, panels, measurement) -> bytes:
 
 
 @click.command()
+@click.argument("source", metavar="SCENE|FILE")
+@result_option
+@click.option("--frequencies", metavar="HZ,HZ,...", help="Measured ones.  [default: lowest, middle and highest]")
+@click.option("--step", type=float, metavar="METRES", help="Of the lattice.  [default: a 60th of the longest side]")
+@output_option("FILE.npz|csv|png|vti")
+@force_option
+def field(source, result, frequencies, step, output, force):
+    """Map the sound field inside the array, from positions found (--result) or, without, those in the input."""
+    from . import fieldfiles
+    from .store import write_atomically
+
+    path = arguments.output_path(output, sorted(fieldfiles.WRITERS), force)
+    wanted = None if frequencies is None else arguments.numbers(frequencies, "--frequencies", float)
+    found = result_of(result)
+    given = given_of(source, excluded=tuple(found.get("excluded", ())) if found else ())
+    mapped = runs.heard_inside(given, found, wanted, step)
+    write_atomically(path, lambda file: fieldfiles.write(file, path, mapped), force)
+    heard = ", ".join(f"{f:.1f}" for f in mapped.frequencies)
+    print(f"{path}: pressure at {heard} Hz, {len(mapped.points)} points inside {given.measurement.count} microphones")
+
+
+@click.command()
 @click.argument("scene")
 @result_option
 @click.option("--microphone", type=int, metavar="N", help="Lay the cost landscape of this one on the floor.")
@@ -118,4 +140,4 @@ def replay(source, solver, modes, seed, output, search, radius, force):
     print(f"{path}: {len(states)} states of {given.settings.name}, {len(text) / 1e6:.2g} MB")
 
 
-COMMANDS = (landscape, snapshot, replay)
+COMMANDS = (landscape, field, snapshot, replay)

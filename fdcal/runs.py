@@ -147,7 +147,8 @@ def solve(given: Given, progress: Progress | None = None) -> dict:
     microphones left out, which have no row; solver; seed; frequencies used, Hz; cost, dimensionless; sweeps; elapsed_s;
     converged; mean_error_m and max_error_m over all microphones, None without truth; aligned, whether nothing fixes
     rotation, translation and mirror, so that the errors are those after the best rigid motion; verdict, verdict_text,
-    uncertainty_m (N,) and residual_to_noise (see `fdcal.verdict.Verdict`); sound_speed, m/s, told or estimated
+    uncertainty_m (N,) and residual_to_noise (see `fdcal.verdict.Verdict`); sound_speed, m/s, told or estimated;
+    left_out_db, left_out_microphones_db (N,), left_out_frequencies_db (see `fdcal.listening.Report`)
 
     Raises InputError where the solver cannot start, and whatever `progress` raises to stop the run.
     """
@@ -182,6 +183,7 @@ def solve(given: Given, progress: Progress | None = None) -> dict:
 def _trusted(given: Given, problem: Problem, state) -> tuple[np.ndarray, Problem, dict]:
     """Positions and problem, of another sound speed where that was asked for, and the keys of the verdict."""
     from . import soundspeed
+    from .listening import report
     from .verdict import judge
 
     positions, noise = state.positions, getattr(state, "noise_power", None)
@@ -194,6 +196,7 @@ def _trusted(given: Given, problem: Problem, state) -> tuple[np.ndarray, Problem
         positions = found.positions if problem.frame is None else place(found.positions, problem.frame)
         problem = found.problem
     verdict = judge(problem, positions, state.modes, noise, given.measurement.names, state.converged)
+    heard = report(problem, positions, state.modes, noise)
     return (
         positions,
         problem,
@@ -202,6 +205,9 @@ def _trusted(given: Given, problem: Problem, state) -> tuple[np.ndarray, Problem
             "residual_to_noise": verdict.residual_to_noise,
             "verdict": verdict.code,
             "verdict_text": verdict.text,
+            "left_out_db": heard.whole,
+            "left_out_microphones_db": heard.microphones.tolist(),
+            "left_out_frequencies_db": heard.modes.tolist(),
         },
     )
 
@@ -245,7 +251,7 @@ def _require_reachable(given: Given) -> None:
 
 
 def summary(given: Given, result: dict) -> str:
-    """The outcome in six lines."""
+    """The outcome in seven lines."""
     count, f = given.measurement.count, result["frequencies"]
     free = count - len(given.measurement.known) * (given.settings.known == "all")
     end = "converged" if result["converged"] else "stopped before it converged"
@@ -260,9 +266,20 @@ def summary(given: Given, result: dict) -> str:
         f"run     {result['sweeps']} sweeps in {result['elapsed_s']:.1f} s, {end}",
         f"cost    {result['cost']:.3g} ({'dimensionless' if given.settings.weights == 'unit' else 'pressure squared'})",
         f"error   {error}",
+        f"heard   {_heard(result)}",
         f"verdict {result['verdict']}: {result['verdict_text']}",
     )
     return "\n".join(lines)
+
+
+def _heard(result: dict) -> str:
+    """How well the microphones foretell one another."""
+    microphones, modes = (np.array(result[f"left_out_{what}_db"]) for what in ("microphones", "frequencies"))
+    n, m = int(microphones.argmax()), int(modes.argmax())
+    return (
+        f"each microphone from the others to {result['left_out_db']:.1f} dB; worst microphone {result['names'][n]},"
+        f" {microphones[n]:.1f} dB, worst frequency {result['frequencies'][m]:.1f} Hz, {modes[m]:.1f} dB"
+    )
 
 
 def require_told(measurement: Measurement) -> None:
@@ -292,6 +309,19 @@ def joint_landscape(given: Given, positions, n: int, modes: int) -> np.ndarray:
     centre = lattice.nearest(np.mean(positions, axis=0))
     maps = lattice_landscape(problem, lattice, positions, n, centre, slice(0, modes), settings.known_weight)
     return maps.sum(axis=0)
+
+
+def heard_inside(given: Given, result: dict | None, wanted: list[float] | None, step: float | None):
+    """`fdcal.fieldmap.FieldMap` of a measurement at `wanted` frequencies, Hz, from a result or the true positions.
+
+    A result that leaves microphones out belongs to a measurement without them.
+    """
+    from .fieldmap import field_map
+
+    positions = positions_from(given.measurement, None if result is None else {**result, "excluded": []})
+    if wanted is None and result is not None:
+        wanted = [result["frequencies"][i] for i in (0, len(result["frequencies"]) // 2, -1)]
+    return field_map(given.measurement, positions, wanted, step, (result or {}).get("sound_speed"))
 
 
 def positions_from(measurement: Measurement, result: dict | None) -> np.ndarray:

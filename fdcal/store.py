@@ -190,6 +190,9 @@ NEWER = {  # a file of an older fdcal lacks these
     "verdict": (str, 0),
     "verdict_text": (str, 0),
     "sound_speed": (float, 0),
+    "left_out_db": (float, 0),
+    "left_out_microphones_db": (float, 1),
+    "left_out_frequencies_db": (float, 1),
 }
 NULLABLE = ("mean_error_m", "max_error_m")  # null without truth
 

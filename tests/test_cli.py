@@ -91,6 +91,7 @@ def test_simulate_writes_all_of_the_measurement(made):
 def test_calibrate_writes_the_result_and_tells_it(made):
     result = json.loads((made / "result.json").read_text())
     keys = {"positions", "solver", "seed", "frequencies", "cost", "sweeps", "elapsed_s", "converged"}
+    keys |= {"left_out_db", "left_out_microphones_db", "left_out_frequencies_db"}
     keys |= {"names", "excluded", "verdict", "verdict_text", "uncertainty_m", "residual_to_noise", "sound_speed"}
     assert keys | {"mean_error_m", "max_error_m"} <= set(result)
     assert np.shape(result["positions"]) == (16, 2)

@@ -1,0 +1,101 @@
+"""Listening back: how well each microphone is foretold by the others, and what that says of the positions.
+
+Frequencies up to 300 Hz; RMS over draws of source, noise and, for array 2, array. "Inside" compares the field mapped
+from the positions found with the room's own, at random points inside the array, which no microphone heard.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+
+import numpy as np
+
+from fdcal.listening import expansions, report
+from fdcal.scene import load_scene
+from fdcal.shoebox import field as box_field
+
+from .draws import Draw, Outcome, draw, pooled, rigid_field, solve, source_of
+from .report import Figure
+
+DRAWS = int(os.environ.get("FDCAL_BENCH_DRAWS", "5"))
+MODES = {"array2_random": 67, "ball3d": 57}  # up to 300 Hz
+TARGETS = {("array2_random", 40): -35.0, ("array2_random", 20): -17.0}  # dB
+ASIDE = (1.0, 3.0, 10.0, 30.0)  # mm, that microphones are put aside
+POINTS = 200
+
+
+def run() -> Iterator[Figure]:
+    for name in MODES:
+        for snr in (40, 20):
+            drawn = [draw(name, seed, MODES[name], snr) for seed in range(DRAWS)]
+            yield from _found(name, snr, drawn)
+    yield from _aside([draw("array2_random", seed, MODES["array2_random"], 40) for seed in range(DRAWS)])
+
+
+def _found(name: str, snr: int, drawn: list[Draw]) -> Iterator[Figure]:
+    """Of the positions that `joint` finds."""
+    outcomes = [solve(d.measurement, "all", MODES[name]) for d in drawn]
+    reports = [_report(d, o.positions) for d, o in zip(drawn, outcomes, strict=True)]
+    words, limit = f"{name}, {snr} dB", TARGETS.get((name, snr))
+    whole = _mean_db([r.whole for r in reports])
+    target = ("", None) if limit is None else (f"at most {limit:g}", whole <= limit)
+    yield Figure(f"{words}: left-out error, {len(drawn)} draws pooled", whole, "dB", *target)
+    yield Figure(f"{words}: of the worst draw", max(r.whole for r in reports), "dB")
+    yield Figure(f"{words}: of the worst frequency of any", max(r.modes.max() for r in reports), "dB")
+    yield Figure(f"{words}: of the worst microphone of any", max(r.microphones.max() for r in reports), "dB")
+    truths = [_report(d, d.measurement.positions) for d in drawn]
+    yield Figure(f"{words}: at the true positions", _mean_db([r.whole for r in truths]), "dB")
+    inside = [_inside(name, seed, d, o) for seed, (d, o) in enumerate(zip(drawn, outcomes, strict=True))]
+    yield Figure(f"{words}: field inside against the room's own", _mean_db(inside), "dB")
+    yield Figure(f"{words}: RMS position error", 1e3 * pooled([o.rms for o in outcomes]), "mm")
+
+
+def _report(drawn: Draw, positions):
+    problem = drawn.measurement.problem()
+    return report(problem, positions, slice(0, len(problem.frequencies)), problem.noise_power)
+
+
+def _mean_db(values) -> float:
+    return float(10 * np.log10(np.mean(10 ** (np.array(values) / 10))))
+
+
+def _inside(name: str, seed: int, drawn: Draw, outcome: Outcome) -> float:
+    """Error of the mapped field over the room's own, dB, at weighted means of the microphones."""
+    m = drawn.measurement
+    rng = np.random.default_rng(seed)
+    weights = rng.dirichlet(np.ones(8), POINTS)
+    chosen = rng.integers(0, m.count, (POINTS, 8))
+    points = np.einsum("pi,pid->pd", weights, m.positions[chosen])
+    truth = room_field(name, seed, points, m.wavenumbers)
+    fits = expansions(m.problem("raw"), outcome.positions, slice(0, len(truth)), m.noise_power)
+    mapped = np.array([fit.at(points)[0] for fit in fits])
+    return float(10 * np.log10(np.mean(_powers(mapped - truth) / _powers(truth))))
+
+
+def room_field(name: str, seed: int, points, wavenumbers) -> np.ndarray:
+    """Pressure (M, P) of draw `seed` of scene `name` at other `points` (P, D), metres."""
+    scene = load_scene(name)
+    source = source_of(scene, np.random.default_rng([seed, 2]))
+    if scene.room.dimension == 3:
+        return box_field(scene.room, source, points, wavenumbers)
+    return rigid_field(points, source, wavenumbers, scene.room.size)
+
+
+def _powers(values) -> np.ndarray:
+    return np.mean(np.abs(values) ** 2, axis=1)
+
+
+def _aside(drawn: list[Draw]) -> Iterator[Figure]:
+    """Left-out error of true positions with every microphone put aside at random, and what k^2 d^2 / 2 foretells."""
+    for far in ASIDE:
+        reports, foretold = [], []
+        for seed, d in enumerate(drawn):
+            m = d.measurement
+            moved = np.random.default_rng([seed, 5]).normal(scale=far / 1e3 / np.sqrt(2), size=m.positions.shape)
+            reports.append(_report(d, m.positions + moved).whole)
+            k = np.real(m.wavenumbers)
+            rest = 10 ** (_report(d, m.positions).whole / 10)
+            foretold.append(10 * np.log10(rest + np.mean(k**2) * np.sum(moved**2) / m.count / 2))
+        yield Figure(f"array2_random, 40 dB, aside by {far:g} mm RMS: left-out error", _mean_db(reports), "dB")
+        yield Figure(f"array2_random, 40 dB, aside by {far:g} mm RMS: k^2 d^2 / 2", _mean_db(foretold), "dB")
