@@ -15,6 +15,7 @@ import click
 
 from . import arguments, drawing, runs
 from .checks import InputError
+from .lesson import lesson_names, load_lesson
 from .options import (
     force_option,
     given_of,
@@ -62,12 +63,14 @@ def commands(context):
 
 @commands.command()
 @click.argument("scene", default="array1_circle", metavar="[SCENE|SESSION]")
+@click.option("--lesson", "own", multiple=True, metavar="FILE.toml", help="A lesson of your own, taken at once.")
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to serve the page at.")
 @click.option("--port", type=int, default=8080, show_default=True, help="Port; 0 takes a free one.")
 @click.option("--no-browser", is_flag=True, help="Print the address, open nothing.")
-def view(scene: str, host: str, port: int, no_browser: bool):
+def view(scene: str, own: tuple[str, ...], host: str, port: int, no_browser: bool):
     """Watch a calibration in the browser; Ctrl-C ends it. SESSION is a file that the page has saved."""
     alone = arguments.address(host, port)
+    lessons = [load_lesson(name) for name in (*own, *lesson_names())]
     opening = opening_of(scene)
     if not alone:
         print(arguments.warning(host, port), file=sys.stderr)
@@ -79,7 +82,7 @@ def view(scene: str, host: str, port: int, no_browser: bool):
 
     from .viewer import serve
 
-    serve(opening, host, port, on_ready)
+    serve(opening, host, port, on_ready, lessons, lessons[0] if own else None)
 
 
 @commands.command()

@@ -71,6 +71,11 @@ class Setting:
     ellipses: bool | None = None
     view: str | None = None
 
+    @property
+    def begins(self) -> bool:
+        """Whether a scene is begun anew, changed or not."""
+        return bool(self.scene or self.changes or self.start_seed is not None)
+
     OPTIONAL: typing.ClassVar = (
         "scene", "changes", "start_seed", "reset", "modes", "automatic", "run", "microphone", "follow", "map",
         "map_modes", "scale", "trails", "ellipses", "view",
@@ -108,13 +113,14 @@ class Lesson:
 
         The last step with a `scene` or `changes` counts; changes alone are of the last scene named.
         """
-        found, name = None, None
+        name, last = None, None
         for setting in _settings(self.steps[: number + 1])[: None if revealed else -1]:
             name = setting.scene or name
-            if name is not None and (setting.scene or setting.changes or setting.start_seed is not None):
-                scene = edited(load_scene(_path(name, self.folder)), setting.changes or {})
-                found = scene, scene.seed if setting.start_seed is None else setting.start_seed
-        return found
+            last = (name, setting) if name and setting.begins else last
+        if last is None:
+            return None
+        scene = edited(load_scene(_path(last[0], self.folder)), last[1].changes or {})
+        return scene, scene.seed if last[1].start_seed is None else last[1].start_seed
 
 
 def _settings(steps) -> list[Setting]:
@@ -174,11 +180,13 @@ def check(lesson: Lesson) -> None:
         raise InputError(f"steps has {len(lesson.steps)} entries; give 1 to {MOST_STEPS} [[steps]]")
     if lesson.steps[0].page.scene is None:
         raise InputError('steps[1].page.scene is missing; name a scene, as "tiny", that the lesson begins with')
+    scene = None
     for number, step in enumerate(lesson.steps):
         key = f"steps[{number + 1}]"
         _check_question(key, step)
         for part, setting, revealed in (("page", step.page, False), ("then", step.then, True)):
-            scene = _scene_of(lesson, number, revealed, f"{key}.{part}")
+            if setting.begins:
+                scene = _scene_of(lesson, number, revealed, f"{key}.{part}")
             _check_setting(f"{key}.{part}", setting, scene)
 
 

@@ -81,17 +81,17 @@ class Session:
         """Stop after the step under way."""
         self._commands.put(("pause",))
 
-    def step(self) -> None:
-        """Take one step (one microphone)."""
-        self._commands.put(("step",))
+    def step(self, count: int = 1) -> None:
+        """Take one step (one microphone), or `count` of them."""
+        self._commands.put(("step", int(count)))
 
-    def sweep(self) -> None:
-        """Go on until the state's sweep number rises or the solver has finished."""
-        self._commands.put(("sweep",))
+    def sweep(self, count: int = 1) -> None:
+        """Go on until the state's sweep number has risen by `count` or the solver has finished."""
+        self._commands.put(("sweep", int(count)))
 
-    def stage(self) -> None:
-        """Go on until the state's stage number rises or the solver has finished."""
-        self._commands.put(("stage",))
+    def stage(self, count: int = 1) -> None:
+        """Go on until the state's stage number has risen by `count` or the solver has finished."""
+        self._commands.put(("stage", int(count)))
 
     def pace(self, rate: float) -> None:
         """Take at most `rate` steps a second while running; 0 is as many as there may be."""
@@ -220,17 +220,18 @@ class Session:
         self._goal = None
         self._publish(running=False)
 
-    def _on_step(self) -> None:
-        self._goal = lambda state: True
+    def _on_step(self, count: int) -> None:
+        end = self._view.state.step + count
+        self._goal = lambda state: state.step >= end
         self._advance()
 
-    def _on_sweep(self) -> None:
-        start = self._view.state.sweep
-        self._run(lambda state: state.sweep > start)
+    def _on_sweep(self, count: int) -> None:
+        end = self._view.state.sweep + count
+        self._run(lambda state: state.sweep >= end)
 
-    def _on_stage(self) -> None:
-        start = self._view.state.stage
-        self._run(lambda state: state.stage > start)
+    def _on_stage(self, count: int) -> None:
+        end = self._view.state.stage + count
+        self._run(lambda state: state.stage >= end)
 
     def _on_pace(self, rate: float) -> None:
         self._pause = 1 / rate if rate > 0 else 0.0

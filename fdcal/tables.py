@@ -8,12 +8,16 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import functools
 import math
 import typing
 
 from .checks import InputError
 
 WORDS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false", dict: "a table"}
+
+
+_hints = functools.cache(typing.get_type_hints)
 
 
 def build(cls, table: dict, prefix: str = "", whole: str = "scene"):
@@ -32,7 +36,7 @@ def build(cls, table: dict, prefix: str = "", whole: str = "scene"):
     InputError
         A key unknown or missing, a value of another type.
     """
-    hints = typing.get_type_hints(cls)
+    hints = _hints(cls)
     fields = {f.name: f for f in dataclasses.fields(cls)}
     for key in table:
         if key not in fields:

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from pathlib import Path
 
+import pytest
+
 from fdcal import formats
 from fdcal.cli import commands
+from fdcal.lesson import MAPS, SCALES, VIEWS, Lesson, Setting, Step, load_lesson
 
-TEXT = (Path(__file__).parent.parent / "docs" / "bring-your-recording.md").read_text(encoding="utf-8")
+DOCS = Path(__file__).parent.parent / "docs"
+TEXT = (DOCS / "bring-your-recording.md").read_text(encoding="utf-8")
+LESSONS = (DOCS / "lessons.md").read_text(encoding="utf-8")
 
 
 def options(name: str) -> set[str]:
@@ -28,3 +34,24 @@ def test_every_option_of_import_is_told():
 def test_every_suffix_of_positions_is_told():
     for suffix in formats.suffixes("write"):
         assert f"| `{suffix}` |" in TEXT
+
+
+def test_the_lesson_worked_out_can_be_taken_and_its_slip_is_told_so(tmp_path):
+    (example,) = re.findall(r"```toml\n(.*?)```", LESSONS, re.DOTALL)
+    path = tmp_path / "mine.toml"
+    path.write_text(example, encoding="utf-8")
+    lesson = load_lesson(path)
+    assert lesson.start(0, revealed=True)[0].room.walls == "pressure-release"
+    (told,) = re.findall(r"error: mine.toml: (.*)\n", LESSONS)
+    path.write_text(example.replace("answer = 2", "answer = 4"), encoding="utf-8")
+    with pytest.raises(ValueError, match=re.escape(told)):
+        load_lesson(path)
+
+
+def test_every_key_of_a_lesson_is_told():
+    fields = {field.name for kind in (Lesson, Step) for field in dataclasses.fields(kind)} - set(Lesson.OPTIONAL)
+    for key in fields - {"page", "then", "steps"} | set(Setting.OPTIONAL):
+        assert f"`{key}`" in LESSONS, key
+    for value in (*MAPS, *SCALES, *VIEWS):
+        assert f'`"{value}"`' in LESSONS, value
+    assert "`--lesson" in LESSONS or "--lesson mine.toml" in LESSONS

@@ -1,11 +1,14 @@
 """Lessons are read from plain files: what comes along is whole, and a slip of the pen gets one line."""
 
 import dataclasses
+import tomllib
+from pathlib import Path
 
 import pytest
 
 from fdcal import lesson as lessons
 from fdcal.checks import InputError, StorageError
+from fdcal.cli import main
 from fdcal.lesson import Setting, load_lesson
 
 GOOD = """
@@ -135,3 +138,16 @@ def test_every_key_of_a_setting_may_be_left_out():
 )
 def test_how_far_a_run_goes(run, meant):
     assert lessons.how_far(run) == meant
+
+
+def test_a_lesson_given_on_the_command_line_is_checked_before_a_page_opens(written, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(["view", "--lesson", str(written("answer = 2", "answer = 3")), "--no-browser"])
+    error = capsys.readouterr().err
+    assert caught.value.code == 2 and "steps[1].answer = 3" in error and error.count("\n") == 1
+
+
+def test_an_installed_package_brings_the_lessons_along():
+    project = tomllib.loads((Path(__file__).parent.parent / "pyproject.toml").read_text(encoding="utf-8"))
+    taken = project["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
+    assert taken["lessons"] == "fdcal/lessons" and lessons.lesson_folder().name == "lessons"

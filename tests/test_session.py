@@ -119,6 +119,17 @@ def test_sweep_stops_where_the_sweep_rises(make):
     assert session.view.state.step == 3
 
 
+def test_several_sweeps_or_steps_are_one_run(make):
+    session = make(Counter())
+    session.step(2)
+    assert session.wait_for(lambda view: view.state.step == 2 and not view.running, WAIT)
+    session.sweep(2)
+    assert session.wait_for(lambda view: view.state.sweep == 2 and not view.running, WAIT)
+    assert session.view.state.step == 6
+    session.stage(9)
+    assert session.wait_for(lambda view: view.state.finished and not view.running, WAIT)
+
+
 def test_going_on_from_an_older_state_drops_the_later_ones(make):
     session = make(Counter())
     session.sweep()

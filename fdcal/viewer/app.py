@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
+from ..lesson import Lesson
 from ..opening import Opening
 from .page import Page
 from .preparing import Interrupt
@@ -11,11 +12,17 @@ from .safety import open_server, quietly
 
 
 def serve(
-    opening: Opening, host: str = "127.0.0.1", port: int = 8080, on_ready: Callable[[str], None] | None = None
+    opening: Opening,
+    host: str = "127.0.0.1",
+    port: int = 8080,
+    on_ready: Callable[[str], None] | None = None,
+    lessons: Sequence[Lesson] = (),
+    begin: Lesson | None = None,
 ) -> None:
     """Show an opening at http://host:port (0 takes a free port) until Ctrl-C.
 
     `on_ready` is called with the address as soon as a page can be opened; the simulation may still run then.
+    `lessons` are offered in their order; `begin`, one of them, opens its own scene in place of `opening`.
     Raises InputError (address, scene) and StorageError.
     """
     with Interrupt() as interrupt:
@@ -24,8 +31,8 @@ def serve(
         try:
             server.gui.configure_theme(show_share_button=False, show_logo=False)
             server.gui.set_panel_label(f"fdcal · {opening.scene.name}")
-            page = Page(server)
-            page.open(opening)
+            page = Page(server, lessons)
+            page.open(opening) if begin is None else page.lessons.take(begin.title)
             if on_ready is not None:
                 on_ready(address(host, server.get_port()))
             page.run(interrupt)

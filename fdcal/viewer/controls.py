@@ -60,10 +60,18 @@ class Controls:
         self.ellipses = gui.add_checkbox(
             "Error ellipses (95 %)", desk.choices.ellipses, hint="Of a solver that has finished"
         )
-        desk.on(self.trails, lambda value: desk.choose(trails=bool(value)))
-        desk.on(self.ellipses, lambda value: desk.choose(ellipses=bool(value)))
+        desk.on(self.trails, lambda value: self.draw(trails=bool(value)))
+        desk.on(self.ellipses, lambda value: self.draw(ellipses=bool(value)))
         desk.on_page(self.camera, lambda client, value: place(client, VIEWS[one_of(value, VIEWS, "Top")]))
         desk.on(self.dark, self._darken)
+
+    def draw(self, **wanted: bool) -> None:
+        """Trails, ellipses: drawn or not."""
+        self.desk.choose(**wanted)
+        for name, value in wanted.items():
+            handle = getattr(self, name)
+            if handle.value != value:
+                handle.value = value
 
     def _add_export(self, export) -> None:
         gui, desk = self.desk.gui, self.desk

@@ -53,12 +53,12 @@ class MapTab:
     def _listen(self) -> None:
         desk = self._desk
         desk.on(self.microphone, self.choose_microphone)
-        desk.on(self.follow, lambda value: desk.choose(follow=bool(value), microphone=self._looked_at))
+        desk.on(self.follow, lambda value: self.follow_solver(bool(value)))
         desk.on(self.which, self._choose_which)
         desk.on(self.upto, lambda value: self.choose_modes(range(1, bounded(value, 1, desk.modes, 1) + 1)))
         desk.on(self.text, self._read)
-        desk.on(self.kind, self._choose_kind)
-        desk.on(self.scale, lambda value: desk.look(log=value != LINEAR))
+        desk.on(self.kind, self.show_as)
+        desk.on(self.scale, self.scale_as)
         desk.on(self.opacity, lambda value: desk.look(opacity=bounded(value, 10, 100, 100) / 100))
 
     @property
@@ -76,6 +76,11 @@ class MapTab:
         """A microphone chosen in the scene."""
         self.choose_microphone(number)
         self.microphone.value = self._desk.choices.microphone
+
+    def follow_solver(self, wanted: bool) -> None:
+        """Show the microphone that a step has moved, or stay with the one that is shown."""
+        self._desk.choose(follow=wanted, microphone=self._looked_at)
+        self.follow.value = wanted
 
     def choose_modes(self, modes) -> None:
         """The map of just these modes, counted from 1; None for those in use."""
@@ -109,12 +114,22 @@ class MapTab:
         self._desk.choose(modes=modes, complaint="")
         self.upto.value = modes[-1]
 
-    def _choose_kind(self, value) -> None:
+    def show_as(self, value) -> None:
+        """One of KINDS; the controls that mean nothing for it are not shown."""
         kind = one_of(value, KINDS, FLOOR)
         self._desk.choose(shown=kind != NOTHING)
         self._desk.look(relief=kind == RELIEF, shape=kind == SHAPE)
         self.scale.visible = kind in (FLOOR, RELIEF)
         self.opacity.visible = kind in (FLOOR, SHAPE)
+        if self.kind.value != kind:
+            self.kind.value = kind
+
+    def scale_as(self, value) -> None:
+        """LOG or LINEAR."""
+        scale = one_of(value, (LOG, LINEAR), LOG)
+        self._desk.look(log=scale == LOG)
+        if self.scale.value != scale:
+            self.scale.value = scale
 
     def show(self, microphone: int, drawn: Map | None, trouble: str) -> None:
         """Called by the main loop, with the map on the floor or why there is none."""

@@ -10,12 +10,15 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Sequence
 
 import viser
 
+from ..lesson import Lesson
 from ..opening import Opening
 from .desk import Desk
 from .frame import Frame, Rooms
+from .lessons import Lessons
 from .preparing import Interrupt, Work
 from .stage import Stage
 from .switch import Notice, Switch
@@ -28,10 +31,11 @@ LOOK_ROUND = 1.0  # s between two looks at the sizes of all canvases
 class Page:
     """Owns the panels' frame, the scene, and the session that is shown."""
 
-    def __init__(self, server: viser.ViserServer):
+    def __init__(self, server: viser.ViserServer, lessons: Sequence[Lesson] = ()):
         self._server, self.frame, self.stage, self.switch = server, Frame(server.gui), Stage(server), Switch()
         self.notice = Notice(self.frame, self.switch)
         self.viewer: Viewer | None = None
+        self.lessons = Lessons(self, lessons)
         self._told, self._looked = "", 0.0
         self._welcome(server)
 
@@ -82,6 +86,7 @@ class Page:
         self.notice.show(first)
         if self.viewer is not None:
             self.viewer.guarded_tick(now)
+        self.lessons.show(self._server.get_event_loop().call_soon_threadsafe)
         if now - self._looked > LOOK_ROUND:
             self._looked = now
             self.stage.keep_all_placed(self._server.get_clients().values())

@@ -60,6 +60,11 @@ class Stage:
             camera.fov, camera.up_direction = seen.fov, seen.up
             camera.position, camera.look_at = seen.position, seen.look_at
 
+    def place_all(self, view: str) -> None:
+        """`place` for every page."""
+        for client in self._server.get_clients().values():
+            self.place(client, view)
+
     def keep_placed(self, client: viser.ClientHandle) -> None:
         """Follow a canvas that changes its size, as long as nobody has moved its camera."""
         view, size, eyes = self._placed.get(client.client_id, ("top", None, ()))

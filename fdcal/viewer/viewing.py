@@ -91,6 +91,11 @@ class Viewer:
         self._hands = Hands(server, self.desk, self._drawn.picture, self._controls.map.pick, name)
 
     @property
+    def controls(self) -> Controls:
+        """The main panel's parts of this session."""
+        return self._controls
+
+    @property
     def picture(self) -> Picture:
         """What is on the screen."""
         return self._drawn.picture
