@@ -63,7 +63,7 @@ class Controls:
         desk.on(self.trails, lambda value: self.draw(trails=bool(value)))
         desk.on(self.ellipses, lambda value: self.draw(ellipses=bool(value)))
         desk.on_page(self.camera, lambda client, value: place(client, VIEWS[one_of(value, VIEWS, "Top")]))
-        desk.on(self.dark, self._darken)
+        desk.on(self.dark, self.darken)
 
     def draw(self, **wanted: bool) -> None:
         """Trails, ellipses: drawn or not."""
@@ -82,9 +82,13 @@ class Controls:
         desk.on(size, lambda value: desk.choose(export_size=SIZES[one_of(value, SIZES, "1280 x 800")]))
         desk.on_page(button, lambda client, _: export(client, desk.choices))
 
-    def _darken(self, value) -> None:
-        self.desk.look(dark=bool(value))
-        self.desk.gui.configure_theme(dark_mode=bool(value), show_share_button=False, show_logo=False)
+    def darken(self, value) -> None:
+        """Dark page and map, or light ones."""
+        dark = bool(value)
+        self.desk.look(dark=dark)
+        self.desk.gui.configure_theme(dark_mode=dark, show_share_button=False, show_logo=False)
+        if self.dark.value != dark:
+            self.dark.value = dark
 
     def show(self, view: SessionView, microphone: int, drawn: Map | None, trouble: str, fault: str = "") -> None:
         """Bring the panel up to date; called by the main loop."""

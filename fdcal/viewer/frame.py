@@ -11,7 +11,7 @@ from contextlib import contextmanager
 import viser
 
 RIGHT_WIDTH, LEFT_WIDTH = 330.0, 300.0  # pixels
-RIGHT = ("Solve", "Scene", "Map", "View", "Save", "Lessons")  # no icons: with them one would go to a second row
+RIGHT = ("Solve", "Scene", "Map", "View", "Save", "Lessons", "Help")  # no icons: with them one would go to a second row
 LEFT = ("Curves", "Maps", "Modes", "Mics")
 
 

@@ -18,6 +18,8 @@ from ..lesson import Lesson
 from ..opening import Opening
 from .desk import Desk
 from .frame import Frame, Rooms
+from .helptab import add_help
+from .keys import add_keys
 from .lessons import Lessons
 from .preparing import Interrupt, Work
 from .stage import Stage
@@ -36,6 +38,9 @@ class Page:
         self.notice = Notice(self.frame, self.switch)
         self.viewer: Viewer | None = None
         self.lessons = Lessons(self, lessons)
+        with self.frame.tab("Help"):
+            add_help(server.gui)
+        add_keys(server.gui, self)
         self._told, self._looked = "", 0.0
         self._welcome(server)
 

@@ -13,6 +13,7 @@ from .maps import Map
 from .maptab import MapTab
 from .modestab import ModesTab
 from .plots import Curves
+from .reach import Reach
 from .spreads import Errors
 
 INTERVAL = 0.2  # s between two images of the maps side by side
@@ -37,6 +38,7 @@ class SidePanel:
         with rooms.at("Modes"):
             self.modes = ModesTab(desk, problem, map_tab)
         with rooms.at("Mics"):
+            self.reach = Reach(gui, desk.measurement)
             self.table = gui.add_html("")
         self._table_key: tuple = ()
         desk.on(self.shared, lambda value: desk.look(shared=bool(value)))
@@ -44,6 +46,7 @@ class SidePanel:
     def show(self, view: SessionView, drawn: Map | None, microphone: int, errors: Errors | None, now: float) -> None:
         """Called by the main loop."""
         self.curves.show(view, now)
+        self.reach.show(view, now)
         self.modes.show(view, now)
         self._show_table(view.state, microphone, errors, now)
         self._show_panels(drawn, now)
