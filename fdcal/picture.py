@@ -29,6 +29,11 @@ TRUE, ESTIMATE, KNOWN, HALO = (0, 0, 0), (214, 24, 40), (0, 90, 181), (255, 255,
 LOWEST = (255, 176, 0)
 TRAIL, ERROR = (240, 130, 200), (255, 110, 60)
 ELLIPSE = 36  # sides of a drawn ellipse
+RACERS = {  # colour, the mark, its corners (0: a plus) and radius in radii of a marker: marks in one place stay apart
+    "joint": ("#009e73", "plus", 0, 0.8),  # colours of Okabe and Ito, which colour-blind eyes tell
+    "descent": ("#d55e00", "triangle", 3, 1.3),
+    "descent+joint": ("#cc79a7", "square", 4, 1.9),
+}
 
 
 def compose(
@@ -192,6 +197,25 @@ def with_ellipses(picture: Picture, positions, axes, ground: Floor | None = None
     rim = np.cos(angles)[:, None, None] * long + np.sin(angles)[:, None, None] * middle + centres
     pieces = np.stack([rim[:-1], rim[1:]], axis=2).reshape(-1, 2, 3)
     return replace(picture, lines=(*picture.lines, _lines("ellipses", pieces, ERROR, 2.5)))
+
+
+def with_racers(picture: Picture, placed, free, ground: Floor | None = None) -> Picture:
+    """The picture with a mark where each racer supposes each of the microphones `free`.
+
+    placed : dict of names, keys of RACERS, to positions (N, D), metres
+    """
+    marker, solids = picture.marker, picture.solids
+    for i, (name, positions) in enumerate(placed.items()):
+        colour, _, corners, reach = RACERS[name]
+        z = (14 + 2 * i) * marker / LAYERS
+        centres = _raised(drape(np.asarray(positions)[free], ground), picture.heights[0], z)
+        if corners:
+            marks = shapes.polygons(centres, reach * marker, corners)
+        else:
+            marks = shapes.stars(centres, reach * marker, turn=0.0)
+        rgb = tuple(int(colour[j : j + 2], 16) for j in (1, 3, 5))
+        solids += _strokes(f"racers/{name.replace('+', '_')}", marks, marker, rgb, 0.3, halo=0.14)
+    return replace(picture, solids=solids)
 
 
 def _name_tag(picture: Picture, text: str, place, towards: float) -> Label:

@@ -57,6 +57,14 @@ def stars(centres: np.ndarray, radius: float, arms: int = 2, turn: float = np.pi
     return (centres[:, None, None, :] + np.stack([-arm, arm], axis=1)).reshape(-1, 2, 3)
 
 
+def polygons(centres: np.ndarray, radius: float, corners: int) -> np.ndarray:
+    """The sides of a regular polygon about each of the (P, 3) `centres`, one side level below : (corners P, 2, 3)."""
+    angles = -np.pi / 2 + np.pi / corners + 2 * np.pi * np.arange(corners) / corners
+    rim = radius * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
+    sides = np.stack([rim, np.roll(rim, -1, axis=0)], axis=1)
+    return (centres[:, None, None, :] + sides).reshape(-1, 2, 3)
+
+
 def squares(centres: np.ndarray, edge: float) -> tuple[np.ndarray, np.ndarray]:
     """A filled square about each of the (P, 3) `centres` : (4 P, 3) vertices, metres, and (2 P, 3) int triangles."""
     corner = edge / 2 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])

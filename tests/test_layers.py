@@ -55,7 +55,7 @@ ROOMS = [
     ["history"],
     ["worker"],
     ["session"],
-    ["opening", "scenario"],
+    ["opening", "scenario", "race"],
     ["shapes"],
     ["primitives"],
     ["painting"],

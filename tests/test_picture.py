@@ -13,6 +13,7 @@ from fdcal.picture import (
     ESTIMATE,
     HALO,
     KNOWN,
+    RACERS,
     TRUE,
     backdrop,
     compose,
@@ -20,6 +21,7 @@ from fdcal.picture import (
     with_ellipses,
     with_estimate,
     with_floor,
+    with_racers,
     with_trails,
 )
 from fdcal.primitives import COLOUR_MAP, LIGHT, ColourBar, Picture
@@ -382,3 +384,18 @@ def test_ellipses_have_the_half_axes_given(scene, measurement):
     np.testing.assert_allclose((away[..., 0] / 0.02) ** 2 + (away[..., 1] / 0.004) ** 2, 1.0, rtol=1e-3)
     nothing = with_ellipses(compose(scene, measurement), measurement.positions, 0 * axes)
     assert "ellipses" not in names(nothing)
+
+
+def test_racers_are_told_apart_by_shape_and_colour_where_they_suppose_the_microphones(measurement):
+    picture = backdrop(None, measurement)
+    placed = {name: measurement.positions + 0.01 * i for i, name in enumerate(RACERS)}
+    drawn = with_racers(picture, placed, np.array([3, 4]))
+    marks = {
+        solid.name: solid for solid in drawn.solids if solid.name.startswith("racers/") and "halo" not in solid.name
+    }
+    assert len(marks) == 3 and len({mark.colour for mark in marks.values()}) == 3
+    assert len({len(mark.faces) for mark in marks.values()}) == 3, "shapes differ, too"
+    for (name, positions), mark in zip(placed.items(), marks.values(), strict=True):
+        middles = np.split(mark.vertices[:, :2], 2)
+        for middle, n in zip(middles, (3, 4), strict=True):
+            np.testing.assert_allclose(middle.mean(axis=0), positions[n], atol=1e-6, err_msg=name)

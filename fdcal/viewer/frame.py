@@ -11,8 +11,8 @@ from contextlib import contextmanager
 import viser
 
 RIGHT_WIDTH, LEFT_WIDTH = 330.0, 300.0  # pixels
-RIGHT = ("Solve", "Scene", "Map", "View", "Save", "Lessons", "Help")  # no icons: with them one would go to a second row
-LEFT = ("Curves", "Maps", "Modes", "Mics")
+RIGHT = ("Solve", "Scene", "Map", "View", "Save", "Lessons", "Help")  # no icons: they leave too little place
+LEFT = ("Curves", "Maps", "Modes", "Mics", "Race")
 
 
 class Frame:

@@ -13,6 +13,8 @@ from .maps import Map
 from .maptab import MapTab
 from .modestab import ModesTab
 from .plots import Curves
+from .races import Races
+from .racetab import RaceTab
 from .reach import Reach
 from .spreads import Errors
 
@@ -22,7 +24,7 @@ INTERVAL = 0.2  # s between two images of the maps side by side
 class SidePanel:
     """Owns the panel's tabs."""
 
-    def __init__(self, rooms: Rooms, desk: Desk, problem: Problem, map_tab: MapTab):
+    def __init__(self, rooms: Rooms, desk: Desk, problem: Problem, map_tab: MapTab, races: Races):
         self._desk, self._sent, self._tabled, self._panels = desk, -1e9, -1e9, None
         gui = desk.gui
         with rooms.at("Curves"):
@@ -40,6 +42,8 @@ class SidePanel:
         with rooms.at("Mics"):
             self.reach = Reach(gui, desk.measurement)
             self.table = gui.add_html("")
+        with rooms.at("Race"):
+            self.race = RaceTab(desk, races)
         self._table_key: tuple = ()
         desk.on(self.shared, lambda value: desk.look(shared=bool(value)))
 

@@ -25,6 +25,7 @@ from ..picture import (
     with_ellipses,
     with_estimate,
     with_floor,
+    with_racers,
     with_trails,
 )
 from ..worker import LatestWorker
@@ -35,6 +36,7 @@ from .frame import Rooms
 from .hands import Hands
 from .maps import Map, MapRequest, Maps
 from .preparing import Work
+from .races import Races
 from .side import SidePanel
 from .spreads import Errors, Spreads
 from .stage import Stage
@@ -83,7 +85,8 @@ class Viewer:
         self._key: tuple = ()  # of what is drawn
         self._drawn = Drawn(self._compose(self._state, self.desk.choices, self._followed, None), self._state)
         self._controls = Controls(self._rooms, self.desk, stage.place, self._ask_for_export)
-        self._side = SidePanel(self._rooms, self.desk, work.problem, self._controls.map)
+        self._races = Races(work)
+        self._side = SidePanel(self._rooms, self.desk, work.problem, self._controls.map, self._races)
         self._maps, self._spreads = Maps(work), Spreads(work)  # threads last: what is above may refuse
         self._exports = LatestWorker(self._export, "fdcal-export", MOST_EXPORTS)
         stage.show(self._drawn.picture)
@@ -117,7 +120,7 @@ class Viewer:
         """End the threads after what they are at."""
         self._work.session.close(0.0)  # asked to stop before the others are waited for
         self._exports.close(0.1)
-        for owner in (self._maps, self._spreads, self._work.session):
+        for owner in (self._maps, self._spreads, self._races, self._work.session):
             owner.close(0.5)
 
     def guarded_tick(self, now: float) -> None:
@@ -150,14 +153,19 @@ class Viewer:
             self._followed = drawn.request.microphone  # a running solver is faster than its maps
         floor = drawn.floor if drawn else None
         errors = self._spreads.of(view.state, view.running, now)
-        if self._key != (key := (self._turn, choices, self._followed, id(floor), id(errors))):
+        runners = self._races.turn(now)
+        marked = self._side.race.marked(runners)
+        if self._key != (key := (self._turn, choices, self._followed, id(floor), id(errors), id(marked))):
             picture = self._compose(view.state, choices, self._followed, floor)
-            self._drawn = Drawn(self._trace(picture, view, choices, floor, errors), view.state)
+            picture = self._trace(picture, view, choices, floor, errors)
+            placed = {runner.name: runner.positions for runner in marked}
+            self._drawn = Drawn(with_racers(picture, placed, self._work.problem.free, floor), view.state)
             self._stage.show(self._drawn.picture)
             self._hands.show(view.state.positions, floor)
             self._key = key
         self._controls.show(view, self._followed, drawn, trouble, self._fault)
         self._side.show(view, drawn, self._followed, errors, now)
+        self._side.race.show(runners, now)
 
     def _map(self, view, choices: Choices, follow: bool, now: float) -> tuple[Map | None, str]:
         """The map to show, and why there is none."""
