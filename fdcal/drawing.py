@@ -1,6 +1,8 @@
-"""Commands that draw: `landscape`, `field`, `snapshot` and `replay`."""
+"""Commands that draw: `landscape`, `field`, `snapshot`, `replay` and `paper`."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import click
 
@@ -140,4 +142,28 @@ def replay(source, solver, modes, seed, output, search, radius, force):
     print(f"{path}: {len(states)} states of {given.settings.name}, {len(text) / 1e6:.2g} MB")
 
 
-COMMANDS = (landscape, field, snapshot, replay)
+@click.command()
+@click.option("--figure", "figures", type=click.IntRange(1, 5), multiple=True, help="This one alone; may be repeated.")
+@click.option("--scene", "names", multiple=True, help="An array in place of the paper's two; may be repeated.")
+@click.option("--seeds", type=int, default=10, show_default=True, metavar="S", help="Random starts in the table.")
+@click.option("--quick", is_flag=True, help="16 modes and two seeds at most, for a first look.")
+@output_option("FOLDER")
+@force_option
+def paper(figures, names, seeds, quick, output, force):
+    """Draw the paper's Figs. 1 to 5 from runs of ours, and write its results beside ours as a table.
+
+    The first time it takes half an hour of a quiet machine, nearly all of it for descent; the runs are kept in the
+    cache, so that drawing again is quick.
+    """
+    from .paper import ARRAYS, FIGURES, LANDSCAPE, array_of, files_of, pages, require_free, write
+
+    folder, wanted = Path(output), tuple(sorted(set(figures))) or FIGURES
+    require_free(folder, files_of(wanted, not figures), force)
+    square = simulated((names or LANDSCAPE)[0]) if 1 in wanted else None
+    arrays = [array_of(simulated(name), seeds, quick) for name in names or ARRAYS if wanted != (1,)]
+    with progress_bar("running") as progress:
+        for name, content in pages(wanted, not figures, square, arrays, progress):
+            print(write(folder, name, content, force), flush=True)
+
+
+COMMANDS = (landscape, field, snapshot, replay, paper)

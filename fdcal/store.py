@@ -2,6 +2,7 @@
 
     write_atomically        every output of fdcal: to a temporary name, then moved into place
     cached_recordings       of a scene's simulation    cached_measurement   of a whole scene
+    cached_arrays           of anything else
     save_result, load_result    the JSON file of `fdcal calibrate`
 
 The cache is a folder of .npy and .npz files, named by a hash of all that produced them and ending in a checksum of
@@ -114,6 +115,19 @@ def cached_measurement(scene: Scene, progress=None) -> Measurement:
         return measure(scene, recordings, progress)
 
     return _cached(f"{_key('measurement', table)}.npz", make, load_measurement, write)
+
+
+def cached_arrays(kind: str, parts: list, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """Arrays by name from the cache, or those of `make()`, which are put there.
+
+    `parts` is all that decides them, of what JSON holds; `kind` keeps them apart from others.
+    """
+
+    def read(file) -> dict[str, np.ndarray]:
+        with np.load(file) as archive:
+            return dict(archive)
+
+    return _cached(f"{_key(kind, *parts)}.npz", make, read, lambda file, table: np.savez(file, **table))
 
 
 def _key(*parts) -> str:

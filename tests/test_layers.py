@@ -69,6 +69,7 @@ ROOMS = [
     ["lesson"],
     ["viewer", "snapshot"],
     ["arguments", "runs"],
+    ["paper"],
     ["options"],
     ["drawing"],
     ["cli"],
@@ -84,7 +85,8 @@ HOMES = {
     "threading": {"session", "worker"},
     "_thread": {"session"},
     "concurrent": {"session"},
-    "matplotlib": {"shapes", "primitives", "painting", "lettering", "panels", "viewer", "figures", "fieldfiles"},
+    "matplotlib": {"shapes", "primitives", "painting", "lettering", "panels", "viewer", "figures", "fieldfiles"}
+    | {"paper"},
     "click": {"options", "drawing", "cli"},
     "tqdm": {"options"},
     "platformdirs": {"store"},
