@@ -75,6 +75,8 @@ class Measurement:
     known : (A,) int64, indices of known microphones, ascending
     known_positions : (A, D) float64, metres
     search : Search or None
+    spectrum : (2, F) float64 or None, Hz, ascending, and the mean power of all microphones there, in any one unit: what
+        the frequencies were picked from; to be looked at, no solver sees it
 
     Raises InputError for a wrong shape, NaN, a dead microphone or frequency, real pressures.
     """
@@ -91,6 +93,7 @@ class Measurement:
     known: np.ndarray = ()
     known_positions: np.ndarray | None = None
     search: Search | None = None
+    spectrum: np.ndarray | None = None
 
     def __post_init__(self):
         _fill_defaults(self)
@@ -179,6 +182,10 @@ def _fill_defaults(m: Measurement) -> None:
         raise InputError(f"names must be {m.count} different texts, one for each microphone")
     if m.positions is not None:
         put("positions", require_array("positions", m.positions, "real", (m.count, m.array_dimension), "m"))
+    if m.spectrum is not None:
+        put("spectrum", require_array("spectrum", m.spectrum, "real", (2, None), "Hz and mean power"))
+        if m.spectrum.shape[1] < 2 or np.any(np.diff(m.spectrum[0]) <= 0) or np.any(m.spectrum[1] < 0):
+            raise InputError("spectrum must hold ascending frequencies and powers that are not negative; leave it out")
     _fill_known(m)
 
 
@@ -288,7 +295,7 @@ def measure(scene: Scene, recordings: np.ndarray | None = None, progress=None) -
         heard = listen(scene.room, scene.source, places_of(scene), scene.measurement, progress)
     else:
         heard = _from_recordings(scene, positions, recordings, progress)
-    frequencies, wavenumbers, clean = heard
+    frequencies, wavenumbers, clean, spectrum = heard
     noise_power = np.mean(np.abs(clean) ** 2, axis=1) * 10 ** (-scene.measurement.snr_db / 10)
     rng = np.random.default_rng([scene.seed, 1])
     noise = rng.normal(scale=math.sqrt(0.5), size=(2, *clean.shape))  # of unit power, whatever the SNR
@@ -304,11 +311,12 @@ def measure(scene: Scene, recordings: np.ndarray | None = None, progress=None) -
         positions=positions,
         known=scene.gauge.indices(len(positions)),
         search=scene.search,
+        spectrum=spectrum,
     )
 
 
 def _from_recordings(scene: Scene, positions, recordings, progress):
-    """Frequencies (M,), wavenumbers (M,) and pressures (M, N) from recordings, simulated unless given."""
+    """Frequencies (M,), wavenumbers (M,), pressures (M, N), mean power (2, F); of recordings simulated unless given."""
     from . import spectrum  # the signal library, which reading a measurement does without
 
     if recordings is None:
@@ -316,10 +324,11 @@ def _from_recordings(scene: Scene, positions, recordings, progress):
 
         recordings = simulate(scene.room, scene.source, positions, progress)
     fs, c, sensing = scene.source.sample_rate, scene.room.sound_speed, scene.measurement
-    band = sensing.lowest, sensing.highest
-    frequencies = spectrum.pick_modes(recordings, fs, *band, sensing.prominence_db, sensing.resolution)
+    first, step, power = spectrum.mean_power(recordings, fs, sensing.lowest, sensing.highest, sensing.resolution)
+    frequencies = spectrum.peaks_of(power, first, step, sensing.prominence_db, sensing.resolution)
     s = spectrum.window_rate(recordings, fs)
     wavenumbers = spectrum.wavenumber_continuous(frequencies, s, c)
     if sensing.wavenumber == "discrete":
         wavenumbers = spectrum.wavenumber_discrete(frequencies, s, c, scene.room.cell, fs)
-    return frequencies, wavenumbers, spectrum.transform(recordings, fs, s, frequencies)
+    seen = np.stack([first + step * np.arange(len(power)), power])
+    return frequencies, wavenumbers, spectrum.transform(recordings, fs, s, frequencies), seen

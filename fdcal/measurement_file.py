@@ -17,7 +17,16 @@ from .selection import without
 
 REQUIRED = ("frequencies", "pressures", "sound_speed", "dimension")
 SEARCH = ("search_origin", "search_size", "search_step", "radius")
-OPTIONAL = ("array_dimension", "wavenumbers", "noise_power", "names", "positions", "known", "known_positions")
+OPTIONAL = (
+    "array_dimension",
+    "wavenumbers",
+    "noise_power",
+    "names",
+    "positions",
+    "known",
+    "known_positions",
+    "spectrum",
+)
 
 
 def save_measurement(measurement: Measurement, file, others: Mapping[str, np.ndarray] | None = None) -> None:

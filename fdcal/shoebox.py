@@ -53,7 +53,8 @@ def listen(room: Room, source: Source, places, sensing: Sensing, progress=None):
 
     Returns
     -------
-    frequencies (M,) float64, Hz; wavenumbers (M,) complex128, rad/m; pressures (M, N) complex128, 1/m
+    frequencies (M,) float64, Hz; wavenumbers (M,) complex128, rad/m; pressures (M, N) complex128, 1/m; and the mean
+    power in which the peaks were found, (2, F) float64, Hz and 1/m^2
 
     Raises InputError where lines would run together, where nothing stands out, for a microphone at the source.
     """
@@ -70,7 +71,8 @@ def listen(room: Room, source: Source, places, sensing: Sensing, progress=None):
             progress(min(1.0, (start + 64) / len(grid)))
     frequencies = peaks_of(power, sensing.lowest, step, sensing.prominence_db, sensing.resolution)
     wavenumbers = wavenumber_continuous(frequencies, s, c)
-    return frequencies, wavenumbers, field(room, source.position, places, wavenumbers)
+    spectrum = np.stack([grid, power])
+    return frequencies, wavenumbers, field(room, source.position, places, wavenumbers), spectrum
 
 
 def require_resolved(source: Source, sensing: Sensing) -> None:

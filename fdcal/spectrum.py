@@ -110,6 +110,21 @@ def pick_modes(
     InputError
         Silence, a recording too short for the resolution, no peak.
     """
+    first, step, power = mean_power(recordings, fs, lowest, highest, resolution)
+    return peaks_of(power, first, step, prominence_db, resolution)
+
+
+def mean_power(
+    recordings: np.ndarray, fs: float, lowest: float, highest: float, resolution: float = 1.0
+) -> tuple[float, float, np.ndarray]:
+    """The power spectrum that `pick_modes` looks for peaks in, averaged over the microphones.
+
+    Returns
+    -------
+    lowest frequency and step, Hz, and (F,) float64, the square of the recordings' unit
+
+    Raises InputError for silence, and a recording too short for the resolution.
+    """
     from scipy.signal import get_window  # a second to load, which a measurement out of the cache does without
 
     samples = recordings.shape[1]
@@ -122,7 +137,7 @@ def pick_modes(
     power = np.zeros(last - first + 1)
     for recording in recordings:  # one at a time: all of them padded would take PADDING times the memory
         power += np.abs(rfft(recording * window, padded)[first : last + 1]) ** 2
-    return peaks_of(power, first * step, step, prominence_db, resolution)
+    return first * step, step, power / len(recordings)
 
 
 def peaks_of(power: np.ndarray, lowest: float, step: float, prominence_db: float, resolution: float) -> np.ndarray:

@@ -114,7 +114,7 @@ def cached_measurement(scene: Scene, progress=None) -> Measurement:
         recordings = cached_recordings(scene, progress) if scene.room.dimension == 2 else None
         return measure(scene, recordings, progress)
 
-    return _cached(f"{_key('measurement', table)}.npz", make, load_measurement, write)
+    return _cached(f"{_key('measurement with its spectrum', table)}.npz", make, load_measurement, write)
 
 
 def cached_arrays(kind: str, parts: list, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:

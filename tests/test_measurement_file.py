@@ -35,6 +35,15 @@ def test_what_is_written_comes_back(written):
     assert (given.search, given.names, given.sound_speed) == (back.search, back.names, back.sound_speed)
 
 
+def test_a_spectrum_comes_back_and_a_wrong_one_is_refused(written):
+    spectrum = np.array([[10.0, 20.0, 30.0], [1.0, 4.0, 2.0]])
+    assert np.array_equal(load_measurement(written(spectrum=spectrum)).spectrum, spectrum)
+    assert load_measurement(written()).spectrum is None
+    for wrong in (spectrum[:, ::-1], -spectrum, spectrum[:1], spectrum[:, :1], spectrum * np.nan):
+        with pytest.raises(InputError, match="spectrum"):
+            load_measurement(written(spectrum=wrong))
+
+
 def test_known_microphones_in_any_order_keep_their_positions(written):
     back = load_measurement(written(known=[2, 0, 1], known_positions=POSITIONS[[2, 0, 1]]))
     assert back.known.tolist() == [0, 1, 2]

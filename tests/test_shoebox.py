@@ -137,7 +137,7 @@ def test_peaks_are_the_eigenfrequencies_of_the_room():
     room, c, highest = Room(size=SIZE), 343.0, 190.0
     sensing = Sensing(lowest=50.0, highest=highest, resolution=2.0, wavenumber="continuous")
     heard = []
-    frequencies, wavenumbers, pressures = listen(
+    frequencies, wavenumbers, pressures, spectrum = listen(
         room, Source(position=tuple(SOURCE), duration=6.0), PLACES[:4], sensing, heard.append
     )
     n = np.stack(np.meshgrid(*[np.arange(9)] * 3), axis=-1).reshape(-1, 3)
@@ -149,6 +149,8 @@ def test_peaks_are_the_eigenfrequencies_of_the_room():
     assert found.max() < 0.05
     np.testing.assert_allclose(wavenumbers, (2 * np.pi * frequencies - 1j * DECAY / 6.0) / c)
     np.testing.assert_allclose(pressures, field(room, SOURCE, PLACES[:4], wavenumbers))
+    peaks = np.array([spectrum[1][np.abs(spectrum[0] - f) < 1].max() for f in frequencies])
+    assert np.all(peaks > np.median(spectrum[1])) and spectrum[0][0] == 50 and spectrum[0][-1] >= highest
     assert heard == sorted(heard) and heard[-1] == 1.0
 
 

@@ -30,7 +30,7 @@ from fdcal.picture import compose, with_estimate
 from fdcal.scenario import knobs_of
 from fdcal.scene import load_scene, scene_folder
 from fdcal.store import cached_measurement
-from fdcal.viewer import app, plots, preparing, safety, spreads, stage, viewing, words
+from fdcal.viewer import app, maptab, modestab, plots, preparing, safety, spreads, stage, viewing, words
 from fdcal.viewer.controls import Controls
 from fdcal.viewer.desk import Desk
 from fdcal.viewer.frame import Frame, Rooms
@@ -774,6 +774,46 @@ def test_the_last_mode_of_the_map_stays(controls):
     assert panel.choices.modes == (1, 3), "those in use, 1 to 3, without the second"
     say(panel.map.text, "1-99")
     assert panel.choices.modes == (1, 3) and "1 to 6" in panel.choices.complaint
+
+
+def test_the_spectrum_is_drawn_with_its_picked_peaks(scene, measurement):
+    heard = cached_measurement(scene)
+    seen, levels = modestab.levels(heard, 12)
+    assert seen.shape[1] <= modestab.MOST_POINTS and seen[1].max() == 0.0
+    at, power = heard.spectrum
+    for mode, f in enumerate(heard.frequencies):
+        near = np.abs(at - f) < scene.measurement.resolution / 2
+        assert abs(at[near][power[near].argmax()] - f) <= np.diff(at).max(), f"mode {mode + 1} is no peak"
+    assert len(levels) == 12 and (levels >= np.interp(heard.frequencies[:12], *seen) - 1e-9).all()
+    nothing, own = modestab.levels(measurement, 6)
+    assert nothing is None and own.max() == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize("heard", [True, False])
+def test_modes_slide_into_the_map_and_out_of_it(server, scene, measurement, heard, work):
+    if heard:
+        kept = measurement.frequencies
+        spectrum = np.stack([np.linspace(50, 350, 2000), 1 + np.cos(np.linspace(50, 350, 2000)) ** 2])
+        work = dataclasses.replace(work, measurement=dataclasses.replace(measurement, spectrum=spectrum))
+        assert kept[0] > 50
+    desk = Desk(server.gui, work, 6)
+    map_ = maptab.MapTab(desk)
+    tab = modestab.ModesTab(desk, work.problem, map_)
+    say(tab.high, 4)
+    assert desk.choices.modes == (1, 2, 3, 4)
+    say(tab.low, 3)
+    assert desk.choices.modes == (3, 4)
+    say(tab.high, 2)
+    assert desk.choices.modes == (2,)
+    tab.show(work.session.view, 0.0)
+    data = tab.plot.data
+    assert len({len(column) for column in data}) == 1 and all(np.isfinite(column).all() for column in data)
+    assert (np.diff(data[0]) >= 0).all() and len(data) == 3 + heard
+    risen = data[0][data[-1] > data[-1].min()]
+    np.testing.assert_allclose(risen, [measurement.frequencies[1]])
+    say(tab.own, True)
+    assert desk.choices.modes is None
+    server.gui.reset()
 
 
 def test_microphones_are_listed_worst_first(measurement):

@@ -1,4 +1,4 @@
-"""The modes seen: how loud each is, which are in the map, how far they may go; a switch for each of the lowest."""
+"""The modes seen: the power spectrum with the peaks picked, which are in the map, how far they may go; switches."""
 
 from __future__ import annotations
 
@@ -7,14 +7,17 @@ from viser import uplot
 
 from ..dictionary import max_order
 from ..history import SessionView
-from ..measurement import Problem
+from ..measurement import Measurement, Problem
 from ..verdict import highest_frequency
 from . import words
 from .desk import Desk
 from .maptab import MapTab
+from .safety import bounded
 
 ROW, ROWS = 4, 6  # switches
-GREY, BLUE = "#9aa0a8", "#1f78c8"
+DARK_GREY, ORANGE, BLUE = "#808894", "#e08a1e", "#1f78c8"
+MOST_POINTS = 700  # of the spectrum: a plot is sent whole each time
+FAINTEST = 1e-10  # of the greatest power, drawn for anything below
 INTERVAL = 0.25  # s between two sendings of the plot
 
 
@@ -23,26 +26,38 @@ class ModesTab:
 
     def __init__(self, desk: Desk, problem: Problem, map_tab: MapTab):
         self._desk, self._problem, self._map, self._sent = desk, problem, map_tab, -1e9
-        gui, power = desk.gui, np.mean(np.abs(desk.measurement.pressures[: desk.modes]) ** 2, axis=1)
-        self._levels = 10 * np.log10(power / power.max() + 1e-30)
-        self._f = desk.measurement.frequencies[: desk.modes]
+        gui, self._f = desk.gui, desk.measurement.frequencies[: desk.modes]
+        self._seen, self._levels = levels(desk.measurement, desk.modes)
         self._key: tuple = ()
+        whole = (uplot.Series(label="all microphones", stroke=DARK_GREY, width=1, points={"show": False}),)
         self.plot = gui.add_uplot(
             data=self._data(()),
             series=(
                 uplot.Series(label="Hz"),
-                uplot.Series(label="not in the map", stroke=GREY, width=1.5, points={"show": False}),
+                *(whole if self._seen is not None else ()),
+                uplot.Series(label="not in the map", stroke=ORANGE, width=1.5, dash=(3, 3), points={"show": False}),
                 uplot.Series(label="in the map", stroke=BLUE, width=2.5, points={"show": False}),
             ),
-            title="Power of the picked modes (dB)",
+            title="Power of the picked modes (dB)" if self._seen is None else "Mean power, and modes picked (dB)",
             scales={"x": uplot.Scale(time=False)},
             axes=(uplot.Axis(label="frequency (Hz)", labelSize=20, size=34), uplot.Axis(size=48)),
-            height=215,
+            height=225,
             padding=(12, 16, 0, 0),
         )
         self.text = gui.add_html("")
+        self.low = gui.add_slider("From mode", 1, desk.modes, 1, 1, hint="Of the map")
+        self.high = gui.add_slider("To mode", 1, desk.modes, 1, 1, hint="Of the map: watch the minima merge")
+        self.own = gui.add_button("Modes in use", hint="The map of the modes that the solver uses")
+        desk.on(self.low, lambda value: self._slide(value, self.high.value))
+        desk.on(self.high, lambda value: self._slide(min(self.low.value, value), value))
+        desk.on(self.own, lambda _: map_tab.choose_modes(None))
         count = min(desk.modes, ROW * ROWS)
         self.switches = [self._add_row(first, min(first + ROW - 1, count)) for first in range(1, count + 1, ROW)]
+
+    def _slide(self, low, high) -> None:
+        """All modes from one to another; the end that was not moved gives way."""
+        low, high = (bounded(value, 1, self._desk.modes, 1) for value in (low, high))
+        self._map.choose_modes(range(low, max(low, high) + 1))
 
     def _add_row(self, first: int, last: int):
         hint = "Press to take a mode into the map or out of it; a filled dot is in"
@@ -61,13 +76,20 @@ class ModesTab:
             self._map.toggle_mode(int(number))
 
     def _data(self, used) -> tuple[np.ndarray, ...]:
-        """Strokes from the lowest level up to each mode's, in one curve or the other."""
-        low = np.floor(self._levels.min() / 10) * 10 - 5
-        x, inside = np.repeat(self._f, 3), np.isin(np.arange(1, len(self._f) + 1), used)
-        strokes = [np.full(3 * len(self._f), low) for _ in range(2)]
+        """The spectrum where there is one, and strokes up to each mode's level, in one curve or the other."""
+        low = np.floor(min(self._levels.min(), 0.0 if self._seen is None else self._seen[1].min()) / 10) * 10 - 5
+        inside = np.isin(np.arange(1, len(self._f) + 1), used)
+        x = np.repeat(self._f, 3)
+        strokes = [np.full(len(x), low) for _ in range(2)]
         for curve, chosen in zip(strokes, (~inside, inside), strict=True):
             curve[1::3] = np.where(chosen, self._levels, low)
-        return x, *strokes
+        if self._seen is None:
+            return x, *strokes
+        x = np.concatenate([x, self._seen[0]])
+        order = np.argsort(x, kind="stable")
+        strokes = [np.concatenate([curve, np.full(self._seen.shape[1], low)]) for curve in strokes]
+        whole = np.concatenate([np.repeat(self._levels, 3), self._seen[1]])
+        return tuple(column[order] for column in (x, whole, *strokes))
 
     def show(self, view: SessionView, now: float) -> None:
         """Called by the main loop."""
@@ -79,6 +101,8 @@ class ModesTab:
         self._key, self._sent = (used, limit), now
         self.plot.data = self._data(used)
         self.text.content = words.modes_lines(self._desk.measurement, used, limit, self._order(state, used[-1]))
+        self._desk.tell("map low", used[0], self.low)
+        self._desk.tell("map high", used[-1], self.high)
         for first, last, row in self.switches:
             self._desk.tell(f"row {first}", self._faces(first, last, used), row, "options")
 
@@ -88,3 +112,19 @@ class ModesTab:
             return None
         offset = getattr(state, "order_offset", 0)
         return int(max_order(self._problem.wavenumbers[mode - 1 : mode], self._problem.search.radius, offset)[0])
+
+
+def levels(measurement: Measurement, modes: int) -> tuple[np.ndarray | None, np.ndarray]:
+    """What there is to draw : the spectrum (2, F), Hz and dB re its greatest, or None; and (modes,) dB of the picked.
+
+    Of the spectrum, the greatest in each of MOST_POINTS stretches. Without one, the picked modes' own mean power.
+    """
+    f = measurement.frequencies[:modes]
+    if measurement.spectrum is None:
+        power = np.mean(np.abs(measurement.pressures[:modes]) ** 2, axis=1)
+        return None, 10 * np.log10(np.maximum(power / power.max(), FAINTEST))
+    at, power = measurement.spectrum
+    decibels = 10 * np.log10(np.maximum(power / max(power.max(), 1e-300), FAINTEST))
+    starts = np.unique(np.linspace(0, len(at) - 1, min(len(at), MOST_POINTS)).astype(int))
+    seen = np.stack([at[starts], np.maximum.reduceat(decibels, starts)])
+    return seen, np.maximum(np.interp(f, at, decibels), np.interp(f, *seen))
