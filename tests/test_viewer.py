@@ -1,8 +1,11 @@
 """The page: one real browser on `tiny`, and what may not come through from any client."""
 
+import base64
 import contextlib
+import csv
 import dataclasses
 import io
+import json
 import os
 import re
 import signal
@@ -10,7 +13,9 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 from types import SimpleNamespace
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -23,6 +28,7 @@ from websockets.sync.client import connect
 from fdcal import landscapes, solvers
 from fdcal.camera import camera_for, project
 from fdcal.checks import InputError
+from fdcal.export import sessionfile
 from fdcal.history import History, SessionView
 from fdcal.measurement import Measurement
 from fdcal.opening import Opening, edited
@@ -30,7 +36,7 @@ from fdcal.picture import compose, with_estimate
 from fdcal.scenario import knobs_of
 from fdcal.scene import load_scene, scene_folder
 from fdcal.store import cached_measurement
-from fdcal.viewer import app, maptab, modestab, plots, preparing, safety, spreads, stage, viewing, words
+from fdcal.viewer import app, exports, maptab, modestab, plots, preparing, safety, spreads, stage, viewing, words
 from fdcal.viewer.controls import Controls
 from fdcal.viewer.desk import Desk
 from fdcal.viewer.frame import Frame, Rooms
@@ -284,14 +290,45 @@ def test_a_mode_is_switched_on_and_off(page):
     choose(page, "Show", "Flat map")
 
 
-def test_export_saves_what_is_shown(page, require_gl):
-    tab(page, "Save")
+def saved(page, label):
+    """Name and content of a file that the page saves."""
+    choose(page, "File", label)
     with page.expect_download(timeout=WAIT * 1e3) as download:
-        press(page, "Save PNG")
-    with open(download.value.path(), "rb") as file:
-        image = Image.open(io.BytesIO(file.read()))
-    assert download.value.suggested_filename.startswith("fdcal-") and image.size == (1280, 800)
+        press(page, "Save")
+    return download.value.suggested_filename, Path(download.value.path()).read_bytes()
+
+
+def test_every_file_is_saved_and_read_by_others(page, tmp_path, require_gl):
+    import pyvista
+
+    press(page, "Reset")
+    page.get_by_text("step 0, sweep 0").wait_for()
+    press(page, "Sweep")
+    page.get_by_text("step 13, sweep 1").wait_for()
+    tab(page, "Export")
+    files = {}
+    for label in exports.KINDS:
+        name, files[label] = saved(page, label)
+        assert name.startswith("fdcal-slow-step-13") and name.endswith(exports.KINDS[label].ending)
+        (tmp_path / name).write_bytes(files[label])
+    picture, png, svg, _, table, _, replay, _ = files.values()
+    image = Image.open(io.BytesIO(picture))
+    assert image.size == (1280, 800)
     assert len(np.unique(np.asarray(image.convert("RGB")).reshape(-1, 3), axis=0)) > 100
+    assert Image.open(io.BytesIO(png)).size > (800, 600) and ElementTree.fromstring(svg).tag.endswith("svg")
+    session = sessionfile.read(tmp_path / "fdcal-slow-step-13-session.zip")
+    state, measurement = session.states[session.index], session.measurement
+    assert (state.step, len(session.states)) == (13, 14)
+    rows = list(csv.DictReader(io.StringIO(table.decode())))
+    assert np.array_equal([[float(row["x_m"]), float(row["y_m"])] for row in rows], state.positions)
+    cloud = pyvista.read(tmp_path / "fdcal-slow-step-13-microphones.vtp")
+    assert np.array_equal(cloud.points[cloud["kind"] == 0][:, :2], state.positions)
+    assert np.array_equal(cloud.points[cloud["kind"] == 1][:, :2], measurement.positions)
+    grid = pyvista.read(tmp_path / "fdcal-slow-step-13-map.vti")
+    assert grid.dimensions == (*measurement.search.shape, 1) and np.isfinite(grid["sum"]).all()
+    data = json.loads(re.search(rb'id="data">(.*?)</script>', replay).group(1))
+    places = np.frombuffer(base64.b64decode(data["positions"]), "<f4").reshape(14, 16, 2) + np.array(data["origin"])
+    assert np.abs(places - [one.positions for one in session.states]).max() < 1e-6
 
 
 # -- who may connect -------------------------------------------------------------------------------------------------
@@ -665,30 +702,63 @@ def test_while_running_the_map_of_an_older_state_stays_but_not_over_a_reset(view
     assert shown(viewer) is None, "the map of the run before the reset"
 
 
-def test_the_title_of_an_export_tells_of_the_picture_drawn(viewer, monkeypatch):
+def test_a_file_tells_of_the_picture_drawn(viewer, monkeypatch):
     asked, session = [], viewer._work.session
-    monkeypatch.setattr(viewer._exports, "request", lambda *arguments: asked.append(arguments))
+    monkeypatch.setattr(viewer._exports.worker, "request", lambda *arguments: asked.append(arguments))
     viewer.tick(0.0)
     session.view = view_of([State(viewer._work.measurement.positions + 0.02, step=9)])
     client = SimpleNamespace(add_notification=lambda *_, **__: None)
-    viewer._ask_for_export(client, viewer.desk.choices)
-    ((_, picture, _, name),) = asked
-    assert "step 0" in picture.title and name == "fdcal-step-0.png"
+    viewer._export(client, exports.PICTURE)
+    ((_, kind, moment),) = asked
+    assert "step 0" in moment.caption and exports.file_name(moment, kind) == "fdcal-tiny-step-0.png"
 
 
-def test_every_page_gets_its_export(viewer, monkeypatch):
+@pytest.mark.parametrize("name", ["../../etc/passwd", 'a"b\r\n.exe', "<script>", "", "ü" * 300])
+def test_the_name_of_a_file_is_a_name(viewer, name):
+    work = dataclasses.replace(viewer._work, scene=dataclasses.replace(viewer._work.scene, name=name))
+    found = exports.file_name(dataclasses.replace(viewer._drawn, work=work), exports.KINDS[exports.PICTURE])
+    assert re.fullmatch(r"fdcal-[A-Za-z0-9_-]{1,60}-step-0\.png", found)
+
+
+def test_every_page_gets_its_file(viewer, monkeypatch):
     gate, got, told = threading.Event(), [], []
-    monkeypatch.setattr(viewing, "render_png", lambda *_: gate.wait(WAIT) and b"png")
-    for page in range(viewing.MOST_EXPORTS + 9):
+    monkeypatch.setitem(exports.KINDS, "gated", exports.Kind(".x", "", lambda _: gate.wait(WAIT) and b"x"))
+    for page in range(exports.MOST + 9):
         client = SimpleNamespace(
             add_notification=lambda title, *_, **__: told.append(title),
             send_file_download=lambda *_, page=page, **__: got.append(page),
         )
-        viewer._ask_for_export(client, viewer.desk.choices)
+        viewer._export(client, "gated")
     gate.set()
-    assert viewer._exports.wait_for(lambda _: not viewer._exports._busy and not viewer._exports._waiting, WAIT)
-    assert len(got) >= viewing.MOST_EXPORTS and got == list(range(len(got)))
-    assert len(got) + told.count("Too many pictures are waiting") == viewing.MOST_EXPORTS + 9
+    worker = viewer._exports.worker
+    assert worker.wait_for(lambda _: not worker._busy and not worker._waiting, WAIT)
+    assert len(got) >= exports.MOST and got == list(range(len(got)))
+    assert len(got) + told.count("Too many files are waiting") == exports.MOST + 9
+
+
+@pytest.mark.parametrize("error", [InputError("no map"), OSError("disk"), ZeroDivisionError("oh")])
+def test_a_file_that_cannot_be_made_is_told_on_its_page(viewer, monkeypatch, error):
+    told = []
+
+    def fail(_):
+        raise error
+
+    monkeypatch.setitem(exports.KINDS, "broken", exports.Kind(".x", "", fail))
+    client = SimpleNamespace(add_notification=lambda title, body, **_: told.append((title, body)))
+    viewer._export(client, "broken")
+    assert viewer._exports.worker.wait_for(lambda latest: latest is not None, WAIT)
+    assert told[-1][0] == "Nothing is saved" and str(error) in told[-1][1]
+
+
+def test_only_a_picture_has_a_size(controls):
+    panel, _ = controls
+    assert panel.export.size.visible and panel.export.seen.visible
+    say(panel.export.kind, "Replay (HTML)")
+    assert panel.choices.export_kind == "Replay (HTML)" and "without a server" in panel.export.told.content
+    assert not panel.export.size.visible and not panel.export.seen.visible
+    for value in JUNK:
+        panel.export.choose(value)
+        assert panel.choices.export_kind == exports.PICTURE
 
 
 def test_a_fault_of_the_page_is_told_and_it_goes_on(viewer, monkeypatch, caplog):
@@ -983,6 +1053,34 @@ def test_a_session_goes_on_from_states_given(page_of, scene):
     assert (view.count, view.index) == (4, 2) and list(view.history) == states
     page.desk.session.step()
     assert page.desk.session.wait_for(lambda view: view.count == 4 and view.index == 3, WAIT)
+
+
+def test_a_session_saved_is_opened_where_it_was_left(page_of, scene, tmp_path):
+    page, turn_until = page_of
+    page.open(Opening(edited(scene, {"solver.name": "descent"}), start_seed=3))
+    turn_until(lambda: page.viewer is not None)
+    first = page.desk
+    first.session.sweep()
+    assert first.session.wait_for(lambda view: view.count == 14 and not view.running, WAIT)
+    first.session.seek(5)
+    assert first.session.wait_for(lambda view: view.index == 5, WAIT)
+    first.choose(microphone=9, follow=False, modes=(2, 4), trails=True)
+    first.look(dark=True, log=False, opacity=0.4)
+    turn_until(lambda: page.viewer._drawn.view.index == 5)
+    moment = dataclasses.replace(page.viewer._drawn, choices=first.choices)
+    path = tmp_path / "left.zip"
+    path.write_bytes(exports.KINDS["Session (ZIP)"].make(moment))
+    page.open(sessionfile.read(path))
+    turn_until(lambda: page.desk is not first)
+    again, view = page.desk, page.desk.session.view
+    assert exports.choices_told(again.choices) == exports.choices_told(first.choices)
+    assert (view.index, view.count, again.choices.seed) == (5, 14, 3)
+    panel = page.viewer._controls
+    assert panel.dark.value and panel.map.microphone.value == 9 and panel.trails.value
+    again.session.step()
+    assert again.session.wait_for(lambda view: view.index == 6, WAIT)
+    made, before = again.session.view.state, moment.view.history[6]
+    assert np.array_equal(made.positions, before.positions) and made.cost == before.cost, "the same next state"
 
 
 @pytest.mark.parametrize("change", [{"solver.name": '"magic"'}, {"solver.modes": "500"}])

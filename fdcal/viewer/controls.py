@@ -8,6 +8,7 @@ import viser
 
 from ..history import SessionView
 from .desk import Choices, Desk
+from .exporttab import SEEN, ExportTab
 from .frame import Rooms
 from .maps import Map
 from .maptab import MapTab
@@ -15,9 +16,6 @@ from .runtab import RunBar
 from .safety import one_of
 from .scenetab import SceneTab
 from .solvetab import SolveTab
-
-VIEWS = {"Top": "top", "3-D": "3d", "Close": "close"}
-SIZES = {"1280 x 800": (1280, 800), "1920 x 1080": (1920, 1080), "3840 x 2160": (3840, 2160)}
 
 
 class Controls:
@@ -28,7 +26,7 @@ class Controls:
         rooms: Rooms,
         desk: Desk,
         place: Callable[[viser.ClientHandle, str], None],
-        export: Callable[[viser.ClientHandle, Choices], None],
+        export: Callable[[viser.ClientHandle, str], None],
     ):
         self.desk = desk
         with rooms.at("Solve"):
@@ -41,8 +39,8 @@ class Controls:
             self.map = MapTab(desk)
         with rooms.at("View"):
             self._add_view(place)
-        with rooms.at("Save"):
-            self._add_export(export)
+        with rooms.at("Export"):
+            self.export = ExportTab(desk, export)
 
     @property
     def choices(self) -> Choices:
@@ -51,7 +49,7 @@ class Controls:
     def _add_view(self, place) -> None:
         gui, desk = self.desk.gui, self.desk
         self.camera = gui.add_button_group(
-            "Camera", tuple(VIEWS), hint="Of this page alone: from above, the whole room, or the array"
+            "Camera", tuple(SEEN), hint="Of this page alone: from above, the whole room, or the array"
         )
         self.dark = gui.add_checkbox("Dark page", desk.choices.look.dark)
         self.trails = gui.add_checkbox(
@@ -62,8 +60,9 @@ class Controls:
         )
         desk.on(self.trails, lambda value: self.draw(trails=bool(value)))
         desk.on(self.ellipses, lambda value: self.draw(ellipses=bool(value)))
-        desk.on_page(self.camera, lambda client, value: place(client, VIEWS[one_of(value, VIEWS, "Top")]))
+        desk.on_page(self.camera, lambda client, value: place(client, SEEN[one_of(value, SEEN, "Top")]))
         desk.on(self.dark, self.darken)
+        self._theme()
 
     def draw(self, **wanted: bool) -> None:
         """Trails, ellipses: drawn or not."""
@@ -73,22 +72,17 @@ class Controls:
             if handle.value != value:
                 handle.value = value
 
-    def _add_export(self, export) -> None:
-        gui, desk = self.desk.gui, self.desk
-        view = gui.add_dropdown("Seen from", tuple(VIEWS), initial_value="Top")
-        size = gui.add_dropdown("Size (pixels)", tuple(SIZES), initial_value="1280 x 800")
-        button = gui.add_button("Save PNG", icon=viser.Icon.PHOTO, hint="Drawn anew off-screen, in about 5 s")
-        desk.on(view, lambda value: desk.choose(export_view=VIEWS[one_of(value, VIEWS, "Top")]))
-        desk.on(size, lambda value: desk.choose(export_size=SIZES[one_of(value, SIZES, "1280 x 800")]))
-        desk.on_page(button, lambda client, _: export(client, desk.choices))
-
     def darken(self, value) -> None:
         """Dark page and map, or light ones."""
         dark = bool(value)
         self.desk.look(dark=dark)
-        self.desk.gui.configure_theme(dark_mode=dark, show_share_button=False, show_logo=False)
+        self._theme()
         if self.dark.value != dark:
             self.dark.value = dark
+
+    def _theme(self) -> None:
+        dark = self.desk.choices.look.dark
+        self.desk.gui.configure_theme(dark_mode=dark, show_share_button=False, show_logo=False)
 
     def show(self, view: SessionView, microphone: int, drawn: Map | None, trouble: str, fault: str = "") -> None:
         """Bring the panel up to date; called by the main loop."""

@@ -17,6 +17,7 @@ from .maps import Look
 from .preparing import Work
 
 FLOOR, RELIEF, SHAPE, NOTHING = "Flat map", "Relief", "Shape of the last mode", "No map"
+PICTURE = "Picture (PNG)"  # first of the files that can be saved
 
 
 @dataclass(frozen=True)
@@ -31,12 +32,13 @@ class Choices:
     trails: bool = False  # the way that each microphone has come
     ellipses: bool = False  # how far each may be from where it is supposed
     complaint: str = ""  # about what was written into a field
+    export_kind: str = PICTURE
     export_view: str = "top"
     export_size: tuple[int, int] = (1280, 800)
     seed: int = 0
 
 
-KEPT = ("trails", "ellipses", "export_view", "export_size")  # when another scene is opened
+KEPT = ("trails", "ellipses", "export_kind", "export_view", "export_size")  # when another scene is opened
 SWITCHES = ("follow", "shown", "trails", "ellipses", "log", "relief", "shared", "dark", "shape")
 
 
@@ -58,6 +60,12 @@ def first_choices(work: Work, modes: int, before: Choices | None) -> Choices:
         else:
             choices = replace(choices, **{key: value})
     return choices
+
+
+def choices_told(choices: Choices) -> dict[str, object]:
+    """What an opening has to say for the controls to say the same."""
+    keys = ("microphone", "modes", "opacity", *SWITCHES)
+    return {key: getattr(choices.look if hasattr(choices.look, key) else choices, key) for key in keys}
 
 
 def _read(key: str, value, count: int, modes: int):

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 import viser
 
 RIGHT_WIDTH, LEFT_WIDTH = 330.0, 300.0  # pixels
-RIGHT = ("Solve", "Scene", "Map", "View", "Save", "Lessons", "Help")  # no icons: they leave too little place
+RIGHT = ("Solve", "Scene", "Map", "View", "Export", "Lessons", "Help")  # no icons: they leave too little place
 LEFT = ("Curves", "Maps", "Modes", "Mics", "Race")
 
 

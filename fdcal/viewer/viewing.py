@@ -9,29 +9,26 @@ from __future__ import annotations
 import contextlib
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import viser
 
 from ..cost import usable_modes
-from ..offscreen import render_png
 from ..opening import Opening
 from ..picture import (
     Floor,
     Picture,
     backdrop,
-    headline,
     with_ellipses,
     with_estimate,
     with_floor,
     with_racers,
     with_trails,
 )
-from ..worker import LatestWorker
-from . import words
 from .controls import Controls
 from .desk import Choices, Desk
+from .exports import Exports, Moment
 from .frame import Rooms
 from .hands import Hands
 from .maps import Map, MapRequest, Maps
@@ -43,17 +40,8 @@ from .stage import Stage
 
 FAULT_SHOWN = 10.0  # s at least that a fault of the page stays in the status lines
 TRAIL = 200  # states that a trail goes back
-MOST_EXPORTS = 8  # pictures that may wait to be drawn
 
 log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class Drawn:
-    """What is on the screen: a picture and the state that it shows."""
-
-    picture: Picture
-    state: object
 
 
 def most_modes(work: Work) -> int:
@@ -83,12 +71,13 @@ class Viewer:
         self._followed = self.desk.choices.microphone
         self._turn, self._state = 0, work.session.view.state
         self._key: tuple = ()  # of what is drawn
-        self._drawn = Drawn(self._compose(self._state, self.desk.choices, self._followed, None), self._state)
-        self._controls = Controls(self._rooms, self.desk, stage.place, self._ask_for_export)
+        picture = self._compose(self._state, self.desk.choices, self._followed, None)
+        self._drawn = Moment(work, picture, work.session.view, self.desk.choices, self._followed, None)
+        self._controls = Controls(self._rooms, self.desk, stage.place, self._export)
         self._races = Races(work)
         self._side = SidePanel(self._rooms, self.desk, work.problem, self._controls.map, self._races)
         self._maps, self._spreads = Maps(work), Spreads(work)  # threads last: what is above may refuse
-        self._exports = LatestWorker(self._export, "fdcal-export", MOST_EXPORTS)
+        self._exports = Exports()
         stage.show(self._drawn.picture)
         name = f"/hands/{rooms.number}"
         self._hands = Hands(server, self.desk, self._drawn.picture, self._controls.map.pick, name)
@@ -159,7 +148,9 @@ class Viewer:
             picture = self._compose(view.state, choices, self._followed, floor)
             picture = self._trace(picture, view, choices, floor, errors)
             placed = {runner.name: runner.positions for runner in marked}
-            self._drawn = Drawn(with_racers(picture, placed, self._work.problem.free, floor), view.state)
+            picture = with_racers(picture, placed, self._work.problem.free, floor)
+            sigma = None if errors is None else errors.sigma
+            self._drawn = Moment(self._work, picture, view, choices, self._followed, sigma)
             self._stage.show(self._drawn.picture)
             self._hands.show(view.state.positions, floor)
             self._key = key
@@ -198,25 +189,6 @@ class Viewer:
             picture = with_ellipses(picture, view.state.positions, errors.axes, floor)
         return picture
 
-    def _ask_for_export(self, client: viser.ClientHandle, choices: Choices) -> None:
-        """On viser's loop: what is drawn now, with a title that tells of just that."""
-        if self._exports.full:
-            client.add_notification("Too many pictures are waiting", "Try again in a moment.", color="red")
-            return
-        drawn, measurement = self._drawn, self._work.measurement
-        state = drawn.state
-        modes = words.modes_text(measurement, state.first, state.last)
-        title = f"{self._work.scene.title}: step {state.step}, {modes}\n{headline(measurement, state.positions)}"
-        client.add_notification(
-            "Drawing the picture", "It is offered for download when it is done.", auto_close_seconds=4
-        )
-        self._exports.request(client, replace(drawn.picture, title=title), choices, f"fdcal-step-{state.step}.png")
-
-    def _export(self, client: viser.ClientHandle, picture: Picture, choices: Choices, name: str) -> None:
-        """On the exports' thread: the picture as a PNG for one page, drawn in a child process."""
-        try:
-            png = render_png(picture, choices.export_size, choices.export_view)
-        except OSError as error:
-            client.add_notification("No picture", str(error), color="red")
-            return
-        client.send_file_download(name, png, save_immediately=True)
+    def _export(self, client: viser.ClientHandle, kind: str) -> None:
+        """On viser's loop: a file of what is drawn now."""
+        self._exports.ask(client, kind, replace(self._drawn, choices=self.desk.choices))

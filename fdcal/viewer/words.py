@@ -115,6 +115,11 @@ def colour_bar(bar: ColourBar | None, trouble: str = "") -> str:
     )
 
 
+def remark(text: str) -> str:
+    """A sentence below a control."""
+    return f"<div style='{CARD} opacity: 0.75'>{escape(text)}</div>"
+
+
 def complaint(text: str) -> str:
     """Why what was written into a field is not taken."""
     return f"<div style='{CARD} color: #d61828'>{escape(text)}</div>" if text else ""
