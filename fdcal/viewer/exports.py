@@ -126,19 +126,23 @@ def _session(moment: Moment) -> bytes:
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of file: what ends its name, what it is, and what makes it."""
+    """A kind of file: what ends its name, what it is, what makes it, and whether that takes seconds."""
 
     ending: str
     told: str
     make: Callable[[Moment], bytes]
+    slow: bool = False
 
 
 KINDS = {
-    PICTURE: Kind(".png", "What is shown, drawn anew off-screen in about 5 s.", _picture),
+    PICTURE: Kind(".png", "What is shown, drawn anew off-screen in about 5 s.", _picture, slow=True),
     "Maps as in Fig. 1 (PNG)": Kind(
-        "-maps.png", "Maps of the microphone looked at: single modes, eight at most, and their sum.", _figure("png")
+        "-maps.png",
+        "Maps of the microphone looked at: single modes, eight at most, and their sum.",
+        _figure("png"),
+        slow=True,
     ),
-    "Maps as in Fig. 1 (SVG)": Kind("-maps.svg", "The same as a drawing, for print.", _figure("svg")),
+    "Maps as in Fig. 1 (SVG)": Kind("-maps.svg", "The same as a drawing, for print.", _figure("svg"), slow=True),
     "Map (VTI for ParaView)": Kind(
         "-map.vti", "The numbers of all maps of the microphone looked at, and of their sum.", _map
     ),
@@ -174,10 +178,10 @@ class Exports:
         if self.worker.full:
             client.add_notification("Too many files are waiting", "Try again in a moment.", color="red")
             return
-        client.add_notification(
-            f"Making the file: {label}", "It is offered for download when it is done.", auto_close_seconds=4
-        )
-        self.worker.request(client, KINDS[label], moment)
+        kind = KINDS[label]
+        if kind.slow:
+            client.add_notification("Drawing", "It is offered for download when it is done.", auto_close_seconds=4)
+        self.worker.request(client, kind, moment)
 
     def _make(self, client: viser.ClientHandle, kind: Kind, moment: Moment) -> None:
         """On the exports' thread. A page that has closed meanwhile gets nothing, and harms nobody."""
