@@ -2,10 +2,49 @@
 
 from __future__ import annotations
 
+import functools
+import os
+from concurrent.futures import ThreadPoolExecutor
+
 import numba
 import numpy as np
 
 compiled = numba.njit(nogil=True, cache=True, error_model="numpy")
+PARTS = (
+    4  # that the modes are summed in, whatever the machine: the same sums, to the last bit, with any number of cores
+)
+WORTH = 2e5  # M N^2 from which threads pay
+
+
+def writable(values, dtype=None) -> np.ndarray:
+    """A copy, row by row: what may not be written to is another type to the compiler, which would compile twice."""
+    return np.array(values, dtype, order="C")
+
+
+@functools.cache
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(min(PARTS, os.cpu_count() or 1), "fdcal-modes")
+
+
+def summed(kernel, before: tuple, modes: tuple, after: tuple, derivatives: int):
+    """Cost (float), gradient (N, D) and curvature (N, D, N, D) that a compiled kernel sums over the modes.
+
+    It is called as `kernel(*before, *modes, *after, cost (1,), gradient (N, D), H (D, D, N, N))`, and adds to the last
+    three; `before` begins with the positions (N, D), each of `modes` has a row a mode. Parts of the modes run at once.
+    With fewer than 2 `derivatives` the curvature is empty.
+    """
+    N, D = before[0].shape
+    M, columns = len(modes[0]), N if derivatives == 2 else 0
+
+    def part(first: int):
+        sums = np.zeros(1), np.zeros((N, D)), np.zeros((D, D, columns, columns))
+        kernel(*before, *(writable(values[first::PARTS]) for values in modes), *after, *sums)
+        return sums
+
+    parts = range(min(PARTS, M))
+    done = list(_pool().map(part, parts) if M * N * N > WORTH else map(part, parts))
+    cost, gradient, H = (sum(values[1:], values[0]) for values in zip(*done, strict=True))
+    return float(cost[0]), gradient, symmetric(H)
 
 
 def symmetric(H: np.ndarray) -> np.ndarray:
@@ -19,7 +58,7 @@ def symmetric(H: np.ndarray) -> np.ndarray:
 @compiled
 def lower_inverse(G):
     """Inverse of a lower triangular matrix, row by row."""
-    X = np.zeros_like(G)
+    X = np.zeros(G.shape, G.dtype)
     for i in range(len(G)):
         for q in range(i):
             factor = G[i, q]
@@ -48,3 +87,13 @@ def add_curvature(H, g, K, factor):
                     k_im = imaginary[i]
                     for j in range(N):
                         row[j] -= k_im[j] * (u * bi[j] - v * br[j])
+
+
+@compiled
+def adjoint(A):
+    """Conjugate transpose, row by row."""
+    out = np.empty((A.shape[1], A.shape[0]), A.dtype)
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            out[j, i] = np.conj(A[i, j])
+    return out

@@ -8,25 +8,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from .compiled import add_curvature, compiled, lower_inverse, symmetric
+from .compiled import add_curvature, compiled, lower_inverse, summed, writable
 
 
-def dense_terms(positions, pressures, kappa, slope, power, noise, log_det: bool, slopes=True):
+def dense_terms(positions, pressures, kappa, slope, power, noise, log_det: bool, derivatives=2):
     """Cost, gradient and curvature as of `fdcal.expansion.expansion_terms`.
 
     kappa, slope : (M, N (N - 1) / 2) float64, kappa(k r) and k^2 kappa'(k r) / (k r) of the pairs i > j, row by row
     """
-    x = np.ascontiguousarray(positions, float)
-    N, D = x.shape
-    cost, gradient, H = np.zeros(1), np.zeros((N, D)), np.zeros((D, D, N, N))
+    x = writable(positions, float)
     scale = np.ones_like(noise) if log_det else noise
-    p = np.ascontiguousarray(pressures, complex)
-    _modes(x, p, kappa, slope, power, noise, scale, float(log_det), slopes, cost, gradient, H)
-    return float(cost[0]), gradient, symmetric(H)
+    modes = writable(pressures, complex), kappa, slope, power, noise, scale
+    return summed(_modes, (x,), modes, (float(log_det), derivatives), derivatives)
 
 
 @compiled
-def _modes(x, p, kappa, slope, power, noise, scale, log_det, slopes, cost, gradient, H):
+def _modes(x, p, kappa, slope, power, noise, scale, log_det, derivatives, cost, gradient, H):
     N, D = x.shape
     C = np.empty((N, N))
     for m in range(len(p)):
@@ -41,7 +38,7 @@ def _modes(x, p, kappa, slope, power, noise, scale, log_det, slopes, cost, gradi
         y_re, y_im = X @ p[m].real.copy(), X @ p[m].imag.copy()
         for i in range(N):
             cost[0] += scale[m] * (y_re[i] ** 2 + y_im[i] ** 2) + log_det * np.log(G[i, i] ** 2 / noise[m])
-        if not slopes:
+        if derivatives == 0:
             continue
         inverse = X.T @ X
         u_re, u_im = X.T @ y_re, X.T @ y_im
@@ -60,4 +57,5 @@ def _modes(x, p, kappa, slope, power, noise, scale, log_det, slopes, cost, gradi
                     g[1, a, i] += s * d * u_im[j]
                     g[0, a, j] -= s * d * u_re[i]
                     g[1, a, j] -= s * d * u_im[i]
-        add_curvature(H, g, inverse, 2 * scale[m])
+        if derivatives == 2:
+            add_curvature(H, g, inverse, 2 * scale[m])

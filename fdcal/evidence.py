@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg.lapack import dtrtri
 
 from .gauge import fixes_gauge
 from .likelihood import DiffuseField, kernel
@@ -81,8 +82,9 @@ def _residuals(positions, p, field: DiffuseField, coordinates: int) -> dict:
     distance = np.linalg.norm(positions[:, None] - positions[None], axis=-1)
     u, d = np.empty_like(p), np.empty(p.shape)
     for m, (k, s, v) in enumerate(zip(field.wavenumbers, field.power, field.noise, strict=True)):
-        inverse = np.linalg.inv(s * kernel(k * distance, field.dimension) + v * np.eye(N))
-        u[m], d[m] = inverse @ p[m], np.diag(inverse)
+        factor = np.linalg.cholesky(s * kernel(k * distance, field.dimension) + v * np.eye(N))
+        X = dtrtri(factor, lower=1)[0]
+        u[m], d[m] = X.T @ (X @ p[m]), np.sum(X**2, axis=0)
     v = field.noise[:, None]
     freedom = np.sum(v * d) - coordinates / 2  # in complex numbers
     foretold = np.abs(u / d) ** 2

@@ -22,7 +22,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import hankel1, spherical_jn, spherical_yn
 
-from .compiled import add_curvature, compiled, lower_inverse, symmetric
+from .compiled import add_curvature, adjoint, compiled, lower_inverse, summed, writable
 from .dictionary import max_order
 from .series import directions, series, series_modes
 
@@ -33,7 +33,7 @@ LEAST_WEIGHT = 1e-11  # of mu; below it rounding errors of A are no longer small
 
 
 def expansion_terms(
-    positions, pressures, wavenumbers, power, noise, dimension, log_det, near=False, about=None, slopes=True
+    positions, pressures, wavenumbers, power, noise, dimension, log_det, near=False, about=None, derivatives=2
 ):
     """Cost summed over modes, its gradient and its Gauss-Newton matrix.
 
@@ -47,7 +47,7 @@ def expansion_terms(
     log_det : True for the likelihood; False for the projection, sum_m p^H P p (Eq. 7 with Tikhonov weight v / s)
     near : whether a source may be close to the array
     about : (N, D) float64, metres, or None, positions that give the centre and how near
-    slopes : False for the cost alone
+    derivatives : 0 for the cost alone, 1 for its gradient, too, 2 for all
 
     Returns
     -------
@@ -57,22 +57,17 @@ def expansion_terms(
 
     Raises numpy.linalg.LinAlgError where the positions are not finite.
     """
-    x = np.ascontiguousarray(positions, float)
-    k = np.ascontiguousarray(wavenumbers)
+    x, k, p = writable(positions, float), writable(wavenumbers), writable(pressures, complex)
     centre, orders, gains = _about_centre(x, k, dimension, near, about)
-    p = np.ascontiguousarray(pressures, complex)
     noise = np.maximum(noise, LEAST_WEIGHT * power)
     scale = np.ones_like(noise) if log_det else noise
-    N, D = x.shape
-    sums = np.zeros(1), np.zeros((N, D)), np.zeros((D, D, N, N))
     if dimension == 2:
-        rest = scale / noise, float(log_det), slopes, np.zeros(1, k.dtype), *sums
-        _circular_modes(x, centre, p, k, orders, gains, noise / power, *rest)
-    else:
-        rest = scale, float(log_det), slopes, *sums
-        series_modes(x, centre, p, k.astype(complex), orders, gains, power, noise, *rest)
-    cost, gradient, H = sums
-    return float(cost[0]), gradient, symmetric(H)
+        modes = p, k, orders, gains, noise / power, scale / noise
+        return summed(
+            _circular_modes, (x, centre), modes, (float(log_det), derivatives, np.zeros(1, k.dtype)), derivatives
+        )
+    modes = p, k.astype(complex), orders, gains, power, noise, scale
+    return summed(series_modes, (x, centre), modes, (float(log_det), derivatives), derivatives)
 
 
 def _about_centre(x, k, dimension: int, near: bool, about=None):
@@ -97,17 +92,17 @@ def _about_centre(x, k, dimension: int, near: bool, about=None):
 
 
 @compiled
-def _circular_modes(x, centre, p, k, orders, gains, mu, scale, log_det, slopes, zero, cost, gradient, H):
+def _circular_modes(x, centre, p, k, orders, gains, mu, scale, log_det, derivatives, zero, cost, gradient, H):
     for m in range(len(k)):
         r = 2 * orders[m] + 1
         W, dW = np.empty((len(x), r), zero.dtype), np.empty((2, len(x), r), zero.dtype)
-        _circular(x, centre, k[m], orders[m], gains[m], W, dW)
-        add_mode(W, dW, p[m], mu[m], scale[m], log_det, slopes, zero, cost, gradient, H)
+        _circular(x, centre, k[m], orders[m], gains[m], derivatives > 0, W, dW)
+        add_mode(W, dW, p[m], mu[m], scale[m], log_det, derivatives, cost, gradient, H)
 
 
 @compiled
-def _circular(x, centre, k, L, gain, W, dW):
-    """W (N, 2L + 1) and its derivatives (2, N, 2L + 1); d/dx and d/dy as in `fourier_bessel_gradient`."""
+def _circular(x, centre, k, L, gain, slopes, W, dW):
+    """W (N, 2L + 1) and its derivatives (2, N, 2L + 1), if wanted; d/dx and d/dy as in `fourier_bessel_gradient`."""
     J = np.empty(L + 2, W.dtype)
     root = np.sqrt(2.0)
     for n in range(len(x)):
@@ -115,17 +110,20 @@ def _circular(x, centre, k, L, gain, W, dW):
         r = np.hypot(dx, dy)
         bessel_orders_of(k * r, L + 1, J)
         c, s = (dx / r, dy / r) if r > 0 else (1.0, 0.0)
-        W[n, 0], dW[0, n, 0], dW[1, n, 0] = gain[0] * J[0], -gain[0] * k * J[1] * c, -gain[0] * k * J[1] * s
+        W[n, 0] = gain[0] * J[0]
+        if slopes:
+            dW[0, n, 0], dW[1, n, 0] = -gain[0] * k * J[1] * c, -gain[0] * k * J[1] * s
         c_below, s_below, c_here, s_here = 1.0, 0.0, c, s  # cos and sin of (l - 1) theta and of l theta
         for l in range(1, L + 1):  # noqa: E741
             c_above, s_above = c_here * c - s_here * s, s_here * c + c_here * s
             factor = root * gain[l]
-            below, above = factor * k / 2 * J[l - 1], factor * k / 2 * J[l + 1]
             W[n, 2 * l - 1], W[n, 2 * l] = factor * J[l] * c_here, factor * J[l] * s_here
-            dW[0, n, 2 * l - 1] = below * c_below - above * c_above
-            dW[0, n, 2 * l] = below * s_below - above * s_above
-            dW[1, n, 2 * l - 1] = -below * s_below - above * s_above
-            dW[1, n, 2 * l] = below * c_below + above * c_above
+            if slopes:
+                below, above = factor * k / 2 * J[l - 1], factor * k / 2 * J[l + 1]
+                dW[0, n, 2 * l - 1] = below * c_below - above * c_above
+                dW[0, n, 2 * l] = below * s_below - above * s_above
+                dW[1, n, 2 * l - 1] = -below * s_below - above * s_above
+                dW[1, n, 2 * l] = below * c_below + above * c_above
             c_below, s_below, c_here, s_here = c_here, s_here, c_above, s_above
 
 
@@ -137,14 +135,14 @@ def bessel_orders_of(z, top, J):
         return
     start = top + int(abs(z)) + 24
     start += start % 2
-    above, here, total = 0 * z, 1e-290 + 0 * z, 0 * z
+    above, here, total, twice = 0 * z, 1e-290 + 0 * z, 0 * z, 2 / z
     for l in range(start, 0, -1):  # noqa: E741
         if l <= top:
             J[l] = here
         if l % 2 == 0:
             total += 2 * here
-        above, here = here, 2 * l / z * here - above
-        if abs(here) > 1e250:
+        above, here = here, l * twice * here - above
+        if abs(here.real) > 1e250 or abs(here.imag) > 1e250:
             here, above, total = here * 1e-250, above * 1e-250, total * 1e-250
             for i in range(l, top + 1):
                 J[i] *= 1e-250
@@ -168,29 +166,30 @@ def _bessel_series(z, top, J):
 
 
 @compiled
-def add_mode(W, dW, p, mu, scale, log_det, slopes, zero, cost, gradient, H):
-    """Add one mode to `cost` (1,), `gradient` (N, D) and `H` (D, D, N, N), blocks a <= b."""
+def add_mode(W, dW, p, mu, scale, log_det, derivatives, cost, gradient, H):
+    """Add one mode to `cost` (1,), `gradient` (N, D) and `H` (D, D, N, N), a <= b, as many as `derivatives` tells."""
     N, r = W.shape
-    A = np.conj(W.T) @ W
+    P = np.empty((N, 2), W.dtype)  # BLAS takes no mixture of types
+    for i in range(N):
+        P[i, 0], P[i, 1] = p[i].real, p[i].imag
+    WH = adjoint(W)
+    A = WH @ W
     for i in range(r):
         A[i, i] += mu
     G = np.linalg.cholesky(A)
-    X = lower_inverse(G)
-    Q = W @ np.conj(X.T)
-    QH = np.conj(Q.T)
-    re, im = p.real + 0 * zero[0], p.imag + 0 * zero[0]  # of the type of W: BLAS takes no mixture
-    a_re, a_im = QH @ re, QH @ im
-    residual = p - ((Q @ a_re) + 1j * (Q @ a_im))
-    for i in range(N):
-        cost[0] += scale * (np.conj(p[i]) * residual[i]).real
     if log_det != 0:
         for i in range(r):
             cost[0] += log_det * np.log(G[i, i].real ** 2 / mu)
-    if not slopes:
+    X = lower_inverse(G)
+    XH = adjoint(X)
+    parts = XH @ (X @ (WH @ P))
+    fit = W @ parts
+    alpha, residual = parts[:, 0] + 1j * parts[:, 1], p - (fit[:, 0] + 1j * fit[:, 1])
+    cost[0] += scale * _misfit(residual, alpha, mu)
+    if derivatives == 0:
         return
-    XH = np.conj(X.T)
-    alpha = (XH @ a_re) + 1j * (XH @ a_im)
-    T = np.conj(Q @ X)
+    Q = W @ XH
+    T = Q @ X
     D = len(dW)
     g = np.empty((2, D, N))
     for a in range(D):
@@ -198,14 +197,27 @@ def add_mode(W, dW, p, mu, scale, log_det, slopes, zero, cost, gradient, H):
             slope, widening = 0j, 0.0
             for q in range(r):
                 slope += dW[a, i, q] * alpha[q]
-                widening += (dW[a, i, q] * T[i, q]).real
+                widening += (dW[a, i, q] * np.conj(T[i, q])).real
             g[0, a, i], g[1, a, i] = slope.real, slope.imag
             gradient[i, a] += 2 * log_det * widening - 2 * scale * (np.conj(slope) * residual[i]).real
-    add_curvature(H, g, Q @ QH, -2 * scale)
+    if derivatives < 2:
+        return
+    add_curvature(H, g, Q @ adjoint(Q), -2 * scale)
     for a in range(D):
         for b in range(a, D):
             for i in range(N):
                 H[a, b, i, i] += 2 * scale * (g[0, a, i] * g[0, b, i] + g[1, a, i] * g[1, b, i])
+
+
+@compiled
+def _misfit(residual, alpha, mu):
+    """p^H P p = |p - W alpha|^2 + mu |alpha|^2, which small errors of alpha do not change."""
+    total = 0.0
+    for value in residual:
+        total += abs(value) ** 2
+    for value in alpha:
+        total += mu * abs(value) ** 2
+    return total
 
 
 def expansion_spectra(
@@ -217,14 +229,14 @@ def expansion_spectra(
     -------
     list of two (N,) float64 arrays a mode; eigenvalues of zero may share what is left of p equally
     """
-    x, k = np.ascontiguousarray(positions, float), np.asarray(wavenumbers)
+    x, k = writable(positions, float), writable(wavenumbers)
     N = len(x)
     centre, orders, gains = _about_centre(x, k, dimension, near)
     found = []
     for kk, order, gain, p in zip(k, orders.tolist(), gains, pressures, strict=True):
         if dimension == 2:
-            W, dW = np.empty((N, 2 * order + 1), k.dtype), np.empty((2, N, 2 * order + 1), k.dtype)
-            _circular(x, centre, kk, order, gain, W, dW)
+            W, dW = np.empty((N, 2 * order + 1), k.dtype), np.empty((2, 0, 0), k.dtype)
+            _circular(x, centre, kk, order, gain, False, W, dW)
             found.append(_along(W, p))
             continue
         C = np.empty((N, N), complex)

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .compiled import compiled, lower_inverse, symmetric
+from .compiled import adjoint, compiled, lower_inverse, summed, writable
 from .expansion import LEAST_WEIGHT, add_mode
 
 AMPLE = 6  # orders beyond ceil(k R) that the directions must tell apart
@@ -30,33 +30,30 @@ def diffuse_prior(positions, wavenumbers) -> np.ndarray:
 
 def learned_prior(positions, pressures, wavenumbers, power, noise, prior, rounds: int) -> np.ndarray:
     """`prior` (M, Q) after so many rounds of expectation and maximisation at `positions` (N, 2), metres."""
-    x = np.ascontiguousarray(positions, float)
+    x = writable(positions, float)
     S = np.array(prior, float)
-    k = np.ascontiguousarray(np.real(wavenumbers))
-    _learn(x - x.mean(axis=0), np.ascontiguousarray(pressures, complex), k, power, noise, S, rounds)
+    k = writable(np.real(wavenumbers))
+    _learn(x - x.mean(axis=0), writable(pressures, complex), k, writable(power), writable(noise), S, rounds)
     return S
 
 
-def learned_terms(positions, pressures, wavenumbers, power, noise, prior, log_det: bool, slopes=True):
+def learned_terms(positions, pressures, wavenumbers, power, noise, prior, log_det: bool, derivatives=2):
     """Cost, gradient and curvature as of `fdcal.expansion.expansion_terms`."""
-    x = np.ascontiguousarray(positions, float)
-    N, D = x.shape
-    cost, gradient, H = np.zeros(1), np.zeros((N, D)), np.zeros((D, D, N, N))
+    x = writable(positions, float)
     noise = np.maximum(noise, LEAST_WEIGHT * power)
     scale = 1 / noise if log_det else np.ones_like(noise)
-    p, k = np.ascontiguousarray(pressures, complex), np.ascontiguousarray(np.real(wavenumbers))
-    rest = noise / power, scale, float(log_det), slopes, np.zeros(1, complex), cost, gradient, H
-    _modes(x - x.mean(axis=0), p, k, prior, *rest)
-    return float(cost[0]), gradient, symmetric(H)
+    p, k = writable(pressures, complex), writable(np.real(wavenumbers))
+    modes = p, k, prior, noise / power, scale
+    return summed(_modes, (x - x.mean(axis=0),), modes, (float(log_det), derivatives), derivatives)
 
 
 @compiled
-def _modes(x, p, k, prior, mu, scale, log_det, slopes, zero, cost, gradient, H):
+def _modes(x, p, k, prior, mu, scale, log_det, derivatives, cost, gradient, H):
     W = np.empty((len(x), prior.shape[1]), np.complex128)
     dW = np.empty((2, len(x), prior.shape[1]), np.complex128)
     for m in range(len(k)):
         _plane_waves(x, k[m], prior[m], W, dW)
-        add_mode(W, dW, p[m], mu[m], scale[m], log_det, slopes, zero, cost, gradient, H)
+        add_mode(W, dW, p[m], mu[m], scale[m], log_det, derivatives, cost, gradient, H)
 
 
 @compiled
@@ -79,7 +76,7 @@ def _learn(x, p, k, power, noise, prior, rounds):
         mu = noise[m] / power[m]
         for _ in range(rounds):
             _plane_waves(x, k[m], prior[m], W, dW)
-            WH = np.conj(W.T)
+            WH = adjoint(W)
             A = WH @ W
             for q in range(Q):
                 A[q, q] += mu

@@ -18,7 +18,7 @@ covariance.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -121,15 +121,25 @@ def newton_terms(positions, pressures, field: DiffuseField) -> tuple[float, np.n
     gradient : (N, D) float64, 1/m; exact
     curvature : (N, D, N, D) float64, 1/m^2; H_ia,jb = 2 Re sum_m conj(g_mia) C^-1_mij g_mjb, g_a = D_a u
     """
-    return _terms(positions, pressures, field, slopes=True)
+    return _terms(positions, pressures, field, 2)
 
 
 def total(positions, pressures, field: DiffuseField) -> float:
     """The cost of `newton_terms` alone."""
-    return _terms(positions, pressures, field, slopes=False)[0]
+    return _terms(positions, pressures, field, 0)[0]
 
 
-def _terms(positions, pressures, field: DiffuseField, slopes: bool):
+def slopes(positions, pressures, field: DiffuseField) -> np.ndarray:
+    """The gradient of `newton_terms` of every mode alone : (M, N, D) float64, 1/m."""
+    found = []
+    for m in range(len(pressures)):
+        one = replace(field, **{k: getattr(field, k)[m : m + 1] for k in ("wavenumbers", "power", "noise")})
+        one = one if field.prior is None else replace(one, prior=field.prior[m : m + 1])
+        found.append(_terms(positions, pressures[m : m + 1], one, 1)[1])
+    return np.array(found)
+
+
+def _terms(positions, pressures, field: DiffuseField, derivatives: int):
     """Through the expansion in two dimensions and for complex wavenumbers; through the kernel in three."""
     from .dense import dense_terms  # compiled code is loaded with the first step
     from .expansion import expansion_terms
@@ -137,14 +147,14 @@ def _terms(positions, pressures, field: DiffuseField, slopes: bool):
 
     k, s, v = field.wavenumbers, field.power, field.noise
     if field.prior is not None:
-        return learned_terms(positions, pressures, k, s, v, field.prior, field.log_det, slopes)
+        return learned_terms(positions, pressures, k, s, v, field.prior, field.log_det, derivatives)
     if field.dimension == 2 or field.near or np.iscomplexobj(k):
-        rest = field.dimension, field.log_det, field.near, field.about, slopes
+        rest = field.dimension, field.log_det, field.near, field.about, derivatives
         return expansion_terms(positions, pressures, k, s, v, *rest)
     pairs = np.tril_indices(len(positions), -1)
     z = k[:, None] * np.linalg.norm(positions[pairs[0]] - positions[pairs[1]], axis=1)
-    slope = k[:, None] ** 2 * kernel_slope_over_z(z, 3) if slopes else np.zeros((1, 1))
-    return dense_terms(positions, pressures, kernel(z, 3), slope, s, v, field.log_det, slopes)
+    slope = k[:, None] ** 2 * kernel_slope_over_z(z, 3) if derivatives else np.zeros((1, 1))
+    return dense_terms(positions, pressures, kernel(z, 3), slope, s, v, field.log_det, derivatives)
 
 
 def likelihood_landscape(positions, n: int, candidates, pressures, field: DiffuseField) -> np.ndarray:

@@ -21,13 +21,13 @@ from .compiled import add_curvature, compiled, lower_inverse
 
 
 @compiled
-def series_modes(x, centre, p, k, orders, gains, power, noise, scale, log_det, slopes, cost, gradient, H):
+def series_modes(x, centre, p, k, orders, gains, power, noise, scale, log_det, derivatives, cost, gradient, H):
     """Add every mode to `cost` (1,), `gradient` (N, D) and `H` (D, D, N, N), blocks a <= b."""
     N, D = x.shape
     e, a = directions(x, centre)
     C, R, A = np.empty((N, N), np.complex128), np.empty((N, N), np.complex128), np.empty((N, N), np.complex128)
     for m in range(len(k)):
-        series(e, a, k[m], orders[m], gains[m], slopes, C, R, A)
+        series(e, a, k[m], orders[m], gains[m], derivatives > 0, C, R, A)
         for i in range(N):
             for j in range(N):
                 C[i, j] *= power[m]
@@ -37,7 +37,7 @@ def series_modes(x, centre, p, k, orders, gains, power, noise, scale, log_det, s
         y = X @ p[m]
         for i in range(N):
             cost[0] += scale[m] * abs(y[i]) ** 2 + log_det * np.log(G[i, i].real ** 2 / noise[m])
-        if not slopes:
+        if derivatives == 0:
             continue
         XH = np.conj(X.T)
         inverse, u = XH @ X, XH @ y
@@ -52,7 +52,8 @@ def series_modes(x, centre, p, k, orders, gains, power, noise, scale, log_det, s
                     widening += (d * inverse[j, i]).real
                 g[0, b, i], g[1, b, i] = slope.real, slope.imag
                 gradient[i, b] += 2 * log_det * widening - 2 * scale[m] * (np.conj(u[i]) * slope).real
-        add_curvature(H, g, inverse, 2 * scale[m])
+        if derivatives == 2:
+            add_curvature(H, g, inverse, 2 * scale[m])
 
 
 @compiled

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .gauge import rigid_motions
-from .likelihood import LEAST_NOISE, DiffuseField, diffuse_field, newton_terms, noise_ratio
+from .likelihood import LEAST_NOISE, DiffuseField, diffuse_field, newton_terms, noise_ratio, slopes
 from .measurement import Problem
 
 SAME = 1e-9  # of the largest: a singular value this small is none
@@ -85,14 +85,8 @@ def spread(positions, pressures, field: DiffuseField, known) -> Spread:
     H = newton_terms(positions, pressures, field)[2].reshape(size, size)
     values, vectors = np.linalg.eigh(basis.T @ H @ basis)
     newton = (vectors / np.maximum(values, SINGULAR * values[-1])) @ vectors.T
-    slopes = np.array([_slope(positions, pressures, field, slice(m, m + 1)) for m in range(len(pressures))])
-    return Spread(basis, newton, H, slopes, positions.shape)
-
-
-def _slope(positions, pressures, field: DiffuseField, m: slice) -> np.ndarray:
-    """Gradient (N D,) of one mode alone."""
-    alone = diffuse_field(pressures[m], field.wavenumbers[m], field.noise[m], field.dimension)
-    return newton_terms(positions, pressures[m], alone)[1].ravel()
+    each = slopes(positions, pressures, field).reshape(len(pressures), size)
+    return Spread(basis, newton, H, each, positions.shape)
 
 
 def newton_covariance(found: Spread) -> np.ndarray:

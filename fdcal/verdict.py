@@ -39,6 +39,7 @@ SPEED = 0.01, 0.15, 4.0  # least and greatest relative error that is taken for o
 MOVED = 0.01, 5.0  # metres and sigmas that a known microphone is away
 LOOSE = 0.1  # one sigma over the array's root mean square radius
 SCALE = 0.05  # one sigma of the size, relative
+AWAY = 20.0  # sigmas of the least certain microphone: known ones further from a line tell its sides apart
 RIVAL = 6.0  # difference of -log density below which another array is as good
 
 
@@ -80,7 +81,7 @@ def judge(
     positions = np.asarray(positions, float)
     names = [str(n) for n in range(len(positions))] if names is None else list(names)
     evidence = collect(problem, positions, modes, noise)
-    others = [*rivals, *_mirrored(problem, positions, modes, noise)]
+    others = [*rivals, *_mirrored(problem, positions, modes, noise, evidence)]
     findings = (
         ("odd_channel", _odd(problem, evidence, names)),
         ("too_noisy", _noisy(evidence)),
@@ -230,10 +231,11 @@ def _good(problem: Problem, evidence: Evidence) -> str:
     )
 
 
-def _mirrored(problem: Problem, positions, modes: slice, noise) -> list[tuple[np.ndarray, float]]:
+def _mirrored(problem: Problem, positions, modes: slice, noise, evidence) -> list[tuple[np.ndarray, float]]:
     """The array mirrored at the line or plane nearest to the known microphones, settled there, and its extra cost.
 
-    Known microphones that lie nearly on one line leave the side open.
+    Known microphones that lie nearly on one line leave the side open. Where the nearest line or plane misses them by
+    more than AWAY times what a microphone is uncertain by, they do not.
     """
     known = problem.known
     if len(known) < 2 or not len(problem.free):
@@ -241,6 +243,8 @@ def _mirrored(problem: Problem, positions, modes: slice, noise) -> list[tuple[np
     p, field = field_of(problem, positions, modes, noise)
     centre = positions[known].mean(axis=0)
     normal = np.linalg.svd(positions[known] - centre)[2][-1]
+    if np.abs((positions[known] - centre) @ normal).max() > AWAY * one_sigma(evidence.covariance).max():
+        return []
     other = positions - 2 * np.outer((positions - centre) @ normal, normal)
     other[known] = positions[known]
     D = positions.shape[1]

@@ -84,7 +84,7 @@ HOMES = {
     "vtk": {"snapshot"},
     "threading": {"session", "worker"},
     "_thread": {"session"},
-    "concurrent": {"session"},
+    "concurrent": {"session", "compiled"},
     "matplotlib": {"shapes", "primitives", "painting", "lettering", "panels", "viewer", "figures", "fieldfiles"}
     | {"paper"},
     "click": {"options", "drawing", "cli"},

@@ -36,6 +36,7 @@ from . import starts
 from .newton import FIRST_DAMPING, damped_step
 
 FIRST_MODES = 28  # of the first bend
+LOW_DAMPING = 1e-7  # with which a stage begins that is near its end: damping holds back what the pressures hardly tell
 SETTLED = {
     "bend": 2e-3,
     "free": 3e-4,
@@ -45,6 +46,7 @@ SETTLED = {
 NEGLIGIBLE = {"bend": 1.0, "free": 1.0, "sharp": 1e-3, "learned": 0.3}  # or -log likelihood falls by no more
 MOST_STEPS = 60  # of one stage
 MOST_ROUNDS = 4  # stages of phase "free" in one attempt
+MOST_SHARP = 4  # and about as many of phase "sharp"
 LEARNED = (3, 5, 3.0)  # stages, rounds of learning in each, and `confidence` at most: the prior is better then
 NOISY_ENOUGH = 3e-3  # noise's share of the power from which it pays to learn
 STRIDE = 0.125  # of the shortest wavelength: no microphone moves further in one step
@@ -78,7 +80,7 @@ class State:
     shape : (N, D) float64, metres, positions at the beginning of the stage, of which the polynomials are
     attempt : which of `starts.attempts`
     best : (positions, cost) of the attempts before, or None; the cost is that of `starts.left_over`
-    rounds : stages of phase "free" in the present attempt
+    rounds : stages of phases "free" and "sharp" in the present attempt
     stage_steps : steps taken in the present stage
     damping : of the next step
     noise : (M,) float64, noise power supposed, in the unit of abs(pressures)**2, read-only
@@ -177,7 +179,7 @@ def step(problem: Problem, state: State) -> State:
     p, field = _model(problem, state)
     wavelength = 2 * np.pi / float(np.real(field.wavenumbers).max())
     basis = _directions(problem, state)
-    trial = damped_step(state.positions, p, field, basis, state.damping, STRIDE * wavelength)
+    trial = damped_step(state.positions, p, field, basis, state.damping, STRIDE * wavelength, SETTLED[state.phase])
     moved = replace(
         state,
         positions=_placed(problem, trial.positions),
@@ -288,7 +290,13 @@ def _placed(problem: Problem, positions) -> np.ndarray:
 
 
 def _begin(problem: Problem, state: State, rest: Unexplained | None = None) -> State:
-    """Start a stage: the noise is what the positions leave unexplained or, in the end, that of the measurement."""
+    """Start a stage."""
+    begun = _supposing(problem, state, rest)
+    return replace(begun, cost=total_cost(begun.positions, *_model(problem, begun)))
+
+
+def _supposing(problem: Problem, state: State, rest: Unexplained | None = None) -> State:
+    """The noise is what the positions leave unexplained or, in the end, that of the measurement."""
     positions = _placed(problem, state.positions)
     rest = starts.left_over(problem, positions, state.modes) if rest is None else rest
     power = np.mean(np.abs(problem.pressures) ** 2, axis=1)
@@ -299,21 +307,21 @@ def _begin(problem: Problem, state: State, rest: Unexplained | None = None) -> S
         believed = told is not None and rest.noise <= UNEXPLAINED * float(np.median(told / power))
         share = told / power if believed else rest.shares(problem.wavenumbers, spread=False)
         near = bool(np.median(share[state.modes]) <= DIFFUSE_ENOUGH[problem.dimension])
-        share = share / confidence(share, problem)
-    least = LEAST_NEAR_NOISE if state.near else LEAST_NOISE  # one stage with the near model first
-    begun = replace(
+        # What the real kernel leaves unexplained says little of the noise where the near model is yet to come.
+        share = np.zeros_like(share) if near and not believed and not state.near else share / confidence(share, problem)
+    least = LEAST_NEAR_NOISE if near or state.near else LEAST_NOISE
+    return replace(
         state,
         positions=positions,
         shape=positions,
         stage_steps=0,
-        damping=FIRST_DAMPING,
+        damping=FIRST_DAMPING if state.phase == "bend" else LOW_DAMPING,
         noise=frozen_array(np.maximum(share, least) * power, float),
         noise_power=frozen_array(noise_power, float),
         noise_told=told is not None,
         near=near,
         spread=rest.spread,
     )
-    return replace(begun, cost=total_cost(positions, *_model(problem, begun)))
 
 
 def _told(problem: Problem, settings: Solver, power: np.ndarray) -> np.ndarray | None:
@@ -340,11 +348,11 @@ def _end(problem: Problem, state: State, settled: bool) -> State:
     if state.phase == "free":
         return _begin(problem, replace(done, phase="sharp"), rest)
     if state.phase == "learned" or _worth_learning(problem, state):
-        return _learn(problem, done) if state.lessons < LEARNED[0] else _finish(problem, done, settled)
-    sharper = _begin(problem, done, rest)
-    if np.median(sharper.noise) < 0.5 * np.median(state.noise):
-        return sharper
-    return _finish(problem, done, settled)
+        return _learn(problem, done) if state.lessons < LEARNED[0] else _finish(problem, done, settled, rest)
+    sharper = _supposing(problem, replace(done, rounds=state.rounds + 1), rest)
+    if state.rounds < MOST_ROUNDS + MOST_SHARP and _another(problem, state, sharper):
+        return _begin(problem, sharper, rest)
+    return _finish(problem, done, settled, rest)
 
 
 def _begin_free(problem: Problem, state: State, rest: Unexplained | None = None) -> State:
@@ -362,6 +370,14 @@ def _rough(problem: Problem, state: State, rest: Unexplained) -> bool:
         state.stage_steps > 1
         and float(starts.misfits(problem, state.positions, state.modes, rest).max()) > starts.ASTRAY
     )
+
+
+def _another(problem: Problem, state: State, sharper: State) -> bool:
+    """Whether `sharper` supposes other noise than `state`: less, or, after the least that there can be, a little."""
+    power = np.mean(np.abs(problem.pressures) ** 2, axis=1)
+    before, after = (float(np.median(s.noise / power)) for s in (state, sharper))
+    least = before <= 2 * LEAST_NEAR_NOISE
+    return after < 0.5 * before or (least and 2 * before < after <= DIFFUSE_ENOUGH[problem.dimension])
 
 
 def _worth_learning(problem: Problem, state: State) -> bool:
@@ -393,9 +409,9 @@ def _learn(problem: Problem, state: State) -> State:
     return replace(begun, cost=total_cost(begun.positions, *_model(problem, begun)))
 
 
-def _finish(problem: Problem, state: State, settled: bool) -> State:
+def _finish(problem: Problem, state: State, settled: bool, rest: Unexplained | None = None) -> State:
     """The end, or another attempt where too much is left unexplained."""
-    rest = starts.left_over(problem, state.positions, state.modes, state.near)
+    rest = starts.left_over(problem, state.positions, state.modes, state.near) if rest is None else rest
     power = np.mean(np.abs(problem.pressures) ** 2, axis=1)
     least = float(np.median(state.noise_power / power)) if state.noise_told else 0.0
     best = (state.positions, rest.cost, settled)
@@ -415,6 +431,8 @@ def _try(problem: Problem, state: State, how: str, value: float) -> State:
     """Another attempt, one of `starts.attempts`."""
     if how == "lowest":
         positions = starts.affine(problem, state.settings.modes, int(value))
+    elif how == "redirected":
+        positions = starts.redirected(problem, state.settings.modes)
     else:
         centre = state.best[0].mean(axis=0)
         positions = centre + value * (state.best[0] - centre)

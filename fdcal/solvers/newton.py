@@ -28,11 +28,14 @@ class Trial:
     moved: float
 
 
-def damped_step(positions, pressures, field: DiffuseField, basis, damping: float, furthest=np.inf) -> Trial:
+def damped_step(
+    positions, pressures, field: DiffuseField, basis, damping: float, furthest=np.inf, shortest=0.0
+) -> Trial:
     """One Gauss-Newton step, damped as much as it takes for the cost to fall; where nothing helps, no step.
 
     basis : (N D, F) float64, directions in which the positions may move, perhaps none; None lets all move
     furthest : metres; a step that moves a microphone further is damped more, for it may leave a basin for a distant one
+    shortest : metres; one that moves none as far, and lets the cost rise, is the last that is tried
     """
     N, D = positions.shape
     if basis is not None and not basis.shape[1]:
@@ -52,7 +55,7 @@ def damped_step(positions, pressures, field: DiffuseField, basis, damping: float
         lower = _cost(tried, pressures, field) if moved <= furthest else np.inf
         if lower < cost:
             return Trial(tried, lower, cost - lower, max(damping / 10, LEAST_DAMPING), moved)
-        if -(g @ y) < LEAST_FALL * abs(cost):  # all that this step promises
+        if moved < shortest or -(g @ y) < LEAST_FALL * abs(cost):  # all that this step promises
             break
         damping = max(damping, FIRST_DAMPING) * 6
     return Trial(positions, cost, 0.0, FIRST_DAMPING, 0.0)

@@ -22,6 +22,7 @@ from ..measurement import Problem
 from .newton import minimise
 
 LOWEST = {2: (8, 16, 28, 5), 3: (20, 28, 12, 8)}  # modes that give the shape in 2-D and 3-D: the choice, and others
+OTHER_DIRECTIONS = 5  # weaker singular vectors that may be the last direction
 RESCALED = (0.8, 1.25)  # an end that does not convince may have the right shape and a wrong size
 METRIC_MODES = 28  # that give the metric first; all of them then
 SCALES = (0.3, 0.4, 0.5, 0.6, 0.75, 1.0)  # of the first guess: a field that is not quite affine makes it too large
@@ -42,16 +43,17 @@ def random(problem: Problem, rng: np.random.Generator) -> np.ndarray:
     return positions
 
 
-def affine(problem: Problem, modes: int, lowest: int | None = None) -> np.ndarray:
+def affine(problem: Problem, modes: int, lowest: int | None = None, last: int | None = None) -> np.ndarray:
     """Positions from the lowest modes : (N, D) float64, metres; without known microphones about the origin.
 
     modes : number of modes that may be used, from the lowest up
     lowest : how many of them give the shape; the first choice of `LOWEST` unless given
+    last : index of the singular vector that gives the last direction; D - 1, the D dominant ones, unless given
 
     Exact, up to the gauge, for a field that is affine over the array. Raises InputError where there are known
     microphones that do not fix the map.
     """
-    shape, values, lowest = singular_vectors(problem, modes, lowest)
+    shape, values, lowest = singular_vectors(problem, modes, lowest, last)
     if not len(problem.known):
         return _with_metric(problem, modes, shape, values, lowest)
     if not fixes_gauge(problem.known_positions):
@@ -65,17 +67,36 @@ def affine(problem: Problem, modes: int, lowest: int | None = None) -> np.ndarra
     return positions
 
 
+def redirected(problem: Problem, modes: int) -> np.ndarray:
+    """The likeliest affine start whose last direction is a weaker singular vector : (N, D) float64, metres.
+
+    A source near the middle of the room's height hardly excites what changes with height: the curvature of the field
+    along the other directions is then the stronger singular vector.
+    """
+    D, N = problem.array_dimension, problem.pressures.shape[1]
+    tries = [affine(problem, modes, None, last) for last in range(D, min(D + OTHER_DIRECTIONS, N - 1))]
+    return min(tries, key=lambda x: left_over(problem, x, slice(0, modes)).cost)
+
+
 def attempts(problem: Problem, modes: int) -> list[tuple[str, float]]:
-    """What to try, in this order: the affine start of so many lowest modes, or the best so far times a factor."""
+    """What to try, in this order.
+
+    "lowest": the affine start of so many lowest modes; "redirected": as of `redirected`; "rescaled": the best so far
+    times a factor.
+    """
     lowest = [("lowest", count) for count in dict.fromkeys(min(n, modes) for n in LOWEST[problem.dimension])]
-    if len(problem.known):
-        return lowest
-    rescaled = [("rescaled", factor) for factor in RESCALED]
-    return [lowest[0], *rescaled, *lowest[1:]]
+    rescaled = [] if len(problem.known) else [("rescaled", factor) for factor in RESCALED]
+    return [lowest[0], *rescaled, ("redirected", 0), *lowest[1:]]
 
 
-def singular_vectors(problem: Problem, modes: int, lowest: int | None = None) -> tuple[np.ndarray, np.ndarray, int]:
-    """The D dominant ones (N, D) over the microphones, their singular values (D,), and how many modes gave them."""
+def singular_vectors(
+    problem: Problem, modes: int, lowest: int | None = None, last: int | None = None
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """The D dominant ones (N, D) over the microphones, their singular values (D,), and how many modes gave them.
+
+    With `last` that one takes the place of the last, with the singular value of the one before: how little of it there
+    is says nothing of its length.
+    """
     lowest = min(LOWEST[problem.dimension][0] if lowest is None else lowest, modes)
     data = np.concatenate([problem.pressures[:lowest].real, problem.pressures[:lowest].imag])
     data = data - data.mean(axis=1, keepdims=True)
@@ -86,6 +107,9 @@ def singular_vectors(problem: Problem, modes: int, lowest: int | None = None) ->
             f"the lowest {lowest} modes show fewer than {D} directions: the microphones stand on a line, or there"
             " are too few modes; measure more"
         )
+    if last is not None:
+        chosen = [*range(D - 1), last]
+        return vectors[chosen].T, np.append(values[: D - 1], values[D - 2]), lowest
     return vectors[:D].T, values[:D], lowest
 
 
