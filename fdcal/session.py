@@ -3,7 +3,7 @@
 A session plays, pauses, steps, rewinds and resets a solver without blocking whoever asks. It knows no screen:
 commands go in through a queue, one frozen `SessionView` at a time comes out. The solver thread alone calls the
 solver's `init`, `step` and `use_modes`; each state carries all that `step` needs, so going on from any of them is free.
-This module and `fdcal.worker` are the only ones that use threads.
+This module, `fdcal.worker` and `fdcal.compiled`, for sums over modes, are the only ones that use threads.
 """
 
 from __future__ import annotations
