@@ -138,6 +138,16 @@ def test_a_lesson_goes_from_its_start_to_the_reveal(page):
     assert "Step" not in told(lessons) and not lessons.ways.visible
 
 
+def test_an_answer_before_the_scene_is_there_loses_nothing(page):
+    lessons = Lessons(page, [load_lesson("5_corner_or_centre")])
+    lessons.take("5. Corner or centre")
+    lessons.answer("B")
+    page.ready()
+    lessons.show()
+    assert ("map.show_as", "No map") in page.notes and page.notes.index(("play",)) > 0
+    assert page.notes.count(("play",)) == 1
+
+
 def test_a_right_answer_is_told_so(page):
     lessons = Lessons(page, [load_lesson("3_too_many_too_soon")])
     lessons.take("3. Too many too soon")

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 from ..lesson import Lesson
 from ..opening import Opening
+from .logbook import log_kept
 from .page import Page
 from .preparing import Interrupt
 from .safety import open_server, quietly
@@ -25,7 +26,7 @@ def serve(
     `lessons` are offered in their order; `begin`, one of them, opens its own scene in place of `opening`.
     Raises InputError (address, scene) and StorageError.
     """
-    with Interrupt() as interrupt:
+    with Interrupt() as interrupt, log_kept():
         server = open_server(host, port)
         page = None
         try:

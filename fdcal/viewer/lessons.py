@@ -14,6 +14,7 @@ from ..checks import InputError, StorageError
 from ..lesson import Lesson, Setting, Step
 from ..opening import Opening
 from .lessontext import LETTERS, told
+from .logbook import place as where
 from .safety import one_of
 from .setting import carry_out
 from .words import complaint
@@ -93,13 +94,14 @@ class Lessons:
         if place.lesson is None:
             return
         revealed = place.choice >= 0
-        setting = place.step.then if revealed else place.step.page
-        self._guarded(lambda: self._begin(setting, *place.lesson.start(place.number, revealed)))
+        settings = [place.step.page, place.step.then] if revealed else [place.step.page]
+        self._guarded(lambda: self._begin(settings, *place.lesson.start(place.number, revealed)))
 
-    def _begin(self, setting: Setting, scene, seed: int) -> None:
-        viewer = self._page.viewer
+    def _begin(self, settings: list[Setting], scene, seed: int) -> None:
+        """Set the last of `settings`; where another scene is needed first, what came before it in this step, too."""
+        viewer, setting = self._page.viewer, settings[-1]
         if viewer is None or viewer.desk.work.scene != scene:
-            self._wanted = Opening(scene, start_seed=seed), setting
+            self._wanted = Opening(scene, start_seed=seed), settings[-1:] if setting.begins else settings
             self._page.open(self._wanted[0])
             return
         anew = setting.begins or bool(setting.reset)
@@ -114,9 +116,9 @@ class Lessons:
             self._wanted = None
             call(lambda: self._guarded(lambda: self._complete(wanted[1], viewer)))
 
-    def _complete(self, setting: Setting, viewer) -> None:
-        if viewer is self._page.viewer:
-            carry_out(setting, viewer.controls, self._page.stage.place_all, True)
+    def _complete(self, settings: list[Setting], viewer) -> None:
+        for setting in settings if viewer is self._page.viewer else ():
+            carry_out(setting, viewer.controls, self._page.stage.place_all, setting is settings[0])
 
     def _guarded(self, act: Callable[[], None]) -> None:
         try:
@@ -125,7 +127,7 @@ class Lessons:
             self._tell(str(error))
         except Exception as error:
             log.exception("a lesson's step could not be set")
-            self._tell(f"{type(error).__name__}: {error}; more in the log")
+            self._tell(f"{type(error).__name__}: {error}; more in {where()}")
 
     def _tell(self, trouble: str) -> None:
         self._trouble = trouble

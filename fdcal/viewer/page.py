@@ -26,6 +26,7 @@ from .stage import Stage
 from .switch import Notice, Switch
 from .viewing import Viewer
 
+LONGEST = 1.2  # s that threads are waited for at the end
 RATE = 25.0  # times a second that the screen is brought up to date
 LOOK_ROUND = 1.0  # s between two looks at the sizes of all canvases
 
@@ -133,6 +134,7 @@ class Page:
         """End all threads but the server's."""
         if self._told:
             print(f"\r{'':<40}\r", end="", file=sys.stderr, flush=True)
-        self.switch.close()
+        end = time.perf_counter() + LONGEST
+        self.switch.close(LONGEST)
         if self.viewer is not None:
-            self.viewer.close()
+            self.viewer.close(max(end - time.perf_counter(), 0.2))

@@ -8,8 +8,8 @@ Both hooks are viser's private parts, hence its pinned version.
 from __future__ import annotations
 
 import contextlib
-import functools
 import io
+import logging
 import math
 import re
 import socket
@@ -18,12 +18,27 @@ from unittest import mock
 
 import viser
 import websockets.asyncio.server
+import websockets.exceptions
 from viser import _messages
 
 from ..checks import InputError
 
+log = logging.getLogger(__name__)
+
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
 LONGEST = 200  # characters of a client's text
+MOST_BYTES = 100_000  # of one message of a client: cameras, values, clicks
+UNHEARD = (  # what no page of fdcal says: the public tunnel, uploads, forms, gizmos
+    _messages.ShareUrlRequest,
+    _messages.ShareUrlDisconnect,
+    _messages.FileTransferStartUpload,
+    _messages.FileTransferPart,
+    _messages.GuiFormSubmitMessage,
+    _messages.GuiFormDirtyMessage,
+    _messages.TransformControlsUpdateMessage,
+    _messages.TransformControlsDragStartMessage,
+    _messages.TransformControlsDragEndMessage,
+)
 
 
 def open_server(host: str, port: int) -> viser.ViserServer:
@@ -32,15 +47,43 @@ def open_server(host: str, port: int) -> viser.ViserServer:
     Raises InputError for a bad address or a port in use.
     """
     _require_address(host, port)
-    listen = functools.partial(websockets.asyncio.server.serve, origins=allowed_origins(host))
+    serve = websockets.asyncio.server.serve
+
+    def listen(handler, *arguments, **named):
+        return serve(
+            _patient(handler), *arguments, **{**named, "origins": allowed_origins(host), "max_size": MOST_BYTES}
+        )
+
     with mock.patch.object(websockets.asyncio.server, "serve", listen):
         server = quietly(lambda: viser.ViserServer(host=host, port=port, verbose=False))
     if port and server.get_port() != port:  # viser takes the next free one without a word
         server.stop()
         raise InputError(f"port = {port} is in use; choose another, or 0 for a free one")
-    server._websock_server.unregister_handler(_messages.ShareUrlRequest)
+    for unused in UNHEARD:
+        server._websock_server.unregister_handler(unused)
     _guard_inputs(server)
     return server
+
+
+def _silent() -> logging.Logger:
+    """For what websockets says of connections that come to nothing: who knocks must not fill the terminal."""
+    logger = logging.getLogger(f"{__name__}.sockets")
+    logger.setLevel(logging.CRITICAL + 1)
+    return logger
+
+
+def _patient(handler: Callable) -> Callable:
+    """The handler of a connection, which a client that sends what is no message ends without a traceback."""
+
+    async def handle(connection) -> None:
+        try:
+            await handler(connection)
+        except websockets.exceptions.ConnectionClosed:
+            raise
+        except Exception as error:
+            log.warning("a client was let go that sent what is no message (%s)", type(error).__name__)
+
+    return handle
 
 
 def quietly(function: Callable):

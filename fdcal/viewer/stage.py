@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 
 import numpy as np
@@ -13,8 +14,12 @@ from trimesh.visual.material import PBRMaterial
 
 from ..camera import camera_for
 from ..primitives import Floor, Label, Lines, Picture, Solid
+from .safety import bounded
+
+log = logging.getLogger(__name__)
 
 FLAT = 0.06  # rad, opening of the top view: from far away, so that it looks like a plan
+MOST_PIXELS = 16384  # of a canvas
 LETTERS = 1.5  # height of a ruler's numbers, in radii of a marker
 MARGINS = (76, 44, 34, 40)  # pixels left, bottom, right and top of the search domain, for its rulers
 
@@ -50,7 +55,7 @@ class Stage:
         if self._picture is None:
             return
         camera = client.camera
-        size = (max(camera.image_width, 1), max(camera.image_height, 1))
+        size = _canvas(camera)
         seen = camera_for(self._picture, size, view, MARGINS, fov=FLAT if view == "top" else None)
         distance = math.dist(seen.position, seen.look_at)
         eyes = self._placed.get(client.client_id, ("", None, (self._server.initial_camera.position,)))[2]
@@ -66,12 +71,22 @@ class Stage:
             self.place(client, view)
 
     def keep_placed(self, client: viser.ClientHandle) -> None:
-        """Follow a canvas that changes its size, as long as nobody has moved its camera."""
+        """Follow a canvas that changes its size, as long as nobody has moved its camera.
+
+        A page that tells of a camera that cannot be is left alone; the others go on.
+        """
+        try:
+            self._follow(client)
+        except Exception:
+            log.debug("a page tells of a camera that cannot be", exc_info=True)
+            self.forget(client)
+
+    def _follow(self, client: viser.ClientHandle) -> None:
         view, size, eyes = self._placed.get(client.client_id, ("top", None, ()))
         camera = client.camera
         if size is None:
             self.place(client, view)
-        elif (camera.image_width, camera.image_height) != size and any(
+        elif _canvas(camera) != size and any(
             np.allclose(camera.position, eye, rtol=1e-3)
             for eye in eyes  # what the page tells may be an older one
         ):
@@ -142,6 +157,11 @@ class Stage:
             name, solid.vertices, solid.faces, color=solid.colour, opacity=opacity,
             side="double", cast_shadow=False, receive_shadow=False,
         )  # fmt: skip
+
+
+def _canvas(camera) -> tuple[int, int]:
+    """Width and height, pixels, that a page tells; bounded, for it may tell anything."""
+    return tuple(bounded(getattr(camera, name), 1, MOST_PIXELS, 720) for name in ("image_width", "image_height"))
 
 
 def _place_of(floor: Floor) -> tuple:

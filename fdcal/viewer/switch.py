@@ -16,9 +16,8 @@ from ..opening import Opening
 from ..worker import LatestWorker
 from . import words
 from .frame import Frame
+from .logbook import place
 from .preparing import Progress, Stopped, Work, work_of
-
-LONGEST = 5.0  # s that an interrupted preparation is waited for
 
 log = logging.getLogger(__name__)
 
@@ -95,12 +94,15 @@ class Switch:
         known = isinstance(error, (InputError, StorageError))
         if not known:
             log.error("an opening failed", exc_info=error)
-        self.cause, self.refusal = error, str(error) if known else f"{type(error).__name__}: {error}; more in the log"
+        self.cause, self.refusal = error, str(error) if known else f"{type(error).__name__}: {error}; more in {place()}"
 
-    def close(self) -> None:
-        """End the thread, which may be writing the cache, and the sessions that nobody takes."""
+    def close(self, timeout: float = 1.0) -> None:
+        """End the thread, which may be writing the cache, and the sessions that nobody takes; not longer than that, s.
+
+        What is written to the cache is moved into place once it is whole: a thread that is left behind harms nothing.
+        """
         self._begin(None)
-        self._worker.close(LONGEST)
+        self._worker.close(timeout)
         self._tidy()
 
     def _begin(self, opening: Opening | None) -> None:

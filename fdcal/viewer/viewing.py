@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import time
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -105,12 +106,13 @@ class Viewer:
         self._hands.remove()
         self._rooms.remove()
 
-    def close(self) -> None:
-        """End the threads after what they are at."""
-        self._work.session.close(0.0)  # asked to stop before the others are waited for
-        self._exports.close(0.1)
-        for owner in (self._maps, self._spreads, self._races, self._work.session):
-            owner.close(0.5)
+    def close(self, timeout: float = 1.0) -> None:
+        """End the threads after what they are at; all together in no more than `timeout`, s."""
+        owners, end = (self._maps, self._spreads, self._races, self._work.session), time.perf_counter() + timeout
+        for owner in (*owners, self._exports):  # all are asked to stop before any is waited for
+            owner.close(0.0)
+        for owner in owners:
+            owner.close(max((end - time.perf_counter()) / 2, 0.0))  # some are two threads
 
     def guarded_tick(self, now: float) -> None:
         """A fault of this loop is logged once and told in the status lines; the page lives on."""

@@ -12,6 +12,7 @@ from ..measurement import Measurement
 from ..painting import colours, cost_label
 from ..picture import ESTIMATE, KNOWN, LOWEST, millimetres
 from ..primitives import ColourBar
+from .logbook import place
 
 MOST_ROWS = 100  # of the table
 CARD = "padding: 0.15em 0.75em; font-size: 0.86em; line-height: 1.5;"
@@ -60,7 +61,8 @@ def status(view: SessionView, measurement: Measurement, weights: str = "unit", f
     told = [view.error[:400]] if view.error else []
     told += [f"The page could not be brought up to date: {fault[:400]}"] if fault else []
     error = "".join(
-        f"<div style='color: #d61828; overflow-wrap: anywhere'>{escape(text)}; more in the log</div>" for text in told
+        f"<div style='color: #d61828; overflow-wrap: anywhere'>{escape(text)}; more in {escape(place())}</div>"
+        for text in told
     )
     head = f"<div style='font-size: 1.15em; font-weight: 600'>{state_word(view)}</div>"
     return f"<div style='{CARD}'>{head}{error}<table style='border-spacing: 0'>{cells}</table></div>"
