@@ -293,7 +293,7 @@ def test_a_mode_is_switched_on_and_off(page):
 def saved(page, label):
     """Name and content of a file that the page saves."""
     choose(page, "File", label)
-    with page.expect_download(timeout=WAIT * 1e3) as download:
+    with page.expect_download(timeout=3 * WAIT * 1e3) as download:  # drawn by a program of its own
         press(page, "Save")
     return download.value.suggested_filename, Path(download.value.path()).read_bytes()
 
