@@ -62,13 +62,16 @@ def commands(context):
 
 
 @commands.command()
-@click.argument("scene", default="array1_circle", metavar="[SCENE|SESSION]")
+@click.argument("scene", default="array1_circle", metavar="[SCENE|FILE|SESSION]")
 @click.option("--lesson", "own", multiple=True, metavar="FILE.toml", help="A lesson of your own, taken at once.")
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to serve the page at.")
 @click.option("--port", type=int, default=8080, show_default=True, help="Port; 0 takes a free one.")
 @click.option("--no-browser", is_flag=True, help="Print the address, open nothing.")
 def view(scene: str, own: tuple[str, ...], host: str, port: int, no_browser: bool):
-    """Watch a calibration in the browser; Ctrl-C ends it. SESSION is a file that the page has saved."""
+    """Watch a calibration in the browser; Ctrl-C ends it.
+
+    FILE is a measurement or what `fdcal import` reads, SESSION what the page has saved.
+    """
     alone = arguments.address(host, port)
     lessons = [load_lesson(name) for name in (*own, *lesson_names())]
     opening = opening_of(scene)

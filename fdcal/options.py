@@ -11,6 +11,7 @@ import click
 
 from . import arguments, runs
 from .checks import InputError
+from .measured import stand_in
 from .opening import Opening
 from .scene import load_scene, scene_names
 
@@ -82,11 +83,15 @@ def result_of(path: str | None) -> dict | None:
 
 
 def opening_of(text: str) -> Opening:
-    """What a page is to show: a session left by another, or a scene."""
+    """What a page is to show: a session left by another, a measurement or recordings, or a scene."""
     if text.lower().endswith(SESSIONS):
         from .export.sessionfile import read
 
         return read(text)
+    if text.lower().endswith(".npz") or runs.is_recording(text):
+        given = runs.source_of(text)
+        scene = stand_in(given.measurement, given.name, given.settings, given.seed)
+        return Opening(scene, measurement=given.measurement, fewer_modes=True)
     scene = load_scene(text)
     runs.check_scene(scene)  # one that cannot be simulated is refused before a page opens
     return Opening(scene)

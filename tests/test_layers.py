@@ -55,6 +55,7 @@ ROOMS = [
     ["history"],
     ["worker"],
     ["session"],
+    ["measured"],
     ["opening", "scenario", "race"],
     ["shapes"],
     ["primitives"],

@@ -137,7 +137,7 @@ class Maps:
         offset = getattr(wanted.state, "order_offset", 0)
         field = landscapes.mode_shape(work.problem, wanted.state.positions, mode, offset)
         label = f"pressure of mode {mode}, {work.measurement.frequencies[mode - 1]:.1f} Hz (greatest 1)"
-        height = heights_of(work.scene, work.measurement)[0]
+        height = heights_of(work.told, work.measurement)[0]
         floor = paint_field(field, work.problem.search, label, wanted.look.opacity, height)
         return Map(wanted, floor, None, 0, 0.0, 0.0)
 
@@ -165,7 +165,7 @@ class Maps:
             label += f" at z = {wanted.state.positions[n, 2]:.2f} m"
         floor = paint(
             total, search, look.log, label, minima=landscapes.places(minima, search),
-            opacity=look.opacity, relief=look.relief, height=heights_of(self._work.scene, self._work.measurement)[0],
+            opacity=look.opacity, relief=look.relief, height=heights_of(self._work.told, self._work.measurement)[0],
         )  # fmt: skip
         here = landscapes.cost_at(total, search, wanted.state.positions[n])
         panels = None if maps is None else self._side_by_side(wanted, maps, total)

@@ -10,6 +10,7 @@ from types import ModuleType
 from .. import solvers
 from ..checks import InputError
 from ..cost import usable_modes
+from ..measured import Measured
 from ..measurement import Measurement, Problem
 from ..opening import Opening
 from ..scene import Scene
@@ -31,6 +32,11 @@ class Work:
     solver: ModuleType
     session: Session
     opening: Opening
+
+    @property
+    def told(self) -> Scene | None:
+        """The scene, or None where it only stands in for a room that nobody has told."""
+        return None if isinstance(self.scene, Measured) else self.scene
 
 
 class Progress:

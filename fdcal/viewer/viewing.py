@@ -175,10 +175,10 @@ class Viewer:
     def _compose(self, state, choices: Choices, microphone: int, floor: Floor | None) -> Picture:
         dark, measurement = choices.look.dark, self._work.measurement
         if floor is not None and floor.heights is not None:
-            still = backdrop(self._work.scene, measurement, dark, floor)
+            still = backdrop(self._work.told, measurement, dark, floor)
         else:
             if dark not in self._still:
-                self._still[dark] = backdrop(self._work.scene, measurement, dark)
+                self._still[dark] = backdrop(self._work.told, measurement, dark)
             still = self._still[dark]
         return with_floor(with_estimate(still, measurement, state.positions, microphone, floor), floor)
 
