@@ -13,8 +13,11 @@ def main(wanted: list[str]) -> None:
     if unknown:
         sys.exit(f"unknown benchmark {', '.join(sorted(unknown))}; use {', '.join(names)}")
     for name in wanted or names:
+        module = importlib.import_module(f"benchmarks.bench_{name}")
+        if not wanted and getattr(module, "ALONE", False):
+            continue  # too long to be run unasked
         print(f"\n{name}")
-        for figure in importlib.import_module(f"benchmarks.bench_{name}").run():
+        for figure in module.run():
             print(f"  {figure}", flush=True)
 
 

@@ -1,0 +1,99 @@
+"""What benchmarks of the page share: a server in a process of its own, and pages in a real browser without a screen."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from fdcal.scene import scene_folder
+
+WAIT = 180e3  # ms, bound of every wait
+ARGUMENTS = (
+    "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-quic", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync",
+)  # fmt: skip
+
+
+class Served:
+    """`fdcal view` of a scene, its solver changed; a context manager. `stopped_in` is how long Ctrl-C took, s."""
+
+    def __init__(self, scene: str, solver: dict[str, str]):
+        self._folder = Path(tempfile.mkdtemp())
+        text = (scene_folder() / f"{scene}.toml").read_text(encoding="utf-8")
+        for key, value in solver.items():
+            lines = [f'{key} = "{value}"' if line.startswith(f"{key} = ") else line for line in text.splitlines()]
+            text = "\n".join(lines) + "\n"
+        self._scene = self._folder / f"{scene}.toml"
+        self._scene.write_text(text, encoding="utf-8")
+        self._errors, self.stopped_in = self._folder / "errors", 0.0
+
+    def __enter__(self) -> Served:
+        command = [sys.executable, "-m", "fdcal", "view", str(self._scene), "--port", "0", "--no-browser"]
+        with self._errors.open("w") as errors:
+            self._process = subprocess.Popen(
+                command, stdout=subprocess.PIPE, stderr=errors, text=True, env={**os.environ, "PYTHONUNBUFFERED": "1"}
+            )
+        self.url = self._process.stdout.readline().strip()
+        if not self.url.startswith("http"):
+            raise RuntimeError(f"fdcal view {self._scene} printed {self.url!r} in place of its address")
+        return self
+
+    def __exit__(self, *_) -> None:
+        start = time.perf_counter()
+        self._process.send_signal(signal.SIGINT)
+        try:
+            self._process.wait(20)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+        self.stopped_in = time.perf_counter() - start
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def memory(self) -> int:
+        """Resident memory of the server, bytes."""
+        pages = Path(f"/proc/{self._process.pid}/statm").read_text().split()[1]
+        return int(pages) * os.sysconf("SC_PAGE_SIZE")
+
+    def threads(self) -> set[int]:
+        """Numbers of the server's threads."""
+        return {int(task.name) for task in Path(f"/proc/{self._process.pid}/task").iterdir()}
+
+    def complaints(self) -> list[str]:
+        """Lines that tell of errors on the server's standard error."""
+        lines = self._errors.read_text(encoding="utf-8", errors="replace").splitlines()
+        return [line for line in lines if any(word in line for word in ("rror", "Traceback", "xception", "more in"))]
+
+
+@contextlib.contextmanager
+def chromium() -> Iterator:
+    """A browser without a screen."""
+    from playwright.sync_api import sync_playwright
+
+    path = shutil.which("chromium") or "/usr/bin/chromium"
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, headless=True, args=list(ARGUMENTS))
+        yield browser
+        browser.close()
+
+
+def open_page(browser, url: str):
+    """One more page, with its picture there."""
+    page = browser.new_page(viewport={"width": 1280, "height": 720})
+    page.set_default_timeout(WAIT)
+    page.goto(f"{url}/?fixedDpr=1")
+    drawn = "name => window.__viserMutable?.nodeRefFromName?.[name] != null"
+    page.wait_for_function(drawn, arg="/microphones/true", timeout=WAIT)
+    return page
+
+
+def slider(page, label: str):
+    """The handle of a slider, by its label."""
+    number = page.get_by_text(label, exact=True).get_attribute("for")
+    return page.locator(f"[id='{number}']").get_by_role("slider")
