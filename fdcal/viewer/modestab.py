@@ -17,7 +17,8 @@ from .safety import bounded
 ROW, ROWS = 4, 6  # switches
 DARK_GREY, ORANGE, BLUE = "#808894", "#e08a1e", "#1f78c8"
 MOST_POINTS = 700  # of the spectrum: a plot is sent whole each time
-FAINTEST = 1e-10  # of the greatest power, drawn for anything below
+TOP = 10.0  # dB, from which strokes go down to the peaks
+FAINTEST = 1e-8  # of the greatest power, drawn for anything below
 INTERVAL = 0.25  # s between two sendings of the plot
 
 
@@ -76,18 +77,21 @@ class ModesTab:
             self._map.toggle_mode(int(number))
 
     def _data(self, used) -> tuple[np.ndarray, ...]:
-        """The spectrum where there is one, and strokes up to each mode's level, in one curve or the other."""
-        low = np.floor(min(self._levels.min(), 0.0 if self._seen is None else self._seen[1].min()) / 10) * 10 - 5
+        """The spectrum with a stroke down to each peak picked, so that it stays in sight; without one strokes upward.
+
+        A stroke is in one curve or the other, as its mode is in the map or not.
+        """
+        base = TOP if self._seen is not None else np.floor(self._levels.min() / 10) * 10 - 5
         inside = np.isin(np.arange(1, len(self._f) + 1), used)
         x = np.repeat(self._f, 3)
-        strokes = [np.full(len(x), low) for _ in range(2)]
+        strokes = [np.full(len(x), base) for _ in range(2)]
         for curve, chosen in zip(strokes, (~inside, inside), strict=True):
-            curve[1::3] = np.where(chosen, self._levels, low)
+            curve[1::3] = np.where(chosen, self._levels, base)
         if self._seen is None:
             return x, *strokes
         x = np.concatenate([x, self._seen[0]])
         order = np.argsort(x, kind="stable")
-        strokes = [np.concatenate([curve, np.full(self._seen.shape[1], low)]) for curve in strokes]
+        strokes = [np.concatenate([curve, np.full(self._seen.shape[1], base)]) for curve in strokes]
         whole = np.concatenate([np.repeat(self._levels, 3), self._seen[1]])
         return tuple(column[order] for column in (x, whole, *strokes))
 

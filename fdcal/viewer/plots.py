@@ -1,6 +1,7 @@
-"""Error and cost against sweeps, with a mark where a mode came in.
+"""Error and cost against sweeps, with a mark where a stage began: a mode came in, or the solver changed its goal.
 
-uPlot writes small numbers as 0, so errors are in millimetres and costs in decibels. A NaN makes it search for axis
+uPlot writes small numbers as 0, so errors are in millimetres and costs in decibels, or as they are where a cost is a
+likelihood, which may be negative. A NaN makes it search for axis
 ticks for ever, so none is ever sent.
 """
 
@@ -17,6 +18,7 @@ from ..measurement import Measurement
 MOST_POINTS = 600  # a plot is sent whole each time
 INTERVAL = 0.25  # s between two sendings
 LEAST_ERROR, LEAST_COST = 1e-4, 1e-12  # m and 1, drawn for anything below: logarithms have no zero
+COSTS = {True: "Cost of the modes in use (dB re 1)", False: "Cost of the modes in use (-log likelihood)"}
 RED, BLUE, ORANGE, GREY = "#d61828", "#1f78c8", "#e08a1e", "#8a8f98"
 
 
@@ -26,25 +28,30 @@ class Curves:
     def __init__(self, gui: viser.GuiApi, measurement: Measurement):
         self._truth, self._free = measurement.positions, max(measurement.count - len(measurement.known), 1)
         self._seen: list = []  # states whose numbers are in _rows
-        self._rows: list[tuple] = []  # sweeps, mean error, largest error, cost, last mode in use
+        self._rows: list[tuple] = []  # sweeps, mean error, largest error, cost, last mode in use, stage
         self._sent = -1e9
         empty = np.ones(1)
         self._error = None
         if self._truth is not None:
             series = _series(("mean", RED, 2.0), ("largest", ORANGE, 1.25))
             self._error = _plot(gui, "Position error (mm, 0.1 or less at 0.1)", series, (empty,) * 4, 3)
-        self._cost = _plot(gui, "Cost of the modes in use (dB re 1)", _series(("cost", BLUE, 2.0)), (empty,) * 3, 1)
+        self._cost = _plot(gui, COSTS[True], _series(("cost", BLUE, 2.0)), (empty,) * 3, 1)
 
     def show(self, view: SessionView, now: float) -> None:
         """Bring the plots up to date, not too often."""
         if now - self._sent < INTERVAL or not self._catch_up(view.history):
             return
         self._sent = now
-        x, mean, largest, cost, last = np.array(self._rows, float).T
+        x, mean, largest, cost, last, stage = np.array(self._rows, float).T
         chosen = np.unique(np.linspace(0, len(x) - 1, min(len(x), MOST_POINTS)).round().astype(int))
-        came_in = np.flatnonzero(np.diff(last) > 0) + 1
+        came_in = np.flatnonzero((np.diff(last) > 0) | (np.diff(stage) > 0)) + 1
         if self._error is not None:
             self._error.data = _with_marks(x, (mean, largest), chosen, came_in)
+        decibels = bool((cost > 0).all())
+        if decibels:
+            cost = 10 * np.log10(cost)
+        if (title := COSTS[decibels]) != self._cost.title:
+            self._cost.title = title
         self._cost.data = _with_marks(x, (cost,), chosen, came_in)
 
     def _catch_up(self, history) -> bool:
@@ -65,14 +72,23 @@ class Curves:
             state.step if at_once else state.step / self._free,
             1e3 * _drawable(errors.mean(), LEAST_ERROR),
             1e3 * _drawable(errors.max(), LEAST_ERROR),
-            10 * np.log10(_drawable(state.cost, LEAST_COST)),
+            _cost_drawable(state.cost),
             state.last,
+            state.stage,
         )
 
 
 def _drawable(value, least: float) -> float:
     """A finite number of at least `least`, which also stands for NaN."""
     return min(max(least, float(value)), 1e12)
+
+
+def _cost_drawable(value) -> float:
+    """A finite number, not so near to zero that its logarithm is out of sight; NaN is nothing left."""
+    value = float(value)
+    if np.isfinite(value) and value < 0:
+        return max(value, -1e12)
+    return _drawable(value, LEAST_COST)
 
 
 def _with_marks(x, curves, chosen, came_in) -> tuple[np.ndarray, ...]:
@@ -88,7 +104,7 @@ def _with_marks(x, curves, chosen, came_in) -> tuple[np.ndarray, ...]:
 
 def _series(*curves) -> tuple:
     drawn = [uplot.Series(label=name, stroke=colour, width=width) for name, colour, width in curves]
-    marks = uplot.Series(label="mode added", stroke=GREY, width=1, dash=(4, 4), points={"show": False})
+    marks = uplot.Series(label="stage", stroke=GREY, width=1, dash=(4, 4), points={"show": False})
     return (uplot.Series(label="sweeps"), *drawn, marks)
 
 
