@@ -11,10 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dtrtri
 
 from .gauge import fixes_gauge
-from .likelihood import DiffuseField, kernel
+from .likelihood import DiffuseField, explained
 from .measurement import Problem
 from .uncertainty import Spread, covariance, field_of, freed, scale_sigma, spread
 
@@ -78,13 +77,7 @@ def collect(problem: Problem, positions, modes: slice, noise: np.ndarray | None)
 
 def _residuals(positions, p, field: DiffuseField, coordinates: int) -> dict:
     """residual_to_noise, surprise, unforetold and alone of `Evidence`."""
-    N = len(positions)
-    distance = np.linalg.norm(positions[:, None] - positions[None], axis=-1)
-    u, d = np.empty_like(p), np.empty(p.shape)
-    for m, (k, s, v) in enumerate(zip(field.wavenumbers, field.power, field.noise, strict=True)):
-        factor = np.linalg.cholesky(s * kernel(k * distance, field.dimension) + v * np.eye(N))
-        X = dtrtri(factor, lower=1)[0]
-        u[m], d[m] = X.T @ (X @ p[m]), np.sum(X**2, axis=0)
+    u, d = explained(positions, p, field)
     v = field.noise[:, None]
     freedom = np.sum(v * d) - coordinates / 2  # in complex numbers
     foretold = np.abs(u / d) ** 2
