@@ -188,11 +188,13 @@ def _range(key: str, problem: Problem) -> tuple[int, int]:
 
 
 def _best(value, arrays, problem: Problem, cache: dict) -> tuple:
-    """Positions, cost and whether they had settled."""
-    kinds = (np.ndarray, float, bool)
-    if not isinstance(value, list) or len(value) != len(kinds):
-        raise InputError("states.best must be positions, a cost, and true or false")
-    parts = zip(("positions", "best", "best"), value, kinds, strict=True)
+    """The end of an attempt, as `fdcal.solvers.joint.State.best` tells it."""
+    arrays_of = ("positions", "shape", "noise", "noise_power")
+    keys = ("best", "best", *arrays_of, "best")
+    if not isinstance(value, list) or len(value) != len(keys):
+        raise InputError(f"states.best must have {len(keys)} entries")
+    kinds = (float, bool, *(np.ndarray for _ in arrays_of), bool)
+    parts = zip(keys, value, kinds, strict=True)
     return tuple(_in(key, part, kind, arrays, (), problem, cache) for key, part, kind in parts)
 
 

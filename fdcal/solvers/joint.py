@@ -29,11 +29,10 @@ import numpy as np
 from ..checks import InputError, frozen_array
 from ..gauge import place
 from ..likelihood import LEAST_NEAR_NOISE, LEAST_NOISE, DiffuseField, Unexplained, diffuse_field
-from ..likelihood import total as total_cost
 from ..measurement import Problem
 from ..scene import Solver
 from . import starts
-from .newton import FIRST_DAMPING, damped_step
+from .newton import FIRST_DAMPING, damped_step, finite_cost
 
 FIRST_MODES = 28  # of the first bend
 LOW_DAMPING = 1e-7  # with which a stage begins that is near its end: damping holds back what the pressures hardly tell
@@ -79,7 +78,8 @@ class State:
     degree : of the polynomials that bend the array
     shape : (N, D) float64, metres, positions at the beginning of the stage, of which the polynomials are
     attempt : which of `starts.attempts`
-    best : (positions, cost) of the attempts before, or None; the cost is that of `starts.left_over`
+    best : of the likeliest of the attempts before (cost as of `starts.left_over`, converged, positions, shape, noise,
+        noise_power, near), or None
     rounds : stages of phases "free" and "sharp" in the present attempt
     stage_steps : steps taken in the present stage
     damping : of the next step
@@ -292,7 +292,7 @@ def _placed(problem: Problem, positions) -> np.ndarray:
 def _begin(problem: Problem, state: State, rest: Unexplained | None = None) -> State:
     """Start a stage."""
     begun = _supposing(problem, state, rest)
-    return replace(begun, cost=total_cost(begun.positions, *_model(problem, begun)))
+    return replace(begun, cost=finite_cost(begun.positions, *_model(problem, begun)))
 
 
 def _supposing(problem: Problem, state: State, rest: Unexplained | None = None) -> State:
@@ -308,7 +308,8 @@ def _supposing(problem: Problem, state: State, rest: Unexplained | None = None) 
         share = told / power if believed else rest.shares(problem.wavenumbers, spread=False)
         near = bool(np.median(share[state.modes]) <= DIFFUSE_ENOUGH[problem.dimension])
         # What the real kernel leaves unexplained says little of the noise where the near model is yet to come.
-        share = np.zeros_like(share) if near and not believed and not state.near else share / confidence(share, problem)
+        leap = near and not believed and not state.near and _attempt(problem, state)[0] != "gentle"
+        share = np.zeros_like(share) if leap else share / confidence(share, problem)
     least = LEAST_NEAR_NOISE if near or state.near else LEAST_NOISE
     return replace(
         state,
@@ -322,6 +323,11 @@ def _supposing(problem: Problem, state: State, rest: Unexplained | None = None) 
         near=near,
         spread=rest.spread,
     )
+
+
+def _attempt(problem: Problem, state: State) -> tuple[str, float]:
+    """Which of `starts.attempts` this is."""
+    return starts.attempts(problem, state.settings.modes)[state.attempt]
 
 
 def _told(problem: Problem, settings: Solver, power: np.ndarray) -> np.ndarray | None:
@@ -406,7 +412,7 @@ def _learn(problem: Problem, state: State) -> State:
         damping=FIRST_DAMPING,
         noise=frozen_array(state.noise_power / less, float),
     )
-    return replace(begun, cost=total_cost(begun.positions, *_model(problem, begun)))
+    return replace(begun, cost=finite_cost(begun.positions, *_model(problem, begun)))
 
 
 def _finish(problem: Problem, state: State, settled: bool, rest: Unexplained | None = None) -> State:
@@ -414,28 +420,37 @@ def _finish(problem: Problem, state: State, settled: bool, rest: Unexplained | N
     rest = starts.left_over(problem, state.positions, state.modes, state.near) if rest is None else rest
     power = np.mean(np.abs(problem.pressures) ** 2, axis=1)
     least = float(np.median(state.noise_power / power)) if state.noise_told else 0.0
-    best = (state.positions, rest.cost, settled)
-    agreed = state.best is not None and abs(state.best[1] - rest.cost) < 1.0 + 1e-4 * abs(rest.cost)
-    if state.best is not None and state.best[1] <= rest.cost:
-        best = state.best
+    best = rest.cost, settled, state.positions, state.shape, state.noise, state.noise_power, state.near
+    agreed = state.best is not None and abs(state.best[0] - rest.cost) < 1.0 + 1e-4 * abs(rest.cost)
+    before = state.best is not None and state.best[0] <= rest.cost
+    best = state.best if before else best
     explained = float(np.median(rest.shares(problem.wavenumbers))) <= max(CONVINCING * least, FAINT)
     tries = starts.attempts(problem, state.settings.modes)
+    tries = tries if state.near else tries[:-1]
     if explained or agreed or state.settings.start == "random" or state.attempt + 1 >= len(tries):
-        p = frozen_array(best[0], float)
-        ended = replace(state, positions=p, finished=True, converged=best[2])
-        return replace(ended, cost=total_cost(p, *_model(problem, ended)))
+        ended = replace(state, finished=True, converged=best[1])
+        return _as_before(problem, ended) if before else ended
     return _try(problem, replace(state, attempt=state.attempt + 1, best=best), *tries[state.attempt + 1])
+
+
+def _as_before(problem: Problem, state: State) -> State:
+    """`state` at the end of the best attempt."""
+    _, _, positions, shape, noise, noise_power, near = state.best
+    again = replace(
+        state, positions=positions, shape=shape, noise=noise, noise_power=noise_power, near=near, prior=None
+    )
+    return replace(again, cost=finite_cost(positions, *_model(problem, again)))
 
 
 def _try(problem: Problem, state: State, how: str, value: float) -> State:
     """Another attempt, one of `starts.attempts`."""
-    if how == "lowest":
+    if how in ("lowest", "gentle"):
         positions = starts.affine(problem, state.settings.modes, int(value))
     elif how == "redirected":
         positions = starts.redirected(problem, state.settings.modes)
     else:
-        centre = state.best[0].mean(axis=0)
-        positions = centre + value * (state.best[0] - centre)
+        best = state.best[2]
+        positions = best.mean(axis=0) + value * (best - best.mean(axis=0))
     last = _first_modes(problem, state.settings)
     return _begin(
         problem,

@@ -40,7 +40,10 @@ def damped_step(
     N, D = positions.shape
     if basis is not None and not basis.shape[1]:
         return Trial(positions, total(positions, pressures, field), 0.0, FIRST_DAMPING, 0.0)
-    cost, gradient, curvature = newton_terms(positions, pressures, field)
+    try:
+        cost, gradient, curvature = newton_terms(positions, pressures, field)
+    except np.linalg.LinAlgError:  # nowhere to go from here
+        return Trial(positions, np.inf, 0.0, FIRST_DAMPING, 0.0)
     g, H = gradient.ravel(), curvature.reshape(N * D, N * D)
     if basis is None:
         R = np.linalg.qr(rigid_motions(positions))[0]
@@ -52,7 +55,7 @@ def damped_step(
         y = _solve(H + damping * np.diag(scale), -g)
         tried = positions + (y if basis is None else basis @ y).reshape(N, D)
         moved = float(np.abs(tried - positions).max())
-        lower = _cost(tried, pressures, field) if moved <= furthest else np.inf
+        lower = finite_cost(tried, pressures, field) if moved <= furthest else np.inf
         if lower < cost:
             return Trial(tried, lower, cost - lower, max(damping / 10, LEAST_DAMPING), moved)
         if moved < shortest or -(g @ y) < LEAST_FALL * abs(cost):  # all that this step promises
@@ -78,7 +81,8 @@ def _solve(H: np.ndarray, g: np.ndarray) -> np.ndarray:
         return np.linalg.lstsq(H, g, rcond=None)[0]
 
 
-def _cost(positions, pressures, field: DiffuseField) -> float:
+def finite_cost(positions, pressures, field: DiffuseField) -> float:
+    """`fdcal.likelihood.total`, infinite where it cannot be computed."""
     try:
         return total(positions, pressures, field)
     except np.linalg.LinAlgError:  # two microphones in one place without noise

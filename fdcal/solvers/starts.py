@@ -82,11 +82,11 @@ def attempts(problem: Problem, modes: int) -> list[tuple[str, float]]:
     """What to try, in this order.
 
     "lowest": the affine start of so many lowest modes; "redirected": as of `redirected`; "rescaled": the best so far
-    times a factor.
+    times a factor; "gentle": the first once more, with a noise that falls in stages (of use without noise alone).
     """
     lowest = [("lowest", count) for count in dict.fromkeys(min(n, modes) for n in LOWEST[problem.dimension])]
     rescaled = [] if len(problem.known) else [("rescaled", factor) for factor in RESCALED]
-    return [lowest[0], *rescaled, ("redirected", 0), *lowest[1:]]
+    return [lowest[0], *rescaled, ("redirected", 0), *lowest[1:], ("gentle", lowest[0][1])]
 
 
 def singular_vectors(
