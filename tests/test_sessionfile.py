@@ -16,6 +16,7 @@ from fdcal import solvers
 from fdcal.checks import InputError, StorageError
 from fdcal.cli import main
 from fdcal.export import sessionfile
+from fdcal.measured import stand_in
 from fdcal.measurement_file import load_measurement
 from fdcal.opening import Opening, edited
 from fdcal.scene import load_scene
@@ -104,6 +105,15 @@ def test_without_noise_the_scene_comes_back_too(tmp_path):
     path = tmp_path / "left.zip"
     path.write_bytes(sessionfile.write(Opening(scene, 0, measurement, (state,))))
     assert np.isinf(scene.measurement.snr_db) and sessionfile.read(path).scene == scene
+
+
+def test_a_measurement_without_a_scene_stays_one(joint_session, tmp_path):
+    measurement = joint_session.measurement
+    scene = stand_in(measurement, "mine", joint_session.scene.solver)
+    path = tmp_path / "left.zip"
+    path.write_bytes(sessionfile.write(dataclasses.replace(joint_session, scene=scene)))
+    found = sessionfile.read(path).scene
+    assert found == scene and type(found) is type(scene), "no walls are drawn of a room that nobody has told"
 
 
 def test_the_two_files_may_lie_in_a_folder(folder, joint_session, tmp_path):

@@ -18,6 +18,7 @@ import numpy as np
 
 from ..checks import InputError, StorageError
 from ..history import MOST_STATES
+from ..measured import Measured
 from ..measurement_file import load_measurement, save_measurement
 from ..opening import Opening, plain
 from ..scene import Scene
@@ -39,6 +40,7 @@ def write(opening: Opening) -> bytes:
     content = {
         "fdcal_session": VERSION,
         "scene": _finite(plain(dataclasses.asdict(opening.scene))),
+        "measured": isinstance(opening.scene, Measured),  # the scene is but a stand-in
         "start_seed": opening.seed,
         "index": kept.index(len(opening.states) - 1 if opening.index is None else opening.index),
         "choices": plain(opening.choices),
@@ -114,7 +116,7 @@ def _table(text: bytes) -> dict:
 
 
 def _opening(table: dict, packed: bytes) -> Opening:
-    scene = build(Scene, _infinite(table["scene"]))
+    scene = build(Measured if table.get("measured") is True else Scene, _infinite(table["scene"]))
     try:
         with zipfile.ZipFile(io.BytesIO(packed)) as archive:
             _require_small(archive)

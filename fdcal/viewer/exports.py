@@ -65,7 +65,7 @@ class Moment:
     @property
     def height(self) -> float:
         """Of a plane array, metres."""
-        return heights_of(self.work.scene, self.work.measurement)[0]
+        return heights_of(self.work.told, self.work.measurement)[0]
 
 
 def _picture(moment: Moment) -> bytes:
@@ -113,7 +113,8 @@ def _cloud(moment: Moment) -> bytes:
 
 def _replay(moment: Moment) -> bytes:
     scene, measurement = moment.work.scene, moment.work.measurement
-    return replay(scene, measurement, moment.view.history, scene.title, scene.solver.weights).encode()
+    told, history = moment.work.told, moment.view.history
+    return replay(told, measurement, history, scene.title, scene.solver.weights).encode()
 
 
 def _session(moment: Moment) -> bytes:
