@@ -52,6 +52,7 @@ STRIDE = 0.125  # of the shortest wavelength: no microphone moves further in one
 DIFFUSE_ENOUGH = {2: 1e-5, 3: 2e-6}  # noise's share of the power: with less, a near source and damping count
 FLED = 0.5  # of the shortest wavelength: a microphone that goes further in the last stages has left its basin
 UNEXPLAINED = 3.0  # times the noise told: more of it and what is told is not believed
+EVEN = 1.05  # times the noise left: less of noise and spread together, and the microphones are as good as in place
 CONVINCING = 1.2  # times the noise told: less of it, and the end needs no other attempt
 NOISY = {2: 0.1, 3: 0.01}  # share of noise in the power from which the prior is trusted, in 2-D and 3-D
 FAINT = 1e-4  # part of the power that need not be explained in any case
@@ -374,8 +375,14 @@ def _rough(problem: Problem, state: State, rest: Unexplained) -> bool:
     spread = (highest * rest.spread) ** 2 / rest.dimension > rest.noise and rest.spread < 0.7 * state.spread
     return spread or (
         state.stage_steps > 1
-        and float(starts.misfits(problem, state.positions, state.modes, rest).max()) > starts.ASTRAY
+        and float(starts.misfits(problem, state.positions, state.modes, rest).max())
+        > (starts.ASTRAY if _even(problem, rest) else starts.MISFIT)
     )
+
+
+def _even(problem: Problem, rest: Unexplained) -> bool:
+    """Whether noise alone is left: a wrong end, even one that two attempts share, leaves a spread."""
+    return float(np.median(rest.shares(problem.wavenumbers))) <= max(EVEN * rest.noise, FAINT)
 
 
 def _another(problem: Problem, state: State, sharper: State) -> bool:
@@ -421,13 +428,18 @@ def _finish(problem: Problem, state: State, settled: bool, rest: Unexplained | N
     power = np.mean(np.abs(problem.pressures) ** 2, axis=1)
     least = float(np.median(state.noise_power / power)) if state.noise_told else 0.0
     best = rest.cost, settled, state.positions, state.shape, state.noise, state.noise_power, state.near
-    agreed = state.best is not None and abs(state.best[0] - rest.cost) < 1.0 + 1e-4 * abs(rest.cost)
+    share = float(np.median(rest.shares(problem.wavenumbers)))
+    same = state.best is not None and abs(state.best[0] - rest.cost) < 1.0 + 1e-4 * abs(rest.cost)
     before = state.best is not None and state.best[0] <= rest.cost
     best = state.best if before else best
-    explained = float(np.median(rest.shares(problem.wavenumbers))) <= max(CONVINCING * least, FAINT)
+    explained = share <= max(CONVINCING * least, FAINT)
     tries = starts.attempts(problem, state.settings.modes)
     tries = tries if state.near else tries[:-1]
-    if explained or agreed or state.settings.start == "random" or state.attempt + 1 >= len(tries):
+    if (
+        (_even(problem, rest) and (explained or same))
+        or state.settings.start == "random"
+        or state.attempt + 1 >= len(tries)
+    ):
         ended = replace(state, finished=True, converged=best[1])
         return _as_before(problem, ended) if before else ended
     return _try(problem, replace(state, attempt=state.attempt + 1, best=best), *tries[state.attempt + 1])

@@ -27,9 +27,9 @@ RESCALED = (0.8, 1.25)  # an end that does not convince may have the right shape
 METRIC_MODES = 28  # that give the metric first; all of them then
 SCALES = (0.3, 0.4, 0.5, 0.6, 0.75, 1.0)  # of the first guess: a field that is not quite affine makes it too large
 FIRST_NOISE = 0.1  # what an affine image leaves unexplained of METRIC_MODES modes
-MISFIT = 2.0  # mean square of what is expected, from which a microphone may stand in a wrong basin
-ASTRAY = 4.0  # the same, from which it surely does
-MOST_REHOMED = 6  # at once
+MISFIT = 1.3  # mean square of what is expected, from which a microphone may stand in a wrong basin
+ASTRAY = 2.5  # the same, from which it surely does
+MOST_REHOMED = 8  # at once
 NOISE_MODES = 24  # at most, evenly taken, to estimate the noise from
 
 
