@@ -5,8 +5,9 @@ What is left of a lake's depth when it ends is how much one must climb to get ou
 
 from __future__ import annotations
 
-import numba
 import numpy as np
+
+from .compiled import compiled
 
 
 def bottoms(cost: np.ndarray, depth: float) -> np.ndarray:
@@ -21,7 +22,7 @@ def bottoms(cost: np.ndarray, depth: float) -> np.ndarray:
     return _flood(cost, np.argsort(cost.ravel(), kind="stable"), float(depth))
 
 
-@numba.njit(nogil=True, cache=True)
+@compiled
 def _flood(cost, order, depth):
     ny, nx = cost.shape
     lake = np.full(ny * nx, -1, np.int64)  # of a point under water: the point it leads to; a bottom leads to itself
@@ -48,7 +49,7 @@ def _flood(cost, order, depth):
     return np.array([point for point in order if survives[point]])
 
 
-@numba.njit(nogil=True, cache=True)
+@compiled
 def _bottom(lake, point):
     while lake[point] != point:
         lake[point] = lake[lake[point]]

@@ -7,9 +7,9 @@ argmin of the whole landscape, the first one in lattice order where several are 
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from .compiled import compiled
 from .cost import LeaveOneOut, known_weights, leave_one_out
 from .dictionary import Lattice
 from .measurement import Problem
@@ -58,10 +58,7 @@ def _tables(lattice: Lattice, centre, modes: slice, fits: list[LeaveOneOut]) -> 
     return unit, row, lattice.radial[modes], lattice.orders[modes], columns, triangular, r0, p_n
 
 
-_compiled = numba.njit(nogil=True, cache=True, error_model="numpy")
-
-
-@_compiled
+@compiled
 def _weigh(unit, row, radial, orders, columns, triangular, r0, p_n):
     w = np.empty((2, columns.shape[2], BLOCK))
     scratch = (np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK))
@@ -77,7 +74,7 @@ def _weigh(unit, row, radial, orders, columns, triangular, r0, p_n):
     return costs
 
 
-@_compiled
+@compiled
 def _search(unit, row, radial, orders, columns, triangular, r0, p_n, start):
     w = np.empty((2, columns.shape[2], BLOCK))
     total, scratch = np.empty(BLOCK), (np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK))
@@ -98,7 +95,7 @@ def _search(unit, row, radial, orders, columns, triangular, r0, p_n, start):
     return best, least
 
 
-@_compiled
+@compiled
 def _row_of_dictionary(J, unit, L, w):
     """w[l] = J_l exp(j l theta), l = -L..L, real parts in w[0], imaginary ones in w[1]."""
     phase = 1.0 + 0.0j
@@ -112,7 +109,7 @@ def _row_of_dictionary(J, unit, L, w):
         w[0, L - l], w[1, L - l] = below.real, below.imag
 
 
-@_compiled
+@compiled
 def _add_excess(re, im, columns, p_n, K, triangular, scratch, total):
     """Add |p_n - w alpha|^2 / (1 + |w Z|^2) of a block of candidates to `total`."""
     leverage, x, y = scratch

@@ -1,19 +1,44 @@
-"""Compiled linear algebra that the costs of all positions share (`fdcal.expansion`, `fdcal.dense`, `fdcal.series`)."""
+"""How fdcal compiles, and linear algebra that the costs of all positions share (`expansion`, `dense`, `series`).
+
+numba keeps machine code beside the source, or in the user's cache folder where it may not write there. An installation
+that is read-only keeps it under FDCAL_CACHE, if that is told; where there is no place at all every run compiles anew.
+"""
 
 from __future__ import annotations
 
 import functools
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numba
 import numpy as np
 
-compiled = numba.njit(nogil=True, cache=True, error_model="numpy")
 PARTS = (
     4  # that the modes are summed in, whatever the machine: the same sums, to the last bit, with any number of cores
 )
 WORTH = 2e5  # M N^2 from which threads pay
+
+if "FDCAL_CACHE" in os.environ and not numba.config.CACHE_DIR and not os.access(Path(__file__).parent, os.W_OK):
+    numba.config.CACHE_DIR = str(Path(os.environ["FDCAL_CACHE"]) / "compiled")
+
+
+def compiled(function: Callable, **options) -> Callable:
+    """Decorator: compiled at the first call with arguments of each type, without the interpreter's lock, kept on disk.
+
+    A read-only array is of another type than one that may be written to.
+    """
+    options = {"nogil": True, "error_model": "numpy", **options}
+    try:
+        return numba.njit(function, cache=True, **options)
+    except RuntimeError:  # no folder that numba may write to
+        return numba.njit(function, **options)
+
+
+def compiled_in_strips(function: Callable) -> Callable:
+    """As `compiled`, its `numba.prange` shared out between threads."""
+    return compiled(function, parallel=True)
 
 
 def writable(values, dtype=None) -> np.ndarray:

@@ -25,6 +25,8 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from .compiled import compiled, compiled_in_strips
+
 BLOCK = 24  # steps between two meetings of the threads
 DEPTH = 3  # steps of a wave front: 5 rows of 2 arrays fit in the first-level cache
 LANES = 8  # cells of one vector
@@ -86,7 +88,7 @@ def _emit_update(builder, width, offset, arguments):
     builder.store(value, pointer(old, offset)).align = WORD
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy")
+@compiled
 def sweep(state, step, steps, low, high, low_slope, high_slope, width, lam2, spans, span_start, span_count, walls,
           wall_cell, wall_centre, wall_before, wall_around, source, pulse, ends, end_cell, end_number,
           recordings):  # fmt: skip
@@ -122,7 +124,7 @@ def sweep(state, step, steps, low, high, low_slope, high_slope, width, lam2, spa
                         recordings[end_number[i], time + 1] = state[old + end_cell[i]]
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy", parallel=True)
+@compiled_in_strips
 def march_together(state, step, stop, strips, width, lam2, spans, span_start, span_count, walls, wall_cell, wall_centre,
            wall_before, wall_around, source, pulse, ends, end_cell, end_number, recordings):  # fmt: skip
     """Advance the whole grid from `step` to `stop` in `strips` strips of rows. Arguments: see `march`."""
