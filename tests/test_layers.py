@@ -41,6 +41,7 @@ ROOMS = [
     ["likelihood_maps"],
     ["basins"],
     ["landscapes"],
+    ["rehearsal"],
     ["solvers"],
     ["requirements"],
     ["uncertainty"],

@@ -84,8 +84,10 @@ class Controls:
         dark = self.desk.choices.look.dark
         self.desk.gui.configure_theme(dark_mode=dark, show_share_button=False, show_logo=False)
 
-    def show(self, view: SessionView, microphone: int, drawn: Map | None, trouble: str, fault: str = "") -> None:
+    def show(
+        self, view: SessionView, microphone: int, drawn: Map | None, trouble: str, fault: str = "", note: str = ""
+    ) -> None:
         """Bring the panel up to date; called by the main loop."""
-        self.bar.show(view, fault)
+        self.bar.show(view, fault, note)
         self.solve.show(view)
         self.map.show(microphone, drawn, trouble)

@@ -16,6 +16,7 @@ from ..opening import Opening
 from ..scene import Scene
 from ..session import Session
 from ..store import cached_measurement
+from .rehearsing import Rehearsal
 
 
 class Stopped(Exception):
@@ -32,6 +33,7 @@ class Work:
     solver: ModuleType
     session: Session
     opening: Opening
+    rehearsal: Rehearsal | None = None  # what is still being compiled beside the page
 
     @property
     def told(self) -> Scene | None:
@@ -44,6 +46,7 @@ class Progress:
 
     def __init__(self):
         self.done, self.stop = 0.0, False
+        self.rehearsal: Rehearsal | None = None
 
     def __call__(self, done: float, *_) -> None:
         self.done = float(done)
@@ -52,7 +55,9 @@ class Progress:
 
     @property
     def text(self) -> str:
-        return f"Simulating the room ... {round(100 * self.done)} %" if self.done < 1 else "Preparing the solver ..."
+        if self.done < 1:
+            return f"Simulating the room ... {round(100 * self.done)} %"
+        return (self.rehearsal.text if self.rehearsal else "") or "Preparing the solver ..."
 
 
 class Interrupt:
@@ -78,10 +83,20 @@ class Interrupt:
 
 def work_of(opening: Opening, progress: Progress) -> Work:
     """Measurement, problem and session of an opening. Raises what their making raises, and Stopped."""
+    rehearsal = progress.rehearsal = Rehearsal(opening.scene)
+    try:
+        return _work_of(opening, progress, rehearsal)
+    except BaseException:
+        rehearsal.stop = True
+        raise
+
+
+def _work_of(opening: Opening, progress: Progress, rehearsal: Rehearsal) -> Work:
     scene, measurement = opening.scene, opening.measurement
     if measurement is None:
         measurement = cached_measurement(scene, progress)
     progress(1.0)
+    rehearsal.wait_for_first(lambda: progress(1.0))
     problem = measurement.problem(scene.solver.weights, scene.solver.known)
     if opening.fewer_modes:
         scene = _with_modes_there_are(scene, problem)
@@ -96,7 +111,7 @@ def work_of(opening: Opening, progress: Progress) -> Work:
         raise
     if opening.play:
         session.play()
-    return Work(scene, measurement, problem, solver, session, opening)
+    return Work(scene, measurement, problem, solver, session, opening, rehearsal)
 
 
 def _with_modes_there_are(scene: Scene, problem: Problem) -> Scene:

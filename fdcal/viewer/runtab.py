@@ -41,10 +41,10 @@ class RunBar:
         elif value in STEPS:
             {"Step": session.step, "Sweep": session.sweep, "Stage": session.stage}[value]()
 
-    def show(self, view: SessionView, fault: str) -> None:
+    def show(self, view: SessionView, fault: str, note: str = "") -> None:
         """Called by the main loop. A solver that has finished takes no step: Reset alone stays."""
         desk, done = self._desk, view.state.finished and not view.running
-        self.report(view, fault)
+        self.report(view, fault, note)
         desk.tell("count", max(view.count - 1, 1), self.time, "max")
         desk.tell("no past", view.count < 2, self.time, "disabled")
         desk.tell("index", view.index, self.time)
@@ -55,7 +55,7 @@ class RunBar:
             desk.shown["running"] = view.running
             self.run.icon = viser.Icon.PLAYER_PAUSE if view.running else viser.Icon.PLAYER_PLAY
 
-    def report(self, view: SessionView, fault: str = "") -> None:
+    def report(self, view: SessionView, fault: str = "", note: str = "") -> None:
         """Bring the status lines alone up to date; called by the main loop."""
-        text = words.status(view, self._desk.measurement, self._desk.weights, fault)
+        text = words.status(view, self._desk.measurement, self._desk.weights, fault, note)
         self._desk.tell("status", text, self.status, "content")

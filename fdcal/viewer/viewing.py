@@ -109,6 +109,8 @@ class Viewer:
     def close(self, timeout: float = 1.0) -> None:
         """End the threads after what they are at; all together in no more than `timeout`, s."""
         owners, end = (self._maps, self._spreads, self._races, self._work.session), time.perf_counter() + timeout
+        if self._work.rehearsal is not None:
+            self._work.rehearsal.close(0.0)
         for owner in (*owners, self._exports):  # all are asked to stop before any is waited for
             owner.close(0.0)
         for owner in owners:
@@ -156,7 +158,8 @@ class Viewer:
             self._stage.show(self._drawn.picture)
             self._hands.show(view.state.positions, floor)
             self._key = key
-        self._controls.show(view, self._followed, drawn, trouble, self._fault)
+        compiling = self._work.rehearsal.text if self._work.rehearsal else ""
+        self._controls.show(view, self._followed, drawn, trouble, self._fault, compiling)
         self._side.show(view, drawn, self._followed, errors, now)
         self._side.race.show(runners, now)
 

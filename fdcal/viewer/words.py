@@ -45,8 +45,8 @@ def error_text(measurement: Measurement, positions) -> str:
     return f"mean <b>{millimetres(errors.mean())}</b>, largest {millimetres(errors.max())}"
 
 
-def status(view: SessionView, measurement: Measurement, weights: str = "unit", fault: str = "") -> str:
-    """The lines at the top of the panel; `fault` is one of the page itself."""
+def status(view: SessionView, measurement: Measurement, weights: str = "unit", fault: str = "", note: str = "") -> str:
+    """The lines at the top of the panel; `fault` is one of the page itself, `note` what it does beside."""
     state = view.state
     rows = [
         ("Progress", f"step {state.step}, sweep {state.sweep}, stage {state.stage + 1}"),
@@ -65,6 +65,7 @@ def status(view: SessionView, measurement: Measurement, weights: str = "unit", f
         for text in told
     )
     head = f"<div style='font-size: 1.15em; font-weight: 600'>{state_word(view)}</div>"
+    error += f"<div style='opacity: 0.65'>{escape(note)}</div>" if note else ""
     return f"<div style='{CARD}'>{head}{error}<table style='border-spacing: 0'>{cells}</table></div>"
 
 
