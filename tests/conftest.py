@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from fdcal.rehearsal import pieces
 from fdcal.scene import scene_folder
 
 ROOT = Path(__file__).parent.parent
@@ -26,6 +27,14 @@ def cache(tmp_path_factory) -> Path:
     os.environ["FDCAL_CACHE"] = str(folder)
     os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     return folder
+
+
+@pytest.fixture(scope="session")
+def kernels() -> None:
+    """The solver's kernels, compiled, here and on disk: no test that waits for a session waits for a compiler, too."""
+    first, last = pieces(2, "joint")
+    for piece in (*first, *last):
+        piece()
 
 
 @pytest.fixture

@@ -59,11 +59,11 @@ class Page:
 
         @server.on_client_connect
         async def _(client: viser.ClientHandle) -> None:
-            self.stage.place(client, "top")
+            self.stage.ask(client, "top")
 
             @client.camera.on_update
             async def _(_) -> None:
-                self.stage.keep_placed(client)
+                self.stage.ask(client)
 
         @server.on_client_disconnect
         async def _(client: viser.ClientHandle) -> None:
@@ -93,9 +93,11 @@ class Page:
         if self.viewer is not None:
             self.viewer.guarded_tick(now)
         self.lessons.show(self._server.get_event_loop().call_soon_threadsafe)
+        clients = self._server.get_clients().values()
+        self.stage.answer(clients)
         if now - self._looked > LOOK_ROUND:
             self._looked = now
-            self.stage.keep_all_placed(self._server.get_clients().values())
+            self.stage.keep_all_placed(clients)
 
     def _exchange(self, work: Work) -> None:
         """The new session on the page in place of the old one, which stays where the new one cannot be shown."""

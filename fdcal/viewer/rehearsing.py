@@ -41,7 +41,7 @@ class Rehearsal:
         """How far it is, in words; empty where nothing takes long."""
         if not self.busy or time.perf_counter() - self._since < LONG:
             return ""
-        return f"Compiling the solver, the first time only ... {self._done + 1} of {len(self._pieces)}"
+        return f"Compiling (first run only) ... {self._done + 1} of {len(self._pieces)}"
 
     def wait_for_first(self, look: Callable[[], object]) -> None:
         """Wait until what the solver begins with is there; `look` is called now and then, and may raise."""

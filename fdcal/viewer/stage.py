@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
+import collections
 import logging
 import math
 
 import numpy as np
-import trimesh
 import viser
-from PIL import Image
-from trimesh.visual import TextureVisuals
-from trimesh.visual.material import PBRMaterial
 
 from ..camera import camera_for
 from ..primitives import Floor, Label, Lines, Picture, Solid
+from .floors import place_of, relief, see_through
 from .safety import bounded
 
 log = logging.getLogger(__name__)
@@ -21,6 +19,10 @@ log = logging.getLogger(__name__)
 FLAT = 0.06  # rad, opening of the top view: from far away, so that it looks like a plan
 MOST_PIXELS = 16384  # of a canvas
 LETTERS = 1.5  # height of a ruler's numbers, in radii of a marker
+DOUBTS = (1, 2, 4, 8, 16)  # looks after a camera was placed at which its page is made to tell its canvas's size anew
+MOST_EYES = 6  # last places of a camera that are kept
+NEAR = 1e-3  # relative, of places of a camera that are the same
+PROD = 1e-4  # relative change of a camera's opening that makes the page tell
 MARGINS = (76, 44, 34, 40)  # pixels left, bottom, right and top of the search domain, for its rulers
 
 
@@ -35,6 +37,8 @@ class Stage:
         self._nodes: dict[str, tuple] = {}  # name to (primitive, node)
         self._picture: Picture | None = None
         self._placed: dict[int, tuple] = {}  # page to its view, the canvas's size, and the eyes given to it
+        self._looks: dict[int, int] = {}  # page to looks since its camera was placed
+        self._asked: collections.deque[tuple] = collections.deque()  # pages to be placed, with the view or None
 
     def show(self, picture: Picture) -> None:
         """Make the scene look like `picture`."""
@@ -50,6 +54,24 @@ class Stage:
                 if old is not part and not (node is not None and _same(old, part)):
                     self._nodes[name] = part, self._send(name, old, node, part)
 
+    def ask(self, client: viser.ClientHandle, view: str | None = None) -> None:
+        """Have the main loop place a page's camera or, without a view, see whether its canvas has changed. Any thread.
+
+        Two threads that place one camera could each send what the other believes to have been the last word.
+        """
+        self._asked.append((client, view))
+
+    def answer(self, clients) -> None:
+        """Do what was asked for those who are still connected; called by the main loop, which alone places cameras."""
+        while self._asked:
+            client, view = self._asked.popleft()
+            if client not in clients:
+                continue
+            if view is None:
+                self.keep_placed(client)
+            else:
+                self.place(client, view)
+
     def place(self, client: viser.ClientHandle, view: str) -> None:
         """Put one page's camera where the search domain fills what the panels leave free."""
         if self._picture is None:
@@ -59,7 +81,9 @@ class Stage:
         seen = camera_for(self._picture, size, view, MARGINS, fov=FLAT if view == "top" else None)
         distance = math.dist(seen.position, seen.look_at)
         eyes = self._placed.get(client.client_id, ("", None, (self._server.initial_camera.position,)))[2]
-        self._placed[client.client_id] = view, size, (*eyes, seen.position)[-4:]
+        eyes = *(eye for eye in eyes if not np.allclose(eye, seen.position, rtol=NEAR)), seen.position
+        self._placed[client.client_id] = view, size, eyes[-MOST_EYES:]
+        self._looks[client.client_id] = 0
         with client.atomic():
             camera.near, camera.far = distance / 40, distance * 40
             camera.fov, camera.up_direction = seen.fov, seen.up
@@ -70,13 +94,18 @@ class Stage:
         for client in self._server.get_clients().values():
             self.place(client, view)
 
-    def keep_placed(self, client: viser.ClientHandle) -> None:
-        """Follow a canvas that changes its size, as long as nobody has moved its camera.
+    def keep_placed(self, client: viser.ClientHandle, doubt: int | None = None) -> None:
+        """Follow a canvas that changes its size, as long as nobody has moved its camera; where in `doubt`, ask it.
+
+        A camera that stands where it was put before the last time was not moved by a hand either: what the page tells
+        is older, or it has gone back there, as a page does that learns late where the camera is to stand at first.
 
         A page that tells of a camera that cannot be is left alone; the others go on.
         """
         try:
             self._follow(client)
+            if doubt is not None:
+                self._prod(client, 1 + PROD if doubt % 2 else 1 / (1 + PROD))
         except Exception:
             log.debug("a page tells of a camera that cannot be", exc_info=True)
             self.forget(client)
@@ -86,21 +115,30 @@ class Stage:
         camera = client.camera
         if size is None:
             self.place(client, view)
-        elif _canvas(camera) != size and any(
-            np.allclose(camera.position, eye, rtol=1e-3)
-            for eye in eyes  # what the page tells may be an older one
-        ):
+            return
+        settled = _canvas(camera) == size and _stands_at(camera, eyes[-1])
+        if not settled and any(_stands_at(camera, eye) for eye in eyes):
             self.place(client, view)
 
     def keep_all_placed(self, clients) -> None:
         """`keep_placed` for pages whose canvas has changed without a word; called by the main loop now and then."""
         for client in clients:
             if client.client_id in self._placed:
-                self.keep_placed(client)
+                self._looks[client.client_id] = looks = self._looks.get(client.client_id, 0) + 1
+                self.keep_placed(client, DOUBTS.index(looks) if looks in DOUBTS else None)
+
+    def _prod(self, client: viser.ClientHandle, factor: float) -> None:
+        """Make a page tell its canvas's size by a change of its camera that nobody sees.
+
+        Of its own accord it tells the size at the moment when the panels move, at which the canvas may still have the
+        one before: the picture then fits a canvas that is not there, and clicks land beside what they aim at.
+        """
+        client.camera.fov *= factor
 
     def forget(self, client: viser.ClientHandle) -> None:
         """A page has closed."""
         self._placed.pop(client.client_id, None)
+        self._looks.pop(client.client_id, None)
 
     def open_at(self, picture: Picture, size=(680, 720)) -> None:
         """Where the camera of a page that opens stands until its size is known."""
@@ -129,12 +167,12 @@ class Stage:
     def _send_floor(self, name: str, old: Floor | None, node, floor: Floor):
         if floor.heights is not None:
             return self._server.scene.add_mesh_trimesh(name, relief(floor), cast_shadow=False, receive_shadow=False)
-        if node is not None and old.heights is None and _place_of(old) == _place_of(floor):
-            node.image = _see_through(floor)
+        if node is not None and old.heights is None and place_of(old) == place_of(floor):
+            node.image = see_through(floor)
             return node
         (x, y), (width, depth) = floor.origin, floor.size
         return self._server.scene.add_image(
-            name, _see_through(floor), width, depth, format="png", cast_shadow=False, receive_shadow=False,
+            name, see_through(floor), width, depth, format="png", cast_shadow=False, receive_shadow=False,
             wxyz=(1.0, 0.0, 0.0, 0.0), position=(x + width / 2, y + depth / 2, floor.height),
         )  # fmt: skip
 
@@ -164,34 +202,8 @@ def _canvas(camera) -> tuple[int, int]:
     return tuple(bounded(getattr(camera, name), 1, MOST_PIXELS, 720) for name in ("image_width", "image_height"))
 
 
-def _place_of(floor: Floor) -> tuple:
-    return floor.origin, floor.size, floor.height
-
-
-def _see_through(floor: Floor) -> np.ndarray:
-    """The map's image, with its opacity where it has one : (ny, nx, 3 or 4) uint8."""
-    if floor.opacity >= 1:
-        return floor.rgb
-    alpha = np.full((*floor.rgb.shape[:2], 1), round(255 * floor.opacity), np.uint8)
-    return np.concatenate([floor.rgb, alpha], axis=2)
-
-
-def relief(floor: Floor) -> trimesh.Trimesh:
-    """A map with heights as a surface through the middles of its pixels, the map's image on it.
-
-    Neither a metal, which would show surroundings that are not there, nor shiny: its colours are those of the map.
-    """
-    ny, nx = floor.heights.shape
-    u, v = np.meshgrid(*((np.arange(count) + 0.5) / count for count in (nx, ny)))
-    across = [o + size * share.ravel() for o, size, share in zip(floor.origin, floor.size, (u, v), strict=True)]
-    corner = (nx * np.arange(ny - 1)[:, None] + np.arange(nx - 1)).ravel()[:, None]
-    faces = np.concatenate([corner + [0, 1, nx + 1], corner + [0, nx + 1, nx]])
-    image = Image.fromarray(np.ascontiguousarray(floor.rgb[::-1]))
-    matt = PBRMaterial(baseColorTexture=image, metallicFactor=0.0, roughnessFactor=1.0, doubleSided=True)
-    visual = TextureVisuals(uv=np.column_stack([u.ravel(), v.ravel()]), material=matt)
-    return trimesh.Trimesh(
-        np.column_stack([*across, floor.height + floor.heights.ravel()]), faces, visual=visual, process=False
-    )
+def _stands_at(camera, eye) -> bool:
+    return bool(np.allclose(camera.position, eye, rtol=NEAR))
 
 
 def _same(old, new) -> bool:
