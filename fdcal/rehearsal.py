@@ -15,7 +15,7 @@ import numpy as np
 
 from .basins import bottoms
 from .checks import frozen_array
-from .likelihood import diffuse_field, newton_terms
+from .likelihood import diffuse_field, newton_terms, unexplained
 
 COUNT = 5  # microphones, enough for every kernel
 
@@ -29,17 +29,19 @@ def pieces(dimension: int, solver: str) -> tuple[list[Callable], list[Callable]]
     if "joint" not in solver:
         return [], []
     x = np.random.default_rng(0).uniform(-0.3, 0.3, (COUNT, dimension))
-    waves = np.exp(1j * 3.0 * x[:, 0])[None]
+    waves = frozen_array(np.exp(1j * 3.0 * x[:, 0])[None], complex)  # read-only, as a problem's pressures are
     first = [lambda: _terms(x, waves, dimension), lambda: bottoms(x @ x.T, 0.1)]
     last = [lambda: _terms(x, waves, dimension, near=True)]
     if dimension == 2:
-        last.append(lambda: _terms(x, waves, dimension, prior=np.ones((1, 2 * COUNT))))
+        last.append(lambda: _terms(x, waves, dimension, prior=frozen_array(np.ones((1, 2 * COUNT)), float)))
     return first, last
 
 
 def _terms(x, waves, dimension: int, near: bool = False, prior: np.ndarray | None = None) -> None:
-    """The cost and its slopes, with the damped wavenumbers of a recording where sources may be near."""
+    """The cost, its slopes and what is left over, with the damped wavenumbers of a recording where sources may be near."""
     wavenumbers = np.array([3.0 - 0.01j]) if near else np.array([3.0])
     field = replace(diffuse_field(waves, wavenumbers, np.array([1e-2]), dimension, near=near), prior=prior)
-    for positions in (x, frozen_array(x, float)):  # two types, if a kernel is given both
+    fixed = frozen_array(x, float)
+    for positions in (x, fixed):  # two types, if a kernel is given both
         newton_terms(positions, waves, field)
+    unexplained(fixed, waves, wavenumbers, dimension, near)

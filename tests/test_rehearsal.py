@@ -3,10 +3,13 @@
 import os
 import subprocess
 import sys
+import threading
 
 import pytest
 
 from fdcal.rehearsal import pieces
+from fdcal.scene import load_scene
+from fdcal.viewer import rehearsing
 from fdcal.viewer.rehearsing import Rehearsal
 
 CALIBRATION = """
@@ -17,8 +20,8 @@ from fdcal.scene import load_scene
 from fdcal.store import cached_measurement
 
 def signatures():
-    kernels = {value for module in (dense, expansion, learned, series) for value in vars(module).values()}
-    return {kernel.py_func.__name__: list(kernel.signatures) for kernel in kernels if isinstance(kernel, CPUDispatcher)}
+    values = [value for module in (dense, expansion, learned, series) for value in vars(module).values()]
+    return {value.py_func: list(value.signatures) for value in values if isinstance(value, CPUDispatcher)}
 
 for piece in sum(rehearsal.pieces(2, "joint"), []):
     piece()
@@ -28,7 +31,7 @@ for state in solvers.run(problem, scene.solver, scene.seed):
     pass
 assert state.finished and state.near, "the stage that takes the other kernels was not reached"
 after = signatures()
-print([(name, new) for name in after for new in after[name] if new not in before[name]])
+print([(kernel.__name__, new) for kernel in after for new in after[kernel] if new not in before[kernel]])
 """
 
 
@@ -50,15 +53,11 @@ def test_descent_has_nothing_to_rehearse():
     assert pieces(2, "descent") == ([], [])
 
 
-def test_a_rehearsal_tells_how_far_it_is_and_ends(scene, monkeypatch):
-    import threading
-
-    from fdcal.viewer import rehearsing
-
+def test_a_rehearsal_tells_how_far_it_is_and_ends(monkeypatch):
     gate = threading.Event()
     monkeypatch.setattr(rehearsing, "pieces", lambda *_: ([lambda: None], [gate.wait, lambda: 1 / 0]))
     monkeypatch.setattr(rehearsing, "LONG", 0.0)
-    made = Rehearsal(scene)
+    made = Rehearsal(load_scene("tiny"))
     made.wait_for_first(lambda: None)
     assert made.busy and made.text.endswith("2 of 3")
     gate.set()

@@ -90,9 +90,9 @@ class Stage:
             camera.position, camera.look_at = seen.position, seen.look_at
 
     def place_all(self, view: str) -> None:
-        """`place` for every page."""
+        """`ask` for every page."""
         for client in self._server.get_clients().values():
-            self.place(client, view)
+            self.ask(client, view)
 
     def keep_placed(self, client: viser.ClientHandle, doubt: int | None = None) -> None:
         """Follow a canvas that changes its size, as long as nobody has moved its camera; where in `doubt`, ask it.
