@@ -38,7 +38,7 @@ def pieces(dimension: int, solver: str) -> tuple[list[Callable], list[Callable]]
 
 
 def _terms(x, waves, dimension: int, near: bool = False, prior: np.ndarray | None = None) -> None:
-    """The cost, its slopes and what is left over, with the damped wavenumbers of a recording where sources may be near."""
+    """Cost, slopes and what is left over; with the damped wavenumbers of a recording where sources may be near."""
     wavenumbers = np.array([3.0 - 0.01j]) if near else np.array([3.0])
     field = replace(diffuse_field(waves, wavenumbers, np.array([1e-2]), dimension, near=near), prior=prior)
     fixed = frozen_array(x, float)
