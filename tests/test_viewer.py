@@ -217,8 +217,15 @@ def on_screen(page, scene, points):
 
 def hover(page, pixel):
     """Bring the pointer over a microphone; the page shows that it has noticed by another pointer."""
-    page.mouse.move(*pixel)
-    page.wait_for_function("[...document.querySelectorAll('canvas')].some(e => e.style.cursor == 'pointer')")
+    over = "[...document.querySelectorAll('canvas')].some(e => e.style.cursor == 'pointer')"
+    for _ in range(int(WAIT)):
+        page.mouse.move(pixel[0] + 40, pixel[1] + 40)  # a pointer that has not moved is not looked at again
+        page.mouse.move(*pixel, steps=4)
+        for _ in range(10):
+            if page.evaluate(over):
+                return
+            page.wait_for_timeout(100)
+    pytest.fail(f"no microphone is found at {pixel}")
 
 
 MIDDLE = """name => {

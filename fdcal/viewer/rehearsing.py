@@ -17,7 +17,7 @@ class Rehearsal:
     """Begins at once. `stop` ends it after the piece under way."""
 
     def __init__(self, scene: Scene):
-        first, last = pieces(len(scene.room.size), scene.solver.name)
+        first, last = pieces(scene.room.dimension, scene.solver.name)
         self._pieces, self._first, self._done = [*first, *last], len(first), 0
         self._since, self.stop = time.perf_counter(), False
         self._worker = LatestWorker(self._rehearse, "fdcal-rehearsal")
