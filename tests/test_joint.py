@@ -1,5 +1,6 @@
 """Laws of the joint solver."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import pairwise
 
@@ -9,12 +10,12 @@ from fields import measured, rigid_room, room_frequencies
 from hypothesis import given, strategies
 from hypothesis import settings as settings_of_hypothesis
 
-from fdcal import solvers
+from fdcal import compiled, solvers
 from fdcal.checks import InputError
 from fdcal.gauge import align, position_errors
 from fdcal.measurement import Measurement
 from fdcal.scene import Solver
-from fdcal.solvers import joint
+from fdcal.solvers import joint, starts
 
 TRUTH = np.random.default_rng(7).uniform(-0.5, 0.5, (40, 2)) + [2.61, 2.31]
 KNOWN = [0, 1, 2]
@@ -158,6 +159,40 @@ def test_random_arrays_in_random_rooms_are_found_blind(seed, width, ratio):
     last = solve(measurement, Solver(modes=len(frequencies)))[-1]
     assert last.converged
     assert position_errors(align(last.positions, truth), truth).max() < 5e-3
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_few_microphones_are_enough_where_there_is_no_noise(seed):
+    """16 of them, blind: with the noise lowered in stages they ended in wrong places."""
+    rng = np.random.default_rng([seed, 16])
+    truth = np.array([2.6, 2.3]) + rng.uniform(-0.4, 0.4, (16, 2))
+    frequencies = room_frequencies(300)[:40]
+    wavenumbers = (2 * np.pi * frequencies - 3j) / 343.0
+    pressures = rigid_room(truth, np.array([5.2, 4.2]) + rng.uniform(-0.3, 0.3, 2), wavenumbers)
+    last = solve(Measurement(frequencies, pressures, 343.0, wavenumbers=wavenumbers))[-1]
+    assert position_errors(align(last.positions, truth), truth).max() < 1e-2
+
+
+def test_the_bits_do_not_depend_on_the_number_of_cores(clean, monkeypatch):
+    monkeypatch.setattr(compiled, "_pool", lambda: ThreadPoolExecutor(1))
+    alone = solve(measured(TRUTH, KNOWN))
+    np.testing.assert_array_equal(alone[-1].positions, clean[-1].positions)
+
+
+def test_an_end_that_does_not_convince_is_followed_by_other_attempts_and_the_best_is_kept():
+    """A microphone that hears noise alone cannot be explained, wherever the array is started from."""
+    measurement = measured(TRUTH[:16], [], snr_db=40, seed=2)
+    rng, pressures = np.random.default_rng(0), measurement.pressures.copy()
+    loud = np.sqrt(np.mean(np.abs(pressures) ** 2))
+    for n in range(4):
+        pressures[:, n] = loud * (rng.normal(size=len(pressures)) + 1j * rng.normal(size=len(pressures)))
+    measurement = replace(measurement, pressures=pressures)
+    states = solve(measurement, Solver(modes=14))
+    assert states[-1].attempt > 0
+    best = min((s.best for s in states if s.best is not None), key=lambda best: best[0])
+    last = states[-1]
+    rest = starts.left_over(measurement.problem(), last.positions, last.modes, last.near)
+    assert rest.cost <= best[0] + 1e-6 * abs(best[0])
 
 
 def test_same_bits_again_and_gone_on_from_any_state(clean):

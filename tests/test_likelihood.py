@@ -9,12 +9,14 @@ from fields import measured
 from fdcal.likelihood import (
     DiffuseField,
     diffuse_field,
+    explained,
     kernel,
     kernel_slope_over_z,
     likelihood,
     likelihood_landscape,
     newton_terms,
     noise_ratio,
+    slopes,
     total,
     unexplained,
 )
@@ -118,3 +120,22 @@ def test_the_spread_of_rough_positions_is_told_from_noise(spread):
     spreads, noises = np.mean(found, axis=0)
     assert spreads == pytest.approx(spread * np.sqrt(2), rel=0.3)  # of both coordinates together
     assert noises < 5e-3
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_the_slopes_of_all_modes_add_up_to_the_gradient(dimension):
+    field, guess = field_and_guess(dimension)
+    gradient = newton_terms(guess, PROBLEM.pressures, field)[1]
+    each = slopes(guess, PROBLEM.pressures, field)
+    np.testing.assert_allclose(each.sum(axis=0), gradient, rtol=1e-9, atol=1e-9 * np.abs(gradient).max())
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_what_is_explained_is_that_of_the_explicit_covariance(dimension):
+    field, guess = field_and_guess(dimension)
+    distance = np.linalg.norm(guess[:, None] - guess[None], axis=-1)
+    u, d = explained(guess, PROBLEM.pressures, field)
+    for m, p in enumerate(PROBLEM.pressures):
+        C = field.power[m] * kernel(field.wavenumbers[m] * distance, dimension) + field.noise[m] * np.eye(len(guess))
+        np.testing.assert_allclose(C @ u[m], p, rtol=1e-8, atol=1e-8 * np.abs(p).max())
+        np.testing.assert_allclose(d[m], np.diag(np.linalg.inv(C)), rtol=1e-7)

@@ -115,3 +115,29 @@ def test_a_microphone_in_a_wrong_place_is_put_where_it_fits():
     apart = 2 * np.pi / problem.wavenumbers.real.max() / 8
     assert np.linalg.norm(rehomed[3] - truth[3]) < apart
     assert np.array_equal(rehomed[5], moved[5]), "a known microphone is never moved"
+
+
+@pytest.mark.parametrize("D", [2, 3])
+def test_a_direction_that_the_source_hardly_excites_is_found_behind_a_curvature(D):
+    """The weakest coordinate hides behind the square of the strongest; the likeliest of the others is near it."""
+    problem, truth = affine_problem(D, KNOWN[: D + 1])
+    rng = np.random.default_rng(9)
+    offset = truth - truth.mean(axis=0)
+    k = problem.wavenumbers.real[:, None]
+    weak = np.array([1.0] * (D - 1) + [0.1])
+    slopes = k * (rng.normal(size=(len(k), D)) + 1j * rng.normal(size=(len(k), D))) * weak
+    curved = k * rng.normal(size=(len(k), 1)) * (offset[:, 0] ** 2 - np.mean(offset[:, 0] ** 2))
+    hidden = replace(problem, pressures=slopes @ offset.T + curved)
+
+    def share(positions):
+        """Of the weak coordinate, what the directions of a start tell."""
+        directions = np.column_stack([positions, np.ones(len(positions))])
+        rest = offset[:, -1] - directions @ np.linalg.lstsq(directions, offset[:, -1], rcond=None)[0]
+        return 1 - rest @ rest / (offset[:, -1] @ offset[:, -1])
+
+    others = [starts.singular_vectors(hidden, 40, None, last)[0] for last in range(D, D + starts.OTHER_DIRECTIONS)]
+    assert share(starts.singular_vectors(hidden, 40)[0]) < 0.5
+    assert max(map(share, others)) > 0.7
+    assert any(
+        np.array_equal(starts.redirected(hidden, 40), starts.affine(hidden, 40, None, last)) for last in range(D, D + 5)
+    )
