@@ -235,15 +235,21 @@ def expansion_spectra(
     found = []
     for kk, order, gain, p in zip(k, orders.tolist(), gains, pressures, strict=True):
         if dimension == 2:
-            W, dW = np.empty((N, 2 * order + 1), k.dtype), np.empty((2, 0, 0), k.dtype)
-            _circular(x, centre, kk, order, gain, False, W, dW)
-            found.append(_along(W, p))
+            found.append(_along(circular(x, kk, order, centre, gain), p))
             continue
         C = np.empty((N, N), complex)
         series(*directions(x, centre), complex(kk), order, gain, False, C, C.copy(), C.copy())
         values, vectors = np.linalg.eigh(C)
         found.append((np.maximum(values, 0.0), np.abs(vectors.conj().T @ p) ** 2))
     return found
+
+
+def circular(points, k, order: int, centre, gain=None) -> np.ndarray:
+    """W of one mode in two dimensions : (N, 2L + 1), real for a real k; `gain` (L + 1,) of every order."""
+    x, centre = writable(points, float), writable(centre, float)
+    W = np.empty((len(x), 2 * order + 1), np.asarray(k).dtype)
+    _circular(x, centre, k, order, np.ones(order + 1) if gain is None else gain, False, W, np.empty((2, 0, 0), W.dtype))
+    return W
 
 
 def _along(W: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
