@@ -113,6 +113,10 @@ def changed(
             raise InputError(f"modes = {modes} must be at least 1; use 1 to {len(given.measurement.frequencies)}")
         settings = replace(settings, modes=modes, first_modes=min(settings.first_modes, modes))
     settings = replace(settings, name=solver or settings.name)
+    idle = [key for key in ("noise", "snr_db", "cost") if others.get(key) is not None]
+    if settings.name == "descent" and idle:
+        option = "--cost" if idle == ["cost"] else "--noise"
+        raise InputError(f"{option} does nothing with solver.name = \"descent\"; leave it out, or use --solver joint")
     return replace(given, settings=settings, seed=given.seed if seed is None else seed)
 
 

@@ -140,6 +140,8 @@ def test_all_microphones_on_a_line(calibrate):
         (["--estimate-sound-speed", "--distance", "0,4,1"], ["--distance", "without known"]),
         (["--distance", "0,4,1"], ["--estimate-sound-speed"]),
         (["--distance", "0,4"], ["--distance", "0,5,1.25"]),
+        (["--solver", "descent", "--noise", "30"], ["--noise", "--solver joint"]),
+        (["--solver", "descent", "--cost", "projection"], ["--cost", "--solver joint"]),
     ],
 )
 def test_bad_options(calibrate, options, words):
