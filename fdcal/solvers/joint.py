@@ -425,24 +425,30 @@ def _learn(problem: Problem, state: State) -> State:
 def _finish(problem: Problem, state: State, settled: bool, rest: Unexplained | None = None) -> State:
     """The end, or another attempt where too much is left unexplained."""
     rest = starts.left_over(problem, state.positions, state.modes, state.near) if rest is None else rest
-    power = np.mean(np.abs(problem.pressures) ** 2, axis=1)
-    least = float(np.median(state.noise_power / power)) if state.noise_told else 0.0
-    best = rest.cost, settled, state.positions, state.shape, state.noise, state.noise_power, state.near
-    share = float(np.median(rest.shares(problem.wavenumbers)))
-    same = state.best is not None and abs(state.best[0] - rest.cost) < 1.0 + 1e-4 * abs(rest.cost)
+    here = rest.cost, settled, state.positions, state.shape, state.noise, state.noise_power, state.near
     before = state.best is not None and state.best[0] <= rest.cost
-    best = state.best if before else best
-    explained = share <= max(CONVINCING * least, FAINT)
+    best = state.best if before else here
     tries = starts.attempts(problem, state.settings.modes)
-    tries = tries if state.near else tries[:-1]
-    if (
-        (_even(problem, rest) and (explained or same))
-        or state.settings.start == "random"
-        or state.attempt + 1 >= len(tries)
-    ):
+    tries = tries if state.near else tries[:-1]  # the last is for the near model
+    last = state.settings.start == "random" or state.attempt + 1 >= len(tries)
+    if last or _convincing(problem, state, rest, redirected=("redirected", 0) in tries[: state.attempt + 1]):
         ended = replace(state, finished=True, converged=best[1])
         return _as_before(problem, ended) if before else ended
     return _try(problem, replace(state, attempt=state.attempt + 1, best=best), *tries[state.attempt + 1])
+
+
+def _convincing(problem: Problem, state: State, rest: Unexplained, redirected: bool) -> bool:
+    """Whether what an attempt leaves is the noise told, or, where none is, what another attempt has left, too.
+
+    Two attempts may share a wrong end, which leaves a spread; not so easily one with another direction, `redirected`.
+    """
+    power = np.mean(np.abs(problem.pressures) ** 2, axis=1)
+    told = float(np.median(state.noise_power / power)) if state.noise_told else 0.0
+    share = float(np.median(rest.shares(problem.wavenumbers)))
+    if share <= max(EVEN * told, FAINT):
+        return True
+    same = state.best is not None and abs(state.best[0] - rest.cost) < 1.0 + 1e-4 * abs(rest.cost)
+    return (_even(problem, rest) and (share <= CONVINCING * told or same)) or (same and redirected)
 
 
 def _as_before(problem: Problem, state: State) -> State:
