@@ -15,9 +15,8 @@ from pathlib import Path
 import numba
 import numpy as np
 
-PARTS = (
-    4  # that the modes are summed in, whatever the machine: the same sums, to the last bit, with any number of cores
-)
+# The modes are summed in so many parts on any machine: the same sums, to the last bit, with any number of cores.
+PARTS = 4
 WORTH = 2e5  # M N^2 from which threads pay
 
 if "FDCAL_CACHE" in os.environ and not numba.config.CACHE_DIR and not os.access(Path(__file__).parent, os.W_OK):

@@ -63,9 +63,7 @@ def expansion_terms(
     scale = np.ones_like(noise) if log_det else noise
     if dimension == 2:
         modes = p, k, orders, gains, noise / power, scale / noise
-        return summed(
-            _circular_modes, (x, centre), modes, (float(log_det), derivatives, np.zeros(1, k.dtype)), derivatives
-        )
+        return summed(_circular_modes, (x, centre), modes, (float(log_det), derivatives), derivatives)
     modes = p, k.astype(complex), orders, gains, power, noise, scale
     return summed(series_modes, (x, centre), modes, (float(log_det), derivatives), derivatives)
 
@@ -92,10 +90,10 @@ def _about_centre(x, k, dimension: int, near: bool, about=None):
 
 
 @compiled
-def _circular_modes(x, centre, p, k, orders, gains, mu, scale, log_det, derivatives, zero, cost, gradient, H):
+def _circular_modes(x, centre, p, k, orders, gains, mu, scale, log_det, derivatives, cost, gradient, H):
     for m in range(len(k)):
         r = 2 * orders[m] + 1
-        W, dW = np.empty((len(x), r), zero.dtype), np.empty((2, len(x), r), zero.dtype)
+        W, dW = np.empty((len(x), r), k.dtype), np.empty((2, len(x), r), k.dtype)
         _circular(x, centre, k[m], orders[m], gains[m], derivatives > 0, W, dW)
         add_mode(W, dW, p[m], mu[m], scale[m], log_det, derivatives, cost, gradient, H)
 
