@@ -42,7 +42,7 @@ MARKS = {
 }
 TRACES = {"trail": picture.TRAIL, "ellipse": picture.ERROR, "estimate": picture.ESTIMATE, "known": picture.KNOWN}
 CURVES = {"mean": rgb(plots.RED), "largest": rgb(plots.ORANGE), "cost": rgb(plots.BLUE)}
-MODES = {"in": rgb(modestab.BLUE), "out": rgb(modestab.ORANGE), "spectrum": rgb(modestab.DARK_GREY)}
+MODES = {"in": rgb(modestab.BLUE), "out": rgb(modestab.ORANGE), "spectrum": rgb(modestab.GREY)}
 
 
 @pytest.mark.parametrize("eye", EYES)

@@ -35,6 +35,7 @@ from fdcal.picture import compose, with_estimate
 from fdcal.scenario import knobs_of
 from fdcal.scene import load_scene, scene_folder
 from fdcal.store import cached_measurement
+from fdcal.verdict import highest_frequency
 from fdcal.viewer import app, exports, maptab, modestab, plots, preparing, safety, spreads, stage, viewing, words
 from fdcal.viewer.controls import Controls
 from fdcal.viewer.desk import Desk
@@ -949,9 +950,18 @@ def test_modes_slide_into_the_map_and_out_of_it(server, scene, measurement, hear
     tab.show(work.session.view, 0.0)
     data = tab.plot.data
     assert len({len(column) for column in data}) == 1 and all(np.isfinite(column).all() for column in data)
-    assert (np.diff(data[0]) >= 0).all() and len(data) == 3 + heard
-    risen = data[0][data[-1] != np.median(data[-1])]
-    np.testing.assert_allclose(risen, [measurement.frequencies[1]])
+    x, curve, outside, inside, limit = data
+    low, high = tab.plot.scales["y"]["range"]
+    assert (np.diff(x) >= 0).all()
+    np.testing.assert_allclose(x[inside > low], [measurement.frequencies[1]])
+    np.testing.assert_allclose(x[outside > low], measurement.frequencies[[0, 2, 3, 4, 5]])
+    dotted = (inside > low) | (outside > low)
+    np.testing.assert_allclose(np.maximum(inside, outside)[dotted], curve[dotted])  # on the curve, and in sight
+    assert (curve[dotted] < high).all()
+    f_max = round(highest_frequency(work.problem, work.session.view.state.positions))
+    assert np.array_equal(x[limit > low], [f_max] if x[0] < f_max < x[-1] else [])
+    inner = tab._data((1,), 200.0)
+    assert np.array_equal(inner[0][inner[-1] > low], [200.0]) and len({len(column) for column in inner}) == 1
     say(tab.own, True)
     assert desk.choices.modes is None
     server.gui.reset()

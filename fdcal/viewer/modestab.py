@@ -12,13 +12,15 @@ from ..verdict import highest_frequency
 from . import words
 from .desk import Desk
 from .maptab import MapTab
+from .plots import dots
 from .safety import bounded
 
 ROW, ROWS = 4, 6  # switches
-DARK_GREY, ORANGE, BLUE = "#808894", "#e08a1e", "#1f78c8"
+GREY, SHADE, ORANGE, BLUE, RED = "#808894", "rgba(128, 136, 148, 0.25)", "#e08a1e", "#1f78c8", "#d61828"
 MOST_POINTS = 700  # of the spectrum: a plot is sent whole each time
-TOP = 10.0  # dB, from which strokes go down to the peaks
+ABOVE, BELOW = 6.0, 8.0  # dB that the plot goes beyond the strongest and the weakest peak
 FAINTEST = 1e-8  # of the greatest power, drawn for anything below
+UNSEEN = -1e3  # dB, where a curve has nothing to show: below the plot, for uPlot cannot take a NaN
 INTERVAL = 0.25  # s between two sendings of the plot
 
 
@@ -30,21 +32,10 @@ class ModesTab:
         gui, self._f = desk.gui, desk.measurement.frequencies[: desk.modes]
         self._seen, self._levels = levels(desk.measurement, desk.modes)
         self._key: tuple = ()
-        whole = (uplot.Series(label="all microphones", stroke=DARK_GREY, width=1, points={"show": False}),)
-        self.plot = gui.add_uplot(
-            data=self._data(()),
-            series=(
-                uplot.Series(label="Hz"),
-                *(whole if self._seen is not None else ()),
-                uplot.Series(label="not in the map", stroke=ORANGE, width=1.5, dash=(3, 3), points={"show": False}),
-                uplot.Series(label="in the map", stroke=BLUE, width=2.5, points={"show": False}),
-            ),
-            title="Power of the picked modes (dB)" if self._seen is None else "Mean power, and modes picked (dB)",
-            scales={"x": uplot.Scale(time=False)},
-            axes=(uplot.Axis(label="frequency (Hz)", labelSize=20, size=34), uplot.Axis(size=48)),
-            height=225,
-            padding=(12, 16, 0, 0),
-        )
+        self._floor = 10 * np.floor((self._levels.min() - BELOW) / 10)
+        self._x, self._curve, self._peaks = self._drawn()
+        self.plot = self._plot()
+        gui.add_html(words.spectrum_legend(self._seen is not None, BLUE, ORANGE, RED, GREY))
         self.text = gui.add_html("")
         self.low = gui.add_slider("From mode", 1, desk.modes, 1, 1, hint="Of the map")
         self.high = gui.add_slider("To mode", 1, desk.modes, 1, 1, hint="Of the map: watch the minima merge")
@@ -76,24 +67,64 @@ class ModesTab:
         if number.isdecimal() and 1 <= int(number) <= self._desk.modes:
             self._map.toggle_mode(int(number))
 
-    def _data(self, used) -> tuple[np.ndarray, ...]:
-        """The spectrum with a stroke down to each peak picked, so that it stays in sight; without one strokes upward.
+    def _drawn(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The curve, (P,) Hz and (P,) dB, and (modes,) which of its points are the peaks.
 
-        A stroke is in one curve or the other, as its mode is in the map or not.
+        The spectrum through all peaks picked; where none was kept, a stem for each.
         """
-        base = TOP if self._seen is not None else np.floor(self._levels.min() / 10) * 10 - 5
-        inside = np.isin(np.arange(1, len(self._f) + 1), used)
-        x = np.repeat(self._f, 3)
-        strokes = [np.full(len(x), base) for _ in range(2)]
-        for curve, chosen in zip(strokes, (~inside, inside), strict=True):
-            curve[1::3] = np.where(chosen, self._levels, base)
         if self._seen is None:
-            return x, *strokes
-        x = np.concatenate([x, self._seen[0]])
+            stems = np.repeat(self._levels, 3)
+            stems[0::3] = stems[2::3] = UNSEEN
+            return np.repeat(self._f, 3), stems, np.arange(1, len(stems), 3)
+        x = np.concatenate([self._seen[0], self._f])
         order = np.argsort(x, kind="stable")
-        strokes = [np.concatenate([curve, np.full(self._seen.shape[1], base)]) for curve in strokes]
-        whole = np.concatenate([np.repeat(self._levels, 3), self._seen[1]])
-        return tuple(column[order] for column in (x, whole, *strokes))
+        peaks = np.argsort(order, kind="stable")[self._seen.shape[1] :]
+        return x[order], np.concatenate([self._seen[1], self._levels])[order], peaks
+
+    def _plot(self):
+        spectrum = self._seen is not None
+        title = "Mean power at the microphones" if spectrum else "Power of the modes picked"
+        edge = 0.02 * float(self._x[-1] - self._x[0]) + (0.0 if spectrum else 1.0)
+        return self._desk.gui.add_uplot(
+            data=self._data((), np.inf),
+            series=(
+                uplot.Series(label="Hz"),
+                uplot.Series(
+                    label="power", stroke=GREY, width=1, points={"show": False},
+                    **({"fill": SHADE, "fillTo": UNSEEN} if spectrum else {}),
+                ),
+                uplot.Series(label="not in the map", stroke=ORANGE, width=0, points=dots(5, ORANGE, "transparent")),
+                uplot.Series(label="in the map", stroke=BLUE, width=0, points=dots(7, BLUE, BLUE)),
+                uplot.Series(label="f_max", stroke=RED, width=1.5, dash=(6, 4), points={"show": False}),
+            ),
+            title=title,
+            legend={"show": False},
+            scales={
+                "x": uplot.Scale(time=False, range=(float(self._x[0]) - edge, float(self._x[-1]) + edge)),
+                "y": uplot.Scale(range=(float(self._floor), ABOVE)),
+            },
+            axes=(
+                uplot.Axis(label="frequency (Hz)", labelSize=20, size=34),
+                uplot.Axis(label="dB re the strongest", labelSize=18, size=40),
+            ),
+            height=240,
+            padding=(12, 14, 0, 0),
+        )  # fmt: skip
+
+    def _data(self, used, limit: float) -> tuple[np.ndarray, ...]:
+        """The curve, a dot on each peak, in one series or the other as its mode is in the map or not, and f_max."""
+        inside = np.isin(np.arange(1, len(self._f) + 1), used)
+        columns = [self._x, self._curve]
+        for chosen in (~inside, inside):
+            columns.append(np.full(len(self._x), UNSEEN))
+            columns[-1][self._peaks[chosen]] = self._levels[chosen]
+        columns.append(np.full(len(self._x), UNSEEN))
+        if not self._x[0] < limit < self._x[-1]:
+            return tuple(columns)
+        at = int(np.searchsorted(self._x, limit))
+        height = float(np.interp(limit, self._x, self._curve)) if self._seen is not None else UNSEEN
+        stroke = ([limit] * 3, [height] * 3, [UNSEEN] * 3, [UNSEEN] * 3, [UNSEEN, ABOVE, UNSEEN])
+        return tuple(np.insert(column, at, more) for column, more in zip(columns, stroke, strict=True))
 
     def show(self, view: SessionView, now: float) -> None:
         """Called by the main loop."""
@@ -103,7 +134,7 @@ class ModesTab:
         if (used, limit) == self._key or now - self._sent < INTERVAL:
             return
         self._key, self._sent = (used, limit), now
-        self.plot.data = self._data(used)
+        self.plot.data = self._data(used, limit)
         self.text.content = words.modes_lines(self._desk.measurement, used, limit, self._order(state, used[-1]))
         self._desk.tell("map low", used[0], self.low)
         self._desk.tell("map high", used[-1], self.high)

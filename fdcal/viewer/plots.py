@@ -118,3 +118,8 @@ def _plot(gui: viser.GuiApi, title: str, series: tuple, data: tuple, distributio
         height=215,
         padding=(12, 16, 0, 0),
     )
+
+
+def dots(size: float, stroke: str, fill: str) -> dict:
+    """Points of a series : round, `size` pixels across."""
+    return {"show": True, "size": size, "width": 1.5, "stroke": stroke, "fill": fill}

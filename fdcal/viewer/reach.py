@@ -9,7 +9,7 @@ from viser import uplot
 from ..gauge import position_errors
 from ..history import SessionView
 from ..measurement import Measurement
-from .plots import BLUE, RED
+from .plots import BLUE, RED, dots
 
 INTERVAL = 0.5  # s between two sendings
 MOST_ERROR = 1e6  # mm, drawn for anything above
@@ -34,8 +34,8 @@ class Reach:
             data=(self._x, np.zeros(len(self._x)), np.zeros(len(self._x))),
             series=(
                 uplot.Series(label="m"),
-                uplot.Series(label="mean over the run", stroke=RED, width=0, points=_dots(RED, RED)),
-                uplot.Series(label="now", stroke=BLUE, width=0, points=_dots(BLUE, "transparent")),
+                uplot.Series(label="mean over the run", stroke=RED, width=0, points=dots(7, RED, RED)),
+                uplot.Series(label="now", stroke=BLUE, width=0, points=dots(7, BLUE, "transparent")),
             ),
             title=f"Error (mm) against distance from known microphone {first}",
             scales={"x": uplot.Scale(time=False)},
@@ -69,7 +69,3 @@ class Reach:
 def _drawable(values: np.ndarray) -> np.ndarray:
     """Finite numbers, as uPlot needs them."""
     return np.clip(np.nan_to_num(values, nan=MOST_ERROR), 0.0, MOST_ERROR)
-
-
-def _dots(stroke: str, fill: str) -> dict:
-    return {"show": True, "size": 7, "width": 1.5, "stroke": stroke, "fill": fill}

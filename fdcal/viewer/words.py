@@ -90,12 +90,27 @@ def legend() -> str:
         "lowest cost": f"{diamond} {white} stroke-width='4.5'/>{diamond} stroke='{_css(LOWEST)}' stroke-width='2.4'/>",
         "other minimum": f"{small} {white} stroke-width='4'/>{small} stroke='{_css(LOWEST)}' stroke-width='1.8'/>",
     }
-    items = "".join(
+    return f"<div style='{CARD}'>{_marks(marks)}</div>"
+
+
+def spectrum_legend(curve: bool, inside: str, outside: str, limit: str, line: str) -> str:
+    """What the marks of the spectrum mean; `curve` where there is one, colours as CSS has them."""
+    marks = {
+        "in the map": f"<circle cx='9' cy='9' r='4' fill='{inside}'/>",
+        "not in it": f"<circle cx='9' cy='9' r='3' fill='none' stroke='{outside}' stroke-width='1.6'/>",
+        "f<sub>max</sub>": f"<path d='M9 1V17' stroke='{limit}' stroke-width='1.8' stroke-dasharray='5 3'/>",
+    }
+    marks |= {"mean power": f"<path d='M1 15L6 13L9 3L12 13L17 15' fill='none' stroke='{line}'/>"} if curve else {}
+    return f"<div style='{CARD}'>{_marks(marks)}</div>"
+
+
+def _marks(marks: dict[str, str]) -> str:
+    """Drawings of 18 by 18 pixels, each with its name."""
+    return "".join(
         "<span style='white-space: nowrap; margin-right: 1.1em'>"
         f"<svg width='18' height='18' style='vertical-align: -4px'>{mark}</svg> {name}</span>"
         for name, mark in marks.items()
     )
-    return f"<div style='{CARD}'>{items}</div>"
 
 
 def colour_bar(bar: ColourBar | None, trouble: str = "") -> str:
