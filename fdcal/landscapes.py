@@ -40,16 +40,14 @@ def each_mode(problem: Problem, solver, state, n: int, modes: Sequence[int]) -> 
     return maps[np.asarray(modes) - low]
 
 
-def has_fine(state) -> bool:
-    """Whether `fine_mode` reckons what the solver of `state` does: Eq. 7 about a centre."""
-    return hasattr(state, "centre") and hasattr(state, "order_offset") and np.shape(state.centre) == (2,)
+def fine_mode(problem: Problem, solver, state, n: int, mode: int, search: Search) -> np.ndarray:
+    """Cost of one mode, counted from 1, with microphone `n` moved over `search`, any lattice of the same area.
 
-
-def fine_mode(problem: Problem, state, n: int, mode: int, search: Search) -> np.ndarray:
-    """Cost (Eq. 7) of one mode, counted from 1, with microphone `n` moved over `search` : (ny, nx) float64.
-
-    The centre of the expansion is the point of `search` nearest to that of `state`.
+    As `each_mode`, (ny, nx) float64; of Eq. 7 the centre of the expansion is the point of `search` nearest to that of
+    `state`.
     """
+    if not hasattr(state, "centre"):  # a likelihood, which has none and takes any lattice
+        return solver.landscape(problem, state, n, slice(mode - 1, mode), search)[0]
     from .candidates import all_candidates  # compiled code, which a page loads before its first map
 
     k = complex(problem.wavenumbers[mode - 1])

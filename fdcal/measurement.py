@@ -13,7 +13,7 @@ import numpy as np
 
 from .arrays import positions_of
 from .checks import InputError, frozen_array, require_array, require_choice, require_positive
-from .gauge import Frame, least_frame
+from .gauge import Frame, align, least_frame, position_errors
 from .scene import Scene, Search
 from .space import places_of
 
@@ -104,6 +104,22 @@ class Measurement:
     def count(self) -> int:
         """Number of microphones N."""
         return self.pressures.shape[1]
+
+    @property
+    def blind(self) -> bool:
+        """Whether no microphone is known, so that nothing fixes where the array is, how it is turned and mirrored."""
+        return not len(self.known)
+
+    def truth_beside(self, positions) -> np.ndarray | None:
+        """The true places : (N, D), metres, or None; of a blind array as near to `positions` (N, D) as motion brings.
+
+        Motion is of the whole, and its mirror image counts as well.
+        """
+        return align(self.positions, positions) if self.blind and self.positions is not None else self.positions
+
+    def errors(self, positions) -> np.ndarray | None:
+        """Distance of each of `positions` (N, D), metres, from `truth_beside` it : (N,) float64, or None."""
+        return None if self.positions is None else position_errors(positions, self.truth_beside(positions))
 
     def problem(self, weights: str = "unit", known: str = "all") -> Problem:
         """What a solver sees.

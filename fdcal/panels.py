@@ -15,7 +15,7 @@ from .primitives import DARK, Theme
 from .scene import Search
 
 CELL, GAP, CAPTION = 252, 18, 34  # pixels: edge of a map, between maps, above each
-POINTS = 21  # of the letters
+POINTS = 21  # of the letters above two columns
 DARK_PANEL = (36, 36, 36)  # behind the controls of a dark page
 ESTIMATE, LOWEST = (214, 24, 40), (255, 176, 0)
 
@@ -48,11 +48,11 @@ def mosaic(
     rows = -(-count // columns)
     size = columns * (width + GAP) - GAP, rows * (height + CAPTION + GAP) - GAP
     image = Image.new("RGB", size, DARK_PANEL if theme is DARK else theme.background)
-    draw = ImageDraw.Draw(image)
+    draw, font = ImageDraw.Draw(image), _font(POINTS * columns / 2)  # the panel shrinks all columns to its width
     scale = ends(np.stack(maps), log) if shared else None
     for i, (cost, caption) in enumerate(zip(maps, captions, strict=True)):
         left, top = (i % columns) * (width + GAP), (i // columns) * (height + CAPTION + GAP)
-        draw.text((left, top + 4), caption, fill=theme.ink, font=_font())
+        draw.text((left, top), caption, fill=theme.ink, font=font)
         low, high, _ = scale or ends(cost, log)
         rgb = colours(shares(cost, low, high, log))[::-1]  # an image's first row is its highest
         tile = Image.fromarray(rgb).resize((width, height), Image.Resampling.NEAREST)
@@ -98,5 +98,5 @@ def _draw_mark(draw, name: str, x: float, y: float, reach: float, ink, width: in
         draw.line([x - reach, y + reach, x + reach, y - reach], fill=ink, width=width + 1)
 
 
-def _font() -> ImageFont.FreeTypeFont:
-    return ImageFont.truetype(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf", POINTS)
+def _font(points: float) -> ImageFont.FreeTypeFont:
+    return ImageFont.truetype(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf", points)

@@ -19,7 +19,6 @@ import numpy as np
 
 from . import shapes
 from .checks import frozen_array
-from .gauge import position_errors
 from .measurement import Measurement
 from .primitives import DARK, LIGHT, Colour, Floor, Label, Lines, Picture, Solid, Theme
 from .scene import Scene
@@ -111,13 +110,19 @@ def backdrop(scene: Scene | None, measurement: Measurement, dark: bool = False, 
         room_lines, room_labels, solids = _room(scene, marker, theme)
         lines, labels = room_lines + lines, labels + room_labels
     if measurement.positions is not None:
-        centres = _raised(drape(measurement.positions, ground), base, 4 * layer)
-        solids += _circles("microphones/true", centres, marker, 0.28)
-        if heights[1] > base:
-            lines += (_lines("microphones/stems", shapes.stems(centres, base), theme.faint, 1.0),)
+        true_solids, true_lines = _truth(drape(measurement.positions, ground), heights, marker, theme)
+        solids, lines = solids + true_solids, lines + true_lines
     if len(measurement.known):
         solids += _squares(_raised(drape(measurement.known_positions, ground), base, 6 * layer), marker)
     return Picture(theme, focus, bounds, marker, lines, solids, labels, heights=heights)
+
+
+def _truth(places, heights, marker: float, theme: Theme) -> tuple[tuple[Solid, ...], tuple[Lines, ...]]:
+    """True microphones at `places` (N, D), metres; in space with stems down to the floor."""
+    base = heights[0]
+    centres = _raised(places, base, 4 * marker / LAYERS)
+    stems = (_lines("microphones/stems", shapes.stems(centres, base), theme.faint, 1.0),)
+    return _circles("microphones/true", centres, marker, 0.28), stems if heights[1] > base else ()
 
 
 def _squares(centres: np.ndarray, marker: float) -> tuple[Solid, Solid]:
@@ -134,10 +139,14 @@ def with_estimate(
 ) -> Picture:
     """The picture with the estimate (N, D), metres, and one microphone looked at, on `ground` where that has heights.
 
-    A known microphone that a hand has moved is drawn where it is now supposed to be.
+    A known microphone that a hand has moved is drawn where it is now supposed to be. The true places of a blind array
+    are moved as a whole, to where the estimate is: nothing tells it where it stands.
     """
+    truth = measurement.truth_beside(positions)
+    truth = None if truth is None else drape(truth, ground)
     positions, marker, known = drape(positions, ground), picture.marker, measurement.known
-    truth = None if measurement.positions is None else drape(measurement.positions, ground)
+    if truth is not None and measurement.blind:
+        picture = _with_truth_at(picture, truth)
     layer, solids, base = marker / LAYERS, picture.solids, picture.heights[0]
     if len(known):
         others = tuple(solid for solid in solids if not solid.name.startswith("microphones/known"))
@@ -162,6 +171,14 @@ def with_estimate(
     if picture.heights[1] > base:  # what ties the microphone to the map below it
         lines += (_lines("looked_at/stem", shapes.stems(found, base), ESTIMATE, 2.0),)
     return replace(picture, lines=lines, solids=solids, labels=(*picture.labels, label))
+
+
+def _with_truth_at(picture: Picture, places) -> Picture:
+    """The picture with its true microphones at `places` (N, D), metres."""
+    solids, lines = _truth(places, picture.heights, picture.marker, picture.theme)
+    names = {part.name for part in (*solids, *lines)}
+    still = [tuple(part for part in parts if part.name not in names) for parts in (picture.solids, picture.lines)]
+    return replace(picture, solids=still[0] + solids, lines=still[1] + lines)
 
 
 def with_trails(picture: Picture, paths, ground: Floor | None = None) -> Picture:
@@ -232,15 +249,21 @@ def headline(measurement: Measurement, positions) -> str:
     """Mean and largest position error in words, or that the truth is not known."""
     if measurement.positions is None:
         return "true positions unknown"
-    errors = position_errors(positions, measurement.positions)
-    return f"mean error {millimetres(errors.mean())}, largest {millimetres(errors.max())}"
+    errors = measurement.errors(positions)
+    aligned = ", once aligned" if measurement.blind else ""
+    return f"mean error {millimetres(errors.mean())}, largest {millimetres(errors.max())}{aligned}"
 
 
 def millimetres(length: float) -> str:
-    """A length in metres as a text in millimetres, three figures below a decimetre: 4.13 mm, 535 mm."""
+    """A length in metres as a text in millimetres: 4.13 mm, 535 mm."""
+    return f"{in_millimetres(length)} mm"
+
+
+def in_millimetres(length: float) -> str:
+    """The number of millimetres of a length in metres, three figures below a decimetre."""
     if length < 1e-6:
-        return "0 mm"
-    return f"{1e3 * length:.3g} mm" if length < 0.1 else f"{1e3 * length:.0f} mm"
+        return "0"
+    return f"{1e3 * length:.3g}" if length < 0.1 else f"{1e3 * length:.0f}"
 
 
 def _focus(measurement: Measurement) -> tuple[float, float, float, float]:

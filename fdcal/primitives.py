@@ -96,11 +96,12 @@ def number(value: float, digits: int) -> str:
 
 
 def _few(ticks: Iterable[tuple[float, str]]) -> tuple[tuple[float, str], ...]:
-    """Every second tick left out, again and again, while their texts are too long to stand side by side."""
-    ticks = tuple(ticks)
-    while len(ticks) > 2 and sum(len(text) + 2 for _, text in ticks) > LETTERS:
-        ticks = ticks[::2]
-    return ticks
+    """Those that find room: each is left out whose text would touch that of the one before it."""
+    kept: list[tuple[float, str]] = []
+    for share, text in ticks:
+        if not kept or (share - kept[-1][0]) * LETTERS >= (len(text) + len(kept[-1][1])) / 2 + 2:
+            kept.append((share, text))
+    return tuple(kept)
 
 
 @dataclass(frozen=True)

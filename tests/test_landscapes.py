@@ -45,7 +45,7 @@ def test_one_mode_at_a_time_is_the_solvers_landscape(problem, state):
 def test_a_fine_map_on_the_solvers_lattice_is_its_landscape(problem, state):
     whole = solvers.load("descent").landscape(problem, state, 7, slice(0, 3))
     for mode in (1, 2, 3):
-        fine = landscapes.fine_mode(problem, state, 7, mode, SEARCH)
+        fine = landscapes.fine_mode(problem, None, state, 7, mode, SEARCH)
         np.testing.assert_allclose(fine, whole[mode - 1], rtol=1e-8)
 
 
@@ -54,7 +54,7 @@ def test_a_fine_map_is_eq_7_at_every_point(problem, state):
     plain = dataclasses.replace(state, settings=dataclasses.replace(state.settings, known_weight=1.0))
     fine, n = landscapes.finer(SEARCH, 57), 7
     assert max(fine.shape) == 57
-    values = landscapes.fine_mode(problem, plain, n, 2, fine)
+    values = landscapes.fine_mode(problem, None, plain, n, 2, fine)
     centre = np.array(fine.origin) + fine.step * np.rint((state.centre - fine.origin) / fine.step)
     k, p = problem.wavenumbers[1:2], problem.pressures[1:2]
     L = cost.max_order(k, SEARCH.radius, state.order_offset)

@@ -30,7 +30,9 @@ def square():
     problem, fine = measurement.problem(scene.solver.weights), landscapes.finer(scene.search)
     state = descent.use_modes(problem, descent.init(problem, scene.solver, seed), 1, 57, False)
     truth = measurement.positions[step.microphone]
-    maps = {mode: landscapes.fine_mode(problem, state, step.microphone, mode, fine) for mode in (1, 37, 38, 39, 40)}
+    maps = {
+        mode: landscapes.fine_mode(problem, None, state, step.microphone, mode, fine) for mode in (1, 37, 38, 39, 40)
+    }
     return problem, descent, state, maps, fine, truth, measurement
 
 
@@ -148,7 +150,7 @@ def test_a_trapped_microphone_wants_to_move_less_than_half_a_cell(box, told):
     np.testing.assert_allclose(lattice, np.rint(lattice), atol=1e-9)
 
     def wanted(n, lattice):
-        cost = sum(landscapes.fine_mode(problem, staged, n, mode, lattice) for mode in range(1, 21))
+        cost = sum(landscapes.fine_mode(problem, None, staged, n, mode, lattice) for mode in range(1, 21))
         lowest = landscapes.places(np.array([np.unravel_index(cost.argmin(), cost.shape)]), lattice)[0]
         return lowest - staged.positions[n]
 

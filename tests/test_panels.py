@@ -1,5 +1,7 @@
 """Maps as colours, as a relief, and side by side: what was given is where it should be."""
 
+import itertools
+
 import numpy as np
 import pytest
 from PIL import ImageColor
@@ -36,9 +38,17 @@ def test_a_cost_of_both_signs_has_a_linear_scale():
 
 
 def test_ticks_of_a_scale_never_run_into_each_other():
-    for low, high, log in [(14830.1, 14930.7, True), (14830.1, 14930.7, False), (3e-9, 4e5, True), (71.6, 86.0, True)]:
+    for low, high, log in [
+        (14830.1, 14930.7, True),
+        (14830.1, 14930.7, False),
+        (3e-9, 4e5, True),
+        (71.6, 86.0, True),
+        (1e5, 9e5, True),
+    ]:
         ticks = ColourBar(low, high, log, "").ticks
-        assert len(ticks) >= 2 and sum(len(text) + 2 for _, text in ticks) <= 44
+        assert len(ticks) >= 2
+        for (left, one), (right, other) in itertools.pairwise(ticks):
+            assert (right - left) * 44 > (len(one) + len(other)) / 2, "forty-four letters find room along a bar"
         assert len({text for _, text in ticks}) == len(ticks), "two ticks say the same"
 
 

@@ -29,6 +29,7 @@ from fdcal.camera import camera_for, project
 from fdcal.checks import InputError
 from fdcal.export import sessionfile
 from fdcal.history import History, SessionView
+from fdcal.measured import stand_in
 from fdcal.measurement import Measurement
 from fdcal.opening import Opening, edited
 from fdcal.picture import compose, with_estimate
@@ -36,9 +37,23 @@ from fdcal.scenario import knobs_of
 from fdcal.scene import load_scene, scene_folder
 from fdcal.store import cached_measurement
 from fdcal.verdict import highest_frequency
-from fdcal.viewer import app, exports, maptab, modestab, plots, preparing, safety, spreads, stage, viewing, words
+from fdcal.viewer import (
+    app,
+    exports,
+    maps,
+    maptab,
+    modestab,
+    plots,
+    preparing,
+    safety,
+    scenetab,
+    spreads,
+    stage,
+    viewing,
+    words,
+)
 from fdcal.viewer.controls import Controls
-from fdcal.viewer.desk import Desk
+from fdcal.viewer.desk import NOTHING, Desk
 from fdcal.viewer.frame import Frame, Rooms
 from fdcal.viewer.page import Page
 from fdcal.viewer.stage import Stage
@@ -273,7 +288,7 @@ def test_the_diamond_stands_where_the_map_is_lowest(page, scene):
     problem, descent = cached_measurement(scene).problem("unit"), solvers.load("descent")
     state = descent.use_modes(problem, descent.init(problem, scene.solver, 0), 1, 4, True)  # what the page shows
     fine = landscapes.finer(scene.search)
-    cost = sum(landscapes.fine_mode(problem, state, 5, mode, fine) for mode in (2, 3, 4, 6))
+    cost = sum(landscapes.fine_mode(problem, None, state, 5, mode, fine) for mode in (2, 3, 4, 6))
     lowest = landscapes.places(np.array([np.unravel_index(cost.argmin(), cost.shape)]), fine)[0]
     stands = f"p => {{ const at = ({MIDDLE})('/lowest'); return Math.hypot(at[0] - p[0], at[1] - p[1]) < 1e-4 }}"
     page.wait_for_function(stands, arg=lowest.tolist())
@@ -606,6 +621,61 @@ def test_a_seed_that_draws_nothing_is_not_shown(controls):
     assert panel.solve.seed.visible
 
 
+def test_what_was_measured_offers_no_room_to_simulate(server, work):
+    measured = stand_in(work.measurement, "hall", work.scene.solver)
+    opened = []
+    tab = scenetab.SceneTab(Desk(server.gui, dataclasses.replace(work, scene=measured), 6, opened.append))
+    knobs = (tab.microphones, tab.radius, tab.walls, tab.noise, tab.speed, tab.known, tab.seed, tab.apply)
+    assert not any(handle.visible for handle in knobs) and "measured" in tab.told.content
+    say(tab.apply, True)
+    assert opened == [], "a client can press a button that it does not see"
+    say(tab.name, "tiny")
+    assert all(handle.visible for handle in knobs) and "measured" not in tab.told.content
+    say(tab.apply, True)
+    assert [one.scene.name for one in opened] == ["tiny"]
+    say(tab.name, "hall")
+    assert not tab.apply.visible
+    server.gui.reset()
+
+
+def test_controls_that_mean_nothing_are_not_shown(controls):
+    panel, session = controls
+    map_ = panel.map
+    map_.choose_modes([1, 2])
+    assert map_.which.visible and map_.upto.visible and map_.scale.visible
+    say(map_.kind, NOTHING)
+    assert not any(handle.visible for handle in (map_.which, map_.upto, map_.text, map_.scale, map_.opacity))
+    panel.show(session.view, 3, None, "")
+    assert not panel.waits.visible
+    say(panel.ellipses, True)
+    panel.show(session.view, 3, None, "")
+    assert panel.waits.visible, "they come later"
+    session.view = dataclasses.replace(session.view, state=dataclasses.replace(session.view.state, finished=True))
+    panel.show(session.view, 3, None, "")
+    assert not panel.waits.visible
+
+
+def test_a_mode_that_is_chosen_brings_the_map_back(server, work):
+    desk = Desk(server.gui, work, 6)
+    map_ = maptab.MapTab(desk)
+    tab = modestab.ModesTab(desk, work.problem, map_)
+    for act in (lambda: say(tab.high, 4), lambda: tab.press("○5")):
+        say(map_.kind, NOTHING)
+        assert not desk.choices.shown
+        act()
+        assert desk.choices.shown and map_.kind.value != NOTHING
+    server.gui.reset()
+
+
+def test_without_bounds_there_is_no_map_and_no_control_of_one(server, work):
+    unbounded = dataclasses.replace(work, problem=dataclasses.replace(work.problem, search=None))
+    map_ = maptab.MapTab(Desk(server.gui, unbounded, 6))
+    assert not any(handle.visible for handle in (map_.kind, map_.which, map_.upto, map_.scale, map_.opacity))
+    map_.show(3, None, "")
+    assert "search domain" in map_.bar.content
+    server.gui.reset()
+
+
 def test_the_mode_sliders_never_cross(controls):
     panel, session = controls
     say(panel.solve.first, 5)
@@ -656,7 +726,7 @@ class Solver:
     def __init__(self, measurement):
         self.gate, self.shape = threading.Semaphore(0), measurement.search.shape[::-1]
 
-    def landscape(self, problem, state, n, modes):
+    def landscape(self, problem, state, n, modes, search=None):
         assert self.gate.acquire(timeout=WAIT)
         cost = np.ones((modes.stop - modes.start, *self.shape))
         cost[0, 0, n] = 0.5
@@ -667,6 +737,7 @@ class Solver:
 def viewer(server, work, monkeypatch):
     """A page without a browser, ticked by the test."""
     monkeypatch.setattr(viewing, "usable_modes", lambda *_: 6)
+    monkeypatch.setattr(maps, "STILL", np.inf)  # no fine maps, which would go through the gate, too
     made = viewing.Viewer(server, work, Rooms(Frame(server.gui)), Stage(server))
     yield made
     work.solver.gate.release(99)
@@ -699,6 +770,22 @@ def test_a_map_stands_under_its_own_microphone_only(viewer):
     viewer._controls.map.choose_modes([2])
     viewer.tick(0.0)
     assert shown(viewer) is None and mapped(viewer) == 7
+
+
+def test_in_a_drag_the_last_map_stays_until_the_next(viewer):
+    viewer.tick(0.0)
+    assert mapped(viewer) == 3
+    session, positions = viewer._work.session, np.array(viewer._work.measurement.positions)
+    ready = viewer._maps._worker.latest.ended
+    positions[7] += 0.03
+    session.view = view_of([State(positions)])
+    viewer.tick(ready + 0.1)
+    assert shown(viewer) == 3, "one other microphone has moved"
+    viewer.tick(ready + 1.0)
+    assert shown(viewer) is None, "but not for long"
+    session.view = view_of([State(positions + 0.01)])
+    viewer.tick(ready + 0.1)
+    assert shown(viewer) is None, "all have moved"
 
 
 def test_while_running_the_map_of_an_older_state_stays_but_not_over_a_reset(viewer):
@@ -970,9 +1057,14 @@ def test_modes_slide_into_the_map_and_out_of_it(server, scene, measurement, hear
 def test_microphones_are_listed_worst_first(measurement):
     offsets = 0.001 * np.array([0, 0, 0, 5, 9, 1, 7, 3, 2, 4])
     html = words.table(measurement, measurement.positions + offsets[:, None] * [1, 0], None, 6)
-    numbers = [int(number) for number in re.findall(r"<td>(\d+)(?: known)?</td>", html)]
+    numbers = [int(number) for number in re.findall(r"<tr[^>]*><td>(\d+)(?: known)?</td>", html)]
     assert numbers == [4, 6, 3, 9, 7, 8, 5, 0, 1, 2]
-    assert "9 mm" in html and html.count("known") == 3 and "700" in html.split("<td>6</td>")[0].rpartition("<tr")[2]
+    assert (
+        "<td>9</td>" in html
+        and "error (mm)" in html
+        and html.count("known") == 3
+        and "700" in html.split("<td>6</td>")[0].rpartition("<tr")[2]
+    )
 
 
 def test_modes_beyond_f_max_are_warned_of(measurement):

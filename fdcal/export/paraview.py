@@ -10,7 +10,6 @@ import numpy as np
 
 from .. import vtkxml
 from ..figures import Panels
-from ..gauge import position_errors
 from ..measurement import Measurement
 
 ESTIMATED, TRUE, KNOWN = 0, 1, 2  # `kind` of a point
@@ -35,13 +34,15 @@ def cloud(measurement: Measurement, positions, sigma=None, height: float = 0.0) 
     metres, from the true place to the estimate, `error_length` and `uncertainty` (one sigma), metres; NaN where not
     known. To see errors as arrows: Threshold by kind 1, Glyph by error without scaling.
 
+    Without any known microphone the true places are moved as a whole to where the estimate is.
+
     Parameters
     ----------
     positions : (N, D), metres
     sigma : (N,), metres, or None
     height : metres, of an array in a plane
     """
-    N, truth, known = measurement.count, measurement.positions, measurement.known
+    N, truth, known = measurement.count, measurement.truth_beside(positions), measurement.known
     everyone = np.arange(N)
     groups = [(ESTIMATED, everyone, positions)]
     groups += [] if truth is None else [(TRUE, everyone, truth)]
@@ -49,7 +50,7 @@ def cloud(measurement: Measurement, positions, sigma=None, height: float = 0.0) 
     number = np.concatenate([members for _, members, _ in groups])
     nothing = np.full(N, np.nan)
     apart = np.zeros((N, 3)) if truth is None else _in_space(np.subtract(positions, truth), 0.0)
-    length = nothing if truth is None else position_errors(positions, truth)
+    length = nothing if truth is None else measurement.errors(positions)
     fields = {
         "kind": np.concatenate([np.full(len(members), kind) for kind, members, _ in groups]),
         "microphone": number,

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..gauge import position_errors
+from ..gauge import align
 from ..measurement import Measurement
 from ..painting import cost_label
 from ..picture import backdrop
@@ -59,6 +59,7 @@ def _still(scene: Scene | None, measurement: Measurement) -> dict:
     table = {
         "names": list(measurement.names),
         "known": measurement.known.tolist(),
+        "aligned": bool(measurement.blind),  # each state is moved as a whole onto the truth
         "dimension": D,
         "frequencies": np.round(measurement.frequencies, 3).tolist(),
         "focus": picture.focus,
@@ -77,6 +78,8 @@ def _still(scene: Scene | None, measurement: Measurement) -> dict:
 def _moving(measurement: Measurement, states: Sequence) -> dict:
     """What changes, state by state."""
     positions = np.array([state.positions for state in states], float)
+    if measurement.blind and measurement.positions is not None:
+        positions = np.array([align(places, measurement.positions) for places in positions])
     truth, origin = measurement.positions, positions[-1].mean(axis=0)
     table = {
         "count": len(states),
@@ -88,7 +91,7 @@ def _moving(measurement: Measurement, states: Sequence) -> dict:
         "cost": _packed([state.cost for state in states], "<f8"),
     }
     if truth is not None:
-        errors = np.array([position_errors(places, truth) for places in positions])
+        errors = np.linalg.norm(positions - truth, axis=2)
         table |= {"mean": _packed(errors.mean(axis=1), "<f8"), "largest": _packed(errors.max(axis=1), "<f8")}
     return table | {name: _packed([getattr(state, name) for state in states], "<i4") for name in NUMBERS}
 

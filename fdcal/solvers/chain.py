@@ -44,9 +44,9 @@ class Chain:
         """`state` with modes `first` to `last` in use (from 1, both included); its member goes on."""
         return self.members[self._member(state)].use_modes(problem, state, first, last, automatic)
 
-    def landscape(self, problem: Problem, state, n: int, modes: slice) -> np.ndarray:
+    def landscape(self, problem: Problem, state, n: int, modes: slice, *lattice) -> np.ndarray:
         """What the member at work shows of microphone `n`, mode by mode : (modes, ny, nx) float64."""
-        return self.members[self._member(state)].landscape(problem, state, n, modes)
+        return self.members[self._member(state)].landscape(problem, state, n, modes, *lattice)
 
     def _member(self, state) -> int:
         """Number of the member whose state it is."""

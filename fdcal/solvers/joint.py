@@ -30,7 +30,7 @@ from ..checks import InputError, frozen_array
 from ..gauge import place
 from ..likelihood import LEAST_NEAR_NOISE, LEAST_NOISE, DiffuseField, Unexplained, diffuse_field
 from ..measurement import Problem
-from ..scene import Solver
+from ..scene import Search, Solver
 from . import starts
 from .newton import FIRST_DAMPING, damped_step, finite_cost
 
@@ -217,10 +217,10 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
     return _begin(problem, changed)
 
 
-def landscape(problem: Problem, state: State, n: int, modes: slice) -> np.ndarray:
+def landscape(problem: Problem, state: State, n: int, modes: slice, search: Search | None = None) -> np.ndarray:
     """The likelihood's cost of microphone `n` over the search lattice, mode by mode : (modes, ny, nx) float64.
 
-    In space, over the horizontal layer at the microphone's own height.
+    In space, over the horizontal layer at the microphone's own height. `search` is another lattice over the same area.
     """
     if problem.search is None:
         raise InputError("the measurement has no search domain; give --search ORIGIN,SIZE,STEP and --radius R")
@@ -228,7 +228,7 @@ def landscape(problem: Problem, state: State, n: int, modes: slice) -> np.ndarra
 
     power = np.mean(np.abs(problem.pressures[modes]) ** 2, axis=1)
     noise = np.maximum(state.noise[modes], LEAST_NOISE * power)  # with less, the near model's, the kernel is singular
-    return likelihood_maps(problem, state.positions, n, modes, noise)
+    return likelihood_maps(problem, state.positions, n, modes, noise, search)
 
 
 def confidence(share: np.ndarray, problem: Problem) -> np.ndarray:

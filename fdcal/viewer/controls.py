@@ -7,6 +7,7 @@ from collections.abc import Callable
 import viser
 
 from ..history import SessionView
+from . import words
 from .desk import Choices, Desk
 from .exporttab import SEEN, ExportTab
 from .frame import Rooms
@@ -58,6 +59,7 @@ class Controls:
         self.ellipses = gui.add_checkbox(
             "Error ellipses (95 %)", desk.choices.ellipses, hint="Of a solver that has finished"
         )
+        self.waits = gui.add_html(words.remark("They come once the solver has finished."), visible=False)
         desk.on(self.trails, lambda value: self.draw(trails=bool(value)))
         desk.on(self.ellipses, lambda value: self.draw(ellipses=bool(value)))
         desk.on_page(self.camera, lambda client, value: place(client, SEEN[one_of(value, SEEN, "Top")]))
@@ -89,5 +91,7 @@ class Controls:
     ) -> None:
         """Bring the panel up to date; called by the main loop."""
         self.bar.show(view, fault, note)
+        waits = self.desk.choices.ellipses and not view.state.finished
+        self.desk.tell("ellipses wait", waits, self.waits, "visible")
         self.solve.show(view)
         self.map.show(microphone, drawn, trouble)

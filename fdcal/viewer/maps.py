@@ -20,6 +20,7 @@ from .preparing import Work
 
 PAUSE = 0.15  # s at least between two maps while the solver runs, which needs the processor too
 FOLLOW = 0.6  # s at least that the map of a microphone stays while a running solver is followed
+HELD = 0.3  # s at most that a map stays while a hand drags another microphone and the next map is under way
 STILL = 0.35  # s without a change before a fine map is begun
 MOST_PANELS = 9  # maps of single modes side by side
 
@@ -59,6 +60,13 @@ class MapRequest:
         )
         return mine == theirs and self.lineage is wanted.lineage
 
+    def almost(self, wanted: MapRequest) -> bool:
+        """Whether `wanted` is the same map but for one microphone's place, as each moment of a drag is."""
+        if replace(self, turn=wanted.turn) != wanted:
+            return False
+        mine, theirs = (np.asarray(one.state.positions) for one in (self, wanted))
+        return mine.shape == theirs.shape and np.count_nonzero((mine != theirs).any(axis=1)) <= 1
+
 
 @dataclass(frozen=True)
 class Map:
@@ -90,7 +98,7 @@ class Maps:
         if latest is not None and wanted.follow and latest.request[0].microphone != wanted.microphone:
             pause = max(pause, FOLLOW)
         rested = not running or latest is None or now - latest.ended > pause
-        if wanted != self._asked and rested and not self._worker.busy:
+        if wanted != self._asked and rested and not (running and self._worker.busy):
             self._asked, self._since = wanted, now
             self._worker.request(wanted)
         if not running and wanted == self._asked and now - self._since > STILL:
@@ -98,13 +106,16 @@ class Maps:
         fine = self._slow.latest
         if fine is not None and fine.result is not None and fine.request[0] == wanted:
             return fine.result, ""
-        if latest is None or not latest.request[0].stands_for(wanted, running):
+        if latest is None:
             return None, ""
-        return latest.result, latest.error
+        dragged = not running and now - latest.ended < HELD and latest.request[0].almost(wanted)
+        if dragged or latest.request[0].stands_for(wanted, running):
+            return latest.result, latest.error
+        return None, ""
 
     def _ask_finely(self, wanted: MapRequest) -> None:
         plain = not (wanted.look.relief or wanted.look.shape)
-        if plain and wanted != self._fine_asked and landscapes.has_fine(wanted.state):
+        if plain and wanted != self._fine_asked:
             self._fine_asked = wanted
             self._slow.request(wanted)
 
@@ -147,10 +158,11 @@ class Maps:
         search = landscapes.finer(self._work.problem.search)
         if self._costs.get("fine", (None,))[0] != key:
             total = 0.0
+            work, n = self._work, wanted.microphone
             for mode in wanted.modes:
                 if self._asked != wanted:
                     return None
-                total = total + landscapes.fine_mode(self._work.problem, wanted.state, wanted.microphone, mode, search)
+                total = total + landscapes.fine_mode(work.problem, work.solver, wanted.state, n, mode, search)
             self._costs["fine"] = key, total, landscapes.local_minima(total)
         _, total, minima = self._costs["fine"]
         quick = self._worker.latest

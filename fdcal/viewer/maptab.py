@@ -14,6 +14,14 @@ KINDS = (FLOOR, RELIEF, SHAPE, NOTHING)
 LINEAR, LOG = "Linear", "Logarithmic"
 
 
+NO_SEARCH = "No map: nothing tells within which bounds to look for the microphones (search domain)."
+
+
+def _why_none(choices: Choices) -> str:
+    """Why there is no map."""
+    return "map under way ..." if choices.shown else "no map"
+
+
 def _kind_of(choices: Choices) -> str:
     if not choices.shown:
         return NOTHING
@@ -32,23 +40,27 @@ class MapTab:
         self.follow = gui.add_checkbox(
             "Follow solver", choices.follow, hint="Show the microphone that a step has moved"
         )
+        self._possible = desk.work.problem.search is not None
         kind, modes = _kind_of(choices), choices.modes or (1,)
         self.which = gui.add_dropdown(
             "Modes shown", (IN_USE, CHOSEN), initial_value=CHOSEN if chosen else IN_USE, hint="Of the map alone"
         )
-        self.upto = gui.add_slider(
-            "Up to mode", 1, desk.modes, 1, modes[-1], visible=chosen, hint="Watch the minima merge"
-        )
-        self.text = gui.add_text("Mode numbers", modeset.write(modes), visible=chosen, hint="As in 1-3, 5")
-        self.kind = gui.add_dropdown("Show", KINDS, initial_value=kind)
-        self.scale = gui.add_dropdown(
-            "Scale", (LOG, LINEAR), initial_value=LOG if look.log else LINEAR, visible=kind in (FLOOR, RELIEF)
-        )
-        self.opacity = gui.add_slider(
-            "Opacity (%)", 10, 100, 5, round(100 * look.opacity), visible=kind in (FLOOR, SHAPE)
-        )
+        self.upto = gui.add_slider("Up to mode", 1, desk.modes, 1, modes[-1], hint="Watch the minima merge")
+        self.text = gui.add_text("Mode numbers", modeset.write(modes), hint="As in 1-3, 5")
+        self.kind = gui.add_dropdown("Show", KINDS, initial_value=kind, visible=self._possible)
+        self.scale = gui.add_dropdown("Scale", (LOG, LINEAR), initial_value=LOG if look.log else LINEAR)
+        self.opacity = gui.add_slider("Opacity (%)", 10, 100, 5, round(100 * look.opacity))
         self.bar = gui.add_html(words.colour_bar(None))
+        self._show_what_counts()
         self._listen()
+
+    def _show_what_counts(self) -> None:
+        """The controls that mean nothing for the kind of map, or where there can be none, are not shown."""
+        kind, chosen = _kind_of(self._desk.choices) if self._possible else NOTHING, self._desk.choices.modes is not None
+        self.which.visible = kind != NOTHING
+        self.upto.visible = self.text.visible = chosen and kind != NOTHING
+        self.scale.visible = kind in (FLOOR, RELIEF)
+        self.opacity.visible = kind in (FLOOR, SHAPE)
 
     def _listen(self) -> None:
         desk = self._desk
@@ -87,7 +99,7 @@ class MapTab:
         modes = None if modes is None else tuple(modes)
         self._desk.choose(modes=modes, complaint="")
         self.which.value = IN_USE if modes is None else CHOSEN
-        self.upto.visible = self.text.visible = modes is not None
+        self._show_what_counts()
         if modes is not None:
             self.text.value, self.upto.value = modeset.write(modes), modes[-1]
 
@@ -115,12 +127,11 @@ class MapTab:
         self.upto.value = modes[-1]
 
     def show_as(self, value) -> None:
-        """One of KINDS; the controls that mean nothing for it are not shown."""
+        """One of KINDS."""
         kind = one_of(value, KINDS, FLOOR)
         self._desk.choose(shown=kind != NOTHING)
         self._desk.look(relief=kind == RELIEF, shape=kind == SHAPE)
-        self.scale.visible = kind in (FLOOR, RELIEF)
-        self.opacity.visible = kind in (FLOOR, SHAPE)
+        self._show_what_counts()
         if self.kind.value != kind:
             self.kind.value = kind
 
@@ -138,8 +149,9 @@ class MapTab:
             desk.shown["microphone"] = microphone  # set by a hand, which may hold it still
         desk.tell("microphone", microphone, self.microphone)
         complaint = desk.choices.complaint
-        key = None if drawn is None else id(drawn.floor), trouble, complaint
+        key = None if drawn is None else id(drawn.floor), trouble, complaint, desk.choices.shown
         if desk.shown.get("map") != key:
             desk.shown["map"] = key
-            bar = words.colour_bar(drawn.floor.bar if drawn else None, trouble) + words.map_lines(drawn)
+            wanted = _why_none(desk.choices) if self._possible else NO_SEARCH
+            bar = words.colour_bar(drawn.floor.bar if drawn else None, trouble or wanted) + words.map_lines(drawn)
             desk.tell("bar", words.complaint(complaint) + bar, self.bar, "content")

@@ -10,7 +10,7 @@ from ..history import SessionView
 from ..measurement import Measurement, Problem
 from ..verdict import highest_frequency
 from . import words
-from .desk import Desk
+from .desk import FLOOR, Desk
 from .maptab import MapTab
 from .plots import dots
 from .safety import bounded
@@ -45,11 +45,19 @@ class ModesTab:
         desk.on(self.own, lambda _: map_tab.choose_modes(None))
         count = min(desk.modes, ROW * ROWS)
         self.switches = [self._add_row(first, min(first + ROW - 1, count)) for first in range(1, count + 1, ROW)]
+        if count < desk.modes:
+            gui.add_html(words.remark(f"Modes {count + 1} to {desk.modes}: by the sliders, or as Mode numbers in Map."))
 
     def _slide(self, low, high) -> None:
         """All modes from one to another; the end that was not moved gives way."""
         low, high = (bounded(value, 1, self._desk.modes, 1) for value in (low, high))
+        self._show_map()
         self._map.choose_modes(range(low, max(low, high) + 1))
+
+    def _show_map(self) -> None:
+        """Modes are chosen for a map: one that is switched off comes back."""
+        if not self._desk.choices.shown:
+            self._map.show_as(FLOOR)
 
     def _add_row(self, first: int, last: int):
         hint = "Press to take a mode into the map or out of it; a filled dot is in"
@@ -65,6 +73,7 @@ class ModesTab:
         """One switch; what it says on its face is its mode."""
         number = str(value)[1:4]
         if number.isdecimal() and 1 <= int(number) <= self._desk.modes:
+            self._show_map()
             self._map.toggle_mode(int(number))
 
     def _drawn(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -11,13 +11,12 @@ import numpy as np
 import viser
 from viser import uplot
 
-from ..gauge import position_errors
 from ..history import SessionView
 from ..measurement import Measurement
 
 MOST_POINTS = 600  # a plot is sent whole each time
 INTERVAL = 0.25  # s between two sendings
-LEAST_ERROR, LEAST_COST = 1e-4, 1e-12  # m and 1, drawn for anything below: logarithms have no zero
+LEAST_ERROR, LEAST_COST = 1e-6, 1e-12  # m and 1, drawn for anything below: logarithms have no zero
 COSTS = {True: "Cost of the modes in use (dB re 1)", False: "Cost of the modes in use (-log likelihood)"}
 RED, BLUE, ORANGE, GREY = "#d61828", "#1f78c8", "#e08a1e", "#8a8f98"
 
@@ -26,15 +25,16 @@ class Curves:
     """Owns the two plots and the numbers behind them."""
 
     def __init__(self, gui: viser.GuiApi, measurement: Measurement):
-        self._truth, self._free = measurement.positions, max(measurement.count - len(measurement.known), 1)
+        self._measurement, self._free = measurement, max(measurement.count - len(measurement.known), 1)
         self._seen: list = []  # states whose numbers are in _rows
         self._rows: list[tuple] = []  # sweeps, mean error, largest error, cost, last mode in use, stage
         self._sent = -1e9
         empty = np.ones(1)
         self._error = None
-        if self._truth is not None:
+        if measurement.positions is not None:
             series = _series(("mean", RED, 2.0), ("largest", ORANGE, 1.25))
-            self._error = _plot(gui, "Position error (mm, 0.1 or less at 0.1)", series, (empty,) * 4, 3)
+            title = "Position error (mm, once aligned)" if measurement.blind else "Position error (mm)"
+            self._error = _plot(gui, title, series, (empty,) * 4, 3)
         self._cost = _plot(gui, COSTS[True], _series(("cost", BLUE, 2.0)), (empty,) * 3, 1)
 
     def show(self, view: SessionView, now: float) -> None:
@@ -66,7 +66,8 @@ class Curves:
         return True
 
     def _row(self, state) -> tuple:
-        errors = np.zeros(1) if self._truth is None else position_errors(state.positions, self._truth)
+        errors = self._measurement.errors(state.positions)
+        errors = np.zeros(1) if errors is None else errors
         at_once = state.step == state.sweep  # a solver whose every step moves all microphones
         return (
             state.step if at_once else state.step / self._free,

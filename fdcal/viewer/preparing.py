@@ -98,6 +98,8 @@ def _work_of(opening: Opening, progress: Progress, rehearsal: Rehearsal) -> Work
     progress(1.0)
     rehearsal.wait_for_first(lambda: progress(1.0))
     problem = measurement.problem(scene.solver.weights, scene.solver.known)
+    if scene.solver.known == "none":  # the page scores and draws an array of which nothing is told
+        measurement = replace(measurement, known=(), known_positions=None)
     if opening.fewer_modes:
         scene = _with_modes_there_are(scene, problem)
     solver = solvers.load(scene.solver.name)

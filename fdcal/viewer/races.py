@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..gauge import position_errors
 from ..race import Lane, Race, equal_cost
 from ..worker import LatestWorker
 from .preparing import Work
@@ -141,8 +140,8 @@ class Races:
 
     def _runner(self, lane: Lane) -> Runner:
         view = lane.session.view
-        state, truth = view.state, self._work.measurement.positions
-        errors = None if truth is None else 1e3 * position_errors(state.positions, truth)
+        state = view.state
+        errors = self._errors(state)
         rows = self._rows[lane.name]
         steps = [step for step in sorted(rows.copy()) if step <= state.step]
         return Runner(
@@ -158,12 +157,18 @@ class Races:
             costs=np.array([rows[step][1] for step in steps]),
         )
 
+    def _errors(self, state) -> np.ndarray | None:
+        """Of each microphone, mm."""
+        errors = self._work.measurement.errors(state.positions)
+        return None if errors is None else 1e3 * errors
+
     def _reckon(self, rows: dict, missing: list) -> None:
         """On the curves' thread: error and cost of the states that have none yet."""
-        truth, work = self._work.measurement.positions, self._work
+        work = self._work
         for name, states in missing:
             for state in states:
-                error = 0.0 if truth is None else 1e3 * float(position_errors(state.positions, truth).mean())
+                errors = self._errors(state)
+                error = 0.0 if errors is None else float(errors.mean())
                 cost = equal_cost(work.problem, work.scene.solver, state.positions)
                 rows[name][state.step] = error, 10 * np.log10(max(cost, 1e-16))
 

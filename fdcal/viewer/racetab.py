@@ -23,7 +23,8 @@ FIELDS = {
 }
 DASHES = {"joint": (), "descent": (8, 5), "descent+joint": (2, 4)}
 INTERVAL = 0.5  # s between two sendings of the curves
-LEAST_ERROR = 1e-4  # mm, drawn for anything below: logarithms have no zero
+ALONE = "No race here: descent needs a plane sound field and a search domain, so joint would run alone."
+LEAST_ERROR = 1e-3  # mm, drawn for anything below: logarithms have no zero
 
 
 class RaceTab:
@@ -35,9 +36,7 @@ class RaceTab:
         self._possible = problem.dimension == 2 and problem.search is not None
         self._plots: list = []
         if not self._possible:
-            gui.add_html(
-                words.complaint("Only joint solves this scene: descent needs a plane field and a search domain")
-            )
+            gui.add_html(words.remark(ALONE))
             return
         self.field = gui.add_dropdown("Racers", tuple(FIELDS), initial_value="all three")
         self.start = gui.add_dropdown("From", STARTS, initial_value="random", hint="The start that all of them share")
@@ -50,7 +49,9 @@ class RaceTab:
             hint="Of the random start and of descent's order",
         )
         self.run = gui.add_button("Race", icon=viser.Icon.FLAG, hint="Begin; press again to pause and to go on")
-        self.again = gui.add_button_group("Race", ("Reset", "End"), hint="All back to the start; or no race any more")
+        self.again = gui.add_button_group(
+            "", ("Reset", "End"), visible=False, hint="All back to the start; or no race any more"
+        )
         self.marks = gui.add_checkbox("Show in the scene", True, hint="Where each racer supposes the microphones")
         self.table = gui.add_html("")
         self._place = gui.add_folder(None)  # of the plots, made when it is known who races
@@ -75,6 +76,7 @@ class RaceTab:
         desk, races = self._desk, self._races
         desk.tell("race word", races.word, self.run, "label")
         desk.tell("race over", races.over, self.run, "disabled")
+        desk.tell("race begun", bool(runners), self.again, "visible")
         desk.tell("race table", words.complaint(races.trouble) + table(runners), self.table, "content")
         if runners is self._shown or now - self._sent < INTERVAL:
             return

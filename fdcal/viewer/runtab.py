@@ -23,8 +23,9 @@ class RunBar:
         self.status = gui.add_html("")
         self.run = gui.add_button("Run", icon=viser.Icon.PLAYER_PLAY, hint="Step on and on; Pause stops it")
         self.steps = gui.add_button_group(
-            "Solver", STEPS, hint="Step moves one microphone, Sweep each one once, Stage ends with a new mode"
-        )
+            "Solver", STEPS,
+            hint="Step moves one microphone, with joint all of them; Sweep each one once; Stage ends with a new mode",
+        )  # fmt: skip
         self.time = gui.add_slider("State", 0, 1, 1, 0, disabled=True, hint="Rewind, look, and go on from there")
         desk.on(self.time, lambda value: desk.session.seek(bounded(value, 0, 10**9, 0)))
         desk.on(self.run, lambda _: self.toggle())

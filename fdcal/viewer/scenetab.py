@@ -7,6 +7,7 @@ import math
 import viser
 
 from ..checks import InputError, StorageError
+from ..measured import Measured
 from ..opening import Opening
 from ..scenario import Knobs, knobs_of, least_known, turned
 from ..scene import WALLS, Scene, load_scene, scene_names
@@ -20,6 +21,7 @@ ABSORPTIONS = (0.1, 99.0)  # %
 SNRS = (-10, 90)  # dB
 LOUDEST_QUIET = 40  # dB, where the slider stands as noise is switched on
 SPEED_ERRORS = (-5.0, 5.0)  # %
+MEASURED = "These microphones were measured: nothing is simulated that could be set here. Choose a scene to simulate."
 
 
 class SceneTab:
@@ -52,6 +54,8 @@ class SceneTab:
         )
         self.apply = gui.add_button("Apply", icon=viser.Icon.CHECK, hint="Simulate and begin anew")
         self.told = gui.add_html("")
+        self._knobs = (self.microphones, self.radius, self.walls, self.absorption, self.noise, self.snr, self.speed)
+        self._knobs += (self.known, self.seed, self.apply)
         self._put(scene)
         desk.on(self.name, self._choose)
         desk.on(self.walls, lambda value: self._show_walls(one_of(value, WALLS, knobs.walls)))
@@ -60,8 +64,14 @@ class SceneTab:
         desk.on(self.apply, lambda _: self.press())
 
     def _put(self, scene: Scene) -> None:
-        """Bring the handles to where the scene's knobs stand."""
+        """Bring the handles to where the scene's knobs stand; of what was measured in a room that nobody told, none."""
         knobs, self._scene = knobs_of(scene), scene
+        measured = isinstance(scene, Measured)
+        for handle in self._knobs:
+            handle.visible = not measured
+        self.told.content = words.remark(MEASURED) if measured else ""
+        if measured:
+            return
         self.microphones.max = max(MOST_MICROPHONES, knobs.microphones)
         self.microphones.value = knobs.microphones
         self.microphones.disabled = scene.array.positions is not None
@@ -94,7 +104,6 @@ class SceneTab:
         shown = self._desk.work.scene
         try:
             self._put(shown if name == self._own else load_scene(name))
-            self.told.content = ""
         except (InputError, StorageError) as error:
             self.told.content = words.complaint(str(error))
 
@@ -126,6 +135,8 @@ class SceneTab:
 
     def press(self) -> None:
         """Open the scenario, or tell in one line why it cannot be."""
+        if isinstance(self._scene, Measured):  # a client can press what it does not see
+            return
         try:
             scene = turned(self._scene, self.knobs)
         except InputError as error:

@@ -165,7 +165,7 @@ class Viewer:
 
     def _map(self, view, choices: Choices, follow: bool, now: float) -> tuple[Map | None, str]:
         """The map to show, and why there is none."""
-        if not choices.shown:
+        if not choices.shown or self._work.problem.search is None:
             return None, ""
         state = view.state
         modes = choices.modes or tuple(range(state.first, state.last + 1))

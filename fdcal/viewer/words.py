@@ -6,11 +6,10 @@ from html import escape
 
 import numpy as np
 
-from ..gauge import position_errors
 from ..history import SessionView
 from ..measurement import Measurement
 from ..painting import colours, cost_label
-from ..picture import ESTIMATE, KNOWN, LOWEST, millimetres
+from ..picture import ESTIMATE, KNOWN, LOWEST, in_millimetres, millimetres
 from ..primitives import ColourBar
 from .logbook import place
 
@@ -41,8 +40,9 @@ def error_text(measurement: Measurement, positions) -> str:
     """Mean and largest position error."""
     if measurement.positions is None:
         return "unknown (no true positions)"
-    errors = position_errors(positions, measurement.positions)
-    return f"mean <b>{millimetres(errors.mean())}</b>, largest {millimetres(errors.max())}"
+    errors = measurement.errors(positions)
+    aligned = ", once aligned" if measurement.blind else ""
+    return f"mean <b>{millimetres(errors.mean())}</b>, largest {millimetres(errors.max())}{aligned}"
 
 
 def status(view: SessionView, measurement: Measurement, weights: str = "unit", fault: str = "", note: str = "") -> str:
@@ -175,18 +175,18 @@ def modes_lines(measurement: Measurement, used, limit: float, order: int | None)
 
 def table(measurement: Measurement, positions, sigma, looked_at: int) -> str:
     """Microphones, worst first: error and uncertainty (one sigma), mm; known ones last."""
-    truth, known = measurement.positions, set(measurement.known.tolist())
-    errors = None if truth is None else position_errors(positions, truth)
+    errors, known = measurement.errors(positions), set(measurement.known.tolist())
     order = errors if errors is not None else sigma if sigma is not None else np.zeros(len(positions))
     rows = []
     for n in sorted(range(len(positions)), key=lambda n: (n in known, -float(order[n]), n))[:MOST_ROWS]:
         name = escape(str(measurement.names[n])) + (" known" if n in known else "")
         place = ", ".join(f"{x:.3f}" for x in positions[n])
-        error = "" if errors is None else millimetres(errors[n])
-        spread = "" if sigma is None or n in known else f"&plusmn; {millimetres(float(sigma[n]))}"
+        error = "" if errors is None else f"<td>{in_millimetres(errors[n])}</td>"
+        spread = "" if sigma is None or n in known else in_millimetres(float(sigma[n]))
         bold = " style='font-weight: 700; background: rgba(31,120,200,0.15)'" if n == looked_at else ""
-        rows.append(f"<tr{bold}><td>{name}</td><td>{place}</td><td>{error}</td><td>{spread}</td></tr>")
-    head = "".join(f"<th>{text}</th>" for text in ("mic", "position (m)", "error", "1 &sigma;"))
+        rows.append(f"<tr{bold}><td>{name}</td><td>{place}</td>{error}<td>{spread}</td></tr>")
+    columns = ("mic", "position (m)", *(() if errors is None else ("error (mm)",)), "&plusmn; &sigma; (mm)")
+    head = "".join(f"<th>{text}</th>" for text in columns)
     style = "<style>.mics td, .mics th {padding: 0 0.5em 0 0; text-align: left; white-space: nowrap}</style>"
     more = len(positions) - MOST_ROWS
     below = f"<div style='opacity: 0.65'>and {more} better ones</div>" if more > 0 else ""
