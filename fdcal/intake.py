@@ -22,6 +22,7 @@ from .steady import from_work
 
 LOWEST, HIGHEST = 20.0, 500.0  # Hz, unless told
 ROOM_CELSIUS = 20.0  # where neither file nor user says
+AROUND_KNOWN = 1.2  # times the radius of the known microphones, that of all
 COMPLETE_DB = 20.0  # by which a complete recording falls towards its end
 
 
@@ -65,7 +66,7 @@ class Wishes:
 @dataclass(frozen=True)
 class Report:
     """What was read and taken: `recording`, `kind`, `left_out` names, `pressures`, `speed` m/s and where it is from,
-    `usable` Hz or None, `band` Hz."""
+    `usable` Hz or None and the radius it is from, in words."""
 
     recording: Recording
     kind: str
@@ -74,6 +75,7 @@ class Report:
     speed: float
     speed_from: str
     usable: float | None
+    usable_from: str
 
 
 def intake(path: str | Path, wishes: Wishes = Wishes()) -> tuple[Measurement, Report]:
@@ -83,18 +85,15 @@ def intake(path: str | Path, wishes: Wishes = Wishes()) -> tuple[Measurement, Re
     recording, left_out = _chosen(recording, wishes)
     if recording.count < 2:
         raise InputError(f"{path} gives one channel; an array needs two microphones at least")
+    recording = _flattened(recording, wishes)
+    numbers, places = (np.zeros(0, int), None) if wishes.known is None else choosing.known(recording, wishes.known)
     speed, speed_from = _speed(recording, wishes)
-    planar = (recording.positions is not None and recording.positions.shape[1] == 2) or wishes.dimension == 2
-    usable = None
-    if wishes.radius is not None:
-        require_positive("--array-radius", wishes.radius, "m")
-        usable = highest_usable(recording.count, wishes.radius, speed, wishes.dimension, planar)
+    usable, usable_from = _usable(recording, wishes, places, speed)
     band = _band(recording, wishes, usable)
     recording, kind = _complete(recording, wishes, band)
     pressures = _pressures(recording, kind, wishes, band, speed)
-    return _measurement(recording, wishes, pressures, speed), Report(
-        recording, kind, left_out, pressures, speed, speed_from, usable
-    )
+    measurement = _measurement(recording, wishes, numbers, places, pressures, speed)
+    return measurement, Report(recording, kind, left_out, pressures, speed, speed_from, usable, usable_from)
 
 
 def _check(wishes: Wishes) -> None:
@@ -140,11 +139,51 @@ def _speed(recording: Recording, wishes: Wishes) -> tuple[float, str]:
     return sound_speed(ROOM_CELSIUS), f"at {ROOM_CELSIUS:g} degrees Celsius, which was supposed; give --temperature"
 
 
+def _flattened(recording: Recording, wishes: Wishes) -> Recording:
+    """Without heights where the field has none. Raises InputError where they differ."""
+    positions = recording.positions
+    if positions is None or positions.shape[1] <= wishes.dimension:
+        return recording
+    if np.ptp(positions[:, 2]) > choosing.LEVEL:
+        raise InputError("--dimension 2 needs microphones of one height; choose them: --plane z=HEIGHT")
+    return replace(recording, positions=positions[:, :2])
+
+
+def _usable(recording: Recording, wishes: Wishes, places, speed: float) -> tuple[float | None, str]:
+    """The highest usable frequency, Hz, and by what radius: as told, of the positions in the file, or the known ones.
+
+    None where nothing tells the radius.
+    """
+    if wishes.radius is not None:
+        require_positive("--array-radius", wishes.radius, "m")
+        radius, words = wishes.radius, "for the radius given"
+    else:
+        told = recording.positions is not None
+        some = recording.positions if told else places
+        radius = 0.0 if some is None else float(np.linalg.norm(some - some.mean(axis=0), axis=1).max())
+        radius *= 1.0 if told else AROUND_KNOWN
+        who = "that of the positions in the file" if told else "a fifth more than that of the known microphones"
+        words = f"for a radius of {radius:.2g} m, {who}"
+    if radius <= 0:
+        return None, "unknown without the array's radius; give --array-radius R"
+    planar = _axes(recording, wishes, places) == 2
+    return highest_usable(recording.count, radius, speed, wishes.dimension, planar), words
+
+
+def _axes(recording: Recording, wishes: Wishes, places) -> int:
+    """Number of coordinates of a microphone."""
+    told = recording.positions if recording.positions is not None else places
+    return wishes.dimension if told is None else told.shape[1]
+
+
 def _band(recording: Recording, wishes: Wishes, usable: float | None) -> tuple[float, float]:
     """The lowest and highest frequency, Hz."""
     top = 0.45 * recording.sample_rate
     if wishes.frequencies == "auto":
-        low, high = max(LOWEST, 4 / recording.duration), min(HIGHEST if usable is None else usable, top)
+        low, high = max(LOWEST, 4 / recording.duration), HIGHEST
+        if usable is not None:  # a radius that was given may raise it, too
+            high = max(usable if wishes.radius is not None else min(usable, HIGHEST), 2 * low)
+        high = min(high, top)
     else:
         try:
             low, high = (float(part) for part in wishes.frequencies.split(":"))
@@ -204,14 +243,8 @@ def _pressures(recording: Recording, kind: str, wishes: Wishes, band, speed: flo
     return from_response(recording, band, speed, rate, wishes.most)
 
 
-def _measurement(recording: Recording, wishes: Wishes, taken: Pressures, speed: float) -> Measurement:
-    positions, numbers, places = recording.positions, (), None
-    if positions is not None and positions.shape[1] > wishes.dimension:
-        positions = _flat(positions)
-        recording = replace(recording, positions=positions)
-    if wishes.known is not None:
-        numbers, places = choosing.known(recording, wishes.known)
-    axes = positions.shape[1] if positions is not None else places.shape[1] if places is not None else wishes.dimension
+def _measurement(recording: Recording, wishes: Wishes, numbers, places, taken: Pressures, speed: float) -> Measurement:
+    axes = _axes(recording, wishes, places)
     if places is not None and places.shape[1] != axes:
         raise InputError(f"--known {wishes.known} gives {places.shape[1]} coordinates where the file has {axes}")
     return Measurement(
@@ -223,17 +256,10 @@ def _measurement(recording: Recording, wishes: Wishes, taken: Pressures, speed: 
         wavenumbers=taken.wavenumbers,
         noise_power=taken.noise_power,
         names=recording.names,
-        positions=positions,
+        positions=recording.positions,
         known=numbers,
         known_positions=places,
     )
-
-
-def _flat(positions: np.ndarray) -> np.ndarray:
-    """(N, 3) positions of one height as (N, 2); InputError if they are not."""
-    if np.ptp(positions[:, 2]) > choosing.LEVEL:
-        raise InputError("--dimension 2 needs microphones of one height; choose them: --plane z=HEIGHT")
-    return positions[:, :2]
 
 
 def report(measurement: Measurement, told: Report) -> str:
@@ -241,9 +267,7 @@ def report(measurement: Measurement, told: Report) -> str:
     recording, taken = told.recording, told.pressures
     f = taken.frequencies
     kind = {"response": "complete: from silence to the end of the sound", "work": "a source at work"}[told.kind]
-    usable = "unknown without the array's radius; give --array-radius R"
-    if told.usable is not None:
-        usable = f"{told.usable:.0f} Hz"
+    usable = told.usable_from if told.usable is None else f"{told.usable:.0f} Hz, {told.usable_from}"
     lines = [
         f"channels     {recording.count}, {recording.duration:.3g} s at {recording.sample_rate:g} Hz ({kind})",
         f"left out     {', '.join(told.left_out) or 'none'}; none of the others is silent, clipped or a copy"

@@ -24,6 +24,7 @@ from .spectrum import DECAY, PADDING, transform, wavenumber_continuous
 LISTENED = 24  # channels by which the decay is told
 PIECES = 48  # of the recording, in each of which the level is told
 ABOVE_FLOOR = 2.0  # nepers of power above the last tenth: nearer to it a level is noise
+FAINTEST = 1e-6  # of the greatest power: what is below tells nothing of the decay
 LEAST_TAIL = 0.1  # of the recording, that noise must fill to be told
 LONGEST = 20_000_000  # samples of a complete recording: longer ones are recordings at work
 
@@ -102,16 +103,16 @@ def decay_of(recording: Recording, band: tuple[float, float]) -> Decay:
     level = piece_levels(recording, band)
     if not level.max() > 0:
         raise InputError(f"{recording.path} is silent between {band[0]:g} and {band[1]:g} Hz; name another band")
-    floor = np.mean(level[-PIECES // 10 :])
     nepers = np.log(np.maximum(level, 1e-30 * level.max()))
-    top = int(np.argmax(level))
-    loud = np.flatnonzero(nepers[top:] <= np.log(max(floor, 1e-30 * level.max())) + ABOVE_FLOOR)
-    end = top + (int(loud[0]) if len(loud) else len(level) - top)
+    floor = np.log(max(np.mean(level[-PIECES // 10 :]), FAINTEST * level.max()))
+    top, above = int(np.argmax(level)), nepers > floor + ABOVE_FLOOR
+    end = int(np.flatnonzero(above)[-1]) + 1 if np.any(above) else top
+    high = int(np.flatnonzero(nepers >= (nepers[top] + floor) / 2)[-1])  # a sweep only falls when it is over
     piece = recording.duration / PIECES
-    if end - top < 3:  # too quick to be followed, or none at all
+    if end - high < 3:  # too quick to be followed, or none at all
         quick = nepers[top] - nepers[-1] > 2 * ABOVE_FLOOR
         return Decay(ABOVE_FLOOR / piece if quick else 0.0, (end + 1) * piece if quick else None)
-    slope = np.polyfit(piece * np.arange(top, end), nepers[top:end], 1)[0]
+    slope = np.polyfit(piece * np.arange(high, end), nepers[high:end], 1)[0]
     rate = max(0.0, -float(slope) / 2)
     reached = (end + 1) * piece + ABOVE_FLOOR / max(2 * rate, 1e-9)
     return Decay(rate, reached if recording.duration - reached >= LEAST_TAIL * recording.duration else None)

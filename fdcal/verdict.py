@@ -28,7 +28,9 @@ from .measurement import Problem
 from .solvers.newton import FIRST_DAMPING, damped_step
 from .uncertainty import field_of, one_sigma
 
-ODD = 0.1, 4.0  # part of a channel's power that the others do not foretell; the same over the median channel's
+# Part of a channel's power that the others do not foretell; the same over the median channel's, and over what they
+# cannot foretell where it was put: far out in a sparse array that is much.
+ODD = 0.1, 4.0, 3.0
 FLED = 0.5, 3.0  # part of its variance that they cannot foretell; likewise
 SURPRISE = 3.0  # times 1 + 3 / sqrt(M): a channel's mean squared surprise over the median channel's
 FAINT = 1e-4  # noise below this part of the power shows the limits of the real kernel, not of the model
@@ -127,7 +129,7 @@ def _undersampled(problem: Problem, positions, modes: slice) -> str:
 
 def _odd(problem: Problem, evidence: Evidence, names) -> str:
     share, alone = evidence.unforetold, evidence.alone
-    odd = (share > max(ODD[0], ODD[1] * np.median(share))) | (alone > max(FLED[0], FLED[1] * np.median(alone)))
+    odd = _strange(evidence) | (alone > max(FLED[0], FLED[1] * np.median(alone)))
     odd[problem.known] = False
     worst = np.flatnonzero(odd)
     worst = worst[np.argsort(-share[worst])]
@@ -140,10 +142,15 @@ def _odd(problem: Problem, evidence: Evidence, names) -> str:
     )
 
 
+def _strange(evidence: Evidence) -> np.ndarray:
+    """(N,) bool, whether a channel holds much that the others do not foretell."""
+    share = evidence.unforetold
+    return (share > max(ODD[0], ODD[1] * np.median(share))) & (share > ODD[2] * evidence.alone)
+
+
 def _known(problem: Problem, evidence: Evidence, names, wide: bool = False) -> str:
     """Known microphones out of place; with `wide` only those that cannot be a sound speed told a little wrong."""
-    share = evidence.unforetold[problem.known]
-    out = share > max(ODD[0], ODD[1] * np.median(evidence.unforetold))
+    out = _strange(evidence)[problem.known]
     if not wide:
         out |= (evidence.known_shift > MOVED[0]) & (evidence.known_chance > MOVED[1])
     if not np.any(out):

@@ -67,6 +67,18 @@ def test_the_decay_is_told_in_the_midst_of_noise():
     assert 0.2 < decay.tail < 0.5
 
 
+def test_a_sweep_only_decays_when_it_is_over():
+    t = np.arange(4 * FS) / FS
+    played = np.where(t < 2, np.sin(2 * np.pi * 60 * 2 * (5 ** (t / 2) - 1) / np.log(5)), 0.0)  # 60 to 300 Hz in 2 s
+    loud = np.exp(-0.5 * t)  # the room answers high frequencies less
+    heard = np.array([fftconvolve(played * loud, h)[: len(t)] for h in responses(8)])
+    taken = from_response(recorded(noisy(heard, 40)), BAND, SPEED)
+    decay = decay_of(recorded(noisy(heard, 40)), BAND)
+    assert decay.rate > 3 and 2 < decay.tail < 3.2, decay
+    assert taken.how.startswith("no window") and taken.noise_power is not None
+    assert np.median(mismatch_db(taken.pressures, exact(taken.frequencies, count=24)[:, :8])) < -20
+
+
 def test_a_source_at_work_gives_what_its_responses_give():
     heard, _ = at_work(30, 60)
     taken = from_work(recorded(heard, "work"), BAND, SPEED)
@@ -246,6 +258,25 @@ def test_a_swap_in_the_file_is_named(tmp_path, monkeypatch, capsys):
     with pytest.raises(SystemExit):
         main(["calibrate", "m.npz", "--solver", "joint", "--check"])
     assert "channels 7 and 12 are swapped" in capsys.readouterr().out
+
+
+def test_a_wide_array_of_few_microphones_is_taken_no_higher_than_it_can_use(folder, tmp_path):
+    np.savez(tmp_path / "bare.npz", recordings=responses(), sample_rate=FS, kind="response")
+    np.savez(tmp_path / "told.npz", recordings=responses(), sample_rate=FS, kind="response", positions=places())
+    radius = np.linalg.norm(places() - places().mean(axis=0), axis=1).max()
+    limit = bins.highest_usable(24, radius, SPEED, 3)
+    for name, wishes, words in (
+        ("told.npz", {}, "positions in the file"),
+        ("bare.npz", {"radius": radius}, "radius given"),
+        ("bare.npz", {"known": str(folder / "known.csv")}, "known microphones"),
+    ):
+        measurement, told = intake(tmp_path / name, Wishes(speed=SPEED, **wishes))
+        assert words in report(measurement, told)
+        assert measurement.frequencies[-1] <= told.usable < 500
+        assert told.usable == pytest.approx(limit) or name == "bare.npz"
+    measurement, told = intake(tmp_path / "bare.npz", Wishes(speed=SPEED))
+    assert told.usable is None and measurement.frequencies[-1] > limit
+    assert "highest usable frequency  unknown" in report(measurement, told)
 
 
 def test_bad_channels_are_left_out_when_asked(tmp_path):

@@ -141,6 +141,18 @@ def test_an_array_too_wide_for_its_modes_is_undersampled():
     assert judge(problem, few, low, problem.noise_power).code != "undersampled"
 
 
+@pytest.mark.parametrize("count", [8, 9, 10, 11])
+def test_a_sparse_array_whose_rim_is_hard_to_foretell_is_not_odd(count):
+    corners = [[2.2, 1.9], [3.0, 1.9], [2.6, 2.7]]
+    for seed in range(6):
+        inside = np.random.default_rng(seed).uniform(-0.5, 0.5, (count - 3, 2)) + [2.6, 2.3]
+        few = np.array([*corners, *inside])
+        measurement = measured(few, [0, 1, 2], highest=38 * count, snr_db=30, seed=seed)
+        problem = measurement.problem()
+        found = judge(problem, few, ALL, problem.noise_power)
+        assert found.code not in ("odd_channel", "known_position"), found.text
+
+
 def test_too_much_noise_is_told():
     assert verdict(room(snr_db=0)).code == "too_noisy"
 
