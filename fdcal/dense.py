@@ -1,7 +1,7 @@
-"""The covariance through its kernel: cost, gradient and Gauss-Newton matrix of all positions, compiled.
+"""The covariance through its kernel, sin(z) / z: cost, gradient and Gauss-Newton matrix of all positions, compiled.
 
-The formulas of `fdcal.likelihood` with dense matrices. Where the expansion has more functions than there are
-microphones, as in three dimensions, this is the shorter way.
+The formulas of `fdcal.likelihood` with dense matrices. In three dimensions the expansion has more functions than there
+are microphones, so this is the shorter way.
 """
 
 from __future__ import annotations
@@ -9,29 +9,32 @@ from __future__ import annotations
 import numpy as np
 
 from .compiled import add_curvature, compiled, lower_inverse, summed, writable
+from .sinc import sinc_rows
 
 
-def dense_terms(positions, pressures, kappa, slope, power, noise, log_det: bool, derivatives=2):
-    """Cost, gradient and curvature as of `fdcal.expansion.expansion_terms`.
-
-    kappa, slope : (M, N (N - 1) / 2) float64, kappa(k r) and k^2 kappa'(k r) / (k r) of the pairs i > j, row by row
-    """
+def dense_terms(positions, pressures, wavenumbers, power, noise, log_det: bool, derivatives=2):
+    """Cost, gradient and curvature as of `fdcal.expansion.expansion_terms`; wavenumbers (M,) float64, rad/m."""
     x = writable(positions, float)
+    pairs = np.tril_indices(len(x), -1)
+    apart = np.linalg.norm(x[pairs[0]] - x[pairs[1]], axis=1)
     scale = np.ones_like(noise) if log_det else noise
-    modes = writable(pressures, complex), kappa, slope, power, noise, scale
-    return summed(_modes, (x,), modes, (float(log_det), derivatives), derivatives)
+    modes = writable(pressures, complex), writable(wavenumbers, float), power, noise, scale
+    return summed(_modes, (x, apart), modes, (float(log_det), derivatives), derivatives)
 
 
 @compiled
-def _modes(x, p, kappa, slope, power, noise, scale, log_det, derivatives, cost, gradient, H):
+def _modes(x, apart, p, k, power, noise, scale, log_det, derivatives, cost, gradient, H):
+    """`apart` (N (N - 1) / 2,), metres: distances of the pairs i > j, row by row."""
     N, D = x.shape
-    C = np.empty((N, N))
+    C, g = np.empty((N, N)), np.empty((2, D, N))
+    kappa, slope = np.empty(len(apart)), np.empty(len(apart))
     for m in range(len(p)):
+        sinc_rows(k[m] * apart, kappa, slope)
         q = 0
         for i in range(N):
             C[i, i] = power[m] + noise[m]
             for j in range(i):
-                C[i, j] = C[j, i] = power[m] * kappa[m, q]
+                C[i, j] = C[j, i] = power[m] * kappa[q]
                 q += 1
         G = np.linalg.cholesky(C)
         X = lower_inverse(G)
@@ -42,11 +45,11 @@ def _modes(x, p, kappa, slope, power, noise, scale, log_det, derivatives, cost, 
             continue
         inverse = X.T @ X
         u_re, u_im = X.T @ y_re, X.T @ y_im
-        g = np.zeros((2, D, N))
+        g[:] = 0.0
         q = 0
         for i in range(N):
             for j in range(i):
-                s = power[m] * slope[m, q]
+                s = power[m] * k[m] ** 2 * slope[q]
                 q += 1
                 w = 2 * s * (log_det * inverse[i, j] - scale[m] * (u_re[i] * u_re[j] + u_im[i] * u_im[j]))
                 for a in range(D):

@@ -228,16 +228,13 @@ def expansion_spectra(
     list of two (N,) float64 arrays a mode; eigenvalues of zero may share what is left of p equally
     """
     x, k = writable(positions, float), writable(wavenumbers)
-    N = len(x)
     centre, orders, gains = _about_centre(x, k, dimension, near)
     found = []
     for kk, order, gain, p in zip(k, orders.tolist(), gains, pressures, strict=True):
         if dimension == 2:
             found.append(_along(circular(x, kk, order, centre, gain), p))
             continue
-        C = np.empty((N, N), complex)
-        series(*directions(x, centre), complex(kk), order, gain, False, C, C.copy(), C.copy())
-        values, vectors = np.linalg.eigh(C)
+        values, vectors = np.linalg.eigh(spherical(x, kk, order, centre, gain))
         found.append((np.maximum(values, 0.0), np.abs(vectors.conj().T @ p) ** 2))
     return found
 
@@ -248,6 +245,15 @@ def circular(points, k, order: int, centre, gain=None) -> np.ndarray:
     W = np.empty((len(x), 2 * order + 1), np.asarray(k).dtype)
     _circular(x, centre, k, order, np.ones(order + 1) if gain is None else gain, False, W, np.empty((2, 0, 0), W.dtype))
     return W
+
+
+def spherical(points, k, order: int, centre, gain=None) -> np.ndarray:
+    """W W^H of one mode in three dimensions : (N, N) complex128; `gain` (L + 1,) of every order."""
+    x, centre = writable(points, float), writable(centre, float)
+    C = np.empty((len(x), len(x)), complex)
+    gain = np.ones(order + 1) if gain is None else gain
+    series(*directions(x, centre), complex(k), order, gain, False, C, C.copy(), C.copy())
+    return C
 
 
 def _along(W: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

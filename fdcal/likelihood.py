@@ -21,10 +21,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dtrtri
 from scipy.optimize import minimize, minimize_scalar
-from scipy.special import j0, j1
+from scipy.special import j0
 
 from .checks import frozen_array
 
@@ -77,17 +76,12 @@ def diffuse_field(
 
 
 def kernel(z: np.ndarray, dimension: int) -> np.ndarray:
-    """kappa(z): J_0 in 2-D, sin(z) / z in 3-D."""
-    return j0(z) if dimension == 2 else np.sinc(z / np.pi)
-
-
-def kernel_slope_over_z(z: np.ndarray, dimension: int) -> np.ndarray:
-    """kappa'(z) / z, finite at 0."""
-    small = np.abs(z) < 1e-4
-    safe = np.where(small, 1.0, z)
+    """kappa(z): J_0 in 2-D, sin(z) / z in 3-D; z not negative."""
     if dimension == 2:
-        return np.where(small, -0.5 + z**2 / 16, -j1(safe) / safe)
-    return np.where(small, -1 / 3 + z**2 / 30, (np.cos(safe) - np.sin(safe) / safe) / safe**2)
+        return j0(z)
+    from .sinc import sinc  # compiled code is loaded with the first step
+
+    return sinc(z)[0]
 
 
 def _covariance(positions, field: DiffuseField) -> tuple[np.ndarray, np.ndarray]:
@@ -152,10 +146,7 @@ def _terms(positions, pressures, field: DiffuseField, derivatives: int):
     if field.dimension == 2 or field.near or np.iscomplexobj(k):
         rest = field.dimension, field.log_det, field.near, field.about, derivatives
         return expansion_terms(positions, pressures, k, s, v, *rest)
-    pairs = np.tril_indices(len(positions), -1)
-    z = k[:, None] * np.linalg.norm(positions[pairs[0]] - positions[pairs[1]], axis=1)
-    slope = k[:, None] ** 2 * kernel_slope_over_z(z, 3) if derivatives else np.zeros((1, 1))
-    return dense_terms(positions, pressures, kernel(z, 3), slope, s, v, field.log_det, derivatives)
+    return dense_terms(positions, pressures, k, s, v, field.log_det, derivatives)
 
 
 def likelihood_landscape(positions, n: int, candidates, pressures, field: DiffuseField) -> np.ndarray:
@@ -170,8 +161,9 @@ def likelihood_landscape(positions, n: int, candidates, pressures, field: Diffus
     costs = np.empty((len(pressures), len(candidates)))
     for m, p in enumerate(pressures):
         G = np.linalg.cholesky(C[m])
-        y = solve_triangular(G, p[others], lower=True)
-        t = solve_triangular(G, field.power[m] * kernel(field.wavenumbers[m] * distance, field.dimension), lower=True)
+        inverse = dtrtri(G, lower=1)[0]
+        y = inverse @ p[others]
+        t = inverse @ (field.power[m] * kernel(field.wavenumbers[m] * distance, field.dimension))
         V = field.power[m] + field.noise[m] - np.sum(t**2, axis=0)
         base = 2 * np.log(np.diagonal(G)).sum() - len(positions) * np.log(field.noise[m]) + np.sum(np.abs(y) ** 2)
         costs[m] = base + np.log(V) + np.abs(p[n] - y @ t) ** 2 / V

@@ -8,7 +8,7 @@ Gaussian process whose covariance is s W W^H + v I; k may be complex.
 
     W, w     dictionary at the microphones and at x, about the centre of the array (Eq. 4, or its like in space)
     s, v     power of the field and of the noise
-    H        W A^-1 W^H; leaving microphone n out, the others foretell p_n but for (p_n - (H p)_n) / (1 - H_nn)
+    C        W W^H + mu I; leaving microphone n out, the others foretell p_n but for (C^-1 p)_n / (C^-1)_nn
 
 Nothing of it needs the true positions, so `left_out` checks a calibration in the field. It is a little optimistic: the
 microphone left out stands where its own pressures, among others, have put it.
@@ -23,7 +23,8 @@ from scipy.linalg import cholesky, solve_triangular
 
 from .checks import frozen_array
 from .dictionary import fourier_bessel, max_order
-from .expansion import AMPLE, circular
+from .expansion import AMPLE, circular, spherical
+from .likelihood import DiffuseField
 from .measurement import Problem
 from .spherical import spherical_bessel
 from .uncertainty import field_of
@@ -78,7 +79,20 @@ def expansions(problem: Problem, positions, modes: slice, noise: np.ndarray | No
 
     noise : (M,) float64 of all measured modes, in the unit of abs(problem.pressures)**2; estimated unless given
     """
-    return [expansion for _, expansion in _fits(problem, positions, modes, noise)]
+    positions = np.asarray(positions, float)
+    pressures, field = field_of(problem, positions, modes, noise)
+    centre = frozen_array(positions.mean(axis=0), float)
+    every = zip(problem.wavenumbers[modes], _orders(field, positions), pressures, field.power, field.noise, strict=True)
+    return [_fit(positions, complex(k), order, centre, p, v, s, problem.dimension) for k, order, p, s, v in every]
+
+
+def _fit(positions, k: complex, order: int, centre, p, v: float, s: float, dimension: int) -> Expansion:
+    W = dictionary(positions, k, order, centre, dimension)
+    A = W.conj().T @ W
+    A[np.diag_indices(len(A))] += v / (LESS * s)
+    G = cholesky(A, lower=True)
+    alpha = solve_triangular(G, solve_triangular(G, W.conj().T @ p, lower=True), lower=True, trans="C")
+    return Expansion(k, order, centre, alpha, G, float(v), dimension)
 
 
 def left_out(problem: Problem, positions, modes: slice, noise: np.ndarray | None = None) -> np.ndarray:
@@ -86,33 +100,25 @@ def left_out(problem: Problem, positions, modes: slice, noise: np.ndarray | None
 
     Arguments as of `expansions`; the unit is that of problem.pressures.
     """
-    errors = np.empty_like(problem.pressures[modes])
-    for error, p, (W, fit) in zip(
-        errors, problem.pressures[modes], _fits(problem, positions, modes, noise, quick=True), strict=True
-    ):
-        leverage = np.sum(np.abs(solve_triangular(fit.factor, W.conj().T, lower=True)) ** 2, axis=0)
-        error[:] = (p - W @ fit.coefficients) / (1 - leverage)
+    positions = np.asarray(positions, float)
+    pressures, field = field_of(problem, positions, modes, noise)
+    errors = np.empty_like(pressures)
+    every = zip(problem.wavenumbers[modes], _orders(field, positions), pressures, field.power, field.noise, strict=True)
+    for error, (k, order, p, s, v) in zip(errors, every, strict=True):
+        if problem.dimension == 2:
+            W = circular(positions, complex(k), order, positions.mean(axis=0))
+            C = W @ W.conj().T
+        else:
+            C = spherical(positions, k, order, positions.mean(axis=0))
+        inverse = np.linalg.inv(C + v / (LESS * s) * np.eye(len(p)))
+        error[:] = inverse @ p / np.diag(inverse)
     return errors
 
 
-def _fits(problem: Problem, positions, modes: slice, noise, quick: bool = False):
-    """W (N, K) and `Expansion` of every one of `modes`; `quick` with functions that are combinations of Eq. 4's."""
-    positions = np.asarray(positions, float)
-    pressures, field = field_of(problem, positions, modes, noise)
-    centre = frozen_array(positions.mean(axis=0), float)
-    reach = float(np.linalg.norm(positions - centre, axis=1).max())
-    orders = max_order(field.wavenumbers, reach, AMPLE)
-    every = zip(problem.wavenumbers[modes], orders.tolist(), pressures, field.power, field.noise, strict=True)
-    for k, order, p, s, v in every:
-        if quick and problem.dimension == 2:
-            W = circular(positions, complex(k), order, centre).astype(complex)
-        else:
-            W = dictionary(positions, k, order, centre, problem.dimension)
-        A = W.conj().T @ W
-        A[np.diag_indices(len(A))] += v / (LESS * s)
-        G = cholesky(A, lower=True)
-        alpha = solve_triangular(G, solve_triangular(G, W.conj().T @ p, lower=True), lower=True, trans="C")
-        yield W, Expansion(complex(k), order, centre, alpha, G, float(v), problem.dimension)
+def _orders(field: DiffuseField, positions) -> list[int]:
+    """L of every mode, about the centre of mass."""
+    reach = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
+    return max_order(field.wavenumbers, reach, AMPLE).tolist()
 
 
 @dataclass(frozen=True)

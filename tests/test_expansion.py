@@ -12,7 +12,7 @@ from fdcal import cost as paper
 from fdcal.dense import dense_terms
 from fdcal.dictionary import fourier_bessel, max_order
 from fdcal.expansion import AMPLE, bessel_orders_of, expansion_terms
-from fdcal.likelihood import DiffuseField, kernel, kernel_slope_over_z, newton_terms, total
+from fdcal.likelihood import DiffuseField, newton_terms, total
 from fdcal.series import spherical_orders
 from fdcal.spherical import spherical_bessel
 
@@ -96,14 +96,11 @@ def test_cost_gradient_and_curvature_are_those_of_the_explicit_covariance(dimens
 
 
 @pytest.mark.parametrize("log_det", [True, False])
-@pytest.mark.parametrize(("dimension", "D"), [(2, 2), (3, 3), (3, 2)])
-def test_both_ways_are_one(dimension, D, log_det):
+@pytest.mark.parametrize("D", [2, 3])
+def test_both_ways_are_one(D, log_det):
     x, p = drawn(D, seed=2)
-    through_expansion = expansion_terms(x, p, K, POWER, NOISE, dimension, log_det)
-    i, j = np.tril_indices(N, -1)
-    z = K[:, None] * np.linalg.norm(x[i] - x[j], axis=1)
-    slope = K[:, None] ** 2 * kernel_slope_over_z(z, dimension)
-    through_kernel = dense_terms(x, p, kernel(z, dimension), slope, POWER, NOISE, log_det)
+    through_expansion = expansion_terms(x, p, K, POWER, NOISE, 3, log_det)
+    through_kernel = dense_terms(x, p, K, POWER, NOISE, log_det)
     for one, other in zip(through_expansion, through_kernel, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-7, atol=1e-8 * np.abs(other).max())
 

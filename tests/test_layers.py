@@ -35,6 +35,7 @@ ROOMS = [
     ["cost"],
     ["candidates"],
     ["series"],
+    ["sinc"],
     ["dense", "expansion"],
     ["learned"],
     ["likelihood"],

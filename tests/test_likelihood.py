@@ -5,13 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 from fields import measured
+from scipy.special import spherical_jn
 
 from fdcal.likelihood import (
     DiffuseField,
     diffuse_field,
     explained,
     kernel,
-    kernel_slope_over_z,
     likelihood,
     likelihood_landscape,
     newton_terms,
@@ -20,6 +20,7 @@ from fdcal.likelihood import (
     total,
     unexplained,
 )
+from fdcal.sinc import sinc
 
 TRUTH = np.random.default_rng(3).uniform(-0.5, 0.5, (20, 2)) + [2.61, 2.31]
 PROBLEM = measured(TRUTH, [0, 1, 2], highest=200.0, snr_db=30).problem()
@@ -35,14 +36,13 @@ def field_and_guess(dimension):
     return field, guess + rng.normal(0, 0.03, guess.shape)
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
-def test_kernel_slope_is_the_derivative(dimension):
-    z, h = np.linspace(0.05, 12, 60), 1e-6
-    difference = (kernel(z + h, dimension) - kernel(z - h, dimension)) / (2 * h)
-    np.testing.assert_allclose(kernel_slope_over_z(z, dimension) * z, difference, atol=1e-8)
-    assert kernel_slope_over_z(np.zeros(1), dimension)[0] == pytest.approx(-1 / dimension)
-    joint = kernel_slope_over_z(np.array([0.99e-4, 1.01e-4]), dimension)
-    assert joint[0] == pytest.approx(joint[1], rel=1e-6)
+def test_the_fast_sine_over_z_and_its_slope_are_the_spherical_bessel_functions():
+    z = np.concatenate([[0.0], np.geomspace(1e-9, 1e3, 4001), np.pi / 4 * np.arange(1, 400)])
+    value, slope = sinc(z)
+    np.testing.assert_allclose(value, spherical_jn(0, z), rtol=0, atol=4e-15)
+    np.testing.assert_allclose(slope * z, -spherical_jn(1, z), rtol=0, atol=2e-14)
+    assert (value[0], slope[0]) == (1.0, pytest.approx(-1 / 3))
+    assert sinc(z[:6].reshape(2, 3))[1].shape == (2, 3)
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
