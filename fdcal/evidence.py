@@ -13,9 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from .gauge import fixes_gauge
-from .likelihood import DiffuseField, explained
+from .likelihood import DIFFUSE_ENOUGH, STRAINED, DiffuseField, explained, unexplained
 from .measurement import Problem
 from .uncertainty import Spread, covariance, field_of, freed, scale_sigma, spread
+
+
+STRAIN_MODES = 24  # at most
 
 
 @dataclass(frozen=True)
@@ -33,6 +36,8 @@ class Evidence:
     unforetold : (N,) float64, squared leave-one-out residual over the microphone's power
     alone : (N,) float64, part of the variance of a microphone that the others cannot foretell where it was put; 1 for
         one that has fled from the array
+    strain : float, p^H C^-1 p over the number of pressures, 1 is expected; of the near model, and nan where there is so
+        much noise that the solver does without it
     sound_speed, sound_speed_sigma : float, relative error of the sound speed told, and its one sigma; nan where known
         microphones do not tell
     known_shift, known_chance : (A,) float64, how far each known microphone would move if it might, metres, and that
@@ -46,6 +51,7 @@ class Evidence:
     surprise: np.ndarray
     unforetold: np.ndarray
     alone: np.ndarray
+    strain: float
     sound_speed: float
     sound_speed_sigma: float
     known_shift: np.ndarray
@@ -68,6 +74,7 @@ def collect(problem: Problem, positions, modes: slice, noise: np.ndarray | None)
         scale=scale_sigma(found, positions) if len(problem.known) < 2 else 0.0,
         noise_share=float(np.exp(np.mean(np.log(field.noise / power)))),
         **_residuals(positions, p, field, found.basis.shape[1]),
+        strain=_strain(problem, positions, modes, noise),
         sound_speed=sound_speed,
         sound_speed_sigma=sigma,
         known_shift=shift,
@@ -88,6 +95,18 @@ def _residuals(positions, p, field: DiffuseField, coordinates: int) -> dict:
         / np.sum(np.abs(p) ** 2 / field.power[:, None], axis=0),
         "alone": np.mean(1 / (d * (field.power[:, None] + v)), axis=0),
     }
+
+
+def _strain(problem: Problem, positions, modes: slice, noise: np.ndarray | None) -> float:
+    """`Evidence.strain`, of a part of the modes, evenly taken."""
+    p, k = problem.pressures[modes], problem.wavenumbers[modes]
+    if noise is None:
+        return np.nan
+    share = float(np.median(np.asarray(noise)[modes] / np.mean(np.abs(p) ** 2, axis=1)))
+    if share > DIFFUSE_ENOUGH[problem.dimension]:
+        return np.nan
+    some = slice(None, None, max(1, -(-len(p) // STRAIN_MODES)))
+    return unexplained(positions, p[some], k[some], problem.dimension, True, max(share, STRAINED[0])).strain
 
 
 def _sound_speed(found: Spread, positions, known) -> tuple[float, float]:

@@ -30,6 +30,8 @@ from .checks import frozen_array
 FLOOR = 1e-3  # least power of the field as a part of the pressures' power
 LEAST_NOISE = 1e-6  # least noise, likewise; the real kernel leaves that much of a windowed field unexplained
 LEAST_NEAR_NOISE = 1e-10  # with complex wavenumbers and near sources, which explain it
+DIFFUSE_ENOUGH = {2: 1e-5, 3: 2e-6}  # noise's share of the power: with less, a near source and damping count
+STRAINED = 1e-8, 3.0  # least noise to judge by, and `Unexplained.strain` above which positions are not believed
 
 
 @dataclass(frozen=True)
@@ -203,12 +205,14 @@ class Unexplained:
     noise : share of the power of every mode, from LEAST_NOISE (near: LEAST_NEAR_NOISE) to 1/2
     spread : metres, error of the positions beside it, each microphone's for itself; its share grows as k^2
     cost : -log of the probability density, up to a constant that depends on the number of modes and microphones alone
+    strain : p^H C^-1 p over the number of pressures, with the least noise and no spread; 1 is expected
     dimension : 2 or 3, of the sound field
     """
 
     noise: float
     spread: float
     cost: float
+    strain: float
     dimension: int
 
     def shares(self, wavenumbers, spread: bool = True) -> np.ndarray:
@@ -217,17 +221,20 @@ class Unexplained:
         return np.minimum(self.noise + more, 0.5) + np.zeros(len(wavenumbers))
 
 
-def unexplained(positions, pressures, wavenumbers, dimension: int, near: bool = False) -> Unexplained:
+def unexplained(
+    positions, pressures, wavenumbers, dimension: int, near: bool = False, least: float = 0.0
+) -> Unexplained:
     """The noise, one share for all modes, and the spread of the positions that make the pressures most likely.
 
     An error e of a microphone changes its pressure by the gradient of the field there, of power k^2 / dimension: at
-    rough positions the high modes are hard to explain and the low ones are not. `near` as of `diffuse_field`.
+    rough positions the high modes are hard to explain and the low ones are not. `near` as of `diffuse_field`; `least`
+    is a share of noise that there is in any case.
     """
     power = np.mean(np.abs(pressures) ** 2, axis=1)
     values, along = _spectra(positions, pressures, wavenumbers, dimension, near)
     along = along / power[:, None]
     slope = np.real(wavenumbers)[:, None] ** 2 / dimension
-    least = LEAST_NEAR_NOISE if near else LEAST_NOISE
+    least = max(least, LEAST_NEAR_NOISE if near else LEAST_NOISE)
 
     def cost(logs) -> float:
         noise, spread = np.exp(logs)
@@ -241,7 +248,8 @@ def unexplained(positions, pressures, wavenumbers, dimension: int, near: bool = 
     start = min(((a, b) for a in grid[0] for b in grid[1]), key=cost)
     best = minimize(cost, start, method="Nelder-Mead", bounds=bounds, options={"xatol": 0.05, "fatol": 0.1})
     noise, variance = np.exp(best.x)
-    return Unexplained(float(noise), float(np.sqrt(variance)), float(best.fun), dimension)
+    strain = float(np.mean(along / ((1 - least) * values + least)))
+    return Unexplained(float(noise), float(np.sqrt(variance)), float(best.fun), strain, dimension)
 
 
 def noise_ratio(positions, pressures, wavenumbers, dimension: int) -> float:

@@ -23,7 +23,7 @@ from .checks import frozen_array
 from .dictionary import f_max
 from .evidence import Evidence, collect
 from .gauge import align, position_errors
-from .likelihood import newton_terms
+from .likelihood import STRAINED, newton_terms
 from .measurement import Problem
 from .solvers.newton import FIRST_DAMPING, damped_step
 from .uncertainty import field_of, one_sigma
@@ -181,9 +181,12 @@ def _sound_speed(problem: Problem, evidence: Evidence) -> str:
 
 def _mismatch(problem: Problem, evidence: Evidence, names, modes: slice) -> str:
     told = problem.noise_power
+    cause = "a source or an obstacle inside the array, odd channels, or positions not found yet (try another solver)"
+    if np.isfinite(evidence.strain):  # the real kernel, of which the rest speaks, leaves more than there is noise
+        strained = f"only a sound field that is {evidence.strain:.2g} times too loud for what is heard explains it: {cause}"
+        return strained if evidence.strain > STRAINED[1] else ""
     if evidence.noise_share < FAINT and evidence.residual_to_noise < RESIDUAL:
         return ""
-    cause = "a source or an obstacle inside the array, odd channels, or positions not found yet (try another solver)"
     if told is not None and np.all(told[modes] > 0) and evidence.residual_to_noise > RESIDUAL:
         return f"the residual is {evidence.residual_to_noise:.2g} times what the noise explains: {cause}"
     if told is not None and not np.any(told[modes]) and evidence.noise_share > UNTOLD:

@@ -205,3 +205,16 @@ def test_a_source_beside_the_array_is_no_mismatch_where_there_is_no_noise():
     result = solve(Given("beside", None, measurement, Solver(name="joint", modes=40), 0))
     assert result["max_error_m"] < 1e-3
     assert result["verdict"] == "good", result["verdict_text"]
+
+
+@pytest.mark.parametrize("source", [(2.0, 3.2), (5.47, 4.53)], ids=["near", "far"])
+def test_without_noise_the_right_array_is_believed_and_one_wrong_by_millimetres_is_not(source):
+    """Of neither does the kernel of a diffuse field tell: it leaves more than there is of noise."""
+    truth = np.random.default_rng(0).uniform(-0.5, 0.5, (40, 2)) + [2.61, 2.31]
+    measurement = measured(truth, [0, 1, 2], highest=120.0, source=source)
+    problem = replace(measurement, noise_power=np.zeros(len(measurement.frequencies))).problem()
+    assert judge(problem, truth, ALL, problem.noise_power).code == "good"
+    wrong = truth + np.random.default_rng(1).normal(0, 0.003, truth.shape)
+    wrong[:3] = truth[:3]
+    found = judge(problem, wrong, ALL, problem.noise_power)
+    assert found.code == "model_mismatch" and "too loud" in found.text

@@ -28,7 +28,15 @@ import numpy as np
 
 from ..checks import InputError, frozen_array
 from ..gauge import place
-from ..likelihood import LEAST_NEAR_NOISE, LEAST_NOISE, DiffuseField, Unexplained, diffuse_field
+from ..likelihood import (
+    DIFFUSE_ENOUGH,
+    LEAST_NEAR_NOISE,
+    LEAST_NOISE,
+    STRAINED,
+    DiffuseField,
+    Unexplained,
+    diffuse_field,
+)
 from ..measurement import Problem
 from ..scene import Search, Solver
 from . import starts
@@ -49,7 +57,6 @@ MOST_SHARP = 4  # and about as many of phase "sharp"
 LEARNED = (3, 5, 3.0)  # stages, rounds of learning in each, and `confidence` at most: the prior is better then
 NOISY_ENOUGH = 3e-3  # noise's share of the power from which it pays to learn
 STRIDE = 0.125  # of the shortest wavelength: no microphone moves further in one step
-DIFFUSE_ENOUGH = {2: 1e-5, 3: 2e-6}  # noise's share of the power: with less, a near source and damping count
 FLED = 0.5  # of the shortest wavelength: a microphone that goes further in the last stages has left its basin
 UNEXPLAINED = 3.0  # times the noise told: more of it and what is told is not believed
 EVEN = 1.05  # times the noise left: less of noise and spread together, and the microphones are as good as in place
@@ -424,30 +431,43 @@ def _learn(problem: Problem, state: State) -> State:
 
 def _finish(problem: Problem, state: State, settled: bool, rest: Unexplained | None = None) -> State:
     """The end, or another attempt where too much is left unexplained."""
-    rest = starts.left_over(problem, state.positions, state.modes, state.near) if rest is None else rest
+    faint = _faint(problem, state)
+    if faint is not None:
+        rest = starts.left_over(problem, state.positions, state.modes, True, max(faint, STRAINED[0]))
+    elif rest is None:
+        rest = starts.left_over(problem, state.positions, state.modes, state.near)
     here = rest.cost, settled, state.positions, state.shape, state.noise, state.noise_power, state.near
     before = state.best is not None and state.best[0] <= rest.cost
     best = state.best if before else here
     tries = starts.attempts(problem, state.settings.modes)
-    tries = tries if state.near else tries[:-1]  # the last is for the near model
+    tries = tries[:-1] if faint is None and not state.near else tries  # the last is for the near model
     last = state.settings.start == "random" or state.attempt + 1 >= len(tries)
-    if last or _convincing(problem, state, rest, redirected=("redirected", 0) in tries[: state.attempt + 1]):
+    redirected = ("redirected", 0) in tries[: state.attempt + 1]
+    if last or _convincing(problem, state, rest, settled, redirected):
         ended = replace(state, finished=True, converged=best[1])
         return _as_before(problem, ended) if before else ended
     return _try(problem, replace(state, attempt=state.attempt + 1, best=best), *tries[state.attempt + 1])
 
 
-def _convincing(problem: Problem, state: State, rest: Unexplained, redirected: bool) -> bool:
+def _faint(problem: Problem, state: State) -> float | None:
+    """Share of the noise told, where it is so little that the near model is to explain all; None elsewhere."""
+    share = float(np.median(state.noise_power / np.mean(np.abs(problem.pressures) ** 2, axis=1)))
+    return share if state.noise_told and share <= DIFFUSE_ENOUGH[problem.dimension] else None
+
+
+def _convincing(problem: Problem, state: State, rest: Unexplained, settled: bool, redirected: bool) -> bool:
     """Whether what an attempt leaves is the noise told, or, where none is, what another attempt has left, too.
 
     Two attempts may share a wrong end, which leaves a spread; not so easily one with another direction, `redirected`.
     """
+    same = state.best is not None and abs(state.best[0] - rest.cost) < 1.0 + 1e-4 * abs(rest.cost)
+    if _faint(problem, state) is not None:
+        return (settled and rest.strain <= STRAINED[1]) or (same and redirected)
     power = np.mean(np.abs(problem.pressures) ** 2, axis=1)
     told = float(np.median(state.noise_power / power)) if state.noise_told else 0.0
     share = float(np.median(rest.shares(problem.wavenumbers)))
     if share <= max(EVEN * told, FAINT):
         return True
-    same = state.best is not None and abs(state.best[0] - rest.cost) < 1.0 + 1e-4 * abs(rest.cost)
     return (_even(problem, rest) and (share <= CONVINCING * told or same)) or (same and redirected)
 
 

@@ -65,10 +65,14 @@ def damped_step(
 
 
 def minimise(positions, pressures, field, basis, iterations: int, tolerance: float) -> np.ndarray:
-    """Damped steps until none moves a microphone by `tolerance` metres, or -log likelihood falls by 1 : (N, D)."""
+    """Damped steps until none moves a microphone by `tolerance` metres, or -log likelihood falls by 1 : (N, D).
+
+    No step is longer than half the array: a huge array has a field of orders without number.
+    """
+    furthest = float(np.ptp(positions, axis=0).max()) / 2
     trial = Trial(positions, np.inf, np.inf, FIRST_DAMPING, np.inf)
     for _ in range(iterations):
-        trial = damped_step(trial.positions, pressures, field, basis, trial.damping)
+        trial = damped_step(trial.positions, pressures, field, basis, trial.damping, furthest)
         if trial.moved < tolerance or trial.fall < 1.0:
             break
     return trial.positions
