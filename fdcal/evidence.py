@@ -17,7 +17,6 @@ from .likelihood import DIFFUSE_ENOUGH, STRAINED, DiffuseField, explained, unexp
 from .measurement import Problem
 from .uncertainty import Spread, covariance, field_of, freed, scale_sigma, spread
 
-
 STRAIN_MODES = 24  # at most
 
 

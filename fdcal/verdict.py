@@ -183,8 +183,8 @@ def _mismatch(problem: Problem, evidence: Evidence, names, modes: slice) -> str:
     told = problem.noise_power
     cause = "a source or an obstacle inside the array, odd channels, or positions not found yet (try another solver)"
     if np.isfinite(evidence.strain):  # the real kernel, of which the rest speaks, leaves more than there is noise
-        strained = f"only a sound field that is {evidence.strain:.2g} times too loud for what is heard explains it: {cause}"
-        return strained if evidence.strain > STRAINED[1] else ""
+        misfit = f"no sound field without sources explains the pressures (misfit {evidence.strain:.2g}, 1 is expected)"
+        return f"{misfit}: {cause}" if evidence.strain > STRAINED[1] else ""
     if evidence.noise_share < FAINT and evidence.residual_to_noise < RESIDUAL:
         return ""
     if told is not None and np.all(told[modes] > 0) and evidence.residual_to_noise > RESIDUAL:

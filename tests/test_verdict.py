@@ -217,4 +217,4 @@ def test_without_noise_the_right_array_is_believed_and_one_wrong_by_millimetres_
     wrong = truth + np.random.default_rng(1).normal(0, 0.003, truth.shape)
     wrong[:3] = truth[:3]
     found = judge(problem, wrong, ALL, problem.noise_power)
-    assert found.code == "model_mismatch" and "too loud" in found.text
+    assert found.code == "model_mismatch" and "1 is expected" in found.text
