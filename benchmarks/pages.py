@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import shutil
 import signal
@@ -25,7 +26,8 @@ ARGUMENTS = (
 class Served:
     """`fdcal view` of a scene, its solver changed; a context manager. `stopped_in` is how long Ctrl-C took, s."""
 
-    def __init__(self, scene: str, solver: dict[str, str]):
+    def __init__(self, scene: str, solver: dict[str, str], watched: bool = False, cold: bool = False):
+        """`watched` keeps a `log` (see `benchmarks.watched`); `cold` gives it empty caches."""
         self._folder = Path(tempfile.mkdtemp())
         text = (scene_folder() / f"{scene}.toml").read_text(encoding="utf-8")
         for key, value in solver.items():
@@ -33,13 +35,17 @@ class Served:
             text = "\n".join(lines) + "\n"
         self._scene = self._folder / f"{scene}.toml"
         self._scene.write_text(text, encoding="utf-8")
-        self._errors, self.stopped_in = self._folder / "errors", 0.0
+        self._errors, self.stopped_in, self._watched = self._folder / "errors", 0.0, watched
+        self._log, self._environment = self._folder / "log", {**os.environ, "PYTHONUNBUFFERED": "1"}
+        if cold:
+            self._environment |= {name: str(self._folder / name) for name in ("FDCAL_CACHE", "NUMBA_CACHE_DIR")}
 
     def __enter__(self) -> Served:
-        command = [sys.executable, "-m", "fdcal", "view", str(self._scene), "--port", "0", "--no-browser"]
+        program = ["benchmarks.watched", str(self._log)] if self._watched else ["fdcal"]
+        command = [sys.executable, "-m", *program, "view", str(self._scene), "--port", "0", "--no-browser"]
         with self._errors.open("w") as errors:
             self._process = subprocess.Popen(
-                command, stdout=subprocess.PIPE, stderr=errors, text=True, env={**os.environ, "PYTHONUNBUFFERED": "1"}
+                command, stdout=subprocess.PIPE, stderr=errors, text=True, env=self._environment
             )
         self.url = self._process.stdout.readline().strip()
         if not self.url.startswith("http"):
@@ -55,6 +61,14 @@ class Served:
             self._process.kill()
         self.stopped_in = time.perf_counter() - start
         shutil.rmtree(self._folder, ignore_errors=True)
+
+    def log(self) -> list[tuple[float, str, object]]:
+        """What a watched server has noted: s, what, value."""
+        return [tuple(json.loads(line)) for line in self._log.read_text().splitlines()]
+
+    def drag(self) -> None:
+        """Have a watched server drag a microphone about by itself."""
+        self._process.send_signal(signal.SIGUSR1)
 
     def memory(self) -> int:
         """Resident memory of the server, bytes."""

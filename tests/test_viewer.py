@@ -772,6 +772,27 @@ def test_a_map_stands_under_its_own_microphone_only(viewer):
     assert shown(viewer) is None and mapped(viewer) == 7
 
 
+def test_maps_stand_side_by_side_and_are_drawn_anew_as_the_look_changes(viewer):
+    side = viewer._side.side_by_side
+
+    def drawn():
+        return side._worker.wait_for(lambda _: not side._worker.busy, WAIT)
+
+    viewer.tick(0.0)
+    assert side.of(None, 0.0) is None and mapped(viewer) == 3 and drawn()
+    viewer.tick(2e9)
+    first = viewer._side.image
+    assert first.visible and first.image.ndim == 3
+    light = first.image
+    say(viewer._controls.dark, True)
+    viewer.tick(3e9)
+    mapped(viewer)
+    viewer.tick(4e9)
+    assert drawn()
+    viewer.tick(5e9)
+    assert viewer._side.image.image is not light and viewer._side.image.image.shape == light.shape
+
+
 def test_in_a_drag_the_last_map_stays_until_the_next(viewer):
     viewer.tick(0.0)
     assert mapped(viewer) == 3
@@ -781,7 +802,7 @@ def test_in_a_drag_the_last_map_stays_until_the_next(viewer):
     session.view = view_of([State(positions)])
     viewer.tick(ready + 0.1)
     assert shown(viewer) == 3, "one other microphone has moved"
-    viewer.tick(ready + 1.0)
+    viewer.tick(ready + 1.5)
     assert shown(viewer) is None, "but not for long"
     session.view = view_of([State(positions + 0.01)])
     viewer.tick(ready + 0.1)

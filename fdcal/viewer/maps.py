@@ -12,17 +12,15 @@ import numpy as np
 
 from .. import landscapes
 from ..painting import cost_label, paint, paint_field
-from ..panels import Marks, mosaic
 from ..picture import heights_of
-from ..primitives import DARK, LIGHT, Floor
+from ..primitives import Floor
 from ..worker import LatestWorker
 from .preparing import Work
 
 PAUSE = 0.15  # s at least between two maps while the solver runs, which needs the processor too
 FOLLOW = 0.6  # s at least that the map of a microphone stays while a running solver is followed
-HELD = 0.3  # s at most that a map stays while a hand drags another microphone and the next map is under way
+HELD = 1.0  # s at most that a map stays while a hand drags another microphone and the next map is under way
 STILL = 0.35  # s without a change before a fine map is begun
-MOST_PANELS = 9  # maps of single modes side by side
 
 
 @dataclass(frozen=True)
@@ -70,11 +68,11 @@ class MapRequest:
 
 @dataclass(frozen=True)
 class Map:
-    """A map that is ready: the floor, the maps of single modes side by side, and what is to be said of it."""
+    """A map that is ready: the floor, what it is made of, and what is to be said of it."""
 
     request: MapRequest
     floor: Floor
-    panels: np.ndarray | None  # (H, W, 3) uint8
+    costs: np.ndarray | None  # (modes, ny, nx), of the single modes, which the floor shows the sum of
     minima: int
     here: float  # cost at the microphone's supposed place
     lowest: float
@@ -98,6 +96,7 @@ class Maps:
         if latest is not None and wanted.follow and latest.request[0].microphone != wanted.microphone:
             pause = max(pause, FOLLOW)
         rested = not running or latest is None or now - latest.ended > pause
+        rested = rested or not latest.request[0].stands_for(wanted, running)  # a hand has asked for another one
         if wanted != self._asked and rested and not (running and self._worker.busy):
             self._asked, self._since = wanted, now
             self._worker.request(wanted)
@@ -166,9 +165,9 @@ class Maps:
             self._costs["fine"] = key, total, landscapes.local_minima(total)
         _, total, minima = self._costs["fine"]
         quick = self._worker.latest
-        panels = quick.result.panels if quick and quick.result and quick.request[0] == wanted else None
+        costs = quick.result.costs if quick and quick.result and quick.request[0] == wanted else None
         drawn = self._draw(wanted, total, minima, search, None)
-        return replace(drawn, panels=panels, fine=True)
+        return replace(drawn, costs=costs, fine=True)
 
     def _draw(self, wanted: MapRequest, total, minima, search, maps) -> Map:
         look, n = wanted.look, wanted.microphone
@@ -180,18 +179,4 @@ class Maps:
             opacity=look.opacity, relief=look.relief, height=heights_of(self._work.told, self._work.measurement)[0],
         )  # fmt: skip
         here = landscapes.cost_at(total, search, wanted.state.positions[n])
-        panels = None if maps is None else self._side_by_side(wanted, maps, total)
-        return Map(wanted, floor, panels, len(minima), here, float(total.min()))
-
-    def _side_by_side(self, wanted: MapRequest, maps, total) -> np.ndarray:
-        measurement, n, f = self._work.measurement, wanted.microphone, self._work.measurement.frequencies
-        shown = np.unique(np.linspace(0, len(maps) - 1, min(len(maps), MOST_PANELS)).round().astype(int))
-        captions = [f"{wanted.modes[i]}: {f[wanted.modes[i] - 1]:.1f} Hz" for i in shown]
-        captions.append(f"sum of {len(maps)}" if len(maps) > 1 else "sum (one mode)")
-        truth = None if measurement.positions is None else tuple(measurement.positions[n][:2])
-        marks = Marks(truth, tuple(wanted.state.positions[n][:2]))
-        theme = DARK if wanted.look.dark else LIGHT
-        return mosaic(
-            [*maps[shown], total], captions, self._work.problem.search, marks, theme,
-            log=wanted.look.log, shared=wanted.look.shared, columns=2 if len(shown) < 6 else 3,
-        )  # fmt: skip
+        return Map(wanted, floor, maps, len(minima), here, float(total.min()))

@@ -16,16 +16,17 @@ from .plots import Curves
 from .races import Races
 from .racetab import RaceTab
 from .reach import Reach
+from .sidebyside import SideBySide
 from .spreads import Errors
 
-INTERVAL = 0.2  # s between two images of the maps side by side
+INTERVAL = 0.2  # s between two tables
 
 
 class SidePanel:
     """Owns the panel's tabs."""
 
     def __init__(self, rooms: Rooms, desk: Desk, problem: Problem, map_tab: MapTab, races: Races):
-        self._desk, self._sent, self._tabled, self._panels = desk, -1e9, -1e9, None
+        self._desk, self._tabled, self._panels = desk, -1e9, None
         gui = desk.gui
         with rooms.at("Curves"):
             gui.add_html(words.legend())
@@ -44,6 +45,7 @@ class SidePanel:
             self.table = gui.add_html("")
         with rooms.at("Race"):
             self.race = RaceTab(desk, races)
+        self.side_by_side = SideBySide(desk.work)
         self._table_key: tuple = ()
         desk.on(self.shared, lambda value: desk.look(shared=bool(value)))
 
@@ -64,10 +66,10 @@ class SidePanel:
             self._desk.tell("table", text, self.table, "content")
 
     def _show_panels(self, drawn: Map | None, now: float) -> None:
-        panels = None if drawn is None else drawn.panels
-        if panels is self._panels or now - self._sent < INTERVAL:
+        panels = self.side_by_side.of(drawn, now)
+        if panels is self._panels:
             return
-        self._sent, self._panels = now, panels
+        self._panels = panels
         self.image.visible = panels is not None
         if panels is not None:
             self.image.image = panels

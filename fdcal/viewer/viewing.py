@@ -108,7 +108,10 @@ class Viewer:
 
     def close(self, timeout: float = 1.0) -> None:
         """End the threads after what they are at; all together in no more than `timeout`, s."""
-        owners, end = (self._maps, self._spreads, self._races, self._work.session), time.perf_counter() + timeout
+        owners, end = (
+            (self._maps, self._spreads, self._races, self._side.side_by_side, self._work.session),
+            time.perf_counter() + timeout,
+        )
         if self._work.rehearsal is not None:
             self._work.rehearsal.close(0.0)
         for owner in (*owners, self._exports):  # all are asked to stop before any is waited for

@@ -198,7 +198,7 @@ def table(measurement: Measurement, positions, sigma, looked_at: int) -> str:
 
 def panels_caption(drawn) -> str:
     """What the maps side by side (of maps.Map) show."""
-    if drawn is None or drawn.panels is None:
+    if drawn is None or drawn.costs is None:
         return f"<div style='{CARD} opacity: 0.65'>no maps</div>"
     n, modes, look = drawn.request.microphone, len(drawn.request.modes), drawn.request.look
     scale = "one scale" if look.shared else "each its own scale"

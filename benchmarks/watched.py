@@ -1,0 +1,130 @@
+"""`fdcal view`, which notes when what a client has sent is on its way to the pages.
+
+A program: python -m benchmarks.watched LOG view SCENE ...
+
+A line of LOG is JSON: the moment (s of `time.perf_counter`), what has happened, and a value. "told" is when a slider's
+message comes in, before any callback; "shown" when the main loop has published what it asks for; "turn" a turn of the
+main loop while the solver runs; "map" a new map, with its number of modes and points.
+
+On SIGUSR1 a hand that never rests drags a microphone about for DRAG seconds, HAND moves a second.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import signal
+import sys
+import threading
+import time
+
+import viser
+
+from fdcal.cli import main
+from fdcal.viewer.maptab import MapTab
+from fdcal.viewer.page import Page
+from fdcal.viewer.solvetab import SolveTab
+from fdcal.viewer.viewing import Viewer
+
+DRAG, HAND = 6.0, 60  # s, 1/s
+
+
+class Watch:
+    """Notes what happens; `waits` are the effects still to be seen, by their slider."""
+
+    def __init__(self, path: str):
+        self._file, self._came, self.waits, self.page, self._floor = open(path, "w"), 0.0, {}, None, None
+
+    def note(self, what: str, value=None, at: float | None = None) -> None:
+        self._file.write(json.dumps([time.perf_counter() if at is None else at, what, value]) + "\n")
+        self._file.flush()
+
+    def came(self) -> None:
+        self._came = time.perf_counter()
+
+    def ask(self, slider: str, reached) -> None:
+        """A slider's message: `reached(viewer)` says whether its effect is published."""
+        self.waits[slider] = reached
+        self.note("told", slider, self._came)
+
+    def look(self, viewer: Viewer) -> None:
+        """After a tick of the main loop."""
+        for slider, reached in list(self.waits.items()):
+            if reached(viewer) and self.waits.get(slider) is reached:
+                self.waits.pop(slider)
+                self.note("shown", slider)
+        floor = viewer.picture.floor
+        if floor is not None and floor is not self._floor:
+            self.note("map", [len(viewer.desk.choices.modes or ()), int(floor.rgb.shape[0])])
+        self._floor = floor
+
+    def drag(self, *_) -> None:
+        threading.Thread(target=self._drag, daemon=True).start()
+
+    def _drag(self) -> None:
+        desk, gesture = self.page.desk, object()
+        state, start = desk.session.view.state, time.perf_counter()
+        moved = next(n for n in desk.work.problem.free if n != desk.choices.microphone)
+        x, y = state.positions[moved][:2]
+        self.note("drag")
+        while (t := time.perf_counter() - start) < DRAG:
+            desk.session.place(int(moved), (x + 0.1 * math.sin(3 * t), y + 0.1 * math.cos(3 * t)), gesture)
+            time.sleep(1 / HAND)
+        self.note("dropped")
+
+
+def watch(log: Watch) -> None:
+    """Put the notes between the program's own calls."""
+    before, tick, turn = viser._gui_api.GuiApi._handle_gui_updates, Viewer.tick, Page.turn
+
+    async def handle(self, client_id, message):
+        log.came()
+        await before(self, client_id, message)
+
+    def ticked(self, now):
+        tick(self, now)
+        log.look(self)
+
+    def turned(self, now):
+        log.page = self
+        turn(self, now)
+        if self.viewer is not None and self.desk.session.view.running:
+            log.note("turn")
+
+    viser._gui_api.GuiApi._handle_gui_updates = handle
+    Viewer.tick, Page.turn = ticked, turned
+    _watch_sliders(log)
+
+
+def _watch_sliders(log: Watch) -> None:
+    use, choose, look = SolveTab.use_modes, MapTab.choose_microphone, MapTab._listen
+
+    def use_modes(self, first=None, last=None, automatic=None):
+        if last is not None:
+            log.ask("Last mode", lambda viewer: viewer._state.last == int(last))
+        use(self, first, last, automatic)
+
+    def choose_microphone(self, value):
+        log.ask(
+            "Microphone", lambda viewer: viewer._drawn.microphone == int(value) and viewer.picture.floor is not None
+        )
+        choose(self, value)
+
+    def listen(self):
+        look(self)
+        self._desk.on(self.opacity, lambda value: log.ask("Opacity (%)", lambda viewer: _opacity(viewer) == int(value)))
+
+    SolveTab.use_modes, MapTab.choose_microphone, MapTab._listen = use_modes, choose_microphone, listen
+
+
+def _opacity(viewer: Viewer) -> int:
+    floor = viewer.picture.floor
+    return -1 if floor is None else round(100 * floor.opacity)
+
+
+if __name__ == "__main__":
+    log = Watch(sys.argv[1])
+    watch(log)
+    signal.signal(signal.SIGUSR1, log.drag)
+    sys.argv = ["fdcal", *sys.argv[2:]]
+    main()
