@@ -132,9 +132,11 @@ def import_(source, output, number, force, **wishes):
     path = arguments.output_path(output, ".npz", force)
     if Path(source).resolve() == path.resolve():
         raise InputError(f"-o {output} is the input itself, which stays untouched; choose another name")
-    from .intake import Wishes, intake, report
+    from .imported import report
+    from .intake import intake
     from .measurement_file import save_measurement
     from .store import write_atomically
+    from .wishes import Wishes
 
     measurement, told = intake(source, Wishes(source=number, **wishes))
     write_atomically(path, lambda file: save_measurement(measurement, file), force)

@@ -66,14 +66,14 @@ def source_of(text: str, progress: Progress | None = None, excluded: tuple[str, 
 
 
 def is_recording(text: str) -> bool:
-    """Whether `text` is a file or folder that `fdcal import` reads."""
+    """Whether `text` is a file or folder that `fdcal import` reads, or would be if it were there."""
     from . import formats
     from .formats import archive
 
     path = Path(text)
     if path.suffix.lower() in archive.SUFFIXES:
         return "recordings" in archive.keys_of(path)
-    return path.exists() and formats.reader_of(path) is not None
+    return formats.reader_of(path) is not None
 
 
 def _without(measurement: Measurement, excluded: tuple[str, ...]) -> Measurement:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +19,13 @@ from fdcal.choosing import known, on_plane, subset, without
 from fdcal.cli import main
 from fdcal.decimation import decimated
 from fdcal.deconvolution import deconvolved
-from fdcal.intake import Wishes, intake, report
+from fdcal.imported import report
+from fdcal.intake import intake
 from fdcal.measurement_file import load_measurement
 from fdcal.recording import Recording, of_array, read
 from fdcal.responses import decay_of, from_response
 from fdcal.steady import from_work
+from fdcal.wishes import Wishes
 
 BAND = 20.0, 400.0
 
@@ -316,6 +320,7 @@ def test_a_plane_of_microphones_in_space(tmp_path):
         (["--reference-microphone", "99"], "is no channel", 2),
         (["--known", "0,1"], "tells no positions", 2),
         (["--known", "nothing.csv"], "cannot read nothing.csv", 3),
+        (["--source", "1"], "one source alone", 2),
     ],
 )
 def test_a_wish_that_cannot_be_is_refused(options, words, code, folder, tmp_path, monkeypatch, capsys):
@@ -326,6 +331,33 @@ def test_a_wish_that_cannot_be_is_refused(options, words, code, folder, tmp_path
     assert err.count("\n") == 1
     assert out == ""
     assert list(tmp_path.iterdir()) == [], "nothing is left half-written"
+
+
+def test_positions_in_degrees_are_refused(folder, tmp_path):
+    angles = np.degrees(np.arctan2(places(), np.roll(places(), 1, axis=1)))
+    np.savez(tmp_path / "a.npz", recordings=responses(), sample_rate=FS, kind="response", positions=angles)
+    rows = [f"{n},{x},{y},{z}" for n, (x, y, z) in enumerate(angles[:5].tolist())]
+    (tmp_path / "known.csv").write_text("\n".join(["name,x,y,z", *rows]) + "\n")
+    for path, table in ((tmp_path / "a.npz", None), (folder / "responses.wav", str(tmp_path / "known.csv"))):
+        with pytest.raises(InputError, match=r"the band begins at 20 Hz; tell positions in metres, neither in degrees"):
+            intake(path, Wishes(known=table))
+
+
+def test_an_archive_larger_than_memory_is_refused_in_one_line(tmp_path, monkeypatch, capsys):
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(header, {"descr": "<f8", "fortran_order": False, "shape": (64, 10**13)})
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        archive.writestr("recordings.npy", header.getvalue() + bytes(1000))
+    monkeypatch.chdir(tmp_path)
+    run("import", "a.npz", "-o", "m.npz", code=2)
+    assert "more than fits into memory" in capsys.readouterr().err
+    assert not Path("m.npz").exists()
+
+
+def test_a_recording_that_is_not_there_is_no_scene(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    run("calibrate", "nothing.wav", code=3)
+    assert "nothing.wav: there is no such file" in capsys.readouterr().err
 
 
 def test_an_output_that_exists_is_kept(folder, tmp_path, monkeypatch, capsys):

@@ -53,6 +53,7 @@ ROOMS = [
     ["recording", "placed", "bins"],
     ["formats", "responses", "decimation"],
     ["steady", "deconvolution", "choosing", "frames"],
+    ["wishes", "imported"],
     ["intake"],
     ["history"],
     ["worker"],

@@ -1,6 +1,6 @@
 """Other people's files: every module here that can read recordings or write positions is a format.
 
-A format has a `NAME` and `SUFFIXES`, and
+A format has a `NAME` and `SUFFIXES`, `SEVERAL` if a file of it may hold several sources, and
 
     read(path, source) -> Recording         if it holds recordings; `source` is the one wanted of several, or None
     recognises(path) -> bool                 optional: where the suffix alone does not tell
@@ -61,6 +61,8 @@ def read(path: str | Path, source: int | None = None) -> Recording:
         module = reader_of(path)
         if module is None:
             raise InputError(f"{path} is in no format that can be read; give {', '.join(suffixes('read'))} or a folder")
+        if source and not getattr(module, "SEVERAL", False):
+            raise InputError(f"--source {source} is not there; {path} holds one source alone, number 0")
         if path.is_file():
             with open(path, "rb"):  # libraries report a refusal as anything
                 pass

@@ -40,6 +40,10 @@ def read(path: Path, source: int | None = None) -> Recording:
             table = {key: archive[key] for key in KEYS if key in archive.files}
     except OSError as error:
         raise error if error.strerror else InputError(f"{path} is no .npz file: {error}") from error
+    except MemoryError:
+        raise InputError(
+            f"{path} holds more than fits into memory, and an .npz file is read whole; give WAV, W64, FLAC or HDF5"
+        ) from None
     except Exception as error:
         raise InputError(
             f"{path} is not an .npz file that can be read ({type(error).__name__}); write it anew"

@@ -18,6 +18,7 @@ from ..recording import Recording
 
 NAME = "MeshRIR folder"
 SUFFIXES = ()
+SEVERAL = True
 SAMPLE_RATE = 48_000.0  # Hz, of the whole data set; no file tells it
 
 

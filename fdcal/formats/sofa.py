@@ -18,6 +18,7 @@ from ..recording import ZERO_CELSIUS, Recording, sound_speed
 
 NAME = "SOFA"
 SUFFIXES = (".sofa",)
+SEVERAL = True
 SAME = 1e-6  # m: sources closer than this are one
 
 
