@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .gauge import fixes_gauge
-from .likelihood import DIFFUSE_ENOUGH, STRAINED, DiffuseField, explained, unexplained
+from .likelihood import DIFFUSE_ENOUGH, DiffuseField, explained, unexplained
 from .measurement import Problem
 from .uncertainty import Spread, covariance, field_of, freed, scale_sigma, spread
 
@@ -105,7 +105,7 @@ def _strain(problem: Problem, positions, modes: slice, noise: np.ndarray | None)
     if share > DIFFUSE_ENOUGH[problem.dimension]:
         return np.nan
     some = slice(None, None, max(1, -(-len(p) // STRAIN_MODES)))
-    return unexplained(positions, p[some], k[some], problem.dimension, True, max(share, STRAINED[0])).strain
+    return unexplained(positions, p[some], k[some], problem.dimension, True, share).strain
 
 
 def _sound_speed(found: Spread, positions, known) -> tuple[float, float]:

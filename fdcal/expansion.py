@@ -257,10 +257,11 @@ def spherical(points, k, order: int, centre, gain=None) -> np.ndarray:
 
 
 def _along(W: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    values, vectors = np.linalg.eigh(W.conj().T @ W)
-    kept = values > 1e-13 * values[-1]
-    values = values[kept][-len(p) :]
-    along = np.abs((W @ vectors[:, kept][:, -len(values) :]).conj().T @ p) ** 2 / values
+    WH = W.conj().T
+    values, vectors = np.linalg.eigh(WH @ W)
+    some = max(int(np.argmax(values > 1e-13 * values[-1])), len(values) - len(p))  # the first of those that count
+    values = values[some:]
+    along = np.abs(vectors[:, some:].conj().T @ (WH @ p)) ** 2 / values
     rest = max(float(np.sum(np.abs(p) ** 2) - along.sum()), 0.0)
     zeros = len(p) - len(values)
     return np.append(values, np.zeros(zeros)), np.append(along, np.full(zeros, rest / max(zeros, 1)))

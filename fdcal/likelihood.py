@@ -205,7 +205,7 @@ class Unexplained:
     noise : share of the power of every mode, from LEAST_NOISE (near: LEAST_NEAR_NOISE) to 1/2
     spread : metres, error of the positions beside it, each microphone's for itself; its share grows as k^2
     cost : -log of the probability density, up to a constant that depends on the number of modes and microphones alone
-    strain : p^H C^-1 p over the number of pressures, with the least noise and no spread; 1 is expected
+    strain : p^H C^-1 p over the number of pressures with the noise told and no spread; 1 is expected
     dimension : 2 or 3, of the sound field
     """
 
@@ -222,19 +222,19 @@ class Unexplained:
 
 
 def unexplained(
-    positions, pressures, wavenumbers, dimension: int, near: bool = False, least: float = 0.0
+    positions, pressures, wavenumbers, dimension: int, near: bool = False, told: float = 0.0
 ) -> Unexplained:
     """The noise, one share for all modes, and the spread of the positions that make the pressures most likely.
 
     An error e of a microphone changes its pressure by the gradient of the field there, of power k^2 / dimension: at
-    rough positions the high modes are hard to explain and the low ones are not. `near` as of `diffuse_field`; `least`
-    is a share of noise that there is in any case.
+    rough positions the high modes are hard to explain and the low ones are not. `near` as of `diffuse_field`; `told` is
+    the share of noise that the strain is judged by, at least STRAINED.
     """
     power = np.mean(np.abs(pressures) ** 2, axis=1)
     values, along = _spectra(positions, pressures, wavenumbers, dimension, near)
     along = along / power[:, None]
     slope = np.real(wavenumbers)[:, None] ** 2 / dimension
-    least = max(least, LEAST_NEAR_NOISE if near else LEAST_NOISE)
+    least, told = LEAST_NEAR_NOISE if near else LEAST_NOISE, max(told, STRAINED[0])
 
     def cost(logs) -> float:
         noise, spread = np.exp(logs)
@@ -248,7 +248,7 @@ def unexplained(
     start = min(((a, b) for a in grid[0] for b in grid[1]), key=cost)
     best = minimize(cost, start, method="Nelder-Mead", bounds=bounds, options={"xatol": 0.05, "fatol": 0.1})
     noise, variance = np.exp(best.x)
-    strain = float(np.mean(along / ((1 - least) * values + least)))
+    strain = float(np.mean(along / ((1 - told) * values + told)))
     return Unexplained(float(noise), float(np.sqrt(variance)), float(best.fun), strain, dimension)
 
 

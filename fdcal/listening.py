@@ -105,13 +105,15 @@ def left_out(problem: Problem, positions, modes: slice, noise: np.ndarray | None
     errors = np.empty_like(pressures)
     every = zip(problem.wavenumbers[modes], _orders(field, positions), pressures, field.power, field.noise, strict=True)
     for error, (k, order, p, s, v) in zip(errors, every, strict=True):
-        if problem.dimension == 2:
+        mu = v / (LESS * s)
+        if problem.dimension == 2:  # C^-1 = (I - W A^-1 W^H) / mu
             W = circular(positions, complex(k), order, positions.mean(axis=0))
-            C = W @ W.conj().T
+            WH = W.conj().T
+            B = np.linalg.solve(WH @ W + mu * np.eye(len(WH)), WH)
+            error[:] = (p - W @ (B @ p)) / (1 - np.sum(W.T * B, axis=0))
         else:
-            C = spherical(positions, k, order, positions.mean(axis=0))
-        inverse = np.linalg.inv(C + v / (LESS * s) * np.eye(len(p)))
-        error[:] = inverse @ p / np.diag(inverse)
+            inverse = np.linalg.inv(spherical(positions, k, order, positions.mean(axis=0)) + mu * np.eye(len(p)))
+            error[:] = inverse @ p / np.diag(inverse)
     return errors
 
 

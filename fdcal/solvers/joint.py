@@ -356,7 +356,7 @@ def _end(problem: Problem, state: State, settled: bool) -> State:
         return _begin_free(problem, done)
     if state.last < state.settings.modes:
         return _begin(problem, replace(done, phase="free", last=state.settings.modes))
-    rest = starts.left_over(problem, state.positions, state.modes, state.near)
+    rest = starts.left_over(problem, state.positions, state.modes, state.near, _faint(problem, state) or 0.0)
     if state.phase == "free" and state.rounds < MOST_ROUNDS and _rough(problem, state, rest):
         return _begin_free(problem, done, rest)
     if state.phase == "free":
@@ -432,10 +432,9 @@ def _learn(problem: Problem, state: State) -> State:
 def _finish(problem: Problem, state: State, settled: bool, rest: Unexplained | None = None) -> State:
     """The end, or another attempt where too much is left unexplained."""
     faint = _faint(problem, state)
-    if faint is not None:
-        rest = starts.left_over(problem, state.positions, state.modes, True, max(faint, STRAINED[0]))
-    elif rest is None:
-        rest = starts.left_over(problem, state.positions, state.modes, state.near)
+    if rest is None or (faint is not None and not state.near):
+        near = state.near or faint is not None
+        rest = starts.left_over(problem, state.positions, state.modes, near, faint or 0.0)
     here = rest.cost, settled, state.positions, state.shape, state.noise, state.noise_power, state.near
     before = state.best is not None and state.best[0] <= rest.cost
     best = state.best if before else here

@@ -136,10 +136,10 @@ def bends(positions: np.ndarray, known: np.ndarray, degree: int) -> np.ndarray:
     return whole @ vectors[np.count_nonzero(values > 1e-9 * values[0]) :].T
 
 
-def left_over(problem: Problem, positions, modes: slice, near: bool = False, least: float = 0.0) -> Unexplained:
+def left_over(problem: Problem, positions, modes: slice, near: bool = False, told: float = 0.0) -> Unexplained:
     """`fdcal.likelihood.unexplained` of a part of the modes, evenly taken."""
     used = _spaced(problem, modes)
-    return unexplained(positions, problem.pressures[used], problem.wavenumbers[used], problem.dimension, near, least)
+    return unexplained(positions, problem.pressures[used], problem.wavenumbers[used], problem.dimension, near, told)
 
 
 def rehomed(problem: Problem, positions, modes: slice, rest: Unexplained) -> np.ndarray:
