@@ -36,7 +36,7 @@ def test_the_names_are_told():
     assert solvers.names() == ["descent", "descent+joint", "joint"]
     assert (solvers.load("descent"), solvers.load("joint")) == (descent, joint)
     assert solvers.load("descent+joint").members == (descent, joint)
-    for name in ("joint+descent", "descent+", "+", "chain", "newton", "starts", "descent+joint+joint", ""):
+    for name in ("joint+descent", "descent+", "+", "chain", "newton", "staging", "starts", "descent+joint+joint", ""):
         with pytest.raises(InputError, match=r"solver.name = .* descent, descent\+joint, joint"):
             solvers.load(name)
 

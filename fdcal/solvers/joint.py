@@ -14,8 +14,7 @@
     learned in the plane and in noise, the field not diffuse but from directions learned from the pressures
             (`fdcal.learned`), three times anew
 
-Less noise is supposed in the end than there is, by up to 10 dB: the positions then lean on the pressures and not on the
-field being isotropic, which in a room it is not. It takes away most of that prior's bias: see `confidence`.
+What noise is supposed at each stage, and what is made of its end: `fdcal.solvers.staging`.
 
 If what remains unexplained is more than noise, another affine start is tried, and the likeliest end is kept.
 """
@@ -28,18 +27,10 @@ import numpy as np
 
 from ..checks import InputError, frozen_array
 from ..gauge import place
-from ..likelihood import (
-    DIFFUSE_ENOUGH,
-    LEAST_NEAR_NOISE,
-    LEAST_NOISE,
-    STRAINED,
-    DiffuseField,
-    Unexplained,
-    diffuse_field,
-)
+from ..likelihood import LEAST_NOISE, Unexplained, diffuse_field
 from ..measurement import Problem
 from ..scene import Search, Solver
-from . import starts
+from . import staging, starts
 from .newton import FIRST_DAMPING, damped_step, finite_cost
 
 FIRST_MODES = 28  # of the first bend
@@ -55,14 +46,8 @@ MOST_STEPS = 60  # of one stage
 MOST_ROUNDS = 4  # stages of phase "free" in one attempt
 MOST_SHARP = 4  # and about as many of phase "sharp"
 LEARNED = (3, 5, 3.0)  # stages, rounds of learning in each, and `confidence` at most: the prior is better then
-NOISY_ENOUGH = 3e-3  # noise's share of the power from which it pays to learn
 STRIDE = 0.125  # of the shortest wavelength: no microphone moves further in one step
 FLED = 0.5  # of the shortest wavelength: a microphone that goes further in the last stages has left its basin
-UNEXPLAINED = 3.0  # times the noise told: more of it and what is told is not believed
-EVEN = 1.05  # times the noise left: less of noise and spread together, and the microphones are as good as in place
-CONVINCING = 1.2  # times the noise told: less of it, and the end needs no other attempt
-NOISY = {2: 0.1, 3: 0.01}  # share of noise in the power from which the prior is trusted, in 2-D and 3-D
-FAINT = 1e-4  # part of the power that need not be explained in any case
 LEAST_MODES = {2: 6, 3: 12}  # of a sound field of two and three dimensions
 
 
@@ -184,7 +169,7 @@ def step(problem: Problem, state: State) -> State:
     """`state` after one damped step of all free microphones; unchanged if finished."""
     if state.finished:
         return state
-    p, field = _model(problem, state)
+    p, field = staging.model(problem, state)
     wavelength = 2 * np.pi / float(np.real(field.wavenumbers).max())
     basis = _directions(problem, state)
     trial = damped_step(state.positions, p, field, basis, state.damping, STRIDE * wavelength, SETTLED[state.phase])
@@ -238,19 +223,6 @@ def landscape(problem: Problem, state: State, n: int, modes: slice, search: Sear
     return likelihood_maps(problem, state.positions, n, modes, noise, search)
 
 
-def confidence(share: np.ndarray, problem: Problem) -> np.ndarray:
-    """By how much less noise is supposed than its share of the power, from 1 to 10.
-
-    The prior of an isotropic field pulls at the positions with a force that does not shrink with the noise. Supposing
-    less noise weakens that pull as much against the pressures. In much noise the prior is needed, and its pull is
-    smaller than the error; in space, where a mode has more coefficients, sooner; and always where the array is a plane
-    of it, since then the prior is what tells its size.
-    """
-    if problem.array_dimension < problem.dimension:
-        return np.ones_like(share)
-    return np.clip(NOISY[problem.dimension] / np.maximum(share, 1e-12), 1.0, 10.0)
-
-
 def _require_modes(problem: Problem, count: int) -> None:
     """Raise InputError unless `count` modes were measured, and are enough for the coordinates sought."""
     measured, microphones = problem.pressures.shape
@@ -275,13 +247,6 @@ def _first_modes(problem: Problem, settings: Solver) -> int:
     return min(FIRST_MODES, settings.modes) if len(problem.known) else settings.modes
 
 
-def _model(problem: Problem, state: State) -> tuple[np.ndarray, DiffuseField]:
-    p, k, noise = (values[state.modes] for values in (problem.pressures, problem.wavenumbers, state.noise))
-    likely = state.settings.cost == "likelihood"
-    field = diffuse_field(p, k, noise, problem.dimension, likely, state.near, state.shape)
-    return p, field if state.prior is None else replace(field, prior=state.prior)
-
-
 def _directions(problem: Problem, state: State) -> np.ndarray | None:
     """Basis (N D, F) in which the positions may move; None where all may."""
     if state.phase == "bend":
@@ -299,50 +264,11 @@ def _placed(problem: Problem, positions) -> np.ndarray:
 
 def _begin(problem: Problem, state: State, rest: Unexplained | None = None) -> State:
     """Start a stage."""
-    begun = _supposing(problem, state, rest)
-    return replace(begun, cost=finite_cost(begun.positions, *_model(problem, begun)))
-
-
-def _supposing(problem: Problem, state: State, rest: Unexplained | None = None) -> State:
-    """The noise is what the positions leave unexplained or, in the end, that of the measurement."""
     positions = _placed(problem, state.positions)
-    rest = starts.left_over(problem, positions, state.modes) if rest is None else rest
-    power = np.mean(np.abs(problem.pressures) ** 2, axis=1)
-    told = _told(problem, state.settings, power)
-    noise_power = rest.noise * power if told is None else told
-    share, near = rest.shares(problem.wavenumbers), False
-    if state.phase == "sharp":
-        believed = told is not None and rest.noise <= UNEXPLAINED * float(np.median(told / power))
-        share = told / power if believed else rest.shares(problem.wavenumbers, spread=False)
-        near = bool(np.median(share[state.modes]) <= DIFFUSE_ENOUGH[problem.dimension])
-        # What the real kernel leaves unexplained says little of the noise where the near model is yet to come.
-        leap = near and not believed and not state.near and _attempt(problem, state)[0] != "gentle"
-        share = np.zeros_like(share) if leap else share / confidence(share, problem)
-    least = LEAST_NEAR_NOISE if near or state.near else LEAST_NOISE
-    return replace(
-        state,
-        positions=positions,
-        shape=positions,
-        stage_steps=0,
-        damping=FIRST_DAMPING if state.phase == "bend" else LOW_DAMPING,
-        noise=frozen_array(np.maximum(share, least) * power, float),
-        noise_power=frozen_array(noise_power, float),
-        noise_told=told is not None,
-        near=near,
-        spread=rest.spread,
-    )
-
-
-def _attempt(problem: Problem, state: State) -> tuple[str, float]:
-    """Which of `starts.attempts` this is."""
-    return starts.attempts(problem, state.settings.modes)[state.attempt]
-
-
-def _told(problem: Problem, settings: Solver, power: np.ndarray) -> np.ndarray | None:
-    """Noise power (M,) that the settings or the measurement tell, None where it is to be estimated."""
-    if settings.snr_db is not None:
-        return power / (1 + 10 ** (settings.snr_db / 10))
-    return problem.noise_power if settings.noise == "told" else None
+    damping = FIRST_DAMPING if state.phase == "bend" else LOW_DAMPING
+    placed = replace(state, positions=positions, shape=positions, stage_steps=0, damping=damping)
+    begun = staging.supposing(problem, placed, rest)
+    return replace(begun, cost=finite_cost(begun.positions, *staging.model(problem, begun)))
 
 
 def _end(problem: Problem, state: State, settled: bool) -> State:
@@ -356,15 +282,15 @@ def _end(problem: Problem, state: State, settled: bool) -> State:
         return _begin_free(problem, done)
     if state.last < state.settings.modes:
         return _begin(problem, replace(done, phase="free", last=state.settings.modes))
-    rest = starts.left_over(problem, state.positions, state.modes, state.near, _faint(problem, state) or 0.0)
-    if state.phase == "free" and state.rounds < MOST_ROUNDS and _rough(problem, state, rest):
+    rest = starts.left_over(problem, state.positions, state.modes, state.near, staging.faint(problem, state) or 0.0)
+    if state.phase == "free" and state.rounds < MOST_ROUNDS and staging.rough(problem, state, rest):
         return _begin_free(problem, done, rest)
     if state.phase == "free":
         return _begin(problem, replace(done, phase="sharp"), rest)
-    if state.phase == "learned" or _worth_learning(problem, state):
+    if state.phase == "learned" or staging.worth_learning(problem, state):
         return _learn(problem, done) if state.lessons < LEARNED[0] else _finish(problem, done, settled, rest)
-    sharper = _supposing(problem, replace(done, rounds=state.rounds + 1), rest)
-    if state.rounds < MOST_ROUNDS + MOST_SHARP and _another(problem, state, sharper):
+    sharper = staging.supposing(problem, replace(done, rounds=state.rounds + 1), rest)
+    if state.rounds < MOST_ROUNDS + MOST_SHARP and staging.another(problem, state, sharper):
         return _begin(problem, sharper, rest)
     return _finish(problem, done, settled, rest)
 
@@ -376,46 +302,15 @@ def _begin_free(problem: Problem, state: State, rest: Unexplained | None = None)
     return _begin(problem, replace(state, phase="free", rounds=state.rounds + 1, positions=positions))
 
 
-def _rough(problem: Problem, state: State, rest: Unexplained) -> bool:
-    """Whether the spread still falls and is more than the noise, or a microphone stands in a wrong basin."""
-    highest = float(np.real(problem.wavenumbers[state.modes]).max())
-    spread = (highest * rest.spread) ** 2 / rest.dimension > rest.noise and rest.spread < 0.7 * state.spread
-    return spread or (
-        state.stage_steps > 1
-        and float(starts.misfits(problem, state.positions, state.modes, rest).max())
-        > (starts.ASTRAY if _even(problem, rest) else starts.MISFIT)
-    )
-
-
-def _even(problem: Problem, rest: Unexplained) -> bool:
-    """Whether noise alone is left: a wrong end, even one that two attempts share, leaves a spread."""
-    return float(np.median(rest.shares(problem.wavenumbers))) <= max(EVEN * rest.noise, FAINT)
-
-
-def _another(problem: Problem, state: State, sharper: State) -> bool:
-    """Whether `sharper` supposes other noise than `state`: less, or, after the least that there can be, a little."""
-    power = np.mean(np.abs(problem.pressures) ** 2, axis=1)
-    before, after = (float(np.median(s.noise / power)) for s in (state, sharper))
-    least = before <= 2 * LEAST_NEAR_NOISE
-    return after < 0.5 * before or (least and 2 * before < after <= DIFFUSE_ENOUGH[problem.dimension])
-
-
-def _worth_learning(problem: Problem, state: State) -> bool:
-    power = np.mean(np.abs(problem.pressures) ** 2, axis=1)
-    noisy = float(np.median(state.noise_power / power)) >= NOISY_ENOUGH
-    return problem.dimension == 2 and noisy and state.settings.cost == "likelihood"
-
-
 def _learn(problem: Problem, state: State) -> State:
     """A stage of phase "learned", the directions learned at the positions reached."""
     from ..learned import diffuse_prior, learned_prior
 
     p, k = problem.pressures[state.modes], problem.wavenumbers[state.modes]
-    whole = np.mean(np.abs(problem.pressures) ** 2, axis=1)
     field = diffuse_field(p, k, state.noise_power[state.modes], 2)
     prior = diffuse_prior(state.positions, k)
     prior = learned_prior(state.positions, p, k, field.power, field.noise, prior, (state.lessons + 1) * LEARNED[1])
-    less = np.minimum(confidence(state.noise_power / whole, problem), LEARNED[2])
+    less = np.minimum(staging.confidence(state.noise_power / staging.powers(problem), problem), LEARNED[2])
     begun = replace(
         state,
         phase="learned",
@@ -426,12 +321,12 @@ def _learn(problem: Problem, state: State) -> State:
         damping=FIRST_DAMPING,
         noise=frozen_array(state.noise_power / less, float),
     )
-    return replace(begun, cost=finite_cost(begun.positions, *_model(problem, begun)))
+    return replace(begun, cost=finite_cost(begun.positions, *staging.model(problem, begun)))
 
 
 def _finish(problem: Problem, state: State, settled: bool, rest: Unexplained | None = None) -> State:
     """The end, or another attempt where too much is left unexplained."""
-    faint = _faint(problem, state)
+    faint = staging.faint(problem, state)
     if rest is None or (faint is not None and not state.near):
         near = state.near or faint is not None
         rest = starts.left_over(problem, state.positions, state.modes, near, faint or 0.0)
@@ -442,32 +337,10 @@ def _finish(problem: Problem, state: State, settled: bool, rest: Unexplained | N
     tries = tries[:-1] if faint is None and not state.near else tries  # the last is for the near model
     last = state.settings.start == "random" or state.attempt + 1 >= len(tries)
     redirected = ("redirected", 0) in tries[: state.attempt + 1]
-    if last or _convincing(problem, state, rest, settled, redirected):
+    if last or staging.convincing(problem, state, rest, settled, redirected):
         ended = replace(state, finished=True, converged=best[1])
         return _as_before(problem, ended) if before else ended
     return _try(problem, replace(state, attempt=state.attempt + 1, best=best), *tries[state.attempt + 1])
-
-
-def _faint(problem: Problem, state: State) -> float | None:
-    """Share of the noise told, where it is so little that the near model is to explain all; None elsewhere."""
-    share = float(np.median(state.noise_power / np.mean(np.abs(problem.pressures) ** 2, axis=1)))
-    return share if state.noise_told and share <= DIFFUSE_ENOUGH[problem.dimension] else None
-
-
-def _convincing(problem: Problem, state: State, rest: Unexplained, settled: bool, redirected: bool) -> bool:
-    """Whether what an attempt leaves is the noise told, or, where none is, what another attempt has left, too.
-
-    Two attempts may share a wrong end, which leaves a spread; not so easily one with another direction, `redirected`.
-    """
-    same = state.best is not None and abs(state.best[0] - rest.cost) < 1.0 + 1e-4 * abs(rest.cost)
-    if _faint(problem, state) is not None:
-        return (settled and rest.strain <= STRAINED[1]) or (same and redirected)
-    power = np.mean(np.abs(problem.pressures) ** 2, axis=1)
-    told = float(np.median(state.noise_power / power)) if state.noise_told else 0.0
-    share = float(np.median(rest.shares(problem.wavenumbers)))
-    if share <= max(EVEN * told, FAINT):
-        return True
-    return (_even(problem, rest) and (share <= CONVINCING * told or same)) or (same and redirected)
 
 
 def _as_before(problem: Problem, state: State) -> State:
@@ -476,7 +349,7 @@ def _as_before(problem: Problem, state: State) -> State:
     again = replace(
         state, positions=positions, shape=shape, noise=noise, noise_power=noise_power, near=near, prior=None
     )
-    return replace(again, cost=finite_cost(positions, *_model(problem, again)))
+    return replace(again, cost=finite_cost(positions, *staging.model(problem, again)))
 
 
 def _try(problem: Problem, state: State, how: str, value: float) -> State:
