@@ -14,7 +14,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from .checks import InputError, StorageError
+from .checks import InputError, StorageError, require_positive
 from .scene import Search
 
 
@@ -64,6 +64,23 @@ def distance(text: str | None) -> tuple[str, str, float] | None:
         return first.strip(), second.strip(), float(metres)
     except ValueError:
         raise InputError(f'--distance "{text}" must be two microphones and metres, as 0,5,1.25') from None
+
+
+def known_room(text: str | None, solver: str | None) -> tuple[str | None, tuple[float, ...] | None]:
+    """Solver and size of the room, metres, from --solver and --room, as "6x5" or "6x5x2.7"."""
+    if text is None:
+        return solver, None
+    if solver not in (None, "room"):
+        raise InputError(f"--room is for --solver room, which knows the room; leave out --solver {solver}")
+    try:
+        size = tuple(float(part) for part in text.lower().split("x"))
+    except ValueError:
+        size = ()
+    if len(size) not in (2, 3):
+        raise InputError(f'--room "{text}" is no size of a room; write LENGTHxWIDTH or LENGTHxWIDTHxHEIGHT, as 6x5x2.7')
+    for length in size:
+        require_positive("--room", length, "m")
+    return "room", size
 
 
 def mode_numbers(text: str | None, measured: int) -> list[int]:

@@ -158,19 +158,21 @@ def import_(source, output, number, force, **wishes):
 @click.option("--exclude", metavar="NAME,...", help="Leave microphones out, by name or number, as 3,17.")
 @click.option("--estimate-sound-speed", is_flag=True, help="Find it, too: from known microphones, or --distance.")
 @click.option("--distance", metavar="I,J,METRES", help="How far two microphones are apart; where none is known.")
+@click.option("--room", metavar="LxW[xH]", help="Size of a rectangular room, metres: positions in it, by solver room.")
 @click.option("--check", is_flag=True, help="Compare with the positions in the file; name swapped channels.")
 @output_option("RESULT.json", required=False)
 @search_option
 @radius_option
 @force_option
 def calibrate(
-    source, solver, start, known, noise, cost, modes, seed, exclude, estimate_sound_speed, distance, check, output,
-    search, radius, force,
+    source, solver, start, known, noise, cost, modes, seed, exclude, estimate_sound_speed, distance, room, check,
+    output, search, radius, force,
 ):  # fmt: skip
     """Find the microphones, and say whether to trust the answer: exit code 4 where not."""
     path = arguments.output_path(output, ".json", force) if output else None
     given = given_of(source, search, radius, arguments.names(exclude))
-    given = runs.changed(given, solver, modes, seed, start=start, known=known, noise=noise, cost=cost)
+    solver, size = arguments.known_room(room, solver)
+    given = runs.changed(given, solver, modes, seed, start=start, known=known, noise=noise, cost=cost, room=size)
     given = replace(given, estimate_sound_speed=estimate_sound_speed, distance=arguments.distance(distance))
     if check:
         runs.require_told(given.measurement)

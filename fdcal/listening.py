@@ -141,7 +141,11 @@ class Report:
 
 def report(problem: Problem, positions, modes: slice, noise: np.ndarray | None = None) -> Report:
     """Normalised leave-one-out error; arguments as of `expansions`."""
-    p, errors = problem.pressures[modes], left_out(problem, positions, modes, noise)
+    return report_of(problem.pressures[modes], left_out(problem, positions, modes, noise))
+
+
+def report_of(p: np.ndarray, errors: np.ndarray) -> Report:
+    """Report on errors (modes, N) of pressures, in the same unit."""
     power = np.mean(np.abs(p) ** 2, axis=1, keepdims=True)
     heard, missed = np.abs(p) ** 2 / power, np.abs(errors) ** 2 / power
     return Report(

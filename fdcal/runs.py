@@ -16,14 +16,16 @@ from pathlib import Path
 
 import numpy as np
 
+from . import roomruns
 from .arrays import positions_of
 from .checks import InputError, require_positive
 from .cost import lattice_of, require_modes
 from .gauge import align, place, position_errors
 from .measurement import Measurement, Problem, require_measurable
 from .measurement_file import load_measurement
+from .rectangle import nearest_image
 from .requirements import check_solvable
-from .scene import Scene, Solver, load_scene
+from .scene import Scene, Solver, load_scene, require_rectangle
 from .selection import check_channels, number_of, without
 
 Progress = Callable[[float, str], None]
@@ -117,6 +119,9 @@ def changed(
     if settings.name == "descent" and idle:
         option = "--cost" if idle == ["cost"] else "--noise"
         raise InputError(f'{option} does nothing with solver.name = "descent"; leave it out, or use --solver joint')
+    if settings.name == "room" and given.scene is not None:
+        require_rectangle(given.scene)
+        settings = replace(settings, room=settings.room or given.scene.room.size)
     return replace(given, settings=settings, seed=given.seed if seed is None else seed)
 
 
@@ -135,7 +140,10 @@ def states_of(given: Given, progress: Progress | None = None, problem: Problem |
     _require_reachable(given)
     problem, last = problem_of(given) if problem is None else problem, given.settings.modes
     check_channels(given.measurement.pressures, given.measurement.names)
-    check_solvable(problem, last, given.measurement.names)
+    if given.settings.name == "room":
+        roomruns.check(given.measurement, given.settings)
+    else:
+        check_solvable(problem, last, given.measurement.names)
     for state in run(problem, given.settings, given.seed):
         if progress is not None:
             progress(state.last / last, f"{state.last} modes, sweep {state.sweep}, cost {state.cost:.3g}")
@@ -160,9 +168,16 @@ def solve(given: Given, progress: Progress | None = None) -> dict:
     _require_length(given, problem)
     start = time.perf_counter()
     state = collections.deque(states_of(given, progress, problem), maxlen=1).pop()
-    positions, problem, trust = _trusted(given, problem, state)
-    truth, blind = given.measurement.positions, problem.frame is None and not len(problem.known)
-    placed = align(positions, truth) if blind and truth is not None else positions
+    known_room = given.settings.name == "room"
+    positions, problem, trust = (roomruns.trusted if known_room else _trusted)(given, problem, state)
+    truth, blind = given.measurement.positions, problem.frame is None and not len(problem.known) and not known_room
+    placed = positions
+    if truth is not None and (blind or known_room):
+        placed = (
+            nearest_image(positions, truth, given.settings.room).of(positions)
+            if known_room
+            else align(positions, truth)
+        )
     errors = None if truth is None else position_errors(placed, truth)
     return {
         "positions": positions.tolist(),
@@ -228,6 +243,8 @@ def _pair(given: Given) -> tuple[int, int]:
 
 def _require_length(given: Given, problem: Problem) -> None:
     """Raise InputError where the sound speed is asked for without a length, or with two."""
+    if given.settings.name == "room" and (given.estimate_sound_speed or given.settings.known == "minimal"):
+        raise InputError("a known room fixes size and place; leave out --estimate-sound-speed and --known minimal")
     if given.distance is not None:
         if not given.estimate_sound_speed:
             raise InputError("--distance fixes the size, so that the sound speed follows; add --estimate-sound-speed")
@@ -265,6 +282,7 @@ def summary(given: Given, result: dict) -> str:
         mean, largest = (round(1e3 * result[key], 3) for key in ("mean_error_m", "max_error_m"))
         error = f"mean {mean:.3g} mm, largest {largest:.3g} mm over all {count} microphones"
         error += ", moved as a whole onto the truth" if result["aligned"] else ""
+        error += ", in the nearest of the room's symmetries" if "symmetries" in result else ""
     lines = (
         f"{given.name}: {free} of {count} microphones sought by {result['solver']}, seed {result['seed']}",
         f"modes   {len(f)}, {f[0]:.1f} to {f[-1]:.1f} Hz",
@@ -274,7 +292,7 @@ def summary(given: Given, result: dict) -> str:
         f"heard   {_heard(result)}",
         f"verdict {result['verdict']}: {result['verdict_text']}",
     )
-    return "\n".join(lines)
+    return "\n".join([*lines, *roomruns.lines(result)])
 
 
 def _heard(result: dict) -> str:
@@ -299,7 +317,8 @@ def checked(given: Given, result: dict) -> str:
 
     measurement = given.measurement
     require_told(measurement)
-    return told(check(result["positions"], measurement.positions, measurement.known), measurement.names)
+    positions = positions_from(measurement, result) if result.get("symmetries") else result["positions"]
+    return told(check(positions, measurement.positions, measurement.known), measurement.names)
 
 
 def joint_landscape(given: Given, positions, n: int, modes: int) -> np.ndarray:
@@ -349,6 +368,8 @@ def positions_from(measurement: Measurement, result: dict | None) -> np.ndarray:
         raise InputError(
             f"the result has positions of shape {positions.shape}, the measurement {shape}; use its own result"
         )
+    if result.get("symmetries") and measurement.positions is not None:
+        return nearest_image(positions, measurement.positions, result["room"]).of(positions)
     return (
         align(positions, measurement.positions)
         if result.get("aligned") and measurement.positions is not None

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 import tomllib
 import typing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -360,8 +360,9 @@ class Solver:
     cost: str = "likelihood"  # of joint; "projection" is Eq. 7 with a Tikhonov weight
     noise: str = "told"  # by the measurement, where it is; "auto" estimates it; or the SNR of each mode, decibels
     known: str = "all"  # microphones whose positions are given; "minimal" takes the least gauge of them; or "none"
+    room: Point | None = None  # size of a rectangular room, for solver "room"; a scene's own unless given
 
-    OPTIONAL: typing.ClassVar = ("start", "cost", "noise", "known")
+    OPTIONAL: typing.ClassVar = ("start", "cost", "noise", "known", "room")
 
     def __post_init__(self):
         for key in ("modes", "first_modes", "max_sweeps", "ample_modes", "known_weight"):
@@ -375,6 +376,8 @@ class Solver:
         require_choice("solver.known", self.known, ("all", "minimal", "none"))
         if self.start is not None:
             require_choice("solver.start", self.start, ("affine", "random"))
+        for length in self.room or ():
+            require_positive("solver.room", length, "m")
         _ = self.snr_db
 
     @property
@@ -422,6 +425,9 @@ class Scene:
         self._check_dimensions()
         if self.room.dimension == 2:
             self._check_band()
+        if self.solver.name == "room":
+            require_rectangle(self)
+            object.__setattr__(self, "solver", replace(self.solver, room=self.solver.room or self.room.size))
 
     def _check_dimensions(self):
         D = self.room.dimension
@@ -453,6 +459,13 @@ class Scene:
                 f" {self.measurement.highest:g} Hz leaves the band of the source, source.low = {self.source.low:g} Hz"
                 f" to source.high = {self.source.high:g} Hz; narrow the one or widen the other"
             )
+
+
+def require_rectangle(scene: Scene) -> None:
+    """Raise InputError unless the solver of known rooms can know this one."""
+    if scene.room.size is None or scene.room.walls == "pressure-release":
+        what = "is no rectangle with room.size" if scene.room.size is None else 'has walls = "pressure-release"'
+        raise InputError(f'the room of {scene.name} {what}; solver "room" is for rigid or absorbing rectangles')
 
 
 def _is_triple(values) -> bool:

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 from ..checks import require_choice
 
-HELPERS = ("chain", "newton", "staging", "starts")  # modules here that are no solvers
+HELPERS = ("chain", "newton", "roomcheck", "roomfit", "roomsearch", "starts")  # modules here that are no solvers
 CHAINS = ("descent+joint",)
 
 
