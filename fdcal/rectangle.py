@@ -26,7 +26,6 @@ import numpy as np
 NEAREST = 0.7, 1.0  # metres from the source from which the second model is exact, in 2-D and 3-D
 NEGLIGIBLE = 9.2  # nepers by which the first mode left out has fallen
 RATHER_NEAR = 1.6  # times the highest wavenumber: modes up to there count in the first model
-WIDTH = 0.006  # rad/m: half the width of a resonance at least, for walls whose damping is not known yet
 NEWTON_STEPS = 8
 
 
@@ -58,15 +57,18 @@ class Diffuse:
         return np.array([self.gains * np.prod([parts[a][b][..., b] for b in axes], axis=0) for a in axes])
 
 
-def diffuse(size, wavenumbers) -> Diffuse:
-    """The first model of a room of `size` (D lengths, metres) at `wavenumbers` (M,), rad/m."""
+def diffuse(size, wavenumbers, width: float) -> Diffuse:
+    """The first model of a room of `size` (D lengths, metres) at `wavenumbers` (M,), rad/m.
+
+    width : rad/m, half the width of a resonance, which walls that absorb make wider
+    """
     k = np.asarray(wavenumbers, complex)
     top = RATHER_NEAR * float(k.real.max())
     numbers = _numbers(size, top)
     kappa = np.pi * numbers / np.asarray(size)
     kept = np.sum(kappa**2, axis=1) < top**2
     kappa, numbers = kappa[kept], numbers[kept]
-    apart = np.abs(np.sum(kappa**2, axis=1) - k[:, None] ** 2) ** 2 + (2 * k.real[:, None] * WIDTH) ** 2
+    apart = np.abs(np.sum(kappa**2, axis=1) - k[:, None] ** 2) ** 2 + (2 * k.real[:, None] * width) ** 2
     weights = 1 / apart
     gains = np.sqrt(2.0) ** np.sum(numbers > 0, axis=1)
     return Diffuse(kappa, gains, weights / weights.sum(axis=1, keepdims=True))

@@ -11,9 +11,7 @@ import numpy as np
 from scipy.spatial.distance import pdist
 
 from .checks import InputError
-from .listening import report_of
 from .measurement import Measurement
-from .roomverdict import judge
 from .scene import Solver
 
 
@@ -31,6 +29,9 @@ def check(measurement: Measurement, settings: Solver) -> None:
 
 def trusted(given, problem, state) -> tuple[np.ndarray, object, dict]:
     """Positions, problem, and the keys of the verdict and of the room."""
+    from .listening import report_of  # these bring the compiler, which other commands do without
+    from .roomverdict import judge
+
     found = judge(problem, state, given.measurement.names)
     p = problem.pressures[state.modes]
     p = p / np.sqrt(np.mean(np.abs(p) ** 2, axis=1, keepdims=True))

@@ -22,15 +22,14 @@ import numpy as np
 from .checks import frozen_array
 from .measurement import Problem
 from .rectangle import Image, images
-from .solvers.room import freedom
 from .solvers.roomfit import FIRST_DAMPING, Exact, damped, exact
+from .solvers.roomstate import freedom, scaled
 from .verdict import LOOSE, MOVED, NOISY, RESIDUAL, UNTOLD, Verdict
 
 ODD = 6.0  # times the median microphone's part of the residual
 RESIZED = 2e-3, 5.0  # relative length and sigmas by which a room is of another size
 LOOSEST = 0.1  # metres: one sigma
 RESIZING_STEPS = 12
-LEAST_NOISE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -56,9 +55,7 @@ class Found:
 def judge(problem: Problem, state, names: Sequence[str]) -> Found:
     """Verdict on the end of solver "room"."""
     size, (N, D) = state.settings.room, state.positions.shape
-    p, k = problem.pressures[state.modes], problem.wavenumbers[state.modes]
-    power = np.mean(np.abs(p) ** 2, axis=1)
-    p, noise = p / np.sqrt(power)[:, None], np.maximum(state.noise_power[state.modes] / power, LEAST_NOISE)
+    p, noise, k = scaled(problem, state, state.modes)
     fit = exact(state.theta, p, noise, k, size)
     free = freedom(len(p), N, D)
     left = float(np.sum(np.abs(fit.residual) ** 2)) / free

@@ -60,7 +60,7 @@ def slope(function, x, i: int, h: float = 1e-6) -> float:
 @pytest.mark.parametrize(("size", "places"), [(SIZE, PLACES), (BOX, HIGH)], ids=["plane", "space"])
 def test_the_diffuse_models_gradient_is_its_slope(size, places):
     p, noise = noisy()
-    model, x = diffuse(size, K), places.ravel()
+    model, x = diffuse(size, K, 0.01), places.ravel()
     gradient = diffuse_terms(x, p, noise, model).gradient
     for i in (0, 3, 7):
         wanted = slope(lambda y: diffuse_terms(y, p, noise, model).cost, x, i)

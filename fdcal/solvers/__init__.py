@@ -11,7 +11,8 @@ from collections.abc import Iterator
 
 from ..checks import require_choice
 
-HELPERS = ("chain", "newton", "roomcheck", "roomfit", "roomsearch", "starts")  # modules here that are no solvers
+# Modules here that are no solvers.
+HELPERS = ("chain", "newton", "roomattempts", "roomfit", "roomsearch", "roomsource", "roomstate", "starts")
 CHAINS = ("descent+joint",)
 
 

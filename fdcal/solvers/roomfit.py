@@ -27,14 +27,19 @@ class Terms:
     curvature: np.ndarray
 
 
+def loudness(pressures, noise) -> np.ndarray:
+    """s (M,) of the first model: the power less the noise."""
+    whole = np.mean(np.abs(pressures) ** 2, axis=1)
+    return np.maximum(whole - noise, 1e-3 * whole)
+
+
 def diffuse_terms(theta, pressures, noise, model: Diffuse) -> Terms:
     """-log of the probability density of the first model, twice, up to a constant. noise : (M,), spread included."""
     N, D = pressures.shape[1], model.kappa.shape[1]
     x = theta.reshape(N, D)
     W, dW = model.shapes(x), model.slopes(x)
-    whole = np.mean(np.abs(pressures) ** 2, axis=1)
     cost, gradient, H = 0.0, np.zeros((N, D)), np.zeros((N, D, N, D))
-    for p, s, v, w in zip(pressures, np.maximum(whole - noise, 1e-3 * whole), noise, model.weights, strict=True):
+    for p, s, v, w in zip(pressures, loudness(pressures, noise), noise, model.weights, strict=True):
         C = s * (W * w) @ W.T + v * np.eye(N)
         inverse = np.linalg.inv(C)
         u = inverse @ p

@@ -1,4 +1,4 @@
-"""Where microphones and source may be in a room of known size: lattices tried through, nothing refined.
+"""Where microphones may be in a room of known size: lattices tried through, nothing refined.
 
 One microphone, the loudest, is supposed at every place of a part of the room that the room's mirrors make the whole of.
 With it the pressures at all other places are foretold up to what the diffuse model leaves open (`fdcal.rectangle`), so
@@ -9,13 +9,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..rectangle import Diffuse, Echoing, echoing
+from ..rectangle import Diffuse, diffuse
+from .roomfit import diffuse_terms, loudness
 
+MODES = 30  # the lowest, of the search of arrays
 PLACES_A_WAVE = 8  # lattice places in the shortest wavelength
+MOST_PLACES = 8000  # of a lattice at most, which is coarser otherwise
+OFF = 0.6  # lattice steps: how far a microphone may be from its place on the lattice
+WIDTHS = 0.006, 0.04  # rad/m, of resonances, tried
+CANDIDATES, ARRAYS = 6, 4  # of each width; those of them that are kept
 BLOCK = 16  # places of the loudest microphone at a time
-ROUGH = 0.05  # of the power, that a lattice leaves unexplained
-ADMITTANCES = (0.0, 0.01, 0.04)  # tried with every place of the source
-APART = 2.0  # lattice steps between two places of the source that are tried
+SWEEPS = 3  # of microphones put anew, at most
 
 
 def lattice(size, step: float) -> list[np.ndarray]:
@@ -29,101 +33,94 @@ def places(axes: list[np.ndarray]) -> np.ndarray:
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
 
 
-def step_of(wavenumbers) -> float:
+def step_of(wavenumbers, size) -> float:
     """Of the lattice, metres."""
-    return 2 * np.pi / float(np.real(wavenumbers).max()) / PLACES_A_WAVE
+    fine = 2 * np.pi / float(np.real(wavenumbers).max()) / PLACES_A_WAVE
+    return max(fine, float(np.prod(size) / MOST_PLACES) ** (1 / len(size)))
 
 
-def arrays(pressures, noise, model: Diffuse, size, step: float, most: int) -> list[np.ndarray]:
-    """The `most` likeliest arrays (N, D), metres, on the lattice, the likeliest first.
+def spread(noise, wavenumbers, D: int, far: float) -> np.ndarray:
+    """Noise and what microphones `far` away, metres, add to it, of unit power."""
+    return noise + np.minimum((np.real(wavenumbers) * far) ** 2 / D, 0.5)
 
-    pressures (M, N) complex128; noise (M,) with what the lattice adds to it
+
+def likeliest(pressures, noise, wavenumbers, size) -> list[tuple[float, np.ndarray]]:
+    """Widths of resonances, rad/m, and arrays (N, D), metres, the likeliest first.
+
+    pressures (M, N) complex128 of unit RMS; noise (M,)
     """
-    everywhere, part = places(lattice(size, step)), places(lattice(np.asarray(size) / 2, step))
-    power = np.maximum(np.mean(np.abs(pressures) ** 2, axis=1) - noise, 1e-3 * np.mean(np.abs(pressures) ** 2, axis=1))
-    first = int(np.argmax(np.sum(np.abs(pressures) ** 2 / power[:, None], axis=0)))
-    there = model.shapes(everywhere)
-    own = power * (there**2 @ model.weights.T) + noise  # (C, M)
-    costs, found = [], []
-    for start in range(0, len(part), BLOCK):
-        cost, index = _others(pressures, power, noise, model, part[start : start + BLOCK], there, own, first)
-        costs.append(cost)
-        found.append(index)
-    costs, found = np.concatenate(costs), np.concatenate(found)
-    likeliest = np.argsort(costs, kind="stable")[:most]
-    result = everywhere[found[likeliest]]
-    result[:, first] = part[likeliest]
-    return list(result)
+    p, k = pressures[:MODES], wavenumbers[:MODES]
+    between = step_of(k, size)
+    noise = spread(noise[:MODES], k, len(size), OFF * between)
+    everywhere, part = (places(lattice(np.asarray(size) / parts, between)) for parts in (1, 2))
+    found = []
+    for width in WIDTHS:
+        there = Places(everywhere, p, noise, diffuse(size, k, width))
+        found += [(there.cost(x), width, x, there) for x in there.arrays(part, CANDIDATES)]
+    found.sort(key=lambda one: one[0])
+    better = {}
+    for _, width, x, there in found[:ARRAYS]:
+        x = there.rehomed(x)
+        better[x.tobytes()] = there.cost(x), width, x
+    return [one[1:] for one in sorted(better.values(), key=lambda one: one[0])]
 
 
-def _others(p, power, noise, model: Diffuse, supposed, there, own, first: int) -> tuple[np.ndarray, np.ndarray]:
-    """Least cost (B,) with microphone `first` at each of `supposed` (B, D), and the places of all (B, N)."""
-    here = model.shapes(supposed)
-    costs = np.zeros((len(supposed), p.shape[1], len(there)))
-    for m, (s, v, w) in enumerate(zip(power, noise, model.weights, strict=True)):
-        mine = s * (here**2 @ w) + v
-        t = s * ((here * w) @ there.T)
-        foretold = t / mine[:, None]
-        variance = own[:, m] - t * foretold
-        logarithm = np.log(variance)
-        costs[:, first] += (np.log(mine) + np.abs(p[m, first]) ** 2 / mine)[:, None]
-        for n in range(p.shape[1]):
-            if n != first:
-                costs[:, n] += logarithm + np.abs(p[m, n] - foretold * p[m, first]) ** 2 / variance
-    return costs.min(axis=2).sum(axis=1), costs.argmin(axis=2)
+class Places:
+    """Places (C, D), metres, and what is the same of the first model at them, whatever is supposed."""
 
+    def __init__(self, where: np.ndarray, pressures, noise, model: Diffuse):
+        self.where, self.p, self.noise, self.model = where, pressures, noise, model
+        self.weights = loudness(pressures, noise)[:, None] * model.weights  # (M, E)
+        self.shapes = model.shapes(where)
+        self.own = self.weights @ self.shapes.T**2 + noise[:, None]  # (M, C)
 
-def sources(positions, pressures, wavenumbers, size, step: float, most: int) -> list[tuple[np.ndarray, float]]:
-    """The `most` likeliest places of the source (D,), metres, some steps apart, each with its admittance."""
-    axes = lattice(size, step)
-    grid = places(axes)
-    costs = [_source_costs(echoing(size, wavenumbers, beta), positions, pressures, axes) for beta in ADMITTANCES]
-    least, which = np.min(costs, axis=0), np.argmin(costs, axis=0)
-    chosen: list[int] = []
-    for c in np.argsort(least, kind="stable").tolist():
-        if all(np.linalg.norm(grid[c] - grid[other]) > APART * step for other in chosen):
-            chosen.append(c)
-        if len(chosen) == most:
-            break
-    return [(grid[c], ADMITTANCES[which[c]]) for c in chosen]
+    def cost(self, positions) -> float:
+        """Of an array (N, D)."""
+        return diffuse_terms(positions.ravel(), self.p, self.noise, self.model).cost
 
+    def others(self, supposed, first: int) -> tuple[np.ndarray, np.ndarray]:
+        """Least cost (B,) with microphone `first` at each of `supposed` (B, D), and the places of all (B, N)."""
+        here, squares = self.model.shapes(supposed), np.abs(self.p) ** 2
+        mine = (self.weights @ here.T**2 + self.noise[:, None])[..., None]  # (M, B, 1)
+        shared = (here * self.weights[:, None]) @ self.shapes.T  # (M, B, C)
+        foretold = shared / mine
+        variance = self.own[:, None] - shared * foretold
+        loud, together = squares[:, first, None, None], np.real(self.p.conj() * self.p[:, first, None])
+        costs = np.sum(np.log(variance) + loud * foretold**2 / variance, axis=0)
+        costs = costs + np.tensordot(squares.T, 1 / variance, 1)  # (N, B, C)
+        costs -= 2 * np.tensordot(together.T, foretold / variance, 1)
+        costs[first] = np.sum(np.log(mine) + loud / mine, axis=0)
+        return costs.min(axis=2).sum(axis=0), costs.argmin(axis=2).T
 
-def _source_costs(room: Echoing, positions, pressures, axes) -> np.ndarray:
-    """What a source at each place of a lattice leaves of the pressures, whatever its loudness : (C,) float64."""
-    D = len(axes)
-    middle = np.asarray(room.size) / 2
-    shapes = room.shapes(positions)
-    along = [room.shapes(_on_axis(axis, a, middle))[a] for a, axis in enumerate(axes)]
-    cost = np.zeros(np.prod([len(axis) for axis in axes]))
-    for m, p in enumerate(pressures):
-        T = np.broadcast_to(room.response[m], (len(positions), *room.response[m].shape))
-        for a in range(D):
-            T = T * shapes[a][m].reshape(len(positions), *(-1 if b == a else 1 for b in range(D)))
-        for a in range(D):  # each contraction takes the first of the axes left and puts the places last
-            T = np.tensordot(T, along[a][m], axes=(1, 1))
-        g = T.reshape(len(positions), -1)
-        power = np.sum(np.abs(p) ** 2)
-        left = power - np.abs(p.conj() @ g) ** 2 / np.sum(np.abs(g) ** 2, axis=0)
-        cost += len(p) * np.log(left / power + ROUGH)
-    return cost
+    def costs(self, positions, n: int) -> np.ndarray:
+        """-log of the probability density of microphone `n` at each place, given all others : (M, C)."""
+        others = np.arange(len(positions)) != n
+        W = self.model.shapes(positions[others])
+        weighted = W * self.weights[:, None]  # (M, N - 1, E)
+        C = weighted @ W.T + self.noise[:, None, None] * np.eye(len(W))
+        c = self.shapes @ weighted.transpose(0, 2, 1)  # (M, C, N - 1)
+        t = c @ np.linalg.inv(C)
+        variance = self.own - np.sum(t * c, axis=2)
+        foretold = (t @ self.p[:, others, None])[..., 0]
+        return np.log(variance) + np.abs(self.p[:, n, None] - foretold) ** 2 / variance
 
+    def arrays(self, part, most: int) -> list[np.ndarray]:
+        """The `most` likeliest arrays (N, D), the loudest microphone at a place of `part` (B, D), likeliest first."""
+        first = int(np.argmax(np.sum(np.abs(self.p) ** 2 / self.weights.sum(axis=1)[:, None], axis=0)))
+        blocks = [self.others(part[start : start + BLOCK], first) for start in range(0, len(part), BLOCK)]
+        costs, found = (np.concatenate(parts) for parts in zip(*blocks, strict=True))
+        likeliest = np.argsort(costs, kind="stable")[:most]
+        result = self.where[found[likeliest]]
+        result[:, first] = part[likeliest]
+        return list(result)
 
-def _on_axis(axis: np.ndarray, a: int, middle: np.ndarray) -> np.ndarray:
-    """Points (C, D) along axis `a`, elsewhere in the middle."""
-    points = np.tile(middle, (len(axis), 1))
-    points[:, a] = axis
-    return points
-
-
-def landscape(positions, n: int, points, pressures, noise, model: Diffuse) -> np.ndarray:
-    """-log of the probability density of microphone `n` at each of `points` (C, D), given all others : (M, C)."""
-    others = np.arange(len(positions)) != n
-    W, there = model.shapes(positions[others]), model.shapes(points)
-    costs = np.empty((len(pressures), len(points)))
-    for m, (p, v, w) in enumerate(zip(pressures, noise, model.weights, strict=True)):
-        C = (W * w) @ W.T + v * np.eye(len(W))
-        c = (there * w) @ W.T
-        t = np.linalg.solve(C, c.T).T
-        variance = there**2 @ w + v - np.sum(t * c, axis=1)
-        costs[m] = np.log(variance) + np.abs(p[n] - t @ p[others]) ** 2 / variance
-    return costs - np.minimum(costs.min(axis=1, keepdims=True), 0.0)
+    def rehomed(self, positions) -> np.ndarray:
+        """`positions` with one microphone after the other put where all the others say : (N, D)."""
+        positions = np.array(positions)
+        for _ in range(SWEEPS):
+            before = positions.copy()
+            for n in range(len(positions)):
+                positions[n] = self.where[self.costs(positions, n).sum(axis=0).argmin()]
+            if np.array_equal(before, positions):
+                break
+        return positions
