@@ -461,11 +461,19 @@ class Scene:
             )
 
 
+def no_rectangle(scene: Scene) -> str:
+    """What keeps the solver of known rooms from knowing this one; "" if nothing does."""
+    if scene.room.size is None:
+        return "is no rectangle with room.size"
+    return 'has walls = "pressure-release"' if scene.room.walls == "pressure-release" else ""
+
+
 def require_rectangle(scene: Scene) -> None:
-    """Raise InputError unless the solver of known rooms can know this one."""
-    if scene.room.size is None or scene.room.walls == "pressure-release":
-        what = "is no rectangle with room.size" if scene.room.size is None else 'has walls = "pressure-release"'
-        raise InputError(f'the room of {scene.name} {what}; solver "room" is for rigid or absorbing rectangles')
+    """Raise InputError for a room that the solver of known rooms cannot know."""
+    if no_rectangle(scene):
+        raise InputError(
+            f'the room of {scene.name} {no_rectangle(scene)}; solver "room" is for rigid or absorbing rectangles'
+        )
 
 
 def _is_triple(values) -> bool:

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from ..checks import require_choice
 
 # Modules here that are no solvers.
-HELPERS = ("chain", "newton", "roomattempts", "roomfit", "roomsearch", "roomsource", "roomstate", "starts")
+HELPERS = ("chain", "newton", "roomattempts", "roomfit", "roomsearch", "roomsource", "roomstate", "staging", "starts")
 CHAINS = ("descent+joint",)
 
 

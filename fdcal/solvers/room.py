@@ -35,7 +35,7 @@ from .roomstate import ROUGH, State, freedom, noise_of, require_room, scaled
 SPREADS = (0.3, 0.1, 0.03)  # lattice steps, of the stages "near"
 SETTLED = {"near": 3e-3, "rough": 1e-3, "again": 1e-3, "exact": 1e-6}  # metres
 MOST_STEPS = {"near": 12, "rough": 12, "again": 12, "exact": 20}  # of one stage
-SOURCES = 6  # tried with each array
+SOURCES = 4  # tried with each array
 HOPELESS = 6.0  # times noise and ROUGH: more of it left, and an attempt ends before the exact stage
 MARGIN = 1e-3  # metres between microphone and wall, at least
 LOUDEST_WALLS = 0.2  # admittance at most

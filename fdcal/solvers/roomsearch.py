@@ -17,8 +17,9 @@ PLACES_A_WAVE = 8  # lattice places in the shortest wavelength
 MOST_PLACES = 8000  # of a lattice at most, which is coarser otherwise
 OFF = 0.6  # lattice steps: how far a microphone may be from its place on the lattice
 WIDTHS = 0.006, 0.04  # rad/m, of resonances, tried
-CANDIDATES, ARRAYS = 6, 4  # of each width; those of them that are kept
+CANDIDATES, ARRAYS = 6, 3  # of each width; those of them that are kept
 BLOCK = 16  # places of the loudest microphone at a time
+GIVEN = 12  # microphones that say where another one is
 SWEEPS = 3  # of microphones put anew, at most
 
 
@@ -92,9 +93,11 @@ class Places:
         costs[first] = np.sum(np.log(mine) + loud / mine, axis=0)
         return costs.min(axis=2).sum(axis=0), costs.argmin(axis=2).T
 
-    def costs(self, positions, n: int) -> np.ndarray:
-        """-log of the probability density of microphone `n` at each place, given all others : (M, C)."""
-        others = np.arange(len(positions)) != n
+    def costs(self, positions, n: int, most: int | None = None) -> np.ndarray:
+        """-log of the probability density of microphone `n` at each place, given all others or `most` : (M, C)."""
+        others = np.delete(np.arange(len(positions)), n)
+        if most is not None and len(others) > most:
+            others = others[np.linspace(0, len(others) - 1, most).astype(int)]
         W = self.model.shapes(positions[others])
         weighted = W * self.weights[:, None]  # (M, N - 1, E)
         C = weighted @ W.T + self.noise[:, None, None] * np.eye(len(W))
@@ -120,7 +123,7 @@ class Places:
         for _ in range(SWEEPS):
             before = positions.copy()
             for n in range(len(positions)):
-                positions[n] = self.where[self.costs(positions, n).sum(axis=0).argmin()]
+                positions[n] = self.where[self.costs(positions, n, GIVEN).sum(axis=0).argmin()]
             if np.array_equal(before, positions):
                 break
         return positions

@@ -8,7 +8,9 @@ import viser
 
 from .. import solvers
 from ..history import SessionView
+from ..measured import Measured
 from ..opening import Opening
+from ..scene import no_rectangle
 from .desk import Desk
 from .runtab import FASTEST
 from .safety import bounded, one_of
@@ -30,7 +32,7 @@ class SolveTab:
         self._desk, gui = desk, desk.gui
         state, settings = desk.session.view.state, desk.work.scene.solver
         with gui.add_folder("Solver"):
-            names = tuple(solvers.names()) if self._plane else ("joint",)
+            names = self._names()
             self.name = gui.add_dropdown(
                 "Method", names, initial_value=settings.name, disabled=len(names) == 1,
                 hint="joint moves all microphones at once, descent one at a time; descent+joint is both in turn",
@@ -71,13 +73,16 @@ class SolveTab:
         desk.on(self.seed, lambda value: desk.choose(seed=bounded(value, 0, LARGEST_SEED, 0)))
         desk.on(self.speed, self.pace)
 
-    @property
-    def _plane(self) -> bool:
-        """Whether there is a lattice for descent."""
-        return self._desk.work.problem.dimension == 2 and self._desk.work.problem.search is not None
+    def _names(self) -> tuple[str, ...]:
+        """Those that can solve this: descent needs a lattice, room a rectangle whose size the scene tells."""
+        scene, problem = self._desk.work.scene, self._desk.work.problem
+        plane = problem.dimension == 2 and problem.search is not None
+        known = not isinstance(scene, Measured) and problem.array_dimension == problem.dimension
+        names = [name for name in solvers.names() if plane or name in ("joint", "room")]
+        return tuple(name for name in names if name != "room" or (known and not no_rectangle(scene)))
 
     def _choose_solver(self, value) -> None:
-        name = one_of(value, solvers.names(), self._desk.work.scene.solver.name)
+        name = one_of(value, self._names(), self._desk.work.scene.solver.name)
         self.start.value = usual_start(name)
         self._show_seed()
 
@@ -88,7 +93,7 @@ class SolveTab:
     def start_anew(self) -> None:
         """From the beginning: with the same solver at once, with another as soon as it is ready."""
         desk, own = self._desk, self._desk.work.scene.solver
-        name = one_of(self.name.value, solvers.names(), own.name)
+        name = one_of(self.name.value, self._names(), own.name)
         start = one_of(self.start.value, STARTS, usual_start(name))
         if (name, start) == (own.name, own.start or usual_start(own.name)):
             desk.session.reset(desk.choices.seed)
