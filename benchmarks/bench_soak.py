@@ -35,7 +35,13 @@ def run() -> list[Figure]:
         Figure("resident memory of the server in the end", memory[-1][1] / 1e6, "MB"),
         Figure("its growth after the first minute", grown, "MB", "at most 50", grown <= 50),
         Figure("threads gone: " + (", ".join(lost) or "none"), len(lost), "", "none", not lost),
-        Figure("errors in the log", len(errors), "lines", "none", not errors),
+        Figure(
+            "errors in the log" + "".join(f"\n    {line}" for line in errors[:9]),
+            len(errors),
+            "lines",
+            "none",
+            not errors,
+        ),
     ]
 
 

@@ -59,6 +59,7 @@ from fdcal.viewer.page import Page
 from fdcal.viewer.stage import Stage
 
 WAIT = 60.0  # s, bound of every wait
+MAIN = threading.main_thread()
 JUNK = [1e9, -1e9, float("nan"), float("inf"), "many", "", None, [1, 2], {"a": 1}, 10**400, b"\x00"]
 ARGUMENTS = [
     "--no-sandbox",
@@ -392,6 +393,32 @@ def server():
     opened = safety.open_server("127.0.0.1", 0)
     yield opened
     opened.stop()
+
+
+class Startled:
+    """An event whose waiters change just as a foreign thread sets it."""
+
+    def __init__(self, event):
+        self._event, self.woken = event, threading.Event()
+
+    def set(self):
+        if threading.current_thread() is MAIN:
+            raise RuntimeError("deque mutated during iteration")
+        self._event.set()
+        self.woken.set()
+
+    def __getattr__(self, name):
+        return getattr(self._event, name)
+
+
+def test_a_loop_that_is_startled_is_woken_all_the_same(server):
+    buffer = server._websock_server._broadcast_buffer
+    buffer.message_event = startled = Startled(buffer.message_event)
+    text = server.gui.add_html("one")
+    text.content = "two"
+    assert startled.woken.wait(WAIT) and text.content == "two"
+    server.gui.reset()
+    buffer.message_event = startled._event
 
 
 def test_the_share_tunnel_is_out_of_reach(server):
@@ -919,15 +946,15 @@ def test_only_what_has_changed_is_sent(server, scene, measurement, monkeypatch):
 def test_the_camera_follows_the_canvas_until_a_hand_moves_it(server, scene, measurement):
     stage = Stage(server)
     stage.show(compose(scene, measurement))
-    camera = SimpleNamespace(image_width=600, image_height=700)
+    camera = SimpleNamespace(image_width=900, image_height=700)
     client = SimpleNamespace(client_id=1, camera=camera, atomic=contextlib.nullcontext)
     stage.place(client, "top")
     near = camera.position
-    camera.image_width = 300
+    camera.image_width = 450
     stage.keep_placed(client)
     assert camera.position[2] > 1.5 * near[2], "half the width needs twice the distance"
     moved = (camera.position[0] + 1.0, *camera.position[1:])
-    camera.position, camera.image_width = moved, 600
+    camera.position, camera.image_width = moved, 900
     stage.keep_placed(client)
     assert camera.position == moved
     camera.position = near
@@ -936,6 +963,18 @@ def test_the_camera_follows_the_canvas_until_a_hand_moves_it(server, scene, meas
     camera.position = server.initial_camera.position
     stage.keep_placed(client)
     assert camera.position == pytest.approx(near), "the page learnt late where it was to begin"
+
+
+def test_on_a_telephone_the_panel_covers_nothing(server, scene, measurement):
+    stage, picture = Stage(server), compose(scene, measurement)
+    stage.show(picture)
+    camera = SimpleNamespace(image_width=390, image_height=844)
+    stage.place(SimpleNamespace(client_id=1, camera=camera, atomic=contextlib.nullcontext), "top")
+    distance = camera.position[2]
+    height = 2 * distance * np.tan(camera.fov / 2)  # metres, of all that is seen
+    lowest = 844 * (0.5 - (picture.focus[1] - camera.look_at[1]) / height)
+    highest = 844 * (0.5 - (picture.focus[3] - camera.look_at[1]) / height)
+    assert 0 < highest < lowest < 0.4 * 844
 
 
 def test_a_page_is_made_to_tell_the_size_of_its_canvas(server, scene, measurement):

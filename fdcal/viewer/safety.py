@@ -22,6 +22,7 @@ import websockets.exceptions
 from viser import _messages
 
 from ..checks import InputError
+from .buffers import use_safe_buffers
 
 log = logging.getLogger(__name__)
 
@@ -47,6 +48,7 @@ def open_server(host: str, port: int) -> viser.ViserServer:
     Raises InputError for a bad address or a port in use.
     """
     _require_address(host, port)
+    use_safe_buffers()
     serve = websockets.asyncio.server.serve
 
     def listen(handler, *arguments, **named):

@@ -24,6 +24,7 @@ MOST_EYES = 6  # last places of a camera that are kept
 NEAR = 1e-3  # relative, of places of a camera that are the same
 PROD = 1e-4  # relative change of a camera's opening that makes the page tell
 MARGINS = (76, 44, 34, 40)  # pixels left, bottom, right and top of the search domain, for its rulers
+NARROW, COVERED = 440, 0.62  # pixels across of a telephone's canvas, and the share of its height that its panel covers
 
 
 class Stage:
@@ -78,7 +79,7 @@ class Stage:
             return
         camera = client.camera
         size = _canvas(camera)
-        seen = camera_for(self._picture, size, view, MARGINS, fov=FLAT if view == "top" else None)
+        seen = camera_for(self._picture, size, view, _margins(size), fov=FLAT if view == "top" else None)
         distance = math.dist(seen.position, seen.look_at)
         eyes = self._placed.get(client.client_id, ("", None, (self._server.initial_camera.position,)))[2]
         eyes = *(eye for eye in eyes if not np.allclose(eye, seen.position, rtol=NEAR)), seen.position
@@ -200,6 +201,11 @@ class Stage:
 def _canvas(camera) -> tuple[int, int]:
     """Width and height, pixels, that a page tells; bounded, for it may tell anything."""
     return tuple(bounded(getattr(camera, name), 1, MOST_PIXELS, 720) for name in ("image_width", "image_height"))
+
+
+def _margins(size: tuple[int, int]) -> tuple[int, int, int, int]:
+    """Pixels left, bottom, right and top of what is looked at."""
+    return MARGINS if size[0] > NARROW or size[1] < 1.6 * size[0] else (48, round(COVERED * size[1]), 24, 34)
 
 
 def _stands_at(camera, eye) -> bool:
