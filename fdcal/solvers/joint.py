@@ -282,7 +282,7 @@ def _end(problem: Problem, state: State, settled: bool) -> State:
         return _begin_free(problem, done)
     if state.last < state.settings.modes:
         return _begin(problem, replace(done, phase="free", last=state.settings.modes))
-    rest = starts.left_over(problem, state.positions, state.modes, state.near, staging.faint(problem, state) or 0.0)
+    rest = starts.left_over(problem, state.positions, state.modes, state.near)
     if state.phase == "free" and state.rounds < MOST_ROUNDS and staging.rough(problem, state, rest):
         return _begin_free(problem, done, rest)
     if state.phase == "free":
@@ -326,18 +326,15 @@ def _learn(problem: Problem, state: State) -> State:
 
 def _finish(problem: Problem, state: State, settled: bool, rest: Unexplained | None = None) -> State:
     """The end, or another attempt where too much is left unexplained."""
-    faint = staging.faint(problem, state)
-    if rest is None or (faint is not None and not state.near):
-        near = state.near or faint is not None
-        rest = starts.left_over(problem, state.positions, state.modes, near, faint or 0.0)
+    certain = settled and staging.certain(problem, state)
+    if rest is None or staging.faint(problem, state) is not None:  # ends that are not certain: by the real kernel
+        rest = starts.left_over(problem, state.positions, state.modes)
     here = rest.cost, settled, state.positions, state.shape, state.noise, state.noise_power, state.near
-    before = state.best is not None and state.best[0] <= rest.cost
+    before = not certain and state.best is not None and state.best[0] <= rest.cost
     best = state.best if before else here
-    tries = starts.attempts(problem, state.settings.modes)
-    tries = tries[:-1] if faint is None and not state.near else tries  # the last is for the near model
+    tries = staging.attempts(problem, state)
     last = state.settings.start == "random" or state.attempt + 1 >= len(tries)
-    redirected = ("redirected", 0) in tries[: state.attempt + 1]
-    if last or staging.convincing(problem, state, rest, settled, redirected):
+    if certain or last or staging.convincing(problem, state, rest):
         ended = replace(state, finished=True, converged=best[1])
         return _as_before(problem, ended) if before else ended
     return _try(problem, replace(state, attempt=state.attempt + 1, best=best), *tries[state.attempt + 1])

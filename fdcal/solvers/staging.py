@@ -133,14 +133,29 @@ def faint(problem: Problem, state: State) -> float | None:
     return share if state.noise_told and share <= DIFFUSE_ENOUGH[problem.dimension] else None
 
 
-def convincing(problem: Problem, state: State, rest: Unexplained, settled: bool, redirected: bool) -> bool:
+def certain(problem: Problem, state: State) -> bool:
+    """Whether hardly any noise is told and the near model explains all but that."""
+    told = faint(problem, state)
+    if told is None:
+        return False
+    return starts.left_over(problem, state.positions, state.modes, True, told).strain <= STRAINED[1]
+
+
+def attempts(problem: Problem, state: State) -> list[tuple[str, float]]:
+    """What may be tried: `starts.attempts`, the last of which is for the near model."""
+    tries = starts.attempts(problem, state.settings.modes)
+    return tries if state.near or faint(problem, state) is not None else tries[:-1]
+
+
+def convincing(problem: Problem, state: State, rest: Unexplained) -> bool:
     """Whether what an attempt leaves is the noise told, or, where none is, what another attempt has left, too.
 
-    Two attempts may share a wrong end, which leaves a spread; not so easily one with another direction, `redirected`.
+    Two attempts may share a wrong end, which leaves a spread; not so easily one with another direction.
     """
+    redirected = ("redirected", 0) in attempts(problem, state)[: state.attempt + 1]
     same = state.best is not None and abs(state.best[0] - rest.cost) < 1.0 + 1e-4 * abs(rest.cost)
     if faint(problem, state) is not None:
-        return (settled and rest.strain <= STRAINED[1]) or (same and redirected)
+        return same and redirected
     told = float(np.median(state.noise_power / powers(problem))) if state.noise_told else 0.0
     share = float(np.median(rest.shares(problem.wavenumbers)))
     if share <= max(EVEN * told, FAINT):
