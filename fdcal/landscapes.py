@@ -13,11 +13,10 @@ through a few thousand radii, good to 1e-9, which is far quicker than the librar
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from .checks import InputError
 from .cost import coefficients, known_weights, leave_one_out
@@ -115,8 +114,10 @@ def _rings(search: Search) -> _Rings:
 
 
 @functools.lru_cache(maxsize=128)
-def _radial(k: complex, L: int, longest: float) -> CubicSpline:
+def _radial(k: complex, L: int, longest: float) -> Callable[[np.ndarray], np.ndarray]:
     """J_0..J_L of k r for r from 0 to `longest`, metres."""
+    from scipy.interpolate import CubicSpline  # a second to load, which the page does without until its first map
+
     radii = np.linspace(0.0, longest, max(64, int(PER_RADIAN * abs(k) * longest)))
     return CubicSpline(radii, bessel_orders(k * radii, L))
 

@@ -8,7 +8,6 @@ The result has, beside the usual keys, `room` (D,), metres; `symmetries`, a list
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.distance import pdist
 
 from .checks import InputError
 from .measurement import Measurement
@@ -19,7 +18,8 @@ def check(measurement: Measurement, settings: Solver) -> None:
     """Raise InputError for a room that is smaller than the array, where the measurement tells positions."""
     if measurement.positions is None or settings.room is None or len(settings.room) != measurement.array_dimension:
         return
-    extent, diagonal = float(pdist(measurement.positions).max()), float(np.linalg.norm(settings.room))
+    apart = np.linalg.norm(measurement.positions[:, None] - measurement.positions, axis=-1)
+    extent, diagonal = float(apart.max()), float(np.linalg.norm(settings.room))
     if extent > diagonal:
         text = "x".join(f"{length:g}" for length in settings.room)
         raise InputError(
