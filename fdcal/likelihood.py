@@ -152,23 +152,34 @@ def _terms(positions, pressures, field: DiffuseField, derivatives: int):
 
 
 def likelihood_landscape(positions, n: int, candidates, pressures, field: DiffuseField) -> np.ndarray:
-    """Cost of every mode with microphone `n` at each candidate (C, D), metres, the others held : (M, C) float64.
+    """Cost of every mode with microphone `n` at each candidate (C, D), metres, the others held : (M, C) float64."""
+    return likelihood_landscapes(positions, [n], candidates, pressures, field)[:, 0]
 
-    With C_-n = G G^H, y = G^-1 p_-n, c_j = s kappa(k |x_j - x|) and t = G^-1 c, the cost at x is
-    log det (C_-n / v) + |y|^2 + log (V / v) + |p_n - t^H y|^2 / V,  V = s + v - |t|^2.
+
+def likelihood_landscapes(positions, chosen, candidates, pressures, field: DiffuseField) -> np.ndarray:
+    """The same of several microphones, the others held each time : (M, len(chosen), C) float64.
+
+    With K = C^-1, u = K p and c_j = s kappa(k |x_j - x|), j = 1..N, leaving microphone n out takes (K c)_n^2 / K_nn off
+    c^T K c, and (K c)_n u_n / K_nn off c^T u: its own place drops out, and one product K c serves all of them. The cost
+    at x is log det (C_-n / v) + p_-n^H C_-n^-1 p_-n + log (V / v) + |p_n - q|^2 / V, V = s + v less the first, q the
+    second.
     """
-    others = np.arange(len(positions)) != n
-    C, _ = _covariance(positions[others], field)
-    distance = np.linalg.norm(positions[others][:, None] - candidates[None], axis=-1)
-    costs = np.empty((len(pressures), len(candidates)))
+    C, _ = _covariance(positions, field)
+    distance = np.linalg.norm(positions[:, None] - candidates[None], axis=-1)
+    chosen = np.asarray(chosen)
+    costs = np.empty((len(pressures), len(chosen), len(candidates)))
     for m, p in enumerate(pressures):
         G = np.linalg.cholesky(C[m])
-        inverse = dtrtri(G, lower=1)[0]
-        y = inverse @ p[others]
-        t = inverse @ (field.power[m] * kernel(field.wavenumbers[m] * distance, field.dimension))
-        V = field.power[m] + field.noise[m] - np.sum(t**2, axis=0)
-        base = 2 * np.log(np.diagonal(G)).sum() - len(positions) * np.log(field.noise[m]) + np.sum(np.abs(y) ** 2)
-        costs[m] = base + np.log(V) + np.abs(p[n] - y @ t) ** 2 / V
+        X = dtrtri(G, lower=1)[0]  # K = X^T X
+        c = field.power[m] * kernel(field.wavenumbers[m] * distance, field.dimension)
+        y, rows = X @ p, X[:, chosen].T @ X
+        u, d = X.T @ y, rows[np.arange(len(chosen)), chosen]
+        along = rows @ c
+        V = field.power[m] + field.noise[m] - np.sum((X @ c) ** 2, axis=0) + along**2 / d[:, None]
+        missed = (p[chosen] + 0j)[:, None] - u @ c + along * (u[chosen] / d)[:, None]
+        base = 2 * np.log(np.diagonal(G)).sum() + np.log(d) - len(positions) * np.log(field.noise[m])
+        base += np.sum(np.abs(y) ** 2) - np.abs(u[chosen]) ** 2 / d
+        costs[m] = base[:, None] + np.log(V) + np.abs(missed) ** 2 / V
     return costs
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from ..checks import InputError
 from ..gauge import fixes_gauge
-from ..likelihood import Unexplained, diffuse_field, left_out, likelihood_landscape, total, unexplained
+from ..likelihood import Unexplained, diffuse_field, left_out, likelihood_landscapes, total, unexplained
 from ..measurement import Problem
 from .newton import minimise
 
@@ -155,11 +155,16 @@ def rehomed(problem: Problem, positions, modes: slice, rest: Unexplained) -> np.
     apart = np.pi / 4 / float(k.max())
     axes = [np.arange(low - apart, high + 2 * apart, apart) for low, high in zip(x.min(0), x.max(0), strict=True)]
     candidates = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, x.shape[1])
-    for n in np.argsort(-misfit)[:MOST_REHOMED]:
-        if misfit[n] > MISFIT and n in problem.free:
-            cost = likelihood_landscape(x, n, np.vstack([x[n], candidates]), p, field).sum(axis=0)
-            if cost.min() < cost[0] - 1.0:
-                x[n] = np.vstack([x[n], candidates])[int(np.argmin(cost))]
+    worst = [n for n in np.argsort(-misfit)[:MOST_REHOMED] if misfit[n] > MISFIT and n in problem.free]
+    while worst:
+        costs = likelihood_landscapes(x, worst, np.vstack([x[worst], candidates]), p, field).sum(axis=0)
+        falls = np.diag(costs) - costs.min(axis=1)
+        moving = np.flatnonzero(falls > 1.0)
+        if not len(moving):
+            break
+        first = int(moving[0])  # the others are looked at anew
+        x[worst[first]] = np.vstack([x[worst], candidates])[int(np.argmin(costs[first]))]
+        worst = worst[first + 1 :]
     return x
 
 
