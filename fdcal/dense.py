@@ -17,6 +17,8 @@ def dense_terms(positions, pressures, wavenumbers, power, noise, log_det: bool, 
     x = writable(positions, float)
     pairs = np.tril_indices(len(x), -1)
     apart = np.linalg.norm(x[pairs[0]] - x[pairs[1]], axis=1)
+    if not np.all(np.isfinite(apart)):
+        raise np.linalg.LinAlgError("positions are not finite")
     scale = np.ones_like(noise) if log_det else noise
     modes = writable(pressures, complex), writable(wavenumbers, float), power, noise, scale
     return summed(_modes, (x, apart), modes, (float(log_det), derivatives), derivatives)

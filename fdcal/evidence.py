@@ -99,9 +99,10 @@ def _residuals(positions, p, field: DiffuseField, coordinates: int) -> dict:
 def _strain(problem: Problem, positions, modes: slice, noise: np.ndarray | None) -> float:
     """`Evidence.strain`, of a part of the modes, evenly taken."""
     p, k = problem.pressures[modes], problem.wavenumbers[modes]
-    if noise is None:
+    told = problem.noise_power if noise is None else noise
+    if told is None:
         return np.nan
-    share = float(np.median(np.asarray(noise)[modes] / np.mean(np.abs(p) ** 2, axis=1)))
+    share = float(np.median(np.asarray(told)[modes] / np.mean(np.abs(p) ** 2, axis=1)))
     if share > DIFFUSE_ENOUGH[problem.dimension]:
         return np.nan
     some = slice(None, None, max(1, -(-len(p) // STRAIN_MODES)))

@@ -25,6 +25,7 @@ import numpy as np
 
 NEAREST = 0.7, 1.0  # metres from the source from which the second model is exact, in 2-D and 3-D
 NEGLIGIBLE = 9.2  # nepers by which the first mode left out has fallen
+LEAST_SQUARE = 1e-12  # 1/m^2, least of abs(kappa^2 - k^2), which may vanish at a nominal resonance
 RATHER_NEAR = 1.6  # times the highest wavenumber: modes up to there count in the first model
 NEWTON_STEPS = 8
 
@@ -138,6 +139,7 @@ def echoing(size, wavenumbers, admittance: complex) -> Echoing:
     squares = -(k**2).reshape(-1, *[1] * len(size))
     for a, values in enumerate(kappa):
         squares = squares + (values**2).reshape(len(k), *(-1 if b == a else 1 for b in range(len(size))))
+    squares = np.where(np.abs(squares) < LEAST_SQUARE, LEAST_SQUARE, squares)  # at a resonance to the last bit
     return Echoing(tuple(size), kappa, tuple(norms), np.exp(-squares * tau) / squares)
 
 

@@ -24,6 +24,7 @@ from .measurement import Problem
 from .rectangle import Image, images
 from .solvers.roomfit import FIRST_DAMPING, Exact, damped, exact
 from .solvers.roomstate import freedom, scaled
+from .uncertainty import SINGULAR
 from .verdict import LOOSE, MOVED, NOISY, RESIDUAL, UNTOLD, Verdict
 
 ODD = 6.0  # times the median microphone's part of the residual
@@ -60,7 +61,7 @@ def judge(problem: Problem, state, names: Sequence[str]) -> Found:
     free = freedom(len(p), N, D)
     left = float(np.sum(np.abs(fit.residual) ** 2)) / free
     curvature = fit.terms(state.theta, N, D).curvature
-    covariance = np.linalg.pinv(curvature, hermitian=True) * max(1.0, left)
+    covariance = _inverse(curvature) * max(1.0, left)
     blocks = np.array([covariance[D * n : D * n + D, D * n : D * n + D] for n in range(N)])
     sigma = np.sqrt(np.maximum(np.trace(blocks, axis1=1, axis2=2), 0.0))
     lengths = resized(state.theta, p, noise, k, size, left)
@@ -107,8 +108,14 @@ def resized(theta, pressures, noise, wavenumbers, size, left: float) -> tuple[np
         if step.moved < 1e-5:
             break
     after = step.cost / freedom(len(pressures), N, D)
-    sigma = np.sqrt(np.diag(np.linalg.pinv(terms.curvature, hermitian=True))[-D:] * max(1.0, after))
+    sigma = np.sqrt(np.diag(_inverse(terms.curvature))[-D:] * max(1.0, after))
     return grown[-D:], sigma, after
+
+
+def _inverse(curvature: np.ndarray) -> np.ndarray:
+    """Inverse, a direction that the pressures hardly see as uncertain as numbers can tell."""
+    values, vectors = np.linalg.eigh(curvature)
+    return (vectors / np.maximum(values, SINGULAR * values[-1])) @ vectors.T
 
 
 def _odd(fit: Exact, names) -> str:

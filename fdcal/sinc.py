@@ -32,7 +32,7 @@ def sinc_rows(z, kappa, slope):
         s, c = (cosine, sine) if quarter & 1 else (sine, cosine)
         s, c = -s if quarter & 2 else s, -c if (quarter + 1) & 2 else c
         square = z[i] * z[i]
-        kappa[i] = s / z[i] if z[i] > 0 else 1.0
+        kappa[i] = 1.0 if z[i] == 0 else s / z[i]
         slope[i] = (c - kappa[i]) / square if z[i] > SMALL else square / 30 * (1 - square / 28) - 1 / 3
 
 

@@ -184,7 +184,8 @@ def _mismatch(problem: Problem, evidence: Evidence, names, modes: slice) -> str:
     cause = "a source or an obstacle inside the array, odd channels, or positions not found yet (try another solver)"
     if np.isfinite(evidence.strain):  # the real kernel, of which the rest speaks, leaves more than there is noise
         misfit = f"no sound field without sources explains the pressures (misfit {evidence.strain:.2g}, 1 is expected)"
-        return f"{misfit}: {cause}" if evidence.strain > STRAINED[1] else ""
+        if evidence.strain > STRAINED[1] or evidence.noise_share <= UNTOLD:
+            return f"{misfit}: {cause}" if evidence.strain > STRAINED[1] else ""
     if evidence.noise_share < FAINT and evidence.residual_to_noise < RESIDUAL:
         return ""
     if told is not None and np.all(told[modes] > 0) and evidence.residual_to_noise > RESIDUAL:

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from fields import rigid_room, room_frequencies
 
 from fdcal.cli import main
+from fdcal.landscapes import fine_mode
 from fdcal.measurement import Measurement
 from fdcal.measurement_file import save_measurement
 from fdcal.rectangle import images
+from fdcal.scene import Search, Solver
+from fdcal.solvers import room
 
 TRUTH = np.array([[1.0, 0.8], [1.6, 3.9], [2.3, 2.2], [3.4, 0.7], [3.9, 3.1], [4.7, 1.9], [0.6, 2.7], [5.3, 1.1]])
 SOURCE, SIZE, MODES = (3.1, 4.4), (6.0, 5.0), 24
@@ -117,3 +121,13 @@ def test_a_scene_that_is_no_rectangle_is_refused(scene, tmp_path, monkeypatch, c
         main(["calibrate", scene, "--room", "6x5"])
     assert ended.value.code == 2
     assert "is no rectangle" in capsys.readouterr().err
+
+
+def test_a_finer_map_of_a_microphone_is_the_map_on_its_lattice():
+    heard = replace(measurement(), search=Search((1.0, 0.6), (0.4, 0.4), 0.1, 0.8))
+    problem = heard.problem()
+    state = room.init(problem, Solver(name="room", modes=MODES, room=SIZE), 0)
+    coarse, finer = problem.search, replace(problem.search, step=0.05)
+    whole = room.landscape(problem, state, 2, slice(4, 5))[0]
+    np.testing.assert_allclose(fine_mode(problem, room, state, 2, 5, coarse), whole)
+    assert fine_mode(problem, room, state, 2, 5, finer).shape > whole.shape

@@ -139,3 +139,11 @@ def test_what_is_explained_is_that_of_the_explicit_covariance(dimension):
         C = field.power[m] * kernel(field.wavenumbers[m] * distance, dimension) + field.noise[m] * np.eye(len(guess))
         np.testing.assert_allclose(C @ u[m], p, rtol=1e-8, atol=1e-8 * np.abs(p).max())
         np.testing.assert_allclose(d[m], np.diag(np.linalg.inv(C)), rtol=1e-7)
+
+
+def test_what_is_not_a_number_is_not_taken_for_one_place():
+    assert np.isnan(sinc(np.array([np.nan, 1.0]))[0][0])
+    field, guess = field_and_guess(3)
+    guess[4] = np.nan
+    with pytest.raises(np.linalg.LinAlgError):
+        total(guess, PROBLEM.pressures, field)

@@ -98,3 +98,8 @@ def test_no_pressure_tells_the_images_of_a_room_apart(size, count):
     for image in found:
         assert np.allclose(heard(room.excited(image.of(source)), room.shapes(image.of(places))), here, rtol=1e-9)
         assert nearest_image(places, image.of(places), size) == image
+
+
+def test_at_a_resonance_to_the_last_bit_the_field_is_finite():
+    k = np.array([np.pi / SIZE[0], 2 * np.pi / SIZE[1]])
+    assert np.all(np.isfinite(echoing(SIZE, k, 0).response))

@@ -9,8 +9,9 @@ from fields import measured
 from fdcal import soundspeed
 from fdcal.gauge import align, position_errors
 from fdcal.measurement import Measurement
-from fdcal.runs import Given, solve
+from fdcal.runs import Given, _trusted, solve
 from fdcal.scene import Solver
+from fdcal.solvers import run
 from fdcal.solvers.newton import FIRST_DAMPING, damped_step
 from fdcal.uncertainty import field_of
 from fdcal.verdict import highest_frequency, judge
@@ -218,3 +219,20 @@ def test_without_noise_the_right_array_is_believed_and_one_wrong_by_millimetres_
     wrong[:3] = truth[:3]
     found = judge(problem, wrong, ALL, problem.noise_power)
     assert found.code == "model_mismatch" and "1 is expected" in found.text
+
+
+def test_calibrate_says_so_where_a_wrong_array_is_left_without_noise():
+    """The verdict of a whole calibration, of an end with the near model that somebody has spoilt by 5 mm."""
+    truth = np.random.default_rng(7).uniform(-0.5, 0.5, (40, 2)) + [2.61, 2.31]
+    measurement = measured(truth, [0, 1, 2], highest=120.0)
+    measurement = replace(measurement, noise_power=np.zeros(len(measurement.frequencies)))
+    problem, settings = measurement.problem(), Solver(name="joint", modes=12)
+    *_, state = run(problem, settings, 0)
+    assert state.near
+    spoilt = truth + np.random.default_rng(1).normal(0, 0.005, truth.shape)
+    spoilt[:3] = truth[:3]
+    codes = [
+        _trusted(Given("x", None, measurement, settings, 0), problem, replace(state, positions=x))[2]["verdict"]
+        for x in (state.positions, spoilt)
+    ]
+    assert codes == ["good", "model_mismatch"]

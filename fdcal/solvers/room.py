@@ -26,7 +26,7 @@ import numpy as np
 from ..checks import InputError, frozen_array
 from ..measurement import Problem
 from ..rectangle import diffuse
-from ..scene import Solver
+from ..scene import Search, Solver
 from . import roomsearch, roomsource
 from .roomattempts import EXACT, NEW_DAMPING, begin, end, from_source, hopeless
 from .roomfit import FIRST_DAMPING, damped, diffuse_terms, exact
@@ -75,9 +75,12 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
     if not 1 <= first <= last <= len(problem.frequencies):
         raise InputError(f"modes {first} to {last} are no range of 1 to {len(problem.frequencies)}")
     phase = "search" if state.phase == "search" else "near"
+    noise, told = noise_of(problem, state.settings)  # an end may have put its own in place
     changed = replace(state, first=first, last=last, automatic=automatic, phase=phase, arrays=(), sources=())
     return replace(
         changed,
+        noise_power=frozen_array(noise, float),
+        noise_told=told,
         round=0,
         stage_steps=0,
         damping=FIRST_DAMPING,
@@ -88,11 +91,12 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
     )
 
 
-def landscape(problem: Problem, state: State, n: int, modes: slice) -> np.ndarray:
+def landscape(problem: Problem, state: State, n: int, modes: slice, search: Search | None = None) -> np.ndarray:
     """Cost of microphone `n` over the search lattice, the others held, mode by mode : (modes, ny, nx) float64."""
-    if problem.search is None:
+    search = problem.search if search is None else search
+    if search is None:
         raise InputError("the measurement has no search domain; give --search ORIGIN,SIZE,STEP and --radius R")
-    points = problem.search.layer(*state.positions[n, 2:])
+    points = search.layer(*state.positions[n, 2:])
     p, noise, k = scaled(problem, state, modes)
     model = diffuse(state.settings.room, k, state.width)
     costs = roomsearch.Places(points.reshape(-1, points.shape[-1]), p, noise + ROUGH, model).costs(state.positions, n)

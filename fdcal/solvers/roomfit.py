@@ -34,7 +34,7 @@ def loudness(pressures, noise) -> np.ndarray:
 
 
 def diffuse_terms(theta, pressures, noise, model: Diffuse) -> Terms:
-    """-log of the probability density of the first model, twice, up to a constant. noise : (M,), spread included."""
+    """-log of the probability density of the first model, up to a constant. noise : (M,), spread included."""
     N, D = pressures.shape[1], model.kappa.shape[1]
     x = theta.reshape(N, D)
     W, dW = model.shapes(x), model.slopes(x)

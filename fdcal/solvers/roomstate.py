@@ -42,7 +42,7 @@ class State:
     hopeless : (positions, walls, cost) of the best of those that ended before phase "exact", or None
     noise_power : (M,) float64, of all modes measured, told or estimated, in the unit of abs(problem.pressures)**2
     noise_told : whether it was told
-    cost : squared residuals over the noise in phase "exact"; before, twice -log likelihood
+    cost : squared residuals over the noise in phase "exact"; before, -log likelihood
     finished : nothing is left to do
     converged : finished because nothing moved any more, not because steps ran out
     """
@@ -94,8 +94,9 @@ def noise_of(problem: Problem, settings: Solver) -> tuple[np.ndarray, bool]:
     power = np.mean(np.abs(problem.pressures) ** 2, axis=1)
     if settings.snr_db is not None:
         return power / (1 + 10 ** (settings.snr_db / 10)), True
-    if problem.noise_power is not None and settings.noise == "told":
-        return problem.noise_power, True
+    told = problem.noise_power if settings.noise == "told" else None
+    if told is not None and np.all(told > 0):  # free of noise, a simulation is still no exact room
+        return told, True
     return GUESS * power, False
 
 

@@ -158,6 +158,8 @@ def rehomed(problem: Problem, positions, modes: slice, rest: Unexplained) -> np.
     worst = [n for n in np.argsort(-misfit)[:MOST_REHOMED] if misfit[n] > MISFIT and n in problem.free]
     while worst:
         costs = likelihood_landscapes(x, worst, np.vstack([x[worst], candidates]), p, field).sum(axis=0)
+        own = np.arange(len(worst))
+        costs[:, : len(worst)] = np.where(own[:, None] == own, costs[:, : len(worst)], np.inf)  # not onto another
         falls = np.diag(costs) - costs.min(axis=1)
         moving = np.flatnonzero(falls > 1.0)
         if not len(moving):
