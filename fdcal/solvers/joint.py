@@ -326,15 +326,16 @@ def _learn(problem: Problem, state: State) -> State:
 
 def _finish(problem: Problem, state: State, settled: bool, rest: Unexplained | None = None) -> State:
     """The end, or another attempt where too much is left unexplained."""
-    certain = settled and staging.certain(problem, state)
-    if rest is None or staging.faint(problem, state) is not None:  # ends that are not certain: by the real kernel
+    if settled and staging.certain(problem, state):
+        return replace(state, finished=True, converged=True)
+    if rest is None or staging.faint(problem, state) is not None:  # uncertain ends: by the real kernel
         rest = starts.left_over(problem, state.positions, state.modes)
     here = rest.cost, settled, state.positions, state.shape, state.noise, state.noise_power, state.near
-    before = not certain and state.best is not None and state.best[0] <= rest.cost
+    before = state.best is not None and state.best[0] <= rest.cost
     best = state.best if before else here
     tries = staging.attempts(problem, state)
     last = state.settings.start == "random" or state.attempt + 1 >= len(tries)
-    if certain or last or staging.convincing(problem, state, rest):
+    if last or staging.convincing(problem, state, rest):
         ended = replace(state, finished=True, converged=best[1])
         return _as_before(problem, ended) if before else ended
     return _try(problem, replace(state, attempt=state.attempt + 1, best=best), *tries[state.attempt + 1])

@@ -52,6 +52,7 @@ def confidence(share: np.ndarray, problem: Problem) -> np.ndarray:
 
 
 def model(problem: Problem, state: State) -> tuple[np.ndarray, DiffuseField]:
+    """Pressures (modes in use, N) of the stage and what it supposes of their field."""
     p, k, noise = (values[state.modes] for values in (problem.pressures, problem.wavenumbers, state.noise))
     likely = state.settings.cost == "likelihood"
     field = diffuse_field(p, k, noise, problem.dimension, likely, state.near, state.shape)
@@ -123,6 +124,7 @@ def another(problem: Problem, state: State, sharper: State) -> bool:
 
 
 def worth_learning(problem: Problem, state: State) -> bool:
+    """Whether there is so much noise that directions learned from the pressures help."""
     noisy = float(np.median(state.noise_power / powers(problem))) >= NOISY_ENOUGH
     return problem.dimension == 2 and noisy and state.settings.cost == "likelihood"
 
