@@ -20,7 +20,7 @@ from fdcal.camera import camera_for, project
 from fdcal.picture import compose
 from fdcal.scene import load_scene
 from fdcal.store import cached_measurement
-from fdcal.viewer import stage
+from fdcal.viewer import cameras
 
 from .pages import Served, chromium, open_page, slider
 from .report import Figure
@@ -125,7 +125,7 @@ def _mouse(page) -> float:
     box = page.locator("canvas").first.bounding_box()
     size = (round(box["width"]), round(box["height"]))
     picture = compose(load_scene(SCENE), measurement)
-    camera = camera_for(picture, size, "top", stage.MARGINS, fov=stage.FLAT)
+    camera = camera_for(picture, size, "top", cameras.MARGINS, fov=cameras.FLAT)
     x, y = project(camera, size, np.append(measurement.known_positions[-1], 0.0)[None])[0] + [box["x"], box["y"]]
     page.mouse.move(x + 30, y + 30)
     page.mouse.move(x, y, steps=5)

@@ -39,6 +39,7 @@ from fdcal.store import cached_measurement
 from fdcal.verdict import highest_frequency
 from fdcal.viewer import (
     app,
+    cameras,
     exports,
     maps,
     maptab,
@@ -48,7 +49,6 @@ from fdcal.viewer import (
     safety,
     scenetab,
     spreads,
-    stage,
     viewing,
     words,
 )
@@ -224,7 +224,7 @@ def on_screen(page, scene, points):
     for _ in range(int(WAIT / 0.1)):
         box = page.locator("canvas").first.bounding_box()
         size = (round(box["width"]), round(box["height"]))
-        camera = camera_for(picture, size, "top", stage.MARGINS, fov=stage.FLAT)
+        camera = camera_for(picture, size, "top", cameras.MARGINS, fov=cameras.FLAT)
         if page.evaluate(STANDS, [float(x) for x in camera.position]):
             return project(camera, size, points) + [box["x"], box["y"]]
         page.wait_for_timeout(100)
@@ -943,33 +943,58 @@ def test_only_what_has_changed_is_sent(server, scene, measurement, monkeypatch):
     }
 
 
-def test_the_camera_follows_the_canvas_until_a_hand_moves_it(server, scene, measurement):
-    stage = Stage(server)
-    stage.show(compose(scene, measurement))
+def placing(server, scene, measurement) -> cameras.Cameras:
+    made = cameras.Cameras(server)
+    made.picture = compose(scene, measurement)
+    return made
+
+
+def test_a_page_that_has_the_place_but_not_the_direction_is_told_again(server, scene, measurement):
+    """It tells of its camera between two of our orders, and what it tells is then taken for what it has."""
+    placed = placing(server, scene, measurement)
     camera = SimpleNamespace(image_width=900, image_height=700)
     client = SimpleNamespace(client_id=1, camera=camera, atomic=contextlib.nullcontext)
-    stage.place(client, "top")
+    placed.place(client, "top")
+    old_opening = camera.fov
+    placed.place(client, "3d")
+    ordered = SimpleNamespace(**vars(camera))
+    camera.look_at = (ordered.position[0], ordered.position[1], 0.0)  # as from the top
+    placed.keep_placed(client)
+    assert camera.look_at == ordered.look_at
+    camera.fov = old_opening
+    placed.keep_placed(client)
+    assert camera.fov == ordered.fov
+    camera.look_at, camera.position = (1.0, 1.0, 0.0), (2.0, 2.0, 5.0)
+    placed.keep_placed(client)
+    assert camera.look_at == (1.0, 1.0, 0.0), "a hand has shifted it"
+
+
+def test_the_camera_follows_the_canvas_until_a_hand_moves_it(server, scene, measurement):
+    placed = placing(server, scene, measurement)
+    camera = SimpleNamespace(image_width=900, image_height=700)
+    client = SimpleNamespace(client_id=1, camera=camera, atomic=contextlib.nullcontext)
+    placed.place(client, "top")
     near = camera.position
     camera.image_width = 450
-    stage.keep_placed(client)
+    placed.keep_placed(client)
     assert camera.position[2] > 1.5 * near[2], "half the width needs twice the distance"
     moved = (camera.position[0] + 1.0, *camera.position[1:])
     camera.position, camera.image_width = moved, 900
-    stage.keep_placed(client)
+    placed.keep_placed(client)
     assert camera.position == moved
     camera.position = near
-    stage.keep_placed(client)
+    placed.keep_placed(client)
     assert camera.position == pytest.approx(near), "right for this size"
     camera.position = server.initial_camera.position
-    stage.keep_placed(client)
+    placed.keep_placed(client)
     assert camera.position == pytest.approx(near), "the page learnt late where it was to begin"
 
 
 def test_on_a_telephone_the_panel_covers_nothing(server, scene, measurement):
-    stage, picture = Stage(server), compose(scene, measurement)
-    stage.show(picture)
+    placed = placing(server, scene, measurement)
+    picture = placed.picture
     camera = SimpleNamespace(image_width=390, image_height=844)
-    stage.place(SimpleNamespace(client_id=1, camera=camera, atomic=contextlib.nullcontext), "top")
+    placed.place(SimpleNamespace(client_id=1, camera=camera, atomic=contextlib.nullcontext), "top")
     distance = camera.position[2]
     height = 2 * distance * np.tan(camera.fov / 2)  # metres, of all that is seen
     lowest = 844 * (0.5 - (picture.focus[1] - camera.look_at[1]) / height)
@@ -998,16 +1023,15 @@ def test_a_page_is_made_to_tell_the_size_of_its_canvas(server, scene, measuremen
         def fov(self, value):
             self.told, self._fov = self.canvas if abs(value / self._fov - 1) < 1e-3 else self.told, value
 
-    stage, client = Stage(server), Browser()
-    stage.show(compose(scene, measurement))
-    stage.ask(client, "top")
-    stage.answer([])
+    placed, client = placing(server, scene, measurement), Browser()
+    placed.ask(client, "top")
+    placed.answer([])
     assert not hasattr(client, "position"), "a page that has closed meanwhile is left alone"
-    stage.ask(client, "top")
-    stage.answer([client])
+    placed.ask(client, "top")
+    placed.answer([client])
     near, opening = client.position, client.fov
     for _ in range(9):
-        stage.keep_all_placed([client])
+        placed.keep_all_placed([client])
     assert client.told == client.canvas and client.position[2] > 1.2 * near[2]
     assert client.fov == pytest.approx(opening, rel=2e-4)
 

@@ -86,7 +86,7 @@ def _darken(controls) -> None:
 
 
 def _seen(view: str) -> Callable:
-    return lambda page, client: page.stage.place(client, view)
+    return lambda page, client: page.stage.cameras.ask(client, view)
 
 
 KEYS = (

@@ -107,7 +107,7 @@ class Lessons:
         anew = setting.begins or bool(setting.reset)
         if anew:
             viewer.desk.session.reset(seed)
-        carry_out(setting, viewer.controls, self._page.stage.place_all, anew)
+        carry_out(setting, viewer.controls, self._page.stage.cameras.place_all, anew)
 
     def show(self, call: Callable[[Callable], object] = lambda function: function()) -> None:
         """Called by the main loop: what waits for a scene is set once it is there, by `call`, on viser's loop."""
@@ -118,7 +118,7 @@ class Lessons:
 
     def _complete(self, settings: list[Setting], viewer) -> None:
         for setting in settings if viewer is self._page.viewer else ():
-            carry_out(setting, viewer.controls, self._page.stage.place_all, setting is settings[0])
+            carry_out(setting, viewer.controls, self._page.stage.cameras.place_all, setting is settings[0])
 
     def _guarded(self, act: Callable[[], None]) -> None:
         try:

@@ -59,15 +59,15 @@ class Page:
 
         @server.on_client_connect
         async def _(client: viser.ClientHandle) -> None:
-            self.stage.ask(client, "top")
+            self.stage.cameras.ask(client, "top")
 
             @client.camera.on_update
             async def _(_) -> None:
-                self.stage.ask(client)
+                self.stage.cameras.ask(client)
 
         @server.on_client_disconnect
         async def _(client: viser.ClientHandle) -> None:
-            self.stage.forget(client)
+            self.stage.cameras.forget(client)
             if self.viewer is not None:
                 self.viewer.forget(client)
 
@@ -94,10 +94,10 @@ class Page:
             self.viewer.guarded_tick(now)
         self.lessons.show(self._server.get_event_loop().call_soon_threadsafe)
         clients = self._server.get_clients().values()
-        self.stage.answer(clients)
+        self.stage.cameras.answer(clients)
         if now - self._looked > LOOK_ROUND:
             self._looked = now
-            self.stage.keep_all_placed(clients)
+            self.stage.cameras.keep_all_placed(clients)
 
     def _exchange(self, work: Work) -> None:
         """The new session on the page in place of the old one, which stays where the new one cannot be shown."""
@@ -120,9 +120,9 @@ class Page:
         if old is not None:
             old.close()
         if old is None or old.picture.focus != new.picture.focus:
-            self.stage.open_at(new.picture)
+            self.stage.cameras.open_at(new.picture)
             for client in self._server.get_clients().values():
-                self.stage.place(client, "top")
+                self.stage.cameras.place(client, "top")
 
     def _tell_terminal(self) -> None:
         """How far the first session is; the line is taken away when there is one, or none will be."""

@@ -74,7 +74,7 @@ class Viewer:
         self._key: tuple = ()  # of what is drawn
         picture = self._compose(self._state, self.desk.choices, self._followed, None)
         self._drawn = Moment(work, picture, work.session.view, self.desk.choices, self._followed, None)
-        self._controls = Controls(self._rooms, self.desk, stage.ask, self._export)
+        self._controls = Controls(self._rooms, self.desk, stage.cameras.ask, self._export)
         self._races = Races(work)
         self._side = SidePanel(self._rooms, self.desk, work.problem, self._controls.map, self._races)
         self._maps, self._spreads = Maps(work), Spreads(work)  # threads last: what is above may refuse
