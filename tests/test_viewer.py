@@ -1049,8 +1049,9 @@ def test_plots_hold_finite_numbers_only(server, measurement):
     for plot in (curves._error, curves._cost):
         assert all(np.isfinite(column).all() for column in plot.data)
         assert len({len(column) for column in plot.data}) == 1 and (np.diff(plot.data[0]) >= 0).all()
-        low, high = plot.data[-1].min(), plot.data[-1].max()
-        assert np.count_nonzero(plot.data[-1] == high) == 1 and low < high, "one stroke where the mode came in"
+        *_, marks, stage = plot.data
+        assert np.count_nonzero(marks == 1.0) == 1 and (marks[marks != 1.0] < 0).all(), "one stroke as the mode came in"
+        assert (stage == 1).all()
 
 
 def test_stages_are_marked_and_a_likelihood_below_zero_is_drawn_as_it_is(server, measurement):
@@ -1060,9 +1061,30 @@ def test_stages_are_marked_and_a_likelihood_below_zero_is_drawn_as_it_is(server,
     np.testing.assert_allclose(curves._cost.data[1], 10 * np.log10([9, 3]))
     assert "dB" in curves._cost.title
     curves.show(view_of(states), now=1.0)
-    x, cost, stroke = curves._cost.data
+    x, cost, marks, stage = curves._cost.data
     assert cost.min() == -5 and cost.max() == 9 and "dB" not in curves._cost.title
-    assert x[stroke == stroke.max()].tolist() == [2.0], "the one stage that began"
+    assert x[marks == 1.0].tolist() == [2.0], "the one stage that began"
+    assert stage[x < 2].tolist() == [1, 1] and stage[x > 2].tolist() == [2]
+
+
+def test_many_stages_do_not_hide_the_curves(server, measurement):
+    curves = plots.Curves(server.gui, measurement)
+    curves.show(view_of([State(measurement.positions, i, i, stage=i, last=6) for i in range(57)]), now=0.0)
+    x, _, marks, stage = curves._cost.data
+    seen = marks > 0
+    assert x[seen].tolist() == list(range(1, 57)) and marks.max() < 0.1, "a tick at the bottom for each"
+    assert stage.max() == 57 and curves._cost.scales["mark"]["range"] == (0.0, 1.0)
+
+
+def test_errors_are_drawn_over_whole_decades(server, measurement):
+    curves = plots.Curves(server.gui, measurement)
+    for shift, wanted in ((0.2, (100, 1000)), (0.0002, (0.1, 1000))):
+        curves.show(view_of([State(measurement.positions + 0.2), State(measurement.positions + shift, 1)]), now=shift)
+        assert curves._error.scales["y"]["range"] == pytest.approx(wanted)
+        numbers = curves._error.axes[1]["values"]
+        assert (numbers[0], numbers[-1]) == (f"{wanted[0]:g}", "1,000")
+        assert len(numbers) == len(curves._error.axes[1]["splits"]) == 1 + round(np.log10(wanted[1] / wanted[0]))
+        curves._sent = -1e9
 
 
 def test_plots_follow_a_rewound_history(server, measurement):

@@ -31,7 +31,6 @@ MARGINS = (76, 44, 34, 40)  # pixels left, bottom, right and top of the search d
 NARROW, COVERED = 440, 0.62  # pixels across of a telephone's canvas, and the share of its height that its panel covers
 
 
-
 @dataclass(frozen=True)
 class Placed:
     """What a page was told: its view, the canvas's size then, the camera, and the last places of it."""

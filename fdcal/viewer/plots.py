@@ -1,8 +1,10 @@
 """Error and cost against sweeps, with a mark where a stage began: a mode came in, or the solver changed its goal.
 
 uPlot writes small numbers as 0, so errors are in millimetres and costs in decibels, or as they are where a cost is a
-likelihood, which may be negative. A NaN makes it search for axis
-ticks for ever, so none is ever sent.
+likelihood, which may be negative. A NaN makes it search for axis ticks for ever, so none is ever sent.
+
+The marks have a scale of their own, from 0 at the bottom to 1 at the top: strokes as long as there are few of them,
+ticks at the bottom where there are so many that they would hide the curves. Which stage it is stands in the legend.
 """
 
 from __future__ import annotations
@@ -18,6 +20,15 @@ MOST_POINTS = 600  # a plot is sent whole each time
 INTERVAL = 0.25  # s between two sendings
 LEAST_ERROR, LEAST_COST = 1e-6, 1e-12  # m and 1, drawn for anything below: logarithms have no zero
 COSTS = {True: "Cost of the modes in use (dB re 1)", False: "Cost of the modes in use (-log likelihood)"}
+FEW, TICK, UNSEEN = 10, 0.06, -1.0  # stages that get strokes from top to bottom; height of the others' marks; nowhere
+STAGES = (  # strokes have no number of their own, and the number of a stage has no place in the plot
+    "<style>.u-legend .fdcal-strokes, .u-cursor-pt.fdcal-strokes, .u-cursor-pt.fdcal-stage {display: none}</style>"
+    "<div style='padding: 0 0.75em; font-size: 0.8em; opacity: 0.75'>Grey marks: a stage begins, with a mode more or"
+    " another goal. Point at a curve to read it off.</div>"
+)
+MOST_DECADES = 9  # that have a number each
+LOGARITHMIC = uplot.Scale(distr=3)
+PADDING = (12, 22, 0, 0)  # pixels; on the right the last number stands half beyond the axis
 RED, BLUE, ORANGE, GREY = "#d61828", "#1f78c8", "#e08a1e", "#8a8f98"
 
 
@@ -34,8 +45,9 @@ class Curves:
         if measurement.positions is not None:
             series = _series(("mean", RED, 2.0), ("largest", ORANGE, 1.25))
             title = "Position error (mm, once aligned)" if measurement.blind else "Position error (mm)"
-            self._error = _plot(gui, title, series, (empty,) * 4, 3)
-        self._cost = _plot(gui, COSTS[True], _series(("cost", BLUE, 2.0)), (empty,) * 3, 1)
+            self._error = _plot(gui, title, series, (empty,) * 5, 3)
+        self._cost = _plot(gui, COSTS[True], _series(("cost", BLUE, 2.0)), (empty,) * 4, 1)
+        gui.add_html(STAGES)
 
     def show(self, view: SessionView, now: float) -> None:
         """Bring the plots up to date, not too often."""
@@ -46,13 +58,14 @@ class Curves:
         chosen = np.unique(np.linspace(0, len(x) - 1, min(len(x), MOST_POINTS)).round().astype(int))
         came_in = np.flatnonzero((np.diff(last) > 0) | (np.diff(stage) > 0)) + 1
         if self._error is not None:
-            self._error.data = _with_marks(x, (mean, largest), chosen, came_in)
+            self._error.data = _with_marks(x, (mean, largest), chosen, came_in, stage)
+            show_decades(self._error, mean, largest)
         decibels = bool((cost > 0).all())
         if decibels:
             cost = 10 * np.log10(cost)
         if (title := COSTS[decibels]) != self._cost.title:
             self._cost.title = title
-        self._cost.data = _with_marks(x, (cost,), chosen, came_in)
+        self._cost.data = _with_marks(x, (cost,), chosen, came_in, stage)
 
     def _catch_up(self, history) -> bool:
         """Compute what is new in `history`; False if nothing is."""
@@ -92,33 +105,51 @@ def _cost_drawable(value) -> float:
     return _drawable(value, LEAST_COST)
 
 
-def _with_marks(x, curves, chosen, came_in) -> tuple[np.ndarray, ...]:
-    """Data of a plot: the curves at the `chosen` points, and a vertical stroke at each of `came_in`."""
-    seen = np.concatenate([curve[chosen] for curve in curves])
-    low, high = seen.min(), seen.max()
-    order = np.argsort(np.concatenate([x[chosen], np.repeat(x[came_in], 3)]), kind="stable")
-    axis = np.concatenate([x[chosen], np.repeat(x[came_in], 3)])[order]
-    stroke = np.concatenate([np.full(len(chosen), low), np.tile([low, high, low], len(came_in))])[order]
-    lines = [np.concatenate([c[chosen], np.repeat(c[came_in], 3)])[order] for c in curves]
-    return (axis, *lines, stroke)
+def _with_marks(x, curves, chosen, came_in, stage) -> tuple[np.ndarray, ...]:
+    """Data of a plot: the curves at the `chosen` points, a mark at each of `came_in`, and the stage's number from 1."""
+    at = np.concatenate([chosen, np.repeat(came_in, 3)])
+    order = np.argsort(x[at], kind="stable")
+    top = 1.0 if len(came_in) <= FEW else TICK
+    marks = np.concatenate([np.full(len(chosen), UNSEEN), np.tile([UNSEEN, top, UNSEEN], len(came_in))])
+    return (x[at][order], *(curve[at][order] for curve in curves), marks[order], stage[at][order] + 1)
 
 
 def _series(*curves) -> tuple:
     drawn = [uplot.Series(label=name, stroke=colour, width=width) for name, colour, width in curves]
-    marks = uplot.Series(label="stage", stroke=GREY, width=1, dash=(4, 4), points={"show": False})
-    return (uplot.Series(label="sweeps"), *drawn, marks)
+    unseen = {"points": {"show": False}, "stroke": GREY}
+    strokes = uplot.Series(label="", scale="mark", width=1, dash=(4, 4), **{"class": "fdcal-strokes"}, **unseen)
+    number = uplot.Series(label="stage", scale="number", width=0, **{"class": "fdcal-stage"}, **unseen)
+    return (uplot.Series(label="sweeps"), *drawn, strokes, number)
 
 
 def _plot(gui: viser.GuiApi, title: str, series: tuple, data: tuple, distribution: int):
+    y = LOGARITHMIC if distribution == 3 else uplot.Scale()
     return gui.add_uplot(
         data=data,
         series=series,
         title=title,
-        scales={"x": uplot.Scale(time=False), "y": uplot.Scale(distr=distribution)},
+        scales={
+            "x": uplot.Scale(time=False), "y": y,
+            "mark": uplot.Scale(range=(0.0, 1.0)), "number": uplot.Scale(range=(0.0, 1e4)),
+        },
         axes=(uplot.Axis(label="sweeps", labelSize=20, size=34), uplot.Axis(size=58)),
         height=215,
-        padding=(12, 16, 0, 0),
-    )
+        padding=PADDING,
+    )  # fmt: skip
+
+
+def show_decades(plot, *curves) -> None:
+    """Have a logarithmic plot show whole decades, with one line and one number each; uPlot's own are too many."""
+    seen = np.log10(np.concatenate(curves))
+    first, last = int(np.floor(seen.min() + 1e-9)), int(np.ceil(seen.max() - 1e-9))
+    powers = range(first, max(last, first + 1) + 1)
+    splits = tuple(10.0**power for power in powers)
+    if plot.scales["y"].get("range") == (splits[0], splits[-1]):
+        return
+    apart = 1 + len(powers) // MOST_DECADES
+    numbers = tuple(f"{split:,g}" if i % apart == 0 else "" for i, split in enumerate(splits))
+    plot.scales = {**plot.scales, "y": uplot.Scale(distr=3, range=(splits[0], splits[-1]))}
+    plot.axes = (plot.axes[0], uplot.Axis(size=58, splits=splits, values=numbers))
 
 
 def dots(size: float, stroke: str, fill: str) -> dict:

@@ -11,6 +11,7 @@ from viser import uplot
 from ..picture import RACERS
 from . import words
 from .desk import Desk
+from .plots import LOGARITHMIC, PADDING, show_decades
 from .races import Entry, Races, Runner
 from .safety import bounded, one_of
 from .solvetab import LARGEST_SEED, STARTS
@@ -100,12 +101,14 @@ class RaceTab:
         if not self._plots:
             titles = ("Mean position error (mm)", "Cost (Eq. 7, all modes; dB re the power)")[-len(data) :]
             with self._place:
-                made = [self._plot(t, names, d, 1 if "Cost" in t else 3) for t, d in zip(titles, data, strict=True)]
+                made = [self._plot(t, names, d, "Cost" not in t) for t, d in zip(titles, data, strict=True)]
             self._plots = [names, *made]
         for plot, columns in zip(self._plots[1:], data, strict=True):
             plot.data = columns
+        if len(data) == 2:
+            show_decades(self._plots[1], *data[0][1:])
 
-    def _plot(self, title: str, names, data: tuple, distribution: int):
+    def _plot(self, title: str, names, data: tuple, decades: bool):
         drawn = [
             uplot.Series(label=name, stroke=RACERS[name][0], width=2.5, dash=DASHES[name], points={"show": False})
             for name in names
@@ -114,10 +117,10 @@ class RaceTab:
             data=data,
             series=(uplot.Series(label="s"), *drawn),
             title=title,
-            scales={"x": uplot.Scale(time=False), "y": uplot.Scale(distr=distribution)},
+            scales={"x": uplot.Scale(time=False), "y": LOGARITHMIC if decades else uplot.Scale()},
             axes=(uplot.Axis(label="processor time (s)", labelSize=20, size=34), uplot.Axis(size=58)),
             height=200,
-            padding=(12, 16, 0, 0),
+            padding=PADDING,
         )
 
 
