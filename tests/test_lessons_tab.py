@@ -95,7 +95,7 @@ def page(server, controls):
     """A page without a session; `opened` holds what it was asked to open, `ready` puts the last of it on the page."""
     made, notes = controls
     opened = []
-    place = SimpleNamespace(place_all=lambda view: notes.append(("view", view)))
+    place = SimpleNamespace(cameras=SimpleNamespace(place_all=lambda view: notes.append(("view", view))))
     page = SimpleNamespace(frame=Frame(server.gui), viewer=None, open=opened.append, stage=place, opened=opened)
 
     def ready():
