@@ -110,8 +110,8 @@ def pixels(text: str) -> tuple[int, int]:
     return width, height
 
 
-def output_path(text: str, suffix: str | list[str], force: bool) -> Path:
-    """Where a result may be written; asked before the work, so that an hour is not spent for nothing."""
+def output_path(text: str, suffix: str | list[str], force: bool, *inputs: str | None) -> Path:
+    """Where a result may be written, none of the `inputs`; asked before the work, not to spend an hour for nothing."""
     path = Path(text)
     allowed = [suffix] if isinstance(suffix, str) else suffix
     if path.suffix.lower() not in allowed:
@@ -120,6 +120,9 @@ def output_path(text: str, suffix: str | list[str], force: bool) -> Path:
         raise InputError(f"-o {text} is a folder; name a file")
     if not path.parent.is_dir():
         raise StorageError(f"-o {text} lies in a folder that does not exist; make it first: mkdir -p {path.parent}")
+    for given in inputs:
+        if given is not None and Path(given).resolve() == path.resolve():
+            raise InputError(f"-o {text} is the input itself, which stays untouched; choose another name")
     if path.exists() and not force:
         raise InputError(f"-o {text} exists; add --force to overwrite it, or choose another name")
     return path

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import click
 
@@ -129,9 +128,7 @@ def import_(source, output, number, force, **wishes):
 
     INPUT is a WAV or FLAC file, a SOFA file, a folder of MeshRIR, an HDF5 file of Acoular, or an .npz file.
     """
-    path = arguments.output_path(output, ".npz", force)
-    if Path(source).resolve() == path.resolve():
-        raise InputError(f"-o {output} is the input itself, which stays untouched; choose another name")
+    path = arguments.output_path(output, ".npz", force, source)
     from .imported import report
     from .intake import intake
     from .measurement_file import save_measurement
@@ -169,7 +166,7 @@ def calibrate(
     output, search, radius, force,
 ):  # fmt: skip
     """Find the microphones, and say whether to trust the answer: exit code 4 where not."""
-    path = arguments.output_path(output, ".json", force) if output else None
+    path = arguments.output_path(output, ".json", force, source) if output else None
     given = given_of(source, search, radius, arguments.names(exclude))
     solver, size = arguments.known_room(room, solver)
     given = runs.changed(given, solver, modes, seed, start=start, known=known, noise=noise, cost=cost, room=size)
@@ -200,7 +197,9 @@ def export(result, output, frame, original, force):
     from .frames import placed_in
     from .store import write_atomically
 
-    path = arguments.output_path(output, formats.suffixes("write"), force)
+    path = arguments.output_path(output, formats.suffixes("write"), force, result, original)
+    if original is not None and path.suffix.lower() != ".sofa":
+        raise InputError(f"--original {original} is for -o FILE.sofa; leave it out for {path.suffix}")
     placed = placed_in(result_of(result), frame)
     write_atomically(path, lambda file: formats.write(file, path, placed, original), force)
     print(f"{path}: {len(placed.names)} microphones, frame: {placed.frame}")

@@ -76,7 +76,7 @@ def field(source, result, frequencies, step, output, force):
     from . import fieldfiles
     from .store import write_atomically
 
-    path = arguments.output_path(output, sorted(fieldfiles.WRITERS), force)
+    path = arguments.output_path(output, sorted(fieldfiles.WRITERS), force, source, result)
     wanted = None if frequencies is None else arguments.numbers(frequencies, "--frequencies", float)
     found = result_of(result)
     given = given_of(source, excluded=tuple(found.get("excluded", ())) if found else ())

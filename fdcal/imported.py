@@ -13,12 +13,12 @@ from .responses import Pressures
 
 @dataclass(frozen=True)
 class Report:
-    """What was read and taken: `recording`, `kind`, `left_out` names, `pressures`, `speed` m/s and where it is from,
+    """What was read and taken: `recording`, `kind`, `left_out` names and why, `pressures`, `speed` m/s and its origin,
     `usable` Hz or None and the radius it is from, in words."""
 
     recording: Recording
     kind: str
-    left_out: tuple[str, ...]
+    left_out: dict[str, str]
     pressures: Pressures
     speed: float
     speed_from: str
@@ -34,9 +34,7 @@ def report(measurement: Measurement, told: Report) -> str:
     usable = told.usable_from if told.usable is None else f"{told.usable:.0f} Hz, {told.usable_from}"
     lines = [
         f"channels     {recording.count}, {recording.duration:.3g} s at {recording.sample_rate:g} Hz ({kind})",
-        f"left out     {', '.join(told.left_out) or 'none'}; none of the others is silent, clipped or a copy"
-        if len(told.left_out) <= 8
-        else f"left out     {len(told.left_out)} channels",
+        f"left out     {_left_out(told.left_out)}; none of the others is silent, clipped or a copy",
         f"taken by     {taken.how}",
         f"frequencies  {len(f)}, {f[0]:.1f} to {f[-1]:.1f} Hz",
         f"highest usable frequency  {usable}",
@@ -44,6 +42,11 @@ def report(measurement: Measurement, told: Report) -> str:
         f"known        {len(measurement.known)} of {measurement.count} microphones",
     ]
     return "\n".join(lines + _snr_lines(taken))
+
+
+def _left_out(why: dict[str, str]) -> str:
+    """Every channel left out, and why."""
+    return ", ".join(f"{name} ({reason})" for name, reason in why.items()) or "none"
 
 
 def _snr_lines(taken: Pressures) -> list[str]:

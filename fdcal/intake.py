@@ -41,22 +41,23 @@ def intake(path: str | Path, wishes: Wishes = AS_IT_IS) -> tuple[Measurement, Re
     return measurement, Report(recording, kind, left_out, pressures, speed, speed_from, usable, usable_from)
 
 
-def _chosen(recording: Recording, wishes: Wishes) -> tuple[Recording, tuple[str, ...]]:
-    """The channels that the user wants, each found sound, and the names of those left out."""
+def _chosen(recording: Recording, wishes: Wishes) -> tuple[Recording, dict[str, str]]:
+    """The channels that the user wants, each found sound, and why each of those left out is."""
     if wishes.plane is not None:
         recording = choosing.on_plane(recording, wishes.plane)
     if wishes.subset is not None:
         recording = choosing.subset(recording, wishes.subset, wishes.seed)
-    before = recording.names
     listed = [name for name in (wishes.leave_out or "").split(",") if name.strip() not in ("", "bad")]
+    left_out = dict.fromkeys((name.strip() for name in listed), "as asked")
     if listed:  # before they are looked at: they may hold what cannot be read
         recording = choosing.without(recording, ",".join(listed), np.zeros(0, int))
     health = inspect(recording)
-    if "bad" in (wishes.leave_out or "").split(","):
+    if "bad" in [part.strip() for part in (wishes.leave_out or "").split(",")]:
+        left_out |= {recording.names[n]: health.fault(n, recording.names) for n in health.bad}
         recording = choosing.without(recording, "bad", health.bad)
     else:
         require_usable(recording, health)
-    return recording, tuple(name for name in before if name not in recording.names)
+    return recording, left_out
 
 
 def _flattened(recording: Recording, wishes: Wishes) -> Recording:

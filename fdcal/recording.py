@@ -190,6 +190,12 @@ class Health:
         """(n,) int64, the channels that cannot be used."""
         return np.flatnonzero(self.silent | self.clipped | (self.copy_of >= 0))
 
+    def fault(self, n: int, names) -> str:
+        """What is wrong with a bad channel."""
+        if self.silent[n]:
+            return "silent"
+        return "clipped" if self.clipped[n] else f"a copy of {names[self.copy_of[n]]}"
+
 
 def inspect(recording: Recording) -> Health:
     """Go through all samples once, a stretch at a time. Raises InputError for one that is not finite."""

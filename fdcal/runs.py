@@ -318,7 +318,8 @@ def checked(given: Given, result: dict) -> str:
     measurement = given.measurement
     require_told(measurement)
     positions = positions_from(measurement, result) if result.get("symmetries") else result["positions"]
-    return told(check(positions, measurement.positions, measurement.known), measurement.names)
+    known = measurement.known if given.settings.known == "all" else ()
+    return told(check(positions, measurement.positions, known), measurement.names, result["verdict"])
 
 
 def joint_landscape(given: Given, positions, n: int, modes: int) -> np.ndarray:

@@ -61,6 +61,8 @@ def write_atomically(path: str | Path, write: Callable[[Path], object], force: b
         temporary.touch(exist_ok=False)
         write(temporary)
         _move(temporary, path, force)
+    except StorageError:
+        raise
     except OSError as error:
         raise StorageError(f"cannot write {path}: {error.strerror or error}") from error
     finally:

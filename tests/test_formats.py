@@ -21,6 +21,7 @@ from hypothesis import strategies as st
 
 from fdcal import formats
 from fdcal.checks import InputError, StorageError
+from fdcal.cli import main
 from fdcal.formats.table import read_positions
 from fdcal.placed import Placed
 from fdcal.recording import inspect, read, require_usable
@@ -352,3 +353,14 @@ def test_a_table_that_is_none_is_refused(text, words, tmp_path):
     (tmp_path / "k.csv").write_text(text)
     with pytest.raises(InputError, match=words):
         read_positions(tmp_path / "k.csv")
+
+
+@pytest.mark.parametrize("command", [["export", "r.json", "-o", "r.json"], ["field", "m.npz", "-o", "m.npz"]])
+def test_the_input_is_never_the_output(command, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path(command[1]).write_text("mine")
+    with pytest.raises(SystemExit) as ended:
+        main([*command, "--force"])
+    assert ended.value.code == 2
+    assert "is the input itself" in capsys.readouterr().err
+    assert Path(command[1]).read_text() == "mine"

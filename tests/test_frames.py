@@ -101,3 +101,10 @@ def test_a_result_is_placed_in_its_frame():
         placed_in(result | {"known": []}, "known")
     old = {"positions": array(0, 2)}
     assert placed_in(old, None).names == tuple(map(str, range(20)))
+
+
+def test_no_swap_found_among_lost_positions_is_no_all_clear():
+    places = np.random.default_rng(0).uniform(size=(8, 3))
+    nothing = check(places, places)
+    assert told(nothing, range(8)).startswith("no channels are swapped")
+    assert told(nothing, range(8), "odd_channel").startswith("swaps cannot be told")

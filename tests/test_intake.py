@@ -291,9 +291,9 @@ def test_bad_channels_are_left_out_when_asked(tmp_path):
     with pytest.raises(InputError, match=r"channel 3 is silent; .*--leave-out bad"):
         intake(tmp_path / "a.npz")
     measurement, told = intake(tmp_path / "a.npz", Wishes(leave_out="bad"))
-    assert told.left_out == ("3", "8")
+    assert told.left_out == {"3": "silent", "8": "a copy of 2"}
     assert measurement.names == tuple(str(n) for n in range(24) if n not in (3, 8))
-    assert "left out     3, 8" in report(measurement, told)
+    assert "left out     3 (silent), 8 (a copy of 2); none of the others" in report(measurement, told)
 
 
 def test_a_plane_of_microphones_in_space(tmp_path):
