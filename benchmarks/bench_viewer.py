@@ -46,16 +46,15 @@ def run() -> list[Figure]:
     figures = [Figure("load of the machine, mean of the last minute, before", os.getloadavg()[0], "")]
     with chromium() as browser:
         figures += [] if os.environ.get("FDCAL_WARM_ONLY") else _cold(browser)
-        start = time.perf_counter()
+        first = _first_picture(browser)
         with Served(SCENE, {"name": "descent"}, watched=True) as served:
             page = open_page(browser, served.url)
-            first = time.perf_counter() - start
             frames = _while_it_runs(page)
             dragging = _drags(page, served)
             log = served.log()
     return [
         *figures,
-        Figure(f"first picture of {SCENE}, warm cache", first, "s", "below 5", first < 5),
+        *first,
         *_answers(log),
         *_published(log),
         Figure("the browser's own frames while it runs, software WebGL", frames, "1/s"),
@@ -80,6 +79,21 @@ def _cold(browser) -> list[Figure]:
     return [
         Figure(f"first picture of {SCENE}, cold caches", first, "s", "below 60", first < 60),
         Figure("the page tells how far it is, after", told, "s", "told", told < first),
+    ]
+
+
+def _first_picture(browser) -> list[Figure]:
+    """With warm caches: the room and its microphones, and the button that sets the solver going."""
+    start = time.perf_counter()
+    with Served(SCENE, {}) as served:
+        page = open_page(browser, served.url)
+        first = time.perf_counter() - start
+        page.get_by_role("button", name="Run", exact=True).wait_for()
+        ready = time.perf_counter() - start
+        page.close()
+    return [
+        Figure(f"first picture of {SCENE}, warm cache", first, "s", "below 5", first < 5),
+        Figure("the same until it can be run", ready, "s"),
     ]
 
 

@@ -29,12 +29,7 @@ class Served:
     def __init__(self, scene: str, solver: dict[str, str], watched: bool = False, cold: bool = False):
         """`watched` keeps a `log` (see `benchmarks.watched`); `cold` gives it empty caches."""
         self._folder = Path(tempfile.mkdtemp())
-        text = (scene_folder() / f"{scene}.toml").read_text(encoding="utf-8")
-        for key, value in solver.items():
-            lines = [f'{key} = "{value}"' if line.startswith(f"{key} = ") else line for line in text.splitlines()]
-            text = "\n".join(lines) + "\n"
-        self._scene = self._folder / f"{scene}.toml"
-        self._scene.write_text(text, encoding="utf-8")
+        self._scene = _changed(scene, solver, self._folder) if solver else scene
         self._errors, self.stopped_in, self._watched = self._folder / "errors", 0.0, watched
         self._log, self._environment = self._folder / "log", {**os.environ, "PYTHONUNBUFFERED": "1"}
         if cold:
@@ -83,6 +78,17 @@ class Served:
         """Lines that tell of errors on the server's standard error."""
         lines = self._errors.read_text(encoding="utf-8", errors="replace").splitlines()
         return [line for line in lines if any(word in line for word in ("rror", "Traceback", "xception", "more in"))]
+
+
+def _changed(scene: str, solver: dict[str, str], folder: Path) -> Path:
+    """A copy of a scene with its solver changed."""
+    text = (scene_folder() / f"{scene}.toml").read_text(encoding="utf-8")
+    for key, value in solver.items():
+        lines = [f'{key} = "{value}"' if line.startswith(f"{key} = ") else line for line in text.splitlines()]
+        text = "\n".join(lines) + "\n"
+    path = folder / f"{scene}.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
 
 
 @contextlib.contextmanager

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import click
 
-from . import arguments, drawing, runs
+from . import arguments, drawing
 from .checks import InputError
 from .lesson import lesson_names, load_lesson
 from .options import (
@@ -167,6 +167,8 @@ def calibrate(
 ):  # fmt: skip
     """Find the microphones, and say whether to trust the answer: exit code 4 where not."""
     path = arguments.output_path(output, ".json", force, source) if output else None
+    from . import runs
+
     given = given_of(source, search, radius, arguments.names(exclude))
     solver, size = arguments.known_room(room, solver)
     given = runs.changed(given, solver, modes, seed, start=start, known=known, noise=noise, cost=cost, room=size)

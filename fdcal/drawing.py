@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from . import arguments, runs
+from . import arguments
 from .options import (
     force_option,
     given_of,
@@ -36,14 +36,15 @@ def landscape(source, microphone, mode_numbers, result, output, search, radius, 
     true positions, or at those of a result.
     """
     path = arguments.output_path(output, [".png", ".svg", ".vti"], force)
+    from . import runs
+    from .figures import landscape_panels
+    from .store import write_atomically
+
     given = given_of(source, search, radius)
     measurement = given.measurement
     n = arguments.microphone_number(microphone, measurement.count)
     modes = arguments.mode_numbers(mode_numbers, len(measurement.frequencies))
     positions = runs.positions_from(measurement, result_of(result))
-    from .figures import landscape_panels
-    from .store import write_atomically
-
     problem = measurement.problem(given.settings.weights)
     panels = landscape_panels(problem, positions, n, modes, given.settings.order_offset)
     content = _landscape_bytes(path.suffix.lower(), panels, measurement)
@@ -73,7 +74,7 @@ def _landscape_bytes(suffix: str, panels, measurement) -> bytes:
 @force_option
 def field(source, result, frequencies, step, output, force):
     """Map the sound field inside the array, from positions found (--result) or, without, those in the input."""
-    from . import fieldfiles
+    from . import fieldfiles, runs
     from .store import write_atomically
 
     path = arguments.output_path(output, sorted(fieldfiles.WRITERS), force, source, result)
@@ -99,6 +100,7 @@ def snapshot(scene, result, microphone, view, size, output, force):
     path = arguments.output_path(output, ".png", force)
     shape = arguments.pixels(size)
     given, found = simulated(scene), result_of(result)
+    from . import runs
     from .painting import paint
     from .picture import compose, headline
     from .snapshot import render
@@ -129,11 +131,12 @@ def snapshot(scene, result, microphone, view, size, output, force):
 def replay(source, solver, modes, seed, output, search, radius, force):
     """Calibrate, and write the whole run as one page that plays offline in any browser."""
     path = arguments.output_path(output, ".html", force)
-    given = runs.changed(given_of(source, search, radius), solver, modes, seed)
+    from . import runs
     from .export.replay import replay
     from .history import recorded
     from .store import write_atomically
 
+    given = runs.changed(given_of(source, search, radius), solver, modes, seed)
     with progress_bar("calibrating") as progress:
         states = recorded(runs.states_of(given, progress))
     title = given.name if given.scene is None else given.scene.title

@@ -1,6 +1,7 @@
 """What a page can be asked to show: a scene, perhaps changed, and where its session begins.
 
 Opening    one request, plain data: of the command line, the page, a lesson, a session file
+as_told    a measurement, as far as the solver is told of it
 table_of   a scene as the table of its TOML file
 edited     a scene with some keys changed, checked as if it had been read from a file
 """
@@ -54,6 +55,13 @@ class Opening:
     def seed(self) -> int:
         """Of the solver's start."""
         return self.scene.seed if self.start_seed is None else self.start_seed
+
+
+def as_told(scene: Scene, measurement: Measurement) -> Measurement:
+    """What a page scores and draws: of an array of which nothing is told, no microphone is known."""
+    if scene.solver.known != "none":
+        return measurement
+    return dataclasses.replace(measurement, known=(), known_positions=None)
 
 
 def table_of(scene: Scene) -> dict[str, Any]:

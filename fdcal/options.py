@@ -6,14 +6,17 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import click
 
-from . import arguments, runs
+from . import arguments
 from .checks import InputError
-from .measured import stand_in
 from .opening import Opening
 from .scene import load_scene, scene_names
+
+if TYPE_CHECKING:  # SciPy and the solvers, which a page loads while the browser opens
+    from . import runs
 
 SESSIONS = (".zip", ".json")
 
@@ -66,6 +69,8 @@ def given_of(
     source: str, search: str | None = None, radius: float | None = None, excluded: tuple[str, ...] = ()
 ) -> runs.Given:
     """What a scene or a file gives, with the search domain of --search and --radius, without the `excluded`."""
+    from . import runs
+
     with progress_bar("simulating") as progress:
         given = runs.source_of(source, progress, excluded)
     measurement = given.measurement
@@ -88,7 +93,13 @@ def opening_of(text: str) -> Opening:
         from .export.sessionfile import read
 
         return read(text)
+    if text in scene_names():  # a test simulates each of these
+        return Opening(load_scene(text))
+    from . import runs
+
     if text.lower().endswith(".npz") or runs.is_recording(text):
+        from .measured import stand_in
+
         given = runs.source_of(text)
         scene = stand_in(given.measurement, given.name, given.settings, given.seed)
         return Opening(scene, measurement=given.measurement, fewer_modes=True)

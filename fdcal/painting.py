@@ -22,7 +22,6 @@ def paint(
     label: str = "cost (dimensionless)",
     *,
     minima=(),
-    opacity: float = 1.0,
     relief: bool = False,
     height: float = 0.0,
 ) -> Floor:
@@ -34,7 +33,6 @@ def paint(
     ----------
     log : decades of cost, DECADES of them at most; a cost that is not positive anywhere is drawn linear
     minima : (K, 2) float64, metres, to be marked
-    opacity : 0 to 1
     relief : whether the map has heights, too, which rise with its colours
     height : metres, at which the map lies
     """
@@ -56,7 +54,6 @@ def paint(
         minimum=minimum,
         height=height,
         minima=tuple((float(x), float(y)) for x, y in minima),
-        opacity=opacity,
         heights=heights,
     )
 
@@ -90,7 +87,7 @@ def _table(name: str) -> np.ndarray:
     return matplotlib.colormaps[name](np.arange(256), bytes=True)[:, :3].copy()
 
 
-def paint_field(field, search: Search, label: str, opacity: float = 1.0, height: float = 0.0) -> Floor:
+def paint_field(field, search: Search, label: str, height: float = 0.0) -> Floor:
     """A field of both signs, -1 to 1, as `paint`: white where it is nothing."""
     field, half = np.asarray(field, float), search.step / 2
     row, column = np.unravel_index(np.abs(field).argmin(), field.shape)
@@ -101,7 +98,6 @@ def paint_field(field, search: Search, label: str, opacity: float = 1.0, height:
         bar=ColourBar(-1.0, 1.0, False, label, colours=TWO_SIDED),
         minimum=(float(search.origin[0] + column * search.step), float(search.origin[1] + row * search.step)),
         height=height,
-        opacity=opacity,
         marked=False,
     )
 

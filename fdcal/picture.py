@@ -340,8 +340,7 @@ def _room(scene: Scene, marker: float, theme: Theme):
         lines = (_lines("room/box", np.concatenate([upper, uprights]), theme.faint, 2.0),)
     else:
         edges = np.concatenate([edges, upper])
-        mesh = shapes.walls(vertices, height)
-        solids = (_solid("room/walls", (mesh.vertices, mesh.faces), theme.ink, opacity=0.12),)
+        solids = (_solid("room/walls", shapes.walls(vertices, height), theme.ink, opacity=0.12),)
     spacing = 1.0 if np.ptp(vertices, axis=0).max() > 3.0 else 0.2
     grid = shapes.floor_grid(vertices, spacing, -4 * layer)
     place = shapes.lift(place, 4 * layer)

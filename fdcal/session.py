@@ -23,6 +23,8 @@ import numpy as np
 from .checks import frozen_array
 from .history import MOST_STATES, History, SessionView, thinned
 
+GIVEN = 0.1  # s without a step that a hand is given
+
 log = logging.getLogger(__name__)
 
 
@@ -63,6 +65,7 @@ class Session:
         index = count - 1 if index is None else min(max(int(index), 0), count - 1)
         self._goal: Callable[[Any], bool] | None = None  # true once the state reached ends the run
         self._pause = 0.0  # s between two steps
+        self._way = 0.0  # moment of `time.monotonic` until which there is no step
         self._held: object = None  # the gesture that the last state came from, if a hand made it
         self._view = SessionView(self._states[index], index, count, False, "", History(self._states, count))
         self._thread = threading.Thread(target=self._serve, name="fdcal-solver", daemon=True)
@@ -96,6 +99,10 @@ class Session:
     def pace(self, rate: float) -> None:
         """Take at most `rate` steps a second while running; 0 is as many as there may be."""
         self._commands.put(("pace", float(rate)))
+
+    def give_way(self) -> None:
+        """Let the processor to the page for GIVEN seconds after the step under way: a hand has asked for something."""
+        self._way = time.monotonic() + GIVEN
 
     def reset(self, seed: int | None = None, settings=None) -> None:
         """Start anew, from `seed` or from the last one used, with other `settings` (the solver's name among them)."""
@@ -137,16 +144,17 @@ class Session:
                     self._publish(running=False)
                     return
                 self._guarded(getattr(self, f"_on_{command[0]}"), *command[1:])
-            if self._goal is not None:
+            if self._goal is not None and time.monotonic() >= self._way:
                 self._guarded(self._advance)
             time.sleep(0)  # let go of the interpreter: a solver that never does would starve the page
 
     def _pending(self) -> list[tuple]:
         """All commands that wait (blocking for one when idle), without those a later one makes void."""
         commands = [self._commands.get()] if self._goal is None else []
-        if self._goal is not None and self._pause:
+        rest = max(self._pause, self._way - time.monotonic())
+        if self._goal is not None and rest > 0:
             with contextlib.suppress(queue.Empty):
-                commands.append(self._commands.get(timeout=self._pause))
+                commands.append(self._commands.get(timeout=rest))
         while not self._commands.empty():
             commands.append(self._commands.get())
         return [

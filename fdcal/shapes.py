@@ -6,7 +6,6 @@ Segments are (S, 2, 3) float64, metres: S pieces from [:, 0] to [:, 1]. Markers 
 from __future__ import annotations
 
 import numpy as np
-import trimesh
 from matplotlib.ticker import MaxNLocator
 
 
@@ -94,15 +93,14 @@ def stems(points: np.ndarray, z: float) -> np.ndarray:
     return np.stack([points, feet], axis=1)
 
 
-def walls(vertices, height: float) -> trimesh.Trimesh:
-    """The outline (V, 2), metres, extruded upwards: two triangles a wall, neither floor nor ceiling."""
+def walls(vertices, height: float) -> tuple[np.ndarray, np.ndarray]:
+    """The outline (V, 2), metres, extruded upwards, two triangles a wall: (2 V, 3), metres, and (2 V, 3) int."""
     count = len(vertices)
     here, there = np.arange(count), np.roll(np.arange(count), -1)
     faces = np.concatenate(
         [np.stack([here, there, there + count], axis=1), np.stack([here, there + count, here + count], axis=1)]
     )
-    points = np.concatenate([lift(vertices, 0.0), lift(vertices, height)])
-    return trimesh.Trimesh(vertices=points, faces=faces, process=False)
+    return np.concatenate([lift(vertices, 0.0), lift(vertices, height)]), faces
 
 
 def floor_grid(vertices, spacing: float, z: float) -> np.ndarray:

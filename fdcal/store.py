@@ -2,7 +2,7 @@
 
     write_atomically        every output of fdcal: to a temporary name, then moved into place
     cached_recordings       of a scene's simulation    cached_measurement   of a whole scene
-    cached_arrays           of anything else
+    cached_arrays           of anything else             kept_measurement   where it is in the cache
     save_result, load_result    the JSON file of `fdcal calibrate`
 
 The cache is a folder of .npy and .npz files, named by a hash of all that produced them and ending in a checksum of
@@ -105,9 +105,6 @@ def cached_measurement(scene: Scene, progress=None) -> Measurement:
     Raises InputError as `measure` does.
     """
     require_measurable(scene)
-    table = dataclasses.asdict(scene)
-    for name in ("name", "title", "solver"):  # these change nothing that is measured
-        del table[name]
 
     def write(file, measurement: Measurement) -> None:
         save_measurement(measurement, file)
@@ -116,7 +113,19 @@ def cached_measurement(scene: Scene, progress=None) -> Measurement:
         recordings = cached_recordings(scene, progress) if scene.room.dimension == 2 else None
         return measure(scene, recordings, progress)
 
-    return _cached(f"{_key('measurement with its spectrum', table)}.npz", make, load_measurement, write)
+    return _cached(_measurement_name(scene), make, load_measurement, write)
+
+
+def kept_measurement(scene: Scene) -> Measurement | None:
+    """What `cached_measurement` gives at once; None where it would have to be made."""
+    return _kept(_measurement_name(scene), load_measurement)
+
+
+def _measurement_name(scene: Scene) -> str:
+    table = dataclasses.asdict(scene)
+    for name in ("name", "title", "solver"):  # these change nothing that is measured
+        del table[name]
+    return f"{_key('measurement with its spectrum', table)}.npz"
 
 
 def cached_arrays(kind: str, parts: list, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
@@ -143,6 +152,21 @@ def cache_folder() -> Path:
 
 def _cached(name: str, make, read, write):
     """Value of a cache file, or of `make()`, which is then written. The cache never stops a run: it only warns."""
+    value = _kept(name, read)
+    if value is not None:
+        return value
+    path, value = cache_folder() / name, make()
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(path, lambda temporary: _write_checked(temporary, value, write), force=True)
+        _bound(path.parent)
+    except OSError as error:
+        log.warning("nothing is kept in the cache: %s", error)
+    return value
+
+
+def _kept(name: str, read):
+    """Value of a cache file; None where there is none that can be read."""
     path = cache_folder() / name
     try:
         content = path.read_bytes()
@@ -155,14 +179,7 @@ def _cached(name: str, make, read, write):
         pass
     except Exception as error:
         log.warning("the cache file %s cannot be read (%s) and is made anew", path, error)
-    value = make()
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, lambda temporary: _write_checked(temporary, value, write), force=True)
-        _bound(path.parent)
-    except OSError as error:
-        log.warning("nothing is kept in the cache: %s", error)
-    return value
+    return None
 
 
 def _write_checked(path: Path, value, write) -> None:

@@ -33,14 +33,38 @@ class Delivery:
     ended: float = 0.0
 
 
+class Bell:
+    """Has a loop go round sooner than it would by itself."""
+
+    def __init__(self):
+        self._rung = threading.Event()
+
+    def ring(self) -> None:
+        """Any thread."""
+        self._rung.set()
+
+    def wait(self, timeout: float) -> bool:
+        """Block until somebody rings, or has rung since the last time; False if nobody did within `timeout`, s."""
+        rung = self._rung.wait(timeout)
+        self._rung.clear()
+        return rung
+
+
 class LatestWorker:
     """A thread that runs only the newest request, or the newest `keep`, oldest first; others that wait are dropped.
 
-    `latest` is the newest `Delivery`, None before the first. An exception becomes `latest.error`; the thread lives on.
+    `latest` is the newest `Delivery`, None before the first; `tell` is called once there is a new one. An exception
+    becomes `latest.error`; the thread lives on.
     """
 
-    def __init__(self, function: Callable, name: str = "fdcal-worker", keep: int = 1):
-        self._function = function
+    def __init__(
+        self,
+        function: Callable,
+        name: str = "fdcal-worker",
+        keep: int = 1,
+        tell: Callable[[], None] = lambda: None,
+    ):
+        self._function, self._tell = function, tell
         self._changed = threading.Condition()
         self._waiting: collections.deque[tuple] = collections.deque(maxlen=keep)
         self._busy = self._closed = False
@@ -94,6 +118,7 @@ class LatestWorker:
             with self._changed:
                 self._latest, self._busy = delivery, False
                 self._changed.notify_all()
+            self._tell()
 
     def _work(self, arguments: tuple) -> Delivery:
         try:

@@ -5,6 +5,7 @@ import dataclasses
 import matplotlib
 import numpy as np
 import pytest
+import trimesh
 
 from fdcal import picture, shapes
 from fdcal.measurement import Measurement
@@ -265,7 +266,7 @@ def test_headline_measures_in_millimetres(measurement):
 def test_walls_are_a_closed_band_of_the_right_area(name):
     scene = load_scene(name)
     vertices = scene.room.vertices
-    mesh = shapes.walls(vertices, 0.5)
+    mesh = trimesh.Trimesh(*shapes.walls(vertices, 0.5), process=False)
     perimeter = np.linalg.norm(vertices - np.roll(vertices, -1, axis=0), axis=1).sum()
     assert mesh.area == pytest.approx(0.5 * perimeter)
     assert len(mesh.faces) == 2 * len(vertices)

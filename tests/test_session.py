@@ -8,7 +8,7 @@ import pytest
 
 from fdcal.checks import InputError, StorageError
 from fdcal.session import Session
-from fdcal.worker import LatestWorker
+from fdcal.worker import Bell, LatestWorker
 
 WAIT = 20.0  # s, bound of every wait; none is ever waited out when the law holds
 
@@ -252,6 +252,18 @@ def test_worker_runs_the_newest_request_only():
     assert worker.close(WAIT)
 
 
+def test_a_worker_tells_that_it_has_delivered():
+    bell, worker = Bell(), None
+    try:
+        worker = LatestWorker(lambda x: x, tell=bell.ring)
+        assert not bell.wait(0.0)
+        worker.request(1)
+        assert bell.wait(WAIT) and worker.latest.result == 1
+        assert not bell.wait(0.0), "once for one"
+    finally:
+        worker.close(WAIT)
+
+
 def test_worker_tells_an_exception_and_lives():
     worker = LatestWorker(lambda x: 1 / x)
     worker.request(0)
@@ -292,6 +304,20 @@ def test_a_slow_pace_holds_up_no_command(make):
     session.pause()
     assert session.wait_for(lambda view: not view.running, WAIT)
     session.pace(0)
+    session.play()
+    assert session.wait_for(lambda view: view.state.finished, WAIT)
+
+
+def test_who_is_asked_to_give_way_takes_no_step_but_hears_commands(make, monkeypatch):
+    monkeypatch.setattr("fdcal.session.GIVEN", 2 * WAIT)
+    session = make(Counter())
+    session.give_way()
+    session.play()
+    session.use_modes(2, 3, False)
+    assert session.wait_for(lambda view: view.state.first == 2, WAIT)
+    assert session.view.running and session.view.state.step == 0
+    session._way = 0.0
+    session.pause()  # ends the wait
     session.play()
     assert session.wait_for(lambda view: view.state.finished, WAIT)
 

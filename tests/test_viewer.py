@@ -54,6 +54,7 @@ from fdcal.viewer import (
 )
 from fdcal.viewer.controls import Controls
 from fdcal.viewer.desk import NOTHING, Desk
+from fdcal.viewer.firstlook import look_at_once
 from fdcal.viewer.frame import Frame, Rooms
 from fdcal.viewer.page import Page
 from fdcal.viewer.stage import Stage
@@ -514,7 +515,10 @@ class Recorder:
 
     def __init__(self, state):
         self.commands = []
-        self.view = view_of([state])
+        self.view, self.ways = view_of([state]), 0
+
+    def give_way(self):
+        self.ways += 1
 
     def __getattr__(self, name):
         return lambda *arguments: self.commands.append((name, *arguments))
@@ -818,6 +822,44 @@ def test_maps_stand_side_by_side_and_are_drawn_anew_as_the_look_changes(viewer):
     assert drawn()
     viewer.tick(5e9)
     assert viewer._side.image.image is not light and viewer._side.image.image.shape == light.shape
+
+
+def test_opacity_takes_no_new_map(viewer):
+    """It is on the screen with the next turn, while a solver runs or not."""
+    viewer.tick(0.0)
+    assert mapped(viewer) == 3
+    before = viewer.picture.floor
+    say(viewer._controls.map.opacity, 40)
+    viewer.tick(1.0)
+    assert viewer.picture.floor.opacity == 0.4 and viewer.picture.floor.rgb is before.rgb
+    assert not viewer._maps.busy
+
+
+def test_a_running_solver_draws_the_costs_it_has_in_another_scale(viewer):
+    """The gate, which every map of costs has to pass, stays shut."""
+    viewer.tick(0.0)
+    assert mapped(viewer) == 3
+    session, positions = viewer._work.session, viewer._work.measurement.positions
+    states = [session.view.state, State(positions + 0.01, 1)]
+    history = History(states, 2, session.view.history.lineage)
+    session.view = dataclasses.replace(session.view, state=states[1], index=1, count=2, history=history, running=True)
+    say(viewer._controls.map.scale, "Linear")
+    ready = viewer._maps._worker.latest.ended
+    viewer.tick(ready)
+    assert viewer._maps._worker.wait_for(lambda latest: not latest.request[0].look.log, WAIT)
+    viewer.tick(ready)
+    assert shown(viewer) == 3 and not viewer.picture.floor.bar.log
+
+
+def test_a_hand_has_the_solver_wait_and_the_page_hurry(server, work):
+    rung = []
+    desk = Desk(server.gui, work, 6, hasten=lambda: rung.append(True))
+    tab = maptab.MapTab(desk)
+    say(tab.opacity, 50)
+    assert work.session.ways == 1 and rung
+    say(tab.opacity, 60, client=False)
+    assert work.session.ways == 1, "no hand has moved it"
+    server.gui.reset()
 
 
 def test_in_a_drag_the_last_map_stays_until_the_next(viewer):
@@ -1216,7 +1258,7 @@ def test_status_tells_units_and_doings(measurement):
 @pytest.fixture
 def page_of(server, scene, kernels):
     """A page without a browser, turned by the test; and what it takes to be ready."""
-    made = Page(server)
+    made = Page(server, Stage(server))
 
     def turn_until(happened):
         for _ in range(round(WAIT / 0.02)):
@@ -1248,6 +1290,32 @@ def test_the_page_tells_how_far_the_simulation_is(page_of, scene, monkeypatch, c
     with pytest.raises(InputError, match="mend it"):
         turn_until(lambda: False)
     assert "40 %" in capsys.readouterr().err
+
+
+def test_the_room_is_there_while_the_solver_is_being_prepared(page_of, scene, monkeypatch):
+    """As soon as the simulation is over; of an array of which nothing is told, no microphone is drawn as known."""
+    page, turn_until = page_of
+    prepare, sound = threading.Event(), cached_measurement(scene)
+    monkeypatch.setattr(preparing, "cached_measurement", lambda scene, progress: sound)
+    monkeypatch.setattr(preparing.Rehearsal, "wait_for_first", lambda *_: prepare.wait(WAIT))
+    page.open(Opening(edited(scene, {"solver.known": "none"})))
+    assert page.stage.bare
+    turn_until(lambda: not page.stage.bare)
+    assert page.viewer is None and "microphones/true" in page.stage._nodes
+    assert not any("known" in name or "estimate" in name for name in page.stage._nodes)
+    prepare.set()
+    turn_until(lambda: page.viewer is not None)
+    assert "microphones/estimate" in page.stage._nodes
+
+
+def test_what_the_cache_holds_is_shown_at_once(server, scene):
+    stage = Stage(server)
+    look_at_once(stage, Opening(edited(scene, {"seed": 987654})))
+    assert stage.bare, "it has to be simulated first"
+    cached_measurement(scene)
+    look_at_once(stage, Opening(scene))
+    assert {"microphones/true", "microphones/known", "room/walls"} <= stage._nodes.keys()
+    server.scene.reset()
 
 
 def test_another_scene_takes_the_place_of_the_first(page_of, scene):

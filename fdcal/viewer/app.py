@@ -6,9 +6,8 @@ from collections.abc import Callable, Sequence
 
 from ..lesson import Lesson
 from ..opening import Opening
+from .interrupt import Interrupt
 from .logbook import log_kept
-from .page import Page
-from .preparing import Interrupt
 from .safety import open_server, quietly
 
 
@@ -32,10 +31,18 @@ def serve(
         try:
             server.gui.configure_theme(show_share_button=False, show_logo=False)
             server.gui.set_panel_label(f"fdcal · {opening.scene.name}")
-            page = Page(server, lessons)
-            page.open(opening) if begin is None else page.lessons.take(begin.title)
             if on_ready is not None:
                 on_ready(address(host, server.get_port()))
+            from .firstlook import look_at_once
+            from .stage import Stage
+
+            stage = Stage(server)
+            if begin is None:
+                look_at_once(stage, opening)
+            from .page import Page  # seconds of libraries, in which a browser loads its own
+
+            page = Page(server, stage, lessons)
+            page.open(opening) if begin is None else page.lessons.take(begin.title)
             page.run(interrupt)
         finally:
             if page is not None:

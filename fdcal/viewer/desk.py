@@ -91,7 +91,8 @@ class Desk:
     """Choices, session and handles. `choices` is replaced whole by the callbacks, and read by the main loop.
 
     `open(opening)` has another session take this one's place as soon as it is ready; it may refuse, and tells so on the
-    page. Whoever stays longer than a session asks the page for its desk each time (`page.Page.desk`).
+    page. `hasten()` brings the screen up to date sooner than by itself. Whoever stays longer than a session asks the
+    page for its desk each time (`page.Page.desk`).
     """
 
     def __init__(
@@ -101,10 +102,11 @@ class Desk:
         modes: int,
         open_other: Callable[[Opening], None] = lambda opening: None,
         before: Choices | None = None,
+        hasten: Callable[[], None] = lambda: None,
     ):
         self.gui, self.work, self.session, self.measurement = gui, work, work.session, work.measurement
         self.modes, self.weights, self.open = modes, work.scene.solver.weights, open_other
-        self.choices = first_choices(work, modes, before)
+        self.choices, self._hasten = first_choices(work, modes, before), hasten
         self.shown: dict[str, object] = {}  # what the handles were last told by `tell`
 
     def on(self, handle, act: Callable) -> None:
@@ -112,6 +114,7 @@ class Desk:
 
         async def hear(event) -> None:
             if event.client is not None:
+                self.session.give_way()
                 act(event.target.value)
 
         (handle.on_click if hasattr(handle, "on_click") else handle.on_update)(hear)
@@ -126,6 +129,7 @@ class Desk:
 
     def choose(self, **changes) -> None:
         self.choices = replace(self.choices, **changes)
+        self._hasten()
 
     def look(self, **changes) -> None:
         """Draw maps in another way."""

@@ -6,6 +6,7 @@ one makes the same map finely once everything stands still, and gives up as soon
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -58,6 +59,10 @@ class MapRequest:
         )
         return mine == theirs and self.lineage is wanted.lineage
 
+    def differs_in_look(self, wanted: MapRequest) -> bool:
+        """Whether `wanted` is this map, drawn in another way; its state may be a newer one."""
+        return self.look != wanted.look and replace(self, look=wanted.look).stands_for(wanted, True)
+
     def almost(self, wanted: MapRequest) -> bool:
         """Whether `wanted` is the same map but for one microphone's place, as each moment of a drag is."""
         if replace(self, turn=wanted.turn) != wanted:
@@ -82,11 +87,12 @@ class Map:
 class Maps:
     """Asks for maps and hands out the newest that fits; all of it on the caller's thread but `_quick` and `_fine`."""
 
-    def __init__(self, work: Work):
+    def __init__(self, work: Work, tell: Callable[[], None] = lambda: None):
+        """`tell` is called when there is a new map."""
         self._work, self._asked, self._since = work, None, 0.0
         self._fine_asked: MapRequest | None = None
         self._costs: dict[str, tuple] = {}  # of each thread: what its last costs belong to, and them
-        self._worker = LatestWorker(self._quick, "fdcal-map")
+        self._worker = LatestWorker(self._quick, "fdcal-map", tell=tell)
         self._slow = LatestWorker(self._fine, "fdcal-fine-map")
 
     def newest(self, wanted: MapRequest, running: bool, now: float) -> tuple[Map | None, str]:
@@ -97,6 +103,8 @@ class Maps:
             pause = max(pause, FOLLOW)
         rested = not running or latest is None or now - latest.ended > pause
         rested = rested or not latest.request[0].stands_for(wanted, running)  # a hand has asked for another one
+        if running and latest is not None and latest.request[0].differs_in_look(wanted):
+            wanted = replace(latest.request[0], look=wanted.look)  # painted anew, of costs that are there
         if wanted != self._asked and rested and not (running and self._worker.busy):
             self._asked, self._since = wanted, now
             self._worker.request(wanted)
@@ -148,7 +156,7 @@ class Maps:
         field = landscapes.mode_shape(work.problem, wanted.state.positions, mode, offset)
         label = f"pressure of mode {mode}, {work.measurement.frequencies[mode - 1]:.1f} Hz (greatest 1)"
         height = heights_of(work.told, work.measurement)[0]
-        floor = paint_field(field, work.problem.search, label, wanted.look.opacity, height)
+        floor = paint_field(field, work.problem.search, label, height)
         return Map(wanted, floor, None, 0, 0.0, 0.0)
 
     def _fine(self, wanted: MapRequest) -> Map | None:
@@ -176,7 +184,7 @@ class Maps:
             label += f" at z = {wanted.state.positions[n, 2]:.2f} m"
         floor = paint(
             total, search, look.log, label, minima=landscapes.places(minima, search),
-            opacity=look.opacity, relief=look.relief, height=heights_of(self._work.told, self._work.measurement)[0],
+            relief=look.relief, height=heights_of(self._work.told, self._work.measurement)[0],
         )  # fmt: skip
         here = landscapes.cost_at(total, search, wanted.state.positions[n])
         return Map(wanted, floor, maps, len(minima), here, float(total.min()))

@@ -16,33 +16,37 @@ import viser
 
 from ..lesson import Lesson
 from ..opening import Opening
+from ..worker import Bell
 from .desk import Desk
+from .firstlook import first_look
 from .frame import Frame, Rooms
 from .helptab import add_help
+from .interrupt import Interrupt
 from .keys import add_keys
 from .lessons import Lessons
-from .preparing import Interrupt, Work
+from .preparing import Work
 from .stage import Stage
 from .switch import Notice, Switch
 from .viewing import Viewer
 
 LONGEST = 1.2  # s that threads are waited for at the end
 RATE = 25.0  # times a second that the screen is brought up to date
+HASTE = 50.0  # times a second at most where a hand waits for something
 LOOK_ROUND = 1.0  # s between two looks at the sizes of all canvases
 
 
 class Page:
     """Owns the panels' frame, the scene, and the session that is shown."""
 
-    def __init__(self, server: viser.ViserServer, lessons: Sequence[Lesson] = ()):
-        self._server, self.frame, self.stage, self.switch = server, Frame(server.gui), Stage(server), Switch()
+    def __init__(self, server: viser.ViserServer, stage: Stage, lessons: Sequence[Lesson] = ()):
+        self._server, self.stage, self.frame, self.switch = server, stage, Frame(server.gui), Switch()
         self.notice = Notice(self.frame, self.switch)
         self.viewer: Viewer | None = None
         self.lessons = Lessons(self, lessons)
         with self.frame.tab("Help"):
             add_help(server.gui)
         add_keys(server.gui, self)
-        self._told, self._looked = "", 0.0
+        self._told, self._looked, self._bell = "", 0.0, Bell()
         self._welcome(server)
 
     def open(self, opening: Opening) -> None:
@@ -75,9 +79,12 @@ class Page:
         """Bring the screen up to date until interrupted. Raises what keeps the first session from being."""
         due = time.perf_counter()
         while not interrupt.came:
-            self.turn(time.perf_counter())
+            began = time.perf_counter()
+            self.turn(began)
             due = max(due + 1 / RATE, time.perf_counter())
-            time.sleep(max(due - time.perf_counter(), 0.0))
+            if self._bell.wait(due - time.perf_counter()):
+                due = began + 1 / HASTE
+                time.sleep(max(due - time.perf_counter(), 0.0))
 
     def turn(self, now: float) -> None:
         """Once round the loop."""
@@ -92,6 +99,8 @@ class Page:
         self.notice.show(first)
         if self.viewer is not None:
             self.viewer.guarded_tick(now)
+        elif self.stage.bare and self.switch.measured is not None:
+            first_look(self.stage, *self.switch.measured)
         self.lessons.show(self._server.get_event_loop().call_soon_threadsafe)
         clients = self._server.get_clients().values()
         self.stage.cameras.answer(clients)
@@ -104,7 +113,8 @@ class Page:
         old, rooms = self.viewer, Rooms(self.frame)
         try:
             with self._server.atomic():
-                new = Viewer(self._server, work, rooms, self.stage, self.open, old and old.desk.choices)
+                before = old and old.desk.choices
+                new = Viewer(self._server, work, rooms, self.stage, self.open, before, self._bell.ring)
                 if old is not None:
                     old.take_down()
         except Exception as error:

@@ -1,9 +1,7 @@
-"""From an opening to a session, on a thread that can be stopped; and Ctrl-C."""
+"""From an opening to a session, on a thread that can be stopped."""
 
 from __future__ import annotations
 
-import contextlib
-import signal
 from dataclasses import dataclass, replace
 from types import ModuleType
 
@@ -12,7 +10,7 @@ from ..checks import InputError
 from ..cost import usable_modes
 from ..measured import Measured
 from ..measurement import Measurement, Problem
-from ..opening import Opening
+from ..opening import Opening, as_told
 from ..scene import Scene
 from ..session import Session
 from ..store import cached_measurement
@@ -47,6 +45,7 @@ class Progress:
     def __init__(self):
         self.done, self.stop = 0.0, False
         self.rehearsal: Rehearsal | None = None
+        self.measurement: Measurement | None = None  # as soon as there is one
 
     def __call__(self, done: float, *_) -> None:
         self.done = float(done)
@@ -58,27 +57,6 @@ class Progress:
         if self.done < 1:
             return f"Simulating the room ... {round(100 * self.done)} %"
         return (self.rehearsal.text if self.rehearsal else "") or "Preparing the solver ..."
-
-
-class Interrupt:
-    """Ctrl-C as a flag, so that nothing is torn in the middle: the loops look at `came`. A context manager."""
-
-    def __init__(self):
-        self.came = False
-
-    def __enter__(self) -> Interrupt:
-        self._before = []
-        for number in (signal.SIGINT, signal.SIGTERM):
-            with contextlib.suppress(ValueError):  # outside the main thread there are no signals to hear
-                self._before.append((number, signal.signal(number, self._note)))
-        return self
-
-    def _note(self, *_) -> None:
-        self.came = True
-
-    def __exit__(self, *_) -> None:
-        for number, handler in self._before:
-            signal.signal(number, handler)
 
 
 def work_of(opening: Opening, progress: Progress) -> Work:
@@ -95,11 +73,11 @@ def _work_of(opening: Opening, progress: Progress, rehearsal: Rehearsal) -> Work
     scene, measurement = opening.scene, opening.measurement
     if measurement is None:
         measurement = cached_measurement(scene, progress)
+    progress.measurement = as_told(scene, measurement)
     progress(1.0)
     rehearsal.wait_for_first(lambda: progress(1.0))
     problem = measurement.problem(scene.solver.weights, scene.solver.known)
-    if scene.solver.known == "none":  # the page scores and draws an array of which nothing is told
-        measurement = replace(measurement, known=(), known_positions=None)
+    measurement = progress.measurement
     if opening.fewer_modes:
         scene = _with_modes_there_are(scene, problem)
     solver = solvers.load(scene.solver.name)

@@ -26,6 +26,11 @@ class Stage:
         self._picture: Picture | None = None
         self.cameras = Cameras(server)
 
+    @property
+    def bare(self) -> bool:
+        """Whether nothing has been shown yet."""
+        return self._picture is None
+
     def show(self, picture: Picture) -> None:
         """Make the scene look like `picture`."""
         parts = {part.name: part for part in (*picture.lines, *picture.solids, *picture.labels)}

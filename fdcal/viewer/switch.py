@@ -12,6 +12,7 @@ import logging
 import viser
 
 from ..checks import InputError, StorageError
+from ..measurement import Measurement
 from ..opening import Opening
 from ..worker import LatestWorker
 from . import words
@@ -70,6 +71,12 @@ class Switch:
     def progress(self) -> Progress | None:
         """Of what is under way."""
         return None if self._job is None else self._job.progress
+
+    @property
+    def measured(self) -> tuple[Opening, Measurement] | None:
+        """What is under way, once it is measured or simulated."""
+        measurement = None if self._job is None else self._job.progress.measurement
+        return None if measurement is None else (self._job.opening, measurement)
 
     @property
     def title(self) -> str:

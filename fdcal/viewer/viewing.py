@@ -63,11 +63,13 @@ class Viewer:
         stage: Stage,
         open_other: Callable[[Opening], None] = lambda opening: None,
         before: Choices | None = None,
+        hasten: Callable[[], None] = lambda: None,
     ):
         self._work, self._stage, self._rooms = work, stage, rooms
         modes = most_modes(work)
-        self.desk = Desk(rooms.gui, work, modes, open_other, before)
+        self.desk = Desk(rooms.gui, work, modes, open_other, before, hasten)
         self._still: dict[bool, Picture] = {}
+        self._veiled: tuple = (None, 1.0, None)  # a map, the opacity it is shown with, and the map with that
         self._fault, self._fault_time = "", 0.0
         self._followed = self.desk.choices.microphone
         self._turn, self._state = 0, work.session.view.state
@@ -77,7 +79,7 @@ class Viewer:
         self._controls = Controls(self._rooms, self.desk, stage.cameras.ask, self._export)
         self._races = Races(work)
         self._side = SidePanel(self._rooms, self.desk, work.problem, self._controls.map, self._races)
-        self._maps, self._spreads = Maps(work), Spreads(work)  # threads last: what is above may refuse
+        self._maps, self._spreads = Maps(work, hasten), Spreads(work)  # threads last: what is above may refuse
         self._exports = Exports()
         stage.show(self._drawn.picture)
         name = f"/hands/{rooms.number}"
@@ -147,7 +149,7 @@ class Viewer:
         drawn, trouble = self._map(view, choices, follow, now)
         if follow and drawn is not None:
             self._followed = drawn.request.microphone  # a running solver is faster than its maps
-        floor = drawn.floor if drawn else None
+        floor = self._seen_through(drawn.floor, choices.look.opacity) if drawn else None
         errors = self._spreads.of(view.state, view.running, now)
         runners = self._races.turn(now)
         marked = self._side.race.marked(runners)
@@ -173,10 +175,17 @@ class Viewer:
         state = view.state
         modes = choices.modes or tuple(range(state.first, state.last + 1))
         microphone = state.moved if follow and state.moved >= 0 else self._followed
+        look = replace(choices.look, opacity=1.0)  # which needs no other map
         wanted = MapRequest(
-            self._turn, microphone, modes, choices.modes is not None, choices.look, follow, state, view.history.lineage
+            self._turn, microphone, modes, choices.modes is not None, look, follow, state, view.history.lineage
         )
         return self._maps.newest(wanted, view.running, now)
+
+    def _seen_through(self, floor: Floor, opacity: float) -> Floor:
+        """A map with the opacity that is wanted."""
+        if self._veiled[0] is not floor or self._veiled[1] != opacity:
+            self._veiled = floor, opacity, replace(floor, opacity=opacity)
+        return self._veiled[2]
 
     def _compose(self, state, choices: Choices, microphone: int, floor: Floor | None) -> Picture:
         dark, measurement = choices.look.dark, self._work.measurement
