@@ -35,8 +35,8 @@ def intake(path: str | Path, wishes: Wishes = AS_IT_IS) -> tuple[Measurement, Re
     speed, speed_from = speed_of(recording, wishes)
     usable, usable_from = usable_by(recording, wishes, places, speed)
     band = band_of(recording, wishes, usable, usable_from)
-    recording, kind = _complete(recording, wishes, band)
-    pressures = _pressures(recording, kind, wishes, band, speed)
+    recording, kind, noise = _complete(recording, wishes, band)
+    pressures = _pressures(recording, kind, wishes, band, speed, noise)
     measurement = _measurement(recording, wishes, numbers, places, pressures, speed)
     return measurement, Report(recording, kind, left_out, pressures, speed, speed_from, usable, usable_from)
 
@@ -70,24 +70,21 @@ def _flattened(recording: Recording, wishes: Wishes) -> Recording:
     return replace(recording, positions=positions[:, :2])
 
 
-def _complete(recording: Recording, wishes: Wishes, band) -> tuple[Recording, str]:
-    """The recording, deconvolved where a reference is given, and its kind."""
+def _complete(recording: Recording, wishes: Wishes, band):
+    """The recording, deconvolved where a reference is given, its kind, and the noise if that is known already."""
     if wishes.reference is not None:
         from .deconvolution import deconvolved
 
-        return deconvolved(recording, formats.read(wishes.reference), band), "response"
-    if wishes.against is not None:
-        return recording, "work"
-    if wishes.kind != "auto":
-        return recording, wishes.kind
-    if recording.kind is not None:
-        return recording, recording.kind
-    return recording, "response" if _falls(recording, band) else "work"
+        responses, noise = deconvolved(recording, formats.read(wishes.reference), band)
+        return responses, "response", noise
+    kind = "work" if wishes.against is not None else wishes.kind if wishes.kind != "auto" else recording.kind
+    return recording, kind or ("response" if _falls(recording, band) else "work"), None
 
 
 def _falls(recording: Recording, band) -> bool:
     """Whether the sound is gone, or nearly, at the end: then the recording is complete."""
-    from .responses import LONGEST, piece_levels
+    from .decay import piece_levels
+    from .responses import LONGEST
 
     if recording.samples > LONGEST:
         return False
@@ -95,7 +92,7 @@ def _falls(recording: Recording, band) -> bool:
     return bool(level[-2:].mean() <= level.max() * 10 ** (-COMPLETE_DB / 10))
 
 
-def _pressures(recording: Recording, kind: str, wishes: Wishes, band, speed: float) -> Pressures:
+def _pressures(recording: Recording, kind: str, wishes: Wishes, band, speed: float, noise) -> Pressures:
     if kind == "work":
         if wishes.window != "auto":
             raise InputError(f"--window {wishes.window} is for --kind response; a source at work needs none")
@@ -112,7 +109,7 @@ def _pressures(recording: Recording, kind: str, wishes: Wishes, band, speed: flo
         raise InputError(
             f'--window "{wishes.window}" must be auto, none or a rate up to {50 / recording.duration:.3g} per second'
         )
-    return from_response(recording, band, speed, rate, wishes.most)
+    return from_response(recording, band, speed, rate, wishes.most, noise)
 
 
 def _measurement(recording: Recording, wishes: Wishes, numbers, places, taken: Pressures, speed: float) -> Measurement:

@@ -11,19 +11,20 @@ import numpy as np
 import pytest
 import soundfile
 from recorded import FS, SPEED, at_work, exact, mismatch_db, noisy, places, responses
-from scipy.signal import fftconvolve
+from scipy.signal import chirp, fftconvolve
 
 from fdcal import bins
 from fdcal.checks import InputError
 from fdcal.choosing import known, on_plane, subset, without
 from fdcal.cli import main
+from fdcal.decay import decay_of
 from fdcal.decimation import decimated
 from fdcal.deconvolution import deconvolved
 from fdcal.imported import report
 from fdcal.intake import intake
 from fdcal.measurement_file import load_measurement
 from fdcal.recording import Recording, of_array, read
-from fdcal.responses import decay_of, from_response
+from fdcal.responses import from_response
 from fdcal.steady import from_work
 from fdcal.wishes import Wishes
 
@@ -138,10 +139,49 @@ def test_a_known_signal_gives_back_the_responses():
     said = at_work(8, 200)[1]
     silent = np.concatenate([said, np.zeros(2400)])
     played = np.array([fftconvolve(silent, h)[: len(silent)] for h in responses()[:6]])
-    made = deconvolved(recorded(played, None), recorded(silent[None], None), BAND)
+    made, _ = deconvolved(recorded(played, None), recorded(silent[None], None), BAND)
     taken = from_response(made, BAND, SPEED)
     s = SPEED * -taken.wavenumbers[0].imag
     assert np.max(mismatch_db(taken.pressures, exact(taken.frequencies, s)[:, :6])) < -40
+
+
+def swept(seconds: float, snr_db: float, silence: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """A logarithmic sweep from 20 to 500 Hz, with silence after it, as heard (24, T) and as played (T,)."""
+    t = np.arange(int(seconds * FS)) / FS
+    sound = chirp(t, 20, seconds, 500, method="logarithmic") * np.minimum(1, 20 * np.minimum(t, seconds - t))
+    played = np.concatenate([sound, np.zeros(int(silence * FS))])
+    return noisy(np.array([fftconvolve(played, h)[: len(played)] for h in responses()]), snr_db), played
+
+
+def error_over_noise(taken) -> np.ndarray:
+    """Error of every pressure over the noise told, mean of each third of the frequencies : (3,)."""
+    truth = exact(taken.frequencies, SPEED * -taken.wavenumbers[0].imag)
+    factor = np.sum(truth.conj() * taken.pressures, axis=1) / np.sum(np.abs(truth) ** 2, axis=1)
+    error = np.mean(np.abs(taken.pressures - factor[:, None] * truth) ** 2, axis=1)
+    return np.array([part.mean() for part in np.array_split(error / taken.noise_power, 3)])
+
+
+@pytest.mark.parametrize("seconds", [5, 20])
+def test_the_noise_of_a_sweep_is_told_as_it_is_with_its_reference_and_without(seconds):
+    heard, played = swept(seconds, 30)
+    plain = from_response(recorded(heard), BAND, SPEED)
+    made, noise = deconvolved(recorded(heard, None), recorded(played[None], None), BAND)
+    known = from_response(made, BAND, SPEED, noise=noise)
+    for taken in (plain, known):
+        assert len(taken.frequencies) == 57, "a long sweep ends only just before the recording does"
+        assert np.all(np.abs(np.log(error_over_noise(taken))) < np.log(1.6))
+    error = [np.median(mismatch_db(taken.pressures, exact(taken.frequencies))) for taken in (plain, known)]
+    assert error[1] < error[0] - 6, "the reference gathers the sweep, and what follows is left out"
+
+
+def test_what_follows_the_sound_is_left_out():
+    quiet = noisy(np.pad(responses(), ((0, 0), (0, 3 * FS))), 20)
+    taken = from_response(recorded(quiet), BAND, SPEED)
+    assert "the rest is left out" in taken.how
+    assert np.all(np.abs(np.log(error_over_noise(taken))) < np.log(1.6))
+    whole = np.exp(-2j * np.pi / FS * np.outer(taken.frequencies, np.arange(quiet.shape[1]))) @ quiet.T
+    truth = exact(taken.frequencies)
+    assert np.median(mismatch_db(taken.pressures, truth)) < np.median(mismatch_db(whole, truth)) - 4
 
 
 def test_frequencies_keep_apart_and_prefer_peaks():

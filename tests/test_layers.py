@@ -54,6 +54,7 @@ ROOMS = [
     ["roomverdict"],
     ["roomruns"],
     ["recording", "placed", "bins"],
+    ["decay"],
     ["formats", "responses", "decimation"],
     ["steady", "deconvolution", "choosing", "frames"],
     ["wishes", "imported"],
