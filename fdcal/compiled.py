@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -50,6 +50,11 @@ def _pool() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(min(PARTS, os.cpu_count() or 1), "fdcal-modes")
 
 
+def at_once(function: Callable, items: Iterable, worth: bool = True) -> list:
+    """`function` of every one of the items, in their order, on all cores where that is `worth` it."""
+    return list(_pool().map(function, items) if worth else map(function, items))
+
+
 def summed(kernel, before: tuple, modes: tuple, after: tuple, derivatives: int):
     """Cost (float), gradient (N, D) and curvature (N, D, N, D) that a compiled kernel sums over the modes.
 
@@ -65,8 +70,7 @@ def summed(kernel, before: tuple, modes: tuple, after: tuple, derivatives: int):
         kernel(*before, *(writable(values[first::PARTS]) for values in modes), *after, *sums)
         return sums
 
-    parts = range(min(PARTS, M))
-    done = list(_pool().map(part, parts) if M * N * N > WORTH else map(part, parts))
+    done = at_once(part, range(min(PARTS, M)), M * N * N > WORTH)
     cost, gradient, H = (sum(values[1:], values[0]) for values in zip(*done, strict=True))
     return float(cost[0]), gradient, symmetric(H)
 

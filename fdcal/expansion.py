@@ -22,7 +22,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import hankel1, spherical_jn, spherical_yn
 
-from .compiled import add_curvature, adjoint, compiled, lower_inverse, summed, writable
+from .compiled import add_curvature, adjoint, at_once, compiled, lower_inverse, summed, writable
 from .dictionary import max_order
 from .series import directions, series, series_modes
 
@@ -229,14 +229,15 @@ def expansion_spectra(
     """
     x, k = writable(positions, float), writable(wavenumbers)
     centre, orders, gains = _about_centre(x, k, dimension, near)
-    found = []
-    for kk, order, gain, p in zip(k, orders.tolist(), gains, pressures, strict=True):
+
+    def of_mode(mode) -> tuple[np.ndarray, np.ndarray]:
+        kk, order, gain, p = mode
         if dimension == 2:
-            found.append(_along(circular(x, kk, order, centre, gain), p))
-            continue
+            return _along(circular(x, kk, order, centre, gain), p)
         values, vectors = np.linalg.eigh(spherical(x, kk, order, centre, gain))
-        found.append((np.maximum(values, 0.0), np.abs(vectors.conj().T @ p) ** 2))
-    return found
+        return np.maximum(values, 0.0), np.abs(vectors.conj().T @ p) ** 2
+
+    return at_once(of_mode, zip(k, orders.tolist(), gains, pressures, strict=True))
 
 
 def circular(points, k, order: int, centre, gain=None) -> np.ndarray:

@@ -21,6 +21,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg.blas import dtrmm
 from scipy.linalg.lapack import dtrtri
 from scipy.optimize import minimize, minimize_scalar
 from scipy.special import j0
@@ -164,23 +165,27 @@ def likelihood_landscapes(positions, chosen, candidates, pressures, field: Diffu
     at x is log det (C_-n / v) + p_-n^H C_-n^-1 p_-n + log (V / v) + |p_n - q|^2 / V, V = s + v less the first, q the
     second.
     """
+    from .compiled import at_once  # compiled code is loaded with the first step
+
     C, _ = _covariance(positions, field)
     distance = np.linalg.norm(positions[:, None] - candidates[None], axis=-1)
     chosen = np.asarray(chosen)
-    costs = np.empty((len(pressures), len(chosen), len(candidates)))
-    for m, p in enumerate(pressures):
-        G = np.linalg.cholesky(C[m])
+
+    def of_mode(m: int) -> np.ndarray:
+        p, G = pressures[m], np.linalg.cholesky(C[m])
         X = dtrtri(G, lower=1)[0]  # K = X^T X
         c = field.power[m] * kernel(field.wavenumbers[m] * distance, field.dimension)
         y, rows = X @ p, X[:, chosen].T @ X
         u, d = X.T @ y, rows[np.arange(len(chosen)), chosen]
         along = rows @ c
-        V = field.power[m] + field.noise[m] - np.sum((X @ c) ** 2, axis=0) + along**2 / d[:, None]
+        explained = np.sum(dtrmm(1.0, X, c.T, side=1, lower=1, trans_a=1) ** 2, axis=1)  # of (X c)^T
+        V = field.power[m] + field.noise[m] - explained + along**2 / d[:, None]
         missed = (p[chosen] + 0j)[:, None] - u @ c + along * (u[chosen] / d)[:, None]
         base = 2 * np.log(np.diagonal(G)).sum() + np.log(d) - len(positions) * np.log(field.noise[m])
         base += np.sum(np.abs(y) ** 2) - np.abs(u[chosen]) ** 2 / d
-        costs[m] = base[:, None] + np.log(V) + np.abs(missed) ** 2 / V
-    return costs
+        return base[:, None] + np.log(V) + np.abs(missed) ** 2 / V
+
+    return np.array(at_once(of_mode, range(len(pressures))))
 
 
 def left_out(positions, pressures, field: DiffuseField) -> np.ndarray:
@@ -285,6 +290,13 @@ def _spectra(positions, pressures, wavenumbers, dimension: int, near: bool) -> t
 
         pairs = expansion_spectra(positions, pressures, k, dimension, near)
         return np.array([values for values, _ in pairs]), np.array([along for _, along in pairs])
+    from .compiled import at_once
+
     distance = np.linalg.norm(positions[:, None] - positions[None], axis=-1)
-    values, vectors = np.linalg.eigh(kernel(k[:, None, None] * distance, dimension))
-    return np.maximum(values, 0.0), np.abs((vectors.swapaxes(1, 2) @ pressures[..., None])[..., 0]) ** 2
+
+    def of_mode(pair) -> tuple[np.ndarray, np.ndarray]:
+        values, vectors = np.linalg.eigh(kernel(pair[0] * distance, dimension))
+        return np.maximum(values, 0.0), np.abs(vectors.T @ pair[1]) ** 2
+
+    spectra = at_once(of_mode, zip(k, pressures, strict=True))
+    return np.array([values for values, _ in spectra]), np.array([along for _, along in spectra])

@@ -52,8 +52,9 @@ def confidence(share: np.ndarray, problem: Problem) -> np.ndarray:
 
 
 def model(problem: Problem, state: State) -> tuple[np.ndarray, DiffuseField]:
-    """Pressures (modes in use, N) of the stage and what it supposes of their field."""
-    p, k, noise = (values[state.modes] for values in (problem.pressures, problem.wavenumbers, state.noise))
+    """Pressures (modes in use, N) of the stage and what it supposes of their field; for a bend, of enough modes."""
+    used = starts.plenty(problem, state.modes) if state.phase == "bend" else state.modes
+    p, k, noise = (values[used] for values in (problem.pressures, problem.wavenumbers, state.noise))
     likely = state.settings.cost == "likelihood"
     field = diffuse_field(p, k, noise, problem.dimension, likely, state.near, state.shape)
     return p, field if state.prior is None else replace(field, prior=state.prior)

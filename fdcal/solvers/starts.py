@@ -31,6 +31,7 @@ MISFIT = 1.3  # mean square of what is expected, from which a microphone may sta
 ASTRAY = 2.5  # the same, from which it surely does
 MOST_REHOMED = 8  # at once
 NOISE_MODES = 24  # at most, evenly taken, to estimate the noise from
+PLENTY = 4000  # pressures, for a bend or a metric, which are few numbers
 
 
 def random(problem: Problem, rng: np.random.Generator) -> np.ndarray:
@@ -183,6 +184,13 @@ def _rough_field(problem: Problem, modes: slice, rest: Unexplained):
     return p, k, diffuse_field(p, k, rest.shares(k) * np.mean(np.abs(p) ** 2, axis=1), problem.dimension)
 
 
+def plenty(problem: Problem, modes: slice) -> np.ndarray:
+    """Of the modes as many, evenly taken, as a bend of a large array takes, NOISE_MODES at least : int64."""
+    chosen = np.arange(len(problem.pressures))[modes]
+    count = len(chosen) * problem.pressures.shape[1] // PLENTY
+    return chosen[:: max(1, min(count, len(chosen) // NOISE_MODES))]
+
+
 def _spaced(problem: Problem, modes: slice) -> np.ndarray:
     """At most NOISE_MODES of the modes, evenly taken : int64."""
     chosen = np.arange(len(problem.pressures))[modes]
@@ -197,7 +205,7 @@ def _with_metric(problem: Problem, modes: int, shape, values, lowest: int) -> np
     basis = _symmetric_maps(shape).reshape(-1, N * D).T
     rest = None
     for count in (METRIC_MODES, METRIC_MODES, modes, modes):
-        used = slice(0, min(count, modes))
+        used = plenty(problem, slice(0, min(count, modes)))
         p = problem.pressures[used]
         power = np.mean(np.abs(p) ** 2, axis=1)
         noise = FIRST_NOISE if rest is None else rest.shares(k[used])
@@ -205,7 +213,7 @@ def _with_metric(problem: Problem, modes: int, shape, values, lowest: int) -> np
         if rest is None:
             guess = min((scale * guess for scale in SCALES), key=lambda x: total(x, p, field))
         guess = minimise(guess, p, field, basis, iterations=12, tolerance=3e-3)
-        rest = left_over(problem, guess, used)
+        rest = left_over(problem, guess, slice(0, min(count, modes)))
     return guess
 
 
