@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from fields import rigid_room, room_frequencies
 
+from fdcal.checks import InputError
 from fdcal.cli import main
 from fdcal.landscapes import fine_mode
 from fdcal.measurement import Measurement
@@ -75,11 +76,59 @@ def test_one_known_microphone_chooses_among_the_symmetries(calibrate):
     assert np.linalg.norm(np.array(result["positions"]) - TRUTH, axis=1).max() < 0.01
 
 
-def test_a_room_a_percent_wrong_is_not_trusted(calibrate):
+def noise(shape) -> np.ndarray:
+    parts = np.random.default_rng(5).standard_normal((2, *shape))
+    return parts[0] + 1j * parts[1]
+
+
+def disturbed(heard: Measurement) -> Measurement:
+    """Microphone 3 hears something else, too."""
+    pressures = heard.pressures.copy()
+    pressures[:, 3] += 0.2 * np.abs(pressures).mean() * noise(pressures.shape)[:, 3]
+    return replace(heard, pressures=pressures)
+
+
+def noisy(heard: Measurement) -> Measurement:
+    """Hardly anything but noise."""
+    power = np.mean(np.abs(heard.pressures) ** 2, axis=1)
+    pressures = heard.pressures + 2 * np.sqrt(power)[:, None] * noise(heard.pressures.shape)
+    return replace(heard, pressures=pressures, noise_power=8 * power)
+
+
+def displaced(heard: Measurement) -> Measurement:
+    """A known microphone is told to be elsewhere."""
+    return replace(heard, known=np.array([1, 2, 6]), known_positions=TRUTH[[1, 2, 6]] + [[0, 0], [0.3, 0.3], [0, 0]])
+
+
+@pytest.mark.parametrize(
+    ("change", "size", "code", "words"),
+    [
+        (replace, "6.06x5.05", "room_size", "6.00"),
+        (replace, "5.94x4.95", "room_size", "correct --room"),
+        (disturbed, "6x5", "odd_channel", "--exclude 3"),
+        (noisy, "6x5", "too_noisy", "unexplained"),
+        (displaced, "6x5", "known_position", "2 ("),
+    ],
+)
+def test_what_cannot_be_trusted_is_told_with_the_cause(calibrate, change, size, code, words):
+    exit_code, out, _, result = calibrate(change(measurement()), "--room", size)
+    assert (exit_code, result["verdict"]) == (4, code), result["verdict_text"]
+    assert words in result["verdict_text"]
+    assert result["verdict_text"] in " ".join(out.split())
+
+
+def test_a_room_a_percent_wrong_is_not_trusted_where_no_noise_is_told(calibrate):
     code, _, _, result = calibrate(measurement(told=False), "--room", "6.06x5.05")
     assert code == 4
     assert result["verdict"] in ("room_size", "model_mismatch")
-    assert result["residual_to_noise"] > 0
+
+
+def test_modes_chosen_by_hand_must_be_enough():
+    problem = measurement().problem()
+    state = room.init(problem, Solver(name="room", modes=MODES, room=SIZE), 0)
+    with pytest.raises(InputError, match="too few for a known room"):
+        room.use_modes(problem, state, 4, 5, False)
+    assert room.use_modes(problem, state, 1, 12, False).last == 12
 
 
 @pytest.mark.parametrize(

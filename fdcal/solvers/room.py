@@ -30,7 +30,7 @@ from ..scene import Search, Solver
 from . import roomsearch, roomsource
 from .roomattempts import EXACT, NEW_DAMPING, begin, end, from_source, hopeless
 from .roomfit import FIRST_DAMPING, damped, diffuse_terms, exact
-from .roomstate import ROUGH, State, freedom, noise_of, require_room, scaled
+from .roomstate import ROUGH, State, freedom, noise_of, require_enough, require_room, scaled
 
 SPREADS = (0.3, 0.1, 0.03)  # lattice steps, of the stages "near"
 SETTLED = {"near": 3e-3, "rough": 1e-3, "again": 1e-3, "exact": 1e-6}  # metres
@@ -74,6 +74,7 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
     """`state` with modes `first` to `last` in use (from 1, both included), from the positions where it is."""
     if not 1 <= first <= last <= len(problem.frequencies):
         raise InputError(f"modes {first} to {last} are no range of 1 to {len(problem.frequencies)}")
+    require_enough(*state.positions.shape, last - first + 1)
     phase = "search" if state.phase == "search" else "near"
     noise, told = noise_of(problem, state.settings)  # an end may have put its own in place
     changed = replace(state, first=first, last=last, automatic=automatic, phase=phase, arrays=(), sources=())

@@ -108,6 +108,16 @@ def scaled(problem: Problem, state: State, modes: slice) -> tuple[np.ndarray, np
     return p / np.sqrt(power)[:, None], noise, problem.wavenumbers[modes]
 
 
+def require_enough(count: int, D: int, modes: int) -> None:
+    """InputError where the pressures of `count` microphones are fewer than what is sought."""
+    needed = -(-(count * D + D + 2) // max(count - 1, 1))
+    if count < 2 or modes < needed:
+        raise InputError(
+            f"{modes} modes of {count} microphones are too few for a known room; use {needed} modes or more, and"
+            " two microphones at least"
+        )
+
+
 def require_room(problem: Problem, settings: Solver) -> tuple[float, ...]:
     """The size of the room; InputError where there is none, or one that the measurement does not fit."""
     size, D, (measured, N) = settings.room, problem.dimension, problem.pressures.shape
@@ -122,12 +132,7 @@ def require_room(problem: Problem, settings: Solver) -> tuple[float, ...]:
         raise InputError("a known room gives all three coordinates; set array_dimension = 3 in the measurement")
     if settings.modes > measured:
         raise InputError(f"solver.modes = {settings.modes}, but {measured} modes were measured; use at most {measured}")
-    needed = -(-(N * D + D + 2) // max(N - 1, 1))
-    if N < 2 or settings.modes < needed:
-        raise InputError(
-            f"{settings.modes} modes of {N} microphones are too few for a known room; use {needed} modes or more, and"
-            " two microphones at least"
-        )
+    require_enough(N, D, settings.modes)
     k = np.real(problem.wavenumbers[: settings.modes])
     if k.max() < np.pi / max(size):
         lowest = problem.sound_speed / 2 / max(size)

@@ -84,10 +84,13 @@ def attempts(problem: Problem, modes: int) -> list[tuple[str, float]]:
 
     "lowest": the affine start of so many lowest modes; "redirected": as of `redirected`; "rescaled": the best so far
     times a factor; "gentle": the first once more, with a noise that falls in stages (of use without noise alone).
+
+    The second is most like the first: where the first was right, it soon says so, too.
     """
     lowest = [("lowest", count) for count in dict.fromkeys(min(n, modes) for n in LOWEST[problem.dimension])]
-    rescaled = [] if len(problem.known) else [("rescaled", factor) for factor in RESCALED]
-    return [lowest[0], *rescaled, ("redirected", 0), *lowest[1:], ("gentle", lowest[0][1])]
+    second = lowest[1:2] if len(problem.known) else [("rescaled", factor) for factor in RESCALED]
+    others = [one for one in lowest[1:] if one not in second]
+    return [lowest[0], *second, ("redirected", 0), *others, ("gentle", lowest[0][1])]
 
 
 def singular_vectors(
