@@ -12,9 +12,10 @@ import numpy as np
 
 from . import choosing, formats
 from .checks import InputError
+from .health import inspect, require_usable
 from .imported import Report
 from .measurement import Measurement
-from .recording import Recording, inspect, require_usable
+from .recording import Recording
 from .responses import Pressures, from_response
 from .steady import from_work
 from .wishes import Wishes, axes_of, band_of, check, speed_of, usable_by

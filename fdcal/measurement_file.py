@@ -6,6 +6,7 @@ save_measurement, load_measurement    the keys, which are those of `fdcal.measur
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -83,7 +84,11 @@ def _read_arrays(path: str | Path) -> dict[str, np.ndarray]:
     """The arrays of an .npz file whose keys are a measurement's; no pickled objects."""
     key = ""
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        # Opened here, for NumPy leaves open what it finds damaged.
+        with (
+            open(path, "rb") if isinstance(path, (str, Path)) else nullcontext(path) as file,
+            np.load(file, allow_pickle=False) as archive,
+        ):
             table = {}
             for key in archive.files:
                 if key in REQUIRED + OPTIONAL + SEARCH:

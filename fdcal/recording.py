@@ -3,7 +3,6 @@
 Recording   channels of samples and what the file tells of them
 select      some of its channels
 groups      all samples of a few channels at a time
-inspect     level, silence, clipping and copies of every channel
 
 A `response` is complete: it starts in silence and lasts until the sound is gone or is cut off while the room rings on,
 as an impulse response, a clap or a whole sweep does. A recording at `work` is a piece out of a sound that goes on.
@@ -11,7 +10,6 @@ as an impulse response, a clap or a whole sweep does. A recording at `work` is a
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -26,7 +24,6 @@ GROUP_SAMPLES = 16_000_000  # samples held at a time: 128 MB as float64
 PIECE_SAMPLES = 500_000  # likewise, of a file where channels lie side by side: what a processor keeps at hand
 MOST_CHANNELS = 10_000
 RATES = 100.0, 1e7  # Hz, what a sampling rate may be
-CLIPPED_RUN = 3  # neighbouring samples at the greatest value that a channel reaches: no wave does that
 
 
 @dataclass(frozen=True)
@@ -172,71 +169,3 @@ def blocks(recording: Recording, most: int = GROUP_SAMPLES // 4) -> Iterator[np.
     step = max(1, most // recording.count)
     for start in range(0, recording.samples, step):
         yield read(recording, start, min(start + step, recording.samples))
-
-
-@dataclass(frozen=True)
-class Health:
-    """Of every channel (N,): `level`, root mean square; `peak`; `silent`, `clipped` bool; `copy_of`, the number of the
-    earlier channel that holds the same samples, or -1."""
-
-    level: np.ndarray
-    peak: np.ndarray
-    silent: np.ndarray
-    clipped: np.ndarray
-    copy_of: np.ndarray
-
-    @property
-    def bad(self) -> np.ndarray:
-        """(n,) int64, the channels that cannot be used."""
-        return np.flatnonzero(self.silent | self.clipped | (self.copy_of >= 0))
-
-    def fault(self, n: int, names) -> str:
-        """What is wrong with a bad channel."""
-        if self.silent[n]:
-            return "silent"
-        return "clipped" if self.clipped[n] else f"a copy of {names[self.copy_of[n]]}"
-
-
-def inspect(recording: Recording) -> Health:
-    """Go through all samples once, a stretch at a time. Raises InputError for one that is not finite."""
-    count = recording.count
-    square, peak, longest, digests = np.zeros(count), np.zeros(count), np.zeros(count, int), [None] * count
-    hashes = [hashlib.blake2b(digest_size=16) for _ in range(count)]
-    for block in blocks(recording):
-        square += np.sum(block**2, axis=1)
-        top = np.abs(block).max(axis=1)
-        for n in range(count):
-            hashes[n].update(block[n])
-            run = _longest_run(np.abs(block[n]) >= top[n]) if top[n] > 0 and top[n] >= peak[n] else 0
-            longest[n] = run if top[n] > peak[n] else max(longest[n], run)
-        peak = np.maximum(peak, top)
-    level = np.sqrt(square / recording.samples)
-    digests = [h.digest() for h in hashes]
-    first = {digest: n for n, digest in reversed(list(enumerate(digests)))}
-    silent = level <= 1e-7 * level.max() if level.max() > 0 else np.ones(count, bool)
-    copies = np.array([first[digest] if first[digest] < n else -1 for n, digest in enumerate(digests)])
-    full = (peak >= 0.999 * recording.full_scale) if recording.full_scale else np.zeros(count, bool)
-    clipped = ((longest >= CLIPPED_RUN) | full & (longest >= 2)) & ~silent
-    return Health(level, peak, silent, clipped, np.where(silent, -1, copies))
-
-
-def _longest_run(flags: np.ndarray) -> int:
-    """Length of the longest run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]])))
-    return int(np.max(edges[1::2] - edges[::2], initial=0))
-
-
-def require_usable(recording: Recording, health: Health) -> None:
-    """Raise InputError for a channel that is silent, clipped or the copy of another."""
-    for words, flags in (("silent", health.silent), ("clipped", health.clipped), ("copied", health.copy_of >= 0)):
-        if not np.any(flags):
-            continue
-        names = [recording.names[n] for n in np.flatnonzero(flags)]
-        told = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
-        if words == "copied":
-            n = int(np.flatnonzero(flags)[0])
-            told += f" (the first is the same as channel {recording.names[health.copy_of[n]]})"
-        raise InputError(
-            f"{recording.path}: {'channel' if len(names) == 1 else 'channels'} {told}"
-            f" {'is' if len(names) == 1 else 'are'} {words}; record again, or leave out what is bad: --leave-out bad"
-        )

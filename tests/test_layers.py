@@ -54,7 +54,7 @@ ROOMS = [
     ["roomverdict"],
     ["roomruns"],
     ["recording", "placed", "bins"],
-    ["decay"],
+    ["decay", "health"],
     ["formats", "responses", "decimation"],
     ["steady", "deconvolution", "choosing", "frames"],
     ["wishes", "imported"],

@@ -21,6 +21,8 @@ from ..checks import InputError, StorageError
 from ..placed import Placed
 from ..recording import Recording
 
+MOST_IN_A_BYTE = 2000  # samples: what no compression of sound reaches; a header that says more would be read for ever
+
 
 @cache
 def modules() -> tuple[ModuleType, ...]:
@@ -66,7 +68,13 @@ def read(path: str | Path, source: int | None = None) -> Recording:
         if path.is_file():
             with open(path, "rb"):  # libraries report a refusal as anything
                 pass
-        return module.read(path, source)
+        recording = module.read(path, source)
+        if path.is_file() and recording.count * recording.samples > MOST_IN_A_BYTE * path.stat().st_size:
+            raise InputError(
+                f"{path} announces {recording.count} channels of {recording.samples} samples and holds"
+                f" {path.stat().st_size} bytes; it is damaged or empty: copy or write it again"
+            )
+        return recording
     except StorageError:
         raise
     except OSError as error:

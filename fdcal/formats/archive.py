@@ -27,7 +27,7 @@ KEYS = {
 def keys_of(path: Path) -> list[str]:
     """Names of the arrays in an archive; none where it cannot be read."""
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
             return list(archive.files)
     except Exception:  # a damaged archive raises anything
         return []
@@ -36,7 +36,7 @@ def keys_of(path: Path) -> list[str]:
 def read(path: Path, source: int | None = None) -> Recording:
     """Recording of an archive. Raises InputError for one that is damaged or has no recordings."""
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
             table = {key: archive[key] for key in KEYS if key in archive.files}
     except OSError as error:
         raise error if error.strerror else InputError(f"{path} is no .npz file: {error}") from error

@@ -27,7 +27,10 @@ def read(path: Path, source: int | None = None) -> Recording:
                 raise InputError(f'{path}: "time_data" is {data.dtype}, {data.shape}; give real samples (T, N)')
             if "sample_freq" not in data.attrs:
                 raise InputError(f'{path}: "time_data" has no attribute "sample_freq", the sampling rate in Hz; add it')
-            rate = float(np.asarray(data.attrs["sample_freq"], dtype=float).item())
+            rate = np.asarray(data.attrs["sample_freq"])
+            if rate.size != 1 or rate.dtype.kind not in "fiu":
+                raise InputError(f'{path}: "sample_freq" is {rate.tolist()!r}; give one number, the rate in Hz')
+            rate = float(rate.item())
             samples, channels = data.shape
     except InputError:
         raise

@@ -11,6 +11,11 @@ from ..checks import InputError
 from ..recording import Recording, pieces
 
 NAME = "multichannel sound"
+# What libsndfile notes of a chunk that should be as long as the file: of WAV, AIFF, AU, W64 and RF64.
+LENGTH = re.compile(
+    r"^\s*(?:data|SSND|data\s*chunk|Data Size|riff|Riff size)\s*:\s*(\d+)\s*\(should be (\d+)\)", re.MULTILINE
+)
+UNTOLD = 0xFFFFFFFF  # length of an .au file written to a pipe
 SUFFIXES = (".wav", ".flac", ".w64", ".rf64", ".aiff", ".aif", ".caf", ".au")
 
 
@@ -49,8 +54,8 @@ def read(path: Path, source: int | None = None) -> Recording:
 
 def _require_whole(path: Path, log: str) -> None:
     """Raise InputError where the header announces more samples than there are: libsndfile only notes it."""
-    note = re.search(r"^\s*(?:data|SSND|data\s*chunk)\s*:\s*(\d+)\s*\(should be (\d+)\)", log, re.MULTILINE)
-    if note and int(note[2]) < int(note[1]):
+    note = LENGTH.search(log)
+    if note and int(note[2]) < int(note[1]) != UNTOLD:
         raise InputError(
             f"{path} is truncated: its header announces {note[1]} bytes of sound, {note[2]} are there; copy it again"
         )
