@@ -45,8 +45,8 @@ def _rows(array: Array, seeds: int):
         ("modes needed for exact positions", f"{told.modes}" if told else "-", _needed),
         ("highest frequency", f"{told.highest:.0f} Hz" if told else "-", lambda o: f"{o.highest:.0f} Hz"),
         ("mean error", "0, as printed" if told else "-", lambda o: _length(o.error)),
-        ("sweeps", f"not told; above {told.iteration} (Fig. 2)" if told else "-", lambda o: f"{o.sweeps:g}"),
-        ("processor time", "not told" if told else "-", lambda o: f"{o.seconds:.2g} s"),
+        ("sweeps", f"not told; above {told.iteration} (Fig. 2)" if told else "-", lambda o: f"{o.sweeps:.0f}"),
+        ("processor time", "not told" if told else "-", lambda o: f"{_seconds(o.seconds)} s"),
         (f"exact, of {_seeds(seeds)}", "not told; one run shown" if told else "-", _success),
     )
 
@@ -66,6 +66,11 @@ def _seeds(count: int) -> str:
 
 def _length(metres: float) -> str:
     return f"{1e3 * metres:.2g} mm"
+
+
+def _seconds(seconds: float) -> str:
+    """Two figures, without an exponent."""
+    return f"{float(f'{seconds:.2g}'):g}"
 
 
 def comma_separated(arrays: list[Array], found: list[tuple[Outcome, ...]]) -> str:
