@@ -14,6 +14,7 @@ from matplotlib.ticker import LogLocator
 from .shapes import round_values
 
 COLOUR_MAP, TWO_SIDED = "viridis", "RdBu_r"  # any name of matplotlib.colormaps; of costs, and of signed fields
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 LETTERS = 44  # that find room along a colour bar
 
 Colour = tuple[int, int, int]
@@ -91,8 +92,13 @@ class ColourBar:
 
 
 def number(value: float, digits: int) -> str:
-    """A number with so many digits that count, without an exponent up to a million."""
-    return f"{value:.0f}" if 10.0**digits <= abs(value) < 1e6 else f"{value:.{digits}g}"
+    """A number with so many digits that count: whole ones up to a million are written out, others as in 2·10⁷."""
+    if 10.0**digits <= abs(value) < 1e6:
+        return f"{value:.0f}"
+    mantissa, _, power = f"{value:.{digits}g}".partition("e")
+    if not power:
+        return mantissa
+    return ("" if mantissa == "1" else f"{mantissa}·") + f"10{str(int(power)).translate(RAISED)}"
 
 
 def _few(ticks: Iterable[tuple[float, str]]) -> tuple[tuple[float, str], ...]:

@@ -25,7 +25,7 @@ from fdcal.picture import (
     with_racers,
     with_trails,
 )
-from fdcal.primitives import COLOUR_MAP, LIGHT, ColourBar, Picture
+from fdcal.primitives import COLOUR_MAP, LIGHT, RAISED, ColourBar, Picture, number
 from fdcal.scene import Search, load_scene
 
 
@@ -224,7 +224,24 @@ def test_ticks_say_where_their_value_lies(ends, log):
     assert 2 <= len(bar.ticks) <= (7 if bar.high < 1e3 * bar.low else 12)
     for share, text in bar.ticks:
         value = bar.low * (bar.high / bar.low) ** share if log else bar.low + share * (bar.high - bar.low)
-        assert float(text) == pytest.approx(value, rel=1e-2)
+        assert read(text) == pytest.approx(value, rel=1e-2)
+
+
+PLAIN = {chr(high): chr(low) for low, high in RAISED.items()}
+
+
+def read(text: str) -> float:
+    """A number as the pictures write it."""
+    mantissa, ten, power = text.rpartition("10") if any(letter in PLAIN for letter in text) else (text, "", "")
+    if not ten:
+        return float(text)
+    return float(mantissa.rstrip("·") or 1) * 10.0 ** int("".join(PLAIN[letter] for letter in power))
+
+
+@pytest.mark.parametrize("value", [3.14159e7, 1e6, 2e-9, -4e12, 123456.0, 28338.2, 0.25, 1e-5, 0.0, 999999.9])
+def test_numbers_are_written_as_one_writes_them(value):
+    text = number(value, 3)
+    assert read(text) == pytest.approx(value, rel=6e-3) and "e" not in text and len(text) <= 8
 
 
 def test_pictures_are_frozen(scene, measurement):

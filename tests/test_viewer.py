@@ -33,6 +33,7 @@ from fdcal.measured import stand_in
 from fdcal.measurement import Measurement
 from fdcal.opening import Opening, edited
 from fdcal.picture import compose, with_estimate
+from fdcal.primitives import Label
 from fdcal.scenario import knobs_of
 from fdcal.scene import load_scene, scene_folder
 from fdcal.store import cached_measurement
@@ -1115,18 +1116,19 @@ def test_many_stages_do_not_hide_the_curves(server, measurement):
     x, _, marks, stage = curves._cost.data
     seen = marks > 0
     assert x[seen].tolist() == list(range(1, 57)) and marks.max() < 0.1, "a tick at the bottom for each"
-    assert stage.max() == 57 and curves._cost.scales["mark"]["range"] == (0.0, 1.0)
+    assert stage.max() == 57 and curves._cost.handle.scales["mark"]["range"] == (0.0, 1.0)
 
 
 def test_errors_are_drawn_over_whole_decades(server, measurement):
     curves = plots.Curves(server.gui, measurement)
     for shift, wanted in ((0.2, (100, 1000)), (0.0002, (0.1, 1000))):
         curves.show(view_of([State(measurement.positions + 0.2), State(measurement.positions + shift, 1)]), now=shift)
-        assert curves._error.scales["y"]["range"] == pytest.approx(wanted)
-        numbers = curves._error.axes[1]["values"]
-        assert (numbers[0], numbers[-1]) == (f"{wanted[0]:g}", "1,000")
-        assert len(numbers) == len(curves._error.axes[1]["splits"]) == 1 + round(np.log10(wanted[1] / wanted[0]))
         curves._sent = -1e9
+        handle = curves._error.handle
+        assert handle.scales["y"]["range"] == pytest.approx(wanted)
+        numbers = handle.axes[1]["values"]
+        assert (numbers[0], numbers[-1]) == (f"{wanted[0]:g}", "1,000")
+        assert len(numbers) == len(handle.axes[1]["splits"]) == 1 + round(np.log10(wanted[1] / wanted[0]))
 
 
 def test_plots_follow_a_rewound_history(server, measurement):
@@ -1209,7 +1211,7 @@ def test_microphones_are_listed_worst_first(measurement):
     assert numbers == [4, 6, 3, 9, 7, 8, 5, 0, 1, 2]
     assert (
         "<td>9</td>" in html
-        and "error (mm)" in html
+        and "error<br>(mm)" in html
         and html.count("known") == 3
         and "700" in html.split("<td>6</td>")[0].rpartition("<tr")[2]
     )
@@ -1462,3 +1464,13 @@ def test_an_interrupted_simulation_stops(page_of, scene, monkeypatch):
     progress.stop = True
     with pytest.raises(preparing.Stopped):
         progress(0.5)
+
+
+def test_a_ruler_s_numbers_have_the_size_that_the_scene_asks_for(server, scene, measurement):
+    stage = Stage(server)
+    small = compose(scene, measurement)
+    for picture in (small, dataclasses.replace(small, marker=4 * small.marker)):
+        stage.show(picture)
+        heights = {node.font_scene_height for part, node in stage._nodes.values() if isinstance(part, Label)}
+        assert len(heights) == 1 and heights.pop() == pytest.approx(1.5 * picture.marker)
+    server.scene.reset()

@@ -27,7 +27,7 @@ STAGES = (  # strokes have no number of their own, and the number of a stage has
     " another goal. Point at a curve to read it off.</div>"
 )
 MOST_DECADES = 9  # that have a number each
-LOGARITHMIC = uplot.Scale(distr=3)
+MARKS = {"mark": uplot.Scale(range=(0.0, 1.0)), "number": uplot.Scale(range=(0.0, 1e4))}
 PADDING = (12, 22, 0, 0)  # pixels; on the right the last number stands half beyond the axis
 RED, BLUE, ORANGE, GREY = "#d61828", "#1f78c8", "#e08a1e", "#8a8f98"
 
@@ -40,13 +40,12 @@ class Curves:
         self._seen: list = []  # states whose numbers are in _rows
         self._rows: list[tuple] = []  # sweeps, mean error, largest error, cost, last mode in use, stage
         self._sent = -1e9
-        empty = np.ones(1)
-        self._error = None
+        self._error: Plot | None = None
         if measurement.positions is not None:
             series = _series(("mean", RED, 2.0), ("largest", ORANGE, 1.25))
             title = "Position error (mm, once aligned)" if measurement.blind else "Position error (mm)"
-            self._error = _plot(gui, title, series, (empty,) * 5, 3)
-        self._cost = _plot(gui, COSTS[True], _series(("cost", BLUE, 2.0)), (empty,) * 4, 1)
+            self._error = Plot(gui, title, series, "sweeps", MARKS)
+        self._cost = Plot(gui, COSTS[True], _series(("cost", BLUE, 2.0)), "sweeps", MARKS)
         gui.add_html(STAGES)
 
     def show(self, view: SessionView, now: float) -> None:
@@ -58,14 +57,11 @@ class Curves:
         chosen = np.unique(np.linspace(0, len(x) - 1, min(len(x), MOST_POINTS)).round().astype(int))
         came_in = np.flatnonzero((np.diff(last) > 0) | (np.diff(stage) > 0)) + 1
         if self._error is not None:
-            self._error.data = _with_marks(x, (mean, largest), chosen, came_in, stage)
-            show_decades(self._error, mean, largest)
+            self._error.show(_with_marks(x, (mean, largest), chosen, came_in, stage), decades(mean, largest))
         decibels = bool((cost > 0).all())
         if decibels:
             cost = 10 * np.log10(cost)
-        if (title := COSTS[decibels]) != self._cost.title:
-            self._cost.title = title
-        self._cost.data = _with_marks(x, (cost,), chosen, came_in, stage)
+        self._cost.show(_with_marks(x, (cost,), chosen, came_in, stage), title=COSTS[decibels])
 
     def _catch_up(self, history) -> bool:
         """Compute what is new in `history`; False if nothing is."""
@@ -122,34 +118,68 @@ def _series(*curves) -> tuple:
     return (uplot.Series(label="sweeps"), *drawn, strokes, number)
 
 
-def _plot(gui: viser.GuiApi, title: str, series: tuple, data: tuple, distribution: int):
-    y = LOGARITHMIC if distribution == 3 else uplot.Scale()
-    return gui.add_uplot(
-        data=data,
-        series=series,
-        title=title,
-        scales={
-            "x": uplot.Scale(time=False), "y": y,
-            "mark": uplot.Scale(range=(0.0, 1.0)), "number": uplot.Scale(range=(0.0, 1e4)),
-        },
-        axes=(uplot.Axis(label="sweeps", labelSize=20, size=34), uplot.Axis(size=58)),
-        height=215,
-        padding=PADDING,
-    )  # fmt: skip
+class Plot:
+    """Owns one plot. What only uPlot's making can set - title, decades - has it made anew, in the same place."""
+
+    def __init__(self, gui: viser.GuiApi, title: str, series: tuple, x: str, scales: dict | None = None, height=215):
+        self._gui, self._series, self._x, self._scales, self._height = gui, series, x, scales or {}, height
+        self._place, self.handle, self._made = gui.add_folder(None), None, (title, None)
+
+    @property
+    def data(self) -> tuple[np.ndarray, ...]:
+        return self.handle.data
+
+    @property
+    def title(self) -> str:
+        return self._made[0]
+
+    @property
+    def decades(self) -> range | None:
+        """Powers of ten at the axis."""
+        return self._made[1]
+
+    def show(self, data: tuple, powers: range | None = None, title: str | None = None) -> None:
+        """Draw columns of numbers; over whole decades, from the first of `powers` to the last, or as uPlot has it."""
+        wanted = (title or self.title, powers)
+        if self.handle is not None and wanted == self._made:
+            self.handle.data = data
+            return
+        self._made = wanted
+        if self.handle is not None:
+            self.handle.remove()
+        with self._place:
+            self.handle = self._make(data)
+
+    def _make(self, data: tuple):
+        y, axis = uplot.Scale(), uplot.Axis(size=58)
+        if self.decades is not None:
+            splits = tuple(10.0**power for power in self.decades)
+            apart = 1 + len(splits) // MOST_DECADES
+            numbers = tuple(f"{split:,g}" if i % apart == 0 else "" for i, split in enumerate(splits))
+            y, axis = (
+                uplot.Scale(distr=3, range=(splits[0], splits[-1])),
+                uplot.Axis(size=58, splits=splits, values=numbers),
+            )
+        return self._gui.add_uplot(
+            data=data,
+            series=self._series,
+            title=self.title,
+            scales={"x": uplot.Scale(time=False), "y": y, **self._scales},
+            axes=(uplot.Axis(label=self._x, labelSize=20, size=34), axis),
+            height=self._height,
+            padding=PADDING,
+        )
+
+    def remove(self) -> None:
+        """Take it away."""
+        self._place.remove()
 
 
-def show_decades(plot, *curves) -> None:
-    """Have a logarithmic plot show whole decades, with one line and one number each; uPlot's own are too many."""
+def decades(*curves) -> range:
+    """The powers of ten between which all numbers of the curves lie; uPlot's own lines and numbers are too many."""
     seen = np.log10(np.concatenate(curves))
     first, last = int(np.floor(seen.min() + 1e-9)), int(np.ceil(seen.max() - 1e-9))
-    powers = range(first, max(last, first + 1) + 1)
-    splits = tuple(10.0**power for power in powers)
-    if plot.scales["y"].get("range") == (splits[0], splits[-1]):
-        return
-    apart = 1 + len(powers) // MOST_DECADES
-    numbers = tuple(f"{split:,g}" if i % apart == 0 else "" for i, split in enumerate(splits))
-    plot.scales = {**plot.scales, "y": uplot.Scale(distr=3, range=(splits[0], splits[-1]))}
-    plot.axes = (plot.axes[0], uplot.Axis(size=58, splits=splits, values=numbers))
+    return range(first, max(last, first + 1) + 1)
 
 
 def dots(size: float, stroke: str, fill: str) -> dict:

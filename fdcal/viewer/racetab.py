@@ -11,7 +11,7 @@ from viser import uplot
 from ..picture import RACERS
 from . import words
 from .desk import Desk
-from .plots import LOGARITHMIC, PADDING, show_decades
+from .plots import Plot, decades
 from .races import Entry, Races, Runner
 from .safety import bounded, one_of
 from .solvetab import LARGEST_SEED, STARTS
@@ -101,27 +101,17 @@ class RaceTab:
         if not self._plots:
             titles = ("Mean position error (mm)", "Cost (Eq. 7, all modes; dB re the power)")[-len(data) :]
             with self._place:
-                made = [self._plot(t, names, d, "Cost" not in t) for t, d in zip(titles, data, strict=True)]
-            self._plots = [names, *made]
+                self._plots = [names, *(self._plot(title, names) for title in titles)]
         for plot, columns in zip(self._plots[1:], data, strict=True):
-            plot.data = columns
-        if len(data) == 2:
-            show_decades(self._plots[1], *data[0][1:])
+            plot.show(columns, decades(*columns[1:]) if "error" in plot.title else None)
 
-    def _plot(self, title: str, names, data: tuple, decades: bool):
+    def _plot(self, title: str, names) -> Plot:
         drawn = [
             uplot.Series(label=name, stroke=RACERS[name][0], width=2.5, dash=DASHES[name], points={"show": False})
             for name in names
         ]
-        return self._desk.gui.add_uplot(
-            data=data,
-            series=(uplot.Series(label="s"), *drawn),
-            title=title,
-            scales={"x": uplot.Scale(time=False), "y": LOGARITHMIC if decades else uplot.Scale()},
-            axes=(uplot.Axis(label="processor time (s)", labelSize=20, size=34), uplot.Axis(size=58)),
-            height=200,
-            padding=PADDING,
-        )
+        series = (uplot.Series(label="s"), *drawn)
+        return Plot(self._desk.gui, title, series, "processor time (s)", height=200)
 
 
 def _axis(runners: tuple[Runner, ...]) -> np.ndarray:

@@ -9,7 +9,7 @@ from viser import uplot
 from ..gauge import position_errors
 from ..history import SessionView
 from ..measurement import Measurement
-from .plots import BLUE, RED, dots
+from .plots import BLUE, PADDING, RED, dots
 
 INTERVAL = 0.5  # s between two sendings
 MOST_ERROR = 1e6  # mm, drawn for anything above
@@ -33,7 +33,7 @@ class Reach:
         self.plot = gui.add_uplot(
             data=(self._x, np.zeros(len(self._x)), np.zeros(len(self._x))),
             series=(
-                uplot.Series(label="m"),
+                uplot.Series(label="distance (m)"),
                 uplot.Series(label="mean over the run", stroke=RED, width=0, points=dots(7, RED, RED)),
                 uplot.Series(label="now", stroke=BLUE, width=0, points=dots(7, BLUE, "transparent")),
             ),
@@ -41,7 +41,7 @@ class Reach:
             scales={"x": uplot.Scale(time=False)},
             axes=(uplot.Axis(label="distance (m)", labelSize=20, size=34), uplot.Axis(size=48)),
             height=215,
-            padding=(12, 16, 0, 0),
+            padding=PADDING,
         )
 
     def show(self, view: SessionView, now: float) -> None:

@@ -36,13 +36,15 @@ class Stage:
         parts = {part.name: part for part in (*picture.lines, *picture.solids, *picture.labels)}
         if picture.floor is not None:
             parts["floor"] = picture.floor  # no other name may lie below it: viser would move that node along
+        rescaled = self._picture is not None and self._picture.marker != picture.marker
         self._picture = self.cameras.picture = picture
         with self._server.atomic():
             for name in sorted(self._nodes.keys() - parts.keys(), reverse=True):  # a child before its parent
                 self._nodes.pop(name)[1].remove()
             for name, part in parts.items():
                 old, node = self._nodes.get(name, (None, None))
-                if old is not part and not (node is not None and _same(old, part)):
+                stays = old is part or (node is not None and _same(old, part))
+                if not stays or (rescaled and isinstance(part, Label)):
                     self._nodes[name] = part, self._send(name, old, node, part)
 
     def _send(self, name: str, old, node, part):
@@ -83,6 +85,8 @@ class Stage:
                 font_size_mode="scene" if ruler else "screen", font_scene_height=LETTERS * self._picture.marker,
             )  # fmt: skip
         node.text, node.position, node.anchor = label.text, label.position, label.anchor
+        if node.font_scene_height != (height := LETTERS * self._picture.marker):  # another scene, another size
+            node.font_scene_height = height
         return node
 
     def _send_solid(self, name: str, old: Solid | None, node, solid: Solid):

@@ -10,7 +10,7 @@ from ..history import SessionView
 from ..measurement import Measurement
 from ..painting import colours, cost_label
 from ..picture import ESTIMATE, KNOWN, LOWEST, in_millimetres, millimetres
-from ..primitives import ColourBar
+from ..primitives import ColourBar, number
 from .logbook import place
 
 MOST_ROWS = 100  # of the table
@@ -52,7 +52,10 @@ def status(view: SessionView, measurement: Measurement, weights: str = "unit", f
         ("Progress", f"step {state.step}, sweep {state.sweep}, stage {state.stage + 1}"),
         ("In use", escape(modes_text(measurement, state.first, state.last))),
         ("Error", error_text(measurement, state.positions)),
-        ("Cost", f"{state.cost:.4g} <span style='opacity: 0.65'>{cost_label(weights).removeprefix('cost ')}</span>"),
+        (
+            "Cost",
+            f"{number(state.cost, 4)} <span style='opacity: 0.65'>{cost_label(weights).removeprefix('cost ')}</span>",
+        ),
     ]
     cells = "".join(
         f"<tr><td style='opacity: 0.65; padding-right: 0.9em; vertical-align: top'>{name}</td><td>{text}</td></tr>"
@@ -124,7 +127,7 @@ def colour_bar(bar: ColourBar | None, trouble: str = "") -> str:
         f"{text}</div>"
         for share, text in bar.ticks
     )
-    note = f"; lower values share the darkest colour ({bar.low:.2g})" if bar.clipped else ""
+    note = f"; lower values share the darkest colour ({number(bar.low, 2)})" if bar.clipped else ""
     return (
         f"<div style='{CARD}'><div style='margin: 0.3em 1em 0 1em'>"
         f"<div style='height: 12px; border-radius: 2px; background: linear-gradient(to right, {gradient})'></div>"
@@ -156,7 +159,7 @@ def map_lines(drawn) -> str:
     what = f"sum of {modes} modes" if modes > 1 else f"mode {drawn.request.modes[0]} alone"
     return (
         f"<div style='{CARD}'>microphone {drawn.request.microphone}, {what}: <b>{minima}</b> inside<br>"
-        f"cost at the cross <b>{drawn.here:.4g}</b>, lowest {drawn.lowest:.4g}</div>"
+        f"cost at the cross <b>{number(drawn.here, 4)}</b>, lowest {number(drawn.lowest, 4)}</div>"
     )
 
 
@@ -185,7 +188,12 @@ def table(measurement: Measurement, positions, sigma, looked_at: int) -> str:
         spread = "" if sigma is None or n in known else in_millimetres(float(sigma[n]))
         bold = " style='font-weight: 700; background: rgba(31,120,200,0.15)'" if n == looked_at else ""
         rows.append(f"<tr{bold}><td>{name}</td><td>{place}</td>{error}<td>{spread}</td></tr>")
-    columns = ("mic", "position (m)", *(() if errors is None else ("error (mm)",)), "&plusmn; &sigma; (mm)")
+    columns = (
+        "mic<br>",
+        "position<br>(m)",
+        *(() if errors is None else ("error<br>(mm)",)),
+        "&plusmn; &sigma;<br>(mm)",
+    )
     head = "".join(f"<th>{text}</th>" for text in columns)
     style = "<style>.mics td, .mics th {padding: 0 0.5em 0 0; text-align: left; white-space: nowrap}</style>"
     more = len(positions) - MOST_ROWS
