@@ -268,6 +268,14 @@ def middle(page, name):
     return page.evaluate(MIDDLE, name)
 
 
+def stands(page, name, place, slack):
+    """Wait until the middle of what is drawn under a name stands at a place."""
+    at = f"const at = ({MIDDLE})('{name}'); return Math.hypot(at[0] - p[0], at[1] - p[1]) < {slack}"
+    page.wait_for_function(
+        f"p => {{ if (!window.__viserMutable.nodeRefFromName['{name}']) return false; {at} }}", arg=place
+    )
+
+
 def pick(page, scene, place, text):
     """Click at a place; the page says `text`."""
     pixel = on_screen(page, scene, [[*place, 0.0]])[0]
@@ -293,8 +301,7 @@ def test_the_diamond_stands_where_the_map_is_lowest(page, scene):
     fine = landscapes.finer(scene.search)
     cost = sum(landscapes.fine_mode(problem, None, state, 5, mode, fine) for mode in (2, 3, 4, 6))
     lowest = landscapes.places(np.array([np.unravel_index(cost.argmin(), cost.shape)]), fine)[0]
-    stands = f"p => {{ const at = ({MIDDLE})('/lowest'); return Math.hypot(at[0] - p[0], at[1] - p[1]) < 1e-4 }}"
-    page.wait_for_function(stands, arg=lowest.tolist())
+    stands(page, "/lowest", lowest.tolist(), 1e-4)
 
 
 def test_a_microphone_is_dragged_and_the_map_stays_that_of_the_one_looked_at(page, scene):
@@ -325,6 +332,15 @@ def test_a_mode_is_switched_on_and_off(page):
     choose(page, "Show", "Shape of the last mode")
     page.get_by_text("pressure of mode 5").first.wait_for()
     choose(page, "Show", "Flat map")
+
+
+def test_a_relief_stands_where_the_flat_map_lay(page, scene):
+    x0, y0, x1, y1 = compose(scene, cached_measurement(scene)).focus
+    tab(page, "Map")
+    choose(page, "Show", "Relief")
+    stands(page, "/relief", [(x0 + x1) / 2, (y0 + y1) / 2], scene.search.step)
+    choose(page, "Show", "Flat map")
+    stands(page, "/floor", [(x0 + x1) / 2, (y0 + y1) / 2], scene.search.step)
 
 
 def saved(page, label):
@@ -651,6 +667,10 @@ def test_a_seed_that_draws_nothing_is_not_shown(controls):
     assert not panel.solve.seed.visible, "joint from its affine start"
     say(panel.solve.start, "random")
     assert panel.solve.seed.visible
+    say(panel.solve.name, "room")
+    assert not panel.solve.seed.visible and not panel.solve.start.visible, "it has a start of its own"
+    say(panel.solve.name, "descent")
+    assert panel.solve.seed.visible and panel.solve.start.visible
 
 
 def test_what_was_measured_offers_no_room_to_simulate(server, work):

@@ -59,13 +59,14 @@ class SolveTab:
         self.speed = gui.add_slider(
             "Steps a second", 1, FASTEST, 1, FASTEST, hint=f"{FASTEST} is as fast as the machine can"
         )
-        self._show_seed()
+        self.automatic.visible = settings.name != "room"  # which uses all modes at once
+        self._show_what_counts()
         self._listen()
 
     def _listen(self) -> None:
         desk = self._desk
         desk.on(self.name, self._choose_solver)
-        desk.on(self.start, lambda _: self._show_seed())
+        desk.on(self.start, lambda _: self._show_what_counts())
         desk.on(self.anew, lambda _: self.start_anew())
         desk.on(self.first, lambda value: self.use_modes(first=value))
         desk.on(self.last, lambda value: self.use_modes(last=value))
@@ -84,11 +85,13 @@ class SolveTab:
     def _choose_solver(self, value) -> None:
         name = one_of(value, self._names(), self._desk.work.scene.solver.name)
         self.start.value = usual_start(name)
-        self._show_seed()
+        self._show_what_counts()
 
-    def _show_seed(self) -> None:
-        """A seed draws nothing where all microphones move at once from a start in closed form."""
-        self.seed.visible = self.start.value == "random" or self.name.value != "joint"
+    def _show_what_counts(self) -> None:
+        """A seed draws nothing where all microphones move at once from a start in closed form; room has its own."""
+        name = self.name.value
+        self.start.visible = name != "room"
+        self.seed.visible = name != "room" and (self.start.value == "random" or name != "joint")
 
     def start_anew(self) -> None:
         """From the beginning: with the same solver at once, with another as soon as it is ready."""

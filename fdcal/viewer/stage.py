@@ -35,7 +35,9 @@ class Stage:
         """Make the scene look like `picture`."""
         parts = {part.name: part for part in (*picture.lines, *picture.solids, *picture.labels)}
         if picture.floor is not None:
-            parts["floor"] = picture.floor  # no other name may lie below it: viser would move that node along
+            # No other name may lie below it: viser would move that node along. And a page keeps the place of a name for
+            # what comes under it next, so a relief, which has none, needs a name of its own.
+            parts["floor" if picture.floor.heights is None else "relief"] = picture.floor
         rescaled = self._picture is not None and self._picture.marker != picture.marker
         self._picture = self.cameras.picture = picture
         with self._server.atomic():
@@ -68,7 +70,7 @@ class Stage:
     def _send_floor(self, name: str, old: Floor | None, node, floor: Floor):
         if floor.heights is not None:
             return self._server.scene.add_mesh_trimesh(name, relief(floor), cast_shadow=False, receive_shadow=False)
-        if node is not None and old.heights is None and place_of(old) == place_of(floor):
+        if node is not None and place_of(old) == place_of(floor):
             node.image = see_through(floor)
             return node
         (x, y), (width, depth) = floor.origin, floor.size
