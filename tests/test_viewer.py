@@ -687,6 +687,11 @@ def test_what_was_measured_offers_no_room_to_simulate(server, work):
     assert [one.scene.name for one in opened] == ["tiny"]
     say(tab.name, "hall")
     assert not tab.apply.visible
+    namesake = dataclasses.replace(work, scene=stand_in(work.measurement, "tiny", work.scene.solver))
+    tab = scenetab.SceneTab(Desk(server.gui, namesake, 6, opened.append))
+    assert tab.name.value == "tiny (measured)" and not tab.apply.visible
+    say(tab.name, "tiny")
+    assert tab.apply.visible, "the scene of that name is there, too"
     server.gui.reset()
 
 

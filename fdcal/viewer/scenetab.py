@@ -31,8 +31,10 @@ class SceneTab:
         self._desk, gui, scene = desk, desk.gui, desk.work.scene
         self._scene, knobs = scene, knobs_of(scene)
         self._own = scene.name if scene.name not in scene_names() else None
+        if isinstance(scene, Measured) and self._own is None:  # a file that is called like a scene is another thing
+            self._own = f"{scene.name} (measured)"
         names = (*scene_names(), *([self._own] if self._own else []))
-        self.name = gui.add_dropdown("Scene", names, initial_value=scene.name)
+        self.name = gui.add_dropdown("Scene", names, initial_value=self._own or scene.name)
         self.microphones = gui.add_slider("Microphones", 4, MOST_MICROPHONES, 1, 4)
         self.radius = gui.add_number(
             "Array radius (m)", 1.0, min=RADII[0], max=RADII[1], step=0.01,
