@@ -10,8 +10,8 @@ import sys
 from pathlib import Path
 
 import pytest
+from browsing import ARGUMENTS
 from playwright.sync_api import sync_playwright
-from test_viewer import ARGUMENTS
 
 WAIT = 60.0  # s, bound of every wait
 FAILING = """

@@ -15,8 +15,8 @@ import msgspec
 import numpy as np
 import pytest
 import viser
+from browsing import ARGUMENTS
 from playwright.sync_api import sync_playwright
-from test_viewer import ARGUMENTS
 from viser import _messages
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect

@@ -25,6 +25,7 @@ FLAT = 0.06  # rad, opening of the top view: from far away, so that it looks lik
 MOST_PIXELS = 16384  # of a canvas
 DOUBTS = (1, 2, 4, 8, 16)  # looks after a camera was placed at which its page is made to tell its canvas's size anew
 MOST_EYES = 6  # last places of a camera that are kept
+AIMED = 4e-6  # of its distance: how far beside what it should look at a page's camera may look
 NEAR = 1e-3  # relative, of places of a camera that are the same
 PROD = 1e-4  # relative change of a camera's opening that makes the page tell
 MARGINS = (76, 44, 34, 40)  # pixels left, bottom, right and top of the search domain, for its rulers
@@ -158,7 +159,11 @@ def _stands_at(camera, eye) -> bool:
 
 
 def _is_at(camera, seen: Camera) -> bool:
-    """Whether a page's camera is the one that was ordered: its place, its direction, its opening."""
-    slack = NEAR * math.dist(seen.position, seen.look_at)
-    same = _stands_at(camera, seen.position) and np.allclose(camera.look_at, seen.look_at, rtol=0, atol=slack)
-    return bool(same and abs(camera.fov - seen.fov) <= NEAR * seen.fov)
+    """Whether a page's camera is the one that was ordered: its place, its direction, its opening.
+
+    The direction counts to AIMED: from the top, a hair beside straight down tells which way is up.
+    """
+    off = np.subtract(camera.look_at, camera.position) - np.subtract(seen.look_at, seen.position)
+    aimed = np.abs(off[:2]).max() <= AIMED * math.dist(seen.position, seen.look_at)
+    same = _stands_at(camera, seen.position) and np.allclose(camera.look_at, seen.look_at, rtol=NEAR, atol=NEAR)
+    return bool(same and aimed and abs(camera.fov - seen.fov) <= NEAR * seen.fov)

@@ -1,0 +1,110 @@
+"""How to find things in the page of a real browser, for the tests that have one."""
+
+import pytest
+
+from fdcal.camera import camera_for, project
+from fdcal.picture import compose
+from fdcal.store import cached_measurement
+from fdcal.viewer import (
+    cameras,
+)
+
+WAIT = 60.0  # s, bound of every wait
+
+ARGUMENTS = [
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-quic",
+    "--no-first-run",
+]
+ARGUMENTS += ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
+
+
+def press(page, name):
+    page.get_by_role("button", name=name, exact=True).click()
+
+
+def slider(page, label):
+    number = page.get_by_text(label, exact=True).get_attribute("for")
+    return page.locator(f"[id='{number}']").get_by_role("slider")
+
+
+def choose(page, label, option):
+    number = page.get_by_text(label, exact=True).get_attribute("for")
+    page.locator(f"[id='{number}']").click()
+    page.get_by_role("option", name=option, exact=True).click()
+
+
+def tab(page, name):
+    page.get_by_role("tab", name=name, exact=True).click()
+
+
+STANDS = """([x, y, z]) => {
+    const at = window.__viserMutable.camera.position;  // the browser's own axes: y up
+    return Math.hypot(at.z + x, at.x + y, at.y - z) < 1e-3 * z;
+}"""
+
+
+def on_screen(page, scene, points):
+    """Pixels of the page at which points (P, 3), metres, appear from the top, once the camera stands there."""
+    picture = compose(scene, cached_measurement(scene))
+    for _ in range(int(WAIT / 0.1)):
+        box = page.locator("canvas").first.bounding_box()
+        size = (round(box["width"]), round(box["height"]))
+        camera = camera_for(picture, size, "top", cameras.MARGINS, fov=cameras.FLAT)
+        if page.evaluate(STANDS, [float(x) for x in camera.position]):
+            return project(camera, size, points) + [box["x"], box["y"]]
+        page.wait_for_timeout(100)
+    there = page.evaluate("window.__viserMutable.camera.position.toArray()")
+    pytest.fail(f"the camera stands at {there}, and not at {camera.position} as a canvas of {size} needs it")
+
+
+def hover(page, pixel):
+    """Bring the pointer over a microphone; the page shows that it has noticed by another pointer."""
+    over = "[...document.querySelectorAll('canvas')].some(e => e.style.cursor == 'pointer')"
+    for _ in range(int(WAIT)):
+        page.mouse.move(pixel[0] + 40, pixel[1] + 40)  # a pointer that has not moved is not looked at again
+        page.mouse.move(*pixel, steps=4)
+        for _ in range(10):
+            if page.evaluate(over):
+                return
+            page.wait_for_timeout(100)
+    pytest.fail(f"no microphone is found at {pixel}")
+
+
+MIDDLE = """name => {
+    const box = [1e9, 1e9, -1e9, -1e9];
+    window.__viserMutable.nodeRefFromName[name].traverse(node => {
+        const places = node.geometry?.attributes?.position;
+        node.updateWorldMatrix(true, false);
+        for (let i = 0; places && i < places.count; i++) {
+            const at = node.localToWorld(node.position.clone().fromBufferAttribute(places, i));
+            const [x, y] = [-at.z, -at.x];  // the browser's own axes: y up
+            box[0] = Math.min(box[0], x); box[1] = Math.min(box[1], y);
+            box[2] = Math.max(box[2], x); box[3] = Math.max(box[3], y);
+        }
+    });
+    return [(box[0] + box[2]) / 2, (box[1] + box[3]) / 2];
+}"""
+
+
+def middle(page, name):
+    """Middle, in x and y, of all that viser draws under a name."""
+    return page.evaluate(MIDDLE, name)
+
+
+def stands(page, name, place, slack):
+    """Wait until the middle of what is drawn under a name stands at a place."""
+    at = f"const at = ({MIDDLE})('{name}'); return Math.hypot(at[0] - p[0], at[1] - p[1]) < {slack}"
+    page.wait_for_function(
+        f"p => {{ if (!window.__viserMutable.nodeRefFromName['{name}']) return false; {at} }}", arg=place
+    )
+
+
+def pick(page, scene, place, text):
+    """Click at a place; the page says `text`."""
+    pixel = on_screen(page, scene, [[*place, 0.0]])[0]
+    hover(page, pixel)
+    page.mouse.click(*pixel)
+    page.get_by_text(text).first.wait_for()

@@ -1,0 +1,97 @@
+"""A server, a small measurement, and the parts of the page on them, without a browser."""
+
+import time
+
+import numpy as np
+import pytest
+from browsing import WAIT
+from pretend import Recorder, Solver, State
+
+from fdcal.measurement import Measurement
+from fdcal.opening import Opening
+from fdcal.scene import load_scene
+from fdcal.viewer import (
+    maps,
+    preparing,
+    safety,
+    viewing,
+)
+from fdcal.viewer.controls import Controls
+from fdcal.viewer.desk import Desk
+from fdcal.viewer.frame import Frame, Rooms
+from fdcal.viewer.page import Page
+from fdcal.viewer.stage import Stage
+
+
+@pytest.fixture(scope="module")
+def server():
+    opened = safety.open_server("127.0.0.1", 0)
+    yield opened
+    opened.stop()
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return load_scene("tiny")
+
+
+@pytest.fixture(scope="module")
+def measurement(scene):
+    positions = np.random.default_rng(3).uniform([0.5, 0.35], [0.9, 0.75], (10, 2))
+    return Measurement(
+        frequencies=np.linspace(100, 300, 6),
+        pressures=np.exp(1j * np.outer(np.arange(1, 7), positions.sum(axis=1))),
+        sound_speed=343.0,
+        positions=positions,
+        known=np.array([0, 1, 2]),
+        known_positions=positions[:3],
+        search=scene.search,
+    )
+
+
+@pytest.fixture
+def work(scene, measurement):
+    """What a page shows, its session one that notes its commands."""
+    session, problem = Recorder(State(measurement.positions)), measurement.problem("unit")
+    return preparing.Work(scene, measurement, problem, Solver(measurement), session, Opening(scene))
+
+
+@pytest.fixture
+def controls(server, work):
+    rooms, opened = Rooms(Frame(server.gui)), []
+    work.session.opened = opened
+    desk = Desk(server.gui, work, 6, opened.append)
+    yield Controls(rooms, desk, lambda *_: None, lambda *_: None), work.session
+    server.gui.reset()
+
+
+@pytest.fixture
+def viewer(server, work, monkeypatch):
+    """A page without a browser, ticked by the test."""
+    monkeypatch.setattr(viewing, "usable_modes", lambda *_: 6)
+    monkeypatch.setattr(maps, "STILL", np.inf)  # no fine maps, which would go through the gate, too
+    made = viewing.Viewer(server, work, Rooms(Frame(server.gui)), Stage(server))
+    yield made
+    work.solver.gate.release(99)
+    made.close()
+    server.gui.reset()
+    server.scene.reset()
+
+
+@pytest.fixture
+def page_of(server, scene, kernels):
+    """A page without a browser, turned by the test; and what it takes to be ready."""
+    made = Page(server, Stage(server))
+
+    def turn_until(happened):
+        for _ in range(round(WAIT / 0.02)):
+            made.turn(time.perf_counter())
+            if happened():
+                return
+            time.sleep(0.02)
+        pytest.fail("it does not happen")
+
+    yield made, turn_until
+    made.close()
+    server.gui.reset()
+    server.scene.reset()

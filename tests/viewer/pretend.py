@@ -1,0 +1,75 @@
+"""What stands in for a session, its states and its solver where the page is tested without them."""
+
+import dataclasses
+import threading
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from browsing import WAIT
+
+from fdcal.history import History, SessionView
+
+JUNK = [1e9, -1e9, float("nan"), float("inf"), "many", "", None, [1, 2], {"a": 1}, 10**400, b"\x00"]
+
+
+def finish(coroutine):
+    """Run a coroutine that waits for nothing; the browser's driver occupies this thread's event loop."""
+    with pytest.raises(StopIteration):
+        coroutine.send(None)
+
+
+@dataclasses.dataclass(frozen=True)
+class State:
+    positions: np.ndarray
+    step: int = 0
+    sweep: int = 0
+    stage: int = 0
+    moved: int = -1
+    first: int = 1
+    last: int = 3
+    automatic: bool = True
+    cost: float = 1.0
+    finished: bool = False
+    converged: bool = False
+    seed: int = 0
+
+
+class Recorder:
+    """A session that notes its commands."""
+
+    def __init__(self, state):
+        self.commands = []
+        self.view, self.ways = view_of([state]), 0
+
+    def give_way(self):
+        self.ways += 1
+
+    def __getattr__(self, name):
+        return lambda *arguments: self.commands.append((name, *arguments))
+
+
+def view_of(states, **changes) -> SessionView:
+    view = SessionView(states[-1], len(states) - 1, len(states), False, "", History(states, len(states)))
+    return dataclasses.replace(view, **changes)
+
+
+def say(handle, value, client=True):
+    """What viser does when a page has set a control to `value`."""
+    handle._impl.value = value
+    event = SimpleNamespace(client=object() if client else None, target=SimpleNamespace(value=value))
+    for callback in handle._impl.update_cb:
+        finish(callback(event))
+
+
+class Solver:
+    """A solver whose maps wait for a gate, and tell in their lowest place for which microphone they are."""
+
+    def __init__(self, measurement):
+        self.gate, self.shape = threading.Semaphore(0), measurement.search.shape[::-1]
+
+    def landscape(self, problem, state, n, modes, search=None):
+        assert self.gate.acquire(timeout=WAIT)
+        cost = np.ones((modes.stop - modes.start, *self.shape))
+        cost[0, 0, n] = 0.5
+        return cost

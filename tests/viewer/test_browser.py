@@ -1,0 +1,258 @@
+"""The page of `tiny` in one real browser: steps, hands, modes, files; and who may connect."""
+
+import base64
+import csv
+import io
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import websockets
+from browsing import ARGUMENTS, WAIT, choose, hover, middle, on_screen, pick, press, slider, stands, tab
+from PIL import Image
+from websockets.sync.client import connect
+
+from fdcal import landscapes, solvers
+from fdcal.export import sessionfile
+from fdcal.picture import compose
+from fdcal.scene import scene_folder
+from fdcal.store import cached_measurement
+from fdcal.viewer import (
+    exports,
+)
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory, kernels):
+    """Where `fdcal view` serves `tiny`, solved by descent, which has steps to be seen; ends in good order on Ctrl-C."""
+    slow = tmp_path_factory.mktemp("view") / "slow.toml"
+    text = (scene_folder() / "tiny.toml").read_text(encoding="utf-8")
+    slow.write_text(text.replace('name = "joint"', 'name = "descent"'), encoding="utf-8")
+    command = [sys.executable, "-m", "fdcal", "view", str(slow), "--port", "0", "--no-browser"]
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ)
+    try:
+        url = server.stdout.readline().strip()
+        assert re.fullmatch(r"http://127\.0\.0\.1:\d+", url), url or server.stderr.read()
+        yield url
+        server.send_signal(signal.SIGINT)
+        _, errors = server.communicate(timeout=WAIT)
+        assert server.returncode == 0 and "Traceback" not in errors, errors
+    finally:
+        server.kill()
+
+
+@pytest.fixture(scope="module")
+def browser(require_browser):
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=require_browser, headless=True, args=ARGUMENTS)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture(scope="module")
+def open_page(address, browser):
+    """Function that opens one more page and waits for its picture."""
+
+    def open_one():
+        page = browser.new_page(viewport={"width": 1280, "height": 720})
+        page.set_default_timeout(WAIT * 1e3)
+        page.goto(f"{address}/?fixedDpr=1")
+        drawn = "name => window.__viserMutable?.nodeRefFromName?.[name] != null"
+        page.wait_for_function(drawn, arg="/microphones/true", timeout=WAIT * 1e3)
+        return page
+
+    return open_one
+
+
+@pytest.fixture(scope="module")
+def page(open_page):
+    return open_page()
+
+
+def test_step_advances_the_state(page):
+    page.get_by_text("step 0, sweep 0").wait_for()
+    press(page, "Step")
+    page.get_by_text("step 1, sweep 0").wait_for()
+    press(page, "Sweep")
+    page.get_by_text("step 13, sweep 1").wait_for()  # 16 microphones, 3 of them known
+
+
+def test_a_second_page_shows_the_same_session(page, open_page):
+    second = open_page()
+    second.get_by_text("step 13, sweep 1").wait_for()
+    press(second, "Step")
+    page.get_by_text("step 14, sweep 1").wait_for()
+    second.close()
+
+
+def test_run_becomes_pause(page):
+    page.evaluate(
+        """() => {
+            window.seen = [];
+            const look = () => {
+                const texts = [...document.querySelectorAll("button")].map(button => button.innerText.trim());
+                const now = ["Run", "Pause"].filter(text => texts.includes(text) && window.seen.at(-1) != text);
+                window.seen.push(...now);
+            };
+            look();
+            new MutationObserver(look).observe(document.body, {subtree: true, childList: true, characterData: true});
+        }"""
+    )
+    press(page, "Run")
+    page.get_by_text(re.compile(r"Finished")).first.wait_for()  # tiny is done in seconds
+    page.get_by_role("button", name="Run", exact=True).wait_for()
+    assert page.get_by_role("button", name="Run", exact=True).is_disabled(), "a finished run has nothing to run"
+    assert not page.get_by_role("button", name="Step", exact=True).count()
+    assert page.evaluate("window.seen") == ["Run", "Pause", "Run"]
+    press(page, "Reset")
+    page.get_by_text("step 0, sweep 0").wait_for()
+
+
+def test_rewinding_and_going_on_from_there(page):
+    press(page, "Sweep")
+    page.get_by_text("step 13, sweep 1").wait_for()
+    handle = slider(page, "State")
+    handle.focus()
+    handle.press("Home")
+    page.get_by_text("step 0, sweep 0").wait_for()
+    handle.press("ArrowRight")
+    page.get_by_text("step 1, sweep 0").wait_for()
+    press(page, "Step")
+    page.get_by_text("step 2, sweep 0").wait_for()
+    press(page, "Reset")
+    page.get_by_text("step 0, sweep 0").wait_for()
+
+
+def test_a_slider_sets_the_modes_in_use(page):
+    handle = slider(page, "Last mode")
+    handle.focus()
+    handle.press("ArrowRight")
+    page.get_by_text(re.compile(r"^modes 1 to 4, ")).wait_for()
+
+
+def test_a_microphone_is_picked_by_a_click(page, scene):
+    tab(page, "Map")
+    known = cached_measurement(scene).positions[5]
+    pick(page, scene, known, "microphone 5, ")
+    assert not page.get_by_label("Follow solver").is_checked()
+
+
+def test_the_diamond_stands_where_the_map_is_lowest(page, scene):
+    choose(page, "Modes shown", "Chosen here")
+    page.locator("//label[.='Mode numbers']/following::input[1]").first.fill("2-4, 6")
+    page.keyboard.press("Enter")
+    page.get_by_text("microphone 5, sum of 4 modes").wait_for()
+    problem, descent = cached_measurement(scene).problem("unit"), solvers.load("descent")
+    state = descent.use_modes(problem, descent.init(problem, scene.solver, 0), 1, 4, True)  # what the page shows
+    fine = landscapes.finer(scene.search)
+    cost = sum(landscapes.fine_mode(problem, None, state, 5, mode, fine) for mode in (2, 3, 4, 6))
+    lowest = landscapes.places(np.array([np.unravel_index(cost.argmin(), cost.shape)]), fine)[0]
+    stands(page, "/lowest", lowest.tolist(), 1e-4)
+
+
+def test_a_microphone_is_dragged_and_the_map_stays_that_of_the_one_looked_at(page, scene):
+    truth = cached_measurement(scene).positions
+    target = truth[7] + [0.1, -0.06]
+    page.get_by_text("cost at the cross").first.wait_for()
+    before = page.get_by_text("cost at the cross").first.inner_text()
+    start, end = on_screen(page, scene, np.column_stack([[truth[7], target], [0.0, 0.0]]))
+    hover(page, start)
+    page.mouse.down()
+    for share in np.linspace(0.1, 1, 8):
+        page.mouse.move(*(start + share * (end - start)))
+    page.wait_for_function("text => !document.body.innerText.includes(text)", arg=before)
+    page.mouse.up()
+    page.get_by_text("microphone 5, ").first.wait_for()
+    pick(page, scene, target, "microphone 7, ")  # it is there now
+    np.testing.assert_allclose(middle(page, "/looked_at/estimate"), target, atol=0.004)
+
+
+def test_a_mode_is_switched_on_and_off(page):
+    tab(page, "Modes")
+    press(page, "●6")
+    page.get_by_text("sum of 3 modes").first.wait_for()
+    press(page, "○5")
+    page.get_by_text("sum of 4 modes").first.wait_for()
+    page.get_by_text("highest in the map: mode 5").first.wait_for()
+    tab(page, "Map")
+    choose(page, "Show", "Shape of the last mode")
+    page.get_by_text("pressure of mode 5").first.wait_for()
+    choose(page, "Show", "Flat map")
+
+
+def test_a_relief_stands_where_the_flat_map_lay(page, scene):
+    x0, y0, x1, y1 = compose(scene, cached_measurement(scene)).focus
+    tab(page, "Map")
+    choose(page, "Show", "Relief")
+    stands(page, "/relief", [(x0 + x1) / 2, (y0 + y1) / 2], scene.search.step)
+    choose(page, "Show", "Flat map")
+    stands(page, "/floor", [(x0 + x1) / 2, (y0 + y1) / 2], scene.search.step)
+
+
+def saved(page, label):
+    """Name and content of a file that the page saves."""
+    choose(page, "File", label)
+    with page.expect_download(timeout=3 * WAIT * 1e3) as download:  # drawn by a program of its own
+        press(page, "Save")
+    return download.value.suggested_filename, Path(download.value.path()).read_bytes()
+
+
+def test_every_file_is_saved_and_read_by_others(page, tmp_path, require_gl):
+    import pyvista
+
+    press(page, "Reset")
+    page.get_by_text("step 0, sweep 0").wait_for()
+    press(page, "Sweep")
+    page.get_by_text("step 13, sweep 1").wait_for()
+    tab(page, "Export")
+    files = {}
+    for label in exports.KINDS:
+        name, files[label] = saved(page, label)
+        assert name.startswith("fdcal-slow-step-13") and name.endswith(exports.KINDS[label].ending)
+        (tmp_path / name).write_bytes(files[label])
+    picture, png, svg, _, table, _, replay, _ = files.values()
+    image = Image.open(io.BytesIO(picture))
+    assert image.size == (1280, 800)
+    assert len(np.unique(np.asarray(image.convert("RGB")).reshape(-1, 3), axis=0)) > 100
+    assert Image.open(io.BytesIO(png)).size > (800, 600) and ElementTree.fromstring(svg).tag.endswith("svg")
+    session = sessionfile.read(tmp_path / "fdcal-slow-step-13-session.zip")
+    state, measurement = session.states[session.index], session.measurement
+    assert (state.step, len(session.states)) == (13, 14)
+    rows = list(csv.DictReader(io.StringIO(table.decode())))
+    assert np.array_equal([[float(row["x_m"]), float(row["y_m"])] for row in rows], state.positions)
+    cloud = pyvista.read(tmp_path / "fdcal-slow-step-13-microphones.vtp")
+    assert np.array_equal(cloud.points[cloud["kind"] == 0][:, :2], state.positions)
+    assert np.array_equal(cloud.points[cloud["kind"] == 1][:, :2], measurement.positions)
+    grid = pyvista.read(tmp_path / "fdcal-slow-step-13-map.vti")
+    assert grid.dimensions == (*measurement.search.shape, 1) and np.isfinite(grid["sum"]).all()
+    data = json.loads(re.search(rb'id="data">(.*?)</script>', replay).group(1))
+    places = np.frombuffer(base64.b64decode(data["positions"]), "<f4").reshape(14, 16, 2) + np.array(data["origin"])
+    assert np.abs(places - [one.positions for one in session.states]).max() < 1e-6
+
+
+def shake_hands(address, origin):
+    protocol = f"viser-v{__import__('viser').__version__}"
+    with connect(address.replace("http", "ws"), origin=origin, subprotocols=[protocol], open_timeout=WAIT):
+        return True
+
+
+@pytest.mark.parametrize(
+    "origin", ["http://evil.example", "http://127.0.0.1.evil.example", "https://localhost.evil:80", "null"]
+)
+def test_a_foreign_origin_is_refused(address, origin):
+    with pytest.raises(websockets.exceptions.InvalidStatus) as caught:
+        shake_hands(address, origin)
+    assert caught.value.response.status_code == 403
+
+
+def test_its_own_origin_and_a_program_are_let_in(address):
+    assert shake_hands(address, address) and shake_hands(address, None)

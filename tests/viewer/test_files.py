@@ -1,0 +1,63 @@
+"""Files that the page saves."""
+
+import dataclasses
+import re
+import threading
+from types import SimpleNamespace
+
+import pytest
+from browsing import WAIT
+from pretend import State, view_of
+
+from fdcal.checks import InputError
+from fdcal.viewer import (
+    exports,
+)
+
+
+def test_a_file_tells_of_the_picture_drawn(viewer, monkeypatch):
+    asked, session = [], viewer._work.session
+    monkeypatch.setattr(viewer._exports.worker, "request", lambda *arguments: asked.append(arguments))
+    viewer.tick(0.0)
+    session.view = view_of([State(viewer._work.measurement.positions + 0.02, step=9)])
+    client = SimpleNamespace(add_notification=lambda *_, **__: None)
+    viewer._export(client, exports.PICTURE)
+    ((_, kind, moment),) = asked
+    assert "step 0" in moment.caption and exports.file_name(moment, kind) == "fdcal-tiny-step-0.png"
+
+
+@pytest.mark.parametrize("name", ["../../etc/passwd", 'a"b\r\n.exe', "<script>", "", "ü" * 300])
+def test_the_name_of_a_file_is_a_name(viewer, name):
+    work = dataclasses.replace(viewer._work, scene=dataclasses.replace(viewer._work.scene, name=name))
+    found = exports.file_name(dataclasses.replace(viewer._drawn, work=work), exports.KINDS[exports.PICTURE])
+    assert re.fullmatch(r"fdcal-[A-Za-z0-9_-]{1,60}-step-0\.png", found)
+
+
+def test_every_page_gets_its_file(viewer, monkeypatch):
+    gate, got, told = threading.Event(), [], []
+    monkeypatch.setitem(exports.KINDS, "gated", exports.Kind(".x", "", lambda _: gate.wait(WAIT) and b"x"))
+    for page in range(exports.MOST + 9):
+        client = SimpleNamespace(
+            add_notification=lambda title, *_, **__: told.append(title),
+            send_file_download=lambda *_, page=page, **__: got.append(page),
+        )
+        viewer._export(client, "gated")
+    gate.set()
+    worker = viewer._exports.worker
+    assert worker.wait_for(lambda _: not worker._busy and not worker._waiting, WAIT)
+    assert len(got) >= exports.MOST and got == list(range(len(got)))
+    assert len(got) + told.count("Too many files are waiting") == exports.MOST + 9
+
+
+@pytest.mark.parametrize("error", [InputError("no map"), OSError("disk"), ZeroDivisionError("oh")])
+def test_a_file_that_cannot_be_made_is_told_on_its_page(viewer, monkeypatch, error):
+    told = []
+
+    def fail(_):
+        raise error
+
+    monkeypatch.setitem(exports.KINDS, "broken", exports.Kind(".x", "", fail))
+    client = SimpleNamespace(add_notification=lambda title, body, **_: told.append((title, body)))
+    viewer._export(client, "broken")
+    assert viewer._exports.worker.wait_for(lambda latest: latest is not None, WAIT)
+    assert told[-1][0] == "Nothing is saved" and str(error) in told[-1][1]

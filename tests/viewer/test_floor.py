@@ -1,0 +1,145 @@
+"""The map on the floor belongs to what is looked at."""
+
+import dataclasses
+
+import numpy as np
+from browsing import WAIT
+from pretend import State, say, view_of
+
+from fdcal.history import History
+from fdcal.viewer import (
+    maptab,
+)
+from fdcal.viewer.desk import Desk
+
+
+def mapped(viewer):
+    """Let one map be made; the microphone whose map is shown then, None without a map."""
+    viewer._work.solver.gate.release()
+    assert viewer._maps._worker.wait_for(lambda _: not viewer._maps._worker.busy, WAIT)
+    viewer.tick(1e9)
+    return shown(viewer)
+
+
+def shown(viewer):
+    floor, search = viewer._drawn.picture.floor, viewer._work.measurement.search
+    return None if floor is None else round((floor.minimum[0] - search.origin[0]) / search.step)
+
+
+def test_a_map_stands_under_its_own_microphone_only(viewer):
+    viewer.tick(0.0)
+    assert shown(viewer) is None and mapped(viewer) == 3
+    say(viewer._controls.map.microphone, 7)
+    viewer.tick(0.0)
+    assert shown(viewer) is None, "the map of microphone 3 stands under microphone 7"
+    assert not any("map" in solid.name for solid in viewer._drawn.picture.solids), "its diamond, too"
+    assert mapped(viewer) == 7
+    viewer._controls.map.choose_modes([2])
+    viewer.tick(0.0)
+    assert shown(viewer) is None and mapped(viewer) == 7
+
+
+def test_maps_stand_side_by_side_and_are_drawn_anew_as_the_look_changes(viewer):
+    side = viewer._side.side_by_side
+
+    def drawn():
+        return side._worker.wait_for(lambda _: not side._worker.busy, WAIT)
+
+    viewer.tick(0.0)
+    assert side.of(None, 0.0) is None and mapped(viewer) == 3 and drawn()
+    viewer.tick(2e9)
+    first = viewer._side.image
+    assert first.visible and first.image.ndim == 3
+    light = first.image
+    say(viewer._controls.dark, True)
+    viewer.tick(3e9)
+    mapped(viewer)
+    viewer.tick(4e9)
+    assert drawn()
+    viewer.tick(5e9)
+    assert viewer._side.image.image is not light and viewer._side.image.image.shape == light.shape
+
+
+def test_opacity_takes_no_new_map(viewer):
+    """It is on the screen with the next turn, while a solver runs or not."""
+    viewer.tick(0.0)
+    assert mapped(viewer) == 3
+    before = viewer.picture.floor
+    say(viewer._controls.map.opacity, 40)
+    viewer.tick(1.0)
+    assert viewer.picture.floor.opacity == 0.4 and viewer.picture.floor.rgb is before.rgb
+    assert not viewer._maps.busy
+
+
+def test_a_running_solver_draws_the_costs_it_has_in_another_scale(viewer):
+    """The gate, which every map of costs has to pass, stays shut."""
+    viewer.tick(0.0)
+    assert mapped(viewer) == 3
+    session, positions = viewer._work.session, viewer._work.measurement.positions
+    states = [session.view.state, State(positions + 0.01, 1)]
+    history = History(states, 2, session.view.history.lineage)
+    session.view = dataclasses.replace(session.view, state=states[1], index=1, count=2, history=history, running=True)
+    say(viewer._controls.map.scale, "Linear")
+    ready = viewer._maps._worker.latest.ended
+    viewer.tick(ready)
+    assert viewer._maps._worker.wait_for(lambda latest: not latest.request[0].look.log, WAIT)
+    viewer.tick(ready)
+    assert shown(viewer) == 3 and not viewer.picture.floor.bar.log
+
+
+def test_a_hand_has_the_solver_wait_and_the_page_hurry(server, work):
+    rung = []
+    desk = Desk(server.gui, work, 6, hasten=lambda: rung.append(True))
+    tab = maptab.MapTab(desk)
+    say(tab.opacity, 50)
+    assert work.session.ways == 1 and rung
+    say(tab.opacity, 60, client=False)
+    assert work.session.ways == 1, "no hand has moved it"
+    server.gui.reset()
+
+
+def test_in_a_drag_the_last_map_stays_until_the_next(viewer):
+    viewer.tick(0.0)
+    assert mapped(viewer) == 3
+    session, positions = viewer._work.session, np.array(viewer._work.measurement.positions)
+    ready = viewer._maps._worker.latest.ended
+    positions[7] += 0.03
+    session.view = view_of([State(positions)])
+    viewer.tick(ready + 0.1)
+    assert shown(viewer) == 3, "one other microphone has moved"
+    viewer.tick(ready + 1.5)
+    assert shown(viewer) is None, "but not for long"
+    session.view = view_of([State(positions + 0.01)])
+    viewer.tick(ready + 0.1)
+    assert shown(viewer) is None, "all have moved"
+
+
+def test_while_running_the_map_of_an_older_state_stays_but_not_over_a_reset(viewer):
+    viewer.tick(0.0)
+    assert mapped(viewer) == 3
+    session, positions = viewer._work.session, viewer._work.measurement.positions
+    states = [session.view.state]
+    session.view = dataclasses.replace(session.view, history=History(states, 1), running=True)
+    viewer.tick(0.0)
+    assert shown(viewer) == 3, "the very same state"
+    viewer._turn += 1
+    viewer.tick(1e9)
+    mapped(viewer)
+    states.append(State(positions + 0.01, 1))
+    session.view = dataclasses.replace(session.view, state=states[1], index=1, count=2, history=History(states, 2))
+    viewer.tick(0.0)
+    assert shown(viewer) == 3, "an older state of the same run"
+    session.view = view_of([State(positions + 0.02)])
+    viewer.tick(0.0)
+    assert shown(viewer) is None, "the map of the run before the reset"
+
+
+def test_a_fault_of_the_page_is_told_and_it_goes_on(viewer, monkeypatch, caplog):
+    monkeypatch.setattr(viewer._stage, "show", lambda picture: 1 / 0)
+    for now in (1.0, 1.1, 1.2):
+        viewer.guarded_tick(now)
+    assert len(caplog.records) == 1 and "ZeroDivisionError" in viewer._controls.bar.status.content
+    monkeypatch.undo()
+    for now in (2.0, 20.0, 20.1):
+        viewer.guarded_tick(now)
+    assert "ZeroDivisionError" not in viewer._controls.bar.status.content

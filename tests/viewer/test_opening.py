@@ -1,0 +1,216 @@
+"""From an opening to a session on the page, and from one session to the next."""
+
+import dataclasses
+import os
+import subprocess
+import sys
+import threading
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from browsing import WAIT
+from pretend import finish
+
+from fdcal import solvers
+from fdcal.checks import InputError
+from fdcal.export import sessionfile
+from fdcal.opening import Opening, edited
+from fdcal.store import cached_measurement
+from fdcal.viewer import (
+    exports,
+    preparing,
+)
+from fdcal.viewer.firstlook import look_at_once
+from fdcal.viewer.stage import Stage
+
+
+def test_the_page_tells_how_far_the_simulation_is(page_of, scene, monkeypatch, capsys):
+    """The simulation goes on only once the page has been told."""
+    page, turn_until = page_of
+
+    def slow(scene, progress):
+        progress(0.4)
+        for _ in range(600):
+            if "40 %" in page.notice.line.content and page.notice.bar.value == 40:
+                raise InputError("scene.key = 1 is wrong; mend it")
+            time.sleep(0.02)
+
+    monkeypatch.setattr(preparing, "cached_measurement", slow)
+    page.open(Opening(scene))
+    with pytest.raises(InputError, match="mend it"):
+        turn_until(lambda: False)
+    assert "40 %" in capsys.readouterr().err
+
+
+def test_the_room_is_there_while_the_solver_is_being_prepared(page_of, scene, monkeypatch):
+    """As soon as the simulation is over; of an array of which nothing is told, no microphone is drawn as known."""
+    page, turn_until = page_of
+    prepare, sound = threading.Event(), cached_measurement(scene)
+    monkeypatch.setattr(preparing, "cached_measurement", lambda scene, progress: sound)
+    monkeypatch.setattr(preparing.Rehearsal, "wait_for_first", lambda *_: prepare.wait(WAIT))
+    page.open(Opening(edited(scene, {"solver.known": "none"})))
+    assert page.stage.bare
+    turn_until(lambda: not page.stage.bare)
+    assert page.viewer is None and "microphones/true" in page.stage._nodes
+    assert not any("known" in name or "estimate" in name for name in page.stage._nodes)
+    prepare.set()
+    turn_until(lambda: page.viewer is not None)
+    assert "microphones/estimate" in page.stage._nodes
+
+
+def test_what_the_cache_holds_is_shown_at_once(server, scene):
+    stage = Stage(server)
+    look_at_once(stage, Opening(edited(scene, {"seed": 987654})))
+    assert stage.bare, "it has to be simulated first"
+    cached_measurement(scene)
+    look_at_once(stage, Opening(scene))
+    assert {"microphones/true", "microphones/known", "room/walls"} <= stage._nodes.keys()
+    server.scene.reset()
+
+
+def test_another_scene_takes_the_place_of_the_first(page_of, scene):
+    """The first goes on until the second is ready; what the page looks like is kept, tabs stay."""
+    page, turn_until = page_of
+    page.open(Opening(scene))
+    turn_until(lambda: page.viewer is not None)
+    first, tabs = page.desk, dict(page.frame._tabs)
+    first.look(dark=True, log=False)
+    first.choose(trails=True)
+    page.open(Opening(edited(scene, {"solver.name": "descent"}), start_seed=5, choices={"microphone": 9, "modes": [2]}))
+    assert page.desk is first
+    turn_until(lambda: page.desk is not first)
+    choices, session = page.desk.choices, page.desk.session
+    assert choices.look.dark and not choices.look.log and choices.trails
+    assert choices.microphone == 9 and choices.modes == (2,) and session.view.state.seed == 5
+    assert page.frame._tabs == tabs and page.viewer._controls.map.microphone.value == 9
+    assert not first.session._thread.is_alive() and session._thread.is_alive()
+    session.step()
+    turn_until(lambda: "step 1," in page.viewer._controls.bar.status.content)
+
+
+@pytest.mark.parametrize(
+    ("changes", "choices", "told"),
+    [
+        ({"solver.modes": 500}, {}, "modes"),
+        ({"gauge.known": [0, 99]}, {}, "gauge.known"),
+        ({}, {"microphone": 99}, "choices.microphone"),
+        ({}, {"colour": 1}, "choices.colour"),
+    ],
+)
+def test_what_cannot_be_opened_is_told_and_the_old_one_stays(page_of, scene, changes, choices, told):
+    page, turn_until = page_of
+    page.open(Opening(scene))
+    turn_until(lambda: page.viewer is not None)
+    before = page.desk
+    page.open(Opening(edited(scene, changes), choices=choices))
+    turn_until(lambda: page.switch.refusal)
+    page.turn(0.0)
+    assert page.desk is before and told in page.notice.line.content and page.notice.button.label == "Close"
+    before.session.step()
+    turn_until(lambda: "step 1," in page.viewer._controls.bar.status.content)
+    page.switch.cancel()
+    page.turn(0.0)
+    assert not page.notice.line.visible and not page.notice.button.visible
+
+
+def test_cancel_keeps_the_old_session(page_of, scene, monkeypatch):
+    page, turn_until = page_of
+    page.open(Opening(scene))
+    turn_until(lambda: page.viewer is not None)
+    before, ended = page.desk, threading.Event()
+
+    def endless(scene, progress):
+        try:
+            while True:
+                progress(0.1)
+                time.sleep(0.01)
+        finally:
+            ended.set()
+
+    monkeypatch.setattr(preparing, "cached_measurement", endless)
+    page.open(Opening(scene))
+    turn_until(lambda: "10 %" in page.notice.line.content)
+    assert page.notice.button.label == "Cancel" and page.notice.button.visible
+    event = SimpleNamespace(client=object(), target=page.notice.button)
+    for callback in page.notice.button._impl.update_cb:
+        finish(callback(event))
+    turn_until(lambda: page.switch.progress is None)
+    assert ended.wait(WAIT) and page.desk is before and not page.notice.line.visible
+
+
+def test_a_session_goes_on_from_states_given(page_of, scene):
+    page, turn_until = page_of
+    problem, joint = cached_measurement(scene).problem("unit"), solvers.load("joint")
+    states = [joint.init(problem, scene.solver, 0)]
+    for _ in range(3):
+        states.append(joint.step(problem, states[-1]))
+    page.open(Opening(scene, states=tuple(states), index=2))
+    turn_until(lambda: page.viewer is not None)
+    view = page.desk.session.view
+    assert (view.count, view.index) == (4, 2) and list(view.history) == states
+    page.desk.session.step()
+    assert page.desk.session.wait_for(lambda view: view.count == 4 and view.index == 3, WAIT)
+
+
+def test_a_session_saved_is_opened_where_it_was_left(page_of, scene, tmp_path):
+    page, turn_until = page_of
+    page.open(Opening(edited(scene, {"solver.name": "descent"}), start_seed=3))
+    turn_until(lambda: page.viewer is not None)
+    first = page.desk
+    first.session.sweep()
+    assert first.session.wait_for(lambda view: view.count == 14 and not view.running, WAIT)
+    first.session.seek(5)
+    assert first.session.wait_for(lambda view: view.index == 5, WAIT)
+    first.choose(microphone=9, follow=False, modes=(2, 4), trails=True)
+    first.look(dark=True, log=False, opacity=0.4)
+    turn_until(lambda: page.viewer._drawn.view.index == 5)
+    moment = dataclasses.replace(page.viewer._drawn, choices=first.choices)
+    path = tmp_path / "left.zip"
+    path.write_bytes(exports.KINDS["Session (ZIP)"].make(moment))
+    page.open(sessionfile.read(path))
+    turn_until(lambda: page.desk is not first)
+    again, view = page.desk, page.desk.session.view
+    assert exports.choices_told(again.choices) == exports.choices_told(first.choices)
+    assert (view.index, view.count, again.choices.seed) == (5, 14, 3)
+    panel = page.viewer._controls
+    assert panel.dark.value and panel.map.microphone.value == 9 and panel.trails.value
+    again.session.step()
+    assert again.session.wait_for(lambda view: view.index == 6, WAIT)
+    made, before = again.session.view.state, moment.view.history[6]
+    assert np.array_equal(made.positions, before.positions) and made.cost == before.cost, "the same next state"
+
+
+@pytest.mark.parametrize("change", [{"solver.name": '"magic"'}, {"solver.modes": "500"}])
+def test_a_bad_scene_gets_one_line(edited, change):
+    command = [sys.executable, "-m", "fdcal", "view", str(edited(change)), "--port", "0", "--no-browser"]
+    run = subprocess.run(command, capture_output=True, timeout=WAIT, env=os.environ)
+    assert run.returncode == 2, run.stderr
+    line = run.stderr.split(b"\r")[-1]  # progress is written over
+    assert line.startswith(b"error: ") and run.stderr.count(b"\n") == 1, run.stderr
+
+
+def test_an_interrupted_simulation_stops(page_of, scene, monkeypatch):
+    page, turn_until = page_of
+    begun, ended = [], []
+
+    def endless(scene, progress):
+        begun.append(True)
+        try:
+            while True:
+                progress(0.1)
+                time.sleep(0.01)
+        finally:
+            threading.Event().wait(0.3)
+            ended.append(True)
+
+    monkeypatch.setattr(preparing, "cached_measurement", endless)
+    page.open(Opening(scene))
+    turn_until(lambda: begun)
+    page.close()
+    assert ended, "the simulation's thread must have ended, or it may write half a file"
+    progress = preparing.Progress()
+    progress.stop = True
+    with pytest.raises(preparing.Stopped):
+        progress(0.5)

@@ -1,0 +1,89 @@
+"""What the handles say becomes a scenario, or a line that tells why not."""
+
+import dataclasses
+
+import pytest
+from pretend import say
+
+from fdcal.measured import stand_in
+from fdcal.scenario import knobs_of
+from fdcal.scene import load_scene
+from fdcal.viewer import (
+    scenetab,
+)
+from fdcal.viewer.desk import Desk
+
+
+def test_apply_opens_the_scenario_that_the_handles_say(controls, scene):
+    panel, session = controls
+    tab = panel.scene
+    say(tab.apply, True)
+    say(tab.noise, True)
+    say(tab.snr, 25)
+    say(tab.walls, "absorbing")
+    say(tab.absorption, 10.0)
+    say(tab.known, 5)
+    assert tab.snr.visible and tab.absorption.visible
+    say(tab.apply, True)
+    same, changed = (opening.scene for opening in session.opened)
+    assert same is scene, "what no hand has touched stays exactly as it was"
+    knobs = knobs_of(changed)
+    assert (knobs.snr_db, knobs.walls, knobs.known) == (25, "absorbing", 5)
+    assert knobs.absorption == pytest.approx(0.1) and changed.room.size == scene.room.size
+
+
+def test_a_scenario_that_cannot_be_tells_its_line_and_opens_nothing(controls):
+    panel, session = controls
+    say(panel.scene.radius, 2.5)
+    say(panel.scene.apply, True)
+    assert session.opened == [] and "outside the room" in panel.scene.told.content
+    say(panel.scene.name, "array1_circle")
+    assert panel.scene.microphones.value == 65 and panel.scene.told.content == ""
+    say(panel.scene.apply, True)
+    assert [opening.scene for opening in session.opened] == [load_scene("array1_circle")]
+
+
+def test_another_solver_starts_anew_and_the_same_one_is_reset(controls):
+    panel, session = controls
+    say(panel.bar.steps, "Reset")
+    say(panel.solve.name, "descent")
+    assert panel.solve.start.value == "random" and panel.solve.seed.visible
+    say(panel.solve.seed, 5)
+    say(panel.solve.anew, True)
+    assert session.commands == [("reset", 0)]
+    (opening,) = session.opened
+    assert (opening.scene.solver.name, opening.scene.solver.start, opening.seed) == ("descent", "random", 5)
+    assert opening.measurement is panel.desk.measurement
+
+
+def test_a_seed_that_draws_nothing_is_not_shown(controls):
+    panel, _ = controls
+    assert not panel.solve.seed.visible, "joint from its affine start"
+    say(panel.solve.start, "random")
+    assert panel.solve.seed.visible
+    say(panel.solve.name, "room")
+    assert not panel.solve.seed.visible and not panel.solve.start.visible, "it has a start of its own"
+    say(panel.solve.name, "descent")
+    assert panel.solve.seed.visible and panel.solve.start.visible
+
+
+def test_what_was_measured_offers_no_room_to_simulate(server, work):
+    measured = stand_in(work.measurement, "hall", work.scene.solver)
+    opened = []
+    tab = scenetab.SceneTab(Desk(server.gui, dataclasses.replace(work, scene=measured), 6, opened.append))
+    knobs = (tab.microphones, tab.radius, tab.walls, tab.noise, tab.speed, tab.known, tab.seed, tab.apply)
+    assert not any(handle.visible for handle in knobs) and "measured" in tab.told.content
+    say(tab.apply, True)
+    assert opened == [], "a client can press a button that it does not see"
+    say(tab.name, "tiny")
+    assert all(handle.visible for handle in knobs) and "measured" not in tab.told.content
+    say(tab.apply, True)
+    assert [one.scene.name for one in opened] == ["tiny"]
+    say(tab.name, "hall")
+    assert not tab.apply.visible
+    namesake = dataclasses.replace(work, scene=stand_in(work.measurement, "tiny", work.scene.solver))
+    tab = scenetab.SceneTab(Desk(server.gui, namesake, 6, opened.append))
+    assert tab.name.value == "tiny (measured)" and not tab.apply.visible
+    say(tab.name, "tiny")
+    assert tab.apply.visible, "the scene of that name is there, too"
+    server.gui.reset()

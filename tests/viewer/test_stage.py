@@ -1,0 +1,138 @@
+"""Scene nodes and cameras: only what has changed is sent, and cameras stand where the picture fits."""
+
+import contextlib
+import dataclasses
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from fdcal.picture import compose, with_estimate
+from fdcal.primitives import Label
+from fdcal.viewer import (
+    cameras,
+)
+from fdcal.viewer.stage import Stage
+
+
+def placing(server, scene, measurement) -> cameras.Cameras:
+    made = cameras.Cameras(server)
+    made.picture = compose(scene, measurement)
+    return made
+
+
+def test_a_page_that_has_the_place_but_not_the_direction_is_told_again(server, scene, measurement):
+    """It tells of its camera between two of our orders, and what it tells is then taken for what it has."""
+    placed = placing(server, scene, measurement)
+    camera = SimpleNamespace(image_width=900, image_height=700)
+    client = SimpleNamespace(client_id=1, camera=camera, atomic=contextlib.nullcontext)
+    placed.place(client, "top")
+    old_opening, aim = camera.fov, camera.look_at
+    camera.look_at = (aim[0] + 3e-5 * camera.position[2], *aim[1:])  # turned by 17 degrees about the vertical
+    placed.keep_placed(client)
+    assert camera.look_at == aim
+    placed.place(client, "3d")
+    ordered = SimpleNamespace(**vars(camera))
+    camera.look_at = (ordered.position[0], ordered.position[1], 0.0)  # as from the top
+    placed.keep_placed(client)
+    assert camera.look_at == ordered.look_at
+    camera.fov = old_opening
+    placed.keep_placed(client)
+    assert camera.fov == ordered.fov
+    camera.look_at, camera.position = (1.0, 1.0, 0.0), (2.0, 2.0, 5.0)
+    placed.keep_placed(client)
+    assert camera.look_at == (1.0, 1.0, 0.0), "a hand has shifted it"
+
+
+def test_the_camera_follows_the_canvas_until_a_hand_moves_it(server, scene, measurement):
+    placed = placing(server, scene, measurement)
+    camera = SimpleNamespace(image_width=900, image_height=700)
+    client = SimpleNamespace(client_id=1, camera=camera, atomic=contextlib.nullcontext)
+    placed.place(client, "top")
+    near = camera.position
+    camera.image_width = 450
+    placed.keep_placed(client)
+    assert camera.position[2] > 1.5 * near[2], "half the width needs twice the distance"
+    moved = (camera.position[0] + 1.0, *camera.position[1:])
+    camera.position, camera.image_width = moved, 900
+    placed.keep_placed(client)
+    assert camera.position == moved
+    camera.position = near
+    placed.keep_placed(client)
+    assert camera.position == pytest.approx(near), "right for this size"
+    camera.position = server.initial_camera.position
+    placed.keep_placed(client)
+    assert camera.position == pytest.approx(near), "the page learnt late where it was to begin"
+
+
+def test_on_a_telephone_the_panel_covers_nothing(server, scene, measurement):
+    placed = placing(server, scene, measurement)
+    picture = placed.picture
+    camera = SimpleNamespace(image_width=390, image_height=844)
+    placed.place(SimpleNamespace(client_id=1, camera=camera, atomic=contextlib.nullcontext), "top")
+    distance = camera.position[2]
+    height = 2 * distance * np.tan(camera.fov / 2)  # metres, of all that is seen
+    lowest = 844 * (0.5 - (picture.focus[1] - camera.look_at[1]) / height)
+    highest = 844 * (0.5 - (picture.focus[3] - camera.look_at[1]) / height)
+    assert 0 < highest < lowest < 0.4 * 844
+
+
+def test_a_page_is_made_to_tell_the_size_of_its_canvas(server, scene, measurement):
+    """What it tells while panels move may be the size before; later it tells nothing of its own accord."""
+
+    class Browser:
+        told, canvas, image_height = 900, 600, 700
+
+        def __init__(self):
+            self.client_id, self.camera, self.atomic, self._fov = 1, self, contextlib.nullcontext, 1.0
+
+        @property
+        def image_width(self):
+            return self.told
+
+        @property
+        def fov(self):
+            return self._fov
+
+        @fov.setter
+        def fov(self, value):
+            self.told, self._fov = self.canvas if abs(value / self._fov - 1) < 1e-3 else self.told, value
+
+    placed, client = placing(server, scene, measurement), Browser()
+    placed.ask(client, "top")
+    placed.answer([])
+    assert not hasattr(client, "position"), "a page that has closed meanwhile is left alone"
+    placed.ask(client, "top")
+    placed.answer([client])
+    near, opening = client.position, client.fov
+    for _ in range(9):
+        placed.keep_all_placed([client])
+    assert client.told == client.canvas and client.position[2] > 1.2 * near[2]
+    assert client.fov == pytest.approx(opening, rel=2e-4)
+
+
+def test_only_what_has_changed_is_sent(server, scene, measurement, monkeypatch):
+    stage, sent = Stage(server), []
+    monkeypatch.setattr(stage, "_send", lambda name, *_: sent.append(name) or SimpleNamespace(remove=lambda: None))
+    still = compose(scene, measurement)
+    stage.show(with_estimate(still, measurement, measurement.positions))
+    assert "room/walls" in sent and "microphones/estimate" in sent
+    sent.clear()
+    stage.show(with_estimate(still, measurement, measurement.positions.copy()))
+    assert sent == []
+    stage.show(with_estimate(still, measurement, measurement.positions + 0.01))
+    assert {name.removesuffix("_halo") for name in sent} == {
+        "microphones/estimate",
+        "microphones/error",
+        "microphones/known",
+    }
+
+
+def test_a_ruler_s_numbers_have_the_size_that_the_scene_asks_for(server, scene, measurement):
+    stage = Stage(server)
+    small = compose(scene, measurement)
+    for picture in (small, dataclasses.replace(small, marker=4 * small.marker)):
+        stage.show(picture)
+        heights = {node.font_scene_height for part, node in stage._nodes.values() if isinstance(part, Label)}
+        assert len(heights) == 1 and heights.pop() == pytest.approx(1.5 * picture.marker)
+    server.scene.reset()

@@ -1,0 +1,64 @@
+"""Status, tables and remarks."""
+
+import dataclasses
+import re
+from types import SimpleNamespace
+
+import numpy as np
+from browsing import WAIT
+from pretend import State, view_of
+
+from fdcal.viewer import (
+    spreads,
+    words,
+)
+
+
+def test_microphones_are_listed_worst_first(measurement):
+    offsets = 0.001 * np.array([0, 0, 0, 5, 9, 1, 7, 3, 2, 4])
+    html = words.table(measurement, measurement.positions + offsets[:, None] * [1, 0], None, 6)
+    numbers = [int(number) for number in re.findall(r"<tr[^>]*><td>(\d+)(?: known)?</td>", html)]
+    assert numbers == [4, 6, 3, 9, 7, 8, 5, 0, 1, 2]
+    assert (
+        "<td>9</td>" in html
+        and "error<br>(mm)" in html
+        and html.count("known") == 3
+        and "700" in html.split("<td>6</td>")[0].rpartition("<tr")[2]
+    )
+
+
+def test_modes_beyond_f_max_are_warned_of(measurement):
+    assert "beyond" not in words.modes_lines(measurement, (1, 2), 500, 3)
+    html = words.modes_lines(measurement, (1, 6), 299, 3)
+    assert "beyond" in html and "300.0 Hz" in html and "299 Hz" in html and "7 functions for 10" in html
+
+
+def test_uncertainty_is_told_of_finished_states_only(measurement, monkeypatch):
+    made, asked = spreads.Spreads(SimpleNamespace()), []
+    assert made.close(WAIT)
+    monkeypatch.setattr(made._worker, "request", asked.append)
+    going, done = State(measurement.positions), State(measurement.positions, finished=True)
+    for state in (going, done):
+        assert made.of(state, False, 0.0) is None and made.of(state, False, 9.0) is None
+    assert len(asked) == 1 and asked[0] is done
+
+
+def test_words_are_escaped(measurement):
+    evil = "<script>alert(1)</script>"
+    state = State(measurement.positions)
+    for html in (
+        words.status(view_of([state], error=evil), measurement),
+        words.waiting(evil, evil),
+        words.colour_bar(None, evil),
+    ):
+        assert "<script" not in html and "&lt;script" in html
+
+
+def test_status_tells_units_and_doings(measurement):
+    state = State(measurement.positions + np.array([0.003, 0.004]), step=7, sweep=1, moved=4)
+    html = words.status(view_of([state]), measurement)
+    for text in ("Paused", "step 7, sweep 1, stage 1", "modes 1 to 3, 100.0 to 180.0 Hz", "5 mm", "dimensionless"):
+        assert text in html
+    assert "(pressure squared)" in words.status(view_of([state]), measurement, "raw")
+    assert "Running" in words.status(view_of([state], running=True), measurement)
+    assert "unknown" in words.status(view_of([state]), dataclasses.replace(measurement, positions=None))
