@@ -6,6 +6,9 @@
     J      sum of g_m g_m^T: how far the modes disagree. J = H where the sound field is as diffuse as is supposed; a
            room's standing waves are not, and H^-1 J H^-1 (Huber 1967, White 1982) is then several times H^-1
 
+Neighbouring modes err alike: they share what the prior does not know of the room. So J takes groups of neighbours as
+one, sum over the groups of (sum g_m) (sum g_m)^T, as Newey and West (1987) do with neighbours in time.
+
 `covariance` takes, microphone by microphone, H^-1 enlarged to the size of H^-1 J H^-1 where that is larger.
 """
 
@@ -20,6 +23,7 @@ from .likelihood import LEAST_NOISE, DiffuseField, diffuse_field, newton_terms, 
 from .measurement import Problem
 
 SAME = 1e-9  # of the largest: a singular value this small is none
+NEIGHBOURS, GROUPS = 8, 6  # modes in a group, and how many groups there must be for that
 SINGULAR = 1e-12  # likewise of the curvature; a direction below it is as good as free
 
 
@@ -44,8 +48,19 @@ class Spread:
 
     @property
     def votes(self) -> np.ndarray:
-        """How far each mode alone would move the array : (M, N D) float64, metres."""
-        return -self.slopes @ self.basis @ self.newton @ self.basis.T
+        """How far each group of neighbouring modes alone would move the array : (G, N D) float64, metres."""
+        return -about_zero(grouped(self.slopes)) @ self.basis @ self.newton @ self.basis.T
+
+
+def grouped(slopes: np.ndarray) -> np.ndarray:
+    """Sums of the slopes (M, F) of neighbouring modes : (G, F)."""
+    count = max(1, len(slopes) // max(1, min(NEIGHBOURS, len(slopes) // GROUPS)))
+    return np.array([part.sum(axis=0) for part in np.array_split(slopes, count)])
+
+
+def about_zero(votes: np.ndarray) -> np.ndarray:
+    """Votes (G, F) whose mean is zero because they decided it, enlarged by what their squares lack for that."""
+    return votes * np.sqrt(len(votes) / max(len(votes) - 1, 1))
 
 
 def visible_moves(positions, known) -> np.ndarray:
@@ -138,7 +153,7 @@ def freed(found: Spread, moves) -> tuple[np.ndarray, np.ndarray]:
     H, B = found.curvature, found.basis
     along = moves - B @ (found.newton @ (B.T @ H @ moves))  # the free microphones follow
     inverse = np.linalg.pinv(along.T @ H @ along)
-    votes = -found.slopes @ along @ inverse
-    apart = np.sum((votes - votes.mean(axis=0)) ** 2)  # they agree on a step, and differ about it
+    votes = -grouped(found.slopes) @ along @ inverse
+    apart = np.sum(about_zero(votes - votes.mean(axis=0)) ** 2)  # they agree on a step, and differ about it
     factor = max(1.0, apart / max(np.trace(inverse), np.finfo(float).tiny))
     return votes.sum(axis=0), factor * inverse

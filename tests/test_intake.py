@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from fdcal.intake import intake
 from fdcal.measurement_file import load_measurement
 from fdcal.recording import Recording, of_array, read
 from fdcal.responses import from_response
+from fdcal.runs import solve, source_of
 from fdcal.steady import from_work
 from fdcal.wishes import Wishes
 
@@ -283,6 +285,17 @@ def test_from_a_recording_to_a_table_of_positions(name, kind, folder, tmp_path, 
     assert np.sqrt(np.mean(np.sum((found - places()) ** 2, axis=1))) < 0.03
     assert np.allclose(found[:5], places()[:5])
     assert (folder / name).read_bytes() == before
+
+
+@pytest.mark.parametrize("name", ["noise", "sweep"])
+def test_few_microphones_in_a_room_are_not_said_to_be_better_than_they_are(name, folder, tmp_path):
+    heard = at_work(20, 30)[0] if name == "noise" else swept(5, 30)[0]
+    soundfile.write(tmp_path / "a.wav", heard.T / np.abs(heard).max() * 0.9, FS, subtype="PCM_24")
+    measurement, _ = intake(tmp_path / "a.wav", Wishes(known=str(folder / "known.csv"), speed=SPEED))
+    result = solve(replace(source_of(str(tmp_path / "a.wav")), measurement=measurement))
+    error = np.sqrt(np.mean(np.sum((np.array(result["positions"]) - places()) ** 2, axis=1)))
+    assert error < 1.8 * np.sqrt(np.mean(np.square(result["uncertainty_m"])))
+    assert result["verdict"] == "good", "no known microphone is accused of what the room has done"
 
 
 def test_a_recording_is_calibrated_without_an_import(folder, tmp_path, monkeypatch, capsys):

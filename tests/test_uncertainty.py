@@ -8,9 +8,12 @@ from fdcal.gauge import align, rigid_motions
 from fdcal.likelihood import DiffuseField, diffuse_field, kernel
 from fdcal.solvers.newton import FIRST_DAMPING, damped_step
 from fdcal.uncertainty import (
+    NEIGHBOURS,
+    Spread,
     covariance,
     ellipse_axes,
     freed,
+    grouped,
     newton_covariance,
     one_sigma,
     scale_sigma,
@@ -120,3 +123,20 @@ def test_a_wrong_scale_of_the_known_microphones_is_told_back():
     step, variance = freed(found, along.reshape(-1, 1))
     assert abs(step[0] - 1 / 0.98 + 1) < 3 * np.sqrt(variance[0, 0]) < 0.03
     assert 0 < scale_sigma(spread(TRUTH, p, field, NONE), TRUTH) < 0.05
+
+
+def test_neighbouring_modes_that_err_alike_count_as_one():
+    rng = np.random.default_rng(0)
+    shape, modes = (6, 2), 240
+    alone = rng.normal(size=(modes, 12))
+    alike = np.repeat(rng.normal(size=(modes // NEIGHBOURS, 12)), NEIGHBOURS, axis=0)
+    basis = np.eye(12)
+    size = {}
+    for name, slopes in (("alone", alone), ("alike", alike)):
+        blocks = covariance(Spread(basis, np.eye(12) / modes, modes * np.eye(12), slopes, shape))
+        size[name] = np.trace(blocks, axis1=1, axis2=2).mean()
+    assert size["alone"] == pytest.approx(2 / modes, rel=0.4)
+    assert size["alike"] == pytest.approx(2 * NEIGHBOURS / modes, rel=0.4)
+    assert len(grouped(np.ones((57, 3)))) == 57 // NEIGHBOURS
+    assert np.allclose(grouped(alone).sum(axis=0), alone.sum(axis=0))
+    assert len(grouped(np.ones((5, 3)))) == 5, "few modes stand alone"
