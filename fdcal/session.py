@@ -23,7 +23,7 @@ import numpy as np
 from .checks import frozen_array
 from .history import MOST_STATES, History, SessionView, thinned
 
-GIVEN = 0.1  # s without a step that a hand is given
+GIVEN = 0.15  # s without a step that a hand is given
 
 log = logging.getLogger(__name__)
 
