@@ -51,7 +51,10 @@ def _pool() -> ThreadPoolExecutor:
 
 
 def at_once(function: Callable, items: Iterable, worth: bool = True) -> list:
-    """`function` of every one of the items, in their order, on all cores where that is `worth` it."""
+    """`function` of every one of the items, in their order, on all cores where that is `worth` it.
+
+    Not for a function that calls this itself: its parts would wait for the cores that wait for them.
+    """
     return list(_pool().map(function, items) if worth else map(function, items))
 
 

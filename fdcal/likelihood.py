@@ -31,6 +31,7 @@ from .checks import frozen_array
 FLOOR = 1e-3  # least power of the field as a part of the pressures' power
 LEAST_NOISE = 1e-6  # least noise, likewise; the real kernel leaves that much of a windowed field unexplained
 LEAST_NEAR_NOISE = 1e-10  # with complex wavenumbers and near sources, which explain it
+BLOCK = 2_000_000  # numbers of a microphone and a candidate, of each mode at work, that are in memory at once
 DIFFUSE_ENOUGH = {2: 1e-5, 3: 2e-6}  # noise's share of the power: with less, a near source and damping count
 STRAINED = 1e-8, 3.0  # least noise to judge by, and `Unexplained.strain` above which positions are not believed
 
@@ -168,24 +169,33 @@ def likelihood_landscapes(positions, chosen, candidates, pressures, field: Diffu
     from .compiled import at_once  # compiled code is loaded with the first step
 
     C, _ = _covariance(positions, field)
-    distance = np.linalg.norm(positions[:, None] - candidates[None], axis=-1)
-    chosen = np.asarray(chosen)
+    chosen, N = np.asarray(chosen), len(positions)
+    leaving = at_once(lambda m: _leaving_out(C[m], pressures[m], chosen, field.noise[m]), range(len(pressures)))
+    costs = []
+    for block in np.array_split(candidates, -(-N * len(candidates) // BLOCK)):
+        distance = np.linalg.norm(positions[:, None] - block[None], axis=-1)
 
-    def of_mode(m: int) -> np.ndarray:
-        p, G = pressures[m], np.linalg.cholesky(C[m])
-        X = dtrtri(G, lower=1)[0]  # K = X^T X
-        c = field.power[m] * kernel(field.wavenumbers[m] * distance, field.dimension)
-        y, rows = X @ p, X[:, chosen].T @ X
-        u, d = X.T @ y, rows[np.arange(len(chosen)), chosen]
-        along = rows @ c
-        explained = np.sum(dtrmm(1.0, X, c.T, side=1, lower=1, trans_a=1) ** 2, axis=1)  # of (X c)^T
-        V = field.power[m] + field.noise[m] - explained + along**2 / d[:, None]
-        missed = (p[chosen] + 0j)[:, None] - u @ c + along * (u[chosen] / d)[:, None]
-        base = 2 * np.log(np.diagonal(G)).sum() + np.log(d) - len(positions) * np.log(field.noise[m])
-        base += np.sum(np.abs(y) ** 2) - np.abs(u[chosen]) ** 2 / d
-        return base[:, None] + np.log(V) + np.abs(missed) ** 2 / V
+        def of_mode(m: int, distance=distance) -> np.ndarray:
+            s, (X, rows, u, d, base) = field.power[m], leaving[m]
+            c = s * kernel(field.wavenumbers[m] * distance, field.dimension)
+            along = rows @ c
+            missed = pressures[m, chosen, None] - (u.real @ c + 1j * (u.imag @ c)) + along * (u[chosen] / d)[:, None]
+            Xc = dtrmm(1.0, X, c.T, side=1, lower=1, trans_a=1, overwrite_b=1)  # transposed; c is no more
+            V = s + field.noise[m] - np.einsum("cn,cn->c", Xc, Xc) + along**2 / d[:, None]
+            return base[:, None] + np.log(V) + np.abs(missed) ** 2 / V
 
-    return np.array(at_once(of_mode, range(len(pressures))))
+        costs.append(at_once(of_mode, range(len(pressures))))
+    return np.concatenate(costs, axis=2)
+
+
+def _leaving_out(C, p, chosen, noise: float) -> tuple[np.ndarray, ...]:
+    """Of one mode: X with C^-1 = X^T X, rows `chosen` of C^-1, C^-1 p, their diagonal, and the cost of the others."""
+    G = np.linalg.cholesky(C)
+    X = dtrtri(G, lower=1)[0]
+    y, rows = X @ p, X[:, chosen].T @ X
+    u, d = X.T @ y, rows[np.arange(len(chosen)), chosen]
+    base = 2 * np.log(np.diagonal(G)).sum() + np.log(d) - len(C) * np.log(noise)
+    return X, rows, u, d, base + np.sum(np.abs(y) ** 2) - np.abs(u[chosen]) ** 2 / d
 
 
 def left_out(positions, pressures, field: DiffuseField) -> np.ndarray:

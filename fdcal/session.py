@@ -65,7 +65,8 @@ class Session:
         index = count - 1 if index is None else min(max(int(index), 0), count - 1)
         self._goal: Callable[[Any], bool] | None = None  # true once the state reached ends the run
         self._pause = 0.0  # s between two steps
-        self._way = 0.0  # moment of `time.monotonic` until which there is no step
+        self._way = self._since = 0.0  # moments of `time.monotonic` between which a hand is given way
+        self._stepped = 0.0  # moment of the last step
         self._held: object = None  # the gesture that the last state came from, if a hand made it
         self._view = SessionView(self._states[index], index, count, False, "", History(self._states, count))
         self._thread = threading.Thread(target=self._serve, name="fdcal-solver", daemon=True)
@@ -101,8 +102,13 @@ class Session:
         self._commands.put(("pace", float(rate)))
 
     def give_way(self) -> None:
-        """Let the processor to the page for GIVEN seconds after the step under way: a hand has asked for something."""
-        self._way = time.monotonic() + GIVEN
+        """Leave the processor to the page for GIVEN seconds from now: a hand has asked for something.
+
+        A hand that never rests slows the steps down to one in two GIVEN, and does not stop them.
+        """
+        now = time.monotonic()
+        self._since = now if now > self._way else self._since
+        self._way = now + GIVEN
 
     def reset(self, seed: int | None = None, settings=None) -> None:
         """Start anew, from `seed` or from the last one used, with other `settings` (the solver's name among them)."""
@@ -144,14 +150,15 @@ class Session:
                     self._publish(running=False)
                     return
                 self._guarded(getattr(self, f"_on_{command[0]}"), *command[1:])
-            if self._goal is not None and time.monotonic() >= self._way:
+            if self._goal is not None and time.monotonic() >= self._given:
                 self._guarded(self._advance)
+                self._stepped = self._since = time.monotonic()
             time.sleep(0)  # let go of the interpreter: a solver that never does would starve the page
 
     def _pending(self) -> list[tuple]:
         """All commands that wait (blocking for one when idle), without those a later one makes void."""
         commands = [self._commands.get()] if self._goal is None else []
-        rest = max(self._pause, self._way - time.monotonic())
+        rest = max(self._stepped + self._pause, self._given) - time.monotonic()
         if self._goal is not None and rest > 0:
             with contextlib.suppress(queue.Empty):
                 commands.append(self._commands.get(timeout=rest))
@@ -162,6 +169,11 @@ class Session:
             for command, after in itertools.zip_longest(commands, commands[1:])
             if after is None or not self._void(command, after)
         ]
+
+    @property
+    def _given(self) -> float:
+        """Moment until which a hand is given way."""
+        return min(self._way, self._since + 2 * GIVEN)
 
     def _void(self, command: tuple, after: tuple) -> bool:
         """Whether a command that another follows is not worth doing."""

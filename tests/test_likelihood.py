@@ -14,6 +14,7 @@ from fdcal.likelihood import (
     kernel,
     likelihood,
     likelihood_landscape,
+    likelihood_landscapes,
     newton_terms,
     noise_ratio,
     slopes,
@@ -85,6 +86,17 @@ def test_landscape_is_the_likelihood_with_the_microphone_there():
         moved = guess.copy()
         moved[6] = candidate
         np.testing.assert_allclose(costs[:, c], likelihood(moved, PROBLEM.pressures, field), rtol=1e-8)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_landscape_in_blocks_is_the_same(dimension, monkeypatch):
+    field, guess = field_and_guess(dimension)
+    candidates = guess.mean(axis=0) + np.random.default_rng(5).uniform(-0.5, 0.5, (23, dimension))
+    whole = likelihood_landscapes(guess, [1, 6], candidates, PROBLEM.pressures, field)
+    monkeypatch.setattr("fdcal.likelihood.BLOCK", 5 * len(guess))
+    parts = likelihood_landscapes(guess, [1, 6], candidates, PROBLEM.pressures, field)
+    assert parts.shape == (len(PROBLEM.pressures), 2, 23)
+    np.testing.assert_allclose(parts, whole, rtol=1e-9)
 
 
 def test_the_trap_at_infinity_is_open_in_the_quadratic_form_and_closed_in_the_likelihood():

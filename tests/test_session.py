@@ -2,6 +2,7 @@
 
 import dataclasses
 import threading
+import time
 from dataclasses import dataclass
 
 import pytest
@@ -320,6 +321,17 @@ def test_who_is_asked_to_give_way_takes_no_step_but_hears_commands(make, monkeyp
     session.pause()  # ends the wait
     session.play()
     assert session.wait_for(lambda view: view.state.finished, WAIT)
+
+
+def test_a_hand_that_never_rests_does_not_stop_the_solver(make):
+    session = make(Counter())
+    session.play()
+    for _ in range(round(WAIT / 0.01)):
+        session.give_way()
+        if session.view.state.step > 3:
+            return
+        time.sleep(0.01)
+    pytest.fail("no step is taken")
 
 
 def test_a_microphone_put_by_hand_is_a_state_of_its_own(make):

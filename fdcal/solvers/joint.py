@@ -283,7 +283,7 @@ def _end(problem: Problem, state: State, settled: bool) -> State:
     if state.last < state.settings.modes:
         return _begin(problem, replace(done, phase="free", last=state.settings.modes))
     rest = starts.left_over(problem, state.positions, state.modes, state.near)
-    if state.phase == "free" and not settled and state.best is not None and state.best[0] < rest.cost:
+    if state.phase == "free" and not settled and staging.outdone(problem, state):
         return _finish(problem, done, settled, rest)  # it wanders, and there is a better one
     if state.phase == "free" and state.rounds < MOST_ROUNDS and staging.rough(problem, state, rest):
         return _begin_free(problem, done, rest)

@@ -150,6 +150,14 @@ def attempts(problem: Problem, state: State) -> list[tuple[str, float]]:
     return tries if state.near or faint(problem, state) is not None else tries[:-1]
 
 
+def outdone(problem: Problem, state: State) -> bool:
+    """Whether an attempt before ended better than where this one is, by the same model."""
+    if state.best is None:
+        return False
+    cost, near = state.best[0], state.best[-1] and faint(problem, state) is None
+    return cost < starts.left_over(problem, state.positions, state.modes, near).cost
+
+
 def convincing(problem: Problem, state: State, rest: Unexplained) -> bool:
     """Whether what an attempt leaves is the noise told, or, where none is, what another attempt has left, too.
 

@@ -60,8 +60,9 @@ class MapRequest:
         return mine == theirs and self.lineage is wanted.lineage
 
     def differs_in_look(self, wanted: MapRequest) -> bool:
-        """Whether `wanted` is this map, drawn in another way; its state may be a newer one."""
-        return self.look != wanted.look and replace(self, look=wanted.look).stands_for(wanted, True)
+        """Whether `wanted` is this map of costs or field, drawn in another way; its state may be a newer one."""
+        alike = self.look.shape == wanted.look.shape and replace(self, look=wanted.look).stands_for(wanted, True)
+        return alike and self.look != wanted.look
 
     def almost(self, wanted: MapRequest) -> bool:
         """Whether `wanted` is the same map but for one microphone's place, as each moment of a drag is."""

@@ -101,6 +101,7 @@ class Page:
             self.viewer.guarded_tick(now)
         elif self.stage.bare and self.switch.measured is not None:
             first_look(self.stage, *self.switch.measured)
+            self.stage.cameras.place_all("top")  # of pages that came before there was anything to place them by
         self.lessons.show(self._server.get_event_loop().call_soon_threadsafe)
         clients = self._server.get_clients().values()
         self.stage.cameras.answer(clients)
