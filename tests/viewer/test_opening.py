@@ -52,7 +52,10 @@ def test_the_room_is_there_while_the_solver_is_being_prepared(page_of, scene, mo
     monkeypatch.setattr(preparing.Rehearsal, "wait_for_first", lambda *_: prepare.wait(WAIT))
     page.open(Opening(edited(scene, {"solver.known": "none"})))
     assert page.stage.bare
+    placed = []
+    monkeypatch.setattr(page.stage.cameras, "place_all", placed.append)
     turn_until(lambda: not page.stage.bare)
+    assert placed == ["top"], "pages that came before there was anything to see"
     assert page.viewer is None and "microphones/true" in page.stage._nodes
     assert not any("known" in name or "estimate" in name for name in page.stage._nodes)
     prepare.set()
