@@ -65,6 +65,7 @@ ROOMS = [
     ["measured"],
     ["opening", "scenario", "race"],
     ["shapes"],
+    ["framing"],
     ["primitives"],
     ["painting"],
     ["panels"],

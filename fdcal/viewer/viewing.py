@@ -16,6 +16,7 @@ import numpy as np
 import viser
 
 from ..cost import usable_modes
+from ..framing import framed
 from ..opening import Opening
 from ..picture import (
     Floor,
@@ -74,6 +75,7 @@ class Viewer:
         self._followed = self.desk.choices.microphone
         self._turn, self._state = 0, work.session.view.state
         self._key: tuple = ()  # of what is drawn
+        self._drawable = framed(work.measurement, np.asarray(work.session.view.history[0].positions))
         picture = self._compose(self._state, self.desk.choices, self._followed, None)
         self._drawn = Moment(work, picture, work.session.view, self.desk.choices, self._followed, None)
         self._controls = Controls(self._rooms, self.desk, stage.cameras.ask, self._export)
@@ -188,7 +190,7 @@ class Viewer:
         return self._veiled[2]
 
     def _compose(self, state, choices: Choices, microphone: int, floor: Floor | None) -> Picture:
-        dark, measurement = choices.look.dark, self._work.measurement
+        dark, measurement = choices.look.dark, self._drawable
         if floor is not None and floor.heights is not None:
             still = backdrop(self._work.told, measurement, dark, floor)
         else:
