@@ -6,8 +6,9 @@
     J      sum of g_m g_m^T: how far the modes disagree. J = H where the sound field is as diffuse as is supposed; a
            room's standing waves are not, and H^-1 J H^-1 (Huber 1967, White 1982) is then several times H^-1
 
-Neighbouring modes err alike: they share what the prior does not know of the room. So J takes groups of neighbours as
-one, sum over the groups of (sum g_m) (sum g_m)^T, as Newey and West (1987) do with neighbours in time.
+Neighbouring modes may err alike: they share what the prior does not know of the room. So J is also taken of groups of
+neighbours as one, sum over the groups of (sum g_m) (sum g_m)^T, as Newey and West (1987) do with neighbours in time; of
+the two the larger counts.
 
 `covariance` takes, microphone by microphone, H^-1 enlarged to the size of H^-1 J H^-1 where that is larger.
 """
@@ -47,9 +48,10 @@ class Spread:
     shape: tuple[int, int]
 
     @property
-    def votes(self) -> np.ndarray:
-        """How far each group of neighbouring modes alone would move the array : (G, N D) float64, metres."""
-        return -about_zero(grouped(self.slopes)) @ self.basis @ self.newton @ self.basis.T
+    def votes(self) -> tuple[np.ndarray, np.ndarray]:
+        """How far each mode, and each group of neighbours, alone would move the array : (G, N D) float64, metres."""
+        alone, together = (about_zero(votes) for votes in (self.slopes, grouped(self.slopes)))
+        return tuple(-votes @ self.basis @ self.newton @ self.basis.T for votes in (alone, together))
 
 
 def grouped(slopes: np.ndarray) -> np.ndarray:
@@ -114,7 +116,7 @@ def newton_covariance(found: Spread) -> np.ndarray:
 def covariance(found: Spread) -> np.ndarray:
     """Covariance of each microphone, enlarged where the modes disagree : (N, D, D) float64, metres^2."""
     blocks = newton_covariance(found)
-    votes = np.sum(found.votes.reshape(-1, *found.shape) ** 2, axis=(0, 2))
+    votes = np.max([np.sum(v.reshape(-1, *found.shape) ** 2, axis=(0, 2)) for v in found.votes], axis=0)
     size = np.trace(blocks, axis1=1, axis2=2)
     factor = np.maximum(1.0, votes / np.maximum(size, np.finfo(float).tiny))
     return factor[:, None, None] * blocks
@@ -139,8 +141,8 @@ def scale_sigma(found: Spread, positions) -> float:
     """One sigma of the array's size, relative : the uncertainty along `positions` about their centre."""
     centred = (positions - positions.mean(axis=0)).ravel()
     along = found.basis.T @ centred / np.sum(centred**2)
-    votes = found.votes @ found.basis @ along
-    return float(np.sqrt(max(along @ found.newton @ along, np.sum(votes**2))))
+    votes = [float(np.sum((v @ found.basis @ along) ** 2)) for v in found.votes]
+    return float(np.sqrt(max(along @ found.newton @ along, *votes)))
 
 
 def freed(found: Spread, moves) -> tuple[np.ndarray, np.ndarray]:
@@ -153,7 +155,8 @@ def freed(found: Spread, moves) -> tuple[np.ndarray, np.ndarray]:
     H, B = found.curvature, found.basis
     along = moves - B @ (found.newton @ (B.T @ H @ moves))  # the free microphones follow
     inverse = np.linalg.pinv(along.T @ H @ along)
-    votes = -grouped(found.slopes) @ along @ inverse
-    apart = np.sum(about_zero(votes - votes.mean(axis=0)) ** 2)  # they agree on a step, and differ about it
+    groupings = [-slopes @ along @ inverse for slopes in (found.slopes, grouped(found.slopes))]
+    # They agree on a step, and differ about it.
+    apart = max(float(np.sum(about_zero(votes - votes.mean(axis=0)) ** 2)) for votes in groupings)
     factor = max(1.0, apart / max(np.trace(inverse), np.finfo(float).tiny))
-    return votes.sum(axis=0), factor * inverse
+    return groupings[0].sum(axis=0), factor * inverse
