@@ -121,11 +121,16 @@ def output_path(text: str, suffix: str | list[str], force: bool, *inputs: str | 
     if not path.parent.is_dir():
         raise StorageError(f"-o {text} lies in a folder that does not exist; make it first: mkdir -p {path.parent}")
     for given in inputs:
-        if given is not None and Path(given).resolve() == path.resolve():
+        if given is not None and (Path(given).resolve() == path.resolve() or _same_file(Path(given), path)):
             raise InputError(f"-o {text} is the input itself, which stays untouched; choose another name")
     if path.exists() and not force:
         raise InputError(f"-o {text} exists; add --force to overwrite it, or choose another name")
     return path
+
+
+def _same_file(one: Path, other: Path) -> bool:
+    """Whether two names are of one file, as those of a hard link are."""
+    return one.exists() and other.exists() and one.samefile(other)
 
 
 def address(host: str, port: int) -> bool:

@@ -128,7 +128,7 @@ def import_(source, output, number, force, **wishes):
 
     INPUT is a WAV or FLAC file, a SOFA file, a folder of MeshRIR, an HDF5 file of Acoular, or an .npz file.
     """
-    path = arguments.output_path(output, ".npz", force, source)
+    path = arguments.output_path(output, ".npz", force, source, wishes["reference"])
     from .imported import report
     from .intake import intake
     from .measurement_file import save_measurement

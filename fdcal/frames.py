@@ -19,7 +19,7 @@ from .placed import Placed
 
 FRAMES = ("known", "minimal", "axes")
 IN_LINE = 1e-6  # of the array's extent: microphones this close to a line or plane through others lie in it
-LOST = ("odd_channel", "too_noisy", "known_position", "not_converged", "model_mismatch", "ambiguous")  # verdicts
+TRUSTED = ("good", "scale_undetermined")  # verdicts; with others no swap found is no all-clear
 CLEARLY = 0.5  # of the distance as named: a swap explains what is this much closer after it
 
 
@@ -131,15 +131,17 @@ def _cycles(order: np.ndarray) -> list[tuple[int, ...]]:
     return cycles
 
 
-def told(result: Check, names, verdict: str = "good") -> str:
+def told(result: Check, names, verdict: str = "good", known: bool = True) -> str:
     """The check in words: every swap, then the error of every microphone, the greatest first.
 
-    Where the `verdict` (`fdcal.verdict`) is that the positions are wrong, no swap found is no all-clear.
+    Unless the `verdict` (`fdcal.verdict`, `fdcal.roomverdict`) trusts the positions, no swap found is no all-clear.
+    `known`: whether known microphones held the positions.
     """
     lines = [f"channels {names[a]} and {names[b]} are swapped" for a, b in result.swapped]
     lines += [f"channels {', '.join(names[n] for n in chain)} stand in each other's places" for chain in result.moved]
-    if not lines and verdict in LOST:
-        lines = [f"swaps cannot be told from positions that are not to be trusted ({verdict}); try --known none"]
+    if not lines and verdict not in TRUSTED:
+        advice = "; try --known none" if known else ""
+        lines = [f"swaps cannot be told from positions that are not to be trusted ({verdict}){advice}"]
     lines = lines or ["no channels are swapped"]
     order = np.argsort(-result.errors, kind="stable")
     lines += [f"{names[n]:>12}  {1e3 * result.errors[n]:8.1f} mm" for n in order]

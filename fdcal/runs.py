@@ -319,7 +319,7 @@ def checked(given: Given, result: dict) -> str:
     require_told(measurement)
     positions = positions_from(measurement, result) if result.get("symmetries") else result["positions"]
     known = measurement.known if given.settings.known == "all" else ()
-    return told(check(positions, measurement.positions, known), measurement.names, result["verdict"])
+    return told(check(positions, measurement.positions, known), measurement.names, result["verdict"], len(known) > 0)
 
 
 def joint_landscape(given: Given, positions, n: int, modes: int) -> np.ndarray:

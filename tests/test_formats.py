@@ -420,12 +420,22 @@ def test_a_table_that_is_none_is_refused(text, words, tmp_path):
         read_positions(tmp_path / "k.csv")
 
 
-@pytest.mark.parametrize("command", [["export", "r.json", "-o", "r.json"], ["field", "m.npz", "-o", "m.npz"]])
+COMMANDS = (
+    ["export", "r.json", "-o", "r.json"],
+    ["field", "m.npz", "-o", "m.npz"],
+    ["import", "m.npz", "-o", "m.npz"],
+    ["import", "heard.wav", "--reference", "m.npz", "-o", "m.npz"],
+)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
 def test_the_input_is_never_the_output(command, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    Path(command[1]).write_text("mine")
-    with pytest.raises(SystemExit) as ended:
-        main([*command, "--force"])
-    assert ended.value.code == 2
-    assert "is the input itself" in capsys.readouterr().err
-    assert Path(command[1]).read_text() == "mine"
+    Path(command[-1]).write_text("mine")
+    Path("link" + Path(command[-1]).suffix).hardlink_to(command[-1])
+    for output in (command[-1], "link" + Path(command[-1]).suffix):
+        with pytest.raises(SystemExit) as ended:
+            main([*command[:-1], output, "--force"])
+        assert ended.value.code == 2
+        assert "is the input itself" in capsys.readouterr().err
+    assert Path(command[-1]).read_text() == "mine"

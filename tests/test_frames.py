@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import pdist
 
+from fdcal import roomverdict, verdict
 from fdcal.checks import InputError
 from fdcal.frames import FRAMES, check, in_frame, placed_in, told
 
@@ -107,4 +110,10 @@ def test_no_swap_found_among_lost_positions_is_no_all_clear():
     places = np.random.default_rng(0).uniform(size=(8, 3))
     nothing = check(places, places)
     assert told(nothing, range(8)).startswith("no channels are swapped")
-    assert told(nothing, range(8), "odd_channel").startswith("swaps cannot be told")
+    codes = set(re.findall(r"^(\w+)  ", verdict.__doc__ + roomverdict.__doc__, re.MULTILINE))
+    assert {"good", "scale_undetermined", "undersampled", "room_size", "sound_speed", "odd_channel"} <= codes
+    for code in codes - {"good", "scale_undetermined"}:
+        assert told(nothing, range(8), code).startswith("swaps cannot be told"), code
+        assert "--known none" in told(nothing, range(8), code)
+        assert "--known" not in told(nothing, range(8), code, known=False)
+    assert told(nothing, range(8), "scale_undetermined").startswith("no channels are swapped")
