@@ -25,6 +25,7 @@ FLAT = 0.06  # rad, opening of the top view: from far away, so that it looks lik
 MOST_PIXELS = 16384  # of a canvas
 DOUBTS = (1, 2, 4, 8, 16)  # looks after a camera was placed at which its page is made to tell its canvas's size anew
 MOST_EYES = 6  # last places of a camera that are kept
+DEPTH = 40.0  # times nearer and farther than what is looked at: nothing is drawn beyond
 AIMED = 4e-6  # of its distance: how far beside what it should look at a page's camera may look
 NEAR = 1e-3  # relative, of places of a camera that are the same
 PROD = 1e-4  # relative change of a camera's opening that makes the page tell
@@ -77,13 +78,12 @@ class Cameras:
         camera = client.camera
         size = _canvas(camera)
         seen = camera_for(self.picture, size, view, _margins(size), fov=FLAT if view == "top" else None)
-        distance = math.dist(seen.position, seen.look_at)
         eyes = self._placed.get(client.client_id, Placed(eyes=(self._server.initial_camera.position,))).eyes
         eyes = *(eye for eye in eyes if not np.allclose(eye, seen.position, rtol=NEAR)), seen.position
         self._placed[client.client_id] = Placed(view, size, seen, eyes[-MOST_EYES:])
         self._looks[client.client_id] = 0
         with client.atomic():
-            camera.near, camera.far = distance / 40, distance * 40
+            camera.near, camera.far = _planes(seen)
             camera.fov, camera.up_direction = seen.fov, seen.up
             camera.position, camera.look_at = seen.position, seen.look_at
 
@@ -140,7 +140,7 @@ class Cameras:
     def open_at(self, picture: Picture, size=(680, 720)) -> None:
         """Where the camera of a page that opens stands until its size is known."""
         seen, first = camera_for(picture, size, "top", MARGINS, fov=FLAT), self._server.initial_camera
-        first.near, first.far = math.dist(seen.position, seen.look_at) / 40, math.dist(seen.position, seen.look_at) * 40
+        first.near, first.far = _planes(seen)
         first.fov, first.up, first.position, first.look_at = seen.fov, seen.up, seen.position, seen.look_at
 
 
@@ -158,12 +158,19 @@ def _stands_at(camera, eye) -> bool:
     return bool(np.allclose(camera.position, eye, rtol=NEAR))
 
 
+def _planes(seen: Camera) -> tuple[float, float]:
+    """Distances from the eye, metres, between which things are drawn."""
+    distance = math.dist(seen.position, seen.look_at)
+    return distance / DEPTH, distance * DEPTH
+
+
 def _is_at(camera, seen: Camera) -> bool:
-    """Whether a page's camera is the one that was ordered: its place, its direction, its opening.
+    """Whether a page's camera is the one that was ordered: its place, its direction, its opening, its planes.
 
     The direction counts to AIMED: from the top, a hair beside straight down tells which way is up.
     """
     off = np.subtract(camera.look_at, camera.position) - np.subtract(seen.look_at, seen.position)
     aimed = np.abs(off[:2]).max() <= AIMED * math.dist(seen.position, seen.look_at)
     same = _stands_at(camera, seen.position) and np.allclose(camera.look_at, seen.look_at, rtol=NEAR, atol=NEAR)
-    return bool(same and aimed and abs(camera.fov - seen.fov) <= NEAR * seen.fov)
+    deep = np.allclose((camera.near, camera.far), _planes(seen), rtol=NEAR, atol=0)
+    return bool(same and aimed and deep and abs(camera.fov - seen.fov) <= NEAR * seen.fov)

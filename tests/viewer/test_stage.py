@@ -39,6 +39,9 @@ def test_a_page_that_has_the_place_but_not_the_direction_is_told_again(server, s
     camera.fov = old_opening
     placed.keep_placed(client)
     assert camera.fov == ordered.fov
+    camera.near *= 7
+    placed.keep_placed(client)
+    assert camera.near == ordered.near, "what is nearer would not be drawn"
     camera.look_at, camera.position = (1.0, 1.0, 0.0), (2.0, 2.0, 5.0)
     placed.keep_placed(client)
     assert camera.look_at == (1.0, 1.0, 0.0), "a hand has shifted it"
