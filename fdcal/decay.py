@@ -1,15 +1,20 @@
 """How the sound of a recording decays, by its level in pieces of time.
 
 The band in use alone tells it, for noise at other frequencies lasts to the end of a recording and says nothing of the
-room.
+room. The mean level of the band says when most of it is gone; a mode that decays more slowly than the others rings on.
+So the sound ends where what follows is at no frequency louder than the end of the recording.
+
+    c    s, where the sound may be over; what follows is looked at as long again, and so is the end of the recording
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
+from scipy.special import fdtri
 
 from .checks import InputError
 from .recording import GROUP_SAMPLES, Recording, read
@@ -19,6 +24,11 @@ LISTENED = 24  # channels by which the decay is told
 PIECES = 48  # of the recording, in each of which the level is told
 ABOVE_FLOOR = 2.0  # nepers of power above the last tenth: nearer to it a level is noise
 FAINTEST = 1e-6  # of the greatest power: what is below tells nothing of the decay
+NEARER = 0.25  # of a recording: a sound that fills less of it is looked at again, in shorter pieces
+LATER = 1.2  # factor by which the end of the sound is set later until no mode rings on
+LONGEST_RING = 4.0  # s, of what follows the sound, in which modes are looked for that ring on
+HARMLESS = 0.5  # of the noise of a pressure: what the cut may leave out
+CHANCE = 0.05  # that noise alone is taken for a mode that rings on
 LEAST_TAIL = 0.1, 0.25  # of the recording, or in seconds if that is less, that noise must fill to be told
 
 
@@ -33,7 +43,60 @@ class Decay:
 
 
 def decay_of(recording: Recording, band: tuple[float, float]) -> Decay:
-    """How the sound in a band decays, by the level of a few channels in pieces of the recording."""
+    """How the sound in a band (Hz, Hz) decays, by the level of a few channels in pieces of the part that sounds.
+
+    Raises InputError for a recording that is silent in the band.
+    """
+    decay = _by_level(recording, band)
+    while decay.tail is not None and decay.tail < NEARER * recording.duration:
+        recording = replace(recording, samples=int(2 * decay.tail * recording.sample_rate) + 1)
+        nearer = _by_level(recording, band) if recording.samples > 4 * PIECES else decay
+        if nearer.tail is None or nearer.tail >= decay.tail:
+            break
+        decay = nearer
+    return decay
+
+
+def until_the_last_mode(
+    recording: Recording, band: tuple[float, float], decay: Decay, noise: Callable[[np.ndarray], np.ndarray] | None
+) -> Decay:
+    """`decay` with its tail set so late that no mode of the band rings on in it, or as late as tells the noise.
+
+    `noise`, a function of (B,) Hz, is the power (B,) of one sample of the transform where that is known already: noise
+    that is not the same at all times is then no mode. A hum is none either, for it is as loud at the end.
+    """
+    if decay.tail is None:
+        return decay
+    c, fs = decay.tail, recording.sample_rate
+    last = recording.duration - min(LEAST_TAIL[0] * recording.duration, LEAST_TAIL[1])
+    while c < last and _rings_on(recording, band, int(c * fs) + 1, noise):
+        c *= LATER
+    if c > decay.tail:
+        c = min(LATER**2 * c, max(last, decay.tail))  # a mode not told from noise any more is not yet below it
+    return replace(decay, tail=c)
+
+
+def _rings_on(recording: Recording, band: tuple[float, float], start: int, noise) -> bool:
+    """Whether a mode is heard after the sample `start` that is not heard any more at the end."""
+    fs = recording.sample_rate
+    length = min(start, (recording.samples - start) // 2, int(LONGEST_RING * fs))
+    channels = np.unique(np.linspace(0, recording.count - 1, LISTENED).astype(int))
+    padded = next_fast_len(PADDING * length, real=True)
+    f = np.arange(padded // 2 + 1) * fs / padded
+    inside = (f >= band[0]) & (f <= band[1])
+    first, end = (
+        np.mean(np.abs(rfft(read(recording, at, at + length, channels), padded)[:, inside]) ** 2, axis=0)
+        for at in (start, recording.samples - length)
+    )
+    if noise is not None:
+        end = np.maximum(end, noise(f[inside]) * length)
+    chance = CHANCE / max(1, np.sum(inside))
+    by_chance = fdtri(2 * len(channels), 2 * len(channels), 1 - chance) - 1
+    return bool(np.any(first - end > end * max(HARMLESS * start / length, by_chance)))
+
+
+def _by_level(recording: Recording, band: tuple[float, float]) -> Decay:
+    """The decay in a band by the level of a few channels in equal pieces of the recording."""
     level = piece_levels(recording, band)
     if not level.max() > 0:
         raise InputError(f"{recording.path} is silent between {band[0]:g} and {band[1]:g} Hz; name another band")

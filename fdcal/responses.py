@@ -18,7 +18,7 @@ from scipy.fft import next_fast_len, rfft
 
 from . import bins
 from .checks import InputError
-from .decay import LISTENED, Decay, decay_of
+from .decay import LISTENED, Decay, decay_of, until_the_last_mode
 from .recording import Recording, groups, read
 from .spectrum import DECAY, PADDING, transform, wavenumber_continuous
 
@@ -71,13 +71,13 @@ def from_response(
         raise InputError(
             f"{recording.path} lasts {recording.duration:.0f} s, which is no impulse response; use --kind work"
         )
-    decay = decay_of(recording, band)
+    decay = until_the_last_mode(recording, band, decay_of(recording, band), noise)
     s = max(0.0, DECAY / recording.duration - decay.rate) if window is None else window
-    resolution = max(1 / recording.duration, min(decay.rate + s, DECAY / recording.duration) / np.pi)
     told = noise or noise_of_tail(recording, decay)
     heard = recording
     if decay.tail is not None and decay.noisy:
         heard = replace(recording, samples=min(recording.samples, int(decay.tail * recording.sample_rate) + 1))
+    resolution = max(1 / heard.duration, min(decay.rate + s, DECAY / heard.duration) / np.pi)
     grid, power = mean_power(heard, band, s)
     gain = heard.sample_rate * -np.expm1(-2 * s * heard.duration) / (2 * s) if s > 0 else heard.samples
     density = np.zeros(len(grid)) if told is None else told(grid) * gain

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -170,8 +171,9 @@ def test_the_noise_of_a_sweep_is_told_as_it_is_with_its_reference_and_without(se
     made, noise = deconvolved(recorded(heard, None), recorded(played[None], None), BAND)
     known = from_response(made, BAND, SPEED, noise=noise)
     for taken in (plain, known):
-        assert len(taken.frequencies) == 57, "a long sweep ends only just before the recording does"
         assert np.all(np.abs(np.log(error_over_noise(taken))) < np.log(1.6))
+    assert len(plain.frequencies) == 57, "a long sweep ends only just before the recording does"
+    assert len(known.frequencies) >= 38, "as far apart as the room's resonances are wide"
     error = [np.median(mismatch_db(taken.pressures, exact(taken.frequencies))) for taken in (plain, known)]
     assert error[1] < error[0] - 6, "the reference gathers the sweep, and what follows is left out"
 
@@ -184,6 +186,47 @@ def test_what_follows_the_sound_is_left_out():
     whole = np.exp(-2j * np.pi / FS * np.outer(taken.frequencies, np.arange(quiet.shape[1]))) @ quiet.T
     truth = exact(taken.frequencies)
     assert np.median(mismatch_db(taken.pressures, truth)) < np.median(mismatch_db(whole, truth)) - 4
+
+
+def ringing(seconds: float, snr_db: float, slow: float = 5.0) -> tuple[np.ndarray, Callable]:
+    """Sixty modes that decay at 20/s and one at 50 Hz that decays at `slow`, (24, T); their transform at (M,) Hz."""
+    rng = np.random.default_rng(0)
+    w = 2j * np.pi * np.concatenate([[50.0], rng.uniform(25, 390, 60)]) - np.concatenate([[slow], np.full(60, 20.0)])
+    shapes = rng.standard_normal((24, 61)) * np.concatenate([[0.3], np.ones(60)])
+    clean = (shapes @ np.exp(np.outer(w, np.arange(int(seconds * FS)) / FS))).imag
+    level = np.sqrt(np.mean(clean[:, : FS // 10] ** 2)) * 10 ** (-snr_db / 20)
+
+    def truth(frequencies: np.ndarray) -> np.ndarray:
+        z = 2j * np.pi * frequencies[:, None]
+        return (1 / (1 - np.exp((w - z) / FS)) - 1 / (1 - np.exp((w.conj() - z) / FS))) / 2j @ shapes.T
+
+    return clean + level * rng.standard_normal(clean.shape), truth
+
+
+@pytest.mark.parametrize("seconds", [4, 8])
+@pytest.mark.parametrize("snr_db", [20, 30, 45])
+def test_a_mode_that_rings_on_is_not_cut_off(seconds, snr_db):
+    heard, truth = ringing(seconds, snr_db)
+    taken = from_response(recorded(heard), BAND, SPEED)
+    assert taken.how.startswith("no window") and "left out" in taken.how
+    error = np.mean(np.abs(taken.pressures - truth(taken.frequencies)) ** 2, axis=1)
+    assert 0.7 < np.mean(error / taken.noise_power) < 1.4
+    assert np.all(error < 3 * taken.noise_power), "nor at the frequency of the mode"
+    whole = np.exp(-2j * np.pi / FS * np.outer(taken.frequencies, np.arange(heard.shape[1]))) @ heard.T
+    rest = np.mean(np.abs(whole - truth(taken.frequencies)) ** 2, axis=1)
+    assert np.median(error / rest) < 0.7, "what most modes do not need is left out all the same"
+
+
+def test_silence_after_the_sound_changes_nothing():
+    """Two frequencies closer than the room's resonances are wide say the same twice."""
+    short = noisy(np.pad(responses(), ((0, 0), (0, FS // 2))), 30)
+    noise = np.random.default_rng(3).standard_normal((24, 40 * FS)) * np.std(short[:, -FS // 4 :])
+    long = np.concatenate([short, noise], axis=1)
+    rates = [decay_of(recorded(samples), BAND).rate for samples in (short, long)]
+    assert rates[1] == pytest.approx(rates[0], rel=0.3)
+    taken = from_response(recorded(long), BAND, SPEED)
+    assert np.diff(taken.frequencies).min() > 4, "the room falls by 60 dB in 0.3 s, and its resonances are 7 Hz wide"
+    assert np.all(np.abs(np.log(error_over_noise(taken))) < np.log(1.6))
 
 
 def test_frequencies_keep_apart_and_prefer_peaks():
