@@ -122,6 +122,14 @@ def test_one_source_of_several_is_read(tmp_path):
         formats.read(folder, 2)
 
 
+def test_a_helper_of_formats_is_no_format(tmp_path, monkeypatch):
+    monkeypatch.setattr("fdcal.formats.sofa_fields.read", None, raising=False)
+    formats.modules.cache_clear()
+    assert {"sofa", "sound", "meshrir"} <= {module.__name__.split(".")[-1] for module in formats.modules()}
+    assert ".sofa" in formats.suffixes("read")
+    assert formats.reader_of(tmp_path / "a.xyz") is None
+
+
 def test_sofa_in_degrees_and_with_a_temperature(tmp_path):
     recording = formats.read(write_sofa(tmp_path / "a.sofa", spherical=True, kelvin=303.15))
     assert np.allclose(recording.positions, PLACES)

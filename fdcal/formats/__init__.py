@@ -26,8 +26,9 @@ MOST_IN_A_BYTE = 2000  # samples: what no compression of sound reaches; a header
 
 @cache
 def modules() -> tuple[ModuleType, ...]:
-    """Every format."""
-    return tuple(importlib.import_module(f"{__name__}.{module.name}") for module in pkgutil.iter_modules(__path__))
+    """Every format: what has SUFFIXES; any other module of the folder is a helper of formats."""
+    found = (importlib.import_module(f"{__name__}.{module.name}") for module in pkgutil.iter_modules(__path__))
+    return tuple(module for module in found if hasattr(module, "SUFFIXES"))
 
 
 def suffixes(what: str) -> list[str]:
