@@ -97,6 +97,7 @@ def page(server, controls):
     opened = []
     place = SimpleNamespace(cameras=SimpleNamespace(place_all=lambda view: notes.append(("view", view))))
     page = SimpleNamespace(frame=Frame(server.gui), viewer=None, open=opened.append, stage=place, opened=opened)
+    page.switch = SimpleNamespace(idle=False)
 
     def ready():
         made.desk.work = SimpleNamespace(scene=opened[-1].scene, opening=opened[-1])
@@ -115,13 +116,16 @@ def test_a_lesson_goes_from_its_start_to_the_reveal(page):
     lessons = Lessons(page, [load_lesson("3_too_many_too_soon")])
     assert not lessons.answers.visible and not lessons.ways.visible
     lessons.take("3. Too many too soon")
-    assert "Step 1 of 3" in told(lessons) and lessons.answers.options == ("A", "B", "C") and lessons.answers.visible
+    assert "Step 1 of 3" in told(lessons) and "being prepared" in told(lessons)
+    assert not lessons.answers.visible, "nothing is asked about a picture that is not there"
     lessons.show()
     assert page.notes == [], "nothing is set while another scene is still on the page"
     assert page.opened[-1].scene.solver.name == "descent"
     page.ready()
     lessons.show()
     assert ("use_modes", 1, 20, False) in page.notes and ("view", "top") in page.notes
+    assert lessons.answers.options == ("A", "B", "C") and lessons.answers.visible
+    assert "being prepared" not in told(lessons)
     page.notes.clear()
     lessons.answer("A")
     assert "It is B." in told(lessons) and "After 7 sweeps" in told(lessons) and not lessons.answers.visible
@@ -136,6 +140,17 @@ def test_a_lesson_goes_from_its_start_to_the_reveal(page):
     assert lessons.ways.options == (BACK, AGAIN)
     lessons.take(NONE)
     assert "Step" not in told(lessons) and not lessons.ways.visible
+
+
+def test_a_scene_that_is_refused_is_not_waited_for(page):
+    lessons = Lessons(page, [load_lesson("3_too_many_too_soon")])
+    lessons.take("3. Too many too soon")
+    page.switch.idle = True
+    lessons.show()
+    assert lessons.answers.visible and "being prepared" not in told(lessons)
+    page.ready()
+    lessons.show()
+    assert page.notes == []
 
 
 def test_an_answer_before_the_scene_is_there_loses_nothing(page):

@@ -101,8 +101,10 @@ class Lessons:
         """Set the last of `settings`; where another scene is needed first, what came before it in this step, too."""
         viewer, setting = self._page.viewer, settings[-1]
         if viewer is None or viewer.desk.work.scene != scene:
-            self._wanted = Opening(scene, start_seed=seed), settings[-1:] if setting.begins else settings
-            self._page.open(self._wanted[0])
+            opening = Opening(scene, start_seed=seed)
+            self._page.open(opening)
+            self._wanted = opening, settings[-1:] if setting.begins else settings
+            self._redraw()
             return
         anew = setting.begins or bool(setting.reset)
         if anew:
@@ -115,10 +117,14 @@ class Lessons:
         if wanted is not None and viewer is not None and viewer.desk.work.opening is wanted[0]:
             self._wanted = None
             call(lambda: self._guarded(lambda: self._complete(wanted[1], viewer)))
+        elif wanted is not None and self._page.switch.idle:  # refused or cancelled
+            self._wanted = None
+            call(self._redraw)
 
     def _complete(self, settings: list[Setting], viewer) -> None:
         for setting in settings if viewer is self._page.viewer else ():
             carry_out(setting, viewer.controls, self._page.stage.cameras.place_all, setting is settings[0])
+        self._redraw()
 
     def _guarded(self, act: Callable[[], None]) -> None:
         try:
@@ -135,8 +141,9 @@ class Lessons:
 
     def _redraw(self) -> None:
         place, step = self.place, self.place.step
-        self.text.content = told(place.lesson, place.number, place.choice) + complaint(self._trouble)
-        asked = step is not None and bool(step.choices) and place.choice < 0
+        ready = self._wanted is None
+        self.text.content = told(place.lesson, place.number, place.choice, ready) + complaint(self._trouble)
+        asked = step is not None and bool(step.choices) and place.choice < 0 and ready
         self.answers.visible, self.ways.visible = asked, step is not None
         if asked and self.answers.options != (letters := tuple(LETTERS[: len(step.choices)])):
             self.answers.options = letters

@@ -10,8 +10,11 @@ from .words import CARD
 LETTERS = "ABCDEF"
 
 
-def told(taken: Lesson | None, number: int, choice: int) -> str:
-    """A step of a `fdcal.lesson.Lesson`, from 0; with the reveal once a choice is made, from 0, -1 before."""
+def told(taken: Lesson | None, number: int, choice: int, ready: bool = True) -> str:
+    """A step of a `fdcal.lesson.Lesson`, from 0; with the reveal once a choice is made, from 0, -1 before.
+
+    Nothing is asked about a picture that is not `ready`.
+    """
     if taken is None:
         text = (
             "A lesson sets the controls for you, asks, and shows what happens. Everyone who has this page open follows."
@@ -20,6 +23,9 @@ def told(taken: Lesson | None, number: int, choice: int) -> str:
     step = taken.steps[number]
     parts = [f"<div style='opacity: 0.65'>Step {number + 1} of {len(taken.steps)}</div>"]
     parts += [_paragraphs(step.text)] if choice < 0 else []  # what was read gives way to the reveal
+    if not ready:
+        parts.append("<p style='margin: 0.5em 0; font-weight: 600'>The picture of this step is being prepared ...</p>")
+        return f"<div style='{CARD} line-height: 1.4'>{''.join(parts)}</div>"
     if step.question:
         parts.append(f"<p style='margin: 0.5em 0; font-weight: 600'>{escape(step.question)}</p>")
     for i, text in enumerate(step.choices):

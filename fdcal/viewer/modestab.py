@@ -139,7 +139,8 @@ class ModesTab:
         """Called by the main loop."""
         state = view.state
         used = self._desk.choices.modes or tuple(range(state.first, state.last + 1))
-        limit = round(highest_frequency(self._problem, np.asarray(state.positions)))
+        limit = highest_frequency(self._problem, np.asarray(state.positions))
+        limit = round(limit) if np.isfinite(limit) else limit
         if (used, limit) == self._key or now - self._sent < INTERVAL:
             return
         self._key, self._sent = (used, limit), now

@@ -68,6 +68,11 @@ class Switch:
     # Below: the main loop alone.
 
     @property
+    def idle(self) -> bool:
+        """Whether nothing is asked for or under way."""
+        return not self._asked and self._job is None
+
+    @property
     def progress(self) -> Progress | None:
         """Of what is under way."""
         return None if self._job is None else self._job.progress

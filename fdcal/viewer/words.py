@@ -24,7 +24,11 @@ def state_word(view: SessionView) -> str:
     if view.running:
         return "Running"
     if view.state.finished:
-        return "Finished, nothing moves any more" if view.state.converged else "Finished, sweeps used up"
+        return (
+            "Finished, nothing moves any more; Reset, or drag a microphone, to go on"
+            if view.state.converged
+            else "Finished, sweeps used up"
+        )
     return "Paused"
 
 
@@ -167,7 +171,8 @@ def modes_lines(measurement: Measurement, used, limit: float, order: int | None)
     """How high the modes of the map go, what the array can follow (f_max, Eq. 9), and a warning beyond it."""
     f, count = float(measurement.frequencies[used[-1] - 1]), measurement.count
     lines = [f"highest in the map: mode {used[-1]}, <b>{f:.1f} Hz</b>"]
-    lines += [f"f<sub>max</sub> of the supposed positions (Eq. 9): <b>{limit:.0f} Hz</b>"]
+    highest = f"<b>{limit:.0f} Hz</b>" if np.isfinite(limit) else "none, all are in one place"
+    lines += [f"f<sub>max</sub> of the supposed positions (Eq. 9): {highest}"]
     if order is not None:
         lines += [f"order L = <b>{order}</b>: {2 * order + 1} functions for {count} microphones"]
     beyond = f > limit

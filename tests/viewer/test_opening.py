@@ -63,6 +63,17 @@ def test_the_room_is_there_while_the_solver_is_being_prepared(page_of, scene, mo
     assert "microphones/estimate" in page.stage._nodes
 
 
+def test_a_solver_that_begins_with_all_microphones_in_one_place_has_a_page(page_of, scene):
+    page, turn_until = page_of
+    page.open(Opening(edited(scene, {"solver.name": "room", "solver.start": None})))
+    turn_until(lambda: page.viewer is not None)
+    for _ in range(3):
+        page.turn(time.perf_counter())
+    assert np.ptp(page.desk.session.view.state.positions, axis=0).max() == 0
+    assert page.viewer._fault == ""
+    assert "all are in one place" in page.viewer._side.modes.text.content
+
+
 def test_what_the_cache_holds_is_shown_at_once(server, scene):
     stage = Stage(server)
     look_at_once(stage, Opening(edited(scene, {"seed": 987654})))
