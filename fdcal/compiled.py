@@ -55,7 +55,12 @@ def at_once(function: Callable, items: Iterable, worth: bool = True) -> list:
 
     Not for a function that calls this itself: its parts would wait for the cores that wait for them.
     """
-    return list(_pool().map(function, items) if worth else map(function, items))
+    items = list(items)
+    try:
+        results = _pool().map(function, items) if worth else map(function, items)
+    except RuntimeError:  # the interpreter is ending, and the pool takes no more
+        results = map(function, items)
+    return list(results)
 
 
 def summed(kernel, before: tuple, modes: tuple, after: tuple, derivatives: int):

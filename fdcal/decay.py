@@ -63,7 +63,7 @@ def until_the_last_mode(
     """`decay` with its tail set so late that no mode of the band rings on in it, or as late as tells the noise.
 
     `noise`, a function of (B,) Hz, is the power (B,) of one sample of the transform where that is known already: noise
-    that is not the same at all times is then no mode. A hum is none either, for it is as loud at the end.
+    that is not the same at all times is then no mode.
     """
     if decay.tail is None:
         return decay

@@ -179,6 +179,19 @@ def test_the_bits_do_not_depend_on_the_number_of_cores(clean, monkeypatch):
     np.testing.assert_array_equal(alone[-1].positions, clean[-1].positions)
 
 
+def test_what_is_left_to_do_while_the_interpreter_ends_is_done_all_the_same(monkeypatch):
+    ended = ThreadPoolExecutor(1)
+    ended.shutdown()
+    monkeypatch.setattr(compiled, "_pool", lambda: ended)
+    assert compiled.at_once(lambda x: x + 1, iter(range(5))) == [1, 2, 3, 4, 5]
+    with pytest.raises(RuntimeError, match="own"):
+        compiled.at_once(fails, range(2))
+
+
+def fails(_):
+    raise RuntimeError("its own")
+
+
 def test_an_end_that_does_not_convince_is_followed_by_other_attempts_and_the_best_is_kept():
     """A microphone that hears noise alone cannot be explained, wherever the array is started from."""
     measurement = measured(TRUTH[:16], [], snr_db=40, seed=2)

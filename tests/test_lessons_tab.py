@@ -166,6 +166,8 @@ def test_an_answer_before_the_scene_is_there_loses_nothing(page):
 def test_a_right_answer_is_told_so(page):
     lessons = Lessons(page, [load_lesson("3_too_many_too_soon")])
     lessons.take("3. Too many too soon")
+    page.ready()
+    lessons.show()
     lessons.answer("B")
     assert "Right." in told(lessons)
 

@@ -112,6 +112,24 @@ def test_the_emitter_asked_for_is_heard(convention, tmp_path):
         formats.read(path, 3)
 
 
+@pytest.mark.parametrize("order", [1, -1], ids=["same order", "reverse order"])
+def test_positions_of_one_source_s_measurements_are_given_to_another_s_only_in_the_same_order(order, tmp_path):
+    path = written(tmp_path / "a.sofa", "GeneralFIR", moved=True)
+    sofa = sofar.read_sofa(str(path), verbose=False)
+    sofa.Data_IR = np.concatenate([SAMPLES, SAMPLES[::order]])[:, None]
+    sofa.ListenerPosition = np.concatenate([PLACES, PLACES[::order]])
+    sofa.SourcePosition = np.repeat([[2.0, 1, 0], [5.0, 1, 0]], N, axis=0)
+    sofar.write_sofa(str(path), sofa)
+    placed = Placed(tuple("01234"), FOUND)
+    if order < 0:
+        with pytest.raises(InputError, match="in different orders; leave out --original"):
+            formats.write(tmp_path / "b.sofa", "b.sofa", placed, str(path))
+        return
+    formats.write(tmp_path / "b.sofa", "b.sofa", placed, str(path))
+    for source in (0, 1):
+        assert np.allclose(formats.read(tmp_path / "b.sofa", source).positions, FOUND)
+
+
 def test_a_delay_is_applied_and_one_that_is_no_sample_is_refused(tmp_path):
     delay = np.array([103.0, 100, 101, 107, 100])
     recording = formats.read(written(tmp_path / "a.sofa", "SingleRoomSRIR", delay=delay))

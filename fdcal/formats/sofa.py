@@ -133,6 +133,7 @@ def _place(sofa, placed: Placed, original: str | None) -> None:
             f"{original} has {number.max() + 1} places of receivers, the result {len(placed.names)} microphones; leave"
             " out --original, or calibrate all of them"
         )
+    _require_one_order(sofa, turn, original)
     where = _in_order(placed)[number]
     moved = turn.max() > 0
     carried = moved and receivers == 1
@@ -151,6 +152,23 @@ def _place(sofa, placed: Placed, original: str | None) -> None:
             for key, told in (("Type", "cartesian"), ("Units", "metre")):
                 if hasattr(sofa, f"{name}_{key}"):
                     setattr(sofa, f"{name}_{key}", told)
+
+
+def _require_one_order(sofa, turn: np.ndarray, original: str | None) -> None:
+    """InputError where sources were heard at the same places in other orders, by what the original tells of them.
+
+    turn : (M,) int, of each measurement, the how many-eth of its source
+    """
+    listener, receiver = (np.asarray(getattr(sofa, f"{n}Position"), float) for n in ("Listener", "Receiver"))
+    M = len(turn)
+    told = [np.broadcast_to(np.atleast_2d(listener), (M, 3))]
+    if receiver.ndim == 3:
+        told.append(np.broadcast_to(np.moveaxis(receiver, 2, 0), (M, *receiver.shape[:2])).reshape(M, -1))
+    places = np.concatenate(told, axis=1)
+    if any(np.ptp(places[turn == one], axis=0).max() > SAME for one in np.unique(turn)):
+        raise InputError(
+            f"{original} has sources whose places of receivers stand in different orders; leave out --original"
+        )
 
 
 def _in_order(placed: Placed) -> np.ndarray:
