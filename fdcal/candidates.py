@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from .compiled import compiled
+from .compiled import at_once, compiled
 from .cost import LeaveOneOut, known_weights, leave_one_out
 from .dictionary import Lattice
 from .measurement import Problem
 
 BLOCK = 32  # neighbouring candidates are weighed together, which vector instructions serve well
+STRIP = 64 * BLOCK  # candidates that one core weighs at a time
 
 
 def lattice_landscape(problem: Problem, lattice: Lattice, positions, n: int, centre, modes: slice, known_weight=1.0):
@@ -29,7 +30,10 @@ def lattice_landscape(problem: Problem, lattice: Lattice, positions, n: int, cen
 
 def all_candidates(lattice: Lattice, centre, modes: slice, fits: list[LeaveOneOut]) -> np.ndarray:
     """Cost of every candidate and mode : (modes, C) float64. Arguments as of `best_candidate`."""
-    return _weigh(*_tables(lattice, centre, modes, fits))
+    unit, row, *rest = _tables(lattice, centre, modes, fits)
+    firsts = range(0, len(unit), STRIP)
+    strips = at_once(lambda first: _weigh(unit[first : first + STRIP], row[first : first + STRIP], *rest), firsts)
+    return np.concatenate(strips, axis=1)
 
 
 def best_candidate(lattice: Lattice, centre, modes: slice, fits: list[LeaveOneOut], start: int) -> tuple[int, float]:
