@@ -50,6 +50,13 @@ def _pool() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(min(PARTS, os.cpu_count() or 1), "fdcal-modes")
 
 
+def let_go() -> None:
+    """End the threads of `at_once` after what they are at; who needs them again gets new ones."""
+    pool = _pool()
+    _pool.cache_clear()
+    pool.shutdown()
+
+
 def at_once(function: Callable, items: Iterable, worth: bool = True) -> list:
     """`function` of every one of the items, in their order, on all cores where that is `worth` it.
 

@@ -151,3 +151,6 @@ class Page:
         self.switch.close(LONGEST)
         if self.viewer is not None:
             self.viewer.close(max(end - time.perf_counter(), 0.2))
+            from ..compiled import let_go  # loaded by the session that was shown
+
+            let_go()
