@@ -107,7 +107,7 @@ def _copied(sofar, original: str):
         raise StorageError(f"cannot read {original}: {error.strerror}") from error
     try:
         sofa = sofar.read_sofa(original, verbose=False)
-        np.shape(sofa.Data_IR)[1]
+        np.shape(sofa.Data_IR)[1]  # one without responses is refused here, in one line with other damage
         if sofa.GLOBAL_SOFAConventions in REPLACED:
             with contextlib.redirect_stdout(io.StringIO()):  # it tells what it does
                 sofa.upgrade_convention(REPLACED[sofa.GLOBAL_SOFAConventions])

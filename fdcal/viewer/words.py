@@ -24,8 +24,7 @@ def state_word(view: SessionView) -> str:
     if view.running:
         return "Running"
     if view.state.finished:
-        end = "nothing moves any more" if view.state.converged else "sweeps used up"
-        return f"Finished, {end}; Reset, or drag a microphone, to go on"
+        return "Finished, nothing moves any more" if view.state.converged else "Finished, sweeps used up"
     return "Paused"
 
 
