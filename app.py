@@ -2,7 +2,7 @@
 
 import sys
 
-from fdcal.cli import main
+from fdcal.commands.cli import main
 
 if __name__ == "__main__":
     main(["view", *sys.argv[1:]])

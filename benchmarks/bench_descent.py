@@ -9,9 +9,9 @@ import numpy as np
 
 from benchmarks.report import Figure
 from fdcal import solvers
-from fdcal.gauge import position_errors
-from fdcal.scene import load_scene
-from fdcal.store import cached_measurement
+from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.model.gauge import position_errors
+from fdcal.model.scene import load_scene
 
 SEEDS = 10
 NEAR = 0.05  # metres

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fdcal.gauge import position_errors
+from fdcal.model.gauge import position_errors
 
 from .draws import draw, solve
 from .report import Figure

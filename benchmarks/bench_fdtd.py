@@ -7,11 +7,11 @@ import time
 import numpy as np
 
 from benchmarks.report import Figure
-from fdcal import fdtd
-from fdcal.arrays import positions_of
-from fdcal.fdtd import make_grid, simulate
-from fdcal.scene import load_scene
-from fdcal.stencil import march
+from fdcal.acoustics import fdtd
+from fdcal.acoustics.fdtd import make_grid, simulate
+from fdcal.acoustics.fdtd_kernels import march
+from fdcal.model.arrays import positions_of
+from fdcal.model.scene import load_scene
 
 # Of one timed call, some milliseconds each: short enough that the best of many is free of the machine's other work.
 STEPS = 64
@@ -54,7 +54,8 @@ def _best_times(*functions) -> list[float]:
 
 
 def _update(grid, fields):
-    """Function that takes STEPS steps, as `fdcal.fdtd.advance` does, the tables of the grid being made beforehand."""
+    """Function that takes STEPS steps, as `fdcal.acoustics.fdtd.advance` does, the tables of the grid being made
+    beforehand."""
     state = np.stack([fdtd._framed(field, fdtd._width(grid)) for field in fields])
     tables = fdtd._tables(grid, ((0, 0), np.zeros(0)), (np.zeros((0, 2), int), np.zeros((0, 0))))
     return lambda: march(state, 0, STEPS, tables)

@@ -14,11 +14,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from fdcal import cost, solvers
-from fdcal.dictionary import max_order
-from fdcal.runs import Given, solve
-from fdcal.scene import Solver, load_scene
-from fdcal.store import cached_measurement
+from fdcal import solvers
+from fdcal.acoustics.fourier_bessel import max_order
+from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.commands.calibrate import Given, solve
+from fdcal.cost import eq7
+from fdcal.model.scene import Solver, load_scene
 
 from .draws import draw
 from .report import Figure
@@ -91,7 +92,7 @@ def equation7(problem, positions, settings) -> float:
     modes = slice(0, settings.modes)
     k = problem.wavenumbers[modes]
     orders = max_order(k, problem.search.radius, settings.order_offset)
-    return float(cost.cost(positions, problem.pressures[modes], k, orders, positions.mean(axis=0)).sum())
+    return float(eq7.cost(positions, problem.pressures[modes], k, orders, positions.mean(axis=0)).sum())
 
 
 def _until(problem, settings, rule, goal: float) -> tuple[float, float]:

@@ -1,7 +1,8 @@
 """A room of known size: 8 microphones at 30 frequencies, 40 dB, nothing else known; positions up to the room's mirrors.
 
 Draws of size, source and microphones: anywhere in the room, or (every second) within a square of 1 m. The truth is the
-tests' closed form in rigid rooms and, in space, `fdcal.shoebox` with walls that absorb: other formulas than the
+tests' closed form in rigid rooms and, in space, `fdcal.acoustics.box_field` with walls that absorb: other formulas
+than the
 solver's, and it is not told the walls.
 """
 
@@ -14,11 +15,11 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from fdcal.measurement import Measurement
-from fdcal.rectangle import nearest_image
-from fdcal.roomverdict import judge
-from fdcal.scene import Room, Solver
-from fdcal.shoebox import field as box_field
+from fdcal.acoustics.box_field import field as box_field
+from fdcal.acoustics.room_modes import nearest_image
+from fdcal.assessment.room_verdict import judge
+from fdcal.model.measurement import Measurement
+from fdcal.model.scene import Room, Solver
 from fdcal.solvers import run as states
 
 from .draws import eigenfrequencies, pooled, rigid_field

@@ -9,14 +9,14 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.report import Figure, best_time
-from fdcal.candidates import all_candidates, best_candidate, lattice_landscape
-from fdcal.cost import lattice_of, leave_one_out
-from fdcal.dictionary import Lattice
-from fdcal.likelihood import diffuse_field, likelihood_landscape
-from fdcal.likelihood_maps import likelihood_maps
-from fdcal.scene import load_scene
+from fdcal.acoustics.fourier_bessel import Lattice
+from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.cost.eq7 import lattice_of, leave_one_out
+from fdcal.cost.lattice_search import all_candidates, best_candidate, lattice_landscape
+from fdcal.cost.likelihood import diffuse_field, likelihood_landscape
+from fdcal.cost.likelihood_maps import likelihood_maps
+from fdcal.model.scene import load_scene
 from fdcal.solvers import descent
-from fdcal.store import cached_measurement
 
 MICROPHONE = 7
 

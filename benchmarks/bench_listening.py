@@ -11,9 +11,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fdcal.listening import expansions, report
-from fdcal.scene import load_scene
-from fdcal.shoebox import field as box_field
+from fdcal.acoustics.box_field import field as box_field
+from fdcal.assessment.cross_validation import expansions, report
+from fdcal.model.scene import load_scene
 
 from .draws import Draw, Outcome, draw, pooled, rigid_field, solve, source_of
 from .report import Figure

@@ -18,8 +18,8 @@ import numba
 import numpy as np
 from scipy.fft import irfft, rfft
 
-from fdcal.gauge import align
-from fdcal.measurement_file import load_measurement
+from fdcal.model.gauge import align
+from fdcal.model.measurement_file import load_measurement
 
 from .report import Figure
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from fdcal.gauge import position_errors
-from fdcal.scene import load_scene
+from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.model.gauge import position_errors
+from fdcal.model.scene import load_scene
 from fdcal.solvers import run as solve
-from fdcal.store import cached_measurement
 
 from .report import Figure
 

@@ -14,8 +14,8 @@ import numpy as np
 import soundfile
 from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 
-from fdcal.fdtd import simulate
-from fdcal.scene import Room, Source
+from fdcal.acoustics.fdtd import simulate
+from fdcal.model.scene import Room, Source
 
 from . import bench_meshrir
 from .report import Figure

@@ -7,9 +7,9 @@ import functools
 
 import numpy as np
 
-from fdcal.export.replay import replay
-from fdcal.measurement import Measurement
-from fdcal.scene import load_scene
+from fdcal.graphics.replay import replay
+from fdcal.model.measurement import Measurement
+from fdcal.model.scene import load_scene
 
 from .report import Figure, best_time
 

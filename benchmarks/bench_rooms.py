@@ -13,8 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from fdcal.scene import Room, load_scene
-from fdcal.store import cached_measurement
+from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.model.scene import Room, load_scene
 
 from .draws import Draw, solve, summary
 from .report import Figure

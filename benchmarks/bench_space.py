@@ -12,8 +12,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fdcal.gauge import align, position_errors
-from fdcal.verdict import judge
+from fdcal.assessment.verdict import judge
+from fdcal.model.gauge import align, position_errors
 
 from .draws import draw, pooled, solve, summary
 from .report import Figure

@@ -10,7 +10,9 @@ import time
 from .report import Figure
 
 IMPORT = "import time; start = time.perf_counter(); import fdcal; print(time.perf_counter() - start)"
-EVERYTHING = IMPORT.replace("import fdcal", "import fdcal, fdcal.scene, fdcal.measurement, fdcal.session")
+EVERYTHING = IMPORT.replace(
+    "import fdcal", "import fdcal, fdcal.model.scene, fdcal.model.measurement, fdcal.session.session"
+)
 
 
 def import_time(code: str = IMPORT, repeats: int = 5) -> float:

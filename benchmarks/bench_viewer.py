@@ -16,11 +16,11 @@ import time
 
 import numpy as np
 
-from fdcal.camera import camera_for, project
-from fdcal.picture import compose
-from fdcal.scene import load_scene
-from fdcal.store import cached_measurement
-from fdcal.viewer import cameras
+from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.graphics.camera import camera_for, project
+from fdcal.graphics.picture import compose
+from fdcal.model.scene import load_scene
+from fdcal.viewer.scene3d import cameras
 
 from .pages import Served, chromium, open_page, slider
 from .report import Figure

@@ -18,15 +18,15 @@ from pathlib import Path
 
 import numpy as np
 
-from fdcal.arrays import positions_of
-from fdcal.checks import InputError
-from fdcal.gauge import align, position_errors
-from fdcal.likelihood import diffuse_field, newton_terms
-from fdcal.measurement import Measurement
-from fdcal.scene import Scene, Solver, load_scene
-from fdcal.shoebox import field as box_field
+from fdcal.acoustics.box_field import field as box_field
+from fdcal.cost.likelihood import diffuse_field, newton_terms
+from fdcal.model.arrays import positions_of
+from fdcal.model.arrays_3d import places_of
+from fdcal.model.gauge import align, position_errors
+from fdcal.model.measurement import Measurement
+from fdcal.model.scene import Scene, Solver, load_scene
+from fdcal.model.validation import InputError
 from fdcal.solvers import run
-from fdcal.space import places_of
 
 from .report import Figure
 

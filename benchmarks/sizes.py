@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 
-from fdcal.measurement import Measurement
+from fdcal.model.measurement import Measurement
 
 from .draws import eigenfrequencies, rigid_field, solve
 

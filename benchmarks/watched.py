@@ -20,11 +20,11 @@ import time
 
 import viser
 
-from fdcal.cli import main
-from fdcal.viewer.maptab import MapTab
+from fdcal.commands.cli import main
 from fdcal.viewer.page import Page
-from fdcal.viewer.solvetab import SolveTab
-from fdcal.viewer.viewing import Viewer
+from fdcal.viewer.session_view import Viewer
+from fdcal.viewer.tabs.map import MapTab
+from fdcal.viewer.tabs.solver import SolveTab
 
 DRAG, HAND = 6.0, 60  # s, 1/s
 

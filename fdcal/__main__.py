@@ -1,5 +1,5 @@
 """`python -m fdcal ...` is the same as `fdcal ...`."""
 
-from .cli import main
+from .commands.cli import main
 
 main()

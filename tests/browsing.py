@@ -2,12 +2,10 @@
 
 import pytest
 
-from fdcal.camera import camera_for, project
-from fdcal.picture import compose
-from fdcal.store import cached_measurement
-from fdcal.viewer import (
-    cameras,
-)
+from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.graphics.camera import camera_for, project
+from fdcal.graphics.picture import compose
+from fdcal.viewer.scene3d import cameras
 
 WAIT = 60.0  # s, bound of every wait
 

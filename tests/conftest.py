@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from fdcal.rehearsal import pieces
-from fdcal.scene import scene_folder
+from fdcal.model.scene import scene_folder
+from fdcal.solvers.warmup import pieces
 
 ROOT = Path(__file__).parent.parent
 CHROMIUM = ("/usr/bin/chromium", "/usr/bin/chromium-browser", "/usr/bin/google-chrome")

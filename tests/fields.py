@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.special import jv
 
-from fdcal.measurement import Measurement
-from fdcal.scene import Search
+from fdcal.model.measurement import Measurement
+from fdcal.model.scene import Search
 
 
 def rigid_room(points, source, wavenumbers, size=(6.0, 5.0), terms=200):

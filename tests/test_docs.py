@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from fdcal import formats
-from fdcal.cli import commands
-from fdcal.lesson import MAPS, SCALES, VIEWS, Lesson, Setting, Step, load_lesson
+from fdcal.commands.cli import commands
+from fdcal.recordings import formats
+from fdcal.session.lesson import MAPS, SCALES, VIEWS, Lesson, Setting, Step, load_lesson
 
 DOCS = Path(__file__).parent.parent / "docs"
 TEXT = (DOCS / "bring-your-recording.md").read_text(encoding="utf-8")

@@ -9,9 +9,9 @@ from pathlib import Path
 import click
 import pytest
 
-from fdcal.cli import commands
-from fdcal.measurement_file import OPTIONAL, REQUIRED, SEARCH
-from fdcal.scene import scene_names
+from fdcal.commands.cli import commands
+from fdcal.model.measurement_file import OPTIONAL, REQUIRED, SEARCH
+from fdcal.model.scene import scene_names
 
 ROOT = Path(__file__).parent.parent
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -1,6 +1,9 @@
-"""Solvers: every module here with an `init` and a `step` over frozen states is one, found by its file name.
+"""Solvers: `init` and `step` over frozen states, found by their module's or package's name.
 
-A name with "+" is a chain of them (`chain`).
+May import: model, acoustics and cost.
+
+A solver is a module here, or a subpackage with a module `solver`, that has `init` and `step`. A name with "+" is a
+chain of solvers (`fdcal.solvers.chain`).
 """
 
 from __future__ import annotations
@@ -8,11 +11,20 @@ from __future__ import annotations
 import importlib
 import pkgutil
 from collections.abc import Iterator
+from functools import cache
 
-from ..checks import require_choice
+from ..model.validation import require_choice
 
 # Modules here that are no solvers.
-HELPERS = ("chain", "newton", "roomattempts", "roomfit", "roomsearch", "roomsource", "roomstate", "staging", "starts")
+HELPERS = (
+    "chain",
+    "identifiability",
+    "initial_positions",
+    "joint_state",
+    "levenberg_marquardt",
+    "noise_schedule",
+    "warmup",
+)
 CHAINS = ("descent+joint",)
 
 
@@ -22,10 +34,16 @@ def names() -> list[str]:
     return sorted([*modules, *CHAINS])
 
 
+@cache
+def _member(name: str):
+    module = importlib.import_module(f"{__name__}.{name}")
+    return importlib.import_module(f"{module.__name__}.solver") if hasattr(module, "__path__") else module
+
+
 def load(name: str):
     """Solver `name`, a module or a chain of them; InputError if there is none."""
     require_choice("solver.name", name, names())
-    members = tuple(importlib.import_module(f"{__name__}.{part}") for part in name.split("+"))
+    members = tuple(_member(part) for part in name.split("+"))
     if len(members) == 1:
         return members[0]
     from .chain import Chain

@@ -11,8 +11,8 @@ from types import ModuleType
 
 import numpy as np
 
-from ..measurement import Problem
-from ..scene import Solver
+from ..model.measurement import Problem
+from ..model.scene import Solver
 
 
 @dataclass(frozen=True)

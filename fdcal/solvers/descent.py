@@ -5,21 +5,22 @@
     stage  sweeps with one set of modes, until no microphone moves; then the next mode is added
 
 The centre of the expansion is the centre of mass rounded to the search lattice, so that one table of radial functions
-serves every step (`fdcal.dictionary.Lattice`).
+serves every step (`fdcal.acoustics.fourier_bessel.Lattice`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
-from ..checks import InputError, frozen_array
-from ..cost import known_weights, lattice_of, leave_one_out, require_modes
-from ..gauge import fixes_gauge
-from ..measurement import Problem
-from ..scene import Solver
-from . import starts
+from ..cost.eq7 import known_weights, lattice_of, leave_one_out, require_modes
+from ..model.gauge import fixes_gauge
+from ..model.measurement import Problem
+from ..model.scene import Solver
+from ..model.validation import InputError, frozen_array
+from . import initial_positions
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,8 @@ class State:
     finished : nothing is left to do
     converged : finished because no microphone moved any more, not because sweeps ran out
     """
+
+    solver: ClassVar[str] = "descent"
 
     positions: np.ndarray
     centre: np.ndarray
@@ -88,7 +91,7 @@ def init(problem: Problem, settings: Solver, seed: int) -> State:
     require_modes(problem, settings.order_offset, settings.modes)
     lattice = lattice_of(problem, settings.order_offset)
     if settings.start == "affine":
-        positions = lattice.nearest(starts.affine(problem, settings.modes))
+        positions = lattice.nearest(initial_positions.affine(problem, settings.modes))
     else:
         rng = np.random.default_rng([seed, 0])
         positions = lattice.points[rng.choice(len(lattice.points), problem.pressures.shape[1], replace=False)]
@@ -119,7 +122,7 @@ def step(problem: Problem, state: State) -> State:
     """`state` with the next microphone moved to its best place; unchanged if finished."""
     if state.finished:
         return state
-    from ..candidates import best_candidate  # compiled code is loaded with the first step
+    from ..cost.lattice_search import best_candidate  # compiled code is loaded with the first step
 
     n = int(_turns(problem, state)[state.turn])
     lattice, _, fits = _fits(problem, state, n)
@@ -164,7 +167,7 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
 
 def landscape(problem: Problem, state: State, n: int, modes: slice) -> np.ndarray:
     """What a step on microphone `n` would minimise, over the whole lattice, mode by mode : (modes, ny, nx) float64."""
-    from ..candidates import lattice_landscape
+    from ..cost.lattice_search import lattice_landscape
 
     lattice = lattice_of(problem, state.order_offset)
     weight = state.settings.known_weight

@@ -9,29 +9,30 @@
             the basin
     free    every microphone for itself, the noise estimated anew
     sharp   the noise of the measurement, told or estimated, less `confidence`; where that is little, with complex
-            wavenumbers, if they are, and with sources near the array allowed for (`fdcal.expansion`)
+            wavenumbers, if they are, and with sources near the array allowed for (`fdcal.cost.low_rank_covariance`)
 
     learned in the plane and in noise, the field not diffuse but from directions learned from the pressures
-            (`fdcal.learned`), three times anew
+            (`fdcal.cost.angular_prior`), three times anew
 
-What noise is supposed at each stage, and what is made of its end: `fdcal.solvers.staging`.
+What noise is supposed at each stage, and what is made of its end: `fdcal.solvers.noise_schedule`.
 
 If what remains unexplained is more than noise, another affine start is tried, and the likeliest end is kept.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from ..checks import InputError, frozen_array
-from ..gauge import place
-from ..likelihood import LEAST_NOISE, Unexplained, diffuse_field
-from ..measurement import Problem
-from ..scene import Search, Solver
-from . import staging, starts
-from .newton import FIRST_DAMPING, damped_step, finite_cost
+from ..cost.likelihood import LEAST_NOISE, Unexplained, diffuse_field
+from ..model.gauge import place
+from ..model.measurement import Problem
+from ..model.scene import Search, Solver
+from ..model.validation import InputError, frozen_array
+from . import initial_positions, noise_schedule
+from .joint_state import State
+from .levenberg_marquardt import FIRST_DAMPING, damped_step, finite_cost
 
 FIRST_MODES = 28  # of the first bend
 LOW_DAMPING = 1e-7  # with which a stage begins that is near its end: damping holds back what the pressures hardly tell
@@ -51,75 +52,6 @@ FLED = 0.5  # of the shortest wavelength: a microphone that goes further in the 
 LEAST_MODES = {2: 6, 3: 12}  # of a sound field of two and three dimensions
 
 
-@dataclass(frozen=True)
-class State:
-    """Everything `step` needs to go on, so that any state can be gone on from.
-
-    Attributes
-    ----------
-    positions : (N, D) float64, metres, read-only; up to rotation, translation and mirror without known microphones
-    settings : Solver
-    seed : int, of a random start
-    step, sweep, stage : steps taken (twice), stages completed
-    moved : -1, since all microphones move
-    first, last : modes in use, counted from 1, both included
-    automatic : whether modes are added when settled
-    phase : "bend", "free", "sharp" or "learned"
-    prior : (modes in use, Q) float64, power by direction, or None for a diffuse field
-    lessons : stages of phase "learned" begun
-    near : whether a near source and damping count
-    degree : of the polynomials that bend the array
-    shape : (N, D) float64, metres, positions at the beginning of the stage, of which the polynomials are
-    attempt : which of `starts.attempts`
-    best : of the likeliest of the attempts before (cost as of `starts.left_over`, converged, positions, shape, noise,
-        noise_power, near), or None
-    rounds : stages of phases "free" and "sharp" in the present attempt
-    stage_steps : steps taken in the present stage
-    damping : of the next step
-    noise : (M,) float64, noise power supposed, in the unit of abs(pressures)**2, read-only
-    noise_power : (M,) float64, noise power of the measurement, told or estimated, likewise
-    noise_told : whether it was told
-    spread : metres, error of each microphone's own place that the pressures told of when the stage began
-    cost : of the modes in use, dimensionless: -log likelihood up to a constant, or Eq. 7
-    finished : nothing is left to do
-    converged : finished because no microphone moved any more, not because steps ran out
-    """
-
-    positions: np.ndarray
-    settings: Solver
-    seed: int
-    step: int
-    sweep: int
-    stage: int
-    moved: int
-    first: int
-    last: int
-    automatic: bool
-    phase: str
-    prior: np.ndarray | None
-    lessons: int
-    near: bool
-    degree: int
-    shape: np.ndarray
-    attempt: int
-    best: tuple | None
-    rounds: int
-    stage_steps: int
-    damping: float
-    noise: np.ndarray
-    noise_power: np.ndarray
-    noise_told: bool
-    spread: float
-    cost: float
-    finished: bool
-    converged: bool
-
-    @property
-    def modes(self) -> slice:
-        """Indices of the modes in use."""
-        return slice(self.first - 1, self.last)
-
-
 def init(problem: Problem, settings: Solver, seed: int, positions=None) -> State:
     """The start that `settings.start` names, or `positions` (N, D), metres, with the lowest modes in use.
 
@@ -129,9 +61,9 @@ def init(problem: Problem, settings: Solver, seed: int, positions=None) -> State
     given = positions is not None
     random = settings.start == "random"
     if not given and random:
-        positions = starts.random(problem, np.random.default_rng([seed, 0]))
+        positions = initial_positions.random(problem, np.random.default_rng([seed, 0]))
     elif not given:
-        positions = starts.affine(problem, settings.modes)
+        positions = initial_positions.affine(problem, settings.modes)
     state = State(
         positions=positions,
         settings=settings,
@@ -169,7 +101,7 @@ def step(problem: Problem, state: State) -> State:
     """`state` after one damped step of all free microphones; unchanged if finished."""
     if state.finished:
         return state
-    p, field = staging.model(problem, state)
+    p, field = noise_schedule.model(problem, state)
     wavelength = 2 * np.pi / float(np.real(field.wavenumbers).max())
     basis = _directions(problem, state)
     trial = damped_step(state.positions, p, field, basis, state.damping, STRIDE * wavelength, SETTLED[state.phase])
@@ -216,7 +148,7 @@ def landscape(problem: Problem, state: State, n: int, modes: slice, search: Sear
     """
     if problem.search is None:
         raise InputError("the measurement has no search domain; give --search ORIGIN,SIZE,STEP and --radius R")
-    from ..likelihood_maps import likelihood_maps  # compiled code is loaded with the first map
+    from ..cost.likelihood_maps import likelihood_maps  # compiled code is loaded with the first map
 
     power = np.mean(np.abs(problem.pressures[modes]) ** 2, axis=1)
     noise = np.maximum(state.noise[modes], LEAST_NOISE * power)  # with less, the near model's, the kernel is singular
@@ -250,7 +182,7 @@ def _first_modes(problem: Problem, settings: Solver) -> int:
 def _directions(problem: Problem, state: State) -> np.ndarray | None:
     """Basis (N D, F) in which the positions may move; None where all may."""
     if state.phase == "bend":
-        return starts.bends(state.shape, problem.known, state.degree)
+        return initial_positions.bends(state.shape, problem.known, state.degree)
     if not len(problem.known):
         return None
     N, D = problem.pressures.shape[1], problem.array_dimension
@@ -267,8 +199,8 @@ def _begin(problem: Problem, state: State, rest: Unexplained | None = None) -> S
     positions = _placed(problem, state.positions)
     damping = FIRST_DAMPING if state.phase == "bend" else LOW_DAMPING
     placed = replace(state, positions=positions, shape=positions, stage_steps=0, damping=damping)
-    begun = staging.supposing(problem, placed, rest)
-    return replace(begun, cost=finite_cost(begun.positions, *staging.model(problem, begun)))
+    begun = noise_schedule.supposing(problem, placed, rest)
+    return replace(begun, cost=finite_cost(begun.positions, *noise_schedule.model(problem, begun)))
 
 
 def _end(problem: Problem, state: State, settled: bool) -> State:
@@ -282,37 +214,39 @@ def _end(problem: Problem, state: State, settled: bool) -> State:
         return _begin_free(problem, done)
     if state.last < state.settings.modes:
         return _begin(problem, replace(done, phase="free", last=state.settings.modes))
-    rest = starts.left_over(problem, state.positions, state.modes, state.near)
-    if state.phase == "free" and not settled and staging.outdone(problem, state):
+    rest = initial_positions.left_over(problem, state.positions, state.modes, state.near)
+    if state.phase == "free" and not settled and noise_schedule.outdone(problem, state):
         return _finish(problem, done, settled, rest)  # it wanders, and there is a better one
-    if state.phase == "free" and state.rounds < MOST_ROUNDS and staging.rough(problem, state, rest):
+    if state.phase == "free" and state.rounds < MOST_ROUNDS and noise_schedule.rough(problem, state, rest):
         return _begin_free(problem, done, rest)
     if state.phase == "free":
         return _begin(problem, replace(done, phase="sharp"), rest)
-    if state.phase == "learned" or staging.worth_learning(problem, state):
+    if state.phase == "learned" or noise_schedule.worth_learning(problem, state):
         return _learn(problem, done) if state.lessons < LEARNED[0] else _finish(problem, done, settled, rest)
-    sharper = staging.supposing(problem, replace(done, rounds=state.rounds + 1), rest)
-    if state.rounds < MOST_ROUNDS + MOST_SHARP and staging.another(problem, state, sharper):
+    sharper = noise_schedule.supposing(problem, replace(done, rounds=state.rounds + 1), rest)
+    if state.rounds < MOST_ROUNDS + MOST_SHARP and noise_schedule.another(problem, state, sharper):
         return _begin(problem, sharper, rest)
     return _finish(problem, done, settled, rest)
 
 
 def _begin_free(problem: Problem, state: State, rest: Unexplained | None = None) -> State:
     """Every microphone for itself, those in a wrong basin put elsewhere first."""
-    rest = starts.left_over(problem, state.positions, state.modes) if rest is None else rest
-    positions = starts.rehomed(problem, state.positions, state.modes, rest)
+    rest = initial_positions.left_over(problem, state.positions, state.modes) if rest is None else rest
+    positions = initial_positions.rehomed(problem, state.positions, state.modes, rest)
     return _begin(problem, replace(state, phase="free", rounds=state.rounds + 1, positions=positions))
 
 
 def _learn(problem: Problem, state: State) -> State:
     """A stage of phase "learned", the directions learned at the positions reached."""
-    from ..learned import diffuse_prior, learned_prior
+    from ..cost.angular_prior import diffuse_prior, learned_prior
 
     p, k = problem.pressures[state.modes], problem.wavenumbers[state.modes]
     field = diffuse_field(p, k, state.noise_power[state.modes], 2)
     prior = diffuse_prior(state.positions, k)
     prior = learned_prior(state.positions, p, k, field.power, field.noise, prior, (state.lessons + 1) * LEARNED[1])
-    less = np.minimum(staging.confidence(state.noise_power / staging.powers(problem), problem), LEARNED[2])
+    less = np.minimum(
+        noise_schedule.confidence(state.noise_power / noise_schedule.powers(problem), problem), LEARNED[2]
+    )
     begun = replace(
         state,
         phase="learned",
@@ -323,21 +257,21 @@ def _learn(problem: Problem, state: State) -> State:
         damping=FIRST_DAMPING,
         noise=frozen_array(state.noise_power / less, float),
     )
-    return replace(begun, cost=finite_cost(begun.positions, *staging.model(problem, begun)))
+    return replace(begun, cost=finite_cost(begun.positions, *noise_schedule.model(problem, begun)))
 
 
 def _finish(problem: Problem, state: State, settled: bool, rest: Unexplained | None = None) -> State:
     """The end, or another attempt where too much is left unexplained."""
-    if settled and staging.certain(problem, state):
+    if settled and noise_schedule.certain(problem, state):
         return replace(state, finished=True, converged=True)
-    if rest is None or staging.faint(problem, state) is not None:  # uncertain ends: by the real kernel
-        rest = starts.left_over(problem, state.positions, state.modes)
+    if rest is None or noise_schedule.faint(problem, state) is not None:  # uncertain ends: by the real kernel
+        rest = initial_positions.left_over(problem, state.positions, state.modes)
     here = rest.cost, settled, state.positions, state.shape, state.noise, state.noise_power, state.near
     before = state.best is not None and state.best[0] <= rest.cost
     best = state.best if before else here
-    tries = staging.attempts(problem, state)
+    tries = noise_schedule.attempts(problem, state)
     last = state.settings.start == "random" or state.attempt + 1 >= len(tries)
-    if last or staging.convincing(problem, state, rest):
+    if last or noise_schedule.convincing(problem, state, rest):
         ended = replace(state, finished=True, converged=best[1])
         return _as_before(problem, ended) if before else ended
     return _try(problem, replace(state, attempt=state.attempt + 1, best=best), *tries[state.attempt + 1])
@@ -349,15 +283,15 @@ def _as_before(problem: Problem, state: State) -> State:
     again = replace(
         state, positions=positions, shape=shape, noise=noise, noise_power=noise_power, near=near, prior=None
     )
-    return replace(again, cost=finite_cost(positions, *staging.model(problem, again)))
+    return replace(again, cost=finite_cost(positions, *noise_schedule.model(problem, again)))
 
 
 def _try(problem: Problem, state: State, how: str, value: float) -> State:
     """Another attempt, one of `starts.attempts`."""
     if how in ("lowest", "gentle"):
-        positions = starts.affine(problem, state.settings.modes, int(value))
+        positions = initial_positions.affine(problem, state.settings.modes, int(value))
     elif how == "redirected":
-        positions = starts.redirected(problem, state.settings.modes)
+        positions = initial_positions.redirected(problem, state.settings.modes)
     else:
         best = state.best[2]
         positions = best.mean(axis=0) + value * (best - best.mean(axis=0))

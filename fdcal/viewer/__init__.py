@@ -1,4 +1,6 @@
-"""The page: a picture drawn by viser, controls that become a session's commands.
+"""The page: a picture drawn by viser, controls that become commands of a session.
+
+May import: every package below it, from model to graphics.
 
 app       serve(): opens the server and the page
 page      what stays while sessions come and go, and the main loop; `Page.open(opening)` shows something else
@@ -13,7 +15,7 @@ words     status, legend and colour bar as HTML
 safety    who may connect, and what a client may say
 """
 
-from ..opening import Opening
+from ..session.request import Opening
 from .app import serve
 
 __all__ = ["Opening", "serve"]

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from ..lesson import Lesson
-from ..opening import Opening
-from .interrupt import Interrupt
-from .logbook import log_kept
-from .safety import open_server, quietly
+from ..session.lesson import Lesson
+from ..session.request import Opening
+from .server.error_log import log_kept
+from .server.hardening import open_server, quietly
+from .server.signals import Interrupt
 
 
 def serve(
@@ -33,8 +33,8 @@ def serve(
             server.gui.set_panel_label(f"fdcal · {opening.scene.name}")
             if on_ready is not None:
                 on_ready(address(host, server.get_port()))
-            from .firstlook import look_at_once
-            from .stage import Stage
+            from .preview import look_at_once
+            from .scene3d.nodes import Stage
 
             stage = Stage(server)
             if begin is None:

@@ -14,20 +14,20 @@ from collections.abc import Sequence
 
 import viser
 
-from ..lesson import Lesson
-from ..opening import Opening
-from ..worker import Bell
-from .desk import Desk
-from .firstlook import first_look
-from .frame import Frame, Rooms
-from .helptab import add_help
-from .interrupt import Interrupt
-from .keys import add_keys
-from .lessons import Lessons
-from .preparing import Work
-from .stage import Stage
-from .switch import Notice, Switch
-from .viewing import Viewer
+from ..session.lesson import Lesson
+from ..session.request import Opening
+from ..session.worker import Bell
+from .background.prepare import Work
+from .gui.binding import Desk
+from .gui.layout import Frame, Rooms
+from .hotkeys import add_keys
+from .preview import first_look
+from .scene3d.nodes import Stage
+from .server.signals import Interrupt
+from .session_switch import Notice, Switch
+from .session_view import Viewer
+from .tabs.help import add_help
+from .tabs.lessons import Lessons
 
 LONGEST = 1.2  # s that threads are waited for at the end
 RATE = 25.0  # times a second that the screen is brought up to date
@@ -151,6 +151,6 @@ class Page:
         self.switch.close(LONGEST)
         if self.viewer is not None:
             self.viewer.close(max(end - time.perf_counter(), 0.2))
-            from ..compiled import let_go  # loaded by the session that was shown
+            from ..acoustics.compiled import let_go  # loaded by the session that was shown
 
             let_go()

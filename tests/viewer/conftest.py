@@ -7,25 +7,22 @@ import pytest
 from browsing import WAIT
 from pretend import Recorder, Solver, State
 
-from fdcal.measurement import Measurement
-from fdcal.opening import Opening
-from fdcal.scene import load_scene
-from fdcal.viewer import (
-    maps,
-    preparing,
-    safety,
-    viewing,
-)
-from fdcal.viewer.controls import Controls
-from fdcal.viewer.desk import Desk
-from fdcal.viewer.frame import Frame, Rooms
+from fdcal.model.measurement import Measurement
+from fdcal.model.scene import load_scene
+from fdcal.session.request import Opening
+from fdcal.viewer import session_view
+from fdcal.viewer.background import cost_maps, prepare
+from fdcal.viewer.gui.binding import Desk
+from fdcal.viewer.gui.layout import Frame, Rooms
+from fdcal.viewer.main_panel import Controls
 from fdcal.viewer.page import Page
-from fdcal.viewer.stage import Stage
+from fdcal.viewer.scene3d.nodes import Stage
+from fdcal.viewer.server import hardening
 
 
 @pytest.fixture(scope="module")
 def server():
-    opened = safety.open_server("127.0.0.1", 0)
+    opened = hardening.open_server("127.0.0.1", 0)
     yield opened
     opened.stop()
 
@@ -53,7 +50,7 @@ def measurement(scene):
 def work(scene, measurement):
     """What a page shows, its session one that notes its commands."""
     session, problem = Recorder(State(measurement.positions)), measurement.problem("unit")
-    return preparing.Work(scene, measurement, problem, Solver(measurement), session, Opening(scene))
+    return prepare.Work(scene, measurement, problem, Solver(measurement), session, Opening(scene))
 
 
 @pytest.fixture
@@ -68,9 +65,9 @@ def controls(server, work):
 @pytest.fixture
 def viewer(server, work, monkeypatch):
     """A page without a browser, ticked by the test."""
-    monkeypatch.setattr(viewing, "usable_modes", lambda *_: 6)
-    monkeypatch.setattr(maps, "STILL", np.inf)  # no fine maps, which would go through the gate, too
-    made = viewing.Viewer(server, work, Rooms(Frame(server.gui)), Stage(server))
+    monkeypatch.setattr(session_view, "usable_modes", lambda *_: 6)
+    monkeypatch.setattr(cost_maps, "STILL", np.inf)  # no fine maps, which would go through the gate, too
+    made = session_view.Viewer(server, work, Rooms(Frame(server.gui)), Stage(server))
     yield made
     work.solver.gate.release(99)
     made.close()

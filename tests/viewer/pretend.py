@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from browsing import WAIT
 
-from fdcal.history import History, SessionView
+from fdcal.session.history import History, SessionView
 
 JUNK = [1e9, -1e9, float("nan"), float("inf"), "many", "", None, [1, 2], {"a": 1}, 10**400, b"\x00"]
 

@@ -19,14 +19,13 @@ from browsing import ARGUMENTS, WAIT, choose, hover, middle, on_screen, pick, pr
 from PIL import Image
 from websockets.sync.client import connect
 
-from fdcal import landscapes, solvers
-from fdcal.export import sessionfile
-from fdcal.picture import compose
-from fdcal.scene import scene_folder
-from fdcal.store import cached_measurement
-from fdcal.viewer import (
-    exports,
-)
+from fdcal import solvers
+from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.cost import landscapes
+from fdcal.graphics.picture import compose
+from fdcal.model.scene import scene_folder
+from fdcal.session import session_file
+from fdcal.viewer.background import exports
 
 
 @pytest.fixture(scope="module")
@@ -224,7 +223,7 @@ def test_every_file_is_saved_and_read_by_others(page, tmp_path, require_gl):
     assert image.size == (1280, 800)
     assert len(np.unique(np.asarray(image.convert("RGB")).reshape(-1, 3), axis=0)) > 100
     assert Image.open(io.BytesIO(png)).size > (800, 600) and ElementTree.fromstring(svg).tag.endswith("svg")
-    session = sessionfile.read(tmp_path / "fdcal-slow-step-13-session.zip")
+    session = session_file.read(tmp_path / "fdcal-slow-step-13-session.zip")
     state, measurement = session.states[session.index], session.measurement
     assert (state.step, len(session.states)) == (13, 14)
     rows = list(csv.DictReader(io.StringIO(table.decode())))

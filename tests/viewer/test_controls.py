@@ -4,12 +4,9 @@ import dataclasses
 
 from pretend import JUNK, State, say, view_of
 
-from fdcal.viewer import (
-    exports,
-    maptab,
-    modestab,
-)
-from fdcal.viewer.desk import NOTHING, Desk
+from fdcal.viewer.background import exports
+from fdcal.viewer.gui.binding import NOTHING, Desk
+from fdcal.viewer.tabs import map, modes
 
 
 def test_controls_that_mean_nothing_are_not_shown(controls):
@@ -31,8 +28,8 @@ def test_controls_that_mean_nothing_are_not_shown(controls):
 
 def test_a_mode_that_is_chosen_brings_the_map_back(server, work):
     desk = Desk(server.gui, work, 6)
-    map_ = maptab.MapTab(desk)
-    tab = modestab.ModesTab(desk, work.problem, map_)
+    map_ = map.MapTab(desk)
+    tab = modes.ModesTab(desk, work.problem, map_)
     for act in (lambda: say(tab.high, 4), lambda: tab.press("○5")):
         say(map_.kind, NOTHING)
         assert not desk.choices.shown
@@ -43,7 +40,7 @@ def test_a_mode_that_is_chosen_brings_the_map_back(server, work):
 
 def test_without_bounds_there_is_no_map_and_no_control_of_one(server, work):
     unbounded = dataclasses.replace(work, problem=dataclasses.replace(work.problem, search=None))
-    map_ = maptab.MapTab(Desk(server.gui, unbounded, 6))
+    map_ = map.MapTab(Desk(server.gui, unbounded, 6))
     assert not any(handle.visible for handle in (map_.kind, map_.which, map_.upto, map_.scale, map_.opacity))
     map_.show(3, None, "")
     assert "search domain" in map_.bar.content

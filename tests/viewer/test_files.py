@@ -9,10 +9,8 @@ import pytest
 from browsing import WAIT
 from pretend import State, view_of
 
-from fdcal.checks import InputError
-from fdcal.viewer import (
-    exports,
-)
+from fdcal.model.validation import InputError
+from fdcal.viewer.background import exports
 
 
 def test_a_file_tells_of_the_picture_drawn(viewer, monkeypatch):

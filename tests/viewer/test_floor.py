@@ -6,11 +6,9 @@ import numpy as np
 from browsing import WAIT
 from pretend import State, say, view_of
 
-from fdcal.history import History
-from fdcal.viewer import (
-    maptab,
-)
-from fdcal.viewer.desk import Desk
+from fdcal.session.history import History
+from fdcal.viewer.gui.binding import Desk
+from fdcal.viewer.tabs import map
 
 
 def mapped(viewer):
@@ -90,7 +88,7 @@ def test_a_running_solver_draws_the_costs_it_has_in_another_scale(viewer):
 def test_a_hand_has_the_solver_wait_and_the_page_hurry(server, work):
     rung = []
     desk = Desk(server.gui, work, 6, hasten=lambda: rung.append(True))
-    tab = maptab.MapTab(desk)
+    tab = map.MapTab(desk)
     say(tab.opacity, 50)
     assert work.session.ways == 1 and rung
     say(tab.opacity, 60, client=False)

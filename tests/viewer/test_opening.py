@@ -14,16 +14,14 @@ from browsing import WAIT
 from pretend import finish
 
 from fdcal import solvers
-from fdcal.checks import InputError
-from fdcal.export import sessionfile
-from fdcal.opening import Opening, edited
-from fdcal.store import cached_measurement
-from fdcal.viewer import (
-    exports,
-    preparing,
-)
-from fdcal.viewer.firstlook import look_at_once
-from fdcal.viewer.stage import Stage
+from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.model.validation import InputError
+from fdcal.session import session_file
+from fdcal.session.request import Opening, edited
+from fdcal.viewer.background import exports
+from fdcal.viewer.background import prepare as preparing
+from fdcal.viewer.preview import look_at_once
+from fdcal.viewer.scene3d.nodes import Stage
 
 
 def test_the_page_tells_how_far_the_simulation_is(page_of, scene, monkeypatch, capsys):
@@ -183,7 +181,7 @@ def test_a_session_saved_is_opened_where_it_was_left(page_of, scene, tmp_path):
     moment = dataclasses.replace(page.viewer._drawn, choices=first.choices)
     path = tmp_path / "left.zip"
     path.write_bytes(exports.KINDS["Session (ZIP)"].make(moment))
-    page.open(sessionfile.read(path))
+    page.open(session_file.read(path))
     turn_until(lambda: page.desk is not first)
     again, view = page.desk, page.desk.session.view
     assert exports.choices_told(again.choices) == exports.choices_told(first.choices)

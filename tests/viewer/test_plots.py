@@ -6,14 +6,11 @@ import numpy as np
 import pytest
 from pretend import State, say, view_of
 
-from fdcal.store import cached_measurement
-from fdcal.verdict import highest_frequency
-from fdcal.viewer import (
-    maptab,
-    modestab,
-    plots,
-)
-from fdcal.viewer.desk import Desk
+from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.assessment.verdict import highest_frequency
+from fdcal.viewer.gui import plots
+from fdcal.viewer.gui.binding import Desk
+from fdcal.viewer.tabs import map, modes
 
 
 def test_plots_hold_finite_numbers_only(server, measurement):
@@ -80,14 +77,14 @@ def test_plots_follow_a_rewound_history(server, measurement):
 
 def test_the_spectrum_is_drawn_with_its_picked_peaks(scene, measurement):
     heard = cached_measurement(scene)
-    seen, levels = modestab.levels(heard, 12)
-    assert seen.shape[1] <= modestab.MOST_POINTS and seen[1].max() == 0.0
+    seen, levels = modes.levels(heard, 12)
+    assert seen.shape[1] <= modes.MOST_POINTS and seen[1].max() == 0.0
     at, power = heard.spectrum
     for mode, f in enumerate(heard.frequencies):
         near = np.abs(at - f) < scene.measurement.resolution / 2
         assert abs(at[near][power[near].argmax()] - f) <= np.diff(at).max(), f"mode {mode + 1} is no peak"
     assert len(levels) == 12 and (levels >= np.interp(heard.frequencies[:12], *seen) - 1e-9).all()
-    nothing, own = modestab.levels(measurement, 6)
+    nothing, own = modes.levels(measurement, 6)
     assert nothing is None and own.max() == pytest.approx(0.0)
 
 
@@ -99,8 +96,8 @@ def test_modes_slide_into_the_map_and_out_of_it(server, scene, measurement, hear
         work = dataclasses.replace(work, measurement=dataclasses.replace(measurement, spectrum=spectrum))
         assert kept[0] > 50
     desk = Desk(server.gui, work, 6)
-    map_ = maptab.MapTab(desk)
-    tab = modestab.ModesTab(desk, work.problem, map_)
+    map_ = map.MapTab(desk)
+    tab = modes.ModesTab(desk, work.problem, map_)
     say(tab.high, 4)
     assert desk.choices.modes == (1, 2, 3, 4)
     say(tab.low, 3)

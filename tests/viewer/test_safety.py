@@ -8,12 +8,10 @@ from browsing import WAIT
 from pretend import JUNK, finish, say
 from viser import _messages
 
-from fdcal.checks import InputError
-from fdcal.scenario import knobs_of
-from fdcal.viewer import (
-    app,
-    safety,
-)
+from fdcal.model.validation import InputError
+from fdcal.session.scene_edits import knobs_of
+from fdcal.viewer import app
+from fdcal.viewer.server import hardening
 
 MAIN = threading.main_thread()
 
@@ -51,18 +49,18 @@ def test_the_share_tunnel_is_out_of_reach(server):
 @pytest.mark.parametrize("port", [-1, 65536, 80000])
 def test_a_port_out_of_range_is_refused(port):
     with pytest.raises(InputError, match="port"):
-        safety.open_server("127.0.0.1", port)
+        hardening.open_server("127.0.0.1", port)
 
 
 def test_a_port_in_use_is_refused(server):
     with pytest.raises(InputError, match="port"):
-        safety.open_server("127.0.0.1", server.get_port())
+        hardening.open_server("127.0.0.1", server.get_port())
 
 
 @pytest.mark.parametrize("host", ["no.such.host.invalid", "999.1.1.1", "\x00", "a" * 300])
 def test_a_bad_host_is_refused(host):
     with pytest.raises(InputError, match="host"):
-        safety.open_server(host, 0)
+        hardening.open_server(host, 0)
 
 
 @pytest.mark.parametrize(
@@ -75,27 +73,27 @@ def test_the_address_can_be_typed_into_a_browser(host, expected):
 
 def test_a_host_name_that_does_not_resolve_is_no_hindrance(monkeypatch):
     def unknown(*_):
-        raise safety.socket.gaierror(-2, "Name or service not known")
+        raise hardening.socket.gaierror(-2, "Name or service not known")
 
-    monkeypatch.setattr(safety.socket, "getaddrinfo", unknown)
-    assert any(origin and origin.fullmatch("http://127.0.0.1:81") for origin in safety.allowed_origins("0.0.0.0"))
+    monkeypatch.setattr(hardening.socket, "getaddrinfo", unknown)
+    assert any(origin and origin.fullmatch("http://127.0.0.1:81") for origin in hardening.allowed_origins("0.0.0.0"))
 
 
 @pytest.mark.parametrize("value", JUNK, ids=lambda value: repr(value)[:12])
 def test_junk_becomes_a_bounded_number(value):
-    assert 1 <= safety.bounded(value, 1, 9, 5) <= 9
+    assert 1 <= hardening.bounded(value, 1, 9, 5) <= 9
 
 
 def test_good_values_pass():
-    assert safety.bounded(7, 1, 9, 5) == 7 and safety.bounded(7.0, 1, 9, 5) == 7
-    assert safety.one_of("b", ("a", "b"), "a") == "b" and safety.one_of("c", ("a", "b"), "a") == "a"
+    assert hardening.bounded(7, 1, 9, 5) == 7 and hardening.bounded(7.0, 1, 9, 5) == 7
+    assert hardening.one_of("b", ("a", "b"), "a") == "b" and hardening.one_of("c", ("a", "b"), "a") == "a"
     for value in (3, 0.5, True, "short"):
-        assert safety.is_plain({"value": value})
+        assert hardening.is_plain({"value": value})
 
 
 @pytest.mark.parametrize("updates", [{}, None, [], {"uuid": "x"}, {"value": 1, "update_cb": []}, {"value": "x" * 201}])
 def test_updates_other_than_a_plain_value_are_dropped(updates):
-    assert not safety.is_plain(updates)
+    assert not hardening.is_plain(updates)
 
 
 @pytest.mark.parametrize("junk", [value for value in JUNK if not isinstance(value, (float, int))] + [float("nan")])

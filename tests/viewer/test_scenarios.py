@@ -5,13 +5,11 @@ import dataclasses
 import pytest
 from pretend import say
 
-from fdcal.measured import stand_in
-from fdcal.scenario import knobs_of
-from fdcal.scene import load_scene
-from fdcal.viewer import (
-    scenetab,
-)
-from fdcal.viewer.desk import Desk
+from fdcal.model.measured_scene import stand_in
+from fdcal.model.scene import load_scene
+from fdcal.session.scene_edits import knobs_of
+from fdcal.viewer.gui.binding import Desk
+from fdcal.viewer.tabs import scene as scenetab
 
 
 def test_apply_opens_the_scenario_that_the_handles_say(controls, scene):

@@ -7,12 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fdcal.picture import compose, with_estimate
-from fdcal.primitives import Label
-from fdcal.viewer import (
-    cameras,
-)
-from fdcal.viewer.stage import Stage
+from fdcal.graphics.picture import compose, with_estimate
+from fdcal.graphics.primitives import Label
+from fdcal.viewer.scene3d import cameras
+from fdcal.viewer.scene3d.nodes import Stage
 
 
 def placing(server, scene, measurement) -> cameras.Cameras:

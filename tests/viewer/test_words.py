@@ -8,10 +8,8 @@ import numpy as np
 from browsing import WAIT
 from pretend import State, view_of
 
-from fdcal.viewer import (
-    spreads,
-    words,
-)
+from fdcal.viewer.background import uncertainty
+from fdcal.viewer.gui import html as words
 
 
 def test_microphones_are_listed_worst_first(measurement):
@@ -34,7 +32,7 @@ def test_modes_beyond_f_max_are_warned_of(measurement):
 
 
 def test_uncertainty_is_told_of_finished_states_only(measurement, monkeypatch):
-    made, asked = spreads.Spreads(SimpleNamespace()), []
+    made, asked = uncertainty.Spreads(SimpleNamespace()), []
     assert made.close(WAIT)
     monkeypatch.setattr(made._worker, "request", asked.append)
     going, done = State(measurement.positions), State(measurement.positions, finished=True)

@@ -1,0 +1,184 @@
+"""The compiled inner loops of the wave equation on a grid; `fdcal.acoustics.fdtd` says what they compute.
+
+    update_span   one row's cells with four inner neighbours, eight at a time
+    sweep         several steps of a strip of rows: spans, wall cells, source, microphones
+    march         many steps of the grid, its strips shared out among the threads
+
+Steps are taken in blocks of BLOCK (split tiling in time): each thread advances its strip of rows by the whole block,
+giving up one row a step at every border with another strip; the triangles left out are filled in afterwards. So the
+threads meet twice a block instead of once a step, and a busy machine slows them down little. Within a strip the rows
+are visited as a wave front of DEPTH steps. Both orders compute the same numbers as one step after another.
+"""
+
+from __future__ import annotations
+
+import os
+
+# Threads that wait for each other spin for some 50 us and then sleep. GNU OpenMP, which reads this when it is loaded,
+# would spin for milliseconds: on a busy machine that takes the time of the very thread that is waited for.
+os.environ.setdefault("GOMP_SPINCOUNT", "1000")
+
+import numba
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+from .compiled import compiled, compiled_in_strips
+
+BLOCK = 24  # steps between two meetings of the threads
+DEPTH = 3  # steps of a wave front: 5 rows of 2 arrays fit in the first-level cache
+LANES = 8  # cells of one vector
+WORD = 8  # bytes of a float64
+CONTRACT = ("contract",)  # a multiplication and an addition may be fused
+
+
+@intrinsic
+def update_span(context, old, now, row, count, centre, around):
+    """old[i] = centre now[i] - old[i] + around (sum of the four neighbours of now[i]), `count` cells on.
+
+    Written in vectors because the compiler's own vectorising of the plain loop comes and goes with how it is called
+    (it cannot know that `old` and `now` do not overlap). `old`, `now`: addresses; `row`: bytes from a row to the next.
+    """
+    signature = types.void(types.intp, types.intp, types.intp, types.intp, types.float64, types.float64)
+
+    def codegen(_context, builder, _signature, arguments):
+        count = arguments[3]
+        vectors = builder.mul(builder.sdiv(count, count.type(LANES)), count.type(LANES))
+        for start, stop, width in ((count.type(0), vectors, LANES), (vectors, count, 1)):
+            with cgutils.for_range_slice(builder, start, stop, count.type(width), count.type) as (index, _):
+                _emit_update(builder, width, builder.mul(index, count.type(WORD)), arguments)
+        return cgutils.get_null_value(ir.IntType(8).as_pointer())
+
+    return signature, codegen
+
+
+def _emit_update(builder, width, offset, arguments):
+    """Instructions that update `width` cells, `offset` bytes into the span."""
+    old, now, row, _, centre, around = arguments
+    number, integer = ir.DoubleType(), row.type
+    kind = ir.VectorType(number, width) if width > 1 else number
+
+    def pointer(base, *shifts):
+        for shift in shifts:
+            base = builder.add(base, shift)
+        return builder.inttoptr(base, kind.as_pointer())
+
+    def load(*address):
+        value = builder.load(pointer(*address))
+        value.align = WORD
+        return value
+
+    def spread(value):
+        if width == 1:
+            return value
+        empty, lane = ir.Constant(kind, ir.Undefined), ir.IntType(32)
+        first = builder.insert_element(empty, value, lane(0))
+        return builder.shuffle_vector(first, empty, ir.Constant(ir.VectorType(lane, width), [0] * width))
+
+    def add(x, y):
+        return builder.fadd(x, y, flags=CONTRACT)
+
+    along = add(load(now, offset, integer(-WORD)), load(now, offset, integer(WORD)))
+    across = add(load(now, offset, builder.neg(row)), load(now, offset, row))
+    value = builder.fmul(spread(centre), load(now, offset), flags=CONTRACT)
+    value = builder.fsub(value, load(old, offset), flags=CONTRACT)
+    value = add(value, builder.fmul(spread(around), add(along, across), flags=CONTRACT))
+    builder.store(value, pointer(old, offset)).align = WORD
+
+
+@compiled
+def sweep(state, step, steps, low, high, low_slope, high_slope, width, lam2, spans, span_start, span_count, walls,
+          wall_cell, wall_centre, wall_before, wall_around, source, pulse, ends, end_cell, end_number,
+          recordings):  # fmt: skip
+    """Advance the rows low + low_slope t to high + high_slope t (without the last) at t = 0 ... steps - 1.
+
+    The other arguments: see `march`. One function, because arrays handed to another one are counted in and out at
+    every row, which takes as long as the row. Unsigned indices spare the test for negative ones.
+    """
+    address, half, wide, one = state.ctypes.data, state.size // 2, np.uint64(width), np.uint64(1)
+    for group in range(0, steps, DEPTH):
+        last = min(group + DEPTH, steps) - 1
+        first_front = low + min(low_slope * group, low_slope * last)
+        last_front = high + max(high_slope * group, high_slope * last) + last - group
+        for front in range(first_front, last_front):
+            for t in range(group, last + 1):
+                row = front - (t - group)  # one row behind the step before, whose result it needs
+                if row < low + low_slope * t or row >= high + high_slope * t:
+                    continue
+                time = step + t
+                now = half * (time % 2)
+                old = half - now
+                for i in range(spans[row], spans[row + 1]):
+                    at = address + span_start[i] * WORD
+                    update_span(at + old * WORD, at + now * WORD, width * WORD, span_count[i], 2 - 4 * lam2, lam2)
+                for i in range(walls[row], walls[row + 1]):
+                    j, k = np.uint64(now + wall_cell[i]), np.uint64(old + wall_cell[i])
+                    around = (state[j - one] + state[j + one]) + (state[j - wide] + state[j + wide])
+                    state[k] = wall_centre[i] * state[j] - wall_before[i] * state[k] + wall_around[i] * around
+                if row * width <= source < (row + 1) * width and time < pulse.size:
+                    state[old + source] += pulse[time]
+                if time + 1 < recordings.shape[1]:
+                    for i in range(ends[row], ends[row + 1]):
+                        recordings[end_number[i], time + 1] = state[old + end_cell[i]]
+
+
+@compiled_in_strips
+def march_together(state, step, stop, strips, width, lam2, spans, span_start, span_count, walls, wall_cell, wall_centre,
+           wall_before, wall_around, source, pulse, ends, end_cell, end_number, recordings):  # fmt: skip
+    """Advance the whole grid from `step` to `stop` in `strips` strips of rows. Arguments: see `march`."""
+    height = state.size // 2 // width - 2
+    while step < stop:
+        n = min(BLOCK, stop - step)
+        for strip in numba.prange(strips):
+            sweep(state, step, n, 1 + height * strip // strips, 1 + height * (strip + 1) // strips, min(1, strip),
+                  -min(1, strips - 1 - strip), width, lam2, spans, span_start, span_count, walls, wall_cell,
+                  wall_centre, wall_before, wall_around, source, pulse, ends, end_cell, end_number,
+                  recordings)  # fmt: skip
+        for strip in numba.prange(1, strips):
+            border = 1 + height * strip // strips
+            sweep(state, step, n, border, border, -1, 1, width, lam2, spans, span_start, span_count, walls,
+                  wall_cell, wall_centre, wall_before, wall_around, source, pulse, ends, end_cell, end_number,
+                  recordings)  # fmt: skip
+        step += n
+
+
+def march(state, step, stop, tables):
+    """Advance the grid from `step` to `stop`, with all threads where it is large enough and that is safe.
+
+    Parameters
+    ----------
+    state : (2, rows, width) float64, the fields at even and at odd steps, zero outside the room and in a border of one
+    step, stop : int
+    tables : tuple, cells being numbered along the rows of one field
+        width, lam2 : int, float
+        spans (rows + 1,), span_start (S,), span_count (S,) : runs of cells with four inner neighbours;
+            spans[row] is the row's first
+        walls (rows + 1,), wall_cell, wall_centre, wall_before, wall_around (W,) : the other cells, with coefficients
+            of the cell's p, of its p_old and of its neighbours' sum
+        source, pulse (P,) : the source's cell, and what is added to it at each step
+        ends (rows + 1,), end_cell (N,), end_number (N,) : microphones sorted by cell, and their rows in recordings
+        recordings (N, T) : written at [:, step + 1]
+    """
+    rows, flat = state.shape[1] - 2, state.reshape(-1)
+    strips = min(numba.get_num_threads(), rows // (2 * BLOCK))
+    if strips > 1 and _threads_are_safe():
+        march_together(flat, step, stop, strips, *tables)
+    else:
+        sweep(flat, step, stop - step, 1, rows + 1, 0, 0, *tables)
+
+
+def _threads_are_safe() -> bool:
+    """Whether numba has a threading layer that survives two callers at once; its workqueue layer ends the process."""
+    try:
+        return numba.threading_layer() != "workqueue"
+    except ValueError:  # no layer is loaded yet: the one asked for is
+        numba.config.THREADING_LAYER = "threadsafe"
+    for layer in ("tbbpool", "omppool"):
+        try:
+            __import__(f"numba.np.ufunc.{layer}")
+            return True
+        except ImportError:
+            continue
+    return False

@@ -1,0 +1,182 @@
+"""The Fourier-Bessel dictionary W of a sound field without sources (Eqs. 2 to 4, 8, 9 of the paper).
+
+k         wavenumber, rad/m, may be complex (time sign exp(+j w t))
+L         maximum order; the orders are l = -L..L, 2L + 1 functions (Eq. 8)
+R         radius of the expansion, metres
+r, theta  polar coordinates of a microphone about the centre of the expansion
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import jv
+
+from ..model.scene import Search
+from ..model.validation import InputError
+
+
+def max_order(wavenumbers, radius: float, offset: int = 0) -> np.ndarray:
+    """Order L = ceil(k R) + offset of the expansion (Eq. 3).
+
+    Parameters
+    ----------
+    wavenumbers : (M,) or scalar, rad/m; of a complex one the real part counts
+    radius : R, metres
+    offset : added to the paper's rule. 0 is the paper's; it leaves a truncation error larger than the
+        effect of a centimetre in the low modes, which 2 removes.
+
+    Returns
+    -------
+    (M,) or scalar int64
+    """
+    return np.ceil(np.real(wavenumbers) * radius).astype(np.int64) + offset
+
+
+def f_max(count: int, radius: float, sound_speed: float) -> float:
+    """Highest frequency that `count` microphones within `radius` (the array's, metres) interpolate, Hz (Eq. 9)."""
+    return (count - 1) * sound_speed / (4 * np.pi * radius)
+
+
+def fourier_bessel(positions: np.ndarray, wavenumber: complex, order: int, centre) -> np.ndarray:
+    """Dictionary W[n, l] = J_l(k r_n) exp(j l theta_n), l = -L..L (Eq. 4).
+
+    Parameters
+    ----------
+    positions : (N, 2) float64, metres
+    wavenumber : k, rad/m, real or complex
+    order : L
+    centre : (2,) float64, metres, origin of r and theta
+
+    Returns
+    -------
+    (N, 2L + 1) complex128
+
+    Examples
+    --------
+    >>> fourier_bessel(np.zeros((1, 2)), 1.0, 1, (0.0, 0.0)).real
+    array([[0., 1., 0.]])
+    """
+    offsets = np.asarray(positions) - np.asarray(centre)
+    r = np.hypot(offsets[:, 0], offsets[:, 1])
+    theta = np.arctan2(offsets[:, 1], offsets[:, 0])
+    k = wavenumber if np.imag(wavenumber) else np.real(wavenumber)
+    l = np.arange(order + 1)  # noqa: E741
+    J = jv(l, k * r[:, None])
+    return _join_orders(J, np.exp(1j * l * theta[:, None]))
+
+
+def fourier_bessel_gradient(positions, wavenumber: complex, order: int, centre) -> tuple[np.ndarray, np.ndarray]:
+    """Derivatives dW/dx and dW/dy of the dictionary, from the atoms of order L + 1.
+
+    d/dx W_l = k/2 (W_{l-1} - W_{l+1}),  d/dy W_l = j k/2 (W_{l-1} + W_{l+1}).
+
+    Returns
+    -------
+    two (N, 2L + 1) complex128 arrays, 1/m
+    """
+    W = fourier_bessel(positions, wavenumber, order + 1, centre)
+    below, above = W[:, :-2], W[:, 2:]
+    return wavenumber / 2 * (below - above), 1j * wavenumber / 2 * (below + above)
+
+
+def _join_orders(J: np.ndarray, phase: np.ndarray) -> np.ndarray:
+    """W of orders -L..L from J_l and exp(j l theta) of orders 0..L, each (..., L + 1); J_{-l} = (-1)^l J_l."""
+    sign = (-1.0) ** np.arange(J.shape[-1] - 1, 0, -1)
+    return np.concatenate([sign * (J * phase.conj())[..., :0:-1], J * phase], axis=-1)
+
+
+class Lattice:
+    """The dictionary of every candidate of a search lattice, from one table of radial functions.
+
+    Every `centre` below is a point of the lattice, so that the offsets of all candidates are multiples of the
+    step, their squared lengths are integers and J_l is needed at a few thousand radii only, once for all centres.
+
+    Attributes
+    ----------
+    search : Search
+    wavenumbers : (M,) complex128, rad/m
+    orders : (M,) int64
+    points : (C, 2) float64, metres, x fastest
+    shape : (ny, nx)
+    radial : (M, U, Lmax + 1) complex128, J_l at U radii; zero above the order of the mode
+    row : (d2max + 1,) int32, squared offset in steps to row of `radial`, -1 where there is none
+    """
+
+    def __init__(self, search: Search, wavenumbers: np.ndarray, orders: np.ndarray):
+        if len(search.size) != 2:
+            raise InputError(f"search.size = {list(search.size)} has 3 lengths; a lattice search is two-dimensional")
+        nx, ny = search.shape
+        self.search, self.wavenumbers, self.orders = search, np.asarray(wavenumbers, complex), np.asarray(orders)
+        self.shape = (ny, nx)
+        ix, iy = np.meshgrid(np.arange(nx), np.arange(ny))
+        self.steps = np.stack([ix.ravel(), iy.ravel()], axis=1)
+        self.points = np.asarray(search.origin) + search.step * self.steps
+        self._phases: tuple = None, None
+        squared = np.unique(np.add.outer(np.arange(nx) ** 2, np.arange(ny) ** 2))
+        self.row = np.full(squared[-1] + 1, -1, dtype=np.int32)
+        self.row[squared] = np.arange(len(squared))
+        radii = search.step * np.sqrt(squared)
+        self.radial = np.zeros((len(self.orders), len(radii), int(self.orders.max()) + 1), dtype=complex)
+        for table, k, L in zip(self.radial, self.wavenumbers, self.orders, strict=True):
+            table[:, : L + 1] = bessel_orders(k * radii, L)
+
+    def nearest(self, point) -> np.ndarray:
+        """Lattice point nearest to `point` (..., 2) : (..., 2) float64, metres; inside the search domain."""
+        return np.asarray(self.search.origin) + self.search.step * self._index(point)
+
+    def _index(self, point) -> np.ndarray:
+        index = np.rint((np.asarray(point) - self.search.origin) / self.search.step).astype(np.int64)
+        return np.clip(index, 0, np.array(self.shape[::-1]) - 1)
+
+    def index(self, point) -> int:
+        """Number of the candidate nearest to `point`."""
+        ix, iy = self._index(point)
+        return int(iy * self.shape[1] + ix)
+
+    def phases(self, centre) -> tuple[np.ndarray, np.ndarray]:
+        """exp(j theta) (C,) complex128 and row of `radial` (C,) int32 of every candidate about `centre`."""
+        index = tuple(self._index(centre).tolist())
+        kept, phases = self._phases  # the centre seldom moves from step to step
+        if kept != index:
+            phases = self._unit_and_row(self.steps - index)
+            self._phases = index, phases
+        return phases
+
+    def _unit_and_row(self, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        squared = np.sum(offset**2, axis=1)
+        unit = (offset[:, 0] + 1j * offset[:, 1]) / np.sqrt(np.maximum(squared, 1))
+        unit[squared == 0] = 1.0
+        return unit, self.row[squared]
+
+    def microphones(self, positions, centre, modes) -> list[np.ndarray]:
+        """W of microphones, on the lattice or off it, about `centre` : (N, 2L + 1) complex128 for each of `modes`."""
+        steps = (np.asarray(positions) - self.nearest(centre)) / self.search.step
+        offset = np.rint(steps).astype(np.int64)
+        on = np.all(np.abs(steps - offset) < 1e-6, axis=1) & np.all(np.abs(offset) < self.shape[::-1], axis=1)
+        offset[~on] = 0
+        unit, row = self._unit_and_row(offset)
+        phase = unit[:, None] ** np.arange(self.radial.shape[2])
+        modes = np.asarray(modes)
+        W: dict[int, np.ndarray] = {}
+        for L in np.unique(self.orders[modes]):  # modes of equal order in one batch
+            batch = modes[self.orders[modes] == L]
+            J = self.radial[batch[:, None], row, : L + 1]
+            W |= zip(batch.tolist(), _join_orders(J, phase[:, : L + 1]), strict=True)
+        for m in modes.tolist() if not on.all() else ():
+            W[m][~on] = fourier_bessel(positions[~on], self.wavenumbers[m], int(self.orders[m]), centre)
+        return [W[m] for m in modes.tolist()]
+
+
+def bessel_orders(z: np.ndarray, order: int) -> np.ndarray:
+    """J_0..J_L at every z : (U, L + 1) complex128, by the recurrence from the two highest orders down.
+
+    Downward the recurrence J_{l-1} = (2 l / z) J_l - J_{l+1} is stable; two library calls serve all orders.
+    """
+    z = np.asarray(z, dtype=complex)
+    J = np.zeros((len(z), order + 2), dtype=complex)
+    J[:, order], J[:, order + 1] = jv(order, z), jv(order + 1, z)
+    tiny = np.abs(z) < 1e-3 * (order + 1)  # the highest orders may underflow there
+    for l in range(order, 0, -1):  # noqa: E741
+        J[~tiny, l - 1] = 2 * l / z[~tiny] * J[~tiny, l] - J[~tiny, l + 1]
+    J[tiny] = jv(np.arange(order + 2), z[tiny, None])
+    return J[:, : order + 1]

@@ -1,0 +1,64 @@
+"""The disk cache of simulated recordings and of whole measurements.
+
+cached_recordings    recordings of a scene's simulation
+cached_measurement   measurement of a whole scene
+kept_measurement     the same, only where it is in the cache
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from ..model.arrays import positions_of
+from ..model.measurement import Measurement
+from ..model.measurement_file import load_measurement, save_measurement
+from ..model.scene import Scene
+from ..model.storage import cache_key, cached, kept
+from .measure import measure, require_measurable
+
+
+def cached_recordings(scene: Scene, progress=None) -> np.ndarray:
+    """What the scene's microphones record, (N, T) float64: from the cache, or simulated and put there.
+
+    Raises InputError as `fdcal.acoustics.fdtd.simulate` does.
+    """
+    positions = positions_of(scene)
+    key = cache_key("recordings", dataclasses.asdict(scene.room), dataclasses.asdict(scene.source), positions.tolist())
+
+    def make() -> np.ndarray:
+        from .fdtd import simulate
+
+        return simulate(scene.room, scene.source, positions, progress)
+
+    return cached(f"{key}.npy", make, np.load, np.save)
+
+
+def cached_measurement(scene: Scene, progress=None) -> Measurement:
+    """What `measure` gives for the scene: from the cache, or made, with `cached_recordings` if any, and put there.
+
+    Raises InputError as `measure` does.
+    """
+    require_measurable(scene)
+
+    def write(file, measurement: Measurement) -> None:
+        save_measurement(measurement, file)
+
+    def make() -> Measurement:
+        recordings = cached_recordings(scene, progress) if scene.room.dimension == 2 else None
+        return measure(scene, recordings, progress)
+
+    return cached(_measurement_name(scene), make, load_measurement, write)
+
+
+def kept_measurement(scene: Scene) -> Measurement | None:
+    """What `cached_measurement` gives at once; None where it would have to be made."""
+    return kept(_measurement_name(scene), load_measurement)
+
+
+def _measurement_name(scene: Scene) -> str:
+    table = dataclasses.asdict(scene)
+    for name in ("name", "title", "solver"):  # these change nothing that is measured
+        del table[name]
+    return f"{cache_key('measurement with its spectrum', table)}.npz"

@@ -1,0 +1,215 @@
+"""From recordings to modes: exponential window, peak picking, pressures and wavenumbers.
+
+A room that rings never decays inside a recording, and the plain Fourier transform of a cut-off signal solves no
+Helmholtz equation. Weighted with exp(-s t) it does, up to what is left at the cut, at the complex frequency
+
+    w = 2 pi f - 1j s    (time sign exp(+1j w t)),    k = w / c,
+
+provided that the source has no mean and the recording starts in silence. Any frequency will do; the modes are where the
+signal is strongest. So modes are picked in a spectrum of high resolution and low side lobes, and the pressures
+are then computed with the exponential window at exactly the frequencies picked.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.fft import next_fast_len, rfft
+from scipy.special import jv
+
+from ..model.validation import InputError
+
+DECAY = 12.0  # nepers from the start to the cut: what the cut leaves is exp(-12) = 6e-6
+LINE_WIDTH = 2.72  # width at -6 dB of a line under the Blackman-Harris window, times the duration
+RANGE_DB = 60.0  # peaks this far below the strongest may be side lobes of stronger ones (the window has them at -92 dB)
+PADDING = 2  # the spectrum's points per 1 / duration
+BLOCK = 4096  # samples transformed at a time
+# Power series of 1 - J_0(z) in z^2, highest power first: the difference itself loses half the digits for small z.
+ONE_MINUS_J0 = [-((-0.25) ** m) / math.factorial(m) ** 2 if m else 0.0 for m in range(25, -1, -1)]
+
+
+def window_rate(recordings: np.ndarray, fs: float) -> float:
+    """Rate s of the exponential window that makes up for what the room does not decay by itself.
+
+    Parameters
+    ----------
+    recordings : (N, T) float64
+    fs : Hz
+
+    Returns
+    -------
+    s in 1/s, such that exp(-s t) times the recording has fallen by DECAY nepers at its end: 12 / duration for a room
+    that rings, 0 for one that has decayed, anything in between.
+
+    Raises InputError for silence or a number that is not finite.
+    """
+    recordings = np.asarray(recordings)
+    level = np.sqrt(np.mean(np.square(recordings, dtype=float)))
+    if not np.isfinite(level):
+        raise InputError("recordings hold a number that is not finite; simulate or record them again")
+    if level == 0:
+        raise InputError("recordings are silent; check source.position, source.low and source.high")
+    end = np.sqrt(np.mean(recordings[:, -max(1, recordings.shape[1] // 20) :] ** 2))
+    decayed = math.log(level / end) if end > 0 else math.inf
+    return float(np.clip(DECAY - decayed, 0.0, DECAY)) * fs / recordings.shape[1]
+
+
+def transform(recordings: np.ndarray, fs: float, s: float, frequencies: np.ndarray) -> np.ndarray:
+    """Sum over t of recordings exp(-(s + 2 pi j f) t), at any frequencies.
+
+    Parameters
+    ----------
+    recordings : (N, T) float64; sample i at time i / fs
+    fs : Hz
+    s : 1/s
+    frequencies : (M,) Hz
+
+    Returns
+    -------
+    (M, N) complex128
+    """
+    rates = (s + 2j * np.pi * np.asarray(frequencies, dtype=float)) / fs
+    samples = recordings.shape[1]
+    phases = np.exp(-rates * np.arange(min(BLOCK, samples))[:, None])  # the same for every block, up to a factor
+    phases = np.concatenate([phases.real, phases.imag], axis=1)
+    total = np.zeros((len(rates), len(recordings)), dtype=complex)
+    for start in range(0, samples, BLOCK):
+        block = recordings[:, start : start + BLOCK]
+        real, imaginary = np.split((block @ phases[: block.shape[1]]).T, 2)
+        total += np.exp(-rates * start)[:, None] * (real + 1j * imaginary)
+    return total
+
+
+def pick_modes(
+    recordings: np.ndarray,
+    fs: float,
+    lowest: float,
+    highest: float,
+    prominence_db: float = 1.0,
+    resolution: float = 1.0,
+) -> np.ndarray:
+    """Frequencies of the peaks of the power spectrum averaged over the microphones.
+
+    The recording is weighted with a Blackman-Harris window, raised to a power between 0 and 1 by as much as the room
+    has decayed by itself: a ringing one gets all of it, a decayed one, whose sound is at the start, none.
+
+    Parameters
+    ----------
+    recordings : (N, T) float64
+    fs, lowest, highest : Hz; peaks are sought between lowest and highest
+    prominence_db : dB by which a peak stands out
+    resolution : Hz; of two peaks closer than this, the stronger is kept
+
+    Returns
+    -------
+    (M,) float64 array, Hz, ascending, finer than the spectrum's points
+
+    Raises
+    ------
+    InputError
+        Silence, a recording too short for the resolution, no peak.
+    """
+    first, step, power = mean_power(recordings, fs, lowest, highest, resolution)
+    return peaks_of(power, first, step, prominence_db, resolution)
+
+
+def mean_power(
+    recordings: np.ndarray, fs: float, lowest: float, highest: float, resolution: float = 1.0
+) -> tuple[float, float, np.ndarray]:
+    """The power spectrum that `pick_modes` looks for peaks in, averaged over the microphones.
+
+    Returns
+    -------
+    lowest frequency and step, Hz, and (F,) float64, the square of the recordings' unit
+
+    Raises InputError for silence, and a recording too short for the resolution.
+    """
+    from scipy.signal import get_window  # a second to load, which a measurement out of the cache does without
+
+    samples = recordings.shape[1]
+    check_band(samples / fs, fs, highest, resolution)
+    ringing = window_rate(recordings, fs) * samples / fs / DECAY
+    window = get_window("blackmanharris", samples, fftbins=False) ** ringing
+    padded = next_fast_len(PADDING * samples, real=True)
+    step = fs / padded
+    first, last = max(1, math.floor(lowest / step)), math.ceil(highest / step)
+    power = np.zeros(last - first + 1)
+    for recording in recordings:  # one at a time: all of them padded would take PADDING times the memory
+        power += np.abs(rfft(recording * window, padded)[first : last + 1]) ** 2
+    return first * step, step, power / len(recordings)
+
+
+def peaks_of(power: np.ndarray, lowest: float, step: float, prominence_db: float, resolution: float) -> np.ndarray:
+    """Frequencies of the peaks of a power spectrum (F,) float64 at lowest, lowest + step, ..., Hz; as `pick_modes`."""
+    from scipy.signal import find_peaks  # a second to load, likewise
+
+    decibels = 10 * np.log10(power / power.max() + 1e-30)
+    peaks = find_peaks(decibels, height=-RANGE_DB, prominence=prominence_db, distance=max(1.0, resolution / step))[0]
+    if len(peaks) == 0:
+        raise InputError(
+            f"no mode stands out by measurement.prominence_db = {prominence_db:g} dB between measurement.lowest ="
+            f" {lowest:g} Hz and measurement.highest = {lowest + step * (len(power) - 1):g} Hz; widen the band or lower"
+            " the prominence"
+        )
+    left, top, right = decibels[peaks - 1], decibels[peaks], decibels[peaks + 1]
+    vertex = 0.5 * (left - right) / np.minimum(left - 2 * top + right, -1e-300)  # of the parabola through three points
+    return lowest + (peaks + vertex) * step
+
+
+def check_band(duration: float, fs: float, highest: float, resolution: float) -> None:
+    """Raise InputError unless `duration` s resolve lines `resolution` Hz apart and fs exceeds twice `highest`."""
+    least = LINE_WIDTH / resolution
+    if duration < least * (1 - 1e-9):
+        raise InputError(
+            f"source.duration = {duration:g} s is too short for measurement.resolution = {resolution:g} Hz;"
+            f" use at least {math.ceil(least * 100) / 100:g} s, or a resolution of"
+            f" {math.ceil(LINE_WIDTH / duration * 100) / 100:g} Hz"
+        )
+    if highest >= fs / 2:
+        raise InputError(f"measurement.highest = {highest:g} Hz must lie below half of source.sample_rate = {fs:g} Hz")
+
+
+def wavenumber_continuous(frequencies: np.ndarray, s: float, sound_speed: float) -> np.ndarray:
+    """k = (2 pi f - 1j s) / c : (M,) complex128, rad/m, from (M,) Hz, 1/s and m/s."""
+    return (2 * np.pi * np.asarray(frequencies, dtype=float) - 1j * s) / sound_speed
+
+
+def wavenumber_discrete(frequencies: np.ndarray, s: float, sound_speed: float, cell: float, fs: float) -> np.ndarray:
+    """Wavenumber of a wave on the simulation's grid, averaged over its directions.
+
+    Put exp(j (w t - k . x)) into the scheme of `fdcal.acoustics.fdtd`: with lam = c / (fs h),
+
+        sin^2(w / (2 fs)) = lam^2 [sin^2(k_x h / 2) + sin^2(k_y h / 2)] = lam^2 [1 - (cos k_x h + cos k_y h) / 2].
+
+    The grid is not quite isotropic. With k = |k| (cos t, sin t), cos(|k| h cos t) is J_0(|k| h) on average over t, so
+
+        sin^2(w / (2 fs)) = lam^2 (1 - J_0(k h)),
+
+    which Newton's method solves for complex k, w = 2 pi f - 1j s.
+
+    Parameters
+    ----------
+    frequencies : (M,) Hz
+    s : 1/s, the rate of the exponential window
+    sound_speed, cell, fs : m/s, m, Hz
+
+    Returns
+    -------
+    (M,) complex128, rad/m
+
+    Raises InputError where the grid carries no wave of that frequency.
+    """
+    k = wavenumber_continuous(frequencies, s, sound_speed)
+    wanted = (np.sin(k * sound_speed / (2 * fs)) * cell * fs / sound_speed) ** 2
+    z = k * cell
+    with np.errstate(all="ignore"):  # where there is no solution the numbers run away, and the error below says so
+        for _ in range(50):
+            change = (np.polyval(ONE_MINUS_J0, z * z) - wanted) / jv(1, z)
+            z = z - change
+            if np.all(np.abs(change) <= 1e-14 * np.abs(z)):
+                return z / cell
+    raise InputError(
+        f"measurement.highest is beyond what room.cell = {cell:g} m carries; lower it, use a smaller cell,"
+        ' or set measurement.wavenumber = "continuous"'
+    )

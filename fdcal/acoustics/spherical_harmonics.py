@@ -1,0 +1,109 @@
+"""The dictionary W of a sound field in three dimensions: spherical Bessel functions and spherical harmonics.
+
+    W[n, (l, m)] = sqrt(4 pi) j_l(k r_n) Y_lm(theta_n, phi_n),    l = 0..L,  m = -l..l
+
+k               wavenumber, rad/m, may be complex (time sign exp(+j w t))
+L               maximum order, `fdcal.acoustics.fourier_bessel.max_order`; (L + 1)^2 functions
+r, theta, phi   spherical coordinates of a microphone about the centre of the expansion, theta from the z axis
+Y_lm            orthonormal over the sphere, with the sign of Condon and Shortley
+
+With sqrt(4 pi), W W^H tends to sin(k d) / (k d) for real k as L grows, whatever the centre (the addition theorem):
+the covariance of a diffuse field of unit power. That of a complex k depends on the centre.
+
+Microphones in a plane hear a field of three dimensions, too. On the plane through the centre the functions with l + m
+odd are zero and those with l + m even remain, (L + 1)(L + 2) / 2 of them. Positions of two coordinates mean this.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+from scipy.special import sph_harm_y_all, spherical_jn
+
+
+@functools.lru_cache(maxsize=256)
+def degrees(order: int, planar: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """l and m of every column of W : two (K,) int64, read-only; l ascending, then m. `planar`: l + m even alone."""
+    l = np.repeat(np.arange(order + 1), 2 * np.arange(order + 1) + 1)  # noqa: E741
+    m = np.arange(len(l)) - l * (l + 1)
+    kept = (l + m) % 2 == 0 if planar else slice(None)
+    found = l[kept], m[kept]
+    for array in found:
+        array.setflags(write=False)
+    return found
+
+
+def spherical_bessel(positions, wavenumber: complex, order: int, centre) -> np.ndarray:
+    """Dictionary W[n, (l, m)] = sqrt(4 pi) j_l(k r_n) Y_lm(theta_n, phi_n), columns in the order of `degrees`.
+
+    Parameters
+    ----------
+    positions : (N, 3) float64, metres; or (N, 2), in a plane through `centre`
+    wavenumber : k, rad/m, real or complex
+    order : L
+    centre : (3,) or (2,) float64, metres, origin of r
+
+    Returns
+    -------
+    (N, K) complex128; K = (L + 1)^2, or (L + 1)(L + 2) / 2 in a plane
+
+    Examples
+    --------
+    >>> spherical_bessel(np.zeros((1, 3)), 1.0, 1, (0.0, 0.0, 0.0)).real
+    array([[1., 0., 0., 0.]])
+    """
+    offsets = np.asarray(positions, float) - np.asarray(centre, float)
+    l, m = degrees(order, offsets.shape[1] == 2)  # noqa: E741
+    x, y = offsets[:, 0], offsets[:, 1]
+    across = np.hypot(x, y)
+    height = np.zeros_like(x) if offsets.shape[1] == 2 else offsets[:, 2]
+    k = wavenumber if np.imag(wavenumber) else np.real(wavenumber)
+    j = spherical_jn(np.arange(order + 1), k * np.hypot(across, height)[:, None])
+    Y = sph_harm_y_all(order, order, np.arctan2(across, height), np.arctan2(y, x))  # (L + 1, 2L + 1, N), m = -1 last
+    return np.sqrt(4 * np.pi) * j[:, l] * Y[l, m].T
+
+
+def spherical_bessel_gradient(positions, wavenumber: complex, order: int, centre) -> tuple[np.ndarray, ...]:
+    """Derivatives of the dictionary along each coordinate of the positions, from the atoms of order L + 1.
+
+    d/dz W_l,m = k (a_l,m W_l-1,m - a_l+1,m W_l+1,m),    a_l,m = sqrt((l^2 - m^2) / (4 l^2 - 1)),
+    and (d/dx + j d/dy), (d/dx - j d/dy) likewise with m + 1 and m - 1: see `_ladders`.
+
+    Returns
+    -------
+    dW/dx, dW/dy and, of positions (N, 3), dW/dz : (N, K) complex128, 1/m
+    """
+    planar = np.shape(positions)[1] == 2
+    W = wavenumber * spherical_bessel(positions, wavenumber, order + 1, centre)
+    rise, fall, up = _ladders(order, planar)
+    above, below = W @ rise, W @ fall
+    slopes = (above + below) / 2, (above - below) / 2j
+    return slopes if planar else (*slopes, W @ up)
+
+
+@functools.lru_cache(maxsize=64)
+def _ladders(order: int, planar: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Matrices (K of L + 1, K of L) that give d/dx + j d/dy, d/dx - j d/dy and d/dz over k, read-only.
+
+    From sin(theta) exp(+-j phi) Y_lm and cos(theta) Y_lm as sums of Y_l+1 and Y_l-1, and, with f = j_l(k r),
+    (d/dr - l / r) f = -k j_l+1 and (d/dr + (l + 1) / r) f = k j_l-1.
+    """
+    l, m = degrees(order, planar)  # noqa: E741
+    row = {pair: i for i, pair in enumerate(zip(*(a.tolist() for a in degrees(order + 1, planar)), strict=True))}
+    above, below = (2 * l + 1) * (2 * l + 3), (2 * l - 1) * (2 * l + 1)
+    parts = (  # step of m, then the factors of W_l+1 and W_l-1
+        (1, np.sqrt((l + m + 1) * (l + m + 2) / above), np.sqrt((l - m) * (l - m - 1) / below)),
+        (-1, -np.sqrt((l - m + 1) * (l - m + 2) / above), -np.sqrt((l + m) * (l + m - 1) / below)),
+        (0, -np.sqrt(((l + 1) ** 2 - m**2) / above), np.sqrt((l**2 - m**2) / below)),
+    )
+    matrices = []
+    for step, *factors in parts:
+        matrix = np.zeros((len(row), len(l)))
+        for column, (degree, m_here) in enumerate(zip(l.tolist(), m.tolist(), strict=True)):
+            for factor, target in zip(factors, (degree + 1, degree - 1), strict=True):
+                if (target, m_here + step) in row:
+                    matrix[row[target, m_here + step], column] = factor[column]
+        matrix.setflags(write=False)
+        matrices.append(matrix)
+    return tuple(matrices)

@@ -1,0 +1,82 @@
+"""The sound speed from the array itself, where known microphones or one known distance give it a length.
+
+The cost sees wavenumber times distance alone. With all wavenumbers too small by 1 + e, the array comes out larger by
+1 + e, known microphones too: they become one more unknown, their common scale, and c is the told speed over 1 + e.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..model.measurement import Problem
+from ..model.validation import InputError, frozen_array
+from ..solvers.levenberg_marquardt import FIRST_DAMPING, damped_step
+from .uncertainty import field_of
+
+STEPS = 60
+SETTLED = 1e-6  # metres
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A sound speed and the array that goes with it.
+
+    Attributes
+    ----------
+    sound_speed : float, m/s
+    positions : (N, D) float64, metres
+    problem : Problem, with its wavenumbers and sound speed corrected
+    """
+
+    sound_speed: float
+    positions: np.ndarray
+    problem: Problem
+
+
+def from_known(problem: Problem, positions, modes: slice, noise: np.ndarray | None) -> Estimate:
+    """Sound speed of greatest likelihood together with the positions, from the solution (N, D) at the speed told.
+
+    Raises InputError with fewer than two known microphones.
+    """
+    known = problem.known
+    if len(known) < 2:
+        raise InputError(
+            "--estimate-sound-speed needs a length: two known microphones at least, or --distance I,J,METRES"
+        )
+    p, field = field_of(problem, positions, modes, noise)
+    N, D = positions.shape
+    centre = problem.known_positions.mean(axis=0)
+    larger = np.zeros((N, D))
+    larger[known] = problem.known_positions - centre
+    coordinates = (D * problem.free[:, None] + np.arange(D)).ravel()
+    basis = np.column_stack([np.eye(N * D)[:, coordinates], larger.ravel()])
+    x, damping = np.asarray(positions, float), FIRST_DAMPING
+    for _ in range(STEPS):
+        trial = damped_step(x, p, field, basis, damping)
+        x, damping = trial.positions, trial.damping
+        if trial.moved < SETTLED:
+            break
+    scale = np.sum((x[known] - centre) * larger[known]) / np.sum(larger[known] ** 2)
+    found = centre + (x - centre) / scale
+    found[known] = problem.known_positions
+    return _corrected(problem, problem.sound_speed / scale, found)
+
+
+def from_distance(problem: Problem, positions, pair: tuple[int, int], metres: float) -> Estimate:
+    """Sound speed that makes microphones `pair` of the blind solution (N, D) stand `metres` apart."""
+    positions = np.asarray(positions, float)
+    apart = float(np.linalg.norm(positions[pair[0]] - positions[pair[1]]))
+    if not apart > 0:
+        raise InputError(f"--distance: microphones {pair[0]} and {pair[1]} came out in one place; name another pair")
+    centre = positions.mean(axis=0)
+    return _corrected(problem, problem.sound_speed * metres / apart, centre + (positions - centre) * (metres / apart))
+
+
+def _corrected(problem: Problem, sound_speed: float, positions) -> Estimate:
+    slower = problem.sound_speed / sound_speed
+    corrected = replace(
+        problem, wavenumbers=frozen_array(problem.wavenumbers * slower, complex), sound_speed=float(sound_speed)
+    )
+    return Estimate(float(sound_speed), frozen_array(positions, float), corrected)

@@ -1,0 +1,218 @@
+"""The command line: arguments in, the rooms below called.
+
+Exit codes: 0 done, 2 bad input, 3 a file that cannot be read or written, 4 calibrated, but the verdict is not "good"
+(everything is written nevertheless, the verdict with it), 130 interrupted. An error is one line on
+standard error. Libraries that take long to load are imported by the command that needs them.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+
+import click
+
+from ..model.scene import load_scene, scene_names
+from ..model.validation import InputError
+from ..session.lesson import lesson_names, load_lesson
+from . import parameter_types, plot_commands
+from .options import (
+    force_option,
+    given_of,
+    opening_of,
+    output_option,
+    progress_bar,
+    radius_option,
+    result_of,
+    search_option,
+    simulated,
+)
+
+
+def main(args: list[str] | None = None) -> None:
+    """Run a command and leave with its exit code."""
+    try:
+        code = commands.main(args=args, prog_name="fdcal", standalone_mode=False)
+    except (click.exceptions.Abort, KeyboardInterrupt):
+        code = _fail("interrupted; nothing is left half-written", 130)
+    except click.ClickException as error:
+        code = _fail(error.format_message(), 2)
+    except InputError as error:
+        code = _fail(error, 2)
+    except OSError as error:
+        code = _fail(error, 3)
+    sys.exit(code)
+
+
+def _fail(message, code: int) -> int:
+    print("error:", " ".join(str(message).split()), file=sys.stderr)
+    return code
+
+
+@click.group(invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]})
+@click.pass_context
+def commands(context):
+    """Microphone positions from the resonances of a room.
+
+    SCENE is a .toml file or the name of a scene that comes with fdcal: see `fdcal scenes`. FILE.npz is a measurement.
+    """
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help())
+
+
+@commands.command()
+@click.argument("scene", default="array1_circle", metavar="[SCENE|FILE|SESSION]")
+@click.option("--lesson", "own", multiple=True, metavar="FILE.toml", help="A lesson of your own, taken at once.")
+@click.option("--host", default="127.0.0.1", show_default=True, help="Address to serve the page at.")
+@click.option("--port", type=int, default=8080, show_default=True, help="Port; 0 takes a free one.")
+@click.option("--no-browser", is_flag=True, help="Print the address, open nothing.")
+def view(scene: str, own: tuple[str, ...], host: str, port: int, no_browser: bool):
+    """Watch a calibration in the browser; Ctrl-C ends it.
+
+    FILE is a measurement or what `fdcal import` reads, SESSION what the page has saved.
+    """
+    alone = parameter_types.address(host, port)
+    lessons = [load_lesson(name) for name in (*own, *lesson_names())]
+    opening = opening_of(scene)
+    if not alone:
+        print(parameter_types.warning(host, port), file=sys.stderr)
+
+    def on_ready(url: str) -> None:
+        print(url, flush=True)
+        if not no_browser:
+            parameter_types.open_page(url)
+
+    from ..viewer import serve
+
+    serve(opening, host, port, on_ready, lessons, lessons[0] if own else None)
+
+
+@commands.command()
+@click.argument("scene")
+@output_option("FILE.npz")
+@force_option
+def simulate(scene: str, output: str, force: bool):
+    """Simulate a scene and write what its microphones measured."""
+    path = parameter_types.output_path(output, ".npz", force)
+    measurement = simulated(scene).measurement
+    from ..model.measurement_file import save_measurement
+    from ..model.storage import write_atomically
+
+    write_atomically(path, lambda file: save_measurement(measurement, file), force)
+    f = measurement.frequencies
+    print(f"{path}: {len(f)} modes, {f[0]:.1f} to {f[-1]:.1f} Hz, at {measurement.count} microphones")
+
+
+@commands.command("import")
+@click.argument("source", metavar="INPUT")
+@output_option("FILE.npz")
+@click.option("--frequencies", default="auto", show_default=True, metavar="auto|LO:HI", help="Band to choose from, Hz.")
+@click.option("--most", type=int, default=57, show_default=True, metavar="M", help="Frequencies to take at most.")
+@click.option("--kind", default="auto", show_default=True, help="response (from silence to silence) or work.")
+@click.option("--window", default="auto", show_default=True, metavar="auto|none|RATE", help="Exponential window, 1/s.")
+@click.option("--temperature", type=float, metavar="C", help="Of the air, degrees Celsius; gives the speed of sound.")
+@click.option("--sound-speed", "speed", type=float, metavar="M/S", help="In place of a temperature.")
+@click.option("--source", "number", type=int, metavar="I", help="Which of several sources, from 0.")
+@click.option("--dimension", type=int, default=3, show_default=True, help="2 or 3, of the sound field.")
+@click.option("--plane", metavar="z=Z", help="Take the microphones in a plane, by the positions in the file.")
+@click.option("--subset", metavar="N|I,J,...", help="Take a number of microphones at random, or those of a list.")
+@click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="Draws the --subset.")
+@click.option("--leave-out", metavar="NAMES|bad", help="Leave out these channels, or all that are found bad.")
+@click.option("--known", metavar="NAMES|corners|FILE.csv", help="Known microphones; a table tells name,x,y[,z].")
+@click.option("--reference", metavar="FILE.wav", help="The signal that the source was given: deconvolve with it.")
+@click.option("--reference-microphone", "against", metavar="NAME", help="Take cross-spectra against this channel.")
+@click.option("--array-radius", "radius", type=float, metavar="R", help="Metres; gives the highest usable frequency.")
+@force_option
+def import_(source, output, number, force, **wishes):
+    """Turn recordings or impulse responses into a measurement.
+
+    INPUT is a WAV or FLAC file, a SOFA file, a folder of MeshRIR, an HDF5 file of Acoular, or an .npz file.
+    """
+    path = parameter_types.output_path(output, ".npz", force, source, wishes["reference"])
+    from ..model.measurement_file import save_measurement
+    from ..model.storage import write_atomically
+    from ..recordings.import_options import Wishes
+    from ..recordings.import_report import report
+    from ..recordings.importer import intake
+
+    measurement, told = intake(source, Wishes(source=number, **wishes))
+    write_atomically(path, lambda file: save_measurement(measurement, file), force)
+    print(report(measurement, told))
+    print(path)
+
+
+@commands.command()
+@click.argument("source", metavar="SCENE|FILE")
+@click.option("--solver", metavar="NAME", help="joint, descent (the paper's) or descent+joint.  [default: the scene's]")
+@click.option("--start", metavar="affine|random", help="Positions to begin with.  [default: the solver's own]")
+@click.option(
+    "--known", metavar="all|minimal|none", help="Known microphones; minimal: a position, a direction, a side."
+)
+@click.option("--noise", metavar="DB|auto|told", help="SNR of each frequency that joint supposes; auto estimates it.")
+@click.option("--cost", metavar="likelihood|projection", help="What joint minimises; projection is Eq. 7.")
+@click.option("--modes", type=int, metavar="M", help="Modes in use at the end, from the lowest up.")
+@click.option("--seed", type=int, metavar="S", help="Draws the solver's start.  [default: the scene's]")
+@click.option("--exclude", metavar="NAME,...", help="Leave microphones out, by name or number, as 3,17.")
+@click.option("--estimate-sound-speed", is_flag=True, help="Find it, too: from known microphones, or --distance.")
+@click.option("--distance", metavar="I,J,METRES", help="How far two microphones are apart; where none is known.")
+@click.option("--room", metavar="LxW[xH]", help="Size of a rectangular room, metres: positions in it, by solver room.")
+@click.option("--check", is_flag=True, help="Compare with the positions in the file; name swapped channels.")
+@output_option("RESULT.json", required=False)
+@search_option
+@radius_option
+@force_option
+def calibrate(
+    source, solver, start, known, noise, cost, modes, seed, exclude, estimate_sound_speed, distance, room, check,
+    output, search, radius, force,
+):  # fmt: skip
+    """Find the microphones, and say whether to trust the answer: exit code 4 where not."""
+    path = parameter_types.output_path(output, ".json", force, source) if output else None
+    from . import calibrate
+
+    given = given_of(source, search, radius, parameter_types.names(exclude))
+    solver, size = parameter_types.known_room(room, solver)
+    given = calibrate.changed(given, solver, modes, seed, start=start, known=known, noise=noise, cost=cost, room=size)
+    given = replace(given, estimate_sound_speed=estimate_sound_speed, distance=parameter_types.distance(distance))
+    if check:
+        calibrate.require_told(given.measurement)
+    with progress_bar("calibrating") as progress:
+        result = calibrate.solve(given, progress)
+    if path is not None:
+        from ..assessment.result_file import save_result
+
+        save_result(result, path, force)
+    print(calibrate.summary(given, result))
+    if check:
+        print(calibrate.checked(given, result))
+    return 0 if result["verdict"] == "good" else 4
+
+
+@commands.command()
+@click.argument("result", metavar="RESULT.json")
+@output_option("FILE.csv|json|xml|sofa|npy")
+@click.option("--frame", type=click.Choice(["known", "minimal", "axes"]), help="Axes.  [default: known, else axes]")
+@click.option("--original", metavar="FILE.sofa", help="Fill the positions into a copy of this file.")
+@force_option
+def export(result, output, frame, original, force):
+    """Write the positions of a result for other programs: the suffix tells the format."""
+    from ..assessment.alignment import placed_in
+    from ..model.storage import write_atomically
+    from ..recordings import formats
+
+    path = parameter_types.output_path(output, formats.suffixes("write"), force, result, original)
+    if original is not None and path.suffix.lower() != ".sofa":
+        raise InputError(f"--original {original} is for -o FILE.sofa; leave it out for {path.suffix}")
+    placed = placed_in(result_of(result), frame)
+    write_atomically(path, lambda file: formats.write(file, path, placed, original), force)
+    print(f"{path}: {len(placed.names)} microphones, frame: {placed.frame}")
+
+
+@commands.command()
+def scenes():
+    """List the scenes that come with fdcal."""
+    for name in scene_names():
+        print(f"{name:<16} {load_scene(name).title}")
+
+
+for command in plot_commands.COMMANDS:
+    commands.add_command(command)

@@ -1,0 +1,97 @@
+"""The paper's figures and its results beside ours: `fdcal paper`.
+
+study computes, trails keeps the runs in the cache, drawing and table show them, printed holds what the paper says.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+from pathlib import Path
+
+from ...graphics.landscape_figure import draw_landscape, landscape_panels
+from ...model.storage import write_atomically
+from ...model.validation import InputError, StorageError
+from ..calibrate import Given
+from . import drawing, table
+from .printed import ARRAYS, LANDSCAPE
+from .study import Array, Progress, array_of, descents, joint_errors, outcomes
+
+__all__ = ["ARRAYS", "FIGURES", "LANDSCAPE", "array_of", "files_of", "pages", "require_free", "write"]
+
+FIGURES = (1, 2, 3, 4, 5)
+FORMATS = ("png", "svg")
+
+
+def files_of(figures: tuple[int, ...], tables: bool) -> list[str]:
+    """Names of the files that will be written."""
+    names = [f"fig{number}.{suffix}" for number in figures for suffix in FORMATS]
+    return names + (["table.md", "table.csv"] if tables else [])
+
+
+def require_free(folder: Path, names: list[str], force: bool) -> None:
+    """Raise InputError where one of the files exists and `force` is not set, StorageError where no folder can be."""
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"-o {folder} is a file; name a folder")
+    if not folder.parent.is_dir():
+        raise StorageError(f"-o {folder} lies in a folder that does not exist; make it first: mkdir -p {folder.parent}")
+    there = [name for name in names if (folder / name).exists()]
+    if there and not force:
+        raise InputError(f"{folder / there[0]} exists; add --force to overwrite it, or choose another folder")
+
+
+def write(folder: Path, name: str, content: bytes, force: bool) -> Path:
+    """Write a file whole, and make the folder with the first one. Raises InputError and StorageError."""
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise StorageError(f"-o {folder} cannot be made: {error.strerror}") from error
+    write_atomically(folder / name, lambda file: file.write_bytes(content), force)
+    return folder / name
+
+
+def pages(
+    figures: tuple[int, ...], tables: bool, square: Given | None, arrays: list[Array], progress: Progress
+) -> Iterator[tuple[str, bytes]]:
+    """Name and content of every file, in the order in which they are done.
+
+    `square` is what Fig. 1 shows, None without it.
+    """
+    if 1 in figures:
+        yield from _saved(1, landscapes(square))
+    runs = [next(descents(array, 1, progress)) for array in arrays] if set(figures) & {2, 3, 4, 5} else []
+    if 2 in figures:
+        yield from _saved(2, drawing.draw_states(arrays, runs))
+    if 3 in figures:
+        yield from _saved(3, drawing.draw_iterations(arrays, runs))
+    if 4 in figures:
+        yield from _saved(4, drawing.draw_modes(arrays, runs, [joint_errors(array, progress) for array in arrays]))
+    if 5 in figures:
+        yield from _saved(5, drawing.draw_distances(arrays[-1], runs[-1]))
+    if tables:
+        found = [outcomes(array, progress) for array in arrays]
+        yield "table.md", table.markdown(arrays, found).encode()
+        yield "table.csv", table.comma_separated(arrays, found).encode()
+
+
+def landscapes(given: Given):
+    """Fig. 1 of a scene: of another than the paper's the first sought microphone, a low, a middle and a high mode."""
+    name, microphone, modes = LANDSCAPE
+    problem = given.measurement.problem(given.settings.weights)
+    if given.name != name:
+        microphone, last = int(problem.free[0]), given.settings.modes
+        modes = sorted({max(1, last // 3), max(1, 2 * last // 3), last})
+    truth = given.measurement.positions
+    panels = landscape_panels(problem, truth, microphone, modes, given.settings.order_offset)
+    return draw_landscape(panels, truth[microphone])
+
+
+def _saved(number: int, figure) -> Iterator[tuple[str, bytes]]:
+    import matplotlib
+
+    for suffix in FORMATS:
+        out = io.BytesIO()
+        plain = {"Date": None} if suffix == "svg" else None  # the same figure, the same file
+        with matplotlib.rc_context({"svg.hashsalt": "fdcal"}):
+            figure.savefig(out, format=suffix, metadata=plain)
+        yield f"fig{number}.{suffix}", out.getvalue()

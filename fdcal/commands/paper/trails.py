@@ -1,0 +1,145 @@
+"""What is kept of a run of a solver: the positions after every sweep. The cache gives the same run a second time.
+
+A run is the same if the solver sees the same, is set alike, begins alike, and its own code is what it was.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import importlib.util
+import pkgutil
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ...model.measurement import Problem
+from ...model.scene import Solver
+from ...model.storage import cached_arrays
+from ...solvers import load
+
+# Only these packages decide where a solver goes: what it is given is part of the key by itself.
+NUMERICS = ("fdcal.acoustics.", "fdcal.cost.", "fdcal.solvers.")
+# The settings that descent reads.
+SETTINGS = ("modes", "first_modes", "order_offset", "ample_modes", "known_weight", "max_sweeps", "start", "known")
+DIGITS = 6
+
+
+@dataclass(frozen=True)
+class Trail:
+    """A run, sweep by sweep; the first of S + 1 entries is the start.
+
+    Attributes
+    ----------
+    positions : (S + 1, N, D) float64, metres
+    modes : (S + 1,) int64, in use during the sweep
+    seconds : (S + 1,) float64, processor time from the start
+    converged : () bool, whether it ended because nothing moved any more
+    """
+
+    positions: np.ndarray
+    modes: np.ndarray
+    seconds: np.ndarray
+    converged: np.ndarray
+
+    @property
+    def sweeps(self) -> int:
+        """Number of sweeps."""
+        return len(self.modes) - 1
+
+    def end_of(self, modes: int) -> int:
+        """The last sweep with so many modes, which is where a run with no more of them ends."""
+        return int(np.flatnonzero(self.modes == modes)[-1])
+
+    def errors(self, truth) -> np.ndarray:
+        """Distance of each microphone from `truth` (N, D), metres, after every sweep : (S + 1, N) float64, metres."""
+        return np.linalg.norm(self.positions - truth, axis=2)
+
+
+def trail(problem: Problem, settings: Solver, seed: int, progress: Callable[[float], None], positions=None) -> Trail:
+    """The run of `settings.name`, a single solver, from `positions` (N, D), metres, where given.
+
+    `progress` is told the part that is done, and may raise to stop it. Raises InputError as the solver does.
+    """
+    start = None if positions is None else np.asarray(positions).tolist()
+    fields = (problem.pressures, problem.wavenumbers, problem.known, problem.known_positions, problem.noise_power)
+    seen = [None if field is None else _digest(np.asarray(field)) for field in fields]
+    search = None if problem.search is None else asdict(problem.search)
+    told = asdict(settings)
+    if settings.name == "descent":
+        told = {key: told[key] for key in ("name", *SETTINGS)}
+    parts = [seen, search, told, seed, start, _code(settings.name)]
+    return Trail(**cached_arrays("trail", parts, lambda: asdict(_made(problem, settings, seed, progress, positions))))
+
+
+def _made(problem: Problem, settings: Solver, seed: int, progress, positions) -> Trail:
+    solver, begun = load(settings.name), time.process_time()
+    given = {} if positions is None else {"positions": positions}
+    state = solver.init(problem, settings, seed, **given)
+    kept = [(state.positions, state.last, 0.0)]
+    while not state.finished:
+        before, state = state, solver.step(problem, state)
+        if state.sweep > before.sweep:
+            kept.append((state.positions, before.last, time.process_time() - begun))
+            progress(min(1.0, state.last / settings.modes))
+    places, modes, seconds = zip(*kept, strict=True)
+    return Trail(np.array(places), np.array(modes), np.array(seconds), np.array(state.converged))
+
+
+def shortened(settings: Solver, name: str, modes: int) -> Solver:
+    """`settings` for solver `name` with `modes` modes at the end."""
+    return replace(settings, name=name, modes=modes, first_modes=min(settings.first_modes, modes))
+
+
+def _digest(values: np.ndarray) -> str:
+    """Of numbers to DIGITS digits of the greatest: a room that is simulated once more differs by rounding."""
+    scaled = values / max(np.abs(values).max(initial=0.0), np.finfo(float).tiny)
+    return hashlib.sha256(np.round(scaled, DIGITS) + 0.0).hexdigest()  # 0.0 makes zeros of minus zeros
+
+
+def _code(name: str) -> str:
+    """Digest of the numerical code of a solver; comments and docstrings do not count."""
+    return hashlib.sha256("".join(_without_docstrings(file) for file in sources(name)).encode()).hexdigest()
+
+
+def sources(name: str) -> list[Path]:
+    """Return the files that solver `name` runs: its own and what these import of NUMERICS, directly or not."""
+    waiting = [f"fdcal.solvers.{part}" for part in name.split("+")]
+    found: dict[str, Path] = {}
+    while waiting:
+        module = waiting.pop()
+        spec = importlib.util.find_spec(module)
+        if module in found or spec is None or spec.origin is None:
+            continue
+        found[module] = Path(spec.origin)
+        waiting += [f"{module}.{inner.name}" for inner in pkgutil.iter_modules(spec.submodule_search_locations or [])]
+        waiting += [imported for imported in _imports(module, found[module]) if imported.startswith(NUMERICS)]
+    return sorted(found.values())
+
+
+def _imports(module: str, file: Path) -> Iterator[str]:
+    """Absolute names of what a module imports of its own package, modules and their members alike."""
+    package = module if file.name == "__init__.py" else module.rpartition(".")[0]
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            base = importlib.util.resolve_name("." * node.level + (node.module or ""), package)
+            yield base
+            yield from (f"{base}.{alias.name}" for alias in node.names if _is_module(f"{base}.{alias.name}"))
+
+
+def _is_module(name: str) -> bool:
+    parent, _, last = name.rpartition(".")
+    spec = importlib.util.find_spec(parent)
+    folders = None if spec is None else spec.submodule_search_locations
+    return folders is not None and any(inner.name == last for inner in pkgutil.iter_modules(folders))
+
+
+def _without_docstrings(file: Path) -> str:
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    for node in ast.walk(tree):
+        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)) and ast.get_docstring(node) is not None:
+            node.body[0] = ast.Pass()
+    return ast.dump(tree)

@@ -1,0 +1,234 @@
+"""The cost of the paper, Eq. 7, in one place.
+
+    W         dictionary of one mode at the supposed positions (Eq. 4)
+    alpha     W^+ p, coefficients of the field (Eq. 5)
+    residual  W alpha - p (Eqs. 6 and 7), one entry a microphone
+    cost      |residual|^2, summed over the modes in use (Eq. 7)
+    landscape cost over candidate positions of one microphone, all others held
+
+The landscape is the descent's step, the picture on the screen and the tests' oracle: with microphone n left out,
+W_-n = Q S, Z = S^-1, alpha = Z Z^H W_-n^H p_-n and r0 = |p_-n - W_-n alpha|^2, the cost with microphone n at x is
+
+    cost(x) = r0 + |p_n - w(x) alpha|^2 / (1 + |w(x) Z|^2),
+
+w(x) the row of W at x. It equals Eq. 7 where W_-n has full column rank; otherwise W_-n is reduced to its
+column space once for all candidates. The centre of the expansion is the same for all candidates.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..acoustics.fourier_bessel import Lattice, fourier_bessel, max_order
+from ..model.measurement import Problem
+from ..model.validation import InputError
+
+RANK_TOLERANCE = 1e-12  # singular values below this fraction of the largest count as zero
+
+
+def residual(positions, pressures, wavenumbers, orders, centre, tikhonov: float = 0.0) -> np.ndarray:
+    """What the positions cannot explain: W W^+ p - p (Eq. 7) of every mode.
+
+    Parameters
+    ----------
+    positions : (N, 2) float64, metres
+    pressures : (M, N) complex128
+    wavenumbers : (M,) complex128, rad/m
+    orders : (M,) int64
+    centre : (2,) float64, metres
+    tikhonov : weight mu of |alpha|^2 in the fit, dimensionless; 0 is Eq. 5
+
+    Returns
+    -------
+    (M, N) complex128, unit of `pressures`
+    """
+    fitted = np.empty_like(pressures)
+    for m, (p, k, L) in enumerate(zip(pressures, wavenumbers, orders, strict=True)):
+        W = fourier_bessel(positions, k, L, centre)
+        fitted[m] = W @ coefficients(W, p, tikhonov)
+    return fitted - pressures
+
+
+def coefficients(W: np.ndarray, p: np.ndarray, tikhonov: float = 0.0) -> np.ndarray:
+    """alpha = W^+ p (Eq. 5), or the minimiser of |W alpha - p|^2 + tikhonov |alpha|^2 : (2L + 1,) complex128."""
+    U, s, Vh = np.linalg.svd(W, full_matrices=False)
+    keep = s > RANK_TOLERANCE * s[0]
+    weight = np.where(keep, s / np.where(keep, s**2 + tikhonov, 1.0), 0.0)
+    return Vh.conj().T @ (weight * (U.conj().T @ p))
+
+
+def cost(positions, pressures, wavenumbers, orders, centre, tikhonov: float = 0.0) -> np.ndarray:
+    """Cost of every mode (Eq. 7 before the sum) : (M,) float64.
+
+    Parameters as of `residual`. With `tikhonov` the penalty tikhonov |alpha|^2 is part of the cost.
+    """
+    total = np.sum(np.abs(residual(positions, pressures, wavenumbers, orders, centre, tikhonov)) ** 2, axis=1)
+    if tikhonov:
+        for m, (p, k, L) in enumerate(zip(pressures, wavenumbers, orders, strict=True)):
+            alpha = coefficients(fourier_bessel(positions, k, L, centre), p, tikhonov)
+            total[m] += tikhonov * np.sum(np.abs(alpha) ** 2)
+    return total
+
+
+@dataclass(frozen=True)
+class LeaveOneOut:
+    """The fit of one mode to all microphones but one: Z (K, K), alpha (K,), r0, p_n; Z upper triangular or not."""
+
+    Z: np.ndarray
+    alpha: np.ndarray
+    r0: float
+    p_n: complex
+    triangular: bool
+
+    def cost_of(self, rows: np.ndarray) -> np.ndarray:
+        """Cost with the left-out microphone at each candidate, whose rows of W are `rows` (C, K) : (C,) float64."""
+        product = rows @ np.column_stack([self.Z, self.alpha])
+        parts = product.view(float)
+        leverage = np.einsum("ij,ij->i", parts[:, :-2], parts[:, :-2])
+        error = self.p_n - product[:, -1]
+        return self.r0 + (error.real**2 + error.imag**2) / (1 + leverage)
+
+
+def leave_one_out(dictionaries, pressures: np.ndarray, n: int, tikhonov=0.0, weights=None) -> list[LeaveOneOut]:
+    """Fit of every mode to all microphones but `n`.
+
+    Parameters
+    ----------
+    dictionaries : M arrays (N, 2L + 1) complex128
+    pressures : (M, N) complex128
+    n : microphone left out
+    tikhonov : weight mu of |alpha|^2
+    weights : (N,) float64 or None, of the squared residual of each microphone; that of `n` counts as 1
+    """
+    others = np.arange(pressures.shape[1]) != n
+    scale = None if weights is None else np.sqrt(weights[others])
+    fits: list[LeaveOneOut | None] = [None] * len(dictionaries)
+    widths = np.array([W.shape[1] for W in dictionaries])
+    for width in np.unique(widths):  # modes of equal order in one batch
+        modes = np.flatnonzero(widths == width)
+        W = np.stack([dictionaries[m][others] for m in modes])
+        p = pressures[modes][:, others]
+        if scale is not None:
+            W, p = W * scale[:, None], p * scale
+        Z, alpha, r0, triangular = _fit(W, p, tikhonov)
+        for i, m in enumerate(modes):
+            fits[m] = LeaveOneOut(Z[i], alpha[i], float(r0[i]), complex(pressures[m, n]), bool(triangular[i]))
+    return fits
+
+
+def _fit(W: np.ndarray, p: np.ndarray, tikhonov: float):
+    """Z, alpha, r0 and whether Z is triangular, of a batch of modes: W (B, N-1, K), p (B, N-1)."""
+    batch, _, width = W.shape
+    if tikhonov:
+        penalty = np.broadcast_to(np.sqrt(tikhonov) * np.eye(width), (batch, width, width))
+        W = np.concatenate([W, penalty], axis=1)
+        p = np.concatenate([p, np.zeros((batch, width))], axis=1)
+    if W.shape[1] < width:
+        raise InputError(
+            f"an expansion of {width} functions (2L + 1) needs more than {W.shape[1]} microphones; use a"
+            " smaller search.radius or solver.order_offset"
+        )
+    S = np.linalg.qr(W, mode="r")
+    diagonal = np.abs(np.diagonal(S, axis1=1, axis2=2))
+    deficient = diagonal.min(axis=1) <= RANK_TOLERANCE * diagonal.max(axis=1)
+    S[deficient] = np.eye(width)
+    Z = np.linalg.inv(S)
+    alpha = _solve(W, Z, p)
+    alpha += _solve(W, Z, p - (W @ alpha[..., None])[..., 0])  # makes up for doing without Q, which costs more than S
+    for b in np.flatnonzero(deficient):
+        Z[b], alpha[b] = _reduced_fit(W[b], p[b])
+    r0 = np.sum(np.abs(p - (W @ alpha[..., None])[..., 0]) ** 2, axis=1)
+    return Z, alpha, r0, ~deficient
+
+
+def _solve(W: np.ndarray, Z: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """(W^H W)^-1 W^H p of a batch, Z Z^H being the inverse."""
+    return (Z @ (Z.conj().swapaxes(1, 2) @ (W.conj().swapaxes(1, 2) @ p[..., None])))[..., 0]
+
+
+def _reduced_fit(W: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Z and alpha of a rank-deficient W, restricted to its row space; the columns of Z beyond the rank are zero."""
+    U, s, Vh = np.linalg.svd(W, full_matrices=False)
+    inverse = np.where(s > RANK_TOLERANCE * s[0], 1 / np.maximum(s, np.finfo(float).tiny), 0.0)
+    Z = Vh.conj().T * inverse
+    return Z, Z @ (U.conj().T @ p)
+
+
+def landscape(positions, n: int, candidates, pressures, wavenumbers, orders, centre, tikhonov=0.0) -> np.ndarray:
+    """Cost of every mode with microphone `n` at each candidate, the others at `positions`.
+
+    Parameters
+    ----------
+    candidates : (C, 2) float64, metres; the others as of `residual`
+
+    Returns
+    -------
+    (M, C) float64; sum over the modes for the paper's joint cost (Fig. 1, bottom right)
+    """
+    W = [fourier_bessel(positions, k, L, centre) for k, L in zip(wavenumbers, orders, strict=True)]
+    rows = (fourier_bessel(candidates, k, L, centre) for k, L in zip(wavenumbers, orders, strict=True))
+    fits = leave_one_out(W, pressures, n, tikhonov)
+    return np.stack([fit.cost_of(w) for fit, w in zip(fits, rows, strict=True)])
+
+
+def known_weights(problem: Problem, known_weight: float) -> np.ndarray:
+    """Weights (N,) of the squared residuals: `known_weight` for known microphones, 1 for the others."""
+    weights = np.ones(problem.pressures.shape[1])
+    weights[problem.known] = known_weight
+    return weights
+
+
+@functools.lru_cache(maxsize=3)
+def lattice_of(problem: Problem, order_offset: int) -> Lattice:
+    """The lattice of a problem's search domain with all modes that its microphones can carry.
+
+    Raises InputError where the problem has no search domain, or too few microphones for its lowest mode.
+    """
+    if problem.search is None:
+        raise InputError("the measurement has no search domain; give --search ORIGIN,SIZE,STEP and --radius R")
+    require_modes(problem, order_offset, 1)
+    orders = max_order(problem.wavenumbers, problem.search.radius, order_offset)
+    usable = usable_modes(problem, order_offset)
+    return Lattice(problem.search, problem.wavenumbers[:usable], orders[:usable])
+
+
+def usable_modes(problem: Problem, order_offset: int) -> int:
+    """How many of the lowest modes have 2L + 1 functions that the microphones, one left out, can carry.
+
+    All of a field of three dimensions, or without a search domain, which no lattice is searched for.
+    """
+    if problem.dimension == 3 or problem.search is None:
+        return len(problem.pressures)
+    orders = max_order(problem.wavenumbers, problem.search.radius, order_offset)
+    carried = 2 * orders + 1 < problem.pressures.shape[1]
+    return int(np.argmin(carried)) if not carried.all() else len(carried)
+
+
+def require_modes(problem: Problem, order_offset: int, count: int) -> None:
+    """Raise InputError unless the field has two dimensions, `count` modes and the microphones to carry them."""
+    if problem.dimension != 2:
+        raise InputError(
+            'landscapes and solver.name = "descent" need a two-dimensional field, and this one has dimension = 3; use'
+            ' solver.name = "joint", and `fdcal view` for its maps'
+        )
+    measured, microphones = problem.pressures.shape
+    if count > measured:
+        raise InputError(
+            f"{count} modes asked for (solver.modes), but {measured} were measured; use at most {measured}"
+        )
+    usable = usable_modes(problem, order_offset)
+    if count > usable:
+        R = problem.search.radius
+        L = int(max_order(problem.wavenumbers[usable], R, order_offset))
+        remedies = [f"use at most {usable} modes (solver.modes; {count} asked for)"] if usable else []
+        remedies += [f"a search.radius below {R:g} m"]
+        remedies += [f"a solver.order_offset below {order_offset}"] if order_offset else []
+        raise InputError(
+            f"mode {usable + 1} at {problem.frequencies[usable]:.4g} Hz has order L = ceil(k R) + solver.order_offset ="
+            f" {L} with search.radius = {R:g} m and solver.order_offset = {order_offset}, that is 2L + 1 = {2 * L + 1}"
+            f" functions for {microphones} microphones; {'' if usable else 'use '}{', '.join(remedies)}, or more"
+            " microphones"
+        )

@@ -1,0 +1,135 @@
+"""Every candidate of a search lattice weighed by compiled code, and the argmin without weighing them all.
+
+The formula is `LeaveOneOut.cost_of` of `fdcal.cost.eq7`, the rows of W come from the lattice's table of radii. The
+sum over
+modes only grows, so the search leaves a candidate as soon as its partial sum passes the best so far. Its answer is the
+argmin of the whole landscape, the first one in lattice order where several are equal.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..acoustics.compiled import at_once, compiled
+from ..acoustics.fourier_bessel import Lattice
+from ..model.measurement import Problem
+from .eq7 import LeaveOneOut, known_weights, leave_one_out
+
+BLOCK = 32  # neighbouring candidates are weighed together, which vector instructions serve well
+STRIP = 64 * BLOCK  # candidates that one core weighs at a time
+
+
+def lattice_landscape(problem: Problem, lattice: Lattice, positions, n: int, centre, modes: slice, known_weight=1.0):
+    """Cost of every mode over the lattice with microphone `n` there, `centre` one of its points : (modes, ny, nx).
+
+    As `fdcal.cost.eq7.landscape`; the squared residual of known microphones counts `known_weight` times.
+    """
+    W = lattice.microphones(positions, centre, range(len(lattice.orders))[modes])
+    fits = leave_one_out(W, problem.pressures[modes], n, weights=known_weights(problem, known_weight))
+    return all_candidates(lattice, centre, modes, fits).reshape(-1, *lattice.shape)
+
+
+def all_candidates(lattice: Lattice, centre, modes: slice, fits: list[LeaveOneOut]) -> np.ndarray:
+    """Cost of every candidate and mode : (modes, C) float64. Arguments as of `best_candidate`."""
+    unit, row, *rest = _tables(lattice, centre, modes, fits)
+    firsts = range(0, len(unit), STRIP)
+    strips = at_once(lambda first: _weigh(unit[first : first + STRIP], row[first : first + STRIP], *rest), firsts)
+    return np.concatenate(strips, axis=1)
+
+
+def best_candidate(lattice: Lattice, centre, modes: slice, fits: list[LeaveOneOut], start: int) -> tuple[int, float]:
+    """Index of the candidate of least cost, and that cost, summed over `modes`.
+
+    Parameters
+    ----------
+    centre : (2,) float64, metres, a lattice point
+    modes : slice, the modes in use
+    fits : their `leave_one_out`, in the same order
+    start : candidate tried first; a good guess makes the search faster, never different
+    """
+    return _search(*_tables(lattice, centre, modes, fits), start)
+
+
+def _tables(lattice: Lattice, centre, modes: slice, fits: list[LeaveOneOut]) -> tuple:
+    """What the compiled loops read: candidates about the centre, radii, orders and fits of the modes."""
+    unit, row = lattice.phases(centre)
+    width = max(len(fit.alpha) for fit in fits)
+    columns = np.zeros((len(fits), width + 1, width), dtype=complex)  # those of Z and, behind them, alpha
+    for m, fit in enumerate(fits):
+        K = len(fit.alpha)
+        columns[m, :K, :K], columns[m, K, :K] = fit.Z.T, fit.alpha
+    triangular = np.array([fit.triangular for fit in fits])
+    r0, p_n = np.array([fit.r0 for fit in fits]), np.array([fit.p_n for fit in fits])
+    return unit, row, lattice.radial[modes], lattice.orders[modes], columns, triangular, r0, p_n
+
+
+@compiled
+def _weigh(unit, row, radial, orders, columns, triangular, r0, p_n):
+    w = np.empty((2, columns.shape[2], BLOCK))
+    scratch = (np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK))
+    costs, block = np.empty((len(orders), len(unit))), np.empty(BLOCK)
+    for m in range(len(orders)):
+        for first in range(0, len(unit), BLOCK):
+            count = min(BLOCK, len(unit) - first)
+            block[:] = r0[m]
+            for c in range(count):
+                _row_of_dictionary(radial[m, row[first + c]], unit[first + c], orders[m], w[:, :, c])
+            _add_excess(w[0], w[1], columns[m], p_n[m], 2 * orders[m] + 1, triangular[m], scratch, block)
+            costs[m, first : first + count] = block[:count]
+    return costs
+
+
+@compiled
+def _search(unit, row, radial, orders, columns, triangular, r0, p_n, start):
+    w = np.empty((2, columns.shape[2], BLOCK))
+    total, scratch = np.empty(BLOCK), (np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK))
+    best, least, floor = start, np.inf, r0.sum()
+    for visit in range(-1, (len(unit) + BLOCK - 1) // BLOCK):
+        first = (start // BLOCK if visit < 0 else visit) * BLOCK
+        count = min(BLOCK, len(unit) - first)
+        total[:] = floor
+        for m in range(len(orders)):  # the lowest first: the cheapest, and it drops most
+            for c in range(count):
+                _row_of_dictionary(radial[m, row[first + c]], unit[first + c], orders[m], w[:, :, c])
+            _add_excess(w[0], w[1], columns[m], p_n[m], 2 * orders[m] + 1, triangular[m], scratch, total)
+            if total[:count].min() > least:
+                break
+        for c in range(count):
+            if total[c] < least or (total[c] == least and first + c < best):
+                best, least = first + c, total[c]
+    return best, least
+
+
+@compiled
+def _row_of_dictionary(J, unit, L, w):
+    """w[l] = J_l exp(j l theta), l = -L..L, real parts in w[0], imaginary ones in w[1]."""
+    phase = 1.0 + 0.0j
+    sign = 1.0
+    w[0, L], w[1, L] = J[0].real, J[0].imag
+    for l in range(1, L + 1):  # noqa: E741
+        phase *= unit
+        sign = -sign
+        above, below = J[l] * phase, sign * J[l] * phase.conjugate()
+        w[0, L + l], w[1, L + l] = above.real, above.imag
+        w[0, L - l], w[1, L - l] = below.real, below.imag
+
+
+@compiled
+def _add_excess(re, im, columns, p_n, K, triangular, scratch, total):
+    """Add |p_n - w alpha|^2 / (1 + |w Z|^2) of a block of candidates to `total`."""
+    leverage, x, y = scratch
+    leverage[:] = 1.0
+    for j in range(K + 1):
+        x[:] = 0.0
+        y[:] = 0.0
+        for i in range(min(j + 1, K) if triangular else K):
+            a, b = columns[j, i].real, columns[j, i].imag
+            u, v = re[i], im[i]
+            for c in range(BLOCK):
+                x[c] += a * u[c] - b * v[c]
+                y[c] += a * v[c] + b * u[c]
+        if j < K:
+            for c in range(BLOCK):
+                leverage[c] += x[c] * x[c] + y[c] * y[c]
+    for c in range(BLOCK):  # the last column was alpha
+        total[c] += ((p_n.real - x[c]) ** 2 + (p_n.imag - y[c]) ** 2) / leverage[c]

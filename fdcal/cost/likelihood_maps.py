@@ -1,0 +1,224 @@
+"""The likelihood of one microphone over the search lattice, mode by mode, as fast as the eye asks for it.
+
+What `fdcal.cost.likelihood.likelihood_landscape` reckons, for real wavenumbers and a diffuse field: with microphone
+n at x
+
+    cost(x) = log det (C_-n / v) + p_-n^H C_-n^-1 p_-n + log V + |p_n - f|^2 / (v V)
+
+    f       what the others predict for x
+    V       1 + h, the variance of the prediction's error, over v
+    in two dimensions, with A = W^T W + mu I = G G^T over the other microphones, mu = v / s and the order ample,
+            f = w A^-1 W^T p_-n, h = |G^-1 w|^2, w the dictionary's row at x: O(L^2) a point
+    in three, and for microphones far out, with C_-n = G G^T and t = G^-1 c: f = t^T G^-1 p_-n, v V = s + v - |t|^2
+
+A lattice is far finer than the field. f holds no wavenumber above k and h none above 2 k, so both are reckoned where
+Chebyshev's polynomials of a few dozen degrees need them, and those give them on the lattice, to rounding errors; of
+V the logarithm and the quotient are taken after that.
+
+s, v      power of the field and of the noise
+W         as in `fdcal.cost.low_rank_covariance`, about the middle of the search domain: real, hence one table a mode
+for all maps
+nodes     Chebyshev's, of the horizontal layer that the map shows
+"""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+from numpy.polynomial.chebyshev import chebvander
+from scipy.linalg import solve_triangular
+from scipy.special import jv
+
+from ..acoustics.compiled import compiled
+from ..acoustics.fourier_bessel import max_order
+from ..model.measurement import Problem
+from ..model.scene import Search
+from .likelihood import DiffuseField, diffuse_field, kernel
+from .low_rank_covariance import bessel_orders_of
+
+MARGIN = 12  # orders beyond ceil(k R): what is left of the kernel is below 1e-13
+NEGLIGIBLE = 1e-15  # Chebyshev coefficient of a plane wave of wavenumber 2 k
+MOST_FUNCTIONS = 4  # times the microphones: with more the kernel is shorter
+
+
+def likelihood_maps(problem: Problem, positions, n: int, modes: slice, noise, search: Search | None = None):
+    """Cost of every mode with microphone `n` moved over the horizontal layer at its own height.
+
+    Parameters
+    ----------
+    positions : (N, D) float64, metres
+    noise : (modes,) float64, v, in the unit of abs(pressures)**2; from 1e-6 of the power the maps are exact
+    search : lattice within the area of the problem's search domain; that domain's own unless given
+
+    Returns
+    -------
+    (modes, ny, nx) float64
+
+    Raises numpy.linalg.LinAlgError where the positions are not finite.
+    """
+    x = np.ascontiguousarray(positions, float)
+    domain, search = problem.search, problem.search if search is None else search
+    p = problem.pressures[modes]
+    field = diffuse_field(p, problem.wavenumbers[modes], noise, problem.dimension)
+    maps = np.empty((len(p), *search.shape[1::-1]))
+    for m, (constant, counts, h, f) in enumerate(_predictions(problem, x, n, modes, p, field)):
+        x_map, y_map = (_from_nodes(domain, search, axis, count) for axis, count in enumerate(counts))
+        parts = np.stack([h, f.real, f.imag]).reshape(3, *counts[::-1])
+        h, re, im = y_map @ (parts @ x_map.T)
+        V = 1.0 + np.maximum(h, 0.0)
+        error = (p[m, n].real - re) ** 2 + (p[m, n].imag - im) ** 2
+        maps[m] = constant + np.log(V) + error / (field.noise[m] * V)
+    return maps
+
+
+def _predictions(problem: Problem, x, n: int, modes: slice, p, field: DiffuseField):
+    """Of every mode the cost's constant, the nodes' numbers (in x, in y), and h and f (nodes,), x fastest."""
+    others = np.arange(len(x)) != n
+    reach = _reach(problem.search, x[others])
+    if not np.isfinite(reach):
+        raise np.linalg.LinAlgError("positions are not finite")
+    furthest = float(field.wavenumbers.max(initial=0.0)) * reach  # in radians
+    few = problem.dimension == 2 and 2 * (furthest + MARGIN) + 1 <= MOST_FUNCTIONS * len(x)
+    orders = max_order(field.wavenumbers, reach, MARGIN) if few else None
+    tables, near = _tables(problem), _Distances(problem.search, x[others], x[n])
+    for m, mode in enumerate(range(len(problem.pressures))[modes]):
+        k, s, v = field.wavenumbers[m], field.power[m], field.noise[m]
+        counts = node_counts(problem.search, float(k))
+        if few:
+            rows = _kept_rows(tables, problem.search, mode, float(k), int(orders[m]))
+            W = dictionary(x[others], _middle(problem.search), k, orders[m])
+            constant, h, f = _expansion_fit(W, rows, p[m, others], s, v)
+        else:
+            constant, h, f = _kernel_fit(near.between, near.to_nodes(counts), p[m, others], k, s, v, problem.dimension)
+        yield constant, counts, h, f
+
+
+def _expansion_fit(W, rows, p, s: float, v: float):
+    """Constant, h and f at the candidates whose rows of the dictionary are `rows` (C, K)."""
+    mu = v / s
+    G = np.linalg.cholesky(W.T @ W + mu * np.eye(W.shape[1]))
+    inverse = solve_triangular(G, np.eye(len(G)), lower=True, check_finite=False)
+    a = inverse @ (W.T @ p)
+    alpha = inverse.T @ a
+    r0 = np.vdot(p, p - W @ alpha).real
+    constant = 2 * np.log(np.diagonal(G)).sum() - len(G) * np.log(mu) + r0 / v
+    t = rows @ inverse.T
+    return constant, np.einsum("ij,ij->i", t, t), rows @ alpha
+
+
+def _kernel_fit(between, away, p, k: float, s: float, v: float, dimension: int):
+    """The same from distances, metres: `between` the others and `away` from the candidates, (N - 1, C)."""
+    G = np.linalg.cholesky(s * kernel(k * between, dimension) + v * np.eye(len(p)))
+    inverse = solve_triangular(G, np.eye(len(G)), lower=True, check_finite=False)
+    y = inverse @ p
+    t = (s * inverse) @ kernel(k * away, dimension)
+    constant = 2 * np.log(np.diagonal(G)).sum() - len(p) * np.log(v) + np.vdot(y, y).real
+    return constant, (s - np.einsum("ij,ij->j", t, t)) / v, y @ t
+
+
+class _Distances:
+    """Between the other microphones, and from them to the nodes at the height of the one that is moved, metres."""
+
+    def __init__(self, search: Search, others, moved):
+        self._search, self._others, self._height, self._known = search, others, moved[2:], {}
+        self.between = _distances(others, others)
+
+    def to_nodes(self, counts) -> np.ndarray:
+        """(N - 1, C) float64 for `counts` nodes along x and y."""
+        if counts not in self._known:
+            x = _points(self._search, counts)
+            x = np.concatenate([x, np.tile(self._height, (len(x), 1))], axis=1)
+            self._known[counts] = _distances(self._others, x)
+        return self._known[counts]
+
+
+def _distances(a, b) -> np.ndarray:
+    return np.sqrt(sum(np.subtract.outer(a[:, axis], b[:, axis]) ** 2 for axis in range(a.shape[1])))
+
+
+def _area(search: Search) -> np.ndarray:
+    """Lowest and highest x and y, (2, 2) metres, the cells at the edge included."""
+    low = np.asarray(search.origin)[:2] - search.step / 2
+    return np.stack([low, low + search.step * np.array(search.shape[:2])])
+
+
+def _middle(search: Search) -> np.ndarray:
+    """Centre of the expansion : (2,) metres; where no node lies, nor a microphone of a regular array."""
+    low, high = _area(search)
+    return (low + high) / 2 + 1e-3 * search.step * np.array([0.61, 0.37])
+
+
+def _reach(search: Search, others) -> float:
+    """Distance from the middle to the furthest corner or microphone, metres."""
+    low, high = _area(search)
+    away = np.linalg.norm(others[:, :2] - _middle(search), axis=1)
+    return float(np.maximum(away.max(initial=0.0), np.linalg.norm(high - low) / 2 + search.step))
+
+
+@functools.lru_cache(maxsize=1024)
+def node_counts(search: Search, wavenumber: float) -> tuple[int, int]:
+    """Nodes along x and y that a function with wavenumbers up to 2 k takes; multiples of 4, so that they recur."""
+    low, high = _area(search)
+    counts = []
+    for half in (high - low) / 2:
+        z = 2 * wavenumber * half
+        degrees = np.arange(int(z) + 1, int(1.5 * z) + 60)  # from z on the coefficients J_l(z) only fall
+        counts.append(4 * (int(degrees[np.argmax(jv(degrees, z) < NEGLIGIBLE)]) // 4 + 1))
+    return counts[0], counts[1]
+
+
+def _nodes(count: int) -> np.ndarray:
+    """Chebyshev's nodes between -1 and 1 : (count,) float64."""
+    return np.cos(np.pi * (np.arange(count) + 0.5) / count)
+
+
+def _points(search: Search, counts) -> np.ndarray:
+    """The nodes of the domain : (C, 2) metres, x fastest."""
+    low, high = _area(search)
+    x, y = (a + (b - a) * (1 + _nodes(count)) / 2 for a, b, count in zip(low, high, counts, strict=True))
+    return np.stack([np.tile(x, len(y)), np.repeat(y, len(x))], axis=1)
+
+
+@functools.lru_cache(maxsize=128)
+def _from_nodes(domain: Search, search: Search, axis: int, count: int) -> np.ndarray:
+    """Matrix (points, nodes) from values at the nodes of `domain` to those on the lattice `search`, along one axis."""
+    low, high = _area(domain)[:, axis]
+    places = search.origin[axis] + search.step * np.arange(search.shape[axis])
+    weight = np.full(count, 2.0 / count)
+    weight[0] /= 2
+    there = chebvander((2 * places - low - high) / (high - low), count - 1)
+    return (there * weight) @ chebvander(_nodes(count), count - 1).T
+
+
+@functools.lru_cache(maxsize=2)
+def _tables(problem: Problem) -> dict[int, np.ndarray]:
+    """Of every mode seen the rows of the dictionary at its nodes, kept for one problem. Filled by `_kept_rows`."""
+    return {}
+
+
+def _kept_rows(tables, search: Search, mode: int, k: float, order: int) -> np.ndarray:
+    """Rows (C, 2L + 1) of the dictionary at the nodes; anew when a microphone so far out asks for a higher order."""
+    rows = tables.get(mode)
+    if rows is None or rows.shape[1] < 2 * order + 1:
+        rows = dictionary(_points(search, node_counts(search, k)), _middle(search), k, order)
+        tables[mode] = rows
+    return rows[:, : 2 * order + 1]
+
+
+@compiled
+def dictionary(x, centre, k, L):
+    """J_0, sqrt(2) J_l cos(l theta), sqrt(2) J_l sin(l theta), l = 1..L, at x (C, 2), metres : (C, 2L + 1) float64."""
+    W, J = np.empty((len(x), 2 * L + 1)), np.empty(L + 1)
+    root = np.sqrt(2.0)
+    for n in range(len(x)):
+        dx, dy = x[n, 0] - centre[0], x[n, 1] - centre[1]
+        r = np.hypot(dx, dy)
+        bessel_orders_of(k * r, L, J)
+        unit = complex(dx / r, dy / r) if r > 0 else 1.0 + 0.0j
+        phase = unit
+        W[n, 0] = J[0]
+        for l in range(1, L + 1):  # noqa: E741
+            W[n, 2 * l - 1], W[n, 2 * l] = root * J[l] * phase.real, root * J[l] * phase.imag
+            phase *= unit
+    return W

@@ -1,0 +1,107 @@
+"""Costs over the search lattice as colours, heights and a scale: the map that a picture lays on the floor."""
+
+from __future__ import annotations
+
+import functools
+
+import matplotlib
+import numpy as np
+
+from ..model.scene import Search
+from ..model.validation import frozen_array
+from .primitives import COLOUR_MAP, TWO_SIDED, ColourBar, Floor
+
+DECADES = 4  # of cost that a logarithmic map shows below its highest value
+RELIEF = 0.3  # height of a map in relief, of the longer edge of the search domain
+
+
+def paint(
+    cost,
+    search: Search,
+    log: bool = False,
+    label: str = "cost (dimensionless)",
+    *,
+    minima=(),
+    relief: bool = False,
+    height: float = 0.0,
+) -> Floor:
+    """Costs (ny, nx) float64 over the search lattice, or one layer of it, as a floor; a pixel is one lattice cell.
+
+    Row 0 is at low y.
+
+    Parameters
+    ----------
+    log : decades of cost, DECADES of them at most; a cost that is not positive anywhere is drawn linear
+    minima : (K, 2) float64, metres, to be marked
+    relief : whether the map has heights, too, which rise with its colours
+    height : metres, at which the map lies
+    """
+    cost = np.asarray(cost, float)
+    iy, ix = np.unravel_index(cost.argmin(), cost.shape)
+    minimum = (float(search.origin[0] + ix * search.step), float(search.origin[1] + iy * search.step))
+    low, high, clipped = ends(cost, log)
+    log = log and low > 0
+    share = shares(cost, low, high, log)
+    rgb = colours(share)
+    half = search.step / 2
+    size = (cost.shape[1] * search.step, cost.shape[0] * search.step)
+    heights = frozen_array(RELIEF * max(size) * share, np.float32) if relief else None
+    return Floor(
+        rgb=frozen_array(rgb, np.uint8),
+        origin=(search.origin[0] - half, search.origin[1] - half),
+        size=size,
+        bar=ColourBar(low, high, log, label, clipped),
+        minimum=minimum,
+        height=height,
+        minima=tuple((float(x), float(y)) for x, y in minima),
+        heights=heights,
+    )
+
+
+def ends(cost: np.ndarray, log: bool) -> tuple[float, float, bool]:
+    """Lowest and highest value of the scale of a map or of several, and whether lower costs share its first colour."""
+    low, high, clipped = float(cost.min()), float(cost.max()), False
+    if log and high > 0 <= low:
+        floor = high * 10.0**-DECADES
+        low, clipped = max(low, floor), low < floor
+    if high <= low:
+        high = low + 1e-6 * abs(low) + 1e-12  # a flat map still needs a scale
+    return low, high, clipped
+
+
+def shares(cost: np.ndarray, low: float, high: float, log: bool) -> np.ndarray:
+    """Where on the scale each cost lies, 0 to 1."""
+    cost = np.clip(cost, low, high)
+    if log and low > 0:
+        return np.log10(cost / low) / np.log10(high / low)
+    return (cost - low) / (high - low)
+
+
+def colours(share: np.ndarray, name: str = COLOUR_MAP) -> np.ndarray:
+    """Colours (..., 3) uint8 of shares of the scale, 0 to 1."""
+    return _table(name)[np.rint(255 * share).astype(np.uint8)]
+
+
+@functools.cache
+def _table(name: str) -> np.ndarray:
+    return matplotlib.colormaps[name](np.arange(256), bytes=True)[:, :3].copy()
+
+
+def paint_field(field, search: Search, label: str, height: float = 0.0) -> Floor:
+    """A field of both signs, -1 to 1, as `paint`: white where it is nothing."""
+    field, half = np.asarray(field, float), search.step / 2
+    row, column = np.unravel_index(np.abs(field).argmin(), field.shape)
+    return Floor(
+        rgb=frozen_array(colours((1 + np.clip(field, -1, 1)) / 2, TWO_SIDED), np.uint8),
+        origin=(search.origin[0] - half, search.origin[1] - half),
+        size=(field.shape[1] * search.step, field.shape[0] * search.step),
+        bar=ColourBar(-1.0, 1.0, False, label, colours=TWO_SIDED),
+        minimum=(float(search.origin[0] + column * search.step), float(search.origin[1] + row * search.step)),
+        height=height,
+        marked=False,
+    )
+
+
+def cost_label(weights: str) -> str:
+    """Name and unit of a solver's cost; `weights` as in scene.Solver: raw pressures keep their unit."""
+    return "cost (dimensionless)" if weights == "unit" else "cost (pressure squared)"

@@ -1,0 +1,163 @@
+"""The paper's figures: Fig. 1, the cost landscape of one microphone, mode by mode and summed.
+
+What is computed (`landscape_panels`, or `few_panels` of maps that are there) is separate from how it is drawn
+(`draw_landscape`) and written (`figure_bytes`).
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..cost.eq7 import lattice_of, require_modes
+from ..cost.lattice_search import lattice_landscape
+from ..model.measurement import Problem
+from ..model.scene import Search
+from ..model.validation import frozen_array
+from .heatmap import DECADES
+from .primitives import COLOUR_MAP
+
+
+@dataclass(frozen=True)
+class Panels:
+    """Landscapes of one microphone.
+
+    Attributes
+    ----------
+    microphone : int, counted from 0
+    modes : (P,) int64, counted from 1
+    frequencies : (P,) float64, Hz
+    maps : (P + 1, ny, nx) float64, dimensionless; one a mode, the last their sum; row 0 at low y
+    found : (P + 1, 2) float64, metres, the minimum of each map
+    search : Search
+    summed : int, modes in the sum, of which a few alone may have a map here
+    """
+
+    microphone: int
+    modes: np.ndarray
+    frequencies: np.ndarray
+    maps: np.ndarray
+    found: np.ndarray
+    search: Search
+    summed: int
+
+
+def landscape_panels(problem: Problem, positions, n: int, modes: Sequence[int], order_offset: int) -> Panels:
+    """Cost of Eq. 7 over the search lattice with microphone `n` moved and the others at `positions`.
+
+    Parameters
+    ----------
+    positions : (N, 2) float64, metres
+    n : microphone, counted from 0
+    modes : P modes, counted from 1
+    order_offset : added to the order of Eq. 3
+
+    Raises InputError for a field that is not 2-D, a mode whose order the microphones cannot carry, or no search domain.
+    """
+    if problem.search is not None or problem.dimension != 2:
+        require_modes(problem, order_offset, max(modes))
+    index = np.asarray(modes) - 1
+    names = ("pressures", "wavenumbers", "frequencies")
+    few = replace(problem, noise_power=None, **{name: getattr(problem, name)[index] for name in names})
+    lattice = lattice_of(few, order_offset)
+    centre = lattice.nearest(np.mean(positions, axis=0))
+    maps = lattice_landscape(few, lattice, positions, n, centre, slice(0, len(index)))
+    maps = np.concatenate([maps, maps.sum(axis=0, keepdims=True)])
+    found = lattice.points[maps.reshape(len(maps), -1).argmin(axis=1)]
+    return Panels(
+        microphone=n,
+        modes=frozen_array(modes, np.int64),
+        frequencies=frozen_array(few.frequencies, float),
+        maps=frozen_array(maps, float),
+        found=frozen_array(found, float),
+        search=problem.search,
+        summed=len(index),
+    )
+
+
+def few_panels(maps, modes: Sequence[int], frequencies, n: int, search: Search, most: int = 8) -> Panels:
+    """Panels of maps (P, ny, nx) of `modes`, counted from 1: `most` of them, evenly taken, and the sum over all.
+
+    frequencies : (M,), Hz, of all modes measured
+    """
+    maps, modes = np.asarray(maps, float), np.asarray(modes)
+    chosen = np.unique(np.linspace(0, len(maps) - 1, min(len(maps), most)).round().astype(int))
+    drawn = np.concatenate([maps[chosen], maps.sum(axis=0, keepdims=True)])
+    row, column = np.divmod(drawn.reshape(len(drawn), -1).argmin(axis=1), maps.shape[2])
+    return Panels(
+        microphone=n,
+        modes=frozen_array(modes[chosen], np.int64),
+        frequencies=frozen_array(np.asarray(frequencies)[modes[chosen] - 1], float),
+        maps=frozen_array(drawn, float),
+        found=frozen_array(np.asarray(search.origin)[:2] + search.step * np.column_stack([column, row]), float),
+        search=search,
+        summed=len(maps),
+    )
+
+
+def draw_landscape(panels: Panels, truth=None, label: str = "cost (dimensionless)", heading: str = ""):
+    """matplotlib Figure of the panels, a circle at `truth` (2,), metres, where given, a cross at each minimum.
+
+    label : of the scales
+    heading : "" says which microphone is moved
+    """
+    from matplotlib.figure import Figure
+
+    count = len(panels.maps)
+    columns = int(np.ceil(np.sqrt(count)))
+    rows = int(np.ceil(count / columns))
+    figure = Figure(figsize=(4.4 * columns, 3.7 * rows), dpi=120, layout="constrained")
+    axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    titles = [f"mode {m}, {f:.1f} Hz" for m, f in zip(panels.modes, panels.frequencies, strict=True)]
+    titles.append(f"sum of the {panels.summed} modes" if panels.summed > 1 else "sum (one mode)")
+    for panel, title, cost, found in zip(axes, titles, panels.maps, panels.found, strict=False):
+        image = _draw_map(panel, cost, panels.search)
+        panel.plot(*found, "x", color="#d61828", markersize=11, markeredgewidth=2.5, label="minimum")
+        if truth is not None:
+            panel.plot(*truth, "o", color="black", fillstyle="none", markersize=15, markeredgewidth=2, label="true")
+        panel.set_title(title)
+        figure.colorbar(image, ax=panel, label=label)
+    _name_axes(axes, count, columns)
+    heading = heading or f"Cost of moving microphone {panels.microphone}"
+    figure.suptitle(heading, x=0.02, ha="left", parse_math=False)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=2, frameon=False)
+    return figure
+
+
+def figure_bytes(figure, kind: str) -> bytes:
+    """The figure as a "png" or "svg" file; texts of an SVG stay texts."""
+    import matplotlib
+
+    file = io.BytesIO()
+    with matplotlib.rc_context({"svg.fonttype": "none"}):
+        figure.savefig(file, format=kind)
+    return file.getvalue()
+
+
+def _draw_map(panel, cost: np.ndarray, search: Search):
+    """One map in decades of cost, as on the screen; a pixel is one cell of the lattice."""
+    from matplotlib.colors import LogNorm
+
+    high = max(float(cost.max()), np.finfo(float).tiny)
+    low = max(float(cost.min()), high * 10.0**-DECADES)
+    half = search.step / 2
+    (x, y), (ny, nx) = search.origin, cost.shape
+    extent = (x - half, x + nx * search.step - half, y - half, y + ny * search.step - half)
+    norm = LogNorm(low, high if high > low else 2 * low, clip=True)
+    return panel.imshow(cost, origin="lower", extent=extent, cmap=COLOUR_MAP, norm=norm, interpolation="nearest")
+
+
+def _name_axes(axes, count: int, columns: int) -> None:
+    """Metres along the outer panels; no frame where there is no panel."""
+    for i, panel in enumerate(axes):
+        if i >= count:
+            panel.set_visible(False)
+            continue
+        panel.tick_params(labelbottom=True)
+        if i + columns >= count:
+            panel.set_xlabel("x (m)")
+        if i % columns == 0:
+            panel.set_ylabel("y (m)")

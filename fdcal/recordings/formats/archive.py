@@ -1,0 +1,71 @@
+"""NumPy's .npz with `recordings` (N, T) and `sample_rate`; optionally `kind`, `names`, `positions` and `sound_speed`.
+
+A measurement, which has pressures instead, is read by `fdcal.model.measurement_file`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ...model.validation import InputError, require_array, require_choice
+from ..recording import KINDS, Recording, of_array
+
+NAME = "NumPy archive"
+SUFFIXES = (".npz",)
+KEYS = {
+    "recordings": ("real", (None, None)),
+    "sample_rate": ("real", ()),
+    "kind": ("text", ()),
+    "names": ("text", (None,)),
+    "positions": ("real", (None, None)),
+    "sound_speed": ("real", ()),
+}
+
+
+def keys_of(path: Path) -> list[str]:
+    """Names of the arrays in an archive; none where it cannot be read."""
+    try:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
+            return list(archive.files)
+    except Exception:  # a damaged archive raises anything
+        return []
+
+
+def read(path: Path, source: int | None = None) -> Recording:
+    """Recording of an archive. Raises InputError for one that is damaged or has no recordings."""
+    try:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
+            table = {key: archive[key] for key in KEYS if key in archive.files}
+    except OSError as error:
+        raise error if error.strerror else InputError(f"{path} is no .npz file: {error}") from error
+    except MemoryError:
+        raise InputError(
+            f"{path} holds more than fits into memory, and an .npz file is read whole; give WAV, W64, FLAC or HDF5"
+        ) from None
+    except Exception as error:
+        raise InputError(
+            f"{path} is not an .npz file that can be read ({type(error).__name__}); write it anew"
+        ) from error
+    if "pressures" in keys_of(path):
+        raise InputError(f"{path} is a measurement already; give it to `fdcal calibrate`")
+    for key in ("recordings", "sample_rate"):
+        if key not in table:
+            raise InputError(f'{path} has no "{key}"; give recordings (N, T) and sample_rate, or a measurement')
+    value = {key: require_array(f"{path}: {key}", table[key], *KEYS[key]) for key in table if key != "recordings"}
+    data = table["recordings"]
+    if data.ndim != 2 or data.dtype.kind not in "fiu":
+        raise InputError(f"{path}: recordings is {data.dtype} of shape {data.shape}; give real numbers (N, T)")
+    kind = value["kind"].item() if "kind" in value else None
+    if kind is not None:
+        require_choice(f"{path}: kind", kind, KINDS)
+    return of_array(
+        str(path),
+        kind,
+        value["sample_rate"].item(),
+        data,
+        names=tuple(value["names"].tolist()) if "names" in value else None,
+        positions=value.get("positions"),
+        sound_speed=value["sound_speed"].item() if "sound_speed" in value else None,
+    )

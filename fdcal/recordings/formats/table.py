@@ -1,0 +1,55 @@
+"""CSV: `name,x,y,z,uncertainty`, metres; one line a microphone. Known positions may be read from one, too."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+
+from ...model.microphones import Placed
+from ...model.validation import InputError, StorageError
+
+NAME = "table"
+SUFFIXES = (".csv",)
+HEADER = ["name", "x", "y", "z", "uncertainty"]
+
+
+def write(path: Path, placed: Placed, original: str | None = None) -> None:
+    """Write `placed`; an uncertainty that is not known is left empty. Numbers are written so that they come back."""
+    with open(path, "w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(HEADER)
+        for n, (name, place) in enumerate(zip(placed.names, placed.positions.tolist(), strict=True)):
+            writer.writerow([name, *place, "" if placed.uncertainty is None else float(placed.uncertainty[n])])
+
+
+def read_positions(path: str | Path) -> tuple[list[str], np.ndarray]:
+    """Names and positions (A, 2 or 3), metres, of a table with the columns name,x,y and perhaps z.
+
+    Raises InputError for what is no such table, StorageError.
+    """
+    try:
+        with open(path, encoding="utf-8-sig", newline="") as file:
+            rows = [row for row in csv.reader(file) if any(cell.strip() for cell in row)]
+    except OSError as error:
+        raise StorageError(f"cannot read {path}: {error.strerror}") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path} is no table of text: {error}") from error
+    head = [cell.strip().lower() for cell in rows[0]] if rows else []
+    if head[:3] != ["name", "x", "y"] or len(rows) < 2:
+        raise InputError(f"{path} must begin with the line name,x,y or name,x,y,z and hold one line a microphone")
+    axes = 3 if head[3:4] == ["z"] else 2
+    names, places = [], []
+    for number, row in enumerate(rows[1:], 2):
+        try:
+            places.append([float(cell) for cell in row[1 : 1 + axes]])
+        except ValueError:
+            places.append([])
+        if len(places[-1]) != axes or not all(map(math.isfinite, places[-1])):
+            raise InputError(f"{path}, line {number}: {','.join(row)!r} must be a name and {axes} numbers, metres")
+        names.append(row[0].strip())
+    if len(set(names)) < len(names):
+        raise InputError(f"{path} names a microphone twice; keep one line of each")
+    return names, np.array(places)

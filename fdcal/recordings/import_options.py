@@ -1,0 +1,138 @@
+"""What the user of `fdcal import` may say, and what follows of it for a recording: sound speed and band.
+
+Wishes      plain data, checked
+speed_of    the speed of sound, m/s
+axes_of     number of coordinates of a microphone
+usable_by   the highest usable frequency
+band_of     where to take frequencies
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..model.validation import InputError, require_choice, require_positive
+from .frequency_selection import MOST, highest_usable
+from .recording import KINDS, Recording, sound_speed
+
+LOWEST, HIGHEST = 20.0, 500.0  # Hz, unless told
+ROOM_CELSIUS = 20.0  # where neither file nor user says
+AROUND_KNOWN = 1.2  # times the radius of the known microphones, that of all
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What the user may say; None is for what the file or fdcal decides.
+
+    Attributes
+    ----------
+    frequencies : "auto" or "LO:HI", Hz
+    window : "auto", "none" or the rate of the exponential window, 1/s
+    kind : "auto", "response" or "work"
+    most : greatest number of frequencies
+    temperature : degrees Celsius, or `speed`, m/s
+    source : which of several, from 0
+    dimension : 2 or 3, of the sound field
+    plane, subset, leave_out, known : see `fdcal.recordings.channel_selection`
+    reference : file with the signal that the source was given
+    against : name of the microphone against which cross-spectra are taken
+    radius : of the array, metres
+    """
+
+    frequencies: str = "auto"
+    window: str = "auto"
+    kind: str = "auto"
+    most: int = MOST
+    temperature: float | None = None
+    speed: float | None = None
+    source: int | None = None
+    dimension: int = 3
+    plane: str | None = None
+    subset: str | None = None
+    seed: int = 0
+    leave_out: str | None = None
+    known: str | None = None
+    reference: str | None = None
+    against: str | None = None
+    radius: float | None = None
+
+
+def check(wishes: Wishes) -> None:
+    require_choice("--kind", wishes.kind, ("auto", *KINDS))
+    require_choice("--dimension", wishes.dimension, (2, 3))
+    if not 1 <= wishes.most <= 2000:
+        raise InputError(f"--most {wishes.most} frequencies cannot be; use 1 to 2000")
+    if wishes.temperature is not None and wishes.speed is not None:
+        raise InputError("--temperature and --sound-speed say the same; give one of them")
+    if wishes.temperature is not None and not -60 <= wishes.temperature <= 80:
+        raise InputError(f"--temperature {wishes.temperature:g} must be in degrees Celsius, -60 to 80")
+    if wishes.speed is not None:
+        require_positive("--sound-speed", wishes.speed, "m/s")
+    if wishes.reference is not None and wishes.against is not None:
+        raise InputError("--reference is a signal and --reference-microphone a channel; give one of them")
+
+
+def speed_of(recording: Recording, wishes: Wishes) -> tuple[float, str]:
+    if wishes.speed is not None:
+        return wishes.speed, "as given"
+    if wishes.temperature is not None:
+        return sound_speed(wishes.temperature), f"at {wishes.temperature:g} degrees Celsius"
+    if recording.sound_speed is not None:
+        return recording.sound_speed, "as the file says"
+    return sound_speed(ROOM_CELSIUS), f"at {ROOM_CELSIUS:g} degrees Celsius, which was supposed; give --temperature"
+
+
+def usable_by(recording: Recording, wishes: Wishes, places, speed: float) -> tuple[float | None, str]:
+    """The highest usable frequency, Hz, and by what radius: as told, of the positions in the file, or the known ones.
+
+    None where nothing tells the radius.
+    """
+    if wishes.radius is not None:
+        require_positive("--array-radius", wishes.radius, "m")
+        radius, words = wishes.radius, "for the radius given"
+    else:
+        told = recording.positions is not None
+        some = recording.positions if told else places
+        radius = 0.0 if some is None else float(np.linalg.norm(some - some.mean(axis=0), axis=1).max())
+        radius *= 1.0 if told else AROUND_KNOWN
+        who = "that of the positions in the file" if told else "a fifth more than that of the known microphones"
+        words = f"for a radius of {radius:.2g} m, {who}"
+    if radius <= 0:
+        return None, "unknown without the array's radius; give --array-radius R"
+    planar = axes_of(recording, wishes, places) == 2
+    return highest_usable(recording.count, radius, speed, wishes.dimension, planar), words
+
+
+def axes_of(recording: Recording, wishes: Wishes, places) -> int:
+    """Number of coordinates of a microphone."""
+    told = recording.positions if recording.positions is not None else places
+    return wishes.dimension if told is None else told.shape[1]
+
+
+def band_of(recording: Recording, wishes: Wishes, usable: float | None, usable_from: str) -> tuple[float, float]:
+    """The lowest and highest frequency, Hz."""
+    top = 0.45 * recording.sample_rate
+    if wishes.frequencies == "auto":
+        low, high = max(LOWEST, 4 / recording.duration), HIGHEST
+        if usable is not None:  # a radius that was given may raise it, too
+            high = usable if wishes.radius is not None else min(usable, HIGHEST)
+        high = min(high, top)
+    else:
+        try:
+            low, high = (float(part) for part in wishes.frequencies.split(":"))
+        except ValueError:
+            raise InputError(
+                f'--frequencies "{wishes.frequencies}" is no band; write auto or LO:HI, as 20:300'
+            ) from None
+    if usable is not None and usable <= low:
+        raise InputError(
+            f"{recording.path}: {recording.count} microphones interpolate up to {usable:.3g} Hz {usable_from}, and the"
+            f" band begins at {low:g} Hz; tell positions in metres, neither in degrees nor in millimetres"
+        )
+    if not 0 < low < high <= top:
+        raise InputError(
+            f"--frequencies {low:g}:{high:g} is no band that {recording.path} can hold; use 0 < LO < HI <= {top:g} Hz"
+        )
+    return low, high

@@ -1,0 +1,4 @@
+"""A live run: its thread, its history and its files.
+
+May import: model, acoustics, cost, solvers, assessment and recordings.
+"""

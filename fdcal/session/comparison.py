@@ -1,0 +1,131 @@
+"""Two or three solvers from the same start, each on its own thread.
+
+    Race         the lanes; play, pause, reset
+    Lane         one solver: its session and its clock
+    equal_cost   Eq. 7 of all modes, the same rule for all: solvers minimise costs of their own
+
+Time is processor time of the lane's own thread, spent in steps: lanes that share a core are not slower for it.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .. import solvers
+from ..acoustics.fourier_bessel import fourier_bessel, max_order
+from ..cost.eq7 import leave_one_out, require_modes
+from ..model.measurement import Problem
+from ..model.scene import Solver
+from ..model.validation import InputError
+from .session import Session
+
+
+class Clocked:
+    """A solver whose steps are timed; `spent` is s from the start to a state, by its step."""
+
+    def __init__(self, module):
+        self._module, self.spent = module, {}
+
+    def init(self, problem: Problem, settings: Solver, seed: int):
+        return self._module.init(problem, settings, seed)
+
+    def step(self, problem: Problem, state):
+        began = time.thread_time()
+        after = self._module.step(problem, state)
+        self.spent[after.step] = self.spent.get(state.step, 0.0) + time.thread_time() - began
+        return after
+
+    def use_modes(self, problem: Problem, state, first: int, last: int, automatic: bool):
+        return self._module.use_modes(problem, state, first, last, automatic)
+
+
+@dataclass(frozen=True)
+class Lane:
+    """One solver of a race."""
+
+    name: str
+    session: Session
+    clock: Clocked
+
+    def seconds(self, state) -> float:
+        """Processor time from the start to `state`."""
+        return self.clock.spent.get(state.step, 0.0) if state.step else 0.0
+
+
+class Race:
+    """Solvers side by side. Raises InputError where one of them cannot start."""
+
+    def __init__(self, problem: Problem, settings: Solver, names: tuple[str, ...], start: str, seed: int):
+        begun = same_start(problem, replace(settings, start=start), names, seed)
+        lanes = []
+        for name, state in begun.items():
+            clock = Clocked(solvers.load(name))
+            lanes.append(Lane(name, Session(problem, state.settings, seed, clock, (state,)), clock))
+        self.lanes = tuple(lanes)
+
+    @property
+    def running(self) -> bool:
+        return any(lane.session.view.running for lane in self.lanes)
+
+    @property
+    def over(self) -> bool:
+        """Whether all have come to their end."""
+        return all(lane.session.view.state.finished for lane in self.lanes)
+
+    def play(self) -> None:
+        for lane in self.lanes:
+            if not lane.session.view.state.finished:
+                lane.session.play()
+
+    def pause(self) -> None:
+        for lane in self.lanes:
+            lane.session.pause()
+
+    def reset(self) -> None:
+        """All back to the start, and wait."""
+        for lane in self.lanes:
+            lane.session.seek(0)
+
+    def close(self, timeout: float) -> bool:
+        """End the threads after the steps under way."""
+        for lane in self.lanes:
+            lane.session.close(0.0)
+        return all([lane.session.close(timeout) for lane in self.lanes])
+
+
+def same_start(problem: Problem, settings: Solver, names, seed: int) -> dict[str, object]:
+    """A first state for each solver, all at the same positions.
+
+    From the affine start joint keeps its own first phase, which bends the array, and stands where the others do but for
+    half a step of the lattice; at random it is put exactly where they are.
+    """
+    states: dict[str, object] = {}
+    for name in sorted(names, key=lambda name: not name.startswith("descent")):  # the lattice decides
+        own = replace(settings, name=name)
+        other = next(iter(states.values()), None)
+        if name == "joint" and settings.start == "random" and other is not None:
+            states[name] = solvers.load(name).init(problem, own, seed, positions=other.positions)
+        else:
+            states[name] = solvers.load(name).init(problem, own, seed)
+    return {name: states[name] for name in names}
+
+
+def equal_cost(problem: Problem, settings: Solver, positions) -> float:
+    """Eq. 7 at `positions` (N, 2), metres, of all modes in the end, over the power of their pressures : 0 to 1.
+
+    Raises InputError as descent does where the microphones cannot carry the modes.
+    """
+    count, offset = settings.modes, settings.order_offset
+    require_modes(problem, offset, count)
+    if problem.search is None:
+        raise InputError("the measurement has no search domain; give --search ORIGIN,SIZE,STEP and --radius R")
+    positions = np.asarray(positions, float)
+    k, p, centre = problem.wavenumbers[:count], problem.pressures[:count], positions.mean(axis=0)
+    orders = max_order(k, problem.search.radius, offset)
+    W = [fourier_bessel(positions, complex(k), int(L), centre) for k, L in zip(k, orders, strict=True)]
+    fits = leave_one_out(W, p, 0)
+    left = sum(float(fit.cost_of(w[:1])[0]) for fit, w in zip(fits, W, strict=True))
+    return left / float(np.sum(np.abs(p) ** 2))

@@ -1,0 +1,167 @@
+"""A session as a file: what `fdcal view SESSION` opens where it was left.
+
+A .zip of two files, session.json and session.npz, which may also lie in a folder of their own. The first holds the
+scene with its solver's settings, the seed of the start, which state was looked at, what the page's controls said, and
+the states (`states`), the second their arrays and the measurement: it is a measurement file that `fdcal calibrate`
+reads, too. Whatever it holds, reading it runs nothing.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from ..model.from_table import build
+from ..model.measured_scene import Measured
+from ..model.measurement_file import load_measurement, save_measurement
+from ..model.scene import Scene
+from ..model.validation import InputError, StorageError
+from . import state_codec
+from .history import MOST_STATES
+from .request import Opening, plain
+
+VERSION = 1
+TABLE, ARRAYS = "session.json", "session.npz"
+
+LARGEST = 400_000_000  # bytes that a file may unfold to
+MOST_WRITTEN = 64_000_000  # bytes of states; of longer runs fewer are kept, evenly taken
+KEYS = ("fdcal_session", "scene", "start_seed", "index", "choices", "states")
+
+
+def write(opening: Opening) -> bytes:
+    """The bytes of the .zip of an opening that has a measurement and states. Raises InputError as `states.written`."""
+    kept = _kept(opening.states, opening.index)
+    table, arrays = state_codec.written([opening.states[i] for i in kept])
+    content = {
+        "fdcal_session": VERSION,
+        "scene": _finite(plain(dataclasses.asdict(opening.scene))),
+        "measured": isinstance(opening.scene, Measured),  # the scene is but a stand-in
+        "start_seed": opening.seed,
+        "index": kept.index(len(opening.states) - 1 if opening.index is None else opening.index),
+        "choices": plain(opening.choices),
+        "states": table,
+    }
+    file = io.BytesIO()
+    save_measurement(opening.measurement, file, arrays)
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr(TABLE, json.dumps(content, allow_nan=False))
+        archive.writestr(ARRAYS, file.getvalue())
+    return packed.getvalue()
+
+
+def read(path: str | Path) -> Opening:
+    """What to open of a session's .zip, or of its .json, beside which the .npz of the same name lies.
+
+    Raises InputError for what is no session, StorageError.
+    """
+    path = Path(path)
+    try:
+        text, arrays = _of_zip(path) if path.suffix.lower() == ".zip" else _of_two(path)
+    except OSError as error:
+        raise StorageError(f"cannot read {error.filename or path}: {error.strerror or error}") from error
+    try:
+        return _opening(_table(text), arrays)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def _of_zip(path: Path) -> tuple[bytes, bytes]:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            if not {TABLE, ARRAYS} <= set(archive.namelist()):
+                raise InputError(f"{path} is no session; it would hold {TABLE} and {ARRAYS}")
+            _require_small(archive)
+            return archive.read(TABLE), archive.read(ARRAYS)
+    except InputError:
+        raise InputError(f"{path} is no session, or too large a one") from None
+    except OSError:
+        raise
+    except Exception as error:  # zipfile, zlib and struct raise anything
+        raise InputError(f"{path} is not a .zip file that can be read ({type(error).__name__})") from None
+
+
+def _of_two(path: Path) -> tuple[bytes, bytes]:
+    beside = path.with_suffix(".npz")
+    for file in (path, beside):
+        if file.stat().st_size > LARGEST:
+            raise InputError(f"{file} is too large for a session")
+    return path.read_bytes(), beside.read_bytes()
+
+
+def _require_small(archive: zipfile.ZipFile) -> None:
+    """Raise InputError for an archive that would fill the memory; no entry gives more bytes than it says."""
+    if sum(entry.file_size for entry in archive.infolist()) > LARGEST:
+        raise InputError(f"it unfolds to more than {LARGEST:.0e} bytes")
+
+
+def _table(text: bytes) -> dict:
+    try:
+        table = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{TABLE} is not valid JSON ({type(error).__name__})") from None
+    if not isinstance(table, dict) or not set(KEYS) <= set(table):
+        raise InputError(f"it is no session; {TABLE} would hold {', '.join(KEYS)}")
+    if table["fdcal_session"] != VERSION:
+        raise InputError(f"fdcal_session = {str(table['fdcal_session'])[:20]!r}; this fdcal reads version {VERSION}")
+    for key, kind in (("scene", dict), ("choices", dict), ("start_seed", int), ("index", int)):
+        if not isinstance(table[key], kind) or isinstance(table[key], bool):
+            raise InputError(f"{key} must be of type {kind.__name__}")
+    return table
+
+
+def _opening(table: dict, packed: bytes) -> Opening:
+    scene = build(Measured if table.get("measured") is True else Scene, _infinite(table["scene"]))
+    try:
+        with zipfile.ZipFile(io.BytesIO(packed)) as archive:
+            _require_small(archive)
+        with np.load(io.BytesIO(packed), allow_pickle=False) as archive:
+            arrays = {key: archive[key] for key in archive.files if key.startswith("states_")}
+    except InputError:
+        raise
+    except Exception as error:  # a damaged archive raises anything
+        raise InputError(f"{ARRAYS} is damaged or holds what is no plain array ({type(error).__name__})") from None
+    measurement = load_measurement(io.BytesIO(packed), called=ARRAYS)
+    own = scene.room.dimension, scene.array.dimension
+    if (measurement.dimension, measurement.array_dimension) != own:
+        raise InputError(f"the measurement has other dimensions than the scene, {own[0]} and {own[1]}")
+    problem = measurement.problem(scene.solver.weights, scene.solver.known)
+    made = state_codec.read(table["states"], arrays, problem, scene.solver.name, MOST_STATES)
+    return Opening(scene, table["start_seed"], measurement, made, table["index"], table["choices"])
+
+
+def _kept(run, index: int | None) -> list[int]:
+    """Numbers of the states to be kept: all, or so many that the file stays small, the one looked at among them."""
+    largest = max(_size(state) for state in (run[0], run[len(run) // 2], run[-1]))
+    most = min(MOST_STATES, max(2, MOST_WRITTEN // largest))
+    if len(run) <= most:
+        return list(range(len(run)))
+    even = np.linspace(0, len(run) - 1, most - 1).round().astype(int).tolist()
+    return sorted({*even, len(run) - 1 if index is None else index})
+
+
+def _size(state) -> int:
+    values = (getattr(state, field.name) for field in dataclasses.fields(state))
+    return 200 + sum(value.nbytes for value in values if isinstance(value, np.ndarray))
+
+
+def _finite(value):
+    """JSON knows no infinity, which a scene's SNR may be: it is written as a text."""
+    if isinstance(value, dict):
+        return {key: _finite(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_finite(inner) for inner in value]
+    return "inf" if value == float("inf") else value
+
+
+def _infinite(table: dict) -> dict:
+    """The inverse of `_finite` for the one key that may be infinite."""
+    sensing = table.get("measurement")
+    if isinstance(sensing, dict) and sensing.get("snr_db") == "inf":
+        return {**table, "measurement": {**sensing, "snr_db": float("inf")}}
+    return table

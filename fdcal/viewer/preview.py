@@ -1,0 +1,28 @@
+"""What a page shows before there is a session: the room and its microphones, while the solver is being prepared.
+
+Loaded before the solvers are, so that there is something to be seen within the second that those take.
+"""
+
+from __future__ import annotations
+
+from ..acoustics.measurement_cache import kept_measurement
+from ..graphics.picture import backdrop
+from ..model.measured_scene import Measured
+from ..model.measurement import Measurement
+from ..session.request import Opening, as_told
+from .scene3d.nodes import Stage
+
+
+def look_at_once(stage: Stage, opening: Opening) -> None:
+    """Show what needs no simulation; nothing where the scene has to be simulated first."""
+    measurement = opening.measurement or kept_measurement(opening.scene)
+    if measurement is not None:
+        first_look(stage, opening, as_told(opening.scene, measurement))
+
+
+def first_look(stage: Stage, opening: Opening, measurement: Measurement) -> None:
+    """Show the room, without a scene the microphones alone."""
+    told = None if isinstance(opening.scene, Measured) else opening.scene
+    picture = backdrop(told, measurement, opening.choices.get("dark") is True)
+    stage.cameras.open_at(picture)
+    stage.show(picture)

@@ -1,0 +1,194 @@
+"""The closed form of a box-shaped room: laws of the field, and an image-source sum as a second opinion."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from fields import rigid_room
+
+from fdcal.acoustics import box_field
+from fdcal.acoustics.box_field import field, listen
+from fdcal.acoustics.spectrum import DECAY
+from fdcal.model.scene import Room, Sensing, Source
+from fdcal.model.validation import InputError
+
+SIZE = (2.3, 1.9, 1.6)
+SOURCE = np.array([2.1, 1.75, 1.45])
+PLACES = np.random.default_rng(0).uniform([0.3, 0.3, 0.3], [1.3, 1.2, 1.1], (9, 3))
+K = np.array([0.4 - 0.01j, 2.9 - 0.02j, 6.1 - 0.01j])
+ROOMS = {
+    "rigid": Room(size=SIZE),
+    "pressure-release": Room(size=SIZE, walls="pressure-release"),
+    "absorbing": Room(size=SIZE, walls="absorbing", admittance=0.08),
+}
+
+
+@pytest.fixture(params=ROOMS)
+def room(request):
+    return ROOMS[request.param]
+
+
+@pytest.mark.parametrize("k", K)
+def test_the_field_solves_helmholtz_to_second_order(room, k):
+    """The one k of the field is the one asked for: the error of the finite differences falls with their square."""
+
+    def fault(h):
+        p, sums = field(room, SOURCE, PLACES, [k])[0], 0
+        for d in h * np.concatenate([np.eye(3), -np.eye(3)]):
+            sums = sums + field(room, SOURCE, PLACES + d, [k])[0]
+        return np.abs((sums - 6 * p) / h**2 + k**2 * p)
+
+    coarse, fine = fault(0.04), fault(0.02)
+    assert coarse.max() > 1e-6
+    assert np.linalg.norm(coarse) / np.linalg.norm(fine) == pytest.approx(4.0, rel=0.02)
+
+
+def test_every_wall_has_its_condition(room):
+    """Outwards dp/dn = -j k beta p, with beta = 0 for a rigid wall; p = 0 where there is no pressure."""
+    inside = np.array([0.7, 0.8, 0.6])
+    for axis in range(3):
+        for wall, inward in ((0.0, 1.0), (SIZE[axis], -1.0)):
+            h = 1e-3
+            at = np.tile(inside, (4, 1))
+            at[:, axis] = wall + inward * h * np.arange(4)
+            p = field(room, SOURCE, at, K)
+            outwards = -(p @ [-11 / 6, 3, -3 / 2, 1 / 3]) / h  # one-sided, of third order
+            if room.walls == "pressure-release":
+                np.testing.assert_allclose(p[:, 0], 0, atol=1e-12)
+            else:
+                np.testing.assert_allclose(outwards, -1j * K * room.admittance * p[:, 0], atol=1e-6 * np.abs(p).max())
+
+
+@pytest.mark.parametrize("admittance", [0.0, 0.02, 0.4])
+@pytest.mark.parametrize("axis", range(3))
+def test_the_axis_of_the_closed_form_makes_no_difference(axis, admittance):
+    """Three sums over other eigenfunctions: none may be missing or stand twice, and the reflections must be theirs."""
+    room = Room(size=SIZE, walls="absorbing" if admittance else "rigid", admittance=admittance)
+    order = [(axis + 1) % 3, (axis + 2) % 3, axis]
+    lengths, source, places = np.array(SIZE)[order], SOURCE[order], PLACES[:, order]
+    terms = box_field._terms(lengths, box_field.EXACT / np.abs(places[:, 2] - source[2]).min(), abs(K[-1]), 0)
+    along = [box_field._sum(room, lengths, source, places, k, terms) for k in K]
+    found = field(room, SOURCE, PLACES, K)
+    np.testing.assert_allclose(along, found, atol=1e-11 * np.abs(found).max())
+
+
+def test_source_and_microphone_may_change_places(room):
+    there = field(room, SOURCE, PLACES[:3], K)
+    back = np.concatenate([field(room, place, SOURCE[None], K) for place in PLACES[:3]], axis=1)
+    np.testing.assert_allclose(back, there, rtol=1e-10)
+
+
+def images(places, source, size, k, sign, reach):
+    """Sum over the mirror images of the source, exp(-j k d) / (4 pi d), within `reach` metres; sign of a reflection."""
+    total = np.zeros(len(places), complex)
+    lines = []
+    for length, x in zip(size, source, strict=True):
+        cells = np.arange(-math.ceil(reach / length) - 1, math.ceil(reach / length) + 2)
+        lines.append((np.where(cells % 2 == 0, cells * length + x, (cells + 1) * length - x), sign ** (cells % 2)))
+    (x, a), (y, b), (z, c) = lines
+    for one, sign_of_one in zip(x, a, strict=True):
+        at = np.stack(np.broadcast_arrays(one, y[:, None], z[None, :]), axis=-1).reshape(-1, 3)
+        signs = sign_of_one * (b[:, None] * c[None, :]).ravel()
+        for n, place in enumerate(places):
+            d = np.linalg.norm(at - place, axis=1)
+            kept = d < reach
+            total[n] += np.sum(signs[kept] * np.exp(-1j * k * d[kept]) / (4 * np.pi * d[kept]))
+    return total
+
+
+@pytest.mark.parametrize(("walls", "sign"), [("rigid", 1.0), ("pressure-release", -1.0)])
+@pytest.mark.parametrize("k", [0.9 - 0.5j, 5.2 - 0.5j])
+def test_image_sources_agree(walls, sign, k):
+    """Image by image the field of the same room, no eigenfunction in it; what lies beyond `reach` is below 1e-7."""
+    expected = images(PLACES[:3], SOURCE, SIZE, k, sign, reach=45.0)
+    found = field(ROOMS[walls], SOURCE, PLACES[:3], [k])[0]
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+def test_averaged_over_its_height_a_rigid_box_is_a_plate():
+    """And the plate's field is another closed form, in two dimensions, which the tests already trust."""
+    heights = SIZE[2] * (np.arange(24) + 0.5) / 24  # the midpoint rule integrates the first 47 cosines exactly
+    xy = PLACES[:4, :2]
+    columns = np.array([[*place, z] for place in xy for z in heights])
+    average = field(ROOMS["rigid"], SOURCE, columns, K).reshape(len(K), len(xy), -1).mean(axis=2)
+    plate = rigid_room(xy, SOURCE[:2], K, size=SIZE[:2]) / SIZE[2]
+    np.testing.assert_allclose(average, plate, rtol=1e-6)
+
+
+def test_absorbing_walls_that_hardly_absorb_are_rigid():
+    faint = dataclasses.replace(ROOMS["absorbing"], admittance=1e-9)
+    np.testing.assert_allclose(
+        field(faint, SOURCE, PLACES, K), field(ROOMS["rigid"], SOURCE, PLACES, K), rtol=1e-5, atol=1e-7
+    )
+
+
+def test_absorbing_walls_need_no_other_damping():
+    """At a real k the source feeds the walls: power leaves it, Im p at the source is below zero, and p is finite."""
+    room, middle = ROOMS["absorbing"], np.array([0.9, 1.0, 0.7])
+    k = np.linspace(1.0, 7.0, 13)
+    ring = middle + 0.2 * np.concatenate([np.eye(3), -np.eye(3)])  # Im p has no pole: its mean is j_0 times its value
+    at_source = field(room, middle, ring, k).imag.mean(axis=1)
+    assert np.all(at_source < 0)
+    assert np.ptp(np.log(-at_source)) > 1.0, "resonances stand out"
+
+
+def test_peaks_are_the_eigenfrequencies_of_the_room():
+    room, c, highest = Room(size=SIZE), 343.0, 190.0
+    sensing = Sensing(lowest=50.0, highest=highest, resolution=2.0, wavenumber="continuous")
+    heard = []
+    frequencies, wavenumbers, pressures, spectrum = listen(
+        room, Source(position=tuple(SOURCE), duration=6.0), PLACES[:4], sensing, heard.append
+    )
+    n = np.stack(np.meshgrid(*[np.arange(9)] * 3), axis=-1).reshape(-1, 3)
+    exact = np.unique(np.round(c / 2 * np.linalg.norm(n / SIZE, axis=1), 6))
+    exact = exact[(exact > 50) & (exact < highest)]
+    alone = exact[np.all(np.abs(exact[:, None] - exact) + 9 * np.eye(len(exact)) > 3, axis=1)]
+    assert len(alone) > 8
+    found = np.abs(alone[:, None] - frequencies).min(axis=1)
+    assert found.max() < 0.05
+    np.testing.assert_allclose(wavenumbers, (2 * np.pi * frequencies - 1j * DECAY / 6.0) / c)
+    np.testing.assert_allclose(pressures, field(room, SOURCE, PLACES[:4], wavenumbers))
+    peaks = np.array([spectrum[1][np.abs(spectrum[0] - f) < 1].max() for f in frequencies])
+    assert np.all(peaks > np.median(spectrum[1])) and spectrum[0][0] == 50 and spectrum[0][-1] >= highest
+    assert heard == sorted(heard) and heard[-1] == 1.0
+
+
+def test_what_cannot_be_told_apart_or_summed_is_refused():
+    with pytest.raises(InputError, match=r"source\.duration = 1 s is too short.*resolution = 2 Hz.*at least 3\.31 s"):
+        listen(ROOMS["rigid"], Source(position=tuple(SOURCE), duration=1.0), PLACES, Sensing(resolution=2.0))
+    with pytest.raises(InputError, match=r"too close to microphone 1 .*move it"):
+        field(ROOMS["rigid"], SOURCE, [PLACES[0], SOURCE + 1e-3], K)
+    with pytest.raises(InputError, match=r"room\.admittance is too high"):
+        field(dataclasses.replace(ROOMS["absorbing"], admittance=30.0), SOURCE, PLACES, K)
+
+
+def test_terms_left_out_do_not_matter(room):
+    few, many = (field(room, SOURCE, PLACES, K, nepers) for nepers in (box_field.EXACT, 1.5 * box_field.EXACT))
+    np.testing.assert_allclose(few, many, rtol=1e-11)
+
+
+def test_pyroomacoustics_agrees(monkeypatch):
+    """Its impulse response, weighted with exp(-s t) and transformed, is the field at k = (w - j s) / c.
+
+    Its point source has the strength 4 pi. It is sampled: the delays of the echoes are interpolated between samples,
+    and cut off after 0.1 s, where exp(-s t) is 2e-5.
+    """
+    import pyroomacoustics as pra
+
+    size, fs, s, duration, c = (4.0, 3.5, 2.7), 8000, 110.0, 0.1, 343.0
+    source, places = np.array([3.6, 3.1, 2.3]), np.array([[1.2, 1.0, 1.1], [2.2, 0.7, 1.4]])
+    monkeypatch.setattr(pra.parameters, "_constants", {"rir_hpf_enable": False, "c": c})
+    room = pra.ShoeBox(size, fs=fs, max_order=34, materials=pra.Material(0.0), air_absorption=False)
+    room.add_source(source)
+    room.add_microphone_array(places.T)
+    room.compute_rir()
+    frequencies = np.array([30.0, 61.0, 104.0, 151.0])
+    late = pra.constants.get("frac_delay_length") // 2  # samples by which all of its responses come late
+    expected = np.empty((len(frequencies), len(places)), complex)
+    for n in range(len(places)):
+        response = np.asarray(room.rir[n][0])[: int(duration * fs)]
+        t = (np.arange(len(response)) - late) / fs
+        expected[:, n] = np.exp(-(s + 2j * np.pi * frequencies[:, None]) * t) @ response / (4 * np.pi)
+    found = field(Room(size=size), source, places, (2 * np.pi * frequencies - 1j * s) / c)
+    np.testing.assert_allclose(found, expected, rtol=0.005)

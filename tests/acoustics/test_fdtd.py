@@ -1,0 +1,198 @@
+"""Laws of the simulation: dispersion, energy, reciprocity, convergence, reflection; and what it refuses."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from fdcal.acoustics.fdtd import advance, cell_mask, energy, make_grid, pulse, simulate
+from fdcal.model.scene import Room, Source
+from fdcal.model.validation import InputError
+
+H, C = 0.05, 343.0
+FS = 10000.0
+L_SHAPE = ((0.0, 0.0), (2.0, 0.0), (2.0, 1.0), (1.2, 1.0), (1.2, 1.6), (0.0, 1.6))
+SOURCE = Source(position=(0.33, 0.42), low=60.0, high=900.0, sample_rate=FS, duration=0.08)
+
+
+def mode(grid, m, n, wave):
+    """Mode (m, n) of a rectangle, cos for rigid walls, sin for pressure-release ones, and its w dt on the grid."""
+    ny, nx = grid.mask.shape
+    kx, ky = math.pi * m / nx, math.pi * n / ny
+    field = wave(ky * (np.arange(ny) + 0.5))[:, None] * wave(kx * (np.arange(nx) + 0.5))
+    return field, 2 * math.asin(grid.courant * math.hypot(math.sin(kx / 2), math.sin(ky / 2)))
+
+
+@pytest.mark.parametrize(("walls", "wave"), [("rigid", np.cos), ("pressure-release", np.sin)])
+@pytest.mark.parametrize("size", [(2.0, 1.5), (1.45, 7.0)])  # the second is high enough to be shared by two threads
+def test_mode_follows_the_discrete_dispersion_relation(walls, wave, size):
+    grid = make_grid(Room(size=size, walls=walls, cell=H), FS)
+    field, angle = mode(grid, 3, 2, wave)
+    p_old, p = advance(grid, field * math.cos(-angle), field, 1000)
+    assert np.abs(p - field * math.cos(1000 * angle)).max() < 1e-12
+    assert np.abs(p_old - field * math.cos(999 * angle)).max() < 1e-12
+
+
+@pytest.mark.parametrize("walls", ["rigid", "pressure-release"])
+def test_energy_is_kept(walls):
+    grid = make_grid(Room(outline=L_SHAPE, walls=walls, cell=H), FS)
+    fields = np.random.default_rng(1).normal(size=(2, *grid.mask.shape)) * grid.mask
+    after = advance(grid, *fields, 1000)
+    assert energy(grid, *after) == pytest.approx(energy(grid, *fields), rel=1e-12)
+
+
+def test_energy_never_grows_with_absorbing_walls():
+    grid = make_grid(Room(outline=L_SHAPE, walls="absorbing", admittance=0.7, cell=H), C * math.sqrt(2) / H)
+    fields = np.random.default_rng(1).normal(size=(2, *grid.mask.shape)) * grid.mask
+    levels = [energy(grid, *fields)]
+    for _ in range(200):
+        fields = advance(grid, *fields, 1)
+        levels.append(energy(grid, *fields))
+    assert np.all(np.diff(levels) < 1e-12 * levels[0])
+    assert 0 <= levels[-1] < 0.05 * levels[0]
+
+
+def test_cells_outside_stay_silent():
+    grid = make_grid(Room(outline=L_SHAPE, walls="pressure-release", cell=H), FS)
+    _, p = advance(grid, *np.random.default_rng(1).normal(size=(2, *grid.mask.shape)), 50)
+    assert not np.any(p[~grid.mask])
+    assert np.all(p[grid.mask] != 0)
+
+
+@pytest.mark.parametrize("walls", ["rigid", "absorbing"])
+def test_source_and_receiver_may_change_places(walls):
+    room = Room(outline=L_SHAPE, walls=walls, admittance=0.3 * (walls == "absorbing"), cell=H)
+    there = (1.62, 0.71)
+    one = simulate(room, SOURCE, [there])
+    other = simulate(room, dataclasses.replace(SOURCE, position=there), [SOURCE.position])
+    assert np.abs(one).max() > 0
+    np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 * np.abs(one).max())
+
+
+def test_second_order_convergence():
+    errors = []
+    for h in (0.1, 0.05, 0.025):
+        grid = make_grid(Room(size=(2.0, 1.5), cell=h), 0.6 * 1000 / h)
+        field, _ = mode(grid, 2, 1, np.cos)
+        w = C * math.pi * math.hypot(2 / 2.0, 1 / 1.5)
+        dt, steps = h / 600, round(6 / h)
+        _, p = advance(grid, field * math.cos(w * dt), field, steps)
+        errors.append(np.abs(p - field * math.cos(w * dt * steps)).max())
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    assert np.all(np.abs(orders - 2) < 0.1), orders
+
+
+@pytest.mark.parametrize("beta", [0.0, 0.3, 1.0, 4.0])
+def test_absorbing_end_of_a_tube_reflects_as_it_should(beta):
+    length = 2000
+    grid = make_grid(Room(size=(length * 0.01, 0.01), cell=0.01), 1.5 * C / 0.01)
+    loss = np.zeros_like(grid.loss)
+    loss[0, -1] = 0.5 * grid.courant * beta  # the far end alone absorbs
+    grid = dataclasses.replace(grid, loss=loss)
+    x = np.arange(length) + 0.5
+    wave = lambda steps: np.exp(-(((x - 1000 - steps * grid.courant) / 100) ** 2))[None]  # noqa: E731
+    _, p = advance(grid, wave(-1), wave(0), round(1500 / grid.courant))
+    reflected = p[0, np.abs(p[0]).argmax()]
+    assert reflected == pytest.approx((1 - beta) / (1 + beta), abs=4e-3)  # p is taken half a cell before the wall
+
+
+def test_one_thread_or_several_give_the_same(monkeypatch):
+    from fdcal.acoustics import fdtd_kernels
+
+    room = Room(size=(1.0, 8.0), cell=H, walls="absorbing", admittance=0.1)
+    ears = [(0.5, y) for y in (0.2, 3.9, 4.1, 7.7)]
+    together = simulate(room, SOURCE, ears)
+    monkeypatch.setattr(fdtd_kernels.numba, "threading_layer", lambda: "workqueue")
+    monkeypatch.setattr(
+        fdtd_kernels, "march_together", None
+    )  # numba's own layer must not be used: it can end the process
+    np.testing.assert_allclose(simulate(room, SOURCE, ears), together, rtol=0, atol=1e-15)
+
+
+def test_recordings_are_those_of_the_scheme_step_by_step():
+    room = Room(outline=L_SHAPE, cell=H, walls="absorbing", admittance=0.2)
+    grid = make_grid(room, FS)
+    ears = np.array([(0.33, 0.42), (1.77, 0.21)])
+    recordings = simulate(room, SOURCE, ears)
+    p_old = p = np.zeros(grid.mask.shape)
+    rows, columns = (ears[:, ::-1] / H).astype(int).T
+    for step, push in enumerate(pulse(SOURCE)[:60]):
+        np.testing.assert_allclose(recordings[:, step], p[rows, columns], rtol=0, atol=1e-16)
+        p_old, p = (field.copy() for field in advance(grid, p_old, p, 1))
+        p[rows[0], columns[0]] += push
+    assert not np.any(recordings[:, 0])
+
+
+def test_pulse_is_flat_silent_at_first_and_without_a_mean():
+    samples = pulse(Source(position=(0, 0)))
+    assert abs(math.fsum(samples)) < 1e-17
+    assert abs(samples[0]) < 1e-3 * np.abs(samples).max()
+    gain = np.abs(np.fft.rfft(samples, 1 << 16))
+    frequency = np.fft.rfftfreq(1 << 16, 1 / 28590)
+    band = (frequency >= 20) & (frequency <= 3000)
+    assert np.all(np.abs(gain[band] - 1) < 0.01)
+    assert np.all(gain[frequency > 3030] < 0.01)
+
+
+def test_mask_counts_the_area():
+    mask = cell_mask(Room(outline=L_SHAPE, cell=H))
+    assert mask.shape == (32, 40)
+    assert mask.sum() * H * H == pytest.approx(2.0 * 1.0 + 1.2 * 0.6)
+    assert mask[0, 39] and mask[31, 0] and not mask[31, 39]
+
+
+def test_progress_rises_to_one_and_may_stop_the_run():
+    seen = []
+    simulate(Room(size=(1.0, 0.8), cell=H), SOURCE, [(0.5, 0.5)], seen.append)
+    assert seen == sorted(seen) and seen[-1] == 1 and 10 <= len(seen) <= 51
+    with pytest.raises(KeyboardInterrupt):
+        simulate(Room(size=(1.0, 0.8), cell=H), SOURCE, [(0.5, 0.5)], _interrupt)
+
+
+def _interrupt(_done):
+    raise KeyboardInterrupt
+
+
+def test_too_low_a_sampling_rate_names_the_remedy():
+    with pytest.raises(InputError) as error:
+        make_grid(Room(size=(6.0, 5.0)), 20000)
+    assert str(error.value) == (
+        "source.sample_rate = 20000 Hz breaks the CFL limit for room.cell = 0.02 m; use at least 24254 Hz"
+    )
+    make_grid(Room(size=(6.0, 5.0)), 24254)
+
+
+@pytest.mark.parametrize(
+    ("room", "words"),
+    [
+        ({"size": (2.01, 1.5)}, "room.size has a wall at 2.01 m.* use 2 or 2.05 m"),
+        ({"outline": ((0.0, 0.0), (1.03, 0.0), (1.03, 1.0))}, "room.outline has a wall at 1.03 m"),
+        ({"outline": ((-1.0, 0.0), (1.0, 0.0), (1.0, 1.0))}, "below 0"),
+        ({"outline": ((0.0, 0.0), (1.0, 0.1), (2.0, 0.0), (1.0, 0.12))}, "pieces|no cell"),
+        ({"size": (2000.0, 2000.0)}, "use a larger one"),
+        ({"outline": ((1e6, 0.0), (1e6 + 1, 0.0), (1e6 + 1, 1.0))}, "use a larger one"),
+    ],
+)
+def test_rooms_that_make_no_grid(room, words):
+    with pytest.raises(InputError, match=words):
+        cell_mask(Room(**room, cell=H))
+
+
+@pytest.mark.parametrize(
+    ("source", "ears", "words"),
+    [
+        ({}, [(0.5, 0.5), (1.5, 1.3)], r"microphone 1 = \[1.5, 1.3\] m is outside"),
+        ({"position": (3.0, 0.5)}, [(0.5, 0.5)], "source.position"),
+        ({"duration": 0.02}, [(0.5, 0.5)], "source.duration = 0.02 s is shorter than the pulse; use at least 0.05"),
+        ({"duration": 1e6}, [(0.5, 0.5)], "over 4 GB"),
+        ({"low": 1e-6}, [(0.5, 0.5)], "source.duration = 0.08 s is shorter than the pulse.*higher source.low"),
+        ({"low": 1e-12}, [(0.5, 0.5)], "source.duration = 0.08 s is shorter than the pulse.*higher source.low"),
+        ({"low": 1e-6, "duration": 1e9}, [(0.5, 0.5)], "over 4 GB"),
+    ],
+)
+def test_what_simulate_refuses(source, ears, words):
+    with pytest.raises(InputError, match=words):
+        simulate(Room(outline=L_SHAPE, cell=H), dataclasses.replace(SOURCE, **source), ears)

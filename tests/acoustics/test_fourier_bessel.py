@@ -1,0 +1,81 @@
+"""Laws of the Fourier-Bessel dictionary."""
+
+import numpy as np
+import pytest
+from fields import bessel_kernel, plane_wave, plane_wave_coefficients
+from scipy.special import jv
+
+from fdcal.acoustics.fourier_bessel import (
+    Lattice,
+    bessel_orders,
+    f_max,
+    fourier_bessel,
+    fourier_bessel_gradient,
+    max_order,
+)
+from fdcal.model.scene import Search
+
+POINTS = np.random.default_rng(0).uniform(-0.5, 0.5, (40, 2)) + [2.0, 1.0]
+CENTRE = np.array([2.1, 0.9])
+WAVENUMBERS = [0.5, 5.0, 7.3 - 0.02j]
+
+
+@pytest.mark.parametrize("k", WAVENUMBERS)
+def test_plane_wave_is_the_jacobi_anger_sum(k):
+    W = fourier_bessel(POINTS, k, 30, CENTRE)
+    expected = plane_wave(POINTS, k, 0.7)
+    np.testing.assert_allclose(W @ plane_wave_coefficients(k, 0.7, 30, CENTRE), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("k", WAVENUMBERS)
+def test_each_atom_solves_helmholtz(k):
+    h, L = 1e-3, 5
+    fields = [fourier_bessel(POINTS + d, k, L, CENTRE) for d in ([0, 0], [h, 0], [-h, 0], [0, h], [0, -h])]
+    laplacian = (sum(fields[1:]) - 4 * fields[0]) / h**2
+    np.testing.assert_allclose(laplacian, -(k**2) * fields[0], atol=abs(k) ** 4 * h**2)
+
+
+@pytest.mark.parametrize("k", WAVENUMBERS)
+def test_gradient_is_the_limit_of_differences(k):
+    h, L = 1e-5, 6
+    for axis, gradient in enumerate(fourier_bessel_gradient(POINTS, k, L, CENTRE)):
+        d = h * np.eye(2)[axis]
+        difference = fourier_bessel(POINTS + d, k, L, CENTRE) - fourier_bessel(POINTS - d, k, L, CENTRE)
+        np.testing.assert_allclose(gradient, difference / (2 * h), atol=1e-8)
+
+
+def test_gram_matrix_is_the_diffuse_field_kernel_whatever_the_centre():
+    """Graf's addition theorem: W W^H tends to J_0(k d) for real k."""
+    for centre in (CENTRE, [1.8, 1.3]):
+        W = fourier_bessel(POINTS, 7.0, 40, centre)
+        np.testing.assert_allclose(W @ W.conj().T, bessel_kernel(POINTS, 7.0), atol=1e-12)
+
+
+def test_order_follows_eq_3():
+    np.testing.assert_array_equal(max_order(np.array([0.5, 5.0, 5.01 - 2j]), 0.8), [1, 4, 5])
+    assert max_order(5.0, 0.8, offset=2) == 6
+
+
+def test_f_max_is_the_papers():
+    """Section 5: 4950 Hz for array 1, R = 0.35 m, c = 340 m/s."""
+    assert f_max(65, 0.35, 340.0) == pytest.approx(4950, rel=1e-3)
+
+
+@pytest.mark.parametrize("order", [0, 1, 7, 30])
+def test_downward_recurrence_agrees_with_the_library(order):
+    z = np.concatenate([[0.0, 1e-8, 1e-3], np.linspace(0.01, 40, 200) * (1 - 0.01j)])
+    np.testing.assert_allclose(bessel_orders(z, order), jv(np.arange(order + 1), z[:, None]), rtol=1e-9, atol=1e-14)
+
+
+def test_lattice_table_is_the_dictionary_of_its_points():
+    search = Search((1.5, 0.4), (1.0, 0.8), 0.1, 0.7)
+    k = np.array([0.5, 6.0 - 0.05j])
+    orders = max_order(k, search.radius, 2)
+    lattice = Lattice(search, k, orders)
+    assert lattice.points.shape == (11 * 9, 2)
+    for centre in (lattice.points[0], lattice.nearest([2.03, 0.77]), lattice.points[-1]):
+        for m, W in enumerate(lattice.microphones(lattice.points, centre, [0, 1])):
+            np.testing.assert_allclose(W, fourier_bessel(lattice.points, k[m], orders[m], centre), atol=1e-13)
+        mixed = np.concatenate([lattice.points[[3, 50]], [[1.77, 0.66], [0.0, 5.0]]])
+        for m, W in zip([1, 0], lattice.microphones(mixed, centre, [1, 0]), strict=True):
+            np.testing.assert_allclose(W, fourier_bessel(mixed, k[m], orders[m], centre), rtol=1e-10, atol=1e-13)

@@ -1,0 +1,105 @@
+"""The field of a rectangular room against closed forms, its derivatives, and its symmetries."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from fields import rigid_room
+
+from fdcal.acoustics.box_field import field as box_field
+from fdcal.acoustics.room_modes import diffuse, echoing, heard, images, nearest_image
+from fdcal.model.scene import Room
+from fdcal.solvers.room.fit import diffuse_terms, exact
+
+RNG = np.random.default_rng(4)
+SIZE, BOX = (6.0, 5.0), (4.1, 3.3, 2.6)
+PLACES, SOURCE = RNG.uniform(0.3, 4.0, (6, 2)), np.array([5.4, 4.5])
+HIGH, BOX_SOURCE = RNG.uniform(0.3, 2.3, (6, 3)), np.array([3.7, 2.9, 0.4])
+K = (2 * np.pi * np.array([34.3, 66.7, 102.9]) - 3j) / 343.0
+
+
+def differs(values, truth) -> float:
+    """Largest relative difference after the loudness of each frequency is taken off."""
+    ratio = values / truth
+    return float(np.abs(ratio / ratio.mean(axis=1, keepdims=True) - 1).max())
+
+
+def test_the_sum_is_the_closed_form_in_a_rigid_plane():
+    room = echoing(SIZE, K, 0)
+    assert differs(heard(room.excited(SOURCE), room.shapes(PLACES)), rigid_room(PLACES, SOURCE, K)) < 1e-4
+
+
+@pytest.mark.parametrize("admittance", [0.0, 0.02, 0.1])
+def test_the_sum_is_the_closed_form_in_a_box(admittance):
+    walls = Room(size=BOX, walls="absorbing", admittance=admittance) if admittance else Room(size=BOX)
+    room = echoing(BOX, K, admittance)
+    truth = box_field(walls, BOX_SOURCE, HIGH, K)
+    assert differs(heard(room.excited(BOX_SOURCE), room.shapes(HIGH)), truth) < 1e-5
+
+
+def test_microphones_and_source_may_be_exchanged():
+    room = echoing(BOX, K, 0.03)
+    there = heard(room.excited(BOX_SOURCE), room.shapes(HIGH[:1]))
+    back = heard(room.excited(HIGH[0]), room.shapes(BOX_SOURCE[None]))
+    assert np.allclose(there, back, rtol=1e-9)
+
+
+def noisy() -> tuple[np.ndarray, np.ndarray]:
+    """Pressures that the unknowns of the next tests do not explain, and their noise."""
+    p = RNG.standard_normal((2, 3, 6))
+    return p[0] + 1j * p[1], np.array([0.1, 0.2, 0.3])
+
+
+def slope(function, x, i: int, h: float = 1e-6) -> float:
+    ahead, behind = x.copy(), x.copy()
+    ahead[i] += h
+    behind[i] -= h
+    return (function(ahead) - function(behind)) / (2 * h)
+
+
+@pytest.mark.parametrize(("size", "places"), [(SIZE, PLACES), (BOX, HIGH)], ids=["plane", "space"])
+def test_the_diffuse_models_gradient_is_its_slope(size, places):
+    p, noise = noisy()
+    model, x = diffuse(size, K, 0.01), places.ravel()
+    gradient = diffuse_terms(x, p, noise, model).gradient
+    for i in (0, 3, 7):
+        wanted = slope(lambda y: diffuse_terms(y, p, noise, model).cost, x, i)
+        assert gradient[i] == pytest.approx(wanted, rel=1e-4, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("size", "places", "source"), [(SIZE, PLACES, SOURCE), (BOX, HIGH, BOX_SOURCE)], ids=["plane", "space"]
+)
+def test_the_exact_models_gradient_is_its_slope(size, places, source):
+    p, noise = noisy()
+    D = len(size)
+    theta = np.concatenate([places.ravel(), source, [0.03, 0.01], np.full(D, 0.01)])
+
+    def cost(y) -> float:
+        return exact(y, p, noise, K, size, False).terms(y, 6, D).cost
+
+    gradient = exact(theta, p, noise, K, size).terms(theta, 6, D).gradient
+    for i in (1, 6 * D - 1, 6 * D, 7 * D, 7 * D + 1, len(theta) - 1):
+        assert gradient[i] == pytest.approx(slope(cost, theta, i), rel=2e-3, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("size", "count"), [((6.0, 5.0), 4), ((5.0, 5.0), 8), ((4.0, 3.0, 2.5), 8), ((3.0, 3.0, 2.5), 16)]
+)
+def test_no_pressure_tells_the_images_of_a_room_apart(size, count):
+    found = images(size)
+    assert len(found) == count
+    D, room = len(size), echoing(size, K, 0.02)
+    places, source = RNG.uniform(0.2, 2.3, (4, D)), RNG.uniform(0.2, 2.3, D)
+    here = heard(room.excited(source), room.shapes(places))
+    assert np.array_equal(found[0].of(places), places)
+    distinct = {tuple(np.round(image.of(places), 9).ravel()) for image in found}
+    assert len(distinct) == len({str(image) for image in found}) == count
+    for image in found:
+        assert np.allclose(heard(room.excited(image.of(source)), room.shapes(image.of(places))), here, rtol=1e-9)
+        assert nearest_image(places, image.of(places), size) == image
+
+
+def test_at_a_resonance_to_the_last_bit_the_field_is_finite():
+    k = np.array([np.pi / SIZE[0], 2 * np.pi / SIZE[1]])
+    assert np.all(np.isfinite(echoing(SIZE, k, 0).response))

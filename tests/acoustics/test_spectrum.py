@@ -1,0 +1,174 @@
+"""Laws of the spectrum: peaks at the eigenfrequencies, pressures that solve Helmholtz, wavenumbers of the grid."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from scipy.special import jv
+
+from fdcal.acoustics.fdtd import simulate
+from fdcal.acoustics.measure import measure
+from fdcal.acoustics.measurement_cache import cached_recordings
+from fdcal.acoustics.spectrum import pick_modes, transform, wavenumber_continuous, wavenumber_discrete, window_rate
+from fdcal.model.scene import load_scene
+from fdcal.model.validation import InputError
+
+FS, T = 4000.0, 2.0
+TIME = np.arange(round(FS * T)) / FS
+
+
+@pytest.fixture(scope="module")
+def tiny():
+    return load_scene("tiny")
+
+
+@pytest.fixture(scope="module")
+def recordings(tiny):
+    return cached_recordings(tiny)
+
+
+def eigenfrequencies(scene):
+    """Of the rigid rectangle on the grid, Hz, ascending, each once."""
+    h, fs = scene.room.cell, scene.source.sample_rate
+    nx, ny = (round(length / h) for length in scene.room.size)
+    m, n = np.meshgrid(np.arange(nx), np.arange(ny))
+    sine = np.hypot(np.sin(np.pi * m / nx / 2), np.sin(np.pi * n / ny / 2)) * scene.room.sound_speed / (fs * h)
+    return np.unique(np.arcsin(sine.ravel()) * fs / np.pi)[1:]
+
+
+def test_peaks_are_the_eigenfrequencies(tiny, recordings):
+    sensing = tiny.measurement
+    picked = pick_modes(recordings, tiny.source.sample_rate, sensing.lowest, sensing.highest, 1.0, sensing.resolution)
+    modes = eigenfrequencies(tiny)
+    modes = modes[modes < sensing.highest]
+    nearest = np.abs(picked[:, None] - modes)
+    assert np.all(np.diff(picked) > 0)
+    assert len(np.unique(nearest.argmin(axis=1))) == len(picked)
+    apart = np.diff(modes, prepend=sensing.lowest, append=sensing.highest)
+    alone = np.minimum(apart[1:], apart[:-1]) > 2 * sensing.resolution  # others pull at one another's peak
+    assert nearest.min(axis=0)[alone].max() < 0.1
+    assert nearest.min(axis=1).max() < sensing.resolution
+
+
+def test_picking_refines_beyond_the_points_of_the_spectrum():
+    frequencies = [100.123, 130.456, 133.2]
+    ringing = sum(np.sin(2 * np.pi * f * TIME + f) for f in frequencies)[None]
+    np.testing.assert_allclose(pick_modes(ringing, FS, 50, 300, 1.0, 1.4), frequencies, atol=0.02)
+
+
+def test_damped_modes_are_found_without_a_window():
+    damped = sum(np.exp(-12 * TIME) * np.sin(2 * np.pi * f * TIME) for f in (100.0, 140.0))[None]
+    assert window_rate(damped, FS) == 0
+    np.testing.assert_allclose(pick_modes(damped, FS, 50, 300, 1.0, 1.4), [100, 140], atol=0.3)
+
+
+@pytest.mark.parametrize("decay", [0.0, 1.0, 3.0, 5.0])
+def test_the_window_adds_what_the_room_lacks(decay):
+    noise = np.random.default_rng(0).normal(size=(4, len(TIME)))
+    assert (window_rate(noise * np.exp(-decay * TIME), FS) + decay) * T == pytest.approx(12, abs=2.0)
+
+
+def test_transform_is_the_sum_it_says():
+    signals = np.random.default_rng(0).normal(size=(3, 5000))
+    f, s = np.array([0.0, 31.4, 777.7]), 5.0
+    time = np.arange(5000) / FS
+    expected = np.exp(-np.outer(s + 2j * np.pi * f, time)) @ signals.T
+    np.testing.assert_allclose(transform(signals, FS, s, f), expected, rtol=0, atol=1e-10)
+
+
+def test_silence_and_nan_are_refused():
+    with pytest.raises(InputError, match="silent"):
+        window_rate(np.zeros((2, 100)), FS)
+    with pytest.raises(InputError, match="finite"):
+        window_rate(np.full((2, 100), np.nan), FS)
+
+
+def test_too_short_a_recording_names_the_remedy(tiny):
+    message = r"source\.duration = 2 s is too short for measurement\.resolution = 1 Hz; use at least 2\.72 s"
+    with pytest.raises(InputError, match=message):
+        pick_modes(np.sin(TIME)[None], FS, 50, 300, 1.0, 1.0)
+    with pytest.raises(InputError, match=r"source\.duration = 0\.3 s is too short"):
+        measure(dataclasses.replace(tiny, source=dataclasses.replace(tiny.source, duration=0.3)))
+
+
+def test_no_peak_is_refused():
+    decay = np.exp(-500 * TIME)[None]
+    with pytest.raises(InputError, match="no mode stands out"):
+        pick_modes(decay, FS, 50, 300, 1.0, 1.4)
+
+
+@pytest.mark.parametrize("s", [0.0, 3.0])
+def test_plane_wave_of_the_grid_has_the_discrete_wavenumber(s):
+    """Averaged over the directions, the frequency that the scheme gives |k| is the one that gave k."""
+    f, c, h, fs = np.array([20.0, 400.0, 2000.0]), 343.0, 0.02, 28590.0
+    k = wavenumber_discrete(f, s, c, h, fs)
+    angle = np.linspace(0, 2 * np.pi, 720, endpoint=False)
+    sines = np.sin(k[:, None] * h / 2 * np.cos(angle)) ** 2 + np.sin(k[:, None] * h / 2 * np.sin(angle)) ** 2
+    courant = c / (fs * h)
+    w = 2 * fs * np.arcsin(courant * np.sqrt(sines.mean(axis=1)))
+    np.testing.assert_allclose(w, 2 * np.pi * f - 1j * s, rtol=1e-12)
+    spread = np.abs(2 * fs * np.arcsin(courant * np.sqrt(sines)) / w[:, None] - 1).max(axis=1)
+    assert spread[1] < 3e-4  # direction matters little below 400 Hz
+
+
+def test_the_discrete_wavenumber_tends_to_the_continuous_one():
+    f = np.array([400.0, 800.0])
+    exact = wavenumber_continuous(f, 2.0, 343.0)
+    errors = [np.abs(wavenumber_discrete(f, 2.0, 343.0, h, 500 / h) - exact) for h in (0.02, 0.01, 0.005)]
+    np.testing.assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 2, atol=0.05)
+
+
+def test_a_frequency_the_grid_does_not_carry_is_refused():
+    with pytest.raises(InputError, match=r"measurement\.highest"):
+        wavenumber_discrete(np.array([3000.0]), 0.0, 343.0, 0.1, 20000.0)
+
+
+def residual(positions, pressures, k, radius, offset):
+    """Relative residual of the Fourier-Bessel fit (Eqs. 3 to 5) at the true positions."""
+    order = math.ceil(k.real * radius) + offset
+    x, y = (positions - positions.mean(axis=0)).T
+    l = np.arange(-order, order + 1)  # noqa: E741
+    W = jv(l, k * np.hypot(x, y)[:, None]) * np.exp(1j * l * np.arctan2(y, x)[:, None])
+    return np.linalg.norm(pressures - W @ np.linalg.lstsq(W, pressures)[0]) / np.linalg.norm(pressures)
+
+
+def test_pressures_solve_helmholtz_the_better_the_higher_the_order(tiny):
+    angle = 2 * np.pi * np.arange(48) / 48
+    ears = np.array([0.7, 0.54]) + 0.2 * np.column_stack([np.cos(angle), np.sin(angle)])
+    ears = np.unique((np.floor(ears / 0.04) + 0.5) * 0.04, axis=0)
+    fs, room = tiny.source.sample_rate, tiny.room
+    sound = simulate(room, tiny.source, ears)
+    f, s = eigenfrequencies(tiny)[:5], window_rate(sound, fs)
+    k = wavenumber_discrete(f, s, room.sound_speed, room.cell, fs)
+    rows = list(zip(transform(sound, fs, s, f), k, strict=True))
+    errors = [np.mean([residual(ears, p, k, 0.25, offset) for p, k in rows]) for offset in range(4)]
+    assert np.all(np.divide(errors[1:], errors[:-1]) < 0.2), errors
+    assert errors[3] < 1e-4
+    plain = wavenumber_continuous(f, 0.0, room.sound_speed)
+    untreated = zip(transform(sound, fs, 0.0, f + 0.3), plain, strict=True)
+    assert np.mean([residual(ears, p, k, 0.25, 3) for p, k in untreated]) > 5 * errors[3]
+
+
+def test_noise_has_the_power_asked_for(tiny, recordings):
+    noisy = dataclasses.replace(tiny, measurement=dataclasses.replace(tiny.measurement, snr_db=20.0))
+    clean, measured = measure(tiny, recordings), measure(noisy, recordings)
+    power = np.mean(np.abs(clean.pressures) ** 2, axis=1)
+    np.testing.assert_allclose(measured.noise_power, power / 100)
+    error = np.abs(measured.pressures - clean.pressures) ** 2 / measured.noise_power[:, None]
+    assert error.mean() == pytest.approx(1, abs=0.15)
+    assert not np.any(clean.noise_power)
+    np.testing.assert_array_equal(measure(noisy, recordings).pressures, measured.pressures)
+
+
+def test_measurement_of_a_scene_holds_what_the_scene_says(tiny, recordings):
+    m = measure(tiny, recordings)
+    assert m.pressures.shape == (len(m.frequencies), 16)
+    assert len(m.frequencies) >= tiny.solver.modes
+    assert m.known.tolist() == [0, 5, 7] and m.search == tiny.search and m.sound_speed == 343
+    assert np.all(m.wavenumbers.imag < 0)  # the room rings, and the window makes it decay
+    plain = dataclasses.replace(tiny, measurement=dataclasses.replace(tiny.measurement, wavenumber="continuous"))
+    k = measure(plain, recordings).wavenumbers
+    assert np.abs(k / m.wavenumbers - 1).max() < 0.01 and not np.array_equal(k, m.wavenumbers)

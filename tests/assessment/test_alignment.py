@@ -1,0 +1,119 @@
+"""Frames leave every distance as it is, and a swap of two channels is found and named."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.distance import pdist
+
+from fdcal.assessment import room_verdict, verdict
+from fdcal.assessment.alignment import FRAMES, check, in_frame, placed_in, told
+from fdcal.model.validation import InputError
+
+
+def array(seed: int, dimension: int, count: int = 20) -> np.ndarray:
+    """Positions none of which is close to another, somewhere and turned."""
+    rng = np.random.default_rng(seed)
+    axes = np.meshgrid(*[np.arange(5)] * dimension)
+    cells = np.stack([a.ravel() for a in axes], axis=1)[rng.permutation(5**dimension)[:count]]
+    return (0.2 * cells + rng.uniform(-0.05, 0.05, (count, dimension))) @ turn(seed, dimension) + rng.normal(
+        size=dimension
+    )
+
+
+def turn(seed: int, dimension: int) -> np.ndarray:
+    return np.linalg.qr(np.random.default_rng(seed + 1).normal(size=(dimension, dimension)))[0]
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.integers(0, 200), st.sampled_from([2, 3]), st.sampled_from(FRAMES))
+def test_a_frame_keeps_every_distance(seed, dimension, frame):
+    positions = array(seed, dimension)
+    assert np.allclose(pdist(in_frame(positions, frame)), pdist(positions))
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.integers(0, 200), st.sampled_from([2, 3]), st.sampled_from(["minimal", "axes"]))
+def test_a_frame_of_the_array_does_not_depend_on_where_it_was(seed, dimension, frame):
+    positions = array(seed, dimension)
+    moved = positions @ turn(seed + 7, dimension) + 3.0
+    assert np.allclose(in_frame(moved, frame), in_frame(positions, frame), atol=1e-6)
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.integers(0, 50))
+def test_the_minimal_frame_is_as_told(seed):
+    placed = in_frame(array(seed, 3), "minimal")
+    assert np.allclose(placed[0], 0)
+    assert np.allclose(placed[1, 1:], 0)
+    assert np.allclose(placed[2, 2], 0)
+    assert placed[1, 0] > 0
+    assert placed[2, 1] > 0
+    assert placed[3, 2] > 0
+
+
+def test_a_line_or_plane_of_microphones_has_a_minimal_frame():
+    line = np.outer(np.arange(4.0), [1, 2, 2])
+    assert np.allclose(in_frame(line, "minimal"), np.outer(3 * np.arange(4.0), [1, 0, 0]))
+    plane = np.column_stack([array(1, 2), np.zeros(20)]) @ turn(3, 3)
+    assert np.allclose(in_frame(plane, "minimal")[:, 2], 0, atol=1e-9)
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.integers(0, 200), st.sampled_from([2, 3]), st.data())
+def test_swapped_channels_are_named(seed, dimension, data):
+    said = array(seed, dimension)
+    a, b, c, d = data.draw(st.permutations(range(20)))[:4]
+    rng = np.random.default_rng(seed)
+    found = said @ turn(seed, dimension) + 1.0 + 0.003 * rng.normal(size=said.shape)
+    found[[a, b, c, d]] = found[[b, a, d, c]]
+    result = check(found, said)
+    assert set(result.swapped) == {tuple(sorted((a, b))), tuple(sorted((c, d)))}
+    assert result.moved == ()
+    names = [f"m{n}" for n in range(20)]
+    assert f"channels m{min(a, b)} and m{max(a, b)} are swapped" in told(result, names)
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.integers(0, 200))
+def test_nothing_is_named_that_is_merely_off(seed):
+    said = array(seed, 3)
+    found = said + 0.02 * np.random.default_rng(seed).normal(size=said.shape)
+    result = check(found, said)
+    assert (result.swapped, result.moved) == ((), ())
+    assert np.allclose(check(found, said, [0, 1, 2, 3]).errors, np.linalg.norm(found - said, axis=1))
+    assert "no channels are swapped" in told(result, range(20))
+
+
+def test_three_channels_in_each_others_places():
+    said = array(0, 3)
+    found = said.copy()
+    found[[4, 9, 15]] = said[[9, 15, 4]]
+    assert check(found, said).moved == ((4, 9, 15),)
+
+
+def test_a_result_is_placed_in_its_frame():
+    result = {"positions": array(0, 2), "names": list("abcdefghijklmnopqrst"), "known": ["a"], "uncertainty_m": None}
+    assert np.array_equal(placed_in(result, None).positions[:, :2], result["positions"])
+    assert placed_in(result | {"known": []}, None).frame == "axes"
+    with pytest.raises(InputError, match="no microphone was known; use minimal or axes"):
+        placed_in(result | {"known": []}, "known")
+    old = {"positions": array(0, 2)}
+    assert placed_in(old, None).names == tuple(map(str, range(20)))
+
+
+def test_no_swap_found_among_lost_positions_is_no_all_clear():
+    places = np.random.default_rng(0).uniform(size=(8, 3))
+    nothing = check(places, places)
+    assert told(nothing, range(8)).startswith("no channels are swapped")
+    codes = set(re.findall(r"^(\w+)  ", verdict.__doc__ + room_verdict.__doc__, re.MULTILINE))
+    assert {"good", "scale_undetermined", "undersampled", "room_size", "sound_speed", "odd_channel"} <= codes
+    for code in codes - {"good", "scale_undetermined"}:
+        assert told(nothing, range(8), code).startswith("swaps cannot be told"), code
+        assert "--known none" in told(nothing, range(8), code)
+        assert "--known" not in told(nothing, range(8), code, known=False)
+    assert told(nothing, range(8), "scale_undetermined").startswith("no channels are swapped")

@@ -1,0 +1,217 @@
+"""The field between the microphones, and each of them foretold by the others."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fields import measured, rigid_room
+from PIL import Image
+from scipy.linalg import solve
+
+from fdcal.acoustics.box_field import field as box_field
+from fdcal.assessment.cross_validation import dictionary, expansions, left_out, report
+from fdcal.assessment.field_map import field_map
+from fdcal.commands.cli import main
+from fdcal.graphics import field_files
+from fdcal.model.measurement import Measurement
+from fdcal.model.measurement_file import save_measurement
+from fdcal.model.scene import Room
+from fdcal.model.validation import InputError
+
+RNG = np.random.default_rng(7)
+PLANE = np.array([2.61, 2.31]) + RNG.uniform(-0.5, 0.5, (30, 2))
+SPACE = np.array([1.9, 1.6, 1.3]) + RNG.uniform(-0.4, 0.4, (60, 3))
+BOX, BOX_SOURCE = Room(size=(4.1, 3.3, 2.6)), (3.6, 0.4, 2.1)
+SOURCE = (5.47, 4.53)
+
+
+def plane(snr_db: float = np.inf, highest: float = 250.0) -> Measurement:
+    return measured(PLANE, [0, 1, 2], highest, snr_db)
+
+
+def space(places=SPACE) -> Measurement:
+    frequencies = np.array([60.0, 130.0, 220.0])
+    k = (2 * np.pi * frequencies - 3j) / 343.0
+    pressures = box_field(BOX, BOX_SOURCE, places, k)
+    noise = 1e-6 * np.mean(np.abs(pressures) ** 2, axis=1)
+    return Measurement(frequencies, pressures, 343.0, 3, wavenumbers=k, noise_power=noise, positions=places)
+
+
+def every(measurement: Measurement) -> slice:
+    return slice(0, len(measurement.frequencies))
+
+
+def between(positions, count: int = 40) -> np.ndarray:
+    """Points inside the hull of `positions`: weighted means of them."""
+    return np.random.default_rng(1).dirichlet(np.full(len(positions), 0.3), count) @ positions
+
+
+def ratio(errors, pressures) -> np.ndarray:
+    """Error of each mode over its pressures, dB."""
+    return 10 * np.log10(np.mean(np.abs(errors) ** 2, axis=1) / np.mean(np.abs(pressures) ** 2, axis=1))
+
+
+@pytest.mark.parametrize("measurement", [plane(40.0), space()], ids=["plane", "space"])
+def test_leaving_out_is_fitting_anew_without_the_microphone(measurement):
+    problem = measurement.problem()
+    modes = slice(2, 3)
+    errors = left_out(problem, measurement.positions, modes, problem.noise_power)
+    (fit,) = expansions(problem, measurement.positions, modes, problem.noise_power)
+    W = dictionary(measurement.positions, fit.wavenumber, fit.order, fit.centre, fit.dimension)
+    mu = np.real(fit.factor @ fit.factor.conj().T - W.conj().T @ W)[0, 0]
+    p = problem.pressures[2]
+    for n in (0, 7, 19):
+        rest = np.arange(len(p)) != n
+        A = W[rest].conj().T @ W[rest] + mu * np.eye(W.shape[1])
+        foretold = W[n] @ solve(A, W[rest].conj().T @ p[rest], assume_a="pos")
+        assert errors[0, n] == pytest.approx(p[n] - foretold, rel=1e-5, abs=1e-8)
+
+
+def test_the_field_of_a_plane_is_the_rooms_own():
+    measurement = plane()
+    points = between(PLANE)
+    truth = rigid_room(points, SOURCE, measurement.wavenumbers)
+    fits = expansions(measurement.problem("raw"), PLANE, every(measurement))
+    assert ratio(np.array([fit.at(points)[0] for fit in fits]) - truth, truth).max() < -45
+
+
+def test_the_field_of_a_space_is_the_rooms_own():
+    measurement = space()
+    points = between(SPACE)
+    truth = box_field(BOX, BOX_SOURCE, points, measurement.wavenumbers)
+    fits = expansions(measurement.problem("raw"), SPACE, every(measurement), measurement.noise_power)
+    assert ratio(np.array([fit.at(points)[0] for fit in fits]) - truth, truth).max() < -40
+
+
+def test_one_sigma_covers_the_errors_that_noise_makes():
+    measurement = plane(30.0)
+    points = between(PLANE, 200)
+    truth = rigid_room(points, SOURCE, measurement.wavenumbers)
+    fits = expansions(measurement.problem("raw"), PLANE, every(measurement), measurement.noise_power)
+    pressure, sigma = (np.array(parts) for parts in zip(*(fit.at(points) for fit in fits), strict=True))
+    assert 0.2 < np.mean(np.abs(pressure - truth) ** 2) / np.mean(sigma**2) < 1.5
+
+
+def test_errors_grow_with_the_square_of_what_microphones_are_aside():
+    measurement = plane(60.0)
+    problem = measurement.problem()
+    moved = np.random.default_rng(3).normal(size=PLANE.shape) / np.sqrt(2)
+    small, large = (
+        report(problem, PLANE + d * moved, every(measurement), problem.noise_power).whole for d in (0.005, 0.02)
+    )
+    assert large - small == pytest.approx(20 * np.log10(4), abs=2.0)
+
+
+def test_a_microphone_aside_is_the_worst_foretold():
+    measurement = plane(40.0)
+    problem, aside = measurement.problem(), PLANE.copy()
+    inner = int(np.argmin(np.linalg.norm(PLANE - PLANE.mean(axis=0), axis=1)))
+    aside[inner] += [0.05, -0.05]
+    found = report(problem, aside, every(measurement), problem.noise_power)
+    assert int(found.microphones.argmax()) == inner
+    power = 10 ** (np.array([found.modes, [found.whole] * len(found.modes)]) / 10)
+    assert power[0].mean() == pytest.approx(power[1, 0])
+
+
+def test_the_map_has_the_unit_of_the_measurement_and_ends_where_the_array_does():
+    measurement = plane(60.0)
+    loud = replace(measurement, pressures=1e6 * measurement.pressures, noise_power=1e12 * measurement.noise_power)
+    one, two = (field_map(m, PLANE, [100.0], 0.05) for m in (measurement, loud))
+    assert np.allclose(1e6 * one.pressure[:, one.inside], two.pressure[:, two.inside], rtol=1e-6)
+    truth = rigid_room(one.points, SOURCE, measurement.wavenumbers[measurement.frequencies == one.frequencies[0]])
+    assert ratio(one.pressure[:, one.inside] - truth, truth).max() < -40
+    assert 20 < one.inside.sum() < one.inside.size, "corners of the rectangle around it are outside"
+    assert np.isnan(one.pressure.real[:, ~one.inside]).all()
+    assert np.isnan(one.pressure.imag[:, ~one.inside]).all()
+
+
+@pytest.mark.parametrize("measurement", [plane(60.0), space()], ids=["plane", "space"])
+def test_every_format_holds_the_same_map(measurement, tmp_path):
+    import pyvista
+
+    found = field_map(measurement, measurement.positions, measurement.frequencies[:2], 0.1)
+    for suffix in set(field_files.WRITERS) - {".png"}:
+        field_files.write(tmp_path / "anything", f"map{suffix}", found)
+        (tmp_path / "anything").rename(tmp_path / f"map{suffix}")
+    with np.load(tmp_path / "map.npz") as archive:
+        assert np.array_equal(archive["pressure"], found.pressure, equal_nan=True)
+        assert np.array_equal(archive["magnitude"], np.abs(found.pressure), equal_nan=True)
+    rows = np.genfromtxt(tmp_path / "map.csv", delimiter=",", names=True)
+    assert len(rows) == 2 * found.inside.sum()
+    assert np.allclose(rows["real"] + 1j * rows["imag"], found.pressure[:, found.inside].ravel(), rtol=1e-6)
+    assert np.allclose(rows["y_m"], np.tile(found.points[:, 1], 2), rtol=1e-6)
+    image = pyvista.read(tmp_path / "map.vti")
+    values = image.point_data[f"imag_{found.frequencies[1]:.2f}Hz"].reshape(image.dimensions, order="F")
+    assert np.array_equal(values.reshape(found.inside.shape), found.pressure[1].imag, equal_nan=True)
+    low = [axis[0] for axis in found.axes]
+    assert np.allclose(image.origin[: len(low)], low)
+
+
+def test_the_picture_is_white_outside_the_array(tmp_path):
+    field_files.write(tmp_path / "map.png", "map.png", field_map(space(), SPACE, [130.0], 0.1))
+    pixels = np.asarray(Image.open(tmp_path / "map.png").convert("RGB"))
+    assert pixels.shape[1] > 1000
+    assert 0.4 < np.mean(np.all(pixels == 255, axis=-1)) < 0.95
+
+
+@pytest.fixture
+def refused(tmp_path, monkeypatch, capsys):
+    """Function that runs `fdcal field plane.npz` with options that must fail, and gives its error line."""
+    monkeypatch.chdir(tmp_path)
+    save_measurement(plane(60.0), tmp_path / "plane.npz")
+    (tmp_path / "other.json").write_text(json.dumps(OTHER))
+
+    def run(*options) -> str:
+        with pytest.raises(SystemExit) as ended:
+            main(["field", "plane.npz", "-o", "map.npz", *options])
+        assert ended.value.code == 2
+        assert not (tmp_path / "map.npz").exists()
+        (line,) = capsys.readouterr().err.splitlines()
+        return line
+
+    return run
+
+
+OTHER = {
+    "positions": [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], "solver": "joint", "seed": 0, "frequencies": [100.0], "cost": 0,
+    "sweeps": 1, "elapsed_s": 1.0, "converged": True, "mean_error_m": None, "max_error_m": None,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--frequencies", "20"], "nothing was measured there"),
+        (["--frequencies", "100,-3"], "above zero"),
+        (["--frequencies", "low"], "no list of numbers"),
+        (["--step", "0"], "above zero"),
+        (["--step", "nan"], "above zero"),
+        (["--step", "1e-5"], "use a larger one"),
+        (["--result", "other.json"], "use its own result"),
+        (["-o", "map.xlsx"], "must end in"),
+    ],
+)
+def test_bad_options_get_one_line(refused, options, words):
+    assert words in refused(*options)
+
+
+def test_microphones_on_a_line_enclose_nothing():
+    line = np.linspace(0, 1, 30)[:, None] * [1.0, 0.5] + 2.0
+    with pytest.raises(InputError, match="enclose no field"):
+        field_map(measured(line, []), line, [100.0])
+
+
+def test_the_command_writes_the_map(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    measurement = plane(60.0)
+    save_measurement(measurement, tmp_path / "plane.npz")
+    with pytest.raises(SystemExit) as ended:
+        main(["field", "plane.npz", "--frequencies", "57,115", "--step", "0.1", "-o", "map.npz"])
+    assert ended.value.code in (None, 0)
+    assert "57.2, 114." in capsys.readouterr().out
+    with np.load("map.npz") as archive:
+        assert np.array_equal(archive["microphones"], PLANE)
+        assert len(archive["frequencies"]) == 2

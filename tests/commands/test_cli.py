@@ -1,0 +1,459 @@
+"""Each command, run as a user would, on `tiny`; and each kind of bad input, with what it gets."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fdcal.commands.calibrate import positions_from
+from fdcal.commands.cli import main
+from fdcal.model.measurement_file import load_measurement
+from fdcal.model.scene import load_scene
+
+FDCAL = [sys.executable, "-m", "fdcal"]
+PNG = b"\x89PNG"
+
+
+def fdcal(*arguments, folder: Path) -> subprocess.CompletedProcess:
+    """A command in a process of its own, as a user runs it."""
+    return subprocess.run([*FDCAL, *map(str, arguments)], capture_output=True, text=True, timeout=120, cwd=folder)
+
+
+def done(*arguments, folder: Path) -> str:
+    """Standard output of a command that must succeed; a calibration may end with a verdict that is not good.
+
+    In this process: to start another and to load the libraries anew takes longer than what most commands do.
+    """
+    out, errors = io.StringIO(), io.StringIO()
+    with contextlib.chdir(folder), contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors):
+        with pytest.raises(SystemExit) as ended:
+            main([str(argument) for argument in arguments])
+    assert (ended.value.code or 0) in ((0, 4) if arguments[0:1] == ("calibrate",) else (0,)), errors.getvalue()
+    return out.getvalue()
+
+
+@pytest.fixture
+def refused(tmp_path, monkeypatch, capsys):
+    """Function that runs a command that must fail, and gives its one error line; in this process, which saves time."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments, code: int = 2) -> str:
+        before = sorted(tmp_path.iterdir())
+        with pytest.raises(SystemExit) as ended:
+            main([str(argument) for argument in arguments])
+        out, errors = capsys.readouterr()
+        assert ended.value.code == code, errors
+        assert out == ""
+        (line,) = [line for line in errors.splitlines() if line.startswith("error: ")]
+        assert errors.endswith(line + "\n")
+        assert sorted(tmp_path.iterdir()) == before, "no output, no temporary file"
+        return line
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory) -> Path:
+    """Folder with the measurement and the result of `tiny`, made by the commands."""
+    folder = tmp_path_factory.mktemp("made")
+    done("simulate", "tiny", "-o", "tiny.npz", folder=folder)
+    done("calibrate", "tiny.npz", "--modes", 12, "--seed", 1, "-o", "result.json", folder=folder)
+    return folder
+
+
+@pytest.fixture
+def altered(made, tmp_path):
+    """Function that writes tiny's measurement with some keys changed, None taking one out."""
+
+    def write(**changes) -> Path:
+        with np.load(made / "tiny.npz") as archive:
+            table = {**archive, **changes}
+        path = tmp_path / "altered.npz"
+        np.savez(path, **{key: value for key, value in table.items() if value is not None})
+        return path
+
+    return write
+
+
+def test_simulate_writes_all_of_the_measurement(made):
+    measurement, scene = load_measurement(made / "tiny.npz"), load_scene("tiny")
+    assert measurement.count == 16
+    assert len(measurement.frequencies) >= scene.solver.modes
+    assert measurement.known.tolist() == list(scene.gauge.known)
+    assert measurement.search == scene.search
+    assert measurement.positions.shape == (16, 2)
+
+
+def test_calibrate_writes_the_result_and_tells_it(made):
+    result = json.loads((made / "result.json").read_text())
+    keys = {"positions", "solver", "seed", "frequencies", "cost", "sweeps", "elapsed_s", "converged"}
+    keys |= {"left_out_db", "left_out_microphones_db", "left_out_frequencies_db"}
+    keys |= {"names", "excluded", "verdict", "verdict_text", "uncertainty_m", "residual_to_noise", "sound_speed"}
+    assert keys | {"mean_error_m", "max_error_m"} <= set(result)
+    assert np.shape(result["positions"]) == (16, 2)
+    assert (result["solver"], result["seed"], len(result["frequencies"])) == ("joint", 1, 12)
+    assert 0 <= result["mean_error_m"] <= result["max_error_m"]
+    measurement = load_measurement(made / "tiny.npz")
+    assert np.array_equal(np.array(result["positions"])[measurement.known], measurement.known_positions)
+
+
+def test_calibrate_of_scene_and_of_its_file_agree(made, tmp_path):
+    run = fdcal("calibrate", "tiny", "--modes", 12, "--seed", 1, "-o", "again.json", folder=tmp_path)
+    assert "13 of 16 microphones" in run.stdout
+    assert "calibrating" in run.stderr
+    one, two = (json.loads(path.read_text()) for path in (made / "result.json", tmp_path / "again.json"))
+    assert one["positions"] == two["positions"]
+
+
+def test_calibrate_without_truth_has_no_error(altered, tmp_path):
+    out = done("calibrate", altered(positions=None), "--modes", 12, "-o", "blind.json", folder=tmp_path)
+    assert "unknown" in out
+    result = json.loads((tmp_path / "blind.json").read_text())
+    assert result["mean_error_m"] is None
+    assert result["max_error_m"] is None
+
+
+@pytest.fixture
+def calibrated(made, tmp_path, monkeypatch, capsys):
+    """Function that calibrates tiny's file, or another, with options, in this process: summary and result."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*options, path=made / "tiny.npz") -> tuple[str, dict]:
+        with pytest.raises(SystemExit) as ended:
+            main(["calibrate", str(path), "--modes", "20", "-o", "r.json", "--force", *map(str, options)])
+        assert ended.value.code in (0, 4)
+        return capsys.readouterr().out, json.loads((tmp_path / "r.json").read_text())
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("options", "sought", "aligned"),
+    [
+        ([], 13, False),
+        (["--known", "all", "--cost", "projection"], 13, False),
+        (["--known", "minimal"], 16, False),
+        (["--known", "none"], 16, True),
+        (["--noise", "60"], 13, False),
+        (["--noise", "auto"], 13, False),
+        (["--solver", "descent+joint", "--start", "affine"], 13, False),
+    ],
+)
+def test_calibrate_options_end_within_two_millimetres(calibrated, options, sought, aligned):
+    out, result = calibrated(*options)
+    assert result["aligned"] is aligned
+    assert f"{sought} of 16 microphones" in out
+    assert ("moved as a whole onto the truth" in out) is aligned
+    assert result["mean_error_m"] < 2e-3
+
+
+def test_a_file_without_known_microphones_is_calibrated_blind(calibrated, altered):
+    _, result = calibrated(path=altered(known=None, known_positions=None))
+    assert result["aligned"] is True and result["mean_error_m"] < 2e-3
+    _, result = calibrated(path=altered(known=None, known_positions=None, positions=None))
+    assert result["aligned"] is True and result["mean_error_m"] is None
+
+
+def test_the_least_gauge_takes_a_position_a_direction_and_a_side(calibrated, made):
+    known = load_measurement(made / "tiny.npz").known
+    truth = load_measurement(made / "tiny.npz").positions
+    found = np.array(calibrated("--known", "minimal")[1]["positions"])
+    first, second, third = known
+    assert np.array_equal(found[first], truth[first])
+    along, there = (x[second] - x[first] for x in (found, truth))
+    assert np.linalg.norm(along) * np.linalg.norm(there) == pytest.approx(along @ there, rel=1e-12)
+    assert not np.array_equal(found[second], truth[second])
+    sides = [along[0] * (x[third] - x[first])[1] - along[1] * (x[third] - x[first])[0] for x in (found, truth)]
+    assert sides[0] * sides[1] > 0
+
+
+def test_the_solver_s_seed_is_of_no_account_to_the_affine_start_and_all_to_a_random_one(calibrated):
+    one, two = (calibrated("--seed", seed)[1]["positions"] for seed in (0, 1))
+    assert one == two
+    one, two = (calibrated("--seed", seed, "--start", "random")[1]["positions"] for seed in (0, 1))
+    assert one != two
+
+
+def test_a_snr_told_takes_the_place_of_the_one_measured(calibrated, altered):
+    """With 3 dB supposed, where there is no noise, the prior wins and the pressures hardly count."""
+    careful, exact = (calibrated("--noise", snr)[1] for snr in ("3", "told"))
+    assert careful["mean_error_m"] > 3 * exact["mean_error_m"]
+    measured = altered(noise_power=None)
+    assert calibrated("--noise", "told", path=measured)[1]["positions"] == calibrated("--noise", "auto")[1]["positions"]
+
+
+def test_known_microphones_that_do_not_span_the_array_are_refused(altered, refused):
+    table = load_measurement(altered())
+    path = altered(known=table.known[:2], known_positions=table.known_positions[:2])
+    assert "name at least 3 known microphones that span the array, or none" in refused("calibrate", path)
+    line = refused("calibrate", path, "--known", "minimal")
+    assert "known = [0, 5] fixes no frame" in line and "3 known microphones" in line
+    bare = altered(known=None, known_positions=None)
+    assert "known = [] fixes no frame" in refused("calibrate", bare, "--known", "minimal")
+
+
+def test_a_blind_result_is_laid_onto_the_truth_before_it_is_drawn(calibrated, made):
+    calibrated("--known", "none")
+    with pytest.raises(SystemExit) as ended:
+        main(["landscape", str(made / "tiny.npz"), "--microphone", "9", "--result", "r.json", "-o", "f.png"])
+    assert not ended.value.code
+    found = positions_from(load_measurement(made / "tiny.npz"), json.loads(Path("r.json").read_text()))
+    assert np.abs(found - load_measurement(made / "tiny.npz").positions).max() < 5e-3
+
+
+def test_search_domain_from_the_command_line(altered, made, tmp_path, refused):
+    bare = altered(**dict.fromkeys(("search_origin", "search_size", "search_step", "radius")))
+    domain = ["--search", "0.46,0.3,0.48,0.48,0.02", "--radius", 0.32]
+    done("calibrate", bare, "--modes", 12, "--seed", 1, *domain, "-o", "out.json", folder=tmp_path)
+    one, two = (json.loads(path.read_text()) for path in (made / "result.json", tmp_path / "out.json"))
+    assert one["positions"] == two["positions"]
+    assert "--search" in refused("calibrate", bare, "--solver", "descent")
+    assert "--search" in refused("calibrate", bare, "--start", "random")
+    assert "--radius" in refused("calibrate", bare, *domain[:2])
+
+
+def test_landscape_finds_the_true_place(made, tmp_path):
+    out = done("landscape", made / "tiny.npz", "--microphone", 9, "-o", "fig.png", folder=tmp_path)
+    assert (tmp_path / "fig.png").read_bytes().startswith(PNG)
+    x, y = load_measurement(made / "tiny.npz").positions[9]
+    assert f"at ({x:.4g}, {y:.4g}) m" in out
+    others = ["--mode-numbers", "2,3", "--result", made / "result.json"]
+    done("landscape", "tiny", "--microphone", 0, *others, "-o", "other.png", folder=tmp_path)
+
+
+def test_snapshot(made, tmp_path, require_gl):
+    size = ["--size", "320x200", "--view", "3d", "--microphone", 9]
+    done("snapshot", "tiny", "--result", made / "result.json", *size, "-o", "room.png", folder=tmp_path)
+    assert (tmp_path / "room.png").read_bytes().startswith(PNG)
+
+
+def test_scenes_and_help(tmp_path):
+    assert "tiny" in done("scenes", folder=tmp_path)
+    assert "calibrate" in done(folder=tmp_path)
+    assert "ORIGIN,SIZE,STEP" in done("calibrate", "--help", folder=tmp_path)
+
+
+@pytest.mark.parametrize("start", [[*FDCAL, "view"], [sys.executable, str(Path(__file__).parents[2] / "app.py")]])
+def test_view_prints_its_address_once_it_serves(start, made, tmp_path):
+    command = [*start, "tiny", "--port", "0", "--no-browser"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path) as viewer:
+        try:
+            ready, _, _ = select.select([viewer.stdout], [], [], 60)
+            assert ready, "no address within a minute"
+            line = viewer.stdout.readline()
+            assert line.startswith("http://127.0.0.1:"), line + viewer.stderr.read()
+            with urllib.request.urlopen(line.strip(), timeout=10) as page:
+                assert b"<html" in page.read().lower()
+            viewer.send_signal(signal.SIGINT)
+            viewer.wait(20)
+        finally:
+            viewer.kill()
+        assert viewer.returncode in (0, 130)
+        assert "Traceback" not in viewer.stderr.read()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nothing"], ["nothing"]),
+        (["view", "--port", "65536"], ["--port 65536", "out of range"]),
+        (["view", "--port", "-1"], ["--port -1", "out of range"]),
+        (["view", "--port", "eighty"], ["--port", "eighty"]),
+        (["view", "--host", "no such host"], ["--host", "127.0.0.1"]),
+        (["view", "--host", ""], ["--host", "127.0.0.1"]),
+        (["view", "--host", "203.0.113.1"], ["--host", "203.0.113.1", "127.0.0.1"]),
+        (["view", "nowhere"], ['"nowhere" is unknown', "tiny"]),
+        (["simulate", "tiny"], ["-o"]),
+        (["simulate", "tiny", "-o", "tiny.mat"], ["tiny.mat", ".npz"]),
+        (["simulate", "old.npz", "-o", "new.npz"], ["old.npz", "give a scene"]),
+        (["calibrate", "tiny", "--modes", "0"], ["modes = 0", "1 to"]),
+        (["calibrate", "tiny", "--modes", "10000"], ["solver.modes = 10000", "use at most"]),
+        (["calibrate", "tiny", "--seed", "-4"], ["seed = -4", "0 or more"]),
+        (["calibrate", "tiny", "--solver", "magic"], ['solver.name = "magic"', "descent, descent+joint, joint"]),
+        (["calibrate", "tiny", "--solver", "joint+descent"], ['"joint+descent" is unknown', "descent+joint"]),
+        (["calibrate", "tiny", "--modes", "3"], ["3 modes are too few", "26 unknown coordinates", "use at least 6"]),
+        (["calibrate", "tiny", "--start", "zero"], ['solver.start = "zero"', "affine, random"]),
+        (["calibrate", "tiny", "--known", "some"], ['solver.known = "some"', "all, minimal, none"]),
+        (["calibrate", "tiny", "--cost", "least"], ['solver.cost = "least"', "likelihood, projection"]),
+        (["calibrate", "tiny", "--noise", "much"], ['solver.noise = "much"', '"auto"', "decibels"]),
+        (["calibrate", "tiny", "--noise", "nan"], ['solver.noise = "nan"', "decibels"]),
+        (["calibrate", "tiny", "--noise", "301"], ['solver.noise = "301"', "decibels"]),
+        (["calibrate", "tiny", "--solver", "descent", "--known", "none"], ['solver.known = "none"', "--known all"]),
+        (["calibrate", "tiny", "--solver", "descent+joint", "--known", "minimal"], ['"minimal"', "--solver joint"]),
+        (["calibrate", "tiny", "--search", "0,0,1,1"], ["--search 0,0,1,1", "4 numbers", "give 5", "step"]),
+        (["calibrate", "tiny", "--search", "0,0,1,1,fine"], ["--search", "no list of numbers"]),
+        (["calibrate", "tiny", "--search", "0,0,1,-1,0.1"], ["search.size = -1 m", "above zero"]),
+        (["calibrate", "tiny", "--search", "0,0,nan,1,0.1"], ["search.size = nan", "finite"]),
+        (["calibrate", "tiny", "--radius", "-1"], ["search.radius = -1 m", "above zero"]),
+        (
+            ["calibrate", "tiny", "--solver", "descent", "--radius", "4"],
+            ["2L + 1 =", "16 microphones; use a search.radius below 4 m"],
+        ),
+        (
+            ["calibrate", "tiny", "--solver", "descent", "--radius", "0.5"],
+            ["search.radius = 0.5 m", "(solver.modes; 20 asked for)", "below 2"],
+        ),
+        (["landscape", "tiny", "--microphone", "16", "-o", "f.png"], ["--microphone 16", "0 to 15"]),
+        (["landscape", "tiny", "--microphone", "-1", "-o", "f.png"], ["--microphone -1", "0 to 15"]),
+        (["landscape", "tiny", "--microphone", "0", "--mode-numbers", "0", "-o", "f.png"], ["mode 0", "1 to"]),
+        (["landscape", "tiny", "--microphone", "0", "--mode-numbers", "1;2", "-o", "f.png"], ["whole numbers"]),
+        (["landscape", "tiny", "--microphone", "0", "--radius", "4", "-o", "f.png"], ["2L + 1 ="]),
+        (["snapshot", "tiny", "--size", "big", "-o", "f.png"], ['--size "big"', "1280x800"]),
+        (["snapshot", "tiny", "--size", "1x1", "-o", "f.png"], ['--size "1x1"', "64 to 8192"]),
+        (["snapshot", "tiny", "--view", "side", "-o", "f.png"], ["side", "top"]),
+        (["snapshot", "tiny", "-o", "."], [".png"]),
+    ],
+)
+def test_bad_arguments_exit_2(arguments, words, refused):
+    line = refused(*arguments)
+    for word in words:
+        assert word in line
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"room.sise": "[1, 1]"}, ["room.sise", 'did you mean "room.size"']),
+        ({"source.sample_rate": "8000.0"}, ["source.sample_rate = 8000 Hz", "CFL", "12127"]),
+        ({"source.low": "1e-6"}, ["source.duration = 0.6 s", "pulse", "higher source.low"]),
+        ({"source.duration": "0.01"}, ["duration", "resolution"]),
+        ({"source.position": "[0.7, 0.6]"}, ["source.position", "inside the array"]),
+        ({"array.center": "[0.0, 0.0]"}, ["microphone 0", "outside the room"]),
+        ({"gauge.known": "[0, 1]"}, ["gauge.known = [0, 1]", "three"]),
+        ({"solver.name": '"descent"', "solver.order_offset": "30"}, ["2L + 1 =", "16 microphones"]),
+    ],
+)
+def test_bad_scene_exits_2(edited, changes, words, tmp_path, refused):
+    line = refused("calibrate", edited(changes), "-o", "result.json")
+    for word in words:
+        assert word in line
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda t: {"frequencies": None}, ['no "frequencies"']),
+        (lambda t: {"pressures": None}, ['no "pressures"']),
+        (lambda t: {"sound_speed": None}, ['no "sound_speed"']),
+        (lambda t: {"dimension": None}, ['no "dimension"']),
+        (lambda t: {"known": t["known"] + 0.5}, ["known is real", "whole numbers"]),
+        (lambda t: {"wavenumbers": t["wavenumbers"].conj()}, ["wavenumbers[0]", "exp(+j w t)"]),
+        (lambda t: {"pressures": t["pressures"].real}, ["real", "complex"]),
+        (lambda t: {"pressures": t["pressures"][:, :-1]}, ["names must be 15"]),
+        (lambda t: {"pressures": t["pressures"] * np.nan}, ["pressures", "finite"]),
+        (lambda t: {"pressures": t["pressures"] * (np.arange(16) > 0)}, ['"0"', "zero"]),
+        (lambda t: {"frequencies": t["frequencies"][:-1]}, ["shape", "frequencies"]),
+        (lambda t: {"radius": None}, ["search_origin", "radius"]),
+        (lambda t: {"dimension": 3, "array_dimension": 2}, ["two-dimensional", "dimension = 3"]),
+        (lambda t: {"dimension": 4}, ["dimension", "2, 3"]),
+        (lambda t: {"known": t["known"] + 100}, ["known", "0 to 15"]),
+        (lambda t: {"known": t["known"][:2], "known_positions": t["known_positions"][:2]}, ["known = [0, 5]", "three"]),
+        (lambda t: {"known": None, "known_positions": None}, ["known = []", "three"]),
+    ],
+)
+def test_bad_measurement_exits_2(altered, made, change, words, refused):
+    with np.load(made / "tiny.npz") as archive:
+        path = altered(**change(dict(archive)))
+    descent = ["calibrate", path, "--solver", "descent", "-o", "new.json"]
+    for command in (descent, ["landscape", path, "--microphone", 9, "-o", "new.png"]):
+        if command[0] == "calibrate" or "three" not in words:  # a landscape needs no gauge
+            line = refused(*command)
+            for word in words:
+                assert word in line
+
+
+def test_bad_results_exit_2(made, tmp_path, refused):
+    drawing = ["landscape", "tiny", "--microphone", 0, "-o", "f.png", "--result"]
+    (tmp_path / "text.json").write_text("{")
+    (tmp_path / "empty.json").write_text("{}")
+    (tmp_path / "few.json").write_text(json.dumps({"positions": [[0, 0]]}))
+    assert "not valid JSON" in refused(*drawing, "text.json")
+    assert 'no "positions"' in refused(*drawing, "empty.json")
+    assert 'no "solver"' in refused(*drawing, "few.json")
+    few = json.loads((made / "result.json").read_text()) | {"positions": [[0.5, 0.5]], "uncertainty_m": [0.0]}
+    (tmp_path / "few.json").write_text(json.dumps(few))
+    assert "shape (1, 2)" in refused(*drawing, "few.json")
+    assert "gone.json" in refused(*drawing, "gone.json", code=3)
+
+
+def test_a_refused_process_exits_with_the_code_and_no_traceback(tmp_path):
+    for arguments, code in ((["calibrate", "tiny", "--modes", "0"], 2), (["calibrate", "gone.npz"], 3)):
+        run = fdcal(*arguments, folder=tmp_path)
+        assert run.returncode == code
+        assert run.stdout == ""
+        assert "Traceback" not in run.stderr
+        assert run.stderr.splitlines()[-1].startswith("error: ")
+
+
+def test_missing_files_exit_3(refused):
+    assert "gone.npz" in refused("calibrate", "gone.npz", code=3)
+    assert "gone.toml" in refused("simulate", "gone.toml", "-o", "new.npz", code=3)
+    assert "mkdir" in refused("simulate", "tiny", "-o", "gone/new.npz", code=3)
+
+
+def test_port_in_use_exits_2(refused):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        line = refused("view", "tiny", "--port", port, "--no-browser")
+    assert f"--port {port} is in use" in line
+    assert "--port 0" in line
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["simulate", "tiny", "-o", "out.npz"],
+        ["calibrate", "tiny", "--modes", "12", "-o", "out.json"],
+        ["landscape", "tiny", "--microphone", "1", "-o", "out.png"],
+    ],
+)
+def test_existing_output_stays_without_force(arguments, tmp_path, refused):
+    path = tmp_path / arguments[-1]
+    path.write_text("precious")
+    assert "--force" in refused(*arguments)
+    assert path.read_text() == "precious"
+    done(*arguments, "--force", folder=tmp_path)
+    assert path.read_bytes() != b"precious"
+    assert list(tmp_path.iterdir()) == [path], "no temporary file stays"
+
+
+def test_snapshot_does_not_overwrite(tmp_path, refused):
+    (tmp_path / "out.png").write_text("precious")
+    assert "--force" in refused("snapshot", "tiny", "-o", "out.png")
+    assert (tmp_path / "out.png").read_text() == "precious"
+
+
+def test_interrupt_leaves_nothing_half_written(edited, cache, tmp_path):
+    scene = edited({"source.duration": "600.0"})
+    folder = tmp_path / "out"
+    folder.mkdir()
+    before = sorted(cache.rglob("*"))
+    command = [*FDCAL, "simulate", str(scene), "-o", "long.npz"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=folder, env=os.environ) as run:
+        try:
+            ready, _, _ = select.select([run.stderr], [], [], 60)
+            assert ready, "no progress within a minute"
+            time.sleep(0.3)
+            run.send_signal(signal.SIGINT)
+            _, errors = run.communicate(timeout=30)
+        finally:
+            run.kill()
+    assert run.returncode == 130, errors
+    assert b"Traceback" not in errors
+    assert list(folder.iterdir()) == []
+    assert [path for path in cache.rglob("*") if path.is_file() and path not in before] == []

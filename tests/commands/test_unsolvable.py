@@ -1,0 +1,184 @@
+"""Measurements that cannot be solved, through the command line: one line, the right exit code, and the way out."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from fields import measured
+
+from fdcal.commands.cli import main
+from fdcal.model.measurement_file import load_measurement, save_measurement
+
+GRID = np.linspace(-0.5, 0.5, 5)
+TRUTH = np.array([(x, y) for x in GRID for y in GRID]) + [2.6, 2.3]
+TRUTH += np.random.default_rng(0).normal(scale=0.03, size=TRUTH.shape)
+KNOWN = [0, 4, 22]
+
+
+@pytest.fixture
+def calibrate(tmp_path, monkeypatch, capsys):
+    """Function that changes the keys of a measurement and calibrates it: exit code, output, error line, result."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(change=dict, *options, source=(5.47, 4.53), places=TRUTH, known=tuple(KNOWN)):
+        save_measurement(measured(places, list(known), highest=230, snr_db=40, source=source), "m.npz")
+        with np.load("m.npz") as archive:
+            table = dict(archive)
+        table |= change(table)
+        np.savez("m.npz", **{key: value for key, value in table.items() if value is not None})
+        result = tmp_path / "r.json"
+        result.unlink(missing_ok=True)
+        with pytest.raises(SystemExit) as ended:
+            main(["calibrate", "m.npz", "--solver", "joint", "-o", "r.json", *options])
+        out, errors = capsys.readouterr()
+        lines = [line for line in errors.splitlines() if line.startswith("error: ")]
+        assert len(lines) == (ended.value.code in (2, 3))
+        assert result.exists() == (ended.value.code in (0, 4)), "2 and 3 write nothing, 4 writes all"
+        return ended.value.code, out, "".join(lines), json.loads(result.read_text()) if result.exists() else None
+
+    return run
+
+
+def column(n, values):
+    """Change of a measurement: channel `n` replaced by what `values` makes of it."""
+
+    def change(table):
+        p = table["pressures"].copy()
+        p[:, n] = values(p)
+        return {"pressures": p}
+
+    return change
+
+
+def test_a_right_array_is_good_and_exits_0(calibrate):
+    code, out, _, result = calibrate()
+    assert code == 0 and result["verdict"] == "good" and "verdict good" in out
+    assert len(result["uncertainty_m"]) == len(result["names"]) == 25
+    assert result["uncertainty_m"][4] == 0 < result["uncertainty_m"][5] < 0.02
+    assert 0.7 < result["residual_to_noise"] < 1.5
+    assert result["sound_speed"] == 343.0 and result["excluded"] == []
+
+
+def test_an_odd_channel_exits_4_with_the_whole_result_and_is_well_without(calibrate):
+    odd = column(17, lambda p: 0.4 * p[:, 17])
+    code, out, _, result = calibrate(odd)
+    assert code == 4 and result["verdict"] == "odd_channel" and "--exclude 17" in result["verdict_text"]
+    assert result["verdict_text"] in out
+    assert len(result["positions"]) == 25
+    code, _, _, result = calibrate(odd, "--exclude", "17")
+    assert code == 0
+    assert result["excluded"] == ["17"] and "17" not in result["names"]
+    assert len(result["positions"]) == len(result["names"]) == len(result["uncertainty_m"]) == 24
+
+
+def test_a_source_inside_the_array_exits_4(calibrate):
+    code, _, _, result = calibrate(source=(2.7, 2.4))
+    assert code == 4 and result["verdict"] != "good"
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (column(9, lambda p: np.nan), ['microphone "9"', "finite", "--exclude 9"]),
+        (column(9, lambda p: 0.0), ['microphone "9"', "zero", "--exclude 9"]),
+        (column(9, lambda p: 0.3 - 0.1j), ['microphone "9"', "same pressure", "--exclude 9"]),
+        (column(9, lambda p: p[:, 3]), ['"3" and "9"', "heard the same", "--exclude 9"]),
+        (column(9, lambda p: 2j * p[:, 3]), ['"3" and "9"', "heard the same", "--exclude 9"]),
+    ],
+    ids=["nan", "zero", "constant", "identical", "identical but for a factor"],
+)
+def test_a_dead_or_doubled_channel_is_named_and_may_be_left_out(calibrate, change, words):
+    code, _, line, _ = calibrate(change)
+    assert code == 2
+    for word in words:
+        assert word in line
+    assert calibrate(change, "--exclude", "9")[0] == 0
+
+
+def few_modes(count):
+    keys = "frequencies", "pressures", "wavenumbers", "noise_power"
+    return lambda table: {key: table[key][:count] for key in keys}
+
+
+def test_too_few_frequencies_say_how_many_are_needed(calibrate):
+    code, _, line, _ = calibrate(few_modes(1))
+    assert code == 2 and "44 unknown coordinates" in line and "at least 2 are needed" in line
+    code, _, line, _ = calibrate(few_modes(5))
+    assert code == 2 and "use at least 6" in line
+
+
+def test_too_few_microphones(calibrate):
+    code, _, line, _ = calibrate(places=TRUTH[[0, 4, 22]], known=[0, 1])
+    assert code == 2 and "3 microphones are too few" in line
+    code, _, line, _ = calibrate(places=TRUTH[[0, 4, 22, 12, 8]], known=[0, 1, 2])
+    assert code == 2 and "too few" in line
+
+
+def test_known_microphones_in_one_place_or_on_one_line(calibrate):
+    together = TRUTH[KNOWN].copy()
+    together[1] = together[0]
+    code, _, line, _ = calibrate(lambda table: {"known_positions": together})
+    assert code == 2 and '"0" and "4"' in line and "known_positions" in line
+    straight = np.array([[2.1, 2.0], [2.6, 2.0], [3.1, 2.0]])
+    code, _, line, _ = calibrate(lambda table: {"known_positions": straight})
+    assert code == 2 and "span the array" in line
+
+
+def test_all_microphones_on_a_line(calibrate):
+    line_up = np.column_stack([np.linspace(2.0, 3.2, 16), np.full(16, 2.3)])
+    code, _, line, _ = calibrate(places=line_up, known=[])
+    assert code == 2 and "on a line" in line
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--exclude", "99"], ["--exclude 99", "0 to 24"]),
+        (["--exclude", "3,,4"], ["--exclude", "3,17"]),
+        (["--estimate-sound-speed", "--distance", "0,4,1"], ["--distance", "without known"]),
+        (["--distance", "0,4,1"], ["--estimate-sound-speed"]),
+        (["--distance", "0,4"], ["--distance", "0,5,1.25"]),
+        (["--solver", "descent", "--noise", "30"], ["--noise", "--solver joint"]),
+        (["--solver", "descent", "--cost", "projection"], ["--cost", "--solver joint"]),
+    ],
+)
+def test_bad_options(calibrate, options, words):
+    code, _, line, _ = calibrate(dict, *options)
+    assert code == 2
+    for word in words:
+        assert word in line
+
+
+def test_the_sound_speed_is_estimated(calibrate):
+    def slower(table):
+        return {"sound_speed": np.array(343 * 0.97), "wavenumbers": table["wavenumbers"] / 0.97}
+
+    code, _, _, result = calibrate(slower)
+    assert code == 4 and result["verdict"] == "sound_speed"
+    code, _, _, result = calibrate(slower, "--estimate-sound-speed")
+    assert code == 0 and result["sound_speed"] == pytest.approx(343, rel=0.005)
+    assert result["mean_error_m"] < 0.006
+    blind = ["--estimate-sound-speed", "--distance", f"0,24,{np.linalg.norm(TRUTH[0] - TRUTH[24])}"]
+    code, _, _, result = calibrate(slower, *blind, known=[])
+    assert code == 0 and result["sound_speed"] == pytest.approx(343, rel=0.01)
+    code, _, line, _ = calibrate(slower, *blind[:1], known=[])
+    assert code == 2 and "--distance" in line
+
+
+def test_excluding_keeps_names_known_ones_and_truth_in_step(tmp_path):
+    save_measurement(measured(TRUTH, KNOWN, highest=100), tmp_path / "m.npz")
+    left = load_measurement(tmp_path / "m.npz", ["4", "2"])
+    kept = np.setdiff1d(np.arange(25), [2, 4])
+    assert left.names == tuple(map(str, kept))
+    assert np.array_equal(left.positions, TRUTH[kept])
+    assert left.known.tolist() == [0, 20] and np.array_equal(left.known_positions, TRUTH[[0, 22]])
+
+
+def test_a_result_that_leaves_microphones_out_is_no_place_for_all(calibrate, capsys):
+    assert calibrate(dict, "--exclude", "17")[0] == 0
+    with pytest.raises(SystemExit) as ended:
+        main(["landscape", "m.npz", "--microphone", "3", "--result", "r.json", "-o", "f.png"])
+    assert ended.value.code == 2
+    assert "leaves out microphone 17" in capsys.readouterr().err

@@ -1,0 +1,115 @@
+"""Laws of the cost, Eq. 7, and of its landscape."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from fields import measured
+
+from fdcal.acoustics.fourier_bessel import fourier_bessel, max_order
+from fdcal.cost.eq7 import cost, landscape, lattice_of, leave_one_out, require_modes, residual
+from fdcal.cost.lattice_search import best_candidate, lattice_landscape
+from fdcal.model.validation import InputError
+
+TRUTH = np.random.default_rng(3).uniform(-0.5, 0.5, (24, 2)) + [2.61, 2.31]
+MEASUREMENT = measured(TRUTH, [0, 1, 2], highest=150.0)
+PROBLEM = MEASUREMENT.problem()
+ORDERS = max_order(PROBLEM.wavenumbers, 0.8, 2)
+CENTRE = TRUTH.mean(axis=0)
+GUESS = TRUTH + np.random.default_rng(4).normal(0, 0.05, TRUTH.shape)
+CANDIDATES = np.random.default_rng(5).uniform(-0.6, 0.6, (50, 2)) + CENTRE
+
+
+def brute_force(n, tikhonov=0.0, centre=CENTRE, guess=GUESS, orders=ORDERS):
+    """Eq. 7 by a pseudo-inverse for every candidate."""
+    values = np.empty((len(orders), len(CANDIDATES)))
+    for m, (p, k, L) in enumerate(zip(PROBLEM.pressures, PROBLEM.wavenumbers, orders, strict=True)):
+        for c, candidate in enumerate(CANDIDATES):
+            moved = guess.copy()
+            moved[n] = candidate
+            W = fourier_bessel(moved, k, L, centre)
+            A = np.concatenate([W, np.sqrt(tikhonov) * np.eye(W.shape[1])])
+            b = np.concatenate([p, np.zeros(W.shape[1])])
+            values[m, c] = np.sum(np.abs(A @ (np.linalg.pinv(A) @ b) - b) ** 2)
+    return values
+
+
+@pytest.mark.parametrize("tikhonov", [0.0, 1e-6, 0.1])
+def test_landscape_is_eq_7_by_brute_force(tikhonov):
+    arguments = (PROBLEM.pressures, PROBLEM.wavenumbers, ORDERS, CENTRE, tikhonov)
+    expected = brute_force(7, tikhonov)
+    np.testing.assert_allclose(landscape(GUESS, 7, CANDIDATES, *arguments), expected, atol=1e-10)
+
+
+def test_landscape_at_the_microphone_is_the_cost():
+    arguments = (PROBLEM.pressures, PROBLEM.wavenumbers, ORDERS, CENTRE)
+    for tikhonov in (0.0, 1e-3):
+        here = landscape(GUESS, 5, GUESS[5:6], *arguments, tikhonov)[:, 0]
+        np.testing.assert_allclose(here, cost(GUESS, *arguments, tikhonov), atol=1e-10)
+
+
+def test_rank_deficient_landscape_is_eq_7_on_the_reduced_dictionary():
+    """Two microphones in one place: their rows are equal, and the dictionary is reduced once, for all candidates."""
+    few = np.repeat(GUESS[:5], 3, axis=0)
+    W = fourier_bessel(few, PROBLEM.wavenumbers[0], 3, CENTRE)
+    p = PROBLEM.pressures[0, : len(few)]
+    fit = leave_one_out([W], p[None], 0)[0]
+    others = W[1:]
+    V = np.linalg.svd(others, full_matrices=False)[2].conj().T[:, : np.linalg.matrix_rank(others, tol=1e-10)]
+    rows = fourier_bessel(CANDIDATES, PROBLEM.wavenumbers[0], 3, CENTRE)
+    for c, row in enumerate(rows):
+        A = np.concatenate([row[None], others]) @ V
+        expected = np.sum(np.abs(A @ (np.linalg.pinv(A) @ p) - p) ** 2)
+        assert fit.cost_of(rows)[c] == pytest.approx(expected, abs=1e-9)
+
+
+def test_truth_explains_the_pressures_and_ample_order_is_better():
+    k = PROBLEM.wavenumbers
+    totals = [
+        cost(TRUTH, PROBLEM.pressures[:5], k[:5], max_order(k[:5], 0.8, offset), CENTRE).sum() for offset in range(4)
+    ]
+    assert all(after < before / 30 for before, after in pairwise(totals))
+    assert residual(TRUTH, PROBLEM.pressures[:5], k[:5], max_order(k[:5], 0.8, 3), CENTRE) == pytest.approx(0, abs=1e-4)
+
+
+@pytest.mark.parametrize("tikhonov", [0.0, 1e-3])
+def test_cost_does_not_change_under_translation_rotation_and_mirror(tikhonov):
+    angle = 0.8
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    here = cost(GUESS, PROBLEM.pressures, PROBLEM.wavenumbers, ORDERS, CENTRE, tikhonov)
+    for move in (np.eye(2), turn, turn @ np.diag([1, -1])):
+        there = cost(
+            GUESS @ move.T + [3, -2], PROBLEM.pressures, PROBLEM.wavenumbers, ORDERS, move @ CENTRE + [3, -2], tikhonov
+        )
+        np.testing.assert_allclose(there, here, rtol=1e-7, atol=1e-12)
+
+
+def test_lattice_landscape_and_pruned_search_agree_with_the_landscape():
+    lattice = lattice_of(PROBLEM, 2)
+    modes = slice(1, 9)
+    centre = lattice.nearest(CENTRE)
+    expected = landscape(
+        GUESS, 7, lattice.points, PROBLEM.pressures[modes], PROBLEM.wavenumbers[modes], ORDERS[modes], centre
+    )
+    maps = lattice_landscape(PROBLEM, lattice, GUESS, 7, centre, modes)
+    assert maps.shape == (8, *lattice.shape)
+    np.testing.assert_allclose(maps.reshape(8, -1), expected, atol=1e-10)
+    fits = leave_one_out(lattice.microphones(GUESS, centre, range(1, 9)), PROBLEM.pressures[modes], 7)
+    for start in (0, 400, len(lattice.points) - 1):
+        best, least = best_candidate(lattice, centre, modes, fits, start)
+        assert best == expected.sum(axis=0).argmin()
+        assert least == pytest.approx(expected.sum(axis=0).min(), rel=1e-9)
+
+
+def test_weights_make_the_cost_dimensionless():
+    louder = MEASUREMENT.__class__(**{**vars(MEASUREMENT), "pressures": MEASUREMENT.pressures * 17.0})
+    np.testing.assert_allclose(louder.problem().pressures, PROBLEM.pressures)
+    np.testing.assert_allclose(louder.problem("raw").pressures, MEASUREMENT.pressures * 17.0)
+
+
+def test_modes_that_the_microphones_cannot_carry_are_refused():
+    problem = measured(TRUTH[:8], [0, 1, 2], highest=300.0).problem()
+    with pytest.raises(InputError, match=r"2L \+ 1 = .* functions for 8 microphones; use at most"):
+        require_modes(problem, 2, 30)
+    with pytest.raises(InputError, match="were measured; use at most"):
+        require_modes(problem, 2, 1000)

@@ -1,0 +1,103 @@
+"""Laws of the likelihood's maps over the search lattice."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fields import measured
+
+from fdcal.cost.landscapes import finer
+from fdcal.cost.likelihood import LEAST_NOISE, diffuse_field, likelihood_landscape
+from fdcal.cost.likelihood_maps import likelihood_maps
+from fdcal.model.measurement import Problem
+from fdcal.model.scene import Search, Solver
+from fdcal.model.validation import InputError
+from fdcal.solvers import joint
+
+TRUTH = np.random.default_rng(3).uniform(-0.5, 0.5, (24, 2)) + [2.61, 2.31]
+MEASURED = measured(TRUTH, [0, 1, 2], highest=250.0, snr_db=40)
+ROUGH = TRUTH + np.random.default_rng(4).normal(0, 0.02, TRUTH.shape)
+MODES = slice(1, 40, 6)
+N = 7
+CELLAR = Search((2.01, 1.71, 0.4), (1.2, 1.0, 0.6), 0.1, 0.8)
+AREA = Search((1.81, 1.51), (1.6, 1.2), 0.08, 0.8)  # no square, and wider than the array
+
+
+def noise_of(problem: Problem, share: float, modes=MODES) -> np.ndarray:
+    return share * np.mean(np.abs(problem.pressures[modes]) ** 2, axis=1)
+
+
+def directly(problem: Problem, positions, noise, search, modes=MODES) -> np.ndarray:
+    """The same maps, point by point with dense matrices."""
+    layer = search.layer(float(positions[N, -1]))
+    field = diffuse_field(problem.pressures[modes], problem.wavenumbers[modes], noise, problem.dimension)
+    points = layer.reshape(-1, layer.shape[-1])
+    maps = likelihood_landscape(positions, N, points, problem.pressures[modes], field)
+    return maps.reshape(-1, *layer.shape[:2])
+
+
+def assert_same(maps, expected):
+    assert maps.shape == expected.shape
+    span = np.ptp(expected, axis=(1, 2))
+    assert np.all(span > 1.0), "a flat map shows nothing"
+    assert np.all(np.abs(maps - expected).max(axis=(1, 2)) < 1e-7 * span)
+
+
+def in_space(planar: bool) -> tuple[Problem, np.ndarray]:
+    """A field of three dimensions at microphones in space or in a plane; that the pressures do not fit is no matter."""
+    heights = np.random.default_rng(5).uniform(0.4, 1.0, len(TRUTH))
+    positions = ROUGH if planar else np.column_stack([ROUGH, heights])
+    search = AREA if planar else CELLAR
+    problem = MEASURED.problem()
+    return replace(problem, dimension=3, array_dimension=2 if planar else 3, search=search), positions
+
+
+@pytest.mark.parametrize("share", [1e-1, 1e-3, 1e-6])
+def test_maps_in_the_plane_are_the_likelihood_at_every_point(share):
+    problem = replace(MEASURED.problem(), search=AREA)
+    noise = noise_of(problem, share)
+    assert_same(likelihood_maps(problem, ROUGH, N, MODES, noise), directly(problem, ROUGH, noise, AREA))
+
+
+@pytest.mark.parametrize("share", [1e-2, 1e-6])
+@pytest.mark.parametrize("planar", [True, False])
+def test_maps_of_a_field_in_space_are_the_likelihood_at_every_point(planar, share):
+    problem, positions = in_space(planar)
+    noise = noise_of(problem, share)
+    maps = likelihood_maps(problem, positions, N, MODES, noise)
+    assert_same(maps, directly(problem, positions, noise, problem.search))
+
+
+@pytest.mark.parametrize("away", [0.0, 1.0, 2.5, 40.0])
+def test_microphones_far_out_change_no_law_nor_the_tables_of_those_that_are_not(away):
+    problem = replace(MEASURED.problem(), search=AREA)
+    noise = noise_of(problem, 1e-4)
+    before = likelihood_maps(problem, ROUGH, N, MODES, noise)
+    astray = ROUGH.copy()
+    astray[3] += away
+    assert_same(likelihood_maps(problem, astray, N, MODES, noise), directly(problem, astray, noise, AREA))
+    np.testing.assert_allclose(likelihood_maps(problem, ROUGH, N, MODES, noise), before, rtol=1e-9)
+
+
+def test_positions_that_are_none_are_refused():
+    problem, astray = MEASURED.problem(), ROUGH.copy()
+    astray[3, 0] = np.nan
+    with pytest.raises(np.linalg.LinAlgError, match="finite"):
+        likelihood_maps(problem, astray, N, MODES, noise_of(problem, 1e-3))
+
+
+def test_a_finer_lattice_shows_the_same_surface():
+    problem = replace(MEASURED.problem(), search=AREA)
+    fine, noise = finer(AREA, 90), noise_of(problem, 1e-3)
+    assert_same(likelihood_maps(problem, ROUGH, N, MODES, noise, fine), directly(problem, ROUGH, noise, fine))
+
+
+def test_the_joint_solver_shows_the_likelihood_with_no_less_noise_than_the_kernel_bears():
+    problem = MEASURED.problem()
+    begun = joint.init(problem, Solver(name="joint", modes=40), 0)
+    for share, shown in ((1e-3, 1e-3), (1e-10, LEAST_NOISE)):
+        state = replace(begun, positions=ROUGH, noise=noise_of(problem, share, slice(None)))
+        expected = directly(problem, ROUGH, noise_of(problem, shown), problem.search)
+        assert_same(joint.landscape(problem, state, N, MODES), expected)
+    with pytest.raises(InputError, match="search domain"):
+        joint.landscape(replace(problem, search=None), begun, N, MODES)

@@ -1,0 +1,163 @@
+"""Laws of the compiled costs: through the expansion, the series and the kernel."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy.special import jv, spherical_jn
+
+from fdcal.acoustics.fourier_bessel import fourier_bessel, max_order
+from fdcal.acoustics.spherical_harmonics import spherical_bessel
+from fdcal.cost import eq7 as paper
+from fdcal.cost.dense_covariance import dense_terms
+from fdcal.cost.likelihood import DiffuseField, newton_terms, total
+from fdcal.cost.low_rank_covariance import AMPLE, bessel_orders_of, expansion_terms
+from fdcal.cost.spherical_covariance import spherical_orders
+
+N, M = 9, 3
+K = np.array([1.3, 3.1, 7.4])
+POWER, NOISE = np.array([1.0, 0.7, 1.6]), np.array([0.03, 0.05, 0.02])
+ASIDE = 1e-5  # the expansion's centre is a little beside the centre of mass, and so counts, of complex wavenumbers
+CASES = [
+    pytest.param(dimension, D, damped, log_det, near, id=f"{D} of {dimension}-{name}-{cost}{'-near' * near}")
+    for (dimension, D), (damped, name), (log_det, cost), near in itertools.product(
+        ((2, 2), (3, 3), (3, 2)),
+        ((0.0, "real"), (0.2, "complex")),
+        ((True, "likelihood"), (False, "projection")),
+        (False, True),
+    )
+]
+
+
+def drawn(D, seed=0):
+    """Positions (N, D) away from the origin, pressures (M, N)."""
+    rng = np.random.default_rng(seed)
+    x = rng.uniform(-0.5, 0.5, (N, D)) + np.arange(2, 2 + D)
+    return x, rng.normal(size=(M, N)) + 1j * rng.normal(size=(M, N))
+
+
+def field(dimension, damped, log_det=True, near=False, about=None):
+    k = K - 1j * damped if damped else K
+    return DiffuseField(k, POWER, NOISE, dimension, log_det, near, about)
+
+
+def dictionary(x, k, dimension, centre):
+    order = int(max_order(np.array([k]), 1.0, AMPLE)[0])
+    build = fourier_bessel if dimension == 2 else spherical_bessel
+    return build(x, k, order, centre)
+
+
+@pytest.mark.parametrize(("dimension", "D", "damped", "log_det", "near"), CASES)
+def test_gradient_is_the_limit_of_differences(dimension, D, damped, log_det, near):
+    x, p = drawn(D)
+    model = field(dimension, damped, log_det, near, about=x)
+    cost, gradient, _ = newton_terms(x, p, model)
+    np.testing.assert_allclose(total(x, p, model), cost, rtol=1e-10)
+    h, expected = 1e-5, np.empty_like(x)
+    for i, a in np.ndindex(x.shape):
+        step = np.zeros_like(x)
+        step[i, a] = h
+        expected[i, a] = (total(x + step, p, model) - total(x - step, p, model)) / (2 * h)
+    np.testing.assert_allclose(gradient, expected, rtol=2e-6, atol=2e-6 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(("dimension", "D", "damped", "log_det"), [case.values[:4] for case in CASES[::2]])
+def test_cost_gradient_and_curvature_are_those_of_the_explicit_covariance(dimension, D, damped, log_det):
+    """C = s W W^H + v I of the dictionary; the Jacobian of sqrt(v) C^-1/2 p with the coefficients held (Kaufman)."""
+    x, p = drawn(D, seed=1)
+    model = field(dimension, damped, log_det)
+    cost, _, curvature = newton_terms(x, p, model)
+    expected, H, h = 0.0, np.zeros((N * D, N * D)), 1e-6
+    for k, s, v, q in zip(model.wavenumbers, POWER, NOISE, p, strict=True):
+        at = lambda y, k=k: dictionary(y, k, dimension, x.mean(axis=0))  # noqa: E731
+        W = at(x)
+        C = s * W @ W.conj().T + v * np.eye(N)
+        scale = 1.0 if log_det else v
+        expected += scale * np.vdot(q, np.linalg.solve(C, q)).real
+        expected += log_det * (np.linalg.slogdet(C)[1] - N * np.log(v))
+        mu = v / s
+        whole = np.vstack([W, np.sqrt(mu) * np.eye(W.shape[1])])
+        alpha = np.linalg.lstsq(whole, np.append(q, np.zeros(W.shape[1])), rcond=None)[0]
+        Q = np.linalg.qr(whole)[0]
+        J = np.zeros((len(whole), N * D), complex)
+        for i, a in np.ndindex(x.shape):
+            step = np.zeros_like(x)
+            step[i, a] = h
+            moved = np.zeros(len(whole), complex)
+            moved[i] = (at(x + step) - at(x - step))[i] @ alpha / (2 * h)
+            J[:, D * i + a] = -(moved - Q @ (Q.conj().T @ moved))
+        H += 2 * scale / v * (J.conj().T @ J).real
+    tolerance = ASIDE if damped else 1e-7
+    assert cost == pytest.approx(expected, rel=tolerance)
+    close = 100 * tolerance * np.abs(H).max()
+    np.testing.assert_allclose(curvature.reshape(N * D, N * D), H, rtol=0, atol=close)
+
+
+@pytest.mark.parametrize("log_det", [True, False])
+@pytest.mark.parametrize("D", [2, 3])
+def test_both_ways_are_one(D, log_det):
+    x, p = drawn(D, seed=2)
+    through_expansion = expansion_terms(x, p, K, POWER, NOISE, 3, log_det)
+    through_kernel = dense_terms(x, p, K, POWER, NOISE, log_det)
+    for one, other in zip(through_expansion, through_kernel, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-7, atol=1e-8 * np.abs(other).max())
+
+
+def test_the_projection_is_the_paper_s_cost_with_a_tikhonov_weight():
+    x, p = drawn(2, seed=3)
+    for damped in (0.0, 0.2):
+        k = K - 1j * damped
+        orders, centre = max_order(K, 1.0, AMPLE), x.mean(axis=0)
+        weights = NOISE / POWER
+        expected = sum(
+            float(paper.cost(x, p[m : m + 1], k[m : m + 1], orders[m : m + 1], centre, tikhonov=weights[m])[0])
+            for m in range(M)
+        )
+        assert total(x, p, field(2, damped, log_det=False)) == pytest.approx(expected, rel=ASIDE if damped else 1e-8)
+
+
+@pytest.mark.parametrize("log_det", [True, False])
+@pytest.mark.parametrize(("dimension", "D"), [(2, 2), (3, 3), (3, 2)])
+@pytest.mark.parametrize("damped", [0.0, 0.05])
+def test_no_rigid_motion_and_no_mirror_changes_the_cost(dimension, D, damped, log_det):
+    """Of complex wavenumbers only those about the centre of mass, as the expansion is."""
+    x, p = drawn(D, seed=4)
+    model = field(dimension, damped, log_det)
+    Q = np.linalg.qr(np.random.default_rng(1).normal(size=(D, D)))[0]
+    Q[:, 0] *= -np.sign(np.linalg.det(Q))
+    assert total(x @ Q - 3.0, p, model) == pytest.approx(total(x, p, model), rel=ASIDE if damped else 1e-8)
+
+
+def test_positions_that_are_no_numbers_are_refused():
+    x, p = drawn(2)
+    x[3, 1] = np.nan
+    with pytest.raises(np.linalg.LinAlgError):
+        total(x, p, field(2, 0.0))
+
+
+ARGUMENTS = [0.0, 1e-9, 0.03, 0.1999, 0.2001, 1.0, 4.7, 23.0, 60.0]
+
+
+@pytest.mark.parametrize("damped", [0.0, 0.5])
+@pytest.mark.parametrize("top", [1, 6, 40])
+def test_bessel_functions_of_all_orders_are_scipy_s(damped, top):
+    for z in ARGUMENTS:
+        if z > top + 25:
+            continue  # the orders in use always reach beyond the argument
+        z = complex(z, -damped) if damped else float(z)
+        J = np.empty(top + 1, type(z))
+        bessel_orders_of(z, top, J)
+        np.testing.assert_allclose(J, jv(np.arange(top + 1), z), rtol=1e-10, atol=1e-14)
+
+
+@pytest.mark.parametrize("top", [0, 1, 6, 40])
+def test_spherical_bessel_functions_and_their_slopes_are_scipy_s(top):
+    orders, k = np.arange(top + 1), 2.0 - 0.1j
+    arguments = [complex(z, -loss) for z in ARGUMENTS[1:] if z <= top + 25 for loss in (0.0, 0.3)]
+    for z in arguments:
+        J, dJ = np.empty(top + 1, complex), np.empty(top + 1, complex)
+        spherical_orders(z, k, J, dJ)
+        np.testing.assert_allclose(J, spherical_jn(orders, z), rtol=1e-9, atol=1e-13)
+        np.testing.assert_allclose(dJ, k * spherical_jn(orders, z, derivative=True), rtol=1e-6, atol=1e-9)

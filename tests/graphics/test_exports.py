@@ -1,0 +1,142 @@
+"""Files for other programs, read back by those programs' own readers."""
+
+from __future__ import annotations
+
+import csv
+import io
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from fdcal import solvers
+from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.assessment import position_table
+from fdcal.commands.cli import main
+from fdcal.graphics import paraview
+from fdcal.graphics.landscape_figure import draw_landscape, few_panels, figure_bytes, landscape_panels
+from fdcal.model.gauge import position_errors
+from fdcal.model.measurement import Measurement
+from fdcal.model.scene import load_scene
+
+
+@pytest.fixture(scope="module")
+def measured():
+    scene = load_scene("tiny")
+    measurement = cached_measurement(scene)
+    return measurement, measurement.problem()
+
+
+@pytest.fixture(scope="module")
+def solid():
+    """An array in space, with names that are no plain texts."""
+    rng = np.random.default_rng(3)
+    pressures = rng.normal(size=(2, 9)) + 1j * rng.normal(size=(2, 9))
+    names = ('"a", b', "<i>", "ü&", "=1+1", *"efghi")
+    return Measurement(
+        [100.0, 150.0], pressures, 343.0, 3, names=names, positions=rng.normal(size=(9, 3)), known=[1, 4, 5, 6]
+    )
+
+
+def opened(text, name, tmp_path):
+    import pyvista
+
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8")
+    return pyvista.read(path)
+
+
+def test_a_landscape_for_paraview(measured, tmp_path):
+    measurement, problem = measured
+    panels = landscape_panels(problem, measurement.positions, 9, [2, 5], 2)
+    grid = opened(paraview.landscape(panels, 0.7), "map.vti", tmp_path)
+    search = problem.search
+    assert grid.dimensions == (*search.shape, 1) and np.allclose(grid.origin, (*search.origin, 0.7))
+    assert set(grid.point_data) == {*(f"mode {m}, {problem.frequencies[m - 1]:.2f} Hz" for m in (2, 5)), "sum"}
+    assert np.array_equal(grid["sum"].reshape(search.shape[::-1]), panels.maps[-1])
+    lowest = grid.points[grid["sum"].argmin()]
+    assert np.allclose(lowest, (*measurement.positions[9], 0.7)), "the minimum lies at the true place"
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_microphones_for_paraview(measured, told, tmp_path):
+    measurement, _ = measured
+    estimate, sigma = measurement.positions + 0.01, np.arange(16.0)
+    given = measurement if told else Measurement(
+        measurement.frequencies, measurement.pressures, 343.0, known=measurement.known,
+        known_positions=measurement.known_positions,
+    )  # fmt: skip
+    cloud = opened(paraview.cloud(given, estimate, sigma, 0.5), "mics.vtp", tmp_path)
+    kinds = cloud["kind"]
+    assert np.allclose(cloud.points[kinds == 0], np.column_stack([estimate, np.full(16, 0.5)]))
+    assert np.allclose(cloud.points[kinds == 2][:, :2], measurement.known_positions)
+    assert np.array_equal(cloud["microphone"][kinds == 2], measurement.known)
+    assert np.array_equal(cloud["uncertainty"][kinds == 0], sigma)
+    assert np.isnan(cloud["error_length"]).all() != told and (kinds == 1).sum() == 16 * told
+    if told:
+        true = kinds == 1
+        assert np.allclose(cloud.points[true] + cloud["error"][true], cloud.points[kinds == 0])
+        assert np.allclose(cloud["error_length"][true], np.sqrt(2) * 0.01)
+        ends = cloud.lines.reshape(-1, 3)[:, 1:]
+        assert (kinds[ends] == [1, 0]).all() and (np.diff(cloud["microphone"][ends]) == 0).all()
+
+
+def test_names_of_microphones_pass_through_paraview(solid, tmp_path):
+    cloud = opened(paraview.cloud(solid, solid.positions), "mics.vtp", tmp_path)
+    assert list(cloud["name"][:9]) == list(solid.names)
+    assert np.array_equal(cloud.points[9:18], solid.positions) and np.isnan(cloud["uncertainty"]).all()
+
+
+def test_the_table_tells_all(solid):
+    estimate = solid.positions + [0.0, 0.003, 0.004]
+    rows = list(csv.DictReader(io.StringIO(position_table.table(solid, estimate, np.full(9, 0.002)))))
+    assert [row["name"] for row in rows] == list(solid.names)
+    assert [row["known"] for row in rows] == ["yes" if n in (1, 4, 5, 6) else "no" for n in range(9)]
+    for start, values in (("", estimate), ("true_", solid.positions)):
+        assert np.array_equal([[float(row[f"{start}{a}_m"]) for a in "xyz"] for row in rows], values)
+    assert [float(row["error_m"]) for row in rows] == position_errors(estimate, solid.positions).tolist()
+    assert {row["uncertainty_m"] for row in rows} == {"0.002"}
+
+
+def test_what_is_not_known_is_left_empty(measured):
+    measurement, _ = measured
+    blind = Measurement(measurement.frequencies, measurement.pressures, 343.0)
+    rows = list(csv.DictReader(io.StringIO(position_table.table(blind, measurement.positions))))
+    assert len(rows) == 16 and "z_m" not in rows[0]
+    assert {row[key] for row in rows for key in ("true_x_m", "true_y_m", "error_m", "uncertainty_m")} == {""}
+
+
+def test_figures_as_picture_and_drawing(measured):
+    measurement, problem = measured
+    panels = landscape_panels(problem, measurement.positions, 9, [1, 5], 2)
+    figure = draw_landscape(panels, measurement.positions[9], heading="a $ and $ <b>")
+    image = Image.open(io.BytesIO(figure_bytes(figure, "png")))
+    assert image.format == "PNG" and len(np.unique(np.asarray(image.convert("RGB")).reshape(-1, 3), axis=0)) > 100
+    drawing = ElementTree.fromstring(figure_bytes(figure, "svg"))
+    texts = {"".join(node.itertext()) for node in drawing.iter("{http://www.w3.org/2000/svg}text")}
+    assert {"a $ and $ <b>", f"mode 5, {problem.frequencies[4]:.1f} Hz", "sum of the 2 modes", "x (m)"} <= texts
+    assert len(list(drawing.iter("{http://www.w3.org/2000/svg}image"))) >= 3
+
+
+def test_few_panels_of_many_maps(measured):
+    _, problem = measured
+    joint = solvers.load("joint")
+    state = joint.init(problem, load_scene("tiny").solver, 0)
+    maps = joint.landscape(problem, state, 9, slice(0, 12))
+    panels = few_panels(maps, range(1, 13), problem.frequencies, 9, problem.search, most=4)
+    assert panels.modes.tolist() == [1, 5, 8, 12] and panels.summed == 12
+    assert np.allclose(panels.maps[-1], maps.sum(axis=0)) and np.array_equal(panels.maps[1], maps[4])
+    for cost, found in zip(panels.maps, panels.found, strict=True):
+        column, row = np.rint((found - problem.search.origin) / problem.search.step).astype(int)
+        assert cost[row, column] == cost.min()
+
+
+@pytest.mark.parametrize(("suffix", "start"), [("svg", b"<?xml"), ("vti", b"<?xml"), ("png", b"\x89PNG")])
+def test_the_suffix_tells_the_format(tmp_path, capsys, suffix, start):
+    path = tmp_path / f"figure.{suffix}"
+    with pytest.raises(SystemExit) as left:
+        main(["landscape", "tiny", "--microphone", "9", "--mode-numbers", "2,5", "-o", str(path)])
+    assert not left.value.code, capsys.readouterr().err
+    content = path.read_bytes()
+    assert content.startswith(start) and (suffix == "png" or ElementTree.fromstring(content) is not None)

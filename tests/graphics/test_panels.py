@@ -1,0 +1,103 @@
+"""Maps as colours, as a relief, and side by side: what was given is where it should be."""
+
+import itertools
+
+import numpy as np
+import pytest
+from PIL import ImageColor
+
+from fdcal.graphics.heatmap import colours, ends, paint, paint_field, shares
+from fdcal.graphics.panels import CAPTION, CELL, GAP, Marks, mosaic
+from fdcal.graphics.picture import drape
+from fdcal.graphics.primitives import DARK, LIGHT, TWO_SIDED, ColourBar
+from fdcal.model.scene import Search
+
+SEARCH = Search(origin=(0.0, 0.0), size=(1.0, 1.0), step=0.05, radius=1.0)
+
+
+def bowl(x, y, least=0.1):
+    axis = SEARCH.step * np.arange(21)
+    return least + (axis[None, :] - x) ** 2 + (axis[:, None] - y) ** 2
+
+
+def test_heights_rise_with_colours_and_microphones_stand_on_them():
+    floor = paint(bowl(0.3, 0.8), SEARCH, relief=True)
+    assert floor.heights.min() == 0 and floor.heights[16, 6] == 0
+    order = np.argsort(bowl(0.3, 0.8).ravel())
+    assert (np.diff(floor.heights.ravel()[order]) >= 0).all() and floor.heights.max() > 0.2
+    assert drape([[0.3, 0.8]], floor)[0, 2] == 0
+    assert drape([[1.0, 0.0]], floor)[0, 2] == pytest.approx(floor.heights[0, 20])
+    flat = paint(bowl(0.3, 0.8), SEARCH)
+    assert flat.heights is None and drape([[0.3, 0.8]], flat).shape == (1, 2)
+
+
+def test_a_cost_of_both_signs_has_a_linear_scale():
+    floor = paint(-bowl(0.3, 0.8), SEARCH, log=True)
+    assert not floor.bar.log and floor.bar.low < floor.bar.high < 0
+    assert np.isfinite([share for share, _ in floor.bar.ticks]).all()
+
+
+def test_ticks_of_a_scale_never_run_into_each_other():
+    for low, high, log in [
+        (14830.1, 14930.7, True),
+        (14830.1, 14930.7, False),
+        (3e-9, 4e5, True),
+        (71.6, 86.0, True),
+        (1e5, 9e5, True),
+    ]:
+        ticks = ColourBar(low, high, log, "").ticks
+        assert len(ticks) >= 2
+        for (left, one), (right, other) in itertools.pairwise(ticks):
+            assert (right - left) * 44 > (len(one) + len(other)) / 2, "forty-four letters find room along a bar"
+        assert len({text for _, text in ticks}) == len(ticks), "two ticks say the same"
+
+
+def cell(image, i, columns):
+    left, top = (i % columns) * (CELL + GAP), (i // columns) * (CELL + CAPTION + GAP) + CAPTION
+    return image[top : top + CELL, left : left + CELL].astype(int)
+
+
+def at(tile, x, y):
+    """Pixel of a map at the position (x, y), metres; the map covers half a step more on each side."""
+    place = (np.array([x, 1.0 - y]) + SEARCH.step / 2) / (1.0 + SEARCH.step)
+    column, row = np.clip((place * CELL).astype(int), 0, CELL - 1)
+    return tile[row, column]
+
+
+def test_each_map_stands_in_its_place_with_its_marks():
+    maps, true, here = [bowl(0.2, 0.2), bowl(0.8, 0.4), bowl(0.5, 0.9)], (0.5, 0.2), (0.7, 0.7)
+    image = mosaic(maps, ["a", "b", "c"], SEARCH, Marks(true, here), LIGHT, log=False, columns=2)
+    for i, lowest in enumerate([(0.2, 0.2), (0.8, 0.4), (0.5, 0.9)]):
+        tile = cell(image, i, 2)
+        assert np.abs(at(tile, *here) - (214, 24, 40)).max() < 30, "the red cross"
+        dark = colours(np.zeros(1))[0].astype(int)
+        assert np.abs(at(tile, *lowest) - dark).max() < 12, "darkest in the middle of the diamond"
+        reach = 13 / CELL * 1.05
+        rim = [
+            at(tile, lowest[0] + reach * dx, lowest[1] + reach * dy) for dx, dy in ((1, 0), (-1, 0), (0, 1), (0, -1))
+        ]
+        assert min(np.abs(pixel - (255, 176, 0)).max() for pixel in rim) < 60, "the amber diamond"
+
+
+def test_one_scale_for_all_or_each_its_own():
+    maps = [bowl(0.5, 0.5, 0.0), bowl(0.5, 0.5, 5.0)]
+    own = mosaic(maps, ["", ""], SEARCH, Marks(), LIGHT, log=False, shared=False)
+    shared = mosaic(maps, ["", ""], SEARCH, Marks(), LIGHT, log=False, shared=True)
+    np.testing.assert_array_equal(at(cell(own, 0, 2), 0.0, 0.0), at(cell(own, 1, 2), 0.0, 0.0))
+    low, high, _ = ends(np.stack(maps), False)
+    wanted = colours(shares(maps[1][:1, :1], low, high, False))[0, 0]
+    np.testing.assert_array_equal(at(cell(shared, 1, 2), 0.0, 0.0), wanted)
+    assert (at(cell(shared, 0, 2), 0.0, 0.0) != wanted).any()
+
+
+def test_a_dark_page_gets_dark_ground():
+    image = mosaic([bowl(0.5, 0.5)] * 3, ["one"] * 3, SEARCH, Marks(), DARK)
+    np.testing.assert_array_equal(image[-1, -1], ImageColor.getrgb("#242424"))
+
+
+def test_a_field_is_white_where_it_is_nothing_and_has_its_own_scale():
+    field = np.add.outer(np.zeros(21), np.linspace(-1, 1, 21))
+    floor = paint_field(field, SEARCH, "pressure")
+    assert floor.rgb[5, 10].min() > 235 and not floor.marked and floor.bar.colours == TWO_SIDED
+    red, blue = floor.rgb[5, 20].astype(int), floor.rgb[5, 0].astype(int)
+    assert red[0] > red[2] + 40 and blue[2] > blue[0] + 40

@@ -1,0 +1,419 @@
+"""The picture says what it was given: positions, colours, extents, scales. No renderer takes part."""
+
+import dataclasses
+
+import matplotlib
+import numpy as np
+import pytest
+import trimesh
+
+from fdcal.graphics import glyphs, picture
+from fdcal.graphics.heatmap import paint
+from fdcal.graphics.picture import (
+    ESTIMATE,
+    HALO,
+    KNOWN,
+    RACERS,
+    TRUE,
+    backdrop,
+    compose,
+    headline,
+    with_ellipses,
+    with_estimate,
+    with_floor,
+    with_racers,
+    with_trails,
+)
+from fdcal.graphics.primitives import COLOUR_MAP, LIGHT, RAISED, ColourBar, Picture, number
+from fdcal.model.measurement import Measurement
+from fdcal.model.scene import Search, load_scene
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return load_scene("tiny")
+
+
+def listen(positions, known=(0, 1, 2), search=None, seed=0, **more) -> Measurement:
+    """Plane waves at the positions: a measurement that needs no simulation."""
+    rng = np.random.default_rng(seed)
+    angles, phases = rng.uniform(0, 2 * np.pi, (2, 3, 6))
+    k = np.array([1.0, 2.0, 3.0])
+    towards = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    p = np.exp(1j * (k[:, None, None] * (towards @ np.asarray(positions)[:, :2].T) + phases[:, :, None])).sum(axis=1)
+    known = np.array(known, int)
+    return Measurement(
+        frequencies=k * 343 / (2 * np.pi),
+        pressures=p,
+        sound_speed=343.0,
+        positions=positions,
+        known=known,
+        known_positions=np.asarray(positions)[known],
+        search=search,
+        **more,
+    )
+
+
+@pytest.fixture(scope="module")
+def measurement(scene):
+    positions = np.random.default_rng(1).uniform([0.5, 0.35], [0.9, 0.75], (12, 2))
+    return listen(positions, search=scene.search)
+
+
+def parts(drawn):
+    return (*drawn.lines, *drawn.solids, *drawn.labels)
+
+
+def part(drawn, name):
+    """The primitive of that name."""
+    found = [p for p in parts(drawn) if p.name == name]
+    assert len(found) == 1, f"{len(found)} primitives are called {name}"
+    return found[0]
+
+
+def names(drawn):
+    return {p.name for p in parts(drawn)}
+
+
+def test_circles_at_the_truth_and_crosses_at_the_estimate(scene, measurement):
+    estimate = measurement.positions + 0.01
+    drawn = compose(scene, measurement, estimate, microphone=5)
+    circles = part(drawn, "microphones/true")
+    assert circles.colour == TRUE
+    centres = circles.vertices.reshape(12, -1, 3).mean(axis=1)
+    np.testing.assert_allclose(centres[:, :2], measurement.positions, atol=1e-6)
+    crosses = part(drawn, "microphones/estimate")
+    assert crosses.colour == ESTIMATE
+    middles = crosses.vertices.reshape(-1, 2, 4, 3).mean(axis=2)  # two strokes a cross, four corners a stroke
+    np.testing.assert_allclose(middles[:, 0, :2], estimate[3:], atol=1e-6)
+    np.testing.assert_allclose(middles[:, 1, :2], estimate[3:], atol=1e-6)
+
+
+def test_error_lines_join_truth_and_estimate(scene, measurement):
+    estimate = measurement.positions.copy()
+    estimate[3:] = estimate[:2:-1] + 0.01
+    drawn = compose(scene, measurement, estimate)
+    corners = part(drawn, "microphones/error").vertices.reshape(-1, 4, 3)[..., :2]
+    np.testing.assert_allclose(corners[:, [0, 3]].mean(axis=1), measurement.positions[3:], atol=1e-6)
+    np.testing.assert_allclose(corners[:, [1, 2]].mean(axis=1), estimate[3:], atol=1e-6)
+
+
+def test_known_microphones_are_squares_of_their_own_colour(scene, measurement):
+    drawn = compose(scene, measurement, measurement.positions)
+    squares = part(drawn, "microphones/known")
+    assert squares.colour == KNOWN
+    centres = squares.vertices.reshape(3, 4, 3).mean(axis=1)
+    np.testing.assert_allclose(centres[:, :2], measurement.positions[:3], atol=1e-6)
+    assert len({TRUE, ESTIMATE, KNOWN}) == 3
+
+
+def test_a_known_microphone_that_a_hand_has_moved_is_drawn_where_it_is_supposed_to_be(scene, measurement):
+    estimate = measurement.positions.copy()
+    estimate[1] += 0.05
+    drawn = compose(scene, measurement, estimate)
+    squares = part(drawn, "microphones/known").vertices.reshape(3, 4, 3).mean(axis=1)
+    np.testing.assert_allclose(squares[:, :2], estimate[:3], atol=1e-6)
+    lines = part(drawn, "microphones/error").vertices.reshape(-1, 4, 3)[..., :2]
+    assert np.isclose(lines[:, [0, 3]].mean(axis=1), measurement.positions[1], atol=1e-6).all(axis=1).any()
+
+
+@pytest.mark.parametrize("microphone", [4, None, -1, 99])
+def test_the_microphone_looked_at_stands_out(scene, measurement, microphone):
+    drawn = compose(scene, measurement, measurement.positions, microphone=microphone)
+    if microphone != 4:
+        assert not any(name.startswith("looked_at") for name in names(drawn))
+        return
+    large = np.ptp(part(drawn, "looked_at/estimate").vertices, axis=0)
+    others = part(drawn, "microphones/estimate").vertices.reshape(-1, 8, 3)
+    assert (large[:2] > 1.5 * np.ptp(others, axis=1)[:, :2]).all()
+    assert part(drawn, "looked_at/name").text == "microphone 4"
+
+
+def test_without_truth_nothing_is_drawn_at_it(scene, measurement):
+    blind = dataclasses.replace(measurement, positions=None)
+    drawn = compose(scene, blind, measurement.positions, microphone=4)
+    assert not names(drawn) & {"microphones/true", "microphones/error", "looked_at/true"}
+    assert "microphones/estimate" in names(drawn)
+    assert headline(blind, measurement.positions) == "true positions unknown"
+
+
+def test_halos_are_white_wider_and_below(scene, measurement):
+    drawn = compose(scene, measurement, measurement.positions + 0.02, microphone=4)
+    halos = [solid for solid in drawn.solids if solid.name.endswith("_halo")]
+    assert len(halos) >= 5
+    for halo in halos:
+        over = part(drawn, halo.name.removesuffix("_halo"))
+        assert halo.colour == HALO and over.colour != HALO
+        assert area(halo) > 1.3 * area(over)
+        assert halo.vertices[:, 2].max() < over.vertices[:, 2].min()
+
+
+def area(solid) -> float:
+    corner = solid.vertices[solid.faces].astype(float)
+    return np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1).sum() / 2
+
+
+def test_areas_of_markers():
+    """A ring of many corners, a bar and a square have the areas of the textbook."""
+    centres = np.array([[0.0, 0.0, 0.0], [3.0, 1.0, 0.0]])
+    for triangles, expected in (
+        (glyphs.annuli(centres, 2.0, 0.2, corners=400), 2 * np.pi * (2.1**2 - 1.9**2)),
+        (glyphs.squares(centres, 0.3), 2 * 0.09),
+        (glyphs.strokes(centres[None], 0.1, longer=0.5), 0.1 * (np.sqrt(10) + 1.0)),
+    ):
+        solid = picture.Solid("x", *triangles, (0, 0, 0))
+        assert area(solid) == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_bar_of_no_length_is_drawn_without_a_fault():
+    vertices, faces = glyphs.strokes(np.zeros((1, 2, 3)), 0.1)
+    assert np.isfinite(vertices).all() and len(faces) == 2
+
+
+def test_the_map_fills_the_search_domain_and_its_row_0_is_low_y():
+    search = Search(origin=(1.0, 2.0), size=(0.4, 0.2), step=0.1)
+    cost = np.arange(15.0).reshape(3, 5)
+    floor = paint(cost, search)
+    np.testing.assert_allclose(floor.origin, (0.95, 1.95))
+    np.testing.assert_allclose(floor.size, (0.5, 0.3))
+    ends = matplotlib.colormaps[COLOUR_MAP]([0.0, 1.0], bytes=True)[:, :3]
+    np.testing.assert_array_equal(floor.rgb[0, 0], ends[0])
+    np.testing.assert_array_equal(floor.rgb[-1, -1], ends[1])
+    assert (floor.bar.low, floor.bar.high, floor.bar.clipped) == (0.0, 14.0, False)
+    assert "dimensionless" in floor.bar.label
+
+
+def test_a_diamond_stands_where_the_cost_is_lowest():
+    search = Search(origin=(1.0, 2.0), size=(0.4, 0.2), step=0.1)
+    cost = np.ones((3, 5))
+    cost[1, 3] = 0.5
+    floor = paint(cost, search)
+    np.testing.assert_allclose(floor.minimum, (1.3, 2.1))
+    bare = Picture(LIGHT, (1.0, 2.0, 1.4, 2.2), (1.0, 2.0, 1.4, 2.2), 0.01)
+    diamond = next(solid for solid in with_floor(bare, floor).solids if solid.name == "lowest")
+    np.testing.assert_allclose(diamond.vertices.mean(axis=0)[:2], floor.minimum, atol=1e-6)
+    assert with_floor(bare, None).solids == ()
+    # In the browser a name is a path, and what lies below the map's node is drawn relative to it.
+    assert not any(solid.name.startswith("map") for solid in with_floor(bare, floor).solids)
+
+
+def test_a_logarithmic_map_keeps_its_order_and_owns_up_to_clipping():
+    search = Search(origin=(0.0, 0.0), size=(0.3, 0.1), step=0.1)
+    cost = np.array([[1e-12, 1e-3, 1e-2, 1e-1], [1.0, 2.0, 5.0, 10.0]])
+    bar = paint(cost, search, log=True).bar
+    assert bar.clipped and bar.high == 10.0 and bar.low == pytest.approx(1e-3)
+    assert [text for _, text in bar.ticks][:2] == ["0.001", "0.01"]
+    two_decades = paint(cost.clip(0.24) * 10, search, log=True).bar
+    shares = [share for share, _ in two_decades.ticks]
+    assert len(shares) >= 3 and min(shares) < 0.35 and max(shares) > 0.6
+    unclipped = paint(cost + 1.0, search, log=True).bar
+    assert not unclipped.clipped and unclipped.low == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("log", [False, True])
+@pytest.mark.parametrize("value", [0.0, 3.0])
+def test_a_flat_map_is_drawn_too(value, log):
+    floor = paint(np.full((2, 4), value), Search(origin=(0.0, 0.0), size=(0.3, 0.1), step=0.1), log=log)
+    assert np.isfinite([share for share, _ in floor.bar.ticks]).all() and floor.bar.low < floor.bar.high
+
+
+@pytest.mark.parametrize("ends", [(1e-6, 3.0), (0.9, 1.1), (2.0, 50.0), (330.0, 361.0), (4221.0, 8700.0), (2e4, 2e5)])
+@pytest.mark.parametrize("log", [False, True])
+def test_ticks_say_where_their_value_lies(ends, log):
+    bar = ColourBar(*ends, log=log, label="cost")
+    assert 2 <= len(bar.ticks) <= (7 if bar.high < 1e3 * bar.low else 12)
+    for share, text in bar.ticks:
+        value = bar.low * (bar.high / bar.low) ** share if log else bar.low + share * (bar.high - bar.low)
+        assert read(text) == pytest.approx(value, rel=1e-2)
+
+
+PLAIN = {chr(high): chr(low) for low, high in RAISED.items()}
+
+
+def read(text: str) -> float:
+    """A number as the pictures write it."""
+    mantissa, ten, power = text.rpartition("10") if any(letter in PLAIN for letter in text) else (text, "", "")
+    if not ten:
+        return float(text)
+    return float(mantissa.rstrip("·") or 1) * 10.0 ** int("".join(PLAIN[letter] for letter in power))
+
+
+@pytest.mark.parametrize("value", [3.14159e7, 1e6, 2e-9, -4e12, 123456.0, 28338.2, 0.25, 1e-5, 0.0, 999999.9])
+def test_numbers_are_written_as_one_writes_them(value):
+    text = number(value, 3)
+    assert read(text) == pytest.approx(value, rel=6e-3) and "e" not in text and len(text) <= 8
+
+
+def test_pictures_are_frozen(scene, measurement):
+    drawn = compose(scene, measurement, measurement.positions, 4, paint(np.ones((25, 25)), scene.search, True))
+    arrays = [lines.segments for lines in drawn.lines] + [solid.vertices for solid in drawn.solids] + [drawn.floor.rgb]
+    assert not any(array.flags.writeable for array in arrays)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        drawn.title = "another"
+
+
+def test_what_stays_is_shared_between_pictures(scene, measurement):
+    """A renderer tells by identity that a primitive needs no second sending."""
+    still = backdrop(scene, measurement)
+    first = with_estimate(still, measurement, measurement.positions, 3)
+    second = with_estimate(still, measurement, measurement.positions + 0.01, 4)
+    for name in ("microphones/true", "room/walls", "frame", "room/grid"):
+        assert part(first, name) is part(second, name)
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_ink_is_legible_on_its_background(scene, measurement, dark):
+    """Contrast of texts and rulers is at least 7 to 1 (WCAG, level AAA)."""
+
+    def luminance(colour):
+        c = np.array(colour) / 255
+        return np.where(c <= 0.03928, c / 12.92, ((c + 0.055) / 1.055) ** 2.4) @ [0.2126, 0.7152, 0.0722]
+
+    theme = backdrop(scene, measurement, dark).theme
+    low, high = sorted([luminance(theme.ink), luminance(theme.background)])
+    assert (high + 0.05) / (low + 0.05) >= 7
+
+
+def test_headline_measures_in_millimetres(measurement):
+    text = headline(measurement, measurement.positions + np.array([0.003, 0.004]))
+    assert text == "mean error 5 mm, largest 5 mm"
+
+
+@pytest.mark.parametrize("name", ["tiny", "lshape", "array1_circle"])
+def test_walls_are_a_closed_band_of_the_right_area(name):
+    scene = load_scene(name)
+    vertices = scene.room.vertices
+    mesh = trimesh.Trimesh(*glyphs.walls(vertices, 0.5), process=False)
+    perimeter = np.linalg.norm(vertices - np.roll(vertices, -1, axis=0), axis=1).sum()
+    assert mesh.area == pytest.approx(0.5 * perimeter)
+    assert len(mesh.faces) == 2 * len(vertices)
+
+
+def test_the_floor_grid_stays_inside_the_outline():
+    corner = [(0, 0), (4, 0), (4, 2), (2, 2), (2, 4), (0, 4)]
+    grid = glyphs.floor_grid(corner, 0.5, 0.0)
+    middles = grid.mean(axis=1)
+    assert not ((middles[:, 0] > 2) & (middles[:, 1] > 2)).any()
+    lengths = np.linalg.norm(grid[:, 1] - grid[:, 0], axis=1)
+    assert lengths.sum() == pytest.approx(2 * (3 * 4 + 4 * 2))  # 0.5, 1, 1.5 are long, 2 to 3.5 short, both ways
+
+
+def test_positions_in_space_keep_their_height():
+    lifted = glyphs.lift([[1.0, 2.0, 0.7]], 0.1)
+    np.testing.assert_allclose(lifted, [[1.0, 2.0, 0.8]])
+
+
+def test_a_measurement_without_search_domain_is_framed_by_its_microphones(measurement):
+    bare = dataclasses.replace(measurement, search=None)
+    drawn = compose(None, bare, measurement.positions)
+    x0, y0, x1, y1 = drawn.focus
+    inside = (measurement.positions > [x0, y0]) & (measurement.positions < [x1, y1])
+    assert inside.all() and "room/walls" not in names(drawn)
+    assert picture.backdrop(None, bare).bounds == drawn.focus
+
+
+@pytest.fixture(scope="module")
+def ball():
+    """A scene of three dimensions and a measurement in its search domain, no field computed."""
+    scene = load_scene("ball3d")
+    positions = np.random.default_rng(1).uniform([1.5, 1.2, 0.9], [2.3, 2.0, 1.7], (12, 3))
+    return scene, listen(positions, known=(0, 1, 2, 3), search=scene.search, dimension=3)
+
+
+def test_in_space_every_marker_is_at_its_own_height(ball):
+    scene, measurement = ball
+    estimate = measurement.positions + [0.01, 0.0, 0.02]
+    estimate[:4] = measurement.positions[:4]
+    drawn = compose(scene, measurement, estimate, microphone=5)
+    for name, expected, corners in (
+        ("microphones/true", measurement.positions, 80),
+        ("microphones/known", measurement.positions[:4], 4),
+        ("microphones/estimate", estimate[4:], 8),
+        ("looked_at/true", measurement.positions[[5]], 80),
+        ("looked_at/estimate", estimate[[5]], 8),
+    ):
+        centres = part(drawn, name).vertices.reshape(len(expected), corners, 3).mean(axis=1)
+        np.testing.assert_allclose(centres, expected, atol=drawn.marker)
+        np.testing.assert_allclose(centres[:, :2], expected[:, :2], atol=1e-5)
+        assert np.ptp(centres[:, 2] - expected[:, 2]) < 1e-5, "one layer for all"
+    stems = part(drawn, "microphones/stems").segments
+    np.testing.assert_allclose(
+        stems[:, 1], np.column_stack([measurement.positions[:, :2], np.full(12, 0.8)]), atol=1e-5
+    )
+    corners = part(drawn, "microphones/error").vertices.reshape(-1, 4, 3)
+    ends = np.stack([corners[:, [0, 3]].mean(axis=1), corners[:, [1, 2]].mean(axis=1)], axis=1)
+    np.testing.assert_allclose(ends[:, 1] - ends[:, 0], np.tile([0.01, 0.0, 0.02], (8, 1)), atol=1e-5)
+
+
+def test_in_space_the_room_is_a_box_and_the_map_lies_under_the_array(ball):
+    scene, measurement = ball
+    floor = paint(np.ones((51, 51)), scene.search, height=picture.heights_of(scene, measurement)[0])
+    drawn = compose(scene, measurement, measurement.positions, 5, floor)
+    assert drawn.heights == (0.8, 1.8) and drawn.floor.height == 0.8
+    edges = np.concatenate([part(drawn, name).segments for name in ("room/edges", "room/box")])
+    np.testing.assert_allclose(np.ptp(edges.reshape(-1, 3), axis=0), scene.room.size, atol=0.01)
+    upright = np.abs(edges[:, 1] - edges[:, 0])[:, 2] > 2.4
+    assert upright.sum() == 5, "four edges and the stem of the source"
+    assert "room/walls" not in names(drawn)
+    diamond = part(drawn, "lowest").vertices
+    assert np.all((diamond[:, 2] > 0.8) & (diamond[:, 2] < 0.8 + drawn.marker))
+
+
+def test_a_plane_array_is_drawn_at_its_height_in_the_room():
+    scene = load_scene("plane3d")
+    positions = np.random.default_rng(1).uniform([1.5, 1.2], [2.3, 2.0], (12, 2))
+    measurement = listen(positions, search=scene.search, dimension=3, array_dimension=2)
+    drawn = compose(scene, measurement, positions, 5)
+    assert drawn.heights == (1.2, 1.2)
+    for name in ("microphones/true", "microphones/estimate", "microphones/known", "frame"):
+        each = part(drawn, name)
+        z = (each.segments if hasattr(each, "segments") else each.vertices)[..., 2]
+        np.testing.assert_allclose(z, 1.2, atol=drawn.marker)
+    assert compose(None, measurement, positions).heights == (0.0, 0.0)
+
+
+def test_bars_in_space_keep_their_width_and_length():
+    ends = np.array([[[0, 0, 0], [1, 2, 2]], [[0, 0, 0], [0, 0, 1]], [[0, 0, 0], [1, 0, 0]]], float)
+    vertices, _ = glyphs.strokes(ends, 0.1, longer=0.5)
+    corners = vertices.reshape(3, 4, 3)
+    np.testing.assert_allclose(np.linalg.norm(corners[:, 0] - corners[:, 3], axis=1), 0.1)
+    np.testing.assert_allclose(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1), [4, 2, 2])
+
+
+def test_trails_follow_each_microphone_and_skip_stays(scene, measurement):
+    start = measurement.positions
+    paths = np.stack([start, start, start + [0.01, 0.0], start + [0.01, 0.02]])
+    paths[:, 4] = start[4]  # this one never moves
+    segments = part(with_trails(compose(scene, measurement), paths), "trails").segments
+    assert segments.shape == (2 * 11, 2, 3)
+    for n in (0, 7, 11):
+        for ends in (paths[1:3, n], paths[2:4, n]):
+            assert (np.abs(segments[:, :, :2] - ends).max(axis=(1, 2)) < 1e-6).any()
+    assert "trails" not in names(with_trails(compose(scene, measurement), paths[:1]))
+
+
+def test_ellipses_have_the_half_axes_given(scene, measurement):
+    axes = np.tile(np.array([[0.0, 0.004], [0.02, 0.0]]), (12, 1, 1))
+    axes[:3] = 0  # known
+    drawn = with_ellipses(compose(scene, measurement), measurement.positions, axes)
+    rims = part(drawn, "ellipses").segments[:, 0, :2].reshape(-1, 9, 2)  # a corner of all, then the next
+    away = rims - measurement.positions[3:]
+    np.testing.assert_allclose(np.abs(away[..., 0]).max(axis=0), 0.02, rtol=1e-4)
+    np.testing.assert_allclose((away[..., 0] / 0.02) ** 2 + (away[..., 1] / 0.004) ** 2, 1.0, rtol=1e-3)
+    nothing = with_ellipses(compose(scene, measurement), measurement.positions, 0 * axes)
+    assert "ellipses" not in names(nothing)
+
+
+def test_racers_are_told_apart_by_shape_and_colour_where_they_suppose_the_microphones(measurement):
+    picture = backdrop(None, measurement)
+    placed = {name: measurement.positions + 0.01 * i for i, name in enumerate(RACERS)}
+    drawn = with_racers(picture, placed, np.array([3, 4]))
+    marks = {
+        solid.name: solid for solid in drawn.solids if solid.name.startswith("racers/") and "halo" not in solid.name
+    }
+    assert len(marks) == 3 and len({mark.colour for mark in marks.values()}) == 3
+    assert len({len(mark.faces) for mark in marks.values()}) == 3, "shapes differ, too"
+    for (name, positions), mark in zip(placed.items(), marks.values(), strict=True):
+        middles = np.split(mark.vertices[:, :2], 2)
+        for middle, n in zip(middles, (3, 4), strict=True):
+            np.testing.assert_allclose(middle.mean(axis=0), positions[n], atol=1e-6, err_msg=name)

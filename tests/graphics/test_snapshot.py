@@ -1,0 +1,237 @@
+"""The PNG shows what the picture says, where the projection says: each microphone's colour at its pixel."""
+
+import io
+import sys
+
+import matplotlib
+import numpy as np
+import pytest
+from PIL import Image
+
+from fdcal.graphics import snapshot, snapshot_process
+from fdcal.graphics.camera import camera_for, project
+from fdcal.graphics.heatmap import paint
+from fdcal.graphics.picture import ESTIMATE, KNOWN, LAYERS, TRUE, compose
+from fdcal.graphics.primitives import COLOUR_MAP
+from fdcal.model.measurement import Measurement
+from fdcal.model.scene import load_scene
+from fdcal.model.validation import InputError, StorageError
+
+SIZE = (1300, 1000)
+VIEWS = ("top", "close")
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return load_scene("tiny")
+
+
+@pytest.fixture(scope="module")
+def measurement(scene):
+    """Twelve microphones on a coarse grid, so that no marker hides another."""
+    x, y = np.meshgrid(np.linspace(0.52, 0.86, 4), np.linspace(0.38, 0.7, 3))
+    positions = np.stack([x.ravel(), y.ravel()], axis=1)
+    return Measurement(
+        frequencies=np.array([100.0]),
+        pressures=np.exp(1j * positions.sum(axis=1))[None],
+        sound_speed=343.0,
+        positions=positions,
+        known=np.array([0, 3, 9]),
+        known_positions=positions[[0, 3, 9]],
+        search=scene.search,
+    )
+
+
+@pytest.fixture(scope="module")
+def estimate(measurement):
+    moved = measurement.positions + np.array([0.045, 0.02])
+    moved[measurement.known] = measurement.known_positions
+    return moved
+
+
+@pytest.fixture(scope="module")
+def floor(scene):
+    """A map whose low corner is the lowest and whose high corner is the highest value."""
+    ny, nx = scene.search.shape[::-1]
+    return paint(np.add.outer(np.arange(ny), np.arange(nx)).astype(float), scene.search)
+
+
+@pytest.fixture(scope="module")
+def drawn(require_gl, scene, measurement, estimate, floor):
+    """Function (view, dark) -> picture and its image, drawn once each."""
+    images = {}
+
+    def draw(view, dark=False):
+        if (view, dark) not in images:
+            looked_at = 5 if dark else None  # its name may cover a neighbour
+            picture = compose(scene, measurement, estimate, looked_at, floor, "Tiny", dark)
+            images[view, dark] = picture, decode(snapshot_process.render_png(picture, SIZE, view))
+        return images[view, dark]
+
+    return draw
+
+
+def decode(png: bytes) -> np.ndarray:
+    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)
+
+
+def nearest(image, pixel, colour, reach=1) -> float:
+    """Distance of the closest colour to `colour` within `reach` pixels of (column, row), in 0 to 255 levels."""
+    column, row = np.round(pixel - 0.5).astype(int)
+    patch = image[row - reach : row + reach + 1, column - reach : column + reach + 1].reshape(-1, 3)
+    return float(np.abs(patch - colour).max(axis=1).min())
+
+
+@pytest.mark.parametrize("view", VIEWS)
+def test_each_cross_is_red_at_its_estimate(drawn, measurement, estimate, view):
+    picture, image = drawn(view)
+    free = [n for n in range(12) if n not in measurement.known]
+    places = np.column_stack([estimate[free], np.full(len(free), 8 * picture.marker / LAYERS)])
+    for n, pixel in zip(free, snapshot.pixels_of(picture, SIZE, view, places), strict=True):
+        assert nearest(image, pixel, ESTIMATE) < 40, f"no red at microphone {n}"
+
+
+@pytest.mark.parametrize("view", VIEWS)
+def test_each_circle_is_black_around_its_truth(drawn, measurement, view):
+    picture, image = drawn(view)
+    for angle in np.pi * np.array([0.75, 1.0, 1.25, 1.5]):  # the error lines leave towards the other side
+        rim = measurement.positions + picture.marker * np.array([np.cos(angle), np.sin(angle)])
+        places = np.column_stack([rim, np.full(12, 4 * picture.marker / LAYERS)])
+        for n, pixel in enumerate(snapshot.pixels_of(picture, SIZE, view, places)):
+            assert nearest(image, pixel, TRUE) < 110, f"no black rim at microphone {n}"
+
+
+@pytest.mark.parametrize("view", VIEWS)
+def test_each_known_microphone_is_a_blue_square(drawn, measurement, view):
+    picture, image = drawn(view)
+    places = np.column_stack([measurement.known_positions, np.full(3, 6 * picture.marker / LAYERS)])
+    for pixel in snapshot.pixels_of(picture, SIZE, view, places):
+        assert nearest(image, pixel, KNOWN, reach=0) < 10
+
+
+@pytest.mark.parametrize("view", VIEWS)
+def test_the_map_lies_the_right_way_round(drawn, floor, view):
+    picture, image = drawn(view)
+    inset = 0.25 * floor.size[0] / floor.rgb.shape[1]
+    x0, y0 = floor.origin[0] + inset, floor.origin[1] + inset
+    x1, y1 = floor.origin[0] + floor.size[0] - inset, floor.origin[1] + floor.size[1] - inset
+    low, high, middle = matplotlib.colormaps[COLOUR_MAP]([0.0, 1.0, 0.5], bytes=True)[:, :3]
+    corners = snapshot.pixels_of(picture, SIZE, view, [(x0, y0, 0), (x1, y1, 0), (x0, y1, 0), (x1, y0, 0)])
+    for pixel, colour in zip(corners, (low, high, middle, middle), strict=True):
+        assert nearest(image, pixel, colour, reach=3) < 12
+
+
+@pytest.mark.parametrize("view", VIEWS)
+@pytest.mark.parametrize("size", [SIZE, (500, 800)])
+def test_in_space_the_whole_search_domain_is_in_the_image(view, size):
+    scene = load_scene("ball3d")
+    x, y, z = (np.array([o, o + s]) for o, s in zip(scene.search.origin, scene.search.size, strict=True))
+    corners = np.array([(a, b, c) for a in x for b in y for c in z])
+    heard = Measurement(np.array([100.0]), np.ones((1, 8), complex), 343.0, 3, positions=corners, search=scene.search)
+    pixels = snapshot.pixels_of(compose(scene, heard), size, view, corners)
+    assert (pixels >= 0).all() and (pixels <= size).all()
+    assert np.ptp(pixels, axis=0).max() > 0.35 * min(size), "nor is it lost in it"
+
+
+@pytest.mark.parametrize("view", VIEWS)
+def test_in_space_each_known_microphone_is_a_blue_square_at_its_height(require_gl, view):
+    scene = load_scene("ball3d")
+    places = np.array([[1.6, 1.3, 0.9], [2.2, 1.3, 1.2], [1.9, 1.9, 1.4], [1.6, 1.75, 1.7], [2.25, 1.8, 1.0]])
+    heard = Measurement(
+        np.array([100.0]), np.ones((1, 5), complex), 343.0, 3, positions=places, known=np.arange(4), search=scene.search
+    )
+    picture = compose(scene, heard)
+    image = decode(snapshot_process.render_png(picture, SIZE, view))
+    above = places[:4] + [0, 0, 6 * picture.marker / LAYERS]
+    for pixel in snapshot.pixels_of(picture, SIZE, view, above):
+        assert nearest(image, pixel, KNOWN, reach=0) < 10
+
+
+def test_from_the_top_east_is_right_and_north_is_up(drawn):
+    picture, _ = drawn("top")
+    origin, east, north = snapshot.pixels_of(picture, SIZE, "top", [(0, 0, 0), (1, 0, 0), (0, 1, 0)])
+    assert east[0] > origin[0] and east[1] == pytest.approx(origin[1])
+    assert north[1] < origin[1] and north[0] == pytest.approx(origin[0])
+    assert east[0] - origin[0] == pytest.approx(origin[1] - north[1], rel=1e-6), "a metre is a metre both ways"
+
+
+@pytest.mark.parametrize("view", VIEWS)
+@pytest.mark.parametrize("size", [(400, 700), (1280, 720), (300, 300)])
+def test_the_whole_search_domain_is_in_the_image(drawn, view, size):
+    picture, _ = drawn("top")
+    x0, y0, x1, y1 = picture.focus
+    pixels = snapshot.pixels_of(picture, size, view, [(x, y, 0) for x in (x0, x1) for y in (y0, y1)])
+    assert (pixels >= 0).all() and (pixels <= size).all()
+
+
+def test_a_small_opening_from_afar_looks_parallel(drawn):
+    picture, _ = drawn("top")
+    points = np.random.default_rng(0).uniform([0.4, 0.3, 0], [0.9, 0.8, 0.02], (20, 3))
+    flat, far = (project(camera_for(picture, SIZE, "top", fov=fov), SIZE, points) for fov in (None, 0.05))
+    assert np.abs(flat - far).max() < 1.5
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_background_and_title(drawn, dark):
+    picture, image = drawn("top", dark)
+    assert nearest(image, np.array([SIZE[0] - 8.0, SIZE[1] - 8.0]), picture.theme.background, reach=2) == 0
+    title = image[5:45, 10:120]
+    assert np.abs(title - picture.theme.ink).max(axis=-1).min() < 20, "the title is not written"
+
+
+def test_the_microphone_looked_at_is_larger(drawn, measurement, estimate):
+    picture, image = drawn("top", True)
+    arm = 1.7 * picture.marker * np.array([np.cos(np.pi / 4), np.sin(np.pi / 4)])
+    tips = np.column_stack([[estimate[5] + arm, estimate[5] - arm], [0.0, 0.0]])
+    rim = np.append(measurement.positions[5] + 1.9 * picture.marker * np.array([-1.0, 0.0]), 0.0)
+    for pixel in snapshot.pixels_of(picture, SIZE, "top", tips):
+        assert nearest(image, pixel, ESTIMATE) < 40
+    assert nearest(image, snapshot.pixels_of(picture, SIZE, "top", rim)[0], TRUE) < 60
+
+
+def test_colour_bar_shows_the_whole_map(drawn):
+    _, image = drawn("3d")
+    strip = {tuple(pixel) for pixel in image[:, int(SIZE[0] * 0.87) : -20].reshape(-1, 3)}
+    ends = matplotlib.colormaps[COLOUR_MAP]([0.01, 0.99], bytes=True)[:, :3].astype(int)
+    for end in ends:
+        assert min(np.abs(np.array(pixel) - end).max() for pixel in strip) <= 3
+
+
+def test_the_same_picture_gives_the_same_bytes(drawn, scene, measurement, estimate, floor, tmp_path):
+    _, image = drawn("top")
+    path = tmp_path / "picture.png"
+    snapshot.render(compose(scene, measurement, estimate, None, floor, "Tiny"), path, SIZE, "top")
+    np.testing.assert_array_equal(decode(path.read_bytes()), image)
+
+
+def test_an_existing_file_is_kept_unless_forced(tmp_path, scene, measurement, monkeypatch):
+    path = tmp_path / "picture.png"
+    path.write_bytes(b"mine")
+    monkeypatch.setattr(snapshot, "render_png", lambda *_: b"\x89PNG")
+    with pytest.raises(InputError, match="force"):
+        snapshot.render(compose(scene, measurement), path)
+    assert path.read_bytes() == b"mine"
+    snapshot.render(compose(scene, measurement), path, force=True)
+    assert path.read_bytes() == b"\x89PNG"
+
+
+@pytest.mark.parametrize("size", [(0, 100), (100, 10**6), (100,), (-5, -5)])
+def test_an_impossible_size_is_refused(scene, measurement, size):
+    with pytest.raises(InputError, match="size"):
+        snapshot_process.render_png(compose(scene, measurement), size)
+
+
+def test_an_unknown_view_is_refused(scene, measurement):
+    with pytest.raises(InputError, match="view"):
+        snapshot_process.render_png(compose(scene, measurement), SIZE, "below")
+
+
+def test_a_fault_of_the_gl_library_is_one_line(scene, measurement, monkeypatch, tmp_path):
+    """A child that dies, as VTK's does without a GL library, costs its parent an error and no file."""
+    dying = tmp_path / "python"
+    dying.write_text("#!/bin/sh\nkill -SEGV $$\n")
+    dying.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(dying))
+    with pytest.raises(StorageError, match="apt-get install") as caught:
+        snapshot.render(compose(scene, measurement), tmp_path / "picture.png", SIZE)
+    assert "\n" not in str(caught.value) and not (tmp_path / "picture.png").exists()

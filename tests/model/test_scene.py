@@ -1,0 +1,268 @@
+"""Scenes: those that ship load and hold what they promise; a bad one is refused in words that help."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from fdcal.model.arrays import positions_of
+from fdcal.model.scene import Search, load_scene, scene_folder, scene_names
+from fdcal.model.validation import InputError, StorageError
+
+
+def test_scenes_that_ship():
+    names = ["array1_circle", "array2_random", "ball3d", "fig1_square", "lshape", "plane3d", "tiny"]
+    assert scene_names() == names
+
+
+@pytest.mark.parametrize("name", ["array1_circle", "array2_random", "fig1_square", "lshape", "tiny"])
+def test_scene_holds_together(name):
+    scene = load_scene(name)
+    positions = positions_of(scene)
+    lattice = (positions - scene.search.origin) / scene.search.step
+    assert np.allclose(lattice, np.round(lattice), atol=1e-9), "the truth must be one of the candidates"
+    k = 2 * np.pi * scene.measurement.highest / scene.room.sound_speed
+    order = np.ceil(k * scene.search.radius) + scene.solver.order_offset
+    assert 2 * order + 1 <= len(positions) - 1, "one microphone is left out while it is searched for"
+    centre = positions.mean(axis=0)
+    assert np.linalg.norm(positions - centre, axis=1).max() <= scene.search.radius
+
+
+@pytest.mark.parametrize(("name", "dimension", "count"), [("ball3d", 3, 64), ("plane3d", 2, 121)])
+def test_scene_in_space_holds_together(name, dimension, count):
+    scene = load_scene(name)
+    assert scene.room.dimension == 3 and (scene.room.cell, scene.source.low, scene.source.sample_rate) == (None,) * 3
+    positions = positions_of(scene)
+    assert positions.shape == (count, dimension)
+    low, size = np.array(scene.search.origin), np.array(scene.search.size)
+    assert np.all(positions > low) and np.all(positions < low + size)
+    known = positions[list(scene.gauge.indices(count))]
+    assert len(known) == 4
+    spread = np.linalg.svd(known - known.mean(axis=0), compute_uv=False)
+    assert spread[-1] > 0.3, "the known microphones are far apart in every direction"
+
+
+@pytest.mark.parametrize("name", ["array1_circle", "array2_random"])
+def test_paper_arrays(name):
+    scene = load_scene(name)
+    assert len(positions_of(scene)) == 65
+    assert scene.search.shape == (121, 121)
+    assert len(scene.gauge.indices(65)) == 3
+    assert (scene.room.size, scene.source.sample_rate, scene.search.radius) == ((6, 5), 28590, 0.8)
+
+
+def test_scene_is_frozen():
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        load_scene("tiny").seed = 1
+
+
+def test_name_and_path_give_the_same_scene(edited):
+    assert dataclasses.replace(load_scene(edited({})), name="tiny") == load_scene("tiny")
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"room.sise": "[1, 1]"}, ["room.sise is not a key", 'did you mean "room.size"']),
+        ({"microphones": "3"}, ["microphones is not a key", "known keys"]),
+        ({"source.position": None}, ["source.position is missing", "add it"]),
+        ({"room.cell": '"4 cm"'}, ["room.cell = '4 cm'", "a number"]),
+        ({"array.shape": "[3.5, 3]"}, ["array.shape = 3.5", "a whole number"]),
+        ({"seed": "true"}, ["seed = True", "a whole number"]),
+        ({"seed": "-1"}, ["seed = -1", "0 or more"]),
+        ({"room.size": "3.0"}, ["room.size = 3.0", "a list"]),
+        ({"room.size": "[-1.68, 1.2]"}, ["room.size = -1.68 m", "above zero"]),
+        ({"room.size": "[1.68, inf]"}, ["room.size", "finite"]),
+        ({"room.size": "[1.68]"}, ["room.size", "1 numbers", "give two, along x and y or three"]),
+        ({"room.size": "[1.68, 1.2, 3.0]"}, ["room.cell = 0.04 m has no meaning", "three lengths", "remove it"]),
+        ({"room.outline": "[[0, 0], [1, 0], [1, 1]]"}, ["room.size or room.outline", "exactly one"]),
+        ({"room.size": None, "room.outline": "[[0, 0], [1, 1], [2, 2]]"}, ["room.outline encloses no area"]),
+        ({"room.cell": "1e-6"}, ["room.cell = 1e-06", "use a larger one"]),
+        ({"room.cell": "1e999"}, ["room.cell = inf", "finite"]),
+        ({"room.cell": "1" + "0" * 400}, ["room.cell", "too large"]),
+        ({"room.walls": '"soft"'}, ['room.walls = "soft"', "rigid, pressure-release, absorbing"]),
+        ({"room.walls": '"absorbing"'}, ["room.admittance = 0", "above zero"]),
+        ({"room.admittance": "0.1"}, ["room.admittance = 0.1", "remove it"]),
+        ({"room.sound_speed": "nan"}, ["room.sound_speed", "must be a number"]),
+        ({"source.position": "[1.5]"}, ["source.position", "1 numbers", "give two"]),
+        ({"source.high": "9000.0"}, ["source.high = 9000 Hz", "half of source.sample_rate = 13000 Hz"]),
+        ({"array.geometry": '"spiral"'}, ['array.geometry = "spiral"', "use one of"]),
+        ({"array.geometry": '"circle"'}, ["array.count is missing"]),
+        ({"array.count": "5"}, ["array.count has no meaning", "remove it"]),
+        ({"array.center": "[inf, 0.5]"}, ["array.center[0] is not a finite number"]),
+        ({"array.random": "100000"}, ["array has 100009 microphones", "at most"]),
+        ({"search.step": "0.0"}, ["search.step = 0 m", "above zero"]),
+        ({"search.step": "1.0"}, ["search.step = 1 m", "use a smaller step"]),
+        ({"search.step": "1e-5"}, ["search.step = 1e-05", "use a larger one"]),
+        ({"search.step": "1e-320"}, ["search.step = ", "use a number from 1e-12"]),
+        ({"search.step": "1e-12"}, ["search.step = 1e-12", "use a larger one", "500000"]),
+        ({"search.step": "0.0005"}, ["9.24e+05 candidates", "use a larger one", "500000"]),
+        ({"search.size": "[0.48, 0.47]"}, ["search.size = 0.47 m", "search.step = 0.02 m", "use 0.46 or 0.48 m"]),
+        ({"search.origin": "[1e300, 0.4]"}, ["search.origin", "too far away"]),
+        ({"source.position": "[1e300, 0.4]"}, ["source.position", "too far away"]),
+        ({"solver.modes": "1" + "0" * 400}, ["solver.modes", "too large"]),
+        ({"seed": "1" + "0" * 400}, ["seed", "too large"]),
+        ({"source.sample_rate": "1e300"}, ["source.sample_rate = 1e+300 Hz", "use a number from"]),
+        ({"measurement.resolution": "1e-320"}, ["measurement.resolution", "use a number from"]),
+        ({"measurement.snr_db": "-5000.0"}, ["measurement.snr_db = -5000", "-300 to 300", "inf"]),
+        ({"measurement.snr_db": "301.0"}, ["measurement.snr_db = 301", "-300 to 300"]),
+        ({"search.origin": "[0.4]"}, ["search.origin", "differ in dimension"]),
+        ({"gauge.free": "[3]"}, ["gauge.known or gauge.free", "exactly one"]),
+        ({"measurement.snr_db": "-inf"}, ["measurement.snr_db = -inf", "decibels"]),
+        ({"measurement.lowest": "950.0"}, ["measurement.lowest = 950 Hz", "below measurement.highest = 850 Hz"]),
+        ({"measurement.highest": "1600.0"}, ["measurement.highest = 1600 Hz", "source.high = 1500 Hz"]),
+        ({"measurement.wavenumber": '"k"'}, ['measurement.wavenumber = "k"', "discrete, continuous"]),
+        ({"solver.modes": "2"}, ["solver.first_modes = 3", "solver.modes = 2", "lower it"]),
+        ({"solver.order_offset": "-1"}, ["solver.order_offset = -1"]),
+        ({"solver.weights": '"none"'}, ['solver.weights = "none"', "unit, raw"]),
+        ({"solver": "3"}, ["not valid TOML"]),
+    ],
+)
+def test_bad_scene_names_key_value_and_remedy(edited, changes, words):
+    with pytest.raises(InputError) as caught:
+        load_scene(edited(changes))
+    message = str(caught.value)
+    assert "\n" not in message
+    for word in words:
+        assert word in message
+
+
+@pytest.fixture
+def boxed(tmp_path):
+    """Function that writes `ball3d`, or another scene, with lines exchanged: boxed({"radius = 0.45": ""}) -> path."""
+
+    def write(changes: dict[str, str], name: str = "ball3d"):
+        text = (scene_folder() / f"{name}.toml").read_text(encoding="utf-8")
+        for old, new in changes.items():
+            assert text.count(old) == 1, f"{old!r} is there {text.count(old)} times"
+            text = text.replace(old, new)
+        path = tmp_path / "boxed.toml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"[room]": "[room]\ncell = 0.02"}, ["room.cell = 0.02 m has no meaning", "remove it"]),
+        ({"[source]": "[source]\nlow = 20.0"}, ["source.low = 20 Hz has no meaning", "remove it"]),
+        ({"position = [4.37, 3.55, 2.45]": "position = [4.37, 3.55, 1, 2]"}, ["source.position", "4 numbers"]),
+        (
+            {"position = [4.37, 3.55, 2.45]": "position = [4.3, 3.5]\nlow = 20.0\nhigh = 300.0\nsample_rate = 700.0"},
+            ["source.position = [4.3, 3.5] has 2 numbers", "the room has 3"],
+        ),
+        ({"[4.6, 3.8, 2.7]": "[4.6, 3.8, 2.7, 1.0]"}, ["room.size", "4 numbers", "give two, along x and y or three"]),
+        ({"[4.6, 3.8, 2.7]": "[4.6, 3.8]\ncell = 0.02"}, ["source.position", "the room has 2 lengths"]),
+        ({"center = [1.9, 1.6, 1.3]": "center = [1.9, 1.6]"}, ["array.center", "2 numbers", "give three"]),
+        ({"[1.0, 1.0, 1.0]": "[1.0, 1.0]"}, ["search.origin", "search.size", "differ in dimension"]),
+        (
+            {'"ball"': '"circle"', "center = [1.9, 1.6, 1.3]": ""},
+            ['array.geometry = "circle"', '"ball", "box", "plane"'],
+        ),
+        ({'"continuous"': '"discrete"'}, ['measurement.wavenumber = "discrete"', "no meaning", '"continuous"']),
+        ({"radius = 0.45": "radius = 0.45\nshape = [3, 3]"}, ["array.shape has no meaning"]),
+        ({"radius = 0.45": ""}, ["array.radius is missing"]),
+    ],
+)
+def test_bad_scene_in_space_names_key_value_and_remedy(boxed, changes, words):
+    with pytest.raises(InputError) as caught:
+        load_scene(boxed(changes))
+    for word in words:
+        assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"center = [1.9, 1.6, 1.3]": "center = [1.9, 1.6, 2.3]"}, ["microphone", "outside the room", "array.center"]),
+        ({"position = [4.37, 3.55, 2.45]": "position = [4.7, 3.55, 2.45]"}, ["source.position", "outside the room"]),
+        ({"position = [4.37, 3.55, 2.45]": "position = [1.9, 1.6, 1.3]"}, ["inside the array", "convex hull"]),
+        ({"known = [3, 29, 52, 57]": "known = [3, 29, 52]"}, ["gauge.known", "four microphones", "not in one plane"]),
+        ({"origin = [1.4, 1.1, 0.8]": "origin = [1.9, 1.1, 0.8]"}, ["outside the search domain", "search.origin"]),
+        (
+            {
+                '"ball"': '"positions"',
+                "count = 64": "",
+                "radius = 0.45": "positions = [[0, 0, 0], [1, 0, 0], [0, 0, 0]]",
+            },
+            ["microphones 0 and 2", "one place"],
+        ),
+    ],
+)
+def test_array_in_space_is_refused_in_words_that_help(boxed, changes, words):
+    scene = load_scene(boxed(changes))
+    with pytest.raises(InputError) as caught:
+        positions_of(scene)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_in_space_search_and_known_microphones_may_be_left_out(boxed):
+    path = boxed({"known = [3, 29, 52, 57]": "known = []"})
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text[: text.index("[search]")] + text[text.index("[gauge]") :], encoding="utf-8")
+    scene = load_scene(path)
+    assert scene.search is None and positions_of(scene).shape == (64, 3)
+
+
+@pytest.mark.parametrize(
+    "key",
+    ["seed", "room.walls", "room.sound_speed", "room.cell"]
+    + [f"source.{name}" for name in ("position", "low", "high", "sample_rate", "duration")]
+    + ["array.geometry", "search.origin", "search.size", "search.step", "search.radius"]
+    + [f"measurement.{name}" for name in ("snr_db", "lowest", "highest", "prominence_db", "resolution", "wavenumber")]
+    + [f"solver.{name}" for name in ("name", "modes", "first_modes", "order_offset", "ample_modes", "known_weight")]
+    + ["solver.weights", "solver.max_sweeps"],
+)
+def test_a_missing_key_is_named_and_no_default_steps_in(edited, key):
+    with pytest.raises(InputError, match=rf"{key} is missing; add it"):
+        load_scene(edited({key: None}))
+
+
+@pytest.mark.parametrize("table", ["room", "source", "array", "search", "gauge", "measurement", "solver"])
+def test_a_missing_table_is_named(edited, table):
+    path = edited({})
+    whole = path.read_text()
+    start = whole.index(f"[{table}]")
+    end = whole.find("\n[", start)
+    path.write_text(whole[:start] + (whole[end + 1 :] if end >= 0 else ""))
+    with pytest.raises(InputError, match=rf"{table} is missing; add it"):
+        load_scene(path)
+
+
+def test_unknown_scene_lists_the_known_ones():
+    with pytest.raises(InputError, match=r'"nowhere" is unknown.*array1_circle'):
+        load_scene("nowhere")
+
+
+def test_missing_file_is_a_storage_error(tmp_path):
+    with pytest.raises(StorageError, match="cannot read scene"):
+        load_scene(tmp_path / "gone.toml")
+
+
+def test_not_toml(tmp_path):
+    for name, content in (("text", b"room = ["), ("binary", b"\xff\xfe")):
+        path = tmp_path / f"{name}.toml"
+        path.write_bytes(content)
+        with pytest.raises(InputError, match="not valid TOML"):
+            load_scene(path)
+
+
+def test_search_shape_counts_both_ends():
+    assert Search((0, 0), (1.2, 0.3), 0.1).shape == (13, 4)
+
+
+def test_a_layer_of_the_search_domain_is_the_lattice_at_one_height():
+    flat, deep = Search((1, 2), (0.2, 0.1), 0.1), Search((1, 2, 3), (0.2, 0.1, 0.4), 0.1)
+    np.testing.assert_allclose(flat.layer(), [[[1, 2], [1.1, 2], [1.2, 2]], [[1, 2.1], [1.1, 2.1], [1.2, 2.1]]])
+    np.testing.assert_allclose(deep.layer(3.14)[..., :2], flat.layer())
+    assert np.all(deep.layer(3.14)[..., 2] == 3.14)
+
+
+def test_a_measurement_is_no_scene(tmp_path):
+    with pytest.raises(InputError, match="is a measurement; give a scene"):
+        load_scene(tmp_path / "mine.npz")

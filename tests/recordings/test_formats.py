@@ -1,0 +1,449 @@
+"""Every format: what its own library writes is read, what is written its own reader reads, and what is damaged is told.
+
+Writers and readers on the other side are soundfile, sofar, h5py, NumPy, the csv, json and xml modules.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import xml.dom.minidom
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import sofar
+import soundfile
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from fdcal.commands.cli import main
+from fdcal.model.microphones import Placed
+from fdcal.model.validation import InputError, StorageError
+from fdcal.recordings import formats
+from fdcal.recordings.channel_health import inspect, require_usable
+from fdcal.recordings.formats.table import read_positions
+from fdcal.recordings.recording import read
+
+RATE = 8000.0
+SAMPLES = np.random.default_rng(0).uniform(-0.5, 0.5, (5, 400))
+PLACES = np.random.default_rng(1).uniform(-1, 1, (5, 3))
+
+
+def room_sofa() -> sofar.Sofa:
+    """Without the descriptions, which are optional: with netCDF4 1.7.5 sofar cannot write them."""
+    sofa = sofar.Sofa("SingleRoomSRIR")
+    sofa.delete("ReceiverDescriptions")
+    sofa.delete("EmitterDescriptions")
+    return sofa
+
+
+def write_wav(path: Path, samples=SAMPLES, subtype="PCM_24") -> Path:
+    soundfile.write(path, samples.T, int(RATE), subtype=subtype)
+    return path
+
+
+def write_hdf5(path: Path, samples=SAMPLES) -> Path:
+    with h5py.File(path, "w") as file:
+        file.create_dataset("time_data", data=samples.T.astype(np.float32)).attrs["sample_freq"] = RATE
+    return path
+
+
+def write_meshrir(path: Path, samples=SAMPLES, places=PLACES, sources: int = 2) -> Path:
+    path.mkdir(exist_ok=True)
+    np.save(path / "pos_mic.npy", places)
+    np.save(path / "pos_src.npy", np.arange(3.0 * sources).reshape(sources, 3))
+    for n, row in enumerate(samples):
+        np.save(path / f"ir_{n}.npy", np.stack([row * (s + 1) for s in range(sources)]).astype(np.float32))
+    return path
+
+
+def write_npz(path: Path, samples=SAMPLES) -> Path:
+    np.savez(path, recordings=samples, sample_rate=RATE, positions=PLACES, kind="response")
+    return path
+
+
+def write_sofa(path: Path, samples=SAMPLES, spherical: bool = False, kelvin: float = 293.15) -> Path:
+    """One measurement with all receivers."""
+    sofa = room_sofa()
+    sofa.Data_IR, sofa.Data_SamplingRate, sofa.Data_Delay = samples[None], RATE, np.zeros((1, len(samples)))
+    places = PLACES
+    if spherical:
+        x, y, z = PLACES.T
+        places = np.stack([np.degrees(np.arctan2(y, x)), np.degrees(np.arctan2(z, np.hypot(x, y)))], axis=1)
+        places = np.column_stack([places, np.linalg.norm(PLACES, axis=1)])
+    sofa.ReceiverPosition = places[:, :, None]
+    sofa.ReceiverPosition_Type = "spherical" if spherical else "cartesian"
+    sofa.ReceiverPosition_Units = "degree, degree, metre" if spherical else "metre"
+    for name, direction in (("View", [1.0, 0, 0]), ("Up", [0, 0, 1.0])):
+        setattr(sofa, f"Receiver{name}", np.tile(direction, (len(samples), 1))[:, :, None])
+    sofa.RoomTemperature = kelvin
+    sofar.write_sofa(str(path), sofa)
+    return path
+
+
+CONTAINERS = ("w64", "rf64", "aiff", "au", "caf")
+
+
+def write_container(path: Path, samples=SAMPLES) -> Path:
+    soundfile.write(path, samples.T, int(RATE), subtype="PCM_24", format=path.suffix[1:].upper())
+    return path
+
+
+WRITERS = {
+    "a.wav": write_wav,
+    "a.flac": write_wav,
+    **{f"a.{suffix}": write_container for suffix in CONTAINERS},
+    "a.h5": write_hdf5,
+    "a.npz": write_npz,
+    "a.sofa": write_sofa,
+    "mesh": write_meshrir,
+}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_what_its_library_writes_is_read(name, tmp_path):
+    recording = formats.read(WRITERS[name](tmp_path / name))
+    assert (recording.count, recording.samples) == SAMPLES.shape
+    assert recording.sample_rate == (48_000.0 if name == "mesh" else RATE)
+    assert np.allclose(read(recording, 0, recording.samples), SAMPLES, atol=1e-6)
+    assert np.allclose(read(recording, 100, 150, [3, 0]), SAMPLES[[3, 0], 100:150], atol=1e-6)
+    if name in ("a.npz", "a.sofa", "mesh"):
+        assert np.allclose(recording.positions, PLACES)
+        assert recording.kind == "response"
+
+
+def test_one_source_of_several_is_read(tmp_path):
+    folder = write_meshrir(tmp_path / "mesh")
+    assert np.allclose(read(formats.read(folder, 1), 0, 400), 2 * SAMPLES, atol=1e-6)
+    with pytest.raises(InputError, match=r"--source 2 is not there.*0 to 1"):
+        formats.read(folder, 2)
+
+
+def test_a_helper_of_formats_is_no_format(tmp_path, monkeypatch):
+    monkeypatch.setattr("fdcal.recordings.formats.sofa_fields.read", None, raising=False)
+    formats.modules.cache_clear()
+    assert {"sofa", "sound", "meshrir"} <= {module.__name__.split(".")[-1] for module in formats.modules()}
+    assert ".sofa" in formats.suffixes("read")
+    assert formats.reader_of(tmp_path / "a.xyz") is None
+
+
+def test_sofa_in_degrees_and_with_a_temperature(tmp_path):
+    recording = formats.read(write_sofa(tmp_path / "a.sofa", spherical=True, kelvin=303.15))
+    assert np.allclose(recording.positions, PLACES)
+    assert recording.sound_speed == pytest.approx(349.0, abs=0.1)
+    assert formats.read(write_sofa(tmp_path / "b.sofa", kelvin=0.0)).sound_speed is None
+
+
+def test_sofa_of_one_receiver_that_is_moved_and_of_two_sources(tmp_path):
+    sofa = room_sofa()
+    sofa.Data_IR, sofa.Data_SamplingRate = np.concatenate([SAMPLES, -SAMPLES])[:, None], RATE
+    sofa.ListenerPosition = np.concatenate([PLACES, PLACES])
+    sofa.ReceiverPosition, sofa.ReceiverPosition_Type = np.array([[0.1, 0, 0]]), "cartesian"
+    sofa.ReceiverPosition_Units = "metre"
+    sofa.ListenerView, sofa.ListenerUp = np.array([[0.0, 1, 0]]), np.array([[0.0, 0, 1]])
+    sofa.MeasurementDate = np.zeros(10)
+    sofa.SourcePosition = np.repeat([[2.0, 0, 0], [0, 2.0, 0]], 5, axis=0)
+    sofar.write_sofa(str(tmp_path / "moved.sofa"), sofa)
+    for source, sign in ((0, 1), (1, -1)):
+        recording = formats.read(tmp_path / "moved.sofa", source)
+        assert np.allclose(recording.positions, PLACES + [0, 0.1, 0]), "the receiver turns with the listener"
+        assert np.allclose(read(recording, 0, 400), sign * SAMPLES)
+
+
+def damaged_sofa(path: Path, change) -> Path:
+    import netCDF4
+
+    write_sofa(path)
+    with netCDF4.Dataset(path, "a") as file:
+        change(file)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (
+            lambda f: f.variables["ReceiverPosition"].setncattr("Units", "degree, degree, metre"),
+            "cartesian but in degrees",
+        ),
+        (lambda f: f.variables["ReceiverPosition"].__setitem__(slice(None), np.nan), "empty or not finite"),
+        (lambda f: f.variables["Data.SamplingRate"].__setitem__(slice(None), 0.0), "sampling rate = 0 Hz"),
+        (lambda f: f.renameVariable("Data.IR", "Data.XX"), "no impulse responses"),
+        (lambda f: f.renameVariable("SourcePosition", "Elsewhere"), 'has no "SourcePosition"'),
+        (lambda f: f.variables["ListenerView"].__setitem__(slice(None), [0, 0, 1.0]), "no two directions"),
+    ],
+)
+def test_a_damaged_sofa_field_is_named(change, words, tmp_path):
+    with pytest.raises(InputError, match=words):
+        formats.read(damaged_sofa(tmp_path / "a.sofa", change))
+
+
+def refusal(path: Path) -> str:
+    with pytest.raises((InputError, StorageError)) as caught:
+        recording = formats.read(path)
+        require_usable(recording, inspect(recording))
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_faults_of_a_meshrir_folder_are_named(tmp_path):
+    folder = write_meshrir(tmp_path / "mesh")
+    (folder / "ir_3.npy").rename(folder / "elsewhere.npy")
+    assert "no ir_3.npy (1 missing)" in refusal(folder)
+    np.save(folder / "ir_3.npy", np.zeros((2, 7)))
+    assert "ir_3.npy has shape (2, 7)" in refusal(folder)
+    (folder / "ir_3.npy").write_bytes((folder / "elsewhere.npy").read_bytes()[:-100])
+    assert "ir_3.npy is damaged or truncated" in refusal(folder)
+    np.save(folder / "pos_mic.npy", PLACES[:, :2])
+    assert "pos_mic.npy has shape (5, 2)" in refusal(folder)
+
+
+def test_faults_of_other_files_are_named(tmp_path):
+    assert "no such file" in refusal(tmp_path / "nothing.wav")
+    (tmp_path / "a.txt").write_text("x")
+    assert "no format that can be read; give " in refusal(tmp_path / "a.txt")
+    (tmp_path / "a.wav").write_text("this is no sound")
+    assert "not a sound file" in refusal(tmp_path / "a.wav")
+    whole = write_wav(tmp_path / "b.wav").read_bytes()
+    (tmp_path / "b.wav").write_bytes(whole[: len(whole) // 2])
+    assert "truncated" in refusal(tmp_path / "b.wav")
+    whole = write_wav(tmp_path / "b.flac").read_bytes()
+    (tmp_path / "b.flac").write_bytes(whole[: len(whole) // 2])
+    assert "b.flac" in refusal(tmp_path / "b.flac")
+    with h5py.File(write_hdf5(tmp_path / "a.h5"), "a") as file:
+        del file["time_data"].attrs["sample_freq"]
+    assert 'no attribute "sample_freq"' in refusal(tmp_path / "a.h5")
+    with h5py.File(tmp_path / "b.h5", "w") as file:
+        file["other"] = [1]
+    assert 'no "time_data"' in refusal(tmp_path / "b.h5")
+    np.savez(tmp_path / "a.npz", recordings=SAMPLES)
+    assert 'no "sample_rate"' in refusal(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize("name", [name for name in WRITERS if name != "mesh"])
+def test_half_a_file_is_refused(name, tmp_path):
+    path = WRITERS[name](tmp_path / name)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    assert name in refusal(path)
+
+
+@pytest.mark.parametrize("shape", [(10**12, 32), (10**9, 32), (100, 10**9)])
+def test_a_header_that_announces_what_is_not_there_is_refused_at_once(shape, tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        data = file.create_dataset("time_data", shape=shape, dtype="f4", chunks=(64, 32))
+        data.attrs["sample_freq"] = RATE
+    assert "a.h5" in refusal(tmp_path / "a.h5")
+
+
+@pytest.mark.parametrize("rate", ["fast", [1.0, 2.0]])
+def test_a_rate_that_is_no_number_is_told(rate, tmp_path):
+    with h5py.File(write_hdf5(tmp_path / "a.h5"), "a") as file:
+        file["time_data"].attrs["sample_freq"] = rate
+    assert '"sample_freq" is' in refusal(tmp_path / "a.h5")
+
+
+def clipped(samples, subtype: str, path: Path) -> list[int]:
+    write_wav(path, samples, subtype)
+    return np.flatnonzero(inspect(formats.read(path)).clipped).tolist()
+
+
+def test_peaks_cut_off_are_found_however_short(tmp_path):
+    rng = np.random.default_rng(0)
+    noise = 0.1 * rng.standard_normal((4, 20_000))  # white: two neighbours are hardly ever beyond the limit
+    over = noise.copy()
+    over[1] *= 3
+    assert np.sum(np.abs(over[1]) > 1) > 10
+    loud = np.clip(over, -1, 1)
+    assert clipped(loud, "PCM_16", tmp_path / "a.wav") == clipped(loud, "FLOAT", tmp_path / "b.wav") == [1]
+    assert clipped(0.37 * loud, "FLOAT", tmp_path / "c.wav") == [1], "before it was made quieter"
+
+
+def test_sound_that_only_comes_near_is_not_called_clipped(tmp_path):
+    rng = np.random.default_rng(0)
+    noise = rng.standard_normal((16, 200_000))
+    for size, subtype in ((0.9, "PCM_16"), (30 / 32768, "PCM_16"), (5 / 32768, "PCM_16"), (1.0, "PCM_24")):
+        assert clipped(noise / np.abs(noise).max() * size, subtype, tmp_path / "a.wav") == []
+    loop = np.tile(noise[:4, :5000], (1, 20))
+    assert clipped(loop / np.abs(loop).max() * 0.9, "PCM_16", tmp_path / "b.wav") == []
+    tone = 0.8 * np.sin(2 * np.pi * 440 * np.arange(48_000) / 48_000 + np.arange(4)[:, None])
+    assert clipped(tone, "FLOAT", tmp_path / "c.wav") == []
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="nothing is forbidden to root")
+def test_a_file_without_permission_is_named(tmp_path):
+    path = write_wav(tmp_path / "a.wav")
+    path.chmod(0)
+    with pytest.raises(StorageError, match=r"cannot read .*a\.wav: Permission denied"):
+        formats.read(path)
+
+
+def changed(number: int, values) -> np.ndarray:
+    samples = SAMPLES.copy()
+    samples[number] = values
+    return samples
+
+
+@pytest.mark.parametrize(
+    ("samples", "words"),
+    [
+        (changed(2, 0.0), "channel 2 is silent"),
+        (changed(3, np.clip(5 * SAMPLES[3], -0.9, 0.9)), "channel 3 is clipped"),
+        (changed(4, SAMPLES[1]), "channel 4 (the first is the same as channel 1) is copied"),
+        (changed(1, np.where(np.arange(400) == 17, np.nan, SAMPLES[1])), 'sample 17 of channel "1" is not a finite'),
+    ],
+)
+def test_a_bad_channel_is_named_with_the_remedy(samples, words, tmp_path):
+    text = refusal(write_wav(tmp_path / "a.wav", samples, "FLOAT"))
+    assert words in text
+    assert "--leave-out" in text
+
+
+# What is damaged: a clear error, or what the file still says; never another exception, never a crash or a hang.
+
+
+HEADER = {"a.h5": 3000, "a.sofa": 20_000, "a.npz": 600}  # bytes that say how to read the rest, where more than 200
+
+
+@pytest.fixture(scope="module")
+def originals(tmp_path_factory) -> dict[str, bytes]:
+    folder = tmp_path_factory.mktemp("originals")
+    return {name: WRITERS[name](folder / name).read_bytes() for name in WRITERS if name != "mesh"}
+
+
+@pytest.mark.parametrize("name", [name for name in WRITERS if name != "mesh"])
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True)
+@given(data=st.data())
+def test_damage_gives_an_error_or_an_answer(name, data, originals, tmp_path):
+    content = bytearray(originals[name])
+    if data.draw(st.booleans(), "truncated"):
+        del content[data.draw(st.integers(0, len(content) - 1), "length") :]
+    else:
+        for place in data.draw(
+            st.lists(st.integers(0, min(len(content) - 1, HEADER.get(name, 200))), min_size=1, max_size=4), "places"
+        ):
+            content[place] = data.draw(st.integers(0, 255), "byte")
+    path = tmp_path / name
+    path.write_bytes(content)
+    try:
+        recording = formats.read(path)
+        health = inspect(recording)
+    except (InputError, StorageError) as error:
+        assert name in str(error)
+    else:
+        assert health.level.shape == (recording.count,)
+        assert np.all(np.isfinite(health.level))
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True)
+@given(
+    st.sampled_from(["pos_mic.npy", "pos_src.npy", "ir_0.npy", "ir_2.npy"]), st.integers(0, 127), st.binary(max_size=3)
+)
+def test_damage_to_a_folder_gives_an_error_or_an_answer(tmp_path, name, place, new):
+    folder = write_meshrir(tmp_path / "mesh")
+    content = bytearray((folder / name).read_bytes())
+    content[place : place + len(new)] = new
+    (folder / name).write_bytes(content[:place] if not new else content)
+    try:
+        assert inspect(formats.read(folder)).level.shape == (5,)
+    except (InputError, StorageError) as error:
+        assert "mesh" in str(error)
+
+
+# Positions out.
+
+PLACED = Placed(("a", "b & <c>", "ü", "d", "e"), PLACES, np.array([0.001, 0.002, 0.003, 0.004, 1 / 3]), "known")
+
+
+@pytest.fixture(params=[PLACED, Placed(PLACED.names, PLACES[:, :2])], ids=["space", "plane, no uncertainty"])
+def placed(request) -> Placed:
+    return request.param
+
+
+def test_a_table_is_written_and_read(placed, tmp_path):
+    formats.write(tmp_path / "p.csv", "p.csv", placed)
+    with open(tmp_path / "p.csv", encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["name"] for row in rows] == list(placed.names)
+    assert np.array_equal([[float(row[axis]) for axis in "xyz"] for row in rows], placed.positions)
+    told = [row["uncertainty"] for row in rows]
+    assert told == [""] * 5 if placed.uncertainty is None else [float(t) for t in told] == placed.uncertainty.tolist()
+    names, positions = read_positions(tmp_path / "p.csv")
+    assert names == list(placed.names)
+    assert np.array_equal(positions, placed.positions)
+
+
+def test_json_is_written(placed, tmp_path):
+    formats.write(tmp_path / "p.json", "p.json", placed)
+    table = json.loads((tmp_path / "p.json").read_text(encoding="utf-8"))
+    assert [m["name"] for m in table["microphones"]] == list(placed.names)
+    assert [[m["x"], m["y"], m["z"]] for m in table["microphones"]] == placed.positions.tolist()
+    told = [m["uncertainty"] for m in table["microphones"]]
+    assert told == ([None] * 5 if placed.uncertainty is None else placed.uncertainty.tolist())
+
+
+def test_acoulars_geometry_is_written(placed, tmp_path):
+    formats.write(tmp_path / "p.xml", "p.xml", placed)
+    # as acoular.MicGeom reads it
+    elements = xml.dom.minidom.parse(str(tmp_path / "p.xml")).getElementsByTagName("pos")
+    assert [element.getAttribute("Name") for element in elements] == list(placed.names)
+    assert np.array_equal([[float(e.getAttribute(a)) for a in "xyz"] for e in elements], placed.positions)
+
+
+def test_pyroomacoustics_array_is_written(placed, tmp_path):
+    formats.write(tmp_path / "p.npy", "p.npy", placed)
+    assert np.array_equal(np.load(tmp_path / "p.npy"), placed.positions.T)
+
+
+def test_sofa_is_written_anew_and_into_a_copy(placed, tmp_path):
+    formats.write(tmp_path / "p.sofa", "p.sofa", placed)
+    back = sofar.read_sofa(str(tmp_path / "p.sofa"), verbose=False)
+    assert np.allclose(
+        back.ReceiverPosition[:, :, 0] if back.ReceiverPosition.ndim == 3 else back.ReceiverPosition, placed.positions
+    )
+    original = write_sofa(tmp_path / "original.sofa", spherical=True)
+    before = original.read_bytes()
+    formats.write(tmp_path / "q.sofa", "q.sofa", placed, str(original))
+    assert np.allclose(formats.read(tmp_path / "q.sofa").positions, placed.positions)
+    assert np.allclose(read(formats.read(tmp_path / "q.sofa"), 0, 400), SAMPLES)
+    assert original.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "must begin with the line name,x,y"),
+        ("x,y\n1,2\n", "must begin with the line name,x,y"),
+        ("name,x,y\na,1\n", "line 2"),
+        ("name,x,y,z\na,1,2,nan\n", "line 2"),
+        ("name,x,y\na,1,2\na,3,4\n", "twice"),
+    ],
+)
+def test_a_table_that_is_none_is_refused(text, words, tmp_path):
+    (tmp_path / "k.csv").write_text(text)
+    with pytest.raises(InputError, match=words):
+        read_positions(tmp_path / "k.csv")
+
+
+COMMANDS = (
+    ["export", "r.json", "-o", "r.json"],
+    ["field", "m.npz", "-o", "m.npz"],
+    ["import", "m.npz", "-o", "m.npz"],
+    ["import", "heard.wav", "--reference", "m.npz", "-o", "m.npz"],
+)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_input_is_never_the_output(command, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path(command[-1]).write_text("mine")
+    Path("link" + Path(command[-1]).suffix).hardlink_to(command[-1])
+    for output in (command[-1], "link" + Path(command[-1]).suffix):
+        with pytest.raises(SystemExit) as ended:
+            main([*command[:-1], output, "--force"])
+        assert ended.value.code == 2
+        assert "is the input itself" in capsys.readouterr().err
+    assert Path(command[-1]).read_text() == "mine"

@@ -1,0 +1,474 @@
+"""From recordings of a room to pressures and positions: exact without noise, and the noise is told as it is."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+from recorded import FS, SPEED, at_work, exact, mismatch_db, noisy, places, responses
+from scipy.signal import chirp, fftconvolve
+
+from fdcal.commands.calibrate import solve, source_of
+from fdcal.commands.cli import main
+from fdcal.model.measurement_file import load_measurement
+from fdcal.model.validation import InputError
+from fdcal.recordings import frequency_selection
+from fdcal.recordings.channel_selection import known, on_plane, subset, without
+from fdcal.recordings.cross_spectra import from_work
+from fdcal.recordings.decimation import decimated
+from fdcal.recordings.deconvolution import deconvolved
+from fdcal.recordings.import_options import Wishes
+from fdcal.recordings.import_report import report
+from fdcal.recordings.importer import intake
+from fdcal.recordings.impulse_response import from_response
+from fdcal.recordings.recording import Recording, of_array, read
+from fdcal.recordings.reverberation import decay_of
+
+BAND = 20.0, 400.0
+
+
+def recorded(samples, kind="response", **told) -> Recording:
+    return of_array("file", kind, FS, samples, **told)
+
+
+def test_a_response_gives_its_transform():
+    taken = from_response(recorded(responses()), BAND, SPEED)
+    assert np.all(mismatch_db(taken.pressures, exact(taken.frequencies, SPEED * -taken.wavenumbers[0].imag)) < -100)
+    assert np.all(np.diff(taken.frequencies) > 0)
+
+
+@pytest.mark.parametrize("snr_db", [20, 40])
+def test_the_noise_of_a_response_is_told_as_it_is(snr_db):
+    taken = from_response(recorded(noisy(responses(), snr_db)), BAND, SPEED)
+    s = SPEED * -taken.wavenumbers[0].imag
+    error = taken.pressures - exact(taken.frequencies, s)
+    ratio = taken.noise_power.mean() / np.mean(np.abs(error) ** 2)
+    assert 0.7 < ratio < 1.4
+
+
+def test_a_room_that_rings_is_weighted_and_its_noise_not_told():
+    cut = responses()[:, :400]  # a tenth of a second
+    taken = from_response(recorded(cut), BAND, SPEED)
+    s = SPEED * -taken.wavenumbers[0].imag
+    assert s > 10
+    assert np.all(mismatch_db(taken.pressures, exact(taken.frequencies, s)) < -60)
+    assert taken.noise_power is None
+    plain = from_response(recorded(cut), BAND, SPEED, window=0.0)
+    assert np.median(mismatch_db(plain.pressures, exact(plain.frequencies))) > -40, "what the window is for"
+
+
+def test_the_decay_is_told_in_the_midst_of_noise():
+    t = np.arange(FS) / FS
+    ringing = np.random.default_rng(0).standard_normal((8, FS)) * np.exp(-20 * t)
+    clean = decay_of(recorded(ringing), BAND).rate
+    noise = 0.01 * np.random.default_rng(1).standard_normal(ringing.shape)
+    decay = decay_of(recorded(ringing + noise), BAND)
+    assert clean == pytest.approx(20, rel=0.1)
+    assert decay.rate == pytest.approx(20, rel=0.15)
+    assert 0.2 < decay.tail < 0.5
+
+
+def test_a_sweep_only_decays_when_it_is_over():
+    t = np.arange(4 * FS) / FS
+    played = np.where(t < 2, np.sin(2 * np.pi * 60 * 2 * (5 ** (t / 2) - 1) / np.log(5)), 0.0)  # 60 to 300 Hz in 2 s
+    loud = np.exp(-0.5 * t)  # the room answers high frequencies less
+    heard = np.array([fftconvolve(played * loud, h)[: len(t)] for h in responses(8)])
+    taken = from_response(recorded(noisy(heard, 40)), BAND, SPEED)
+    decay = decay_of(recorded(noisy(heard, 40)), BAND)
+    assert decay.rate > 3 and 2 < decay.tail < 3.2, decay
+    assert taken.how.startswith("no window") and taken.noise_power is not None
+    assert np.median(mismatch_db(taken.pressures, exact(taken.frequencies, count=24)[:, :8])) < -20
+
+
+def test_a_source_at_work_gives_what_its_responses_give():
+    heard, _ = at_work(30, 60)
+    taken = from_work(recorded(heard, "work"), BAND, SPEED)
+    assert len(taken.frequencies) > 40
+    assert np.median(mismatch_db(taken.pressures, exact(taken.frequencies))) < -60
+    assert np.max(mismatch_db(taken.pressures, exact(taken.frequencies))) < -45
+
+
+def test_the_noise_beside_a_source_at_work_is_told_as_it_is():
+    heard, _ = at_work(30, 20)
+    for reference in (None, 3):
+        taken = from_work(recorded(heard, "work"), BAND, SPEED, reference=reference)
+        truth = exact(taken.frequencies)
+        factor = np.sum(truth.conj() * taken.pressures, axis=1) / np.sum(np.abs(truth) ** 2, axis=1)
+        error = np.mean(np.abs(taken.pressures - factor[:, None] * truth) ** 2, axis=1)
+        assert 0.5 < np.mean(error / taken.noise_power) < 2
+        assert np.median(mismatch_db(taken.pressures, truth)) < -25, "averaging helps"
+
+
+def test_a_lower_rate_changes_nothing_in_the_band():
+    fs, t = 48_000, np.arange(48_000) / 48_000
+    tones = np.array([np.cos(2 * np.pi * f * t + 0.3) for f in (25.0, 300.0, 499.0, 1700.0, 5000.0)])
+    slow = decimated(of_array("file", "work", fs, tones), 500.0)
+    assert slow.sample_rate == 2000
+    kept = read(slow, 0, slow.samples)
+    at = np.arange(slow.samples) / slow.sample_rate
+    for row, f in zip(kept[:3], (25.0, 300.0, 499.0), strict=True):
+        assert np.allclose(row[100:-100], np.cos(2 * np.pi * f * at + 0.3)[100:-100], atol=1e-5)
+    assert np.abs(kept[3:, 100:-100]).max() < 1e-4, "1700 and 5000 Hz would fold to 300 and 1000 Hz"
+    assert np.array_equal(read(slow, 700, 900, [1]), kept[[1], 700:900])
+
+
+def test_a_lower_rate_is_the_same_whole_or_in_pieces(monkeypatch):
+    samples = np.random.default_rng(0).standard_normal((2, 30_000))
+    slow = decimated(of_array("file", "work", 8000.0, samples), 500.0)
+    whole = slow.block(3, slow.samples - 5, np.array([1, 0]))
+    monkeypatch.setattr("fdcal.recordings.decimation.AT_ONCE", 1000)
+    assert np.array_equal(slow.block(3, slow.samples - 5, np.array([1, 0])), whole)
+
+
+def test_a_narrow_resonance_keeps_its_own_frequency():
+    t = np.arange(30 * FS) / FS
+    f = 101.23
+    rng = np.random.default_rng(0)
+    ring = fftconvolve(rng.standard_normal(len(t)), np.exp((2j * np.pi * f - 0.5) * t[: 8 * FS]))[: len(t)].real
+    heard = np.outer(rng.standard_normal(6), ring) + 0.01 * rng.standard_normal((6, len(t)))
+    taken = from_work(recorded(heard, "work"), (80.0, 120.0), SPEED, most=3)
+    assert np.min(np.abs(taken.frequencies - f)) < 0.05
+    assert np.allclose(taken.wavenumbers, 2 * np.pi * taken.frequencies / SPEED)
+
+
+def test_a_known_signal_gives_back_the_responses():
+    said = at_work(8, 200)[1]
+    silent = np.concatenate([said, np.zeros(2400)])
+    played = np.array([fftconvolve(silent, h)[: len(silent)] for h in responses()[:6]])
+    made, _ = deconvolved(recorded(played, None), recorded(silent[None], None), BAND)
+    taken = from_response(made, BAND, SPEED)
+    s = SPEED * -taken.wavenumbers[0].imag
+    assert np.max(mismatch_db(taken.pressures, exact(taken.frequencies, s)[:, :6])) < -40
+
+
+def swept(seconds: float, snr_db: float, silence: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """A logarithmic sweep from 20 to 500 Hz, with silence after it, as heard (24, T) and as played (T,)."""
+    t = np.arange(int(seconds * FS)) / FS
+    sound = chirp(t, 20, seconds, 500, method="logarithmic") * np.minimum(1, 20 * np.minimum(t, seconds - t))
+    played = np.concatenate([sound, np.zeros(int(silence * FS))])
+    return noisy(np.array([fftconvolve(played, h)[: len(played)] for h in responses()]), snr_db), played
+
+
+def error_over_noise(taken) -> np.ndarray:
+    """Error of every pressure over the noise told, mean of each third of the frequencies : (3,)."""
+    truth = exact(taken.frequencies, SPEED * -taken.wavenumbers[0].imag)
+    factor = np.sum(truth.conj() * taken.pressures, axis=1) / np.sum(np.abs(truth) ** 2, axis=1)
+    error = np.mean(np.abs(taken.pressures - factor[:, None] * truth) ** 2, axis=1)
+    return np.array([part.mean() for part in np.array_split(error / taken.noise_power, 3)])
+
+
+@pytest.mark.parametrize("seconds", [5, 20])
+def test_the_noise_of_a_sweep_is_told_as_it_is_with_its_reference_and_without(seconds):
+    heard, played = swept(seconds, 30)
+    plain = from_response(recorded(heard), BAND, SPEED)
+    made, noise = deconvolved(recorded(heard, None), recorded(played[None], None), BAND)
+    known = from_response(made, BAND, SPEED, noise=noise)
+    for taken in (plain, known):
+        assert np.all(np.abs(np.log(error_over_noise(taken))) < np.log(1.6))
+    assert len(plain.frequencies) == 57, "a long sweep ends only just before the recording does"
+    assert len(known.frequencies) >= 38, "as far apart as the room's resonances are wide"
+    error = [np.median(mismatch_db(taken.pressures, exact(taken.frequencies))) for taken in (plain, known)]
+    assert error[1] < error[0] - 6, "the reference gathers the sweep, and what follows is left out"
+
+
+def test_what_follows_the_sound_is_left_out():
+    quiet = noisy(np.pad(responses(), ((0, 0), (0, 3 * FS))), 20)
+    taken = from_response(recorded(quiet), BAND, SPEED)
+    assert "the rest is left out" in taken.how
+    assert np.all(np.abs(np.log(error_over_noise(taken))) < np.log(1.6))
+    whole = np.exp(-2j * np.pi / FS * np.outer(taken.frequencies, np.arange(quiet.shape[1]))) @ quiet.T
+    truth = exact(taken.frequencies)
+    assert np.median(mismatch_db(taken.pressures, truth)) < np.median(mismatch_db(whole, truth)) - 4
+
+
+def ringing(seconds: float, snr_db: float, slow: float = 5.0) -> tuple[np.ndarray, Callable]:
+    """Sixty modes that decay at 20/s and one at 50 Hz that decays at `slow`, (24, T); their transform at (M,) Hz."""
+    rng = np.random.default_rng(0)
+    w = 2j * np.pi * np.concatenate([[50.0], rng.uniform(25, 390, 60)]) - np.concatenate([[slow], np.full(60, 20.0)])
+    shapes = rng.standard_normal((24, 61)) * np.concatenate([[0.3], np.ones(60)])
+    clean = (shapes @ np.exp(np.outer(w, np.arange(int(seconds * FS)) / FS))).imag
+    level = np.sqrt(np.mean(clean[:, : FS // 10] ** 2)) * 10 ** (-snr_db / 20)
+
+    def truth(frequencies: np.ndarray) -> np.ndarray:
+        z = 2j * np.pi * frequencies[:, None]
+        return (1 / (1 - np.exp((w - z) / FS)) - 1 / (1 - np.exp((w.conj() - z) / FS))) / 2j @ shapes.T
+
+    return clean + level * rng.standard_normal(clean.shape), truth
+
+
+@pytest.mark.parametrize("seconds", [4, 8])
+@pytest.mark.parametrize("snr_db", [20, 30, 45])
+def test_a_mode_that_rings_on_is_not_cut_off(seconds, snr_db):
+    heard, truth = ringing(seconds, snr_db)
+    taken = from_response(recorded(heard), BAND, SPEED)
+    assert taken.how.startswith("no window") and "left out" in taken.how
+    error = np.mean(np.abs(taken.pressures - truth(taken.frequencies)) ** 2, axis=1)
+    assert 0.7 < np.mean(error / taken.noise_power) < 1.4
+    assert np.all(error < 3 * taken.noise_power), "nor at the frequency of the mode"
+    whole = np.exp(-2j * np.pi / FS * np.outer(taken.frequencies, np.arange(heard.shape[1]))) @ heard.T
+    rest = np.mean(np.abs(whole - truth(taken.frequencies)) ** 2, axis=1)
+    assert np.median(error / rest) < 0.7, "what most modes do not need is left out all the same"
+
+
+def test_silence_after_the_sound_changes_nothing():
+    """Two frequencies closer than the room's resonances are wide say the same twice."""
+    short = noisy(np.pad(responses(), ((0, 0), (0, FS // 2))), 30)
+    noise = np.random.default_rng(3).standard_normal((24, 40 * FS)) * np.std(short[:, -FS // 4 :])
+    long = np.concatenate([short, noise], axis=1)
+    rates = [decay_of(recorded(samples), BAND).rate for samples in (short, long)]
+    assert rates[1] == pytest.approx(rates[0], rel=0.3)
+    taken = from_response(recorded(long), BAND, SPEED)
+    assert np.diff(taken.frequencies).min() > 4, "the room falls by 60 dB in 0.3 s, and its resonances are 7 Hz wide"
+    assert np.all(np.abs(np.log(error_over_noise(taken))) < np.log(1.6))
+
+
+def test_frequencies_keep_apart_and_prefer_peaks():
+    f = np.arange(20, 400, 0.25)
+    power = 1 + 50 * np.exp(-(((f - 100.0) / 0.6) ** 2)) + 50 * np.exp(-(((f - 103.0) / 0.6) ** 2))
+    chosen = f[frequency_selection.choose(f, power, np.full(len(f), 1e-3), 2.5, 400)]
+    assert {100.0, 103.0} <= set(chosen)
+    assert np.all(np.diff(chosen) >= 2.5)
+    few = f[frequency_selection.choose(f, power, np.full(len(f), 1e-3), 2.5, 12)]
+    assert len(few) == 12
+    assert np.ptp(few) > 300, "spread over the band"
+    with pytest.raises(InputError, match="10 dB above the noise"):
+        frequency_selection.choose(f, power, 100 * power, 2.5)
+
+
+def test_highest_usable_frequency_is_eq_9():
+    assert frequency_selection.highest_usable(65, 0.35, 343.0, 2) == pytest.approx(64 * 343 / (4 * np.pi * 0.35))
+    assert frequency_selection.highest_usable(64, 0.7, 343.0, 3) == pytest.approx(7 * 343 / (2 * np.pi * 0.7))
+
+
+MESH = np.stack([a.ravel() for a in np.meshgrid([0.0, 1, 2], [0.0, 1], [-1.0, 0, 1], indexing="ij")], axis=1)
+
+
+def mesh_recording() -> Recording:
+    return recorded(np.random.default_rng(0).standard_normal((18, 100)), positions=MESH)
+
+
+def test_planes_subsets_and_corners_are_taken_by_position():
+    plane = on_plane(mesh_recording(), "z=0")
+    assert np.array_equal(plane.positions, MESH[MESH[:, 2] == 0][:, :2])
+    numbers, corners = known(plane, "corners")
+    assert sorted(map(tuple, corners)) == [(0, 0), (0, 1), (2, 0), (2, 1)]
+    assert np.array_equal(plane.positions[numbers], corners)
+    drawn = subset(mesh_recording(), "7", 3)
+    assert drawn.count == 7
+    assert drawn.names == subset(mesh_recording(), "7", 3).names != subset(mesh_recording(), "7", 4).names
+    listed = subset(mesh_recording(), "5,0:3", 0)
+    assert listed.names == ("5", "0", "1", "2")
+    assert np.array_equal(read(listed, 3, 9), read(mesh_recording(), 3, 9)[[5, 0, 1, 2]])
+    assert without(listed, "1,bad", np.array([0])).names == ("0", "2")
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda r: on_plane(r, "z=0.4"), "nearest plane is z=0"),
+        (lambda r: on_plane(r, "w=1"), "is no plane"),
+        (lambda r: subset(r, "19", 0), "cannot be drawn from 18"),
+        (lambda r: subset(r, "1,18", 0), "0 to 17"),
+        (lambda r: subset(r, "a", 0), "no number and no list"),
+        (lambda r: without(r, "18", np.zeros(0, int)), 'no channel "18"'),
+        (lambda r: known(r, "0,x"), 'no channel "x"'),
+        (lambda r: known(recorded(np.ones((3, 50))), "0,1"), "tells no positions"),
+    ],
+)
+def test_a_choice_that_cannot_be_is_refused(call, words):
+    with pytest.raises(InputError, match=words):
+        call(mesh_recording())
+
+
+# As a user would.
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """A WAV of responses, one of a source at work, and a table of five known microphones."""
+    path = tmp_path_factory.mktemp("mine")
+    quiet = noisy(responses(), 40)
+    soundfile.write(path / "responses.wav", quiet.T / np.abs(quiet).max() * 0.9, FS, subtype="PCM_24")
+    heard, _ = at_work(40, 30)
+    soundfile.write(path / "work.wav", heard.T / np.abs(heard).max() * 0.9, FS, subtype="FLOAT")
+    rows = [f"{n},{x!r},{y!r},{z!r}" for n, (x, y, z) in enumerate(places().tolist()) if n < 5]
+    (path / "known.csv").write_text("\n".join(["name,x,y,z", *rows]) + "\n")
+    return path
+
+
+def run(*arguments, code: int = 0) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([str(argument) for argument in arguments])
+    assert (ended.value.code or 0) == code
+
+
+@pytest.mark.parametrize(("name", "kind"), [("responses.wav", "complete"), ("work.wav", "a source at work")])
+def test_from_a_recording_to_a_table_of_positions(name, kind, folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    before = (folder / name).read_bytes()
+    run("import", folder / name, "-o", "m.npz", "--known", folder / "known.csv", "--sound-speed", SPEED)
+    told = capsys.readouterr().out
+    assert kind in told
+    assert "channels     24" in told
+    assert "known        5 of 24" in told
+    assert "SNR" in told
+    with pytest.raises(SystemExit) as ended:
+        main(["calibrate", "m.npz", "--solver", "joint", "-o", "r.json"])
+    assert ended.value.code in (None, 0, 4)
+    run("export", "r.json", "-o", "positions.csv")
+    rows = np.genfromtxt("positions.csv", delimiter=",", names=True)
+    found = np.stack([rows["x"], rows["y"], rows["z"]], axis=1)
+    assert np.sqrt(np.mean(np.sum((found - places()) ** 2, axis=1))) < 0.03
+    assert np.allclose(found[:5], places()[:5])
+    assert (folder / name).read_bytes() == before
+
+
+@pytest.mark.parametrize("name", ["noise", "sweep"])
+def test_few_microphones_in_a_room_are_not_said_to_be_better_than_they_are(name, folder, tmp_path):
+    heard = at_work(20, 30)[0] if name == "noise" else swept(5, 30)[0]
+    soundfile.write(tmp_path / "a.wav", heard.T / np.abs(heard).max() * 0.9, FS, subtype="PCM_24")
+    measurement, _ = intake(tmp_path / "a.wav", Wishes(known=str(folder / "known.csv"), speed=SPEED))
+    result = solve(replace(source_of(str(tmp_path / "a.wav")), measurement=measurement))
+    error = np.sqrt(np.mean(np.sum((np.array(result["positions"]) - places()) ** 2, axis=1)))
+    assert error < 1.8 * np.sqrt(np.mean(np.square(result["uncertainty_m"])))
+    assert result["verdict"] == "good", "no known microphone is accused of what the room has done"
+
+
+def test_a_recording_is_calibrated_without_an_import(folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as ended:
+        main(["calibrate", str(folder / "responses.wav"), "--solver", "joint", "-o", "r.json"])
+    assert ended.value.code in (None, 0, 4), capsys.readouterr().err
+    assert len(json.loads(Path("r.json").read_text())["positions"]) == 24
+
+
+def test_a_swap_in_the_file_is_named(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    said = places().copy()
+    said[[7, 12]] = said[[12, 7]]
+    np.savez("a.npz", recordings=noisy(responses(), 40), sample_rate=FS, kind="response", positions=said)
+    run("import", "a.npz", "-o", "m.npz", "--known", "0,1,2,3,4", "--sound-speed", SPEED)
+    with pytest.raises(SystemExit):
+        main(["calibrate", "m.npz", "--solver", "joint", "--check"])
+    assert "channels 7 and 12 are swapped" in capsys.readouterr().out
+
+
+def test_a_wide_array_of_few_microphones_is_taken_no_higher_than_it_can_use(folder, tmp_path):
+    np.savez(tmp_path / "bare.npz", recordings=responses(), sample_rate=FS, kind="response")
+    np.savez(tmp_path / "told.npz", recordings=responses(), sample_rate=FS, kind="response", positions=places())
+    radius = np.linalg.norm(places() - places().mean(axis=0), axis=1).max()
+    limit = frequency_selection.highest_usable(24, radius, SPEED, 3)
+    for name, wishes, words in (
+        ("told.npz", {}, "positions in the file"),
+        ("bare.npz", {"radius": radius}, "radius given"),
+        ("bare.npz", {"known": str(folder / "known.csv")}, "known microphones"),
+    ):
+        measurement, told = intake(tmp_path / name, Wishes(speed=SPEED, **wishes))
+        assert words in report(measurement, told)
+        assert measurement.frequencies[-1] <= told.usable < 500
+        assert told.usable == pytest.approx(limit) or name == "bare.npz"
+    measurement, told = intake(tmp_path / "bare.npz", Wishes(speed=SPEED))
+    assert told.usable is None and measurement.frequencies[-1] > limit
+    assert "highest usable frequency  unknown" in report(measurement, told)
+
+
+def test_bad_channels_are_left_out_when_asked(tmp_path):
+    samples = noisy(responses(), 40)
+    samples[3] = 0
+    samples[8] = samples[2]
+    np.savez(tmp_path / "a.npz", recordings=samples, sample_rate=FS, kind="response")
+    with pytest.raises(InputError, match=r"channel 3 is silent; .*--leave-out bad"):
+        intake(tmp_path / "a.npz")
+    measurement, told = intake(tmp_path / "a.npz", Wishes(leave_out="bad"))
+    assert told.left_out == {"3": "silent", "8": "a copy of 2"}
+    assert measurement.names == tuple(str(n) for n in range(24) if n not in (3, 8))
+    assert "left out     3 (silent), 8 (a copy of 2); none of the others" in report(measurement, told)
+
+
+def test_a_plane_of_microphones_in_space(tmp_path):
+    np.savez(tmp_path / "a.npz", recordings=responses()[:18], sample_rate=FS, kind="response", positions=MESH)
+    measurement, _ = intake(tmp_path / "a.npz", Wishes(plane="z=0", known="corners"))
+    assert (measurement.dimension, measurement.array_dimension, measurement.count) == (3, 2, 6)
+    assert len(measurement.known) == 4
+
+
+@pytest.mark.parametrize(
+    ("options", "words", "code"),
+    [
+        (["--frequencies", "300:20"], "is no band", 2),
+        (["--frequencies", "low"], "write auto or LO:HI", 2),
+        (["--window", "wide"], "auto, none or a rate", 2),
+        (["--kind", "music"], "auto, response, work", 2),
+        (["--temperature", "300"], "degrees Celsius", 2),
+        (["--temperature", "20", "--sound-speed", "343"], "say the same", 2),
+        (["--dimension", "4"], "2, 3", 2),
+        (["--most", "0"], "1 to 2000", 2),
+        (["--subset", "1"], "two microphones", 2),
+        (["--array-radius", "-1"], "above zero", 2),
+        (["--reference", "nothing.wav"], "no such file", 3),
+        (["--reference-microphone", "99"], "is no channel", 2),
+        (["--known", "0,1"], "tells no positions", 2),
+        (["--known", "nothing.csv"], "cannot read nothing.csv", 3),
+        (["--source", "1"], "one source alone", 2),
+    ],
+)
+def test_a_wish_that_cannot_be_is_refused(options, words, code, folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    run("import", folder / "responses.wav", "-o", "m.npz", *options, code=code)
+    out, err = capsys.readouterr()
+    assert words in err
+    assert err.count("\n") == 1
+    assert out == ""
+    assert list(tmp_path.iterdir()) == [], "nothing is left half-written"
+
+
+def test_positions_in_degrees_are_refused(folder, tmp_path):
+    angles = np.degrees(np.arctan2(places(), np.roll(places(), 1, axis=1)))
+    np.savez(tmp_path / "a.npz", recordings=responses(), sample_rate=FS, kind="response", positions=angles)
+    rows = [f"{n},{x},{y},{z}" for n, (x, y, z) in enumerate(angles[:5].tolist())]
+    (tmp_path / "known.csv").write_text("\n".join(["name,x,y,z", *rows]) + "\n")
+    for path, table in ((tmp_path / "a.npz", None), (folder / "responses.wav", str(tmp_path / "known.csv"))):
+        with pytest.raises(InputError, match=r"the band begins at 20 Hz; tell positions in metres, neither in degrees"):
+            intake(path, Wishes(known=table))
+
+
+def test_an_archive_larger_than_memory_is_refused_in_one_line(tmp_path, monkeypatch, capsys):
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(header, {"descr": "<f8", "fortran_order": False, "shape": (64, 10**13)})
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        archive.writestr("recordings.npy", header.getvalue() + bytes(1000))
+    monkeypatch.chdir(tmp_path)
+    run("import", "a.npz", "-o", "m.npz", code=2)
+    assert "more than fits into memory" in capsys.readouterr().err
+    assert not Path("m.npz").exists()
+
+
+def test_a_recording_that_is_not_there_is_no_scene(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    run("calibrate", "nothing.wav", code=3)
+    assert "nothing.wav: there is no such file" in capsys.readouterr().err
+
+
+def test_an_output_that_exists_is_kept(folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("m.npz").write_text("mine")
+    run("import", folder / "responses.wav", "-o", "m.npz", code=2)
+    assert "--force" in capsys.readouterr().err
+    assert Path("m.npz").read_text() == "mine"
+    run("import", folder / "responses.wav", "-o", "m.npz", "--force")
+    assert load_measurement("m.npz").count == 24
+
+
+def test_a_reference_of_another_rate_is_refused(folder, tmp_path):
+    soundfile.write(tmp_path / "sweep.wav", np.random.default_rng(0).uniform(-1, 1, 8000), 8000)
+    with pytest.raises(InputError, match=r"8000 Hz and .*4000 Hz; convert"):
+        intake(folder / "responses.wav", Wishes(reference=str(tmp_path / "sweep.wav")))
+    with pytest.raises(InputError, match="24 channels; the reference signal must be one"):
+        intake(folder / "responses.wav", Wishes(reference=str(folder / "responses.wav")))

@@ -1,0 +1,138 @@
+"""A race: one start for all, clocks that count only what is run, and a rule that measures all alike."""
+
+import dataclasses
+import itertools
+import re
+import time
+
+import numpy as np
+import pytest
+
+from fdcal.acoustics.fourier_bessel import max_order
+from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.cost.eq7 import cost
+from fdcal.model.scene import load_scene
+from fdcal.session.comparison import Race, equal_cost, same_start
+from fdcal.viewer.background import comparison as races
+from fdcal.viewer.background import prepare
+from fdcal.viewer.tabs import comparison as racetab
+
+WAIT = 60.0  # s, bound of every wait
+ALL = ("joint", "descent", "descent+joint")
+
+
+@pytest.fixture(scope="module")
+def scene():
+    tiny = load_scene("tiny")
+    return dataclasses.replace(tiny, solver=dataclasses.replace(tiny.solver, modes=12, max_sweeps=2))
+
+
+@pytest.fixture(scope="module")
+def measurement(scene):
+    return cached_measurement(scene)
+
+
+@pytest.fixture(scope="module")
+def problem(measurement):
+    return measurement.problem("unit")
+
+
+def test_all_start_at_the_same_place(scene, problem):
+    states = same_start(problem, dataclasses.replace(scene.solver, start="random"), ALL, 3)
+    assert list(states) == list(ALL)
+    for name in ALL[1:]:
+        np.testing.assert_array_equal(states[name].positions, states["joint"].positions)
+    near = same_start(problem, dataclasses.replace(scene.solver, start="affine"), ALL, 3)
+    apart = np.abs(near["joint"].positions - near["descent"].positions)
+    low, size = np.array(scene.search.origin), np.array(scene.search.size)
+    inside = np.all((near["joint"].positions >= low) & (near["joint"].positions <= low + size), axis=1)
+    assert inside.sum() > 5 and apart[inside].max() <= 0.5 * scene.search.step + 1e-9
+
+
+def test_the_rule_for_all_is_equation_7(scene, problem, measurement):
+    rng = np.random.default_rng(0)
+    for positions in (measurement.positions, measurement.positions + 0.02 * rng.normal(size=(16, 2))):
+        k, p = problem.wavenumbers[:12], problem.pressures[:12]
+        orders = max_order(k, scene.search.radius, scene.solver.order_offset)
+        expected = cost(positions, p, k, orders, positions.mean(axis=0)).sum() / np.sum(np.abs(p) ** 2)
+        assert equal_cost(problem, scene.solver, positions) == pytest.approx(expected, rel=1e-6, abs=1e-12)
+
+
+def test_a_race_runs_pauses_and_goes_back_to_the_start(scene, problem):
+    race = Race(problem, scene.solver, ("descent", "joint"), "random", 0)
+    try:
+        starts = [lane.session.view.state.positions for lane in race.lanes]
+        race.play()
+        for lane in race.lanes:
+            assert lane.session.wait_for(lambda view: view.state.finished and not view.running, WAIT)
+            state = lane.session.view.state
+            history = lane.session.view.history
+            seconds = [lane.seconds(state) for state in history]
+            assert seconds[0] == 0 and seconds == sorted(seconds) and lane.seconds(state) > 0
+        assert race.over and not race.running
+        race.reset()
+        for lane, start in zip(race.lanes, starts, strict=True):
+            assert lane.session.wait_for(lambda view: view.index == 0, WAIT)
+            assert lane.session.view.state.positions is start and lane.seconds(lane.session.view.state) == 0
+    finally:
+        assert race.close(WAIT)
+
+
+@pytest.fixture
+def owner(scene, measurement, problem):
+    made = races.Races(prepare.Work(scene, measurement, problem, None, None, None))
+    clock = itertools.count()
+
+    def turn_until(happened):
+        for _ in range(round(WAIT / 0.01)):
+            runners = made.turn(float(next(clock)))
+            if happened(runners):
+                return runners
+            time.sleep(0.01)
+        pytest.fail("it does not happen")
+
+    yield made, turn_until
+    assert made.close(WAIT)
+
+
+def test_the_end_of_a_race_tells_time_steps_error_and_cost_of_each(owner):
+    made, turn_until = owner
+    assert made.word == "Race"
+    made.toggle(races.Entry(ALL, "random", 0))
+    turn_until(lambda runners: len(runners) == 3 and made.over)
+    runners = turn_until(lambda runners: all(r.costs.size and r.times[-1] == r.seconds > 0 for r in runners))
+    html = racetab.table(runners)
+    for runner in runners:
+        assert runner.name in html and f"{runner.step} steps" in html and f"{runner.error:.3g} mm" in html
+        assert runner.errors[-1] == pytest.approx(runner.error)
+    assert len(re.findall(r" s, \d+ steps", html)) == 3 and html.count("cost ") == 3
+    assert len(set(re.findall(r"stroke-dasharray='([^']*)'", html))) == 3, "lines that differ without their colours"
+    first = {tuple(map(tuple, np.round([r.errors[0], r.costs[0]], 6)[:, None])) for r in runners}
+    assert len(first) == 1, "one start"
+    made.reset()
+    runners = turn_until(lambda runners: all(r.step == 0 for r in runners))
+    assert not made.over and made.word == "Go on"
+    made.drop()
+    assert turn_until(lambda runners: not runners) == () and made.word == "Race"
+
+
+def test_a_race_that_cannot_begin_tells_why(owner):
+    made, turn_until = owner
+    made._work = dataclasses.replace(
+        made._work,
+        scene=dataclasses.replace(made._work.scene, solver=dataclasses.replace(made._work.scene.solver, modes=500)),
+    )
+    made.toggle(races.Entry(("descent", "joint"), "random", 0))
+    turn_until(lambda _: made.trouble)
+    assert "modes" in made.trouble and made.word == "Race"
+
+
+def test_curves_of_all_share_one_axis_and_hold_between_points():
+    runner = races.Runner(
+        "joint", None, "", 2, 0.5, 1.0, 1.0, np.array([0.0, 0.5]), np.array([4.0, 1.0]), np.array([-3.0, -9.0])
+    )
+    other = dataclasses.replace(runner, name="descent", times=np.array([0.0, 2.0]), costs=np.array([-3.0, -5.0]))
+    axis = racetab._axis((runner, other))
+    np.testing.assert_array_equal(axis, [0.0, 0.5, 2.0])
+    np.testing.assert_array_equal(racetab._held(axis, runner.times, runner.costs), [-3, -9, -9])
+    np.testing.assert_array_equal(racetab._held(axis, other.times, other.costs), [-3, -3, -5])

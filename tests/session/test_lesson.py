@@ -1,0 +1,153 @@
+"""Lessons are read from plain files: what comes along is whole, and a slip of the pen gets one line."""
+
+import dataclasses
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from fdcal.commands.cli import main
+from fdcal.model.validation import InputError, StorageError
+from fdcal.session import lesson as lessons
+from fdcal.session.lesson import Setting, load_lesson
+
+GOOD = """
+title = "Mine"
+[[steps]]
+text = "Look."
+question = "How many?"
+choices = ["one", "two"]
+answer = 2
+reveal = "Two."
+[steps.page]
+scene = "tiny"
+changes = { "solver.name" = "descent" }
+modes = "1-5"
+microphone = 3
+[steps.then]
+run = "2 sweeps"
+[[steps]]
+text = "Again."
+"""
+
+
+@pytest.fixture
+def written(tmp_path):
+    """Function that writes a lesson with one piece of text in place of another, and gives its path."""
+
+    def write(old="", new=""):
+        assert old in GOOD
+        path = tmp_path / "mine.toml"
+        path.write_text(GOOD.replace(old, new, 1) if old else GOOD, encoding="utf-8")
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize("name", lessons.lesson_names())
+def test_every_lesson_that_comes_along_can_be_taken(name):
+    lesson = load_lesson(name)
+    assert lesson.name == name and all(step.text for step in lesson.steps)
+    assert any(step.question for step in lesson.steps), "a lesson asks something"
+
+
+def test_there_are_the_five_that_the_paper_gives_rise_to():
+    titles = [load_lesson(name).title for name in lessons.lesson_names()]
+    assert [title[0] for title in titles] == list("12345")
+    for word, title in zip(("minima", "joint", "soon", "freezes", "corner"), titles, strict=True):
+        assert word in title.lower()
+
+
+def test_a_lesson_is_read_as_written(written):
+    lesson = load_lesson(written())
+    first, second = lesson.steps
+    assert (lesson.title, lesson.name) == ("Mine", "mine")
+    assert (first.choices, first.answer, first.reveal) == (("one", "two"), 2, "Two.")
+    assert first.page.modes == "1-5" and first.then == Setting(run="2 sweeps")
+    assert second == lessons.Step("Again.")
+
+
+def test_a_step_stands_on_the_last_scene_named(written):
+    lesson = load_lesson(written('text = "Again."', 'text = "Again."\n[steps.page]\nchanges = { "seed" = 4 }'))
+    scene, seed = lesson.start(0)
+    assert (scene.name, scene.solver.name, seed) == ("tiny", "descent", 0)
+    scene, seed = lesson.start(1)
+    assert (scene.solver.name, seed) == ("joint", 4), "the changes are of the scene, not of what was changed before"
+    unchanged = load_lesson(written())
+    assert unchanged.start(0) == unchanged.start(0, revealed=True) == unchanged.start(1)
+
+
+def test_a_scene_beside_the_lesson_is_found(written, edited):
+    edited({"title": '"Other"'}, "beside")
+    lesson = load_lesson(written('scene = "tiny"', 'scene = "beside.toml"'))
+    assert lesson.start(0)[0].title == "Other"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('title = "Mine"', "", "title is missing; add it to the lesson"),
+        ('title = "Mine"', "title = 3", "title = 3 must be a text"),
+        ('title = "Mine"', 'title = "Mine"\nname = "x"', "name is not a key of a lesson"),
+        ('text = "Look."', 'txt = "Look."', 'steps[1].txt is not a key of a lesson; did you mean "steps[1].text"'),
+        ('text = "Again."', 'text = " "', "steps[2].text"),
+        ('text = "Again."', 'text = "Again."\nreveal = "x"', "steps[2].reveal has nothing"),
+        ("answer = 2", "answer = 3", "steps[1].answer = 3 is none of the 2 choices"),
+        ("answer = 2", "answer = true", "steps[1].answer = True must be a whole number"),
+        ('choices = ["one", "two"]', 'choices = ["one"]', "steps[1].choices has 1 entries"),
+        ('question = "How many?"', "", "steps[1].choices has 2 entries"),
+        ('reveal = "Two."', "", "steps[1].reveal"),
+        ('scene = "tiny"', "", 'steps[1].page.scene is missing; name a scene, as "tiny"'),
+        ('scene = "tiny"', 'scene = "huge"', 'scene "huge" is unknown'),
+        ('scene = "tiny"', 'scene = "none.toml"', "cannot read scene"),
+        ('"solver.name" = "descent"', '"solver.nme" = "descent"', "solver.nme is not a key of a scene"),
+        ('"solver.name" = "descent"', '"gauge.known" = "all"', "gauge.known = 'all' must be a list"),
+        ('modes = "1-5"', 'modes = "5-1"', 'steps[1].page.modes = "5-1"'),
+        ('modes = "1-5"', 'modes = "1, 5"', "has gaps"),
+        ('modes = "1-5"', 'map_modes = "x"', 'steps[1].page.map_modes = "x"'),
+        ('modes = "1-5"', 'map = "hilly"', 'steps[1].page.map = "hilly" is unknown; use one of flat, relief'),
+        ('modes = "1-5"', 'view = "up"', 'steps[1].page.view = "up" is unknown'),
+        ('modes = "1-5"', "start_seed = -1", "steps[1].page.start_seed = -1"),
+        ("microphone = 3", "microphone = 16", "steps[1].page.microphone = 16 is not there; tiny has 0 to 15"),
+        ("microphone = 3", "trails = 1", "steps[1].page.trails = 1 must be true or false"),
+        ('run = "2 sweeps"', 'run = "2 rounds"', 'steps[1].then.run = "2 rounds" is unknown'),
+        ("[[steps]]", "[steps]", "is not valid TOML"),
+    ],
+)
+def test_a_slip_of_the_pen_gets_one_line(written, old, new, words):
+    path = written(old, new)
+    with pytest.raises(InputError) as caught:
+        load_lesson(path)
+    assert words in str(caught.value) and "\n" not in str(caught.value) and str(path) in str(caught.value)
+
+
+def test_a_lesson_that_is_not_there(tmp_path):
+    with pytest.raises(InputError, match='did you mean "1_many_minima"'):
+        load_lesson("many_minima")
+    with pytest.raises(StorageError, match="cannot read lesson"):
+        load_lesson(tmp_path / "none.toml")
+
+
+def test_every_key_of_a_setting_may_be_left_out():
+    assert set(Setting.OPTIONAL) == {field.name for field in dataclasses.fields(Setting)}
+
+
+@pytest.mark.parametrize(
+    ("run", "meant"),
+    [("end", ("end", 0)), ("1 step", ("step", 1)), ("3 sweeps", ("sweep", 3)), ("12 stages", ("stage", 12))],
+)
+def test_how_far_a_run_goes(run, meant):
+    assert lessons.how_far(run) == meant
+
+
+def test_a_lesson_given_on_the_command_line_is_checked_before_a_page_opens(written, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(["view", "--lesson", str(written("answer = 2", "answer = 3")), "--no-browser"])
+    error = capsys.readouterr().err
+    assert caught.value.code == 2 and "steps[1].answer = 3" in error and error.count("\n") == 1
+
+
+def test_an_installed_package_brings_the_lessons_along():
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))
+    taken = project["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
+    assert taken["lessons"] == "fdcal/lessons" and lessons.lesson_folder().name == "lessons"

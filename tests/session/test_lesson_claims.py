@@ -1,0 +1,205 @@
+"""What the lessons say is so: each number in their texts, from the scenes that they show."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from fdcal import solvers
+from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.cost import landscapes
+from fdcal.model.gauge import position_errors
+from fdcal.session.lesson import load_lesson
+
+
+@pytest.fixture(scope="module")
+def told():
+    """Text of a lesson, questions and all, as one line."""
+
+    def text(name):
+        parts = [(step.text, step.question, *step.choices, step.reveal) for step in load_lesson(name).steps]
+        return " ".join(" ".join(part.split()) for step in parts for part in step)
+
+    return text
+
+
+@pytest.fixture(scope="module")
+def square():
+    """The scene of lessons 1 and 2, as the page opens it: its state, microphone 16's maps, and what is true."""
+    (scene, seed), step = load_lesson("1_many_minima").start(0), load_lesson("1_many_minima").steps[0].page
+    measurement, descent = cached_measurement(scene), solvers.load(scene.solver.name)
+    problem, fine = measurement.problem(scene.solver.weights), landscapes.finer(scene.search)
+    state = descent.use_modes(problem, descent.init(problem, scene.solver, seed), 1, 57, False)
+    truth = measurement.positions[step.microphone]
+    maps = {
+        mode: landscapes.fine_mode(problem, None, state, step.microphone, mode, fine) for mode in (1, 37, 38, 39, 40)
+    }
+    return problem, descent, state, maps, fine, truth, measurement
+
+
+def hollows(cost, fine, truth):
+    """Distance from the truth, metres, and cost of each local minimum, the deepest first."""
+    found = landscapes.local_minima(cost)
+    return np.hypot(*(landscapes.places(found, fine) - truth).T), cost[tuple(found.T)]
+
+
+def test_one_mode_has_many_minima(square, told):
+    _, _, _, maps, fine, truth, measurement = square
+    text, f = told("1_many_minima"), measurement.frequencies
+    distances, costs = hollows(maps[38], fine, truth)
+    assert len(costs) == 3 and np.ptp(costs) < 0.01 * costs[0], "three, whose costs agree within 1 %"
+    assert distances[0] > 0.1, "and the lowest is not at the truth"
+    assert landscapes.cost_at(maps[38], fine, truth) < 1.02 * costs[0]
+    _, costs = hollows(maps[37], fine, truth)
+    assert len(costs) == 4 and landscapes.cost_at(maps[37], fine, truth) < 1.01 * costs[0], "its valley passes there"
+    places = [landscapes.places(landscapes.local_minima(maps[mode]), fine) for mode in (37, 38)]
+    assert np.linalg.norm(places[0][:, None] - places[1], axis=2).min() > 0.03, "none is one of mode 38"
+    for mode, words in ((38, "211.5 Hz"), (37, "207.7 Hz"), (1, "28.6 Hz")):
+        assert f"{f[mode - 1]:.1f} Hz" == words and words in text
+    assert round(f[37] - f[36]) == 4 and "4 Hz apart" in text
+    assert 343 / f[0] == pytest.approx(12, abs=0.1) and 343 / f[0] == pytest.approx(10 * 1.2, rel=0.01)
+
+
+def test_one_mode_alone_leaves_a_valley(square):
+    """Its dark cells span the map: one number does not fix two coordinates."""
+    _, _, _, maps, fine, truth, _ = square
+    assert len(hollows(maps[1], fine, truth)[1]) == 1
+    rows, columns = np.nonzero(maps[1] < maps[1].min() + 0.01 * np.ptp(maps[1]))
+    assert np.ptp(rows) + 1 == maps[1].shape[0] and fine.step * (np.ptp(columns) + 1) == pytest.approx(0.16, abs=0.005)
+    rows, columns = np.nonzero(maps[38] < maps[38].min() + 0.01 * np.ptp(maps[38]))
+    assert fine.step * np.ptp(rows) > 1.0
+
+
+def test_modes_together_share_one_minimum(square, told):
+    problem, descent, state, maps, fine, truth, _ = square
+    text = told("2_joint_minimum")
+    distances, costs = hollows(maps[38] + maps[39], fine, truth)
+    assert len(costs) == 4 and distances[0] < 0.002 and distances[1] == pytest.approx(0.24, abs=0.005)
+    assert costs[1] / costs[0] == pytest.approx(1.06, abs=0.01) and "24 cm away and only 6 % costlier" in text
+    distances, costs = hollows(maps[38] + maps[39] + maps[40], fine, truth)
+    assert len(costs) == 2 and distances[0] < 0.002 and distances[1] == pytest.approx(0.76, abs=0.01)
+    assert costs[1] / costs[0] == pytest.approx(75, abs=1) and "one 75 times as costly, 76 cm away" in text
+    whole = landscapes.each_mode(problem, descent, state, 16, tuple(range(1, 58))).sum(axis=0)
+    assert len(landscapes.local_minima(whole)) == 1
+    np.testing.assert_allclose(descent.step(problem, state).positions[16], truth, atol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def box():
+    """The scene of lessons 3 and 4 and where descent ends in it, with all modes at once and one by one."""
+    scene, seed = load_lesson("3_too_many_too_soon").start(0)
+    measurement, descent = cached_measurement(scene), solvers.load("descent")
+    problem = measurement.problem(scene.solver.weights)
+    begun = descent.init(problem, scene.solver, seed)
+    at_once = to_the_end(descent, problem, descent.use_modes(problem, begun, 1, 20, False))[-1]
+    return scene, measurement, problem, descent, begun, at_once, to_the_end(descent, problem, begun)[-1]
+
+
+def to_the_end(solver, problem, state):
+    states = [state]
+    while not states[-1].finished:
+        states.append(solver.step(problem, states[-1]))
+    return states
+
+
+def mean_error(measurement, state) -> float:
+    return 1e3 * float(position_errors(state.positions, measurement.positions).mean())
+
+
+def test_too_many_modes_too_soon_trap_the_descent(box, told):
+    _, measurement, problem, descent, begun, at_once, staged = box
+    text, f = told("3_too_many_too_soon"), measurement.frequencies
+    assert begun.first == 1 and begun.last == 3 and len(problem.free) == 13
+    assert f"{f[0]:.0f} to {f[19]:.0f} Hz" in text
+    assert mean_error(measurement, begun) == pytest.approx(180, abs=5) and "18 cm from the truth in mean" in text
+    assert at_once.sweep == 7 and mean_error(measurement, at_once) == pytest.approx(150, abs=5)
+    assert "After 7 sweeps" in text and "still 15 cm" in text and at_once.converged
+    there = dataclasses.replace(at_once, positions=np.array(measurement.positions))
+    assert at_once.cost > 3000 * descent.use_modes(problem, there, 1, 20, True).cost, "several thousand times"
+    assert staged.sweep == 34 and mean_error(measurement, staged) == pytest.approx(14, abs=1) and "1.4 cm" in text
+    assert mean_error(measurement, at_once) / mean_error(measurement, staged) == pytest.approx(11, abs=1)
+
+
+def test_maps_of_a_wrong_array_have_few_minima_with_few_modes(box, told):
+    scene, measurement, problem, descent, begun, *_ = box
+
+    def maps(last):
+        state, found = descent.use_modes(problem, begun, 1, last, False), {}
+        for n in problem.free:
+            cost = landscapes.each_mode(problem, descent, state, int(n), range(1, last + 1)).sum(axis=0)
+            lowest = landscapes.places(np.array([np.unravel_index(cost.argmin(), cost.shape)]), scene.search)[0]
+            found[int(n)] = len(landscapes.local_minima(cost)), float(np.hypot(*(lowest - measurement.positions[n])))
+        return found
+
+    few, many = maps(3), maps(20)
+    text = told("3_too_many_too_soon")
+    assert max(count for count, _ in few.values()) == 1 and "none has more than one minimum inside" in text
+    assert np.mean([distance for _, distance in few.values()]) == pytest.approx(0.03, abs=0.002)
+    assert np.mean([count for count, _ in many.values()]) == pytest.approx(4, abs=0.3) and "four minima each" in text
+    assert np.mean([distance for _, distance in many.values()]) == pytest.approx(0.26, abs=0.005)
+    assert few[8][0] == 1 < many[8][0] and many[8][1] == pytest.approx(0.44, abs=0.01) and "44 cm" in text
+
+
+def test_a_trapped_microphone_wants_to_move_less_than_half_a_cell(box, told):
+    scene, measurement, problem, descent, _, _, staged = box
+    text, truth, fine = told("4_frozen_grid"), measurement.positions, landscapes.finer(scene.search, 121)
+    errors = 1e3 * position_errors(staged.positions, truth)
+    assert errors.argmax() == 6 and errors.max() == pytest.approx(45, abs=1) and "4.5 cm for the worst" in text
+    there = dataclasses.replace(staged, positions=np.array(truth))
+    assert staged.cost > 200 * descent.use_modes(problem, there, 1, 20, True).cost, "hundreds of times"
+    lattice = (truth - scene.search.origin) / scene.search.step
+    np.testing.assert_allclose(lattice, np.rint(lattice), atol=1e-9)
+
+    def wanted(n, lattice):
+        cost = sum(landscapes.fine_mode(problem, None, staged, n, mode, lattice) for mode in range(1, 21))
+        lowest = landscapes.places(np.array([np.unravel_index(cost.argmin(), cost.shape)]), lattice)[0]
+        return lowest - staged.positions[n]
+
+    wants = [wanted(int(n), fine) for n in problem.free]
+    assert np.abs(wants).max() < (scene.search.step + fine.step) / 2, "so it is with all 13"
+    assert 1e3 * np.hypot(*wanted(6, landscapes.finer(scene.search))) == pytest.approx(4, abs=1)
+    assert "4 mm from the cross" in text
+
+
+def test_what_is_left_is_a_smooth_bend(box):
+    """A polynomial of second degree explains most of the error of what are as good as free microphones."""
+    _, measurement, *_, staged = box
+    x, y = (measurement.positions - measurement.positions.mean(axis=0)).T
+    error = staged.positions - measurement.positions
+    smooth = np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
+    rest = error - smooth @ np.linalg.lstsq(smooth, error, rcond=None)[0]
+    assert np.sum(rest**2) < 0.25 * np.sum(error**2), "of random errors 10 of 16 shares would be left"
+
+
+def test_moving_all_at_once_goes_on_from_where_the_grid_froze(box, told):
+    _, measurement, problem, *_, staged = box
+    chained, seed = load_lesson("4_frozen_grid").start(2)
+    assert chained.solver.name == "descent+joint" and seed == staged.seed
+    joint = solvers.load("joint")
+    begun = joint.init(problem, chained.solver, seed, positions=staged.positions)
+    error = mean_error(measurement, to_the_end(joint, problem, begun)[-1])
+    assert error == pytest.approx(0.6, abs=0.1) and "0.6 mm in mean" in told("4_frozen_grid")
+
+
+def test_the_error_grows_with_distance_from_a_corner_and_not_from_the_centre(told):
+    lesson, runs = load_lesson("5_corner_or_centre"), []
+    for number in (0, 1):
+        scene, seed = lesson.start(number)
+        measurement, descent = cached_measurement(scene), solvers.load("descent")
+        problem = measurement.problem(scene.solver.weights)
+        states = to_the_end(descent, problem, descent.init(problem, scene.solver, seed))
+        truth, free = measurement.positions, problem.free
+        error = 1e3 * np.mean([position_errors(state.positions, truth) for state in states], axis=0)[free]
+        distance = np.hypot(*(truth[free] - truth[measurement.known[0]]).T)
+        near = distance <= np.median(distance)
+        last = 1e3 * position_errors(states[-1].positions, truth)
+        runs.append(
+            (error[near].mean(), error[~near].mean(), states[-1].sweep, last, np.corrcoef(distance, error)[0, 1])
+        )
+    (near, far, sweeps, last, grows), (inner, outer, sooner, ends, flat) = runs
+    text = told("5_corner_or_centre")
+    assert near == pytest.approx(8, abs=0.6) and far == pytest.approx(21, abs=0.6) and grows > 0.7
+    assert "nearer half is 8 mm off in mean, the farther half 21 mm" in text
+    assert inner == pytest.approx(9, abs=0.6) and outer == pytest.approx(9, abs=0.6) and abs(flat) < 0.3
+    assert (sooner, sweeps) == (30, 40) and "30 sweeps instead of 40" in text
+    assert ends.max() < 1e-6 and np.count_nonzero(last > 1) == 2 and last.max() == pytest.approx(20, abs=1)

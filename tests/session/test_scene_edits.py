@@ -1,0 +1,116 @@
+"""Knobs of a scene: what they say, what follows from them, what cannot be; and scenes edited as tables."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from fdcal.acoustics.measure import measure
+from fdcal.acoustics.measurement_cache import cached_recordings
+from fdcal.model.arrays import positions_of
+from fdcal.model.from_table import build
+from fdcal.model.gauge import fixes_gauge
+from fdcal.model.scene import Scene, load_scene, scene_names
+from fdcal.model.validation import InputError
+from fdcal.session.request import Opening, edited, table_of
+from fdcal.session.scene_edits import knobs_of, spread_out, turned
+
+
+@pytest.mark.parametrize("name", scene_names())
+def test_a_scene_is_the_table_of_its_file(name):
+    scene = load_scene(name)
+    assert build(Scene, table_of(scene)) == scene == edited(scene, {})
+
+
+@pytest.mark.parametrize("name", scene_names())
+def test_knobs_left_alone_change_nothing(name):
+    scene = load_scene(name)
+    assert turned(scene, knobs_of(scene)) is scene
+
+
+def test_edits_are_checked_like_a_file():
+    scene = load_scene("tiny")
+    changed = edited(scene, {"room.walls": "absorbing", "room.admittance": 0.1, "seed": 4, "search.step": 0.04})
+    assert (changed.room.walls, changed.seed, changed.search.step) == ("absorbing", 4, 0.04)
+    assert edited(scene, {"gauge.known": None, "gauge.free": [3, 4]}).gauge.free == (3, 4)
+    for change in ({"room.wals": "rigid"}, {"room.walls": "soft"}, {"room": 3}, {"seed": -1}, {"seed.x": 1}):
+        with pytest.raises(InputError):
+            edited(scene, change)
+
+
+def test_an_opening_looks_at_a_state_it_has():
+    scene = load_scene("tiny")
+    assert Opening(scene).seed == scene.seed and Opening(scene, 7).seed == 7
+    for wrong in ({"index": 0}, {"states": (1, 2), "index": 2}, {"start_seed": -1}):
+        with pytest.raises(InputError):
+            Opening(scene, **wrong)
+
+
+@pytest.mark.parametrize("name", scene_names())
+def test_a_smaller_array_stands_in_a_smaller_domain(name):
+    scene = load_scene(name)
+    knobs = knobs_of(scene)
+    smaller = turned(scene, dataclasses.replace(knobs, radius=0.8 * knobs.radius))
+    size = [np.ptp(positions_of(one), axis=0).max() for one in (scene, smaller)]
+    assert size[1] == pytest.approx(0.8 * size[0], abs=2 * (scene.room.cell or 0) + 1e-9)
+    assert smaller.search.radius == pytest.approx(0.8 * scene.search.radius)
+    assert "radius" in smaller.title and knobs_of(smaller).radius == pytest.approx(0.8 * knobs.radius)
+    if scene.room.dimension == 2:  # every cell centre that was a candidate and is inside still is
+        steps = (positions_of(smaller) - smaller.search.origin) / smaller.search.step
+        np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "count"), [("array1_circle", 40), ("array2_random", 50), ("tiny", 20), ("ball3d", 30)]
+)
+def test_as_many_microphones_as_asked_for_and_known_ones_that_fix_the_gauge(name, count):
+    scene = load_scene(name)
+    changed = turned(scene, dataclasses.replace(knobs_of(scene), microphones=count, known=5))
+    positions = positions_of(changed)
+    known = changed.gauge.indices(count)
+    assert len(positions) == count and len(known) == 5 and fixes_gauge(positions[list(known)])
+
+
+def test_a_square_takes_the_nearest_number_of_rows():
+    scene = load_scene("fig1_square")
+    changed = turned(scene, dataclasses.replace(knobs_of(scene), microphones=30, known=3))
+    assert changed.array.shape == (5, 5) and knobs_of(changed).microphones == 25
+
+
+def test_known_ones_are_far_apart():
+    points = np.random.default_rng(1).uniform(size=(40, 2))
+    chosen = spread_out(points, 4)
+    apart = min(np.linalg.norm(points[a] - points[b]) for a in chosen for b in chosen if a < b)
+    assert len(set(chosen)) == 4 and apart > 0.5 and chosen == tuple(sorted(chosen))
+
+
+def test_absorption_is_what_the_walls_do_not_reflect():
+    scene = load_scene("tiny")
+    changed = turned(scene, dataclasses.replace(knobs_of(scene), walls="absorbing", absorption=0.36))
+    beta = changed.room.admittance
+    assert 1 - ((1 - beta) / (1 + beta)) ** 2 == pytest.approx(0.36)
+    assert knobs_of(changed).absorption == pytest.approx(0.36)
+    assert turned(changed, dataclasses.replace(knobs_of(changed), walls="rigid")).room.admittance == 0
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"known": 2}, {"known": 16}, {"radius": 3.0}, {"radius": 0.0}, {"walls": "soft"}]
+    + [{"walls": "absorbing", "absorption": 0.0}, {"sound_speed_error": 0.9}, {"seed": -1}],
+)
+def test_what_cannot_be_is_refused(change):
+    scene = load_scene("tiny")
+    with pytest.raises(InputError):
+        turned(scene, dataclasses.replace(knobs_of(scene), **change))
+
+
+def test_a_wrong_sound_speed_scales_what_the_solver_is_told_and_nothing_that_is_heard():
+    scene = load_scene("tiny")
+    wrong = turned(scene, dataclasses.replace(knobs_of(scene), sound_speed_error=0.02))
+    recordings = cached_recordings(scene)
+    told, heard = measure(wrong, recordings), measure(scene, recordings)
+    np.testing.assert_allclose(told.wavenumbers * 1.02, heard.wavenumbers)
+    assert told.sound_speed == pytest.approx(1.02 * heard.sound_speed)
+    np.testing.assert_array_equal(told.pressures, heard.pressures)
+    assert math.isinf(knobs_of(wrong).snr_db)

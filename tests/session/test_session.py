@@ -1,0 +1,398 @@
+"""The session's promises: stops within one step, rewinding is free, an exception harms nobody, only the newest runs."""
+
+import dataclasses
+import threading
+import time
+from dataclasses import dataclass
+
+import pytest
+
+from fdcal.model.validation import InputError, StorageError
+from fdcal.session.session import Session
+from fdcal.session.worker import Bell, LatestWorker
+
+WAIT = 20.0  # s, bound of every wait; none is ever waited out when the law holds
+
+
+@dataclass(frozen=True)
+class Count:
+    """A state that counts: three steps make a sweep, twelve steps are all."""
+
+    step: int = 0
+    first: int = 1
+    last: int = 3
+    automatic: bool = True
+    seed: int = 0
+
+    positions: tuple = ((0.0, 0.0), (1.0, 1.0))
+    moved: int = -1
+
+    @property
+    def sweep(self):
+        return self.step // 3
+
+    @property
+    def stage(self):
+        return self.step // 6
+
+    @property
+    def finished(self):
+        return self.step >= 12
+
+
+class Counter:
+    """A solver whose steps wait at a gate, so that a test decides when each one ends."""
+
+    def __init__(self, gated=False):
+        self.gate = threading.Semaphore(0) if gated else None
+        self.began = threading.Semaphore(0)
+        self.fail_at = None
+
+    def init(self, problem, settings, seed):
+        if seed < 0:
+            raise ValueError("seed below zero")
+        return Count(seed=seed)
+
+    def step(self, problem, state):
+        self.began.release()
+        if self.gate is not None:
+            assert self.gate.acquire(timeout=WAIT)
+        if state.step == self.fail_at:
+            raise RuntimeError("the matrix is singular")
+        return dataclasses.replace(state, step=state.step + 1)
+
+    def use_modes(self, problem, state, first, last, automatic):
+        return dataclasses.replace(state, first=first, last=last, automatic=automatic)
+
+
+@pytest.fixture
+def make():
+    sessions = []
+
+    def build(solver, seed=0):
+        sessions.append(Session(None, None, seed, module=solver))
+        return sessions[-1]
+
+    yield build
+    for session in sessions:
+        assert session.close(WAIT), "the solver thread is still alive"
+
+
+def test_step_takes_one_step(make):
+    session = make(Counter())
+    session.step()
+    assert session.wait_for(lambda view: view.count == 2, WAIT)
+    assert (session.view.state.step, session.view.index, session.view.running) == (1, 1, False)
+
+
+def test_pause_stops_within_the_step_under_way(make):
+    solver = Counter(gated=True)
+    session = make(solver)
+    session.play()
+    assert solver.began.acquire(timeout=WAIT)
+    session.pause()  # asked for while the first step is under way
+    solver.gate.release()
+    assert session.wait_for(lambda view: view.count == 2 and not view.running, WAIT)
+    session.step()  # the next step begins because of this command, not before it
+    solver.gate.release()
+    assert session.wait_for(lambda view: view.count == 3, WAIT)
+    assert solver.began.acquire(timeout=WAIT)
+    assert not solver.began.acquire(blocking=False)
+
+
+def test_play_ends_where_the_solver_finishes(make):
+    session = make(Counter())
+    session.play()
+    assert session.wait_for(lambda view: view.state.finished and not view.running, WAIT)
+    assert session.view.count == 13
+    session.play()
+    session.step()
+    session.seek(12)
+    assert session.wait_for(lambda view: view.index == 12 and not view.running, WAIT)
+    assert session.view.count == 13
+
+
+def test_sweep_stops_where_the_sweep_rises(make):
+    session = make(Counter())
+    session.step()
+    session.sweep()
+    assert session.wait_for(lambda view: view.state.sweep == 1 and not view.running, WAIT)
+    assert session.view.state.step == 3
+
+
+def test_several_sweeps_or_steps_are_one_run(make):
+    session = make(Counter())
+    session.step(2)
+    assert session.wait_for(lambda view: view.state.step == 2 and not view.running, WAIT)
+    session.sweep(2)
+    assert session.wait_for(lambda view: view.state.sweep == 2 and not view.running, WAIT)
+    assert session.view.state.step == 6
+    session.stage(9)
+    assert session.wait_for(lambda view: view.state.finished and not view.running, WAIT)
+
+
+def test_going_on_from_an_older_state_drops_the_later_ones(make):
+    session = make(Counter())
+    session.sweep()
+    assert session.wait_for(lambda view: view.count == 4 and not view.running, WAIT)
+    before = session.view.history
+    session.seek(1)
+    assert session.wait_for(lambda view: view.index == 1, WAIT)
+    assert session.view.count == 4 and session.view.history is before
+    session.step()
+    assert session.wait_for(lambda view: view.index == 2, WAIT)
+    assert session.view.count == 3
+    assert [state.step for state in session.view.history] == [0, 1, 2]
+    assert [state.step for state in before] == [0, 1, 2, 3], "a published history has changed"
+
+
+def test_seek_is_bounded_and_pauses(make):
+    session = make(Counter())
+    session.sweep()
+    assert session.wait_for(lambda view: view.count == 4 and not view.running, WAIT)
+    session.seek(-7)
+    assert session.wait_for(lambda view: view.index == 0 and view.count == 4, WAIT)
+    session.seek(10**6)
+    assert session.wait_for(lambda view: view.index == 3, WAIT)
+    assert not session.view.running
+
+
+def test_modes_change_the_state_looked_at(make):
+    session = make(Counter())
+    session.step()
+    session.use_modes(2, 5, False)
+    assert session.wait_for(lambda view: view.state.last == 5, WAIT)
+    view = session.view
+    assert (view.state.first, view.state.automatic, view.count, view.state.step) == (2, False, 2, 1)
+
+
+def test_reset_starts_anew_from_the_last_seed_given(make):
+    session = make(Counter(), seed=4)
+    session.step()
+    session.reset(9)
+    assert session.wait_for(lambda view: view.state.seed == 9, WAIT)
+    session.step()
+    session.reset()
+    assert session.wait_for(lambda view: view.count == 1 and view.state.step == 0 and view.state.seed == 9, WAIT)
+
+
+def test_an_exception_pauses_and_is_told(make, caplog):
+    solver = Counter()
+    solver.fail_at = 2
+    session = make(solver)
+    session.play()
+    assert session.wait_for(lambda view: view.error != "", WAIT)
+    assert session.view.error == "RuntimeError: the matrix is singular"
+    assert not session.view.running and session.view.state.step == 2
+    assert "the matrix is singular" in caplog.text
+    session.reset(-1)  # another failure, in init this time
+    assert session.wait_for(lambda view: "seed below zero" in view.error, WAIT)
+    assert session.view.count == 3, "a failed reset must leave the states alone"
+    solver.fail_at = None
+    session.step()
+    assert session.wait_for(lambda view: view.state.step == 3, WAIT)
+    assert session.view.error == ""
+
+
+def test_views_are_frozen_and_whole(make):
+    """Every view seen while the solver runs agrees with itself."""
+    session = make(Counter())
+    session.play()
+    seen = []
+    assert session.wait_for(lambda view: seen.append(view) or view.state.finished, WAIT)
+    for view in seen:
+        assert view.history[view.index] is view.state and len(view.history) == view.count
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        seen[0].index = 3
+
+
+def test_history_is_a_sequence(make):
+    session = make(Counter())
+    session.sweep()
+    assert session.wait_for(lambda view: view.count == 4, WAIT)
+    history = session.view.history
+    assert [state.step for state in history[1:3]] == [1, 2] and history[-1].step == 3
+    with pytest.raises(IndexError):
+        history[4]
+
+
+def test_close_ends_the_thread_while_playing():
+    solver = Counter(gated=True)
+    session = Session(None, None, 0, module=solver)
+    session.play()
+    assert solver.began.acquire(timeout=WAIT)
+    assert not session.close(timeout=0.0)  # the step under way holds it
+    solver.gate.release()
+    assert session.close(WAIT) and not session.view.running
+
+
+def test_an_error_in_the_first_init_reaches_the_caller():
+    with pytest.raises(ValueError, match="seed below zero"):
+        Session(None, None, -1, module=Counter())
+
+
+def test_worker_runs_the_newest_request_only():
+    began, gate, done = threading.Semaphore(0), threading.Semaphore(0), []
+
+    def work(number):
+        began.release()
+        assert gate.acquire(timeout=WAIT)
+        done.append(number)
+        return number * 10
+
+    worker = LatestWorker(work)
+    assert worker.latest is None and not worker.busy
+    worker.request(0)
+    assert began.acquire(timeout=WAIT)
+    for number in range(1, 50):  # all of these while the first is under way
+        worker.request(number)
+    assert worker.busy
+    gate.release(2)
+    assert worker.wait_for(lambda latest: latest is not None and latest.request == (49,), WAIT)
+    assert done == [0, 49] and worker.latest.result == 490
+    assert worker.close(WAIT)
+
+
+def test_a_worker_tells_that_it_has_delivered():
+    bell, worker = Bell(), None
+    try:
+        worker = LatestWorker(lambda x: x, tell=bell.ring)
+        assert not bell.wait(0.0)
+        worker.request(1)
+        assert bell.wait(WAIT) and worker.latest.result == 1
+        assert not bell.wait(0.0), "once for one"
+    finally:
+        worker.close(WAIT)
+
+
+def test_worker_tells_an_exception_and_lives():
+    worker = LatestWorker(lambda x: 1 / x)
+    worker.request(0)
+    assert worker.wait_for(lambda latest: latest is not None, WAIT)
+    assert worker.latest.error.startswith("ZeroDivisionError") and worker.latest.result is None
+    worker.request(4)
+    assert worker.wait_for(lambda latest: latest.result == 0.25, WAIT)
+    assert worker.latest.error == "" and worker.close(WAIT)
+
+
+@pytest.mark.parametrize("error", [InputError("too many"), StorageError("disk full"), PermissionError("no")])
+def test_a_worker_logs_no_traceback_for_what_its_caller_tells(error, caplog):
+    worker = LatestWorker(lambda cause: (_ for _ in ()).throw(cause))
+    worker.request(error)
+    assert worker.wait_for(lambda latest: latest is not None, WAIT)
+    assert worker.latest.cause is error and not caplog.records
+    worker.request(RuntimeError("a fault"))
+    assert worker.wait_for(lambda latest: "a fault" in latest.error, WAIT)
+    assert "a fault" in caplog.text and "Traceback" in caplog.text
+    assert worker.close(WAIT)
+
+
+# -- hands, stages, other solvers, long runs -------------------------------------------------------------------------
+
+
+def test_stage_stops_where_the_stage_rises(make):
+    session = make(Counter())
+    session.stage()
+    assert session.wait_for(lambda view: view.state.stage == 1 and not view.running, WAIT)
+    assert session.view.state.step == 6
+
+
+def test_a_slow_pace_holds_up_no_command(make):
+    session = make(Counter())
+    session.pace(1e-3)  # a step every 1000 s
+    session.play()
+    assert session.wait_for(lambda view: view.running, WAIT)
+    session.pause()
+    assert session.wait_for(lambda view: not view.running, WAIT)
+    session.pace(0)
+    session.play()
+    assert session.wait_for(lambda view: view.state.finished, WAIT)
+
+
+def test_who_is_asked_to_give_way_takes_no_step_but_hears_commands(make, monkeypatch):
+    monkeypatch.setattr("fdcal.session.session.GIVEN", 2 * WAIT)
+    session = make(Counter())
+    session.give_way()
+    session.play()
+    session.use_modes(2, 3, False)
+    assert session.wait_for(lambda view: view.state.first == 2, WAIT)
+    assert session.view.running and session.view.state.step == 0
+    session._way = 0.0
+    session.pause()  # ends the wait
+    session.play()
+    assert session.wait_for(lambda view: view.state.finished, WAIT)
+
+
+def test_a_hand_that_never_rests_does_not_stop_the_solver(make):
+    session = make(Counter())
+    session.play()
+    for _ in range(round(WAIT / 0.01)):
+        session.give_way()
+        if session.view.state.step > 3:
+            return
+        time.sleep(0.01)
+    pytest.fail("no step is taken")
+
+
+def test_a_microphone_put_by_hand_is_a_state_of_its_own(make):
+    session = make(Counter())
+    session.step()
+    assert session.wait_for(lambda view: view.count == 2, WAIT)
+    for x in (0.1, 0.2, 0.3):  # one drag
+        session.place(1, (x, 0.5), gesture="a")
+    assert session.wait_for(lambda view: view.state.positions[1][0] == 0.3, WAIT)
+    assert session.view.count == 3 and session.view.state.step == 1
+    session.place(0, (0.7, 0.7), gesture="b")
+    assert session.wait_for(lambda view: view.state.positions[0][0] == 0.7, WAIT)
+    view = session.view
+    assert view.count == 4 and not view.state.positions.flags.writeable
+    assert view.state.positions.tolist() == [[0.7, 0.7], [0.3, 0.5]]
+    assert tuple(view.history[1].positions[1]) == (1.0, 1.0), "an earlier state has changed"
+
+
+def test_places_of_different_microphones_in_one_go_all_count(make):
+    solver = Counter(gated=True)
+    session = make(solver)
+    session.step()
+    assert solver.began.acquire(timeout=WAIT)
+    for n, gesture in ((0, "a"), (0, "a"), (1, "b")):  # all of them wait while the step is under way
+        session.place(n, (0.5, 0.5 + n), gesture)
+    solver.gate.release()
+    assert session.wait_for(lambda view: view.state.positions[1][1] == 1.5, WAIT)
+    assert session.view.state.positions[0][1] == 0.5
+
+
+def test_reset_takes_other_settings(make, monkeypatch):
+    from fdcal import solvers
+
+    @dataclass(frozen=True)
+    class Settings:
+        name: str
+
+    class Other(Counter):
+        def init(self, problem, settings, seed):
+            return Count(step=11, seed=seed)
+
+    monkeypatch.setattr(solvers, "load", lambda name: Other())
+    session = Session(None, Settings("counter"), 3, module=Counter())
+    try:
+        session.reset(settings=Settings("other"))
+        assert session.wait_for(lambda view: view.state.step == 11, WAIT)
+        assert session.view.state.seed == 3 and session.view.count == 1
+    finally:
+        assert session.close(WAIT)
+
+
+def test_a_long_run_keeps_a_bounded_history(make, monkeypatch):
+    from fdcal.session import session as module
+
+    monkeypatch.setattr(module, "MOST_STATES", 8)
+    session = make(Counter())
+    before = session.view.history.lineage
+    session.play()
+    assert session.wait_for(lambda view: view.state.finished and not view.running, WAIT)
+    view = session.view
+    steps = [state.step for state in view.history]
+    assert len(steps) <= 9 and view.index == len(steps) - 1 and view.history.lineage is before
+    assert steps[0] == 0 and steps[-1] == 12 and steps == sorted(set(steps))
+    assert 6 in steps, "the first state of a stage stays"

@@ -1,0 +1,263 @@
+"""A session's file: what comes back is what was left, to the last bit; what is no session is refused in one line."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import io
+import json
+import pickle
+import zipfile
+
+import numpy as np
+import pytest
+
+from fdcal import solvers
+from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.commands.cli import main
+from fdcal.model.measured_scene import stand_in
+from fdcal.model.measurement_file import load_measurement
+from fdcal.model.scene import load_scene
+from fdcal.model.validation import InputError, StorageError
+from fdcal.session import session_file
+from fdcal.session.request import Opening, edited
+
+CHOICES = {"microphone": 9, "modes": (2, 5), "follow": False, "dark": True, "opacity": 0.5}
+
+
+def left(name: str, index: int | None = None, more: bool = True) -> Opening:
+    """A session on `tiny`, left while solver `name` was at work; of a chain with states of each member."""
+    scene = edited(load_scene("tiny"), {"solver.name": name, "measurement.snr_db": 40.0})
+    measurement = cached_measurement(scene)
+    problem, solver = measurement.problem(scene.solver.weights), solvers.load(name)
+    states = [solver.init(problem, scene.solver, 5)]
+    for _ in range(4):
+        states.append(solver.step(problem, states[-1]))
+    if "+" in name and more:
+        states.append(solver.members[1].init(problem, scene.solver, 5, positions=states[-1].positions))
+        states.append(solver.step(problem, states[-1]))
+    return Opening(scene, 5, measurement, tuple(states), index, CHOICES)
+
+
+def same(one, other) -> bool:
+    """Whether two values agree to the last bit, and in type."""
+    if type(one) is not type(other):
+        return isinstance(one, (int, float)) and not isinstance(one, bool) and float(one) == float(other)
+    if isinstance(one, np.ndarray):
+        return one.dtype == other.dtype and one.shape == other.shape and one.tobytes() == other.tobytes()
+    if isinstance(one, tuple):
+        return len(one) == len(other) and all(map(same, one, other))
+    if dataclasses.is_dataclass(one):
+        return all(same(getattr(one, f.name), getattr(other, f.name)) for f in dataclasses.fields(one))
+    return one == other
+
+
+@pytest.fixture(scope="module")
+def joint_session():
+    return left("joint", 3)
+
+
+@pytest.fixture
+def folder(tmp_path, joint_session):
+    """Function that writes the session's two files with some of their content changed."""
+
+    def write(change=None, arrays=None):
+        with zipfile.ZipFile(io.BytesIO(session_file.write(joint_session))) as archive:
+            table, packed = json.loads(archive.read("session.json")), archive.read("session.npz")
+        if change is not None:
+            change(table)
+        if arrays is not None:
+            with np.load(io.BytesIO(packed)) as archive:
+                held = dict(archive)
+            arrays(held)
+            file = io.BytesIO()
+            np.savez(file, **held)
+            packed = file.getvalue()
+        (tmp_path / "session.json").write_text(json.dumps(table), encoding="utf-8")
+        (tmp_path / "session.npz").write_bytes(packed)
+        return tmp_path / "session.json"
+
+    return write
+
+
+@pytest.mark.parametrize("name", ["descent", "joint", "descent+joint"])
+def test_what_comes_back_is_what_was_left(name, tmp_path):
+    given = left(name, 2)
+    path = tmp_path / "left.zip"
+    path.write_bytes(session_file.write(given))
+    found = session_file.read(path)
+    assert found.scene == given.scene and (found.start_seed, found.index) == (5, 2)
+    assert found.choices == {**CHOICES, "modes": [2, 5]}
+    assert same(found.measurement, given.measurement)
+    assert len(found.states) == len(given.states)
+    problem, solver = found.measurement.problem(found.scene.solver.weights), solvers.load(name)
+    before = given.measurement.problem(given.scene.solver.weights)
+    for mine, own in zip(found.states, given.states, strict=True):
+        assert same(mine, own)
+        assert not mine.positions.flags.writeable
+    assert same(solver.step(problem, found.states[-1]), solver.step(before, given.states[-1])), "going on"
+
+
+def test_without_noise_the_scene_comes_back_too(tmp_path):
+    scene = load_scene("tiny")
+    measurement = cached_measurement(scene)
+    state = solvers.load("joint").init(measurement.problem(), scene.solver, 0)
+    path = tmp_path / "left.zip"
+    path.write_bytes(session_file.write(Opening(scene, 0, measurement, (state,))))
+    assert np.isinf(scene.measurement.snr_db) and session_file.read(path).scene == scene
+
+
+def test_a_measurement_without_a_scene_stays_one(joint_session, tmp_path):
+    measurement = joint_session.measurement
+    scene = stand_in(measurement, "mine", joint_session.scene.solver)
+    path = tmp_path / "left.zip"
+    path.write_bytes(session_file.write(dataclasses.replace(joint_session, scene=scene)))
+    found = session_file.read(path).scene
+    assert found == scene and type(found) is type(scene), "no walls are drawn of a room that nobody has told"
+
+
+def test_the_two_files_may_lie_in_a_folder(folder, joint_session, tmp_path):
+    found = session_file.read(folder())
+    assert all(map(same, found.states, joint_session.states))
+    assert same(load_measurement(tmp_path / "session.npz"), joint_session.measurement), "a measurement file"
+
+
+def test_a_long_run_is_told_by_fewer_states(joint_session, monkeypatch):
+    monkeypatch.setattr(session_file, "MOST_WRITTEN", 6 * session_file._size(joint_session.states[0]))
+    states = [dataclasses.replace(joint_session.states[-1], step=i) for i in range(100)]
+    kept = session_file._kept(states, 17)
+    assert 4 <= len(kept) <= 6 and {0, 17, 99} <= set(kept)
+    monkeypatch.undo()
+    assert session_file._kept(states, 17) == list(range(100))
+
+
+def test_a_run_that_is_not_finite_is_not_saved(joint_session):
+    bad = dataclasses.replace(joint_session.states[-1], cost=float("nan"))
+    with pytest.raises(InputError, match="rewind"):
+        session_file.write(dataclasses.replace(joint_session, states=(bad,), index=0))
+
+
+class Trap:
+    """Unpickled, it would write to a file."""
+
+    def __reduce__(self):
+        return (open, ("/tmp/fdcal-trap", "w"))
+
+
+def states_of(table):
+    return table["states"]["kinds"][0]["fields"]
+
+
+def put(key, value):
+    return lambda table: states_of(table)[key].__setitem__(0, value)
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        (lambda table: table.pop("states"), "session"),
+        (lambda table: table.update(fdcal_session=99), "version"),
+        (lambda table: table.update(index=999), "index"),
+        (lambda table: table.update(index="2"), "index"),
+        (lambda table: table.update(start_seed=-1), "start_seed"),
+        (lambda table: table["scene"]["room"].update(sound_speed=-1), "room.sound_speed"),
+        (lambda table: table["scene"].update(evil=1), "evil"),
+        (lambda table: table["scene"]["solver"].update(name="descent"), "solver"),
+        (lambda table: table["states"]["kinds"][0].update(solver="os"), "solver"),
+        (lambda table: table["states"]["order"].append(0), "order"),
+        (lambda table: table["states"]["order"].append(7), "order"),
+        (lambda table: table["states"].update(order=[]), "order"),
+        (lambda table: table["states"].update(order=[0] * 9999), "order"),
+        (lambda table: states_of(table).pop("cost"), "cost"),
+        (lambda table: states_of(table).update(__class__=[1]), "version"),
+        (lambda table: states_of(table)["cost"].pop(), "length"),
+        (put("first", 0), "first"),
+        (put("last", 10**30), "last"),
+        (put("moved", 99), "moved"),
+        (put("step", True), "step"),
+        (put("finished", 1), "finished"),
+        (put("cost", "1e999"), "cost"),
+        (put("cost", {"number": "nan"}), "cost"),
+        (put("phase", "__import__('os')"), "phase"),
+        (put("settings", {"settings": 7}), "settings"),
+        (put("positions", {"array": [99, 0]}), "positions"),
+        (put("positions", {"array": [0, -1]}), "positions"),
+        (put("positions", {"array": [0, 99]}), "positions"),
+        (put("positions", [[0, 0]]), "positions"),
+        (put("noise", {"array": [0, 0]}), "noise"),
+        (put("best", {"tuple": [1, 2]}), "best"),
+    ],
+)
+def test_a_changed_table_is_refused(folder, change, word):
+    with pytest.raises(InputError, match=word) as caught:
+        session_file.read(folder(change))
+    assert "\n" not in str(caught.value) and "session.json" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "arrays",
+    [
+        lambda held: held.update(states_0=np.array([Trap()], dtype=object)),
+        lambda held: held.update(states_0=np.full_like(held["states_0"], np.nan)),
+        lambda held: held.update(states_0=held["states_0"] * 1e12),
+        lambda held: held.update(states_0=held["states_0"][..., :1]),
+        lambda held: held.update(states_0=np.array(["text"])),
+        lambda held: held.update(states_0=np.zeros(())),
+        lambda held: held.pop("states_0"),
+        lambda held: held.pop("pressures"),
+        lambda held: held.update(frequencies=held["frequencies"][::-1]),
+        lambda held: held.update(dimension=3, array_dimension=2),
+    ],
+)
+def test_changed_arrays_are_refused(folder, arrays):
+    with pytest.raises(InputError) as caught:
+        session_file.read(folder(arrays=arrays))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_claims_or_unfolds_to_more_than_there_is(tmp_path, folder, monkeypatch):
+    table = folder().read_text(encoding="utf-8")
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(header, {"descr": "<f8", "fortran_order": False, "shape": (10**15,)})
+    arrays = io.BytesIO()
+    with zipfile.ZipFile(arrays, "w") as archive:
+        archive.writestr("states_0.npy", header.getvalue())
+    path = tmp_path / "huge.zip"
+    for limit, packed in ((session_file.LARGEST, arrays.getvalue()), (1000, bytes(5000))):
+        monkeypatch.setattr(session_file, "LARGEST", limit)
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("session.json", table)
+            archive.writestr("session.npz", packed)
+        with pytest.raises(InputError):
+            session_file.read(path)
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"PK\x03\x04junk", pickle.dumps({"a": 1}), b"[" * 100_000, b"{}", b"NaN", b"\xff\xfe"]
+)
+@pytest.mark.parametrize("suffix", ["zip", "json"])
+def test_what_is_no_session_gets_one_line(tmp_path, capsys, content, suffix):
+    path = tmp_path / f"broken.{suffix}"
+    path.write_bytes(content)
+    path.with_suffix(".npz").write_bytes(content)
+    with pytest.raises(SystemExit) as left:
+        main(["view", str(path), "--port", "0", "--no-browser"])
+    errors = capsys.readouterr().err
+    assert left.value.code == 2 and errors.startswith("error: ") and errors.count("\n") == 1
+
+
+def test_a_missing_half_is_told(folder, tmp_path):
+    path = folder()
+    (tmp_path / "session.npz").unlink()
+    with pytest.raises(StorageError, match=r"session\.npz"):
+        session_file.read(path)
+    with pytest.raises(StorageError, match="nowhere"):
+        session_file.read(tmp_path / "nowhere.zip")
+
+
+def test_reading_changes_nothing(joint_session, tmp_path):
+    before = copy.deepcopy(joint_session.states)
+    path = tmp_path / "left.zip"
+    path.write_bytes(session_file.write(joint_session))
+    path.write_bytes(session_file.write(session_file.read(path)))
+    assert all(map(same, session_file.read(path).states, before))

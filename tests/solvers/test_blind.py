@@ -1,0 +1,102 @@
+"""An array of which no microphone is known: errors are those after the best motion of the whole, and it is said so.
+
+The estimate here is the truth turned, mirrored and moved, one microphone of it 30 mm astray. As it stands, errors would
+be metres.
+"""
+
+from __future__ import annotations
+
+import base64
+import csv
+import dataclasses
+import io
+import json
+import re
+
+import numpy as np
+import pytest
+
+from fdcal.assessment import position_table as positions
+from fdcal.graphics import paraview
+from fdcal.graphics.picture import backdrop, headline, with_estimate
+from fdcal.graphics.replay import replay
+from fdcal.model.gauge import align
+from fdcal.model.measurement import Measurement
+from fdcal.viewer.gui import html
+
+RNG = np.random.default_rng(2)
+TRUTH = RNG.uniform(0, 1, (12, 2))
+PRESSURES = RNG.normal(size=(3, 12)) + 1j * RNG.normal(size=(3, 12))
+
+
+@dataclasses.dataclass(frozen=True)
+class State:
+    positions: np.ndarray
+    cost: float = 1.0
+    step: int = 0
+    sweep: int = 0
+    stage: int = 0
+    moved: int = -1
+    first: int = 1
+    last: int = 2
+
+
+@pytest.fixture
+def blind():
+    return Measurement([100.0, 140.0, 180.0], PRESSURES, 343.0, positions=TRUTH)
+
+
+@pytest.fixture
+def estimate():
+    astray = TRUTH.copy()
+    astray[4] += [0.018, 0.024]
+    turn = np.array([[0.6, 0.8], [0.8, -0.6]])  # mirrored, too
+    return astray @ turn + [3.0, -2.0]
+
+
+def best(estimate):
+    return np.linalg.norm(align(estimate, TRUTH) - TRUTH, axis=1)
+
+
+def test_errors_do_not_count_where_the_whole_stands(blind, estimate):
+    errors = blind.errors(estimate)
+    np.testing.assert_allclose(errors, best(estimate), atol=1e-12)
+    assert errors.argmax() == 4 and 0.02 < errors.max() < 0.03
+    known = dataclasses.replace(blind, known=[0, 1, 2], known_positions=None)
+    assert known.errors(estimate).min() > 1, "known microphones say where it stands"
+    assert dataclasses.replace(blind, positions=None).errors(estimate) is None
+
+
+def test_the_page_says_so(blind, estimate):
+    largest = f"{1e3 * best(estimate).max():.3g}"
+    for text in (html.error_text(blind, estimate), headline(blind, estimate)):
+        assert f"{largest} mm" in text and "once aligned" in text
+    assert f"<td>{largest}</td>" in html.table(blind, estimate, None, 0)
+    known = dataclasses.replace(blind, known=[0, 1, 2], known_positions=None)
+    assert "aligned" not in html.error_text(known, estimate) + headline(known, estimate)
+
+
+def test_the_truth_is_drawn_beside_the_estimate(blind, estimate):
+    drawn = with_estimate(backdrop(None, blind), blind, estimate, 4)
+    by_name = {solid.name: solid for solid in drawn.solids}
+    assert len(by_name) == len(drawn.solids)
+    ring = np.asarray(by_name["microphones/true"].vertices).reshape(12, -1, 3).mean(axis=1)[:, :2]
+    np.testing.assert_allclose(np.linalg.norm(ring - estimate, axis=1), best(estimate), atol=1e-6)
+
+
+def test_files_say_so(blind, estimate):
+    rows = list(csv.DictReader(io.StringIO(positions.table(blind, estimate))))
+    told = [float(row["error_once_aligned_m"]) for row in rows]
+    np.testing.assert_allclose(told, best(estimate), atol=1e-12)
+    assert np.array_equal([[float(row["x_m"]), float(row["y_m"])] for row in rows], estimate)
+    lengths = re.search(r'Name="error_length".*?>(.*?)<', paraview.cloud(blind, estimate), re.S)
+    assert lengths, "the cloud has the lengths of the errors"
+
+
+def test_a_replay_is_laid_onto_the_truth(blind, estimate):
+    text = replay(None, blind, [State(estimate), State(align(estimate, TRUTH))], "Blind")
+    data = json.loads(re.search(r'id="data">(.*?)</script>', text).group(1))
+    places = np.frombuffer(base64.b64decode(data["positions"]), "<f4").reshape(2, 12, 2) + np.array(data["origin"])
+    assert data["aligned"] and np.abs(places - align(estimate, TRUTH)).max() < 1e-5
+    largest = np.frombuffer(base64.b64decode(data["largest"]), "<f8")
+    np.testing.assert_allclose(largest, best(estimate).max(), atol=1e-9)

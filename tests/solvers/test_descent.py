@@ -1,0 +1,169 @@
+"""Laws of block coordinate descent."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from fields import measured
+
+from fdcal import solvers
+from fdcal.cost.eq7 import lattice_of
+from fdcal.model.scene import Search, Solver
+from fdcal.model.validation import InputError
+from fdcal.solvers import descent
+
+# Microphones on the points of a coarse lattice; the truth can be found exactly.
+SEARCH = Search((2.01, 1.71), (1.2, 1.2), 0.1, 0.8)
+GRID = np.array([(x, y) for x in range(13) for y in range(13)]) * 0.1 + [2.01, 1.71]
+TRUTH = GRID[np.random.default_rng(1).choice(len(GRID), 20, replace=False)]
+KNOWN = list(range(17))
+PROBLEM = measured(TRUTH, KNOWN, highest=150.0, search=SEARCH).problem()
+SETTINGS = Solver(name="descent", modes=8, first_modes=2, max_sweeps=5, ample_modes=4)
+
+
+def all_states(seed=0, settings=SETTINGS):
+    return list(solvers.run(PROBLEM, settings, seed))
+
+
+def same(a, b):
+    return all(np.array_equal(getattr(a, name), getattr(b, name)) for name in vars(a))
+
+
+def test_few_unknown_microphones_are_found_exactly():
+    last = all_states()[-1]
+    assert last.finished and last.converged
+    np.testing.assert_allclose(last.positions, TRUTH, atol=1e-12)
+
+
+def test_known_microphones_never_move_and_one_moves_at_a_time():
+    states = all_states()
+    for before, after in pairwise(states):
+        np.testing.assert_array_equal(after.positions[KNOWN], TRUTH[KNOWN])
+        moved = np.flatnonzero(np.any(before.positions != after.positions, axis=1))
+        assert set(moved) <= {after.moved} and after.moved not in KNOWN
+
+
+def test_the_step_is_the_argmin_of_the_landscape():
+    states = all_states()
+    for before, after in pairwise(states):
+        lattice = lattice_of(PROBLEM, before.order_offset)
+        total = descent.landscape(PROBLEM, before, after.moved, before.modes).sum(axis=0)
+        assert after.cost == pytest.approx(total.min(), rel=1e-7, abs=1e-12)
+        np.testing.assert_array_equal(after.positions[after.moved], lattice.points[total.argmin()])
+
+
+def test_cost_never_rises_while_centre_and_modes_stay():
+    problem = measured(TRUTH, [0, 1, 2], highest=150.0, search=SEARCH).problem()
+    state, compared = descent.init(problem, SETTINGS, 0), 0
+    for _ in range(120):
+        following = descent.step(problem, state)
+        if np.array_equal(following.centre, state.centre) and state.last == following.last and state.step:
+            after = descent.step(problem, following)
+            if following.last == after.last:
+                assert after.cost <= following.cost * (1 + 1e-9)
+                compared += 1
+        state = following
+    assert compared > 20
+
+
+def test_same_seed_same_run_and_other_seed_other_run():
+    first, second, other = all_states(0), all_states(0), all_states(1)
+    assert len(first) == len(second) and all(same(a, b) for a, b in zip(first, second, strict=True))
+    assert not np.array_equal(first[0].positions, other[0].positions)
+
+
+def test_gone_on_from_any_state_equals_uninterrupted():
+    states = all_states()
+    for index in (0, 2, len(states) // 2):
+        assert same(descent.step(PROBLEM, states[index]), states[index + 1])
+
+
+def test_states_cannot_be_written_to():
+    state = descent.init(PROBLEM, SETTINGS, 0)
+    with pytest.raises(ValueError, match="read-only"):
+        state.positions[0] = 0
+    with pytest.raises(AttributeError):
+        state.step = 3
+
+
+def test_modes_come_in_one_at_a_time_when_trapped():
+    states = all_states()
+    for before, after in pairwise(states):
+        assert after.last - before.last in (0, 1)
+        if after.last > before.last:
+            assert after.stage == before.stage + 1 and after.turn == 0
+    assert states[0].last == 2 and states[-1].last == 8
+
+
+def test_modes_by_hand():
+    state = descent.use_modes(PROBLEM, descent.init(PROBLEM, SETTINGS, 0), 3, 5, automatic=False)
+    while not state.finished:
+        state = descent.step(PROBLEM, state)
+        assert (state.first, state.last) == (3, 5)
+    resumed = descent.use_modes(PROBLEM, state, 1, 6, automatic=True)
+    assert not resumed.finished and resumed.cost > 0
+    with pytest.raises(InputError):
+        descent.use_modes(PROBLEM, state, 4, 2, automatic=False)
+    with pytest.raises(InputError, match="were measured"):
+        descent.use_modes(PROBLEM, state, 1, 10_000, automatic=False)
+
+
+def test_trapped_means_a_whole_sweep_with_the_modes_in_use():
+    """Modes changed in mid-sweep: what converges has left no microphone that would still move."""
+    state = all_states()[-1]
+    for turn in range(1, len(PROBLEM.free)):
+        midway = replace(state, turn=turn, finished=False, last=6)
+        end = descent.use_modes(PROBLEM, midway, 1, 8, automatic=False)
+        while not end.finished:
+            end = descent.step(PROBLEM, end)
+        assert end.converged and end.step - midway.step >= len(PROBLEM.free)
+
+
+def test_known_microphones_far_from_the_search_domain_are_refused():
+    elsewhere = replace(PROBLEM, known_positions=PROBLEM.known_positions + 5.0)
+    with pytest.raises(InputError, match="search domain"):
+        descent.init(elsewhere, SETTINGS, 0)
+
+
+def test_fewer_candidates_than_microphones_are_refused():
+    with pytest.raises(InputError, match=r"search\.step"):
+        descent.init(replace(PROBLEM, search=Search((2.01, 1.71), (0.2, 0.2), 0.1, 0.8)), SETTINGS, 0)
+
+
+def test_a_problem_without_search_domain_is_refused():
+    with pytest.raises(InputError, match="search domain"):
+        descent.init(replace(PROBLEM, search=None), SETTINGS, 0)
+
+
+def test_an_unknown_solver_is_refused_by_name():
+    with pytest.raises(InputError, match="descent"):
+        solvers.load("simulated-annealing")
+
+
+def test_the_affine_start_is_snapped_to_the_lattice_and_left_alone_by_the_seed():
+    """Of a field that is affine over the array it is exact, so nothing is left to do but to snap."""
+    rng = np.random.default_rng(0)
+    shape = (len(PROBLEM.pressures), 2)
+    slopes = rng.normal(size=shape) + 1j * rng.normal(size=shape)
+    problem = replace(PROBLEM, pressures=slopes @ (TRUTH - TRUTH.mean(axis=0)).T + rng.normal(size=(shape[0], 1)))
+    for seed in (0, 1):
+        state = descent.init(problem, replace(SETTINGS, start="affine"), seed)
+        np.testing.assert_allclose(state.positions, TRUTH, atol=1e-12)
+    near = descent.init(PROBLEM, replace(SETTINGS, start="affine"), 0).positions
+    np.testing.assert_allclose(near, lattice_of(PROBLEM, 2).nearest(near), atol=1e-12)
+    assert np.abs(near - TRUTH).max() < 0.5 < np.abs(descent.init(PROBLEM, SETTINGS, 0).positions - TRUTH).max()
+
+
+def test_without_an_affine_start_one_line_says_why():
+    one_direction = replace(PROBLEM, pressures=np.outer(np.arange(1, len(PROBLEM.pressures) + 1), TRUTH[:, 0]) + 0j)
+    with pytest.raises(InputError, match="fewer than 2 directions"):
+        descent.init(one_direction, replace(SETTINGS, start="affine"), 0)
+
+
+@pytest.mark.parametrize("known", ["none", "minimal"])
+def test_known_microphones_cannot_be_kept_from_descent(known):
+    measurement = measured(TRUTH, KNOWN, highest=150.0, search=SEARCH)
+    settings = replace(SETTINGS, known=known)
+    with pytest.raises(InputError, match=rf'solver.known = "{known}".*--known all.*--solver joint'):
+        descent.init(measurement.problem("unit", known), settings, 0)

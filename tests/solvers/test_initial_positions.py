@@ -1,0 +1,147 @@
+"""Laws of the affine start and of the bends."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fields import measured
+
+from fdcal.model.validation import InputError
+from fdcal.solvers import initial_positions
+
+KNOWN = [0, 1, 2, 3]
+
+
+def affine_problem(D, known, offsets=1.0):
+    """Problem of pressures that are exactly affine in the positions, and the truth (N, D)."""
+    rng = np.random.default_rng(D)
+    truth = rng.uniform(-0.5, 0.5, (30, D)) + 2.5
+    base = measured(truth[:, :2], [])
+    modes = len(base.frequencies)
+    slopes = base.wavenumbers.real[:, None] * (rng.normal(size=(modes, D)) + 1j * rng.normal(size=(modes, D)))
+    pressures = slopes @ (truth - truth.mean(axis=0)).T + offsets * rng.normal(size=(modes, 1))
+    chosen = {"known": known, "known_positions": truth[known] if known else None}
+    measurement = replace(
+        base, dimension=D, array_dimension=D, pressures=pressures, positions=truth, search=None, **chosen
+    )
+    return measurement.problem("raw"), truth
+
+
+@pytest.mark.parametrize("D", [2, 3])
+def test_the_affine_start_is_exact_for_an_affine_field(D):
+    problem, truth = affine_problem(D, KNOWN[: D + 1])
+    for lowest in (None, 8, 40):
+        np.testing.assert_allclose(initial_positions.affine(problem, 40, lowest), truth, atol=1e-9)
+
+
+@pytest.mark.parametrize("D", [2, 3])
+def test_blind_it_is_an_affine_image_of_the_truth(D):
+    """Which image, the pressures of an affine field do not tell."""
+    problem, truth = affine_problem(D, [])
+    found = initial_positions.affine(problem, 40)
+    extended = np.column_stack([truth, np.ones(len(truth))])
+    image = extended @ np.linalg.lstsq(extended, found, rcond=None)[0]
+    np.testing.assert_allclose(found, image, atol=1e-9)
+    assert np.linalg.matrix_rank(found - found.mean(axis=0), tol=1e-6) == D
+
+
+def test_blind_the_metric_of_a_room_is_about_right():
+    """Singular values of the map from the truth to the start, of which rotation and mirror are free."""
+    truth = np.random.default_rng(7).uniform(-0.5, 0.5, (40, 2)) + [2.61, 2.31]
+    found = initial_positions.affine(measured(truth, []).problem(), 40)
+    image = np.linalg.lstsq(truth - truth.mean(axis=0), found - found.mean(axis=0), rcond=None)[0]
+    stretches = np.linalg.svd(image, compute_uv=False)
+    np.testing.assert_allclose(stretches, 1.0, atol=0.2)
+
+
+def test_known_microphones_that_do_not_span_the_array_are_refused():
+    problem, truth = affine_problem(2, [0, 1])
+    with pytest.raises(InputError, match="at least 3 known microphones that span the array, or none"):
+        initial_positions.affine(problem, 40)
+    on_a_line = np.column_stack([truth[:, 0], truth[:, 0]])
+    with pytest.raises(InputError, match="fewer than 2 directions"):
+        initial_positions.affine(replace(problem, pressures=problem.pressures[:, :1] * on_a_line[None, :, 0]), 40)
+
+
+def test_a_random_start_fills_the_search_domain_and_keeps_the_known():
+    truth = np.random.default_rng(7).uniform(-0.5, 0.5, (40, 2)) + [2.61, 2.31]
+    problem = measured(truth, KNOWN).problem()
+    one, again, other = (initial_positions.random(problem, np.random.default_rng(seed)) for seed in (0, 0, 1))
+    assert np.array_equal(one, again) and not np.array_equal(one, other)
+    assert np.array_equal(one[KNOWN], truth[KNOWN])
+    low, high = np.array(problem.search.origin), np.add(problem.search.origin, problem.search.size)
+    assert np.all((one >= low) & (one <= high)) and np.ptp(one, axis=0).min() > 0.8
+    with pytest.raises(InputError, match="needs a search domain"):
+        initial_positions.random(replace(problem, search=None), np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("degree", [2, 3])
+@pytest.mark.parametrize("D", [2, 3])
+@pytest.mark.parametrize("known", [[], [4], [0, 7, 9], [0, 7, 9, 11]], ids=len)
+def test_bends_leave_the_known_in_place_and_contain_the_affine_maps(D, degree, known):
+    """The affine maps that leave the known in place, that is; and curved ones besides."""
+    rng = np.random.default_rng(1)
+    x = rng.uniform(-0.5, 0.5, (60, D)) + 3.0
+    basis = initial_positions.bends(x, np.array(known, int), degree)
+    np.testing.assert_allclose(basis.T @ basis, np.eye(basis.shape[1]), atol=1e-9)
+    moves = basis.T.reshape(-1, *x.shape)
+    np.testing.assert_allclose(moves[:, known], 0.0, atol=1e-9)
+    extended = np.column_stack([x, np.ones(len(x))])
+    _, values, vectors = np.linalg.svd(extended[known]) if known else (0, np.zeros(0), np.eye(D + 1))
+    still = vectors[np.count_nonzero(values > 1e-9) :]
+    for row in still:
+        for coordinate in np.eye(D):
+            move = np.outer(extended @ row, coordinate).ravel()
+            np.testing.assert_allclose(basis @ (basis.T @ move), move, atol=1e-9 * np.abs(move).max())
+    terms = {(2, 2): 6, (2, 3): 10, (3, 2): 10, (3, 3): 20}[D, degree]
+    assert basis.shape[1] == D * (terms - len(known)) > D * len(still)
+
+
+def test_all_known_but_one_leave_no_bend():
+    x = np.random.default_rng(1).uniform(-0.5, 0.5, (20, 2))
+    assert initial_positions.bends(x, np.arange(19), 3).shape == (40, 0)
+
+
+def test_a_microphone_in_a_wrong_place_is_put_where_it_fits():
+    truth = np.random.default_rng(7).uniform(-0.5, 0.5, (40, 2)) + [2.61, 2.31]
+    problem, modes = measured(truth, [5, 6, 7], snr_db=40).problem(), slice(0, 40)
+    moved = truth.copy()
+    moved[[3, 5]] += [0.3, -0.35]
+    rest = initial_positions.left_over(problem, truth, modes)
+    assert np.argsort(initial_positions.misfits(problem, moved, modes, rest))[-2:].tolist() in ([3, 5], [5, 3])
+    rehomed = initial_positions.rehomed(problem, moved, modes, rest)
+    apart = 2 * np.pi / problem.wavenumbers.real.max() / 8
+    assert np.linalg.norm(rehomed[3] - truth[3]) < apart
+    assert np.array_equal(rehomed[5], moved[5]), "a known microphone is never moved"
+
+
+@pytest.mark.parametrize("D", [2, 3])
+def test_a_direction_that_the_source_hardly_excites_is_found_behind_a_curvature(D):
+    """The weakest coordinate hides behind the square of the strongest; the likeliest of the others is near it."""
+    problem, truth = affine_problem(D, KNOWN[: D + 1])
+    rng = np.random.default_rng(9)
+    offset = truth - truth.mean(axis=0)
+    k = problem.wavenumbers.real[:, None]
+    weak = np.array([1.0] * (D - 1) + [0.1])
+    slopes = k * (rng.normal(size=(len(k), D)) + 1j * rng.normal(size=(len(k), D))) * weak
+    curved = k * rng.normal(size=(len(k), 1)) * (offset[:, 0] ** 2 - np.mean(offset[:, 0] ** 2))
+    hidden = replace(problem, pressures=slopes @ offset.T + curved)
+
+    def share(positions):
+        """Of the weak coordinate, what the directions of a start tell."""
+        directions = np.column_stack([positions, np.ones(len(positions))])
+        rest = offset[:, -1] - directions @ np.linalg.lstsq(directions, offset[:, -1], rcond=None)[0]
+        return 1 - rest @ rest / (offset[:, -1] @ offset[:, -1])
+
+    others = [
+        initial_positions.singular_vectors(hidden, 40, None, last)[0]
+        for last in range(D, D + initial_positions.OTHER_DIRECTIONS)
+    ]
+    assert share(initial_positions.singular_vectors(hidden, 40)[0]) < 0.5
+    assert max(map(share, others)) > 0.7
+    assert any(
+        np.array_equal(initial_positions.redirected(hidden, 40), initial_positions.affine(hidden, 40, None, last))
+        for last in range(D, D + 5)
+    )

@@ -1,0 +1,252 @@
+"""Laws of the joint solver."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from fields import measured, rigid_room, room_frequencies
+from hypothesis import given, strategies
+from hypothesis import settings as settings_of_hypothesis
+
+from fdcal import solvers
+from fdcal.acoustics import compiled
+from fdcal.model.gauge import align, position_errors
+from fdcal.model.measurement import Measurement
+from fdcal.model.scene import Solver
+from fdcal.model.validation import InputError
+from fdcal.solvers import initial_positions, joint
+
+TRUTH = np.random.default_rng(7).uniform(-0.5, 0.5, (40, 2)) + [2.61, 2.31]
+KNOWN = [0, 1, 2]
+SETTINGS = Solver(name="joint", modes=40)
+
+
+def solve(measurement, settings=SETTINGS):
+    return list(solvers.run(measurement.problem(), settings, 0))
+
+
+@pytest.fixture(scope="module")
+def clean():
+    return solve(measured(TRUTH, KNOWN))
+
+
+def test_three_known_microphones_place_the_rest_within_millimetres(clean):
+    assert clean[-1].finished and clean[-1].converged
+    assert position_errors(clean[-1].positions, TRUTH).max() < 2e-3
+
+
+def test_known_microphones_never_move(clean):
+    assert all(np.array_equal(state.positions[KNOWN], TRUTH[KNOWN]) for state in clean)
+
+
+def test_cost_never_rises_within_a_stage(clean):
+    same = [(a, b) for a, b in pairwise(clean) if a.stage == b.stage]
+    assert len(same) > 4 and all(b.cost <= a.cost * (1 + 1e-12) for a, b in same)
+
+
+def test_no_known_microphone_is_needed_up_to_a_rigid_motion():
+    last = solve(measured(TRUTH, []))[-1]
+    assert last.converged
+    assert position_errors(align(last.positions, TRUTH), TRUTH).max() < 5e-3
+
+
+@pytest.mark.parametrize("snr_db, rms_mm", [(40, 3.0), (20, 40.0)])
+def test_noise_costs_accuracy_in_proportion_and_loses_no_array(snr_db, rms_mm):
+    for known in (KNOWN, []):
+        last = solve(measured(TRUTH, known, snr_db=snr_db, seed=1))[-1]
+        placed = last.positions if known else align(last.positions, TRUTH)
+        assert np.sqrt(np.mean(position_errors(placed, TRUTH) ** 2)) < 1e-3 * rms_mm
+
+
+def test_noise_that_nobody_told_is_estimated():
+    told = measured(TRUTH, KNOWN, snr_db=20, seed=2)
+    for measurement, settings in (
+        (replace(told, noise_power=None), SETTINGS),
+        (replace(told, noise_power=1e4 * told.noise_power), replace(SETTINGS, noise="auto")),
+    ):
+        last = solve(measurement, settings)[-1]
+        assert not last.noise_told
+        assert np.median(last.noise_power) == pytest.approx(1e-2, rel=0.4)
+        assert np.sqrt(np.mean(position_errors(last.positions, TRUTH) ** 2)) < 0.04
+
+
+def test_a_snr_given_goes_before_what_the_measurement_tells():
+    problem = measured(TRUTH, KNOWN, snr_db=20, seed=2).problem()
+    told, given = (joint.init(problem, replace(SETTINGS, noise=noise), 0) for noise in ("told", "30"))
+    assert told.noise_told and given.noise_told
+    np.testing.assert_array_equal(told.noise_power, problem.noise_power)
+    power = np.mean(np.abs(problem.pressures) ** 2, axis=1)
+    np.testing.assert_allclose(given.noise_power, power / 1001)
+
+
+def test_rigid_motion_of_the_truth_moves_the_answer_with_it():
+    """The same pressures with the known microphones told in another frame."""
+    turn = np.array([[0.6, -0.8], [0.8, 0.6]])
+    measurement = measured(TRUTH, KNOWN)
+    told = TRUTH @ turn.T + [1.0, -4.0]
+    moved = replace(measurement, positions=told, known_positions=told[KNOWN])
+    here, there = (solve(m)[-1].positions for m in (measurement, moved))
+    np.testing.assert_allclose(there, here @ turn.T + [1.0, -4.0], atol=2e-4)
+
+
+def seen_from(frame, known):
+    """The same array and room, turned and mirrored in space: source and walls go with the microphones."""
+    flip = {"mirrored": [-1, 1], "turned half": [-1, -1], "as it is": [1, 1]}[frame]
+    place = lambda points: np.asarray(points) * flip + (6.0 * (flip[0] < 0), 5.0 * (flip[1] < 0))  # noqa: E731
+    return measured(place(TRUTH), known, source=tuple(place((5.47, 4.53)))), place(TRUTH)
+
+
+@pytest.mark.parametrize("known", [[], KNOWN], ids=["blind", "known"])
+def test_no_rigid_motion_and_no_mirror_of_all_changes_the_shape_found(known):
+    shapes = []
+    for frame in ("as it is", "mirrored", "turned half"):
+        measurement, truth = seen_from(frame, known)
+        found = solve(measurement)[-1].positions
+        shapes.append(np.linalg.norm(found[:, None] - found[None], axis=-1))
+        assert position_errors(found if known else align(found, truth), truth).max() < 2e-3
+    for shape in shapes[1:]:
+        np.testing.assert_allclose(shape, shapes[0], atol=1e-4)
+
+
+@pytest.mark.parametrize("known", ["minimal", "none"])
+def test_less_gauge_finds_the_same_array(known):
+    settings = replace(SETTINGS, known=known)
+    last = list(solvers.run(measured(TRUTH, KNOWN).problem("unit", known), settings, 0))[-1]
+    placed = last.positions if known == "minimal" else align(last.positions, TRUTH)
+    assert last.finished and last.converged and position_errors(placed, TRUTH).max() < 2e-3
+
+
+def test_the_least_gauge_places_every_state_as_promised():
+    """The first known microphone's position, the direction to the second, the side of the third; and no more."""
+    states = list(solvers.run(measured(TRUTH, KNOWN, snr_db=30).problem("unit", "minimal"), SETTINGS, 0))
+    ahead = TRUTH[1] - TRUTH[0]
+    normal = np.array([-ahead[1], ahead[0]])
+    for state in states:
+        a, b, c = state.positions[KNOWN]
+        np.testing.assert_array_equal(a, TRUTH[0])
+        assert abs((b - a) @ normal) < 1e-12 and (b - a) @ ahead > 0
+        assert np.sign((c - a) @ normal) == np.sign((TRUTH[2] - TRUTH[0]) @ normal)
+    assert np.linalg.norm(states[-1].positions[1] - TRUTH[1]) > 1e-6
+
+
+def test_the_least_gauge_needs_microphones_that_span_the_array():
+    with pytest.raises(InputError, match=r"known = \[0, 1\] fixes no frame; the least gauge needs 3"):
+        measured(TRUTH, [0, 1]).problem("unit", "minimal")
+
+
+def test_the_projection_finds_the_array_where_there_is_no_noise():
+    last = solve(measured(TRUTH, KNOWN), replace(SETTINGS, cost="projection"))[-1]
+    assert position_errors(last.positions, TRUTH).max() < 2e-3
+
+
+def test_nearly_all_known_leaves_the_rest_to_be_found():
+    last = solve(measured(TRUTH, list(range(39))))[-1]
+    assert last.converged and position_errors(last.positions, TRUTH).max() < 2e-3
+
+
+@settings_of_hypothesis(max_examples=6, deadline=None, derandomize=True)
+@given(strategies.integers(0, 10_000), strategies.floats(3.5, 7.0), strategies.floats(0.6, 0.9))
+def test_random_arrays_in_random_rooms_are_found_blind(seed, width, ratio):
+    rng = np.random.default_rng(seed)
+    size = width, width * ratio
+    frequencies = room_frequencies(300, size=size)[:50]
+    angle, reach = 2 * np.pi * rng.random(30), 0.5 * np.sqrt(rng.random(30))
+    truth = np.column_stack([reach * np.cos(angle), reach * np.sin(angle)]) + np.multiply(size, [0.43, 0.46])
+    wavenumbers = (2 * np.pi * frequencies - 3j) / 343.0
+    pressures = rigid_room(truth, np.multiply(size, [0.95, 0.93]), wavenumbers, size=size)
+    measurement = Measurement(frequencies, pressures, 343.0, wavenumbers=wavenumbers)
+    last = solve(measurement, Solver(modes=len(frequencies)))[-1]
+    assert last.converged
+    assert position_errors(align(last.positions, truth), truth).max() < 5e-3
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_few_microphones_are_enough_where_there_is_no_noise(seed):
+    """16 of them, blind: with the noise lowered in stages they ended in wrong places."""
+    rng = np.random.default_rng([seed, 16])
+    truth = np.array([2.6, 2.3]) + rng.uniform(-0.4, 0.4, (16, 2))
+    frequencies = room_frequencies(300)[:40]
+    wavenumbers = (2 * np.pi * frequencies - 3j) / 343.0
+    pressures = rigid_room(truth, np.array([5.2, 4.2]) + rng.uniform(-0.3, 0.3, 2), wavenumbers)
+    last = solve(Measurement(frequencies, pressures, 343.0, wavenumbers=wavenumbers))[-1]
+    assert position_errors(align(last.positions, truth), truth).max() < 1e-2
+
+
+def test_the_bits_do_not_depend_on_the_number_of_cores(clean, monkeypatch):
+    monkeypatch.setattr(compiled, "_pool", lambda: ThreadPoolExecutor(1))
+    alone = solve(measured(TRUTH, KNOWN))
+    np.testing.assert_array_equal(alone[-1].positions, clean[-1].positions)
+
+
+def test_what_is_left_to_do_while_the_interpreter_ends_is_done_all_the_same(monkeypatch):
+    ended = ThreadPoolExecutor(1)
+    ended.shutdown()
+    monkeypatch.setattr(compiled, "_pool", lambda: ended)
+    assert compiled.at_once(lambda x: x + 1, iter(range(5))) == [1, 2, 3, 4, 5]
+    with pytest.raises(RuntimeError, match="own"):
+        compiled.at_once(fails, range(2))
+
+
+def fails(_):
+    raise RuntimeError("its own")
+
+
+def test_an_end_that_does_not_convince_is_followed_by_other_attempts_and_the_best_is_kept():
+    """A microphone that hears noise alone cannot be explained, wherever the array is started from."""
+    measurement = measured(TRUTH[:16], [], snr_db=40, seed=2)
+    rng, pressures = np.random.default_rng(0), measurement.pressures.copy()
+    loud = np.sqrt(np.mean(np.abs(pressures) ** 2))
+    for n in range(4):
+        pressures[:, n] = loud * (rng.normal(size=len(pressures)) + 1j * rng.normal(size=len(pressures)))
+    measurement = replace(measurement, pressures=pressures)
+    states = solve(measurement, Solver(modes=14))
+    assert states[-1].attempt > 0
+    best = min((s.best for s in states if s.best is not None), key=lambda best: best[0])
+    last = states[-1]
+    rest = initial_positions.left_over(measurement.problem(), last.positions, last.modes, last.near)
+    assert rest.cost <= best[0] + 1e-6 * abs(best[0])
+
+
+def test_same_bits_again_and_gone_on_from_any_state(clean):
+    again = solve(measured(TRUTH, KNOWN))
+    assert len(again) == len(clean)
+    assert all(np.array_equal(a.positions, b.positions) for a, b in zip(again, clean, strict=True))
+    problem = measured(TRUTH, KNOWN).problem()
+    for index in (0, len(clean) // 2, len(clean) - 3):
+        state = clean[index]
+        while not state.finished:
+            state = joint.step(problem, state)
+        np.testing.assert_array_equal(state.positions, clean[-1].positions)
+        assert (state.step, state.cost) == (clean[-1].step, clean[-1].cost)
+
+
+def test_landscape_is_lowest_at_the_microphone_once_it_is_found(clean):
+    problem = measured(TRUTH, KNOWN).problem()
+    last, n = clean[-1], 9
+    total = joint.landscape(problem, last, n, last.modes).sum(axis=0)
+    iy, ix = np.unravel_index(total.argmin(), total.shape)
+    lowest = np.array(problem.search.origin) + problem.search.step * np.array([ix, iy])
+    assert np.abs(lowest - TRUTH[n]).max() <= problem.search.step
+
+
+def test_modes_by_hand():
+    problem = measured(TRUTH, KNOWN).problem()
+    state = joint.use_modes(problem, joint.init(problem, SETTINGS, 0), 3, 20, automatic=False)
+    for _ in range(40):
+        state = joint.step(problem, state)
+        assert (state.first, state.last) == (3, 20)
+    assert state.finished
+
+
+def test_what_cannot_be_solved_is_refused():
+    with pytest.raises(InputError, match="use at least"):
+        solve(measured(TRUTH, KNOWN), replace(SETTINGS, modes=5, first_modes=3))
+    with pytest.raises(InputError, match="were measured"):
+        solve(measured(TRUTH, KNOWN), replace(SETTINGS, modes=5000))
+    with pytest.raises(InputError, match="span the array, or none"):
+        solve(measured(TRUTH, [0, 1]))
+    line = np.column_stack([np.linspace(2.2, 3.0, 20), np.full(20, 2.3)])
+    with pytest.raises(InputError, match=r"on a line|span the array"):
+        solve(measured(line, [0, 1, 2]))

@@ -1,0 +1,182 @@
+"""Absolute positions in a room of known size, through the command line."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fields import rigid_room, room_frequencies
+
+from fdcal.acoustics.room_modes import images
+from fdcal.commands.cli import main
+from fdcal.cost.landscapes import fine_mode
+from fdcal.model.measurement import Measurement
+from fdcal.model.measurement_file import save_measurement
+from fdcal.model.scene import Search, Solver
+from fdcal.model.validation import InputError
+from fdcal.solvers.room import solver as room
+
+TRUTH = np.array([[1.0, 0.8], [1.6, 3.9], [2.3, 2.2], [3.4, 0.7], [3.9, 3.1], [4.7, 1.9], [0.6, 2.7], [5.3, 1.1]])
+SOURCE, SIZE, MODES = (3.1, 4.4), (6.0, 5.0), 24
+
+
+def measurement(known=(), told: bool = True) -> Measurement:
+    """Eight microphones in the rigid room, at 40 dB."""
+    frequencies = room_frequencies(300.0)[:MODES]
+    k = (2 * np.pi * frequencies - 3j) / 343.0
+    p = rigid_room(TRUTH, SOURCE, k)
+    noise = 1e-4 * np.mean(np.abs(p) ** 2, axis=1)
+    parts = np.random.default_rng(2).standard_normal((2, *p.shape))
+    p = p + np.sqrt(noise / 2)[:, None] * (parts[0] + 1j * parts[1])
+    noise = noise if told else None
+    return Measurement(frequencies, p, 343.0, wavenumbers=k, noise_power=noise, positions=TRUTH, known=known)
+
+
+@pytest.fixture
+def calibrate(tmp_path, monkeypatch, capsys):
+    """Function that calibrates a measurement with options: exit code, output, error lines, result."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(heard: Measurement, *options):
+        save_measurement(heard, tmp_path / "m.npz")
+        (tmp_path / "r.json").unlink(missing_ok=True)
+        with pytest.raises(SystemExit) as ended:
+            main(["calibrate", "m.npz", "-o", "r.json", *options])
+        out, errors = capsys.readouterr()
+        lines = [line for line in errors.splitlines() if line.startswith("error: ")]
+        result = json.loads((tmp_path / "r.json").read_text()) if (tmp_path / "r.json").exists() else None
+        return ended.value.code, out, lines, result
+
+    return run
+
+
+def test_eight_microphones_are_found_up_to_the_listed_symmetries(calibrate):
+    code, out, _, result = calibrate(measurement(), "--room", "6x5")
+    assert (code, result["verdict"], result["solver"]) == (0, "good", "room")
+    arrays = {image["map"]: np.array(image["positions"]) for image in result["symmetries"]}
+    assert set(arrays) == {"(x, y)", "(6 - x, y)", "(x, 5 - y)", "(6 - x, 5 - y)"}
+    assert all(name in out for name in arrays if name != "(x, y)")
+    assert np.allclose(arrays["(6 - x, y)"], [6, 0] + np.array(result["positions"]) * [-1, 1])
+    errors = {name: np.linalg.norm(array - TRUTH, axis=1) for name, array in arrays.items()}
+    best = min(errors.values(), key=np.max)
+    assert best.max() < 0.01
+    assert result["max_error_m"] == pytest.approx(best.max())
+    assert sum(error.max() < 0.1 for error in errors.values()) == 1
+    sources = [image.of(result["source"]) for image in images(SIZE)]
+    assert min(np.linalg.norm(place - SOURCE) for place in sources) < 0.02
+    assert 0.2 < np.sqrt(np.mean(best**2)) / np.sqrt(np.mean(np.square(result["uncertainty_m"]))) < 3
+    assert result["left_out_db"] < -30
+
+
+def test_one_known_microphone_chooses_among_the_symmetries(calibrate):
+    code, _, _, result = calibrate(measurement(known=[6]), "--room", "6x5")
+    assert code == 0
+    assert np.linalg.norm(np.array(result["positions"]) - TRUTH, axis=1).max() < 0.01
+
+
+def noise(shape) -> np.ndarray:
+    parts = np.random.default_rng(5).standard_normal((2, *shape))
+    return parts[0] + 1j * parts[1]
+
+
+def disturbed(heard: Measurement) -> Measurement:
+    """Microphone 3 hears something else, too."""
+    pressures = heard.pressures.copy()
+    pressures[:, 3] += 0.2 * np.abs(pressures).mean() * noise(pressures.shape)[:, 3]
+    return replace(heard, pressures=pressures)
+
+
+def noisy(heard: Measurement) -> Measurement:
+    """Hardly anything but noise."""
+    power = np.mean(np.abs(heard.pressures) ** 2, axis=1)
+    pressures = heard.pressures + 2 * np.sqrt(power)[:, None] * noise(heard.pressures.shape)
+    return replace(heard, pressures=pressures, noise_power=8 * power)
+
+
+def displaced(heard: Measurement) -> Measurement:
+    """A known microphone is told to be elsewhere."""
+    return replace(heard, known=np.array([1, 2, 6]), known_positions=TRUTH[[1, 2, 6]] + [[0, 0], [0.3, 0.3], [0, 0]])
+
+
+@pytest.mark.parametrize(
+    ("change", "size", "code", "words"),
+    [
+        (replace, "6.06x5.05", "room_size", "6.00"),
+        (replace, "5.94x4.95", "room_size", "correct --room"),
+        (disturbed, "6x5", "odd_channel", "--exclude 3"),
+        (noisy, "6x5", "too_noisy", "unexplained"),
+        (displaced, "6x5", "known_position", "2 ("),
+    ],
+)
+def test_what_cannot_be_trusted_is_told_with_the_cause(calibrate, change, size, code, words):
+    exit_code, out, _, result = calibrate(change(measurement()), "--room", size)
+    assert (exit_code, result["verdict"]) == (4, code), result["verdict_text"]
+    assert words in result["verdict_text"]
+    assert result["verdict_text"] in " ".join(out.split())
+
+
+def test_a_room_a_percent_wrong_is_not_trusted_where_no_noise_is_told(calibrate):
+    code, _, _, result = calibrate(measurement(told=False), "--room", "6.06x5.05")
+    assert code == 4
+    assert result["verdict"] in ("room_size", "model_mismatch")
+
+
+def test_modes_chosen_by_hand_must_be_enough():
+    problem = measurement().problem()
+    state = room.init(problem, Solver(name="room", modes=MODES, room=SIZE), 0)
+    with pytest.raises(InputError, match="too few for a known room"):
+        room.use_modes(problem, state, 4, 5, False)
+    assert room.use_modes(problem, state, 1, 12, False).last == 12
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--room", "6"], "no size of a room"),
+        (["--room", "6xfive"], "no size of a room"),
+        (["--room", "6x-5"], "above zero"),
+        (["--room", "nanx5"], "above zero"),
+        (["--room", "6x5x3"], "the sound field has 2 dimensions"),
+        (["--room", "2x1.5"], "smaller than the array"),
+        (["--room", "6000x5000"], "too many modes"),
+        (["--room", "6x5", "--modes", "2"], "too few for a known room"),
+        (["--room", "6x5", "--solver", "joint"], "leave out --solver joint"),
+        (["--room", "6x5", "--estimate-sound-speed"], "a known room fixes"),
+        (["--solver", "room"], "needs the size of the room"),
+    ],
+)
+def test_bad_rooms_get_one_line(calibrate, options, words):
+    code, _, lines, result = calibrate(measurement(), *options)
+    assert (code, len(lines), result) == (2, 1, None)
+    assert words in lines[0]
+
+
+def test_a_known_microphone_outside_the_room_is_named(calibrate):
+    code, _, (line,), _ = calibrate(measurement(known=[7]), "--room", "5.2x5.2")
+    assert code == 2
+    assert "known microphone 7" in line
+    assert "outside" in line
+
+
+@pytest.mark.parametrize("scene", ["lshape"])
+def test_a_scene_that_is_no_rectangle_is_refused(scene, tmp_path, monkeypatch, capsys):
+    from fdcal.commands import calibrate as runs
+
+    given = runs.Given(scene, runs.load_scene(scene), measurement(), runs.load_scene(scene).solver, 0)
+    monkeypatch.setattr(runs, "source_of", lambda *_: given)
+    with pytest.raises(SystemExit) as ended:
+        main(["calibrate", scene, "--room", "6x5"])
+    assert ended.value.code == 2
+    assert "is no rectangle" in capsys.readouterr().err
+
+
+def test_a_finer_map_of_a_microphone_is_the_map_on_its_lattice():
+    heard = replace(measurement(), search=Search((1.0, 0.6), (0.4, 0.4), 0.1, 0.8))
+    problem = heard.problem()
+    state = room.init(problem, Solver(name="room", modes=MODES, room=SIZE), 0)
+    coarse, finer = problem.search, replace(problem.search, step=0.05)
+    whole = room.landscape(problem, state, 2, slice(4, 5))[0]
+    np.testing.assert_allclose(fine_mode(problem, room, state, 2, 5, coarse), whole)
+    assert fine_mode(problem, room, state, 2, 5, finer).shape > whole.shape

@@ -1,0 +1,126 @@
+"""Keys do what buttons do, and none of them is the camera's."""
+
+import itertools
+import typing
+from types import SimpleNamespace
+
+import pytest
+from viser import _messages
+
+from fdcal.viewer.hotkeys import CAMERA, KEYS, add_keys
+from fdcal.viewer.tabs import help
+from fdcal.viewer.tabs.map import KINDS, LINEAR, LOG
+
+
+def finish(coroutine):
+    with pytest.raises(StopIteration):
+        coroutine.send(None)
+
+
+class Noted:
+    """Whatever is called on it is noted."""
+
+    def __init__(self, notes, name="", **held):
+        self.__dict__.update(_notes=notes, _name=name, **held)
+
+    def __getattr__(self, name):
+        return Noted(self._notes, f"{self._name}.{name}".lstrip("."))
+
+    def __call__(self, *arguments, **named):
+        self._notes.append((self._name, *arguments, *named.items()))
+
+
+@pytest.fixture
+def page():
+    """A page that notes what is done to it, and its notes."""
+    notes = []
+    look = SimpleNamespace(log=True, dark=False)
+    view = SimpleNamespace(index=4, state=SimpleNamespace(first=1, last=3))
+    desk = SimpleNamespace(
+        choices=SimpleNamespace(modes=None, look=look, trails=True), modes=20,
+        measurement=SimpleNamespace(count=16), session=Noted(notes, "session", view=view),
+    )  # fmt: skip
+    handles = {"microphone": SimpleNamespace(value=15), "kind": SimpleNamespace(value=KINDS[-1])}
+    controls = Noted(notes, desk=desk, map=Noted(notes, "map", **handles))
+    return Noted(notes, viewer=SimpleNamespace(controls=controls)), notes
+
+
+@pytest.fixture
+def keyboard(page):
+    """Function that presses a key by its face."""
+    made = {}
+
+    def add_command(label, hotkey, modifier):
+        handle = SimpleNamespace(on_trigger=lambda act: made.__setitem__((hotkey, modifier), act))
+        return handle
+
+    add_keys(SimpleNamespace(add_command=add_command), page[0])
+    return lambda key, modifier=None, client="me": finish(made[key, modifier](SimpleNamespace(client=client)))
+
+
+def test_no_key_is_the_camera_s_nor_used_twice():
+    faces = [key.face for key in KEYS]
+    assert len(set(faces)) == len(faces)
+    assert not {key.key for key in KEYS} & set(CAMERA), "viser moves the camera with these"
+    assert {key.key for key in KEYS} <= set(typing.get_args(_messages.HotkeyKey))
+
+
+@pytest.mark.parametrize(
+    ("key", "modifier", "done"),
+    [
+        ("R", None, ("bar.toggle",)),
+        ("N", None, ("bar.press", "Step")),
+        ("G", None, ("bar.press", "Sweep")),
+        ("T", None, ("bar.press", "Stage")),
+        ("X", None, ("bar.press", "Reset")),
+        ("B", None, ("session.seek", 3)),
+        ("F", None, ("session.seek", 5)),
+        ("M", None, ("map.pick", 0)),
+        ("M", "shift", ("map.pick", 14)),
+        ("O", None, ("map.choose_modes", range(1, 5))),
+        ("I", None, ("map.choose_modes", range(1, 3))),
+        ("U", None, ("map.choose_modes", None)),
+        ("V", None, ("map.show_as", KINDS[0])),
+        ("L", None, ("map.scale_as", LINEAR)),
+        ("Y", None, ("draw", ("trails", False))),
+        ("K", None, ("darken", True)),
+        ("1", None, ("stage.cameras.ask", "me", "top")),
+        ("2", None, ("stage.cameras.ask", "me", "3d")),
+        ("3", None, ("stage.cameras.ask", "me", "close")),
+        ("J", None, ("lessons.go", "Next")),
+        ("J", "shift", ("lessons.go", "Back")),
+    ],
+)
+def test_a_key_does_what_its_button_does(page, keyboard, key, modifier, done):
+    keyboard(key, modifier)
+    assert page[1] == [done]
+
+
+def test_modes_of_the_map_stay_within_those_there_are(page, keyboard):
+    choices = page[0].viewer.controls.desk.choices
+    choices.modes = (20,)
+    keyboard("O")
+    choices.modes = (1,)
+    keyboard("I")
+    assert page[1] == [("map.choose_modes", range(1, 21)), ("map.choose_modes", range(1, 2))]
+    choices.look.log = False
+    keyboard("L")
+    assert page[1][-1] == ("map.scale_as", LOG)
+
+
+def test_keys_before_there_is_a_session_do_nothing(page, keyboard):
+    page[0].__dict__["viewer"] = None
+    for key in KEYS:
+        if key.key not in "123J":
+            keyboard(key.key, key.modifier)
+    assert page[1] == []
+
+
+def test_help_tells_every_key_and_mark():
+    html = help.text()
+    for key in KEYS:
+        assert f"<b>{key.face}</b>" in html and key.label in html
+    for word in ("true", "estimate", "known", "lowest cost", "other minimum", "(mm)", "(Hz)", "--help"):
+        assert word in html
+    for one, other in itertools.pairwise(["Keys", "Mouse", "Marks", "Numbers", "More"]):
+        assert html.index(f">{one}<") < html.index(f">{other}<")

@@ -1,0 +1,213 @@
+"""The tab Lessons sets the page's own controls, and nothing that comes from a file or a client can harm it."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from fdcal.model.scene import load_scene
+from fdcal.session.lesson import Lesson, Setting, Step, load_lesson
+from fdcal.viewer.gui import lesson_html
+from fdcal.viewer.gui.layout import Frame
+from fdcal.viewer.lesson_step import carry_out
+from fdcal.viewer.server.hardening import open_server
+from fdcal.viewer.tabs.lessons import AGAIN, BACK, NEXT, NONE, Lessons
+
+EVIL = "<script>alert(1)</script>"
+
+
+class Noted:
+    """Whatever is called or set on it is noted."""
+
+    def __init__(self, notes, name=""):
+        self.__dict__.update(_notes=notes, _name=name)
+
+    def __getattr__(self, name):
+        return Noted(self._notes, f"{self._name}.{name}".lstrip("."))
+
+    def __call__(self, *arguments, **named):
+        self._notes.append((self._name, *arguments, *named.items()))
+
+
+def state(first=1, last=3, automatic=True):
+    return SimpleNamespace(first=first, last=last, automatic=automatic)
+
+
+@pytest.fixture
+def controls():
+    """Controls that note what is done to them, and their notes."""
+    notes = []
+    session = SimpleNamespace(
+        view=SimpleNamespace(state=state(4, 9, False), history=[state()]),
+        **{name: Noted(notes, name) for name in ("reset", "use_modes", "play", "step", "sweep", "stage")},
+    )
+    desk = SimpleNamespace(session=session, modes=20, work=SimpleNamespace(scene=load_scene("tiny"), opening=None))
+    return SimpleNamespace(desk=desk, map=Noted(notes, "map"), draw=Noted(notes, "draw")), notes
+
+
+def test_a_setting_is_carried_out_in_the_order_that_is_told(controls):
+    made, notes = controls
+    setting = Setting(
+        modes="1-9", automatic=False, run="2 sweeps", microphone=3, follow=False, map="relief", map_modes="2, 4",
+        scale="linear", trails=True, ellipses=False, view="3d",
+    )  # fmt: skip
+    carry_out(setting, made, lambda view: notes.append(("view", view)), anew=False)
+    assert notes == [
+        ("use_modes", 1, 9, False),
+        ("sweep", 2),
+        ("map.pick", 3),
+        ("map.follow_solver", False),
+        ("map.show_as", "Relief"),
+        ("map.choose_modes", (2, 4)),
+        ("map.scale_as", "Linear"),
+        ("draw", ("trails", True), ("ellipses", False)),
+        ("view", "3d"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("setting", "anew", "told"),
+    [
+        (Setting(automatic=True), False, ("use_modes", 4, 9, True)),
+        (Setting(automatic=False), True, ("use_modes", 1, 3, False)),
+        (Setting(modes="2-5"), False, ("use_modes", 2, 5, False)),
+        (Setting(modes="2-5"), True, ("use_modes", 2, 5, True)),
+        (Setting(run="end"), False, ("play",)),
+        (Setting(run="3 steps"), False, ("step", 3)),
+        (Setting(run="1 stage"), False, ("stage", 1)),
+        (Setting(map_modes="in use"), False, ("map.choose_modes", None)),
+    ],
+)
+def test_what_is_left_out_stays(controls, setting, anew, told):
+    made, notes = controls
+    carry_out(setting, made, lambda view: notes.append(("view", view)), anew)
+    assert [note for note in notes if note != ("draw",)] == [told]
+
+
+@pytest.fixture(scope="module")
+def server():
+    opened = open_server("127.0.0.1", 0)
+    yield opened
+    opened.stop()
+
+
+@pytest.fixture
+def page(server, controls):
+    """A page without a session; `opened` holds what it was asked to open, `ready` puts the last of it on the page."""
+    made, notes = controls
+    opened = []
+    place = SimpleNamespace(cameras=SimpleNamespace(place_all=lambda view: notes.append(("view", view))))
+    page = SimpleNamespace(frame=Frame(server.gui), viewer=None, open=opened.append, stage=place, opened=opened)
+    page.switch = SimpleNamespace(idle=False)
+
+    def ready():
+        made.desk.work = SimpleNamespace(scene=opened[-1].scene, opening=opened[-1])
+        page.viewer = SimpleNamespace(desk=made.desk, controls=made)
+
+    page.ready, page.notes = ready, notes
+    yield page
+    server.gui.reset()
+
+
+def told(lessons):
+    return lessons.text.content
+
+
+def test_a_lesson_goes_from_its_start_to_the_reveal(page):
+    lessons = Lessons(page, [load_lesson("3_too_many_too_soon")])
+    assert not lessons.answers.visible and not lessons.ways.visible
+    lessons.take("3. Too many too soon")
+    assert "Step 1 of 3" in told(lessons) and "being prepared" in told(lessons)
+    assert not lessons.answers.visible, "nothing is asked about a picture that is not there"
+    lessons.show()
+    assert page.notes == [], "nothing is set while another scene is still on the page"
+    assert page.opened[-1].scene.solver.name == "descent"
+    page.ready()
+    lessons.show()
+    assert ("use_modes", 1, 20, False) in page.notes and ("view", "top") in page.notes
+    assert lessons.answers.options == ("A", "B", "C") and lessons.answers.visible
+    assert "being prepared" not in told(lessons)
+    page.notes.clear()
+    lessons.answer("A")
+    assert "It is B." in told(lessons) and "After 7 sweeps" in told(lessons) and not lessons.answers.visible
+    assert ("play",) in page.notes and len(page.opened) == 1, "the scene is there"
+    lessons.answer("B")
+    assert "It is B." in told(lessons), "the first answer counts"
+    page.notes.clear()
+    lessons.go(NEXT)
+    assert page.notes[0] == ("reset", 0) and page.notes[1] == ("use_modes", 1, 20, False)
+    assert lessons.ways.options == (BACK, AGAIN, NEXT) and "Step 2 of 3" in told(lessons)
+    lessons.go(NEXT)
+    assert lessons.ways.options == (BACK, AGAIN)
+    lessons.take(NONE)
+    assert "Step" not in told(lessons) and not lessons.ways.visible
+
+
+def test_a_scene_that_is_refused_is_not_waited_for(page):
+    lessons = Lessons(page, [load_lesson("3_too_many_too_soon")])
+    lessons.take("3. Too many too soon")
+    page.switch.idle = True
+    lessons.show()
+    assert lessons.answers.visible and "being prepared" not in told(lessons)
+    page.ready()
+    lessons.show()
+    assert page.notes == []
+
+
+def test_an_answer_before_the_scene_is_there_loses_nothing(page):
+    lessons = Lessons(page, [load_lesson("5_corner_or_centre")])
+    lessons.take("5. Corner or centre")
+    lessons.answer("B")
+    page.ready()
+    lessons.show()
+    assert ("map.show_as", "No map") in page.notes and page.notes.index(("play",)) > 0
+    assert page.notes.count(("play",)) == 1
+
+
+def test_a_right_answer_is_told_so(page):
+    lessons = Lessons(page, [load_lesson("3_too_many_too_soon")])
+    lessons.take("3. Too many too soon")
+    page.ready()
+    lessons.show()
+    lessons.answer("B")
+    assert "Right." in told(lessons)
+
+
+def test_whoever_changed_the_scene_gets_the_lesson_s_back(page):
+    lessons = Lessons(page, [load_lesson("4_frozen_grid")])
+    lessons.take("4. Why the grid freezes")
+    page.ready()
+    lessons.show()
+    page.viewer.desk.work = SimpleNamespace(scene=load_scene("tiny"), opening=None)
+    lessons.go(NEXT)
+    assert len(page.opened) == 2 and page.opened[1].scene == page.opened[0].scene
+    assert page.opened[1].scene.solver.name == "descent"
+
+
+@pytest.mark.parametrize("junk", ["", "Z", "AB", "Next ", None, 7, EVIL, "a" * 300])
+def test_junk_moves_nothing(page, junk):
+    lessons = Lessons(page, [load_lesson("3_too_many_too_soon")])
+    lessons.answer(junk), lessons.go(junk)
+    lessons.take("3. Too many too soon")
+    before = lessons.place
+    lessons.answer(junk), lessons.go(junk)
+    assert lessons.place == before
+    lessons.take(junk)
+    assert lessons.place.lesson is None
+
+
+def test_what_cannot_be_set_is_told_and_the_page_lives(page):
+    steps = (Step("Look.", page=Setting(scene="tiny", modes="1-99")),)
+    lessons = Lessons(page, [Lesson("Mine", steps)])
+    lessons.take("Mine")
+    page.ready()
+    lessons.show()
+    assert "1 to 20" in told(lessons)
+    lessons.go(AGAIN)
+    assert "1 to 20" in told(lessons)
+
+
+def test_texts_of_a_file_are_escaped():
+    lesson = Lesson(EVIL, (Step(EVIL, EVIL, (EVIL, EVIL), 1, EVIL),))
+    for choice in (-1, 0, 1):
+        html = lesson_html.told(lesson, 0, choice)
+        assert "<script" not in html and "&lt;script" in html

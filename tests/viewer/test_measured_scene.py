@@ -1,0 +1,64 @@
+"""The page of a measurement that has no scene: of a file of fdcal, of a recording, with truth and without."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fdcal.commands.calibrate import from_scene
+from fdcal.commands.options import opening_of
+from fdcal.graphics.picture import backdrop, with_estimate
+from fdcal.model.measured_scene import Measured, stand_in
+from fdcal.model.measurement import Measurement
+from fdcal.model.measurement_file import save_measurement
+from fdcal.model.scene import Solver, load_scene
+from fdcal.viewer.background.prepare import Progress, work_of
+
+
+@pytest.fixture(scope="module")
+def tiny() -> Measurement:
+    return from_scene(load_scene("tiny")).measurement
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_a_measurement_is_shown_without_walls(told, tiny, tmp_path):
+    path = tmp_path / "hall.npz"
+    save_measurement(tiny if told else replace(tiny, positions=None, search=None), path)
+    work = work_of(opening_of(str(path)), Progress())
+    try:
+        assert work.scene.title == "hall, as measured"
+        assert np.array_equal(work.measurement.pressures, tiny.pressures)
+        state = work.session.view.state
+        still = backdrop(work.told, work.measurement)
+        assert not [part.name for part in (*still.solids, *still.lines) if part.name.startswith(("room", "source"))]
+        picture = with_estimate(still, work.measurement, state.positions, 0, None)
+        assert any(solid.name == "microphones/estimate" for solid in picture.solids)
+        assert any(solid.name == "microphones/true" for solid in picture.solids) == told
+    finally:
+        work.session.close(2.0)
+
+
+def test_another_solver_keeps_the_walls_away(tiny):
+    scene = stand_in(tiny, "hall", Solver(modes=12))
+    assert isinstance(replace(scene, solver=Solver(name="descent", modes=12)), Measured)
+
+
+@pytest.mark.parametrize(("dimension", "array_dimension"), [(2, 2), (3, 3), (3, 2)])
+@pytest.mark.parametrize("known", [0, 5])
+def test_every_kind_of_measurement_has_a_stand_in(dimension, array_dimension, known):
+    rng = np.random.default_rng(0)
+    measurement = Measurement(
+        frequencies=np.array([50.0, 80.0]),
+        pressures=rng.standard_normal((2, 9)) + 1j * rng.standard_normal((2, 9)),
+        sound_speed=343.0,
+        dimension=dimension,
+        array_dimension=array_dimension,
+        known=tuple(range(known)),
+        known_positions=rng.uniform(-3, 3, (known, array_dimension)),
+    )
+    scene = stand_in(measurement, "hall", Solver(modes=2, first_modes=1))
+    assert scene.room.dimension == dimension
+    assert scene.array.dimension == array_dimension
+    assert scene.gauge.indices(9) == tuple(range(known))

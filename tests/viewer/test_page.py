@@ -1,0 +1,292 @@
+"""The page against the world: keys and a lesson in a real browser, and clients that mean it harm, or mean nothing."""
+
+import contextlib
+import http.server
+import logging
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+from types import SimpleNamespace
+
+import msgspec
+import numpy as np
+import pytest
+import viser
+from browsing import ARGUMENTS
+from playwright.sync_api import sync_playwright
+from viser import _messages
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+from fdcal.viewer.gui import html as words
+from fdcal.viewer.server import error_log
+
+WAIT = 60.0  # s, bound of every wait
+EVIL = "--host-resolver-rules=MAP evil.example 127.0.0.1"
+
+
+def start(port=0):
+    command = [sys.executable, "-m", "fdcal", "view", "tiny", "--port", str(port), "--no-browser"]
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ)
+    url = server.stdout.readline().strip()
+    assert re.fullmatch(r"http://127\.0\.0\.1:\d+", url), url or server.stderr.read()
+    return server, url
+
+
+def stop(server):
+    server.send_signal(signal.SIGINT)
+    _, errors = server.communicate(timeout=WAIT)
+    assert server.returncode == 0 and "Traceback" not in errors, errors
+
+
+@pytest.fixture(scope="module")
+def served():
+    """A server that may be replaced: its process and address."""
+    served = list(start())
+    try:
+        yield served
+        stop(served[0])
+    finally:
+        served[0].kill()
+
+
+@pytest.fixture(scope="module")
+def browser(require_browser):
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=require_browser, headless=True, args=[*ARGUMENTS, EVIL])
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture(scope="module")
+def page(served, browser):
+    page = browser.new_page(viewport={"width": 1280, "height": 720})
+    page.set_default_timeout(WAIT * 1e3)
+    page.goto(f"{served[1]}/?fixedDpr=1")
+    page.get_by_text("step 0, sweep 0").wait_for()
+    return page
+
+
+def press(page, name):
+    page.get_by_role("button", name=name, exact=True).click()
+
+
+def begin_anew(page):
+    press(page, "Reset")
+    page.get_by_text("step 0, sweep 0").wait_for()
+
+
+def alive(page):
+    """The page does what a button says."""
+    begin_anew(page)
+    press(page, "Step")
+    page.get_by_text(re.compile("^step 1, ")).wait_for()
+
+
+def test_keys_do_what_buttons_do(page):
+    begin_anew(page)
+    page.keyboard.press("n")
+    page.get_by_text(re.compile("^step 1, ")).wait_for()
+    page.keyboard.press("b")
+    page.get_by_text("step 0, sweep 0").wait_for()
+    page.get_by_role("tab", name="Map", exact=True).click()
+    page.keyboard.press("m")
+    page.get_by_text(re.compile("^microphone 2,")).first.wait_for()
+    page.keyboard.press("Shift+M")
+    page.get_by_text(re.compile("^microphone 1,")).first.wait_for()
+    page.get_by_role("tab", name="Help", exact=True).click()
+    page.get_by_text("One state back").wait_for()
+
+
+def test_a_key_does_nothing_while_a_text_is_typed(page):
+    begin_anew(page)
+    page.get_by_role("tab", name="Map", exact=True).click()
+    page.keyboard.press("o")
+    field = page.locator("//label[.='Mode numbers']/following::input[1]").first
+    field.click()
+    page.keyboard.type("n")
+    page.keyboard.press("Escape")
+    page.get_by_text("step 0, sweep 0").wait_for()
+    page.evaluate("document.activeElement.blur()")
+    page.keyboard.press("u")
+
+
+def test_a_lesson_goes_from_its_start_to_the_reveal(page):
+    page.get_by_role("tab", name="Lessons", exact=True).click()
+    number = page.get_by_text("Lesson", exact=True).get_attribute("for")
+    page.locator(f"[id='{number}']").click()
+    page.get_by_role("option", name="3. Too many too soon", exact=True).click()
+    page.get_by_text("Step 1 of 3").wait_for()
+    page.get_by_text("modes 1 to 20, 102.1 to 591.8 Hz").wait_for()
+    page.get_by_text("sum of 20 modes").first.wait_for(state="attached")
+    press(page, "B")
+    page.get_by_text("Right.", exact=True).wait_for()
+    page.get_by_text("After 7 sweeps").wait_for()
+    page.get_by_text("sweep 7").wait_for()
+    page.get_by_text("Finished, nothing moves any more").wait_for()
+    press(page, "Next")
+    page.get_by_text("Step 2 of 3").wait_for()
+    page.get_by_text("step 0, sweep 0").wait_for()
+
+
+# -- clients that mean harm, or nothing ------------------------------------------------------------------------------
+
+
+def join(served):
+    """A client that is no browser."""
+    return connect(served[1].replace("http", "ws"), subprotocols=[f"viser-v{viser.__version__}"], open_timeout=WAIT)
+
+
+def say(client, **message):
+    with contextlib.suppress(ConnectionClosed):
+        client.send(msgspec.msgpack.encode(message))
+
+
+CAMERA = {
+    "type": "ViewerCameraMessage", "wxyz": [1, 0, 0, 0], "position": [0, 0, 5], "fov": 1.0, "near": 0.1, "far": 9.0,
+    "image_height": 700, "image_width": 600, "look_at": [0, 0, 0], "up_direction": [0, 0, 1],
+}  # fmt: skip
+
+
+def test_clients_that_send_junk_harm_nobody_else(served, page):
+    for raw in (b"", b"\xc1", b"junk" * 99, "text", msgspec.msgpack.encode({"type": "NoSuchMessage"}), b"x" * 500_000):
+        with join(served) as client, contextlib.suppress(ConnectionClosed):
+            client.send(raw)
+    with join(served) as client:
+        say(client, **CAMERA)
+        for change in (
+            {"image_width": "wide"}, {"image_height": float("nan")}, {"image_width": 10**18}, {"image_width": -5},
+            {"position": ["a", "b", "c"]}, {"position": []}, {"position": None}, {"look_at": [1e308] * 3},
+        ):  # fmt: skip
+            say(client, **{**CAMERA, **change})
+        say(client, type="GuiUpdateMessage", uuid="nobody", updates={"value": 1})
+        say(client, type="CommandTriggerMessage", uuid="nobody")
+        say(client, type="SceneNodeClickMessage", name="/hands/0", instance_index=10**9)
+        alive(page)
+        page.wait_for_timeout(1200)  # one look at all canvases
+        alive(page)
+
+
+def test_a_client_that_leaves_in_the_middle_harms_nobody(served, page):
+    client = join(served)
+    say(client, **CAMERA)
+    client.socket.close()
+    alive(page)
+
+
+def test_fifty_pages_harm_nobody(served, page):
+    with contextlib.ExitStack() as stack:
+        clients = [stack.enter_context(join(served)) for _ in range(50)]
+        for client in clients:
+            say(client, **CAMERA)
+        alive(page)
+        assert all(client.recv(timeout=WAIT) for client in clients), "each has been sent the page"
+
+
+@pytest.fixture
+def elsewhere():
+    """Address of an empty page of another site, which leads to this machine."""
+
+    class Empty(http.server.BaseHTTPRequestHandler):
+        def do_GET(self):
+            self.send_response(200)
+            self.end_headers()
+
+        def log_message(self, *_):
+            pass
+
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Empty) as site:
+        threading.Thread(target=site.serve_forever, daemon=True).start()
+        yield f"http://evil.example:{site.server_port}/"
+        site.shutdown()
+
+
+KNOCK = """([url, protocol]) => new Promise(resolve => {
+    const socket = new WebSocket(url, [protocol]);
+    socket.onopen = () => resolve("open");
+    socket.onerror = () => resolve("refused");
+})"""
+
+
+def test_a_page_of_another_site_is_refused_by_a_real_browser(served, browser, elsewhere):
+    door = [served[1].replace("http", "ws"), f"viser-v{viser.__version__}"]
+    for address, answer in ((served[1], "open"), (elsewhere, "refused")):
+        visitor = browser.new_page()
+        visitor.goto(address)
+        assert visitor.evaluate(KNOCK, door) == answer, address
+        visitor.close()
+
+
+def test_a_page_comes_back_when_the_server_does(served, page):
+    alive(page)
+    stop(served[0])
+    served[:] = start(int(served[1].rpartition(":")[2]))
+    page.get_by_text("step 0, sweep 0").wait_for()
+    alive(page)
+
+
+# -- without a browser -----------------------------------------------------------------------------------------------
+
+
+def test_what_no_page_says_is_not_listened_to():
+    from fdcal.viewer.server import hardening
+
+    server = hardening.open_server("127.0.0.1", 0)
+    try:
+        heard = {kind.__name__ for kind in server._websock_server._incoming_handlers}
+        assert heard == {
+            "GuiUpdateMessage", "GuiButtonHoldMessage", "CommandTriggerMessage", "SceneNodeClickMessage",
+            "SceneNodeDragMessage", "ScenePointerMessage",
+        }  # fmt: skip
+        assert _messages.FileTransferStartUpload not in server._websock_server._incoming_handlers
+    finally:
+        server.stop()
+
+
+ENDING = """
+import os, signal, sys, threading, time
+from fdcal.session.request import Opening
+from fdcal.model.scene import load_scene
+from fdcal.viewer import serve
+def ready(url):
+    def interrupt():
+        while not any(thread.name == "fdcal-map" for thread in threading.enumerate()):
+            time.sleep(0.1)  # until there is a session on the page
+        time.sleep(0.5)
+        os.kill(os.getpid(), signal.SIGINT)
+    threading.Thread(target=interrupt, daemon=True, name="finger").start()
+serve(Opening(load_scene(sys.argv[1]), play=True), "127.0.0.1", 0, ready)
+print(*(thread.name for thread in threading.enumerate() if thread is not threading.main_thread()), sep="|")
+"""
+
+
+def test_ctrl_c_leaves_no_thread(edited):
+    """Of a solver whose steps are short; one that is in the middle of a long one ends with the process."""
+    command = [sys.executable, "-c", ENDING, str(edited({"solver.name": '"descent"'}))]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=WAIT, env=os.environ)
+    assert run.returncode == 0 and "Traceback" not in run.stderr, run.stderr
+    left = [name for name in run.stdout.strip().split("|") if name]
+    assert not [name for name in left if name.startswith("fdcal")], left
+
+
+def test_the_log_s_place_is_told(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("FDCAL_CACHE", str(tmp_path / "<b>"))
+    log, state = logging.getLogger("fdcal.viewer.anything"), SimpleNamespace(
+        step=0, sweep=0, stage=0, first=1, last=1, cost=1.0, positions=np.zeros((1, 2)), finished=False
+    )  # fmt: skip
+    with error_log.log_kept():
+        try:
+            raise ValueError("the matrix is singular")
+        except ValueError:
+            log.exception("the solver stopped")
+        view = SimpleNamespace(state=state, error="it broke", running=False)
+        measurement = SimpleNamespace(frequencies=[100.0], positions=None)
+        html = words.status(view, measurement)
+        assert "&lt;b&gt;/view.log" in html and "<b>/" not in html and "it broke" in html
+    assert "ValueError: the matrix is singular" in (tmp_path / "<b>" / "view.log").read_text(encoding="utf-8")
+    line = capsys.readouterr().err
+    assert "the solver stopped" in line and "view.log" in line and "Traceback" not in line
+    assert error_log.place() == "the terminal's log" and not logging.getLogger("fdcal").handlers

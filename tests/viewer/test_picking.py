@@ -1,0 +1,100 @@
+"""What a pointer does in the scene becomes a bounded place on the floor, or nothing."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from fdcal.model import mode_ranges
+from fdcal.model.scene import Search
+from fdcal.model.validation import InputError
+from fdcal.viewer.scene3d.picking import Hands
+
+SEARCH = Search(origin=(1.0, 2.0), size=(0.4, 0.4), step=0.1, radius=1.0)
+
+
+@pytest.fixture
+def hands():
+    placed, picked = [], []
+    session = SimpleNamespace(place=lambda *arguments: placed.append(arguments))
+    desk = SimpleNamespace(session=session, measurement=SimpleNamespace(count=5, search=SEARCH))
+    disc = SimpleNamespace(on_click=lambda call: call, on_drag=lambda _: lambda call: call)
+    server = SimpleNamespace(scene=SimpleNamespace(add_batched_meshes_simple=lambda *_, **__: disc))
+    picture = SimpleNamespace(marker=0.01, heights=(0.0, 0.0), focus=(0.95, 1.95, 1.45, 2.45))
+    made = Hands(server, desk, picture, picked.append)
+    return made, placed
+
+
+def event(phase, index, point, eye=(1.2, 2.2, 5.0), page=3):
+    camera = SimpleNamespace(position=np.array(eye))
+    return SimpleNamespace(
+        phase=phase, instance_index=index, end_position=point, client_id=page, client=SimpleNamespace(camera=camera)
+    )
+
+
+def test_the_place_is_where_the_line_of_sight_meets_the_floor(hands):
+    made, placed = hands
+    made._drag(event("start", 2, (1.25, 2.1, 2.5), eye=(1.2, 2.0, 5.0)))
+    microphone, place, gesture = placed[0]
+    assert microphone == 2 and gesture is not None
+    np.testing.assert_allclose(place, [1.3, 2.2])
+
+
+def test_a_drag_is_one_gesture_and_the_next_is_another(hands):
+    made, placed = hands
+    for phase in ("start", "update", "end", "start", "end"):
+        made._drag(event(phase, 1, (1.2, 2.2, 0.0)))
+    gestures = [gesture for _, _, gesture in placed]
+    assert gestures[0] == gestures[1] == gestures[2] != gestures[3] == gestures[4]
+
+
+def test_two_pages_drag_side_by_side(hands):
+    made, placed = hands
+    made._drag(event("start", 1, (1.2, 2.2, 0.0), page=1))
+    made._drag(event("start", 2, (1.2, 2.2, 0.0), page=2))
+    made._drag(event("update", 1, (1.2, 2.2, 0.0), page=1))
+    assert placed[0][2] == placed[2][2] != placed[1][2]
+
+
+def test_a_microphone_stays_inside_the_search_domain(hands):
+    made, placed = hands
+    made._drag(event("start", 0, (50.0, -50.0, 0.0)))
+    np.testing.assert_allclose(placed[0][1], [1.4, 2.0])
+
+
+@pytest.mark.parametrize("index", [None, -1, 5, 10**9, 1.5, "1"])
+def test_a_microphone_that_is_not_there_is_not_moved(hands, index):
+    made, placed = hands
+    made._drag(event("start", index, (1.2, 2.2, 0.0)))
+    made._drag(event("update", index, (1.2, 2.2, 0.0)))
+    assert placed == []
+
+
+@pytest.mark.parametrize("point", [(np.nan, 0, 0), (np.inf, 0, 0), (1.2, 2.2, 5.0), (1.2, 2.2, 9.0), (1.0, 2.0)])
+def test_a_pointer_that_meets_no_floor_moves_nothing(hands, point):
+    made, placed = hands
+    made._drag(event("start", 1, point))
+    assert placed == []
+
+
+def test_an_update_without_a_start_or_after_the_page_closed_moves_nothing(hands):
+    made, placed = hands
+    made._drag(event("update", 1, (1.2, 2.2, 0.0)))
+    made._drag(event("start", 1, (1.2, 2.2, 0.0)))
+    made.forget(3)
+    made._drag(event("update", 1, (1.2, 2.2, 0.0)))
+    assert len(placed) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "modes"), [("1", (1,)), ("1-3, 5", (1, 2, 3, 5)), (" 5 ,1 - 2,", (1, 2, 5)), ("3,3,2-3", (2, 3))]
+)
+def test_modes_are_read_as_written(text, modes):
+    assert mode_ranges.read(text, 9) == modes
+    assert mode_ranges.read(mode_ranges.write(modes), 9) == modes
+
+
+@pytest.mark.parametrize("text", ["", ",", "0", "10", "3-2", "1-99", "x", "1;2", "-1", "1--2", "1" * 300, "<b>"])
+def test_modes_that_are_not_there_are_refused(text):
+    with pytest.raises(InputError, match="1 to 9"):
+        mode_ranges.read(text, 9)
