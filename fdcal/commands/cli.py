@@ -17,6 +17,7 @@ from ..model.validation import InputError
 from ..session.lesson import lesson_names, load_lesson
 from . import parameter_types, plot_commands
 from .options import (
+    OPTIONS,
     force_option,
     given_of,
     opening_of,
@@ -38,7 +39,7 @@ def main(args: list[str] | None = None) -> None:
     except click.ClickException as error:
         code = _fail(error.format_message(), 2)
     except InputError as error:
-        code = _fail(error, 2)
+        code = _fail(error.worded(OPTIONS), 2)
     except OSError as error:
         code = _fail(error, 3)
     sys.exit(code)

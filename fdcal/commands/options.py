@@ -20,6 +20,13 @@ if TYPE_CHECKING:  # SciPy and the solvers, which a page loads while the browser
 
 SESSIONS = (".zip", ".json")
 
+# How the command line calls the arguments that an error's remedy mentions (`InputError.worded`).
+OPTIONS = {
+    "search": "--search ORIGIN,SIZE,STEP",
+    "radius": "--radius R",
+    "force": "--force",
+}
+
 
 @contextmanager
 def progress_bar(title: str) -> Iterator[calibrate.Progress]:

@@ -188,7 +188,7 @@ def lattice_of(problem: Problem, order_offset: int) -> Lattice:
     Raises InputError where the problem has no search domain, or too few microphones for its lowest mode.
     """
     if problem.search is None:
-        raise InputError("the measurement has no search domain; give --search ORIGIN,SIZE,STEP and --radius R")
+        raise InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
     require_modes(problem, order_offset, 1)
     orders = max_order(problem.wavenumbers, problem.search.radius, order_offset)
     usable = usable_modes(problem, order_offset)

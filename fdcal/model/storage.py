@@ -49,7 +49,7 @@ def write_atomically(path: str | Path, write: Callable[[Path], object], force: b
     """
     path = Path(path)
     if not force and path.exists():
-        raise InputError(f"{path} exists; use --force to overwrite it")
+        raise InputError(f"{path} exists", "use <force> to overwrite it", key="path", value=path)
     temporary = path.parent / f"{TEMPORARY}{secrets.token_hex(8)}{path.suffix}"
     try:
         temporary.touch(exist_ok=False)
@@ -72,7 +72,7 @@ def _move(temporary: Path, path: Path, force: bool) -> None:
     try:
         os.link(temporary, path)
     except FileExistsError:
-        raise InputError(f"{path} exists; use --force to overwrite it") from None
+        raise InputError(f"{path} exists", "use <force> to overwrite it", key="path", value=path) from None
     except OSError:  # a file system without hard links
         os.replace(temporary, path)
 

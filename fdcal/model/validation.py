@@ -1,9 +1,12 @@
-"""The two errors a user can meet, and the checks that raise them.
+"""The two errors that a user can meet, and the checks that raise them.
 
 Every message names the key, its value and the remedy, on one line.
 """
 
 from __future__ import annotations
+
+import re
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -11,7 +14,37 @@ LEAST, MOST = 1e-12, 1e12  # of any length, time, frequency or number: what lies
 
 
 class InputError(ValueError):
-    """What the user gave cannot be used; the command line exits with 2."""
+    """Input that cannot be used; the command line exits with 2.
+
+    Parameters
+    ----------
+    problem : str
+        What is wrong, with the key and its value: "modes = 200 is more than the 57 that were measured".
+    remedy : str, optional
+        What to do. The name of an argument stands in angle brackets: "give <search> and <radius>". The Python API
+        shows the name itself; the command line and the page put the name of their own option or control in its place.
+    key : str, optional
+        The argument, or the key of a file, that is wrong.
+    value : object, optional
+        Its value.
+
+    Examples
+    --------
+    >>> error = InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
+    >>> str(error)
+    'the measurement has no search domain; give search and radius'
+    >>> error.worded({"search": "--search ORIGIN,SIZE,STEP", "radius": "--radius R"})
+    'the measurement has no search domain; give --search ORIGIN,SIZE,STEP and --radius R'
+    """
+
+    def __init__(self, problem: str, remedy: str = "", *, key: str = "", value: object = None):
+        self.problem, self.remedy, self.key, self.value = problem, remedy, key, value
+        super().__init__(self.worded({}))
+
+    def worded(self, names: Mapping[str, str]) -> str:
+        """Return the message with the arguments that its remedy mentions called as in `names`."""
+        remedy = re.sub(r"<([a-z_]+)>", lambda match: names.get(match[1], match[1]), self.remedy)
+        return f"{self.problem}; {remedy}" if remedy else self.problem
 
 
 class StorageError(OSError):

@@ -121,7 +121,7 @@ def equal_cost(problem: Problem, settings: Solver, positions) -> float:
     count, offset = settings.modes, settings.order_offset
     require_modes(problem, offset, count)
     if problem.search is None:
-        raise InputError("the measurement has no search domain; give --search ORIGIN,SIZE,STEP and --radius R")
+        raise InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
     positions = np.asarray(positions, float)
     k, p, centre = problem.wavenumbers[:count], problem.pressures[:count], positions.mean(axis=0)
     orders = max_order(k, problem.search.radius, offset)

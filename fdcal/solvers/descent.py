@@ -185,7 +185,7 @@ def _require_solvable(problem: Problem, settings: Solver) -> None:
     if problem.dimension != 2:
         raise InputError("descent works on two-dimensional fields; this measurement has dimension = 3")
     if search is None:
-        raise InputError("the measurement has no search domain; give --search ORIGIN,SIZE,STEP and --radius R")
+        raise InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
     if not fixes_gauge(problem.known_positions):
         raise InputError(
             f"known = {problem.known.tolist()} does not fix translation, rotation and mirror; descent needs at least"

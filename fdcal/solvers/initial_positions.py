@@ -37,7 +37,7 @@ PLENTY = 4000  # pressures, for a bend or a metric, which are few numbers
 def random(problem: Problem, rng: np.random.Generator) -> np.ndarray:
     """Free microphones anywhere in the search domain, known ones in their places : (N, D) float64, metres."""
     if problem.search is None:
-        raise InputError("a random start needs a search domain; give --search ORIGIN,SIZE,STEP and --radius R")
+        raise InputError("a random start needs a search domain", "give <search> and <radius>", key="search")
     low, size = np.array(problem.search.origin), np.array(problem.search.size)
     positions = low + size * rng.random((problem.pressures.shape[1], len(low)))
     positions[problem.known] = problem.known_positions

@@ -147,7 +147,7 @@ def landscape(problem: Problem, state: State, n: int, modes: slice, search: Sear
     In space, over the horizontal layer at the microphone's own height. `search` is another lattice over the same area.
     """
     if problem.search is None:
-        raise InputError("the measurement has no search domain; give --search ORIGIN,SIZE,STEP and --radius R")
+        raise InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
     from ..cost.likelihood_maps import likelihood_maps  # compiled code is loaded with the first map
 
     power = np.mean(np.abs(problem.pressures[modes]) ** 2, axis=1)

@@ -97,7 +97,7 @@ def landscape(problem: Problem, state: State, n: int, modes: slice, search: Sear
     """Cost of microphone `n` over the search lattice, the others held, mode by mode : (modes, ny, nx) float64."""
     search = problem.search if search is None else search
     if search is None:
-        raise InputError("the measurement has no search domain; give --search ORIGIN,SIZE,STEP and --radius R")
+        raise InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
     points = search.layer(*state.positions[n, 2:])
     p, noise, k = scaled(problem, state, modes)
     model = diffuse(state.settings.room, k, state.width)
