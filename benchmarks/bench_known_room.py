@@ -19,6 +19,7 @@ from fdcal.acoustics.box_field import field as box_field
 from fdcal.acoustics.room_modes import nearest_image
 from fdcal.assessment.room_verdict import judge
 from fdcal.model.measurement import Measurement
+from fdcal.model.power import mode_power
 from fdcal.model.scene import Room, Solver
 from fdcal.solvers import run as states
 
@@ -48,7 +49,7 @@ def drawn(seed: int, D: int = 2, snr_db: float = 40.0) -> tuple[Measurement, tup
     else:
         room = Room(size=tuple(size.tolist()), walls="absorbing", admittance=ADMITTANCE)
         p = box_field(room, source, positions, k)
-    noise = np.mean(np.abs(p) ** 2, axis=1) * 10 ** (-snr_db / 10)
+    noise = mode_power(p) * 10 ** (-snr_db / 10)
     parts = rng.standard_normal((2, *p.shape))
     p = p + np.sqrt(noise / 2)[:, None] * (parts[0] + 1j * parts[1])
     return Measurement(f, p, SPEED, D, wavenumbers=k, noise_power=noise, positions=positions), tuple(size.tolist())

@@ -15,6 +15,7 @@ from fdcal.cost.eq7 import lattice_of, leave_one_out
 from fdcal.cost.lattice_search import all_candidates, best_candidate, lattice_landscape
 from fdcal.cost.likelihood import diffuse_field, likelihood_landscape
 from fdcal.cost.likelihood_maps import likelihood_maps
+from fdcal.model.power import mode_power
 from fdcal.model.scene import load_scene
 from fdcal.solvers import descent
 
@@ -118,7 +119,7 @@ def _likelihood(name: str, modes: slice, most: float) -> list[Figure]:
     problem = measurement.problem()
     guess = measurement.positions + np.random.default_rng(0).normal(0, 0.01, measurement.positions.shape)
     p = problem.pressures[modes]
-    noise = 1e-4 * np.mean(np.abs(p) ** 2, axis=1)
+    noise = 1e-4 * mode_power(p)
     layer = problem.search.layer(float(guess[MICROPHONE, -1]))
     field = diffuse_field(p, problem.wavenumbers[modes], noise, problem.dimension)
     maps = likelihood_maps(problem, guess, MICROPHONE, modes, noise)

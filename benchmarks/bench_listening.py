@@ -13,6 +13,7 @@ import numpy as np
 
 from fdcal.acoustics.box_field import field as box_field
 from fdcal.assessment.cross_validation import expansions, report
+from fdcal.model.power import mode_power
 from fdcal.model.scene import load_scene
 
 from .draws import Draw, Outcome, draw, pooled, rigid_field, solve, source_of
@@ -70,7 +71,7 @@ def _inside(name: str, seed: int, drawn: Draw, outcome: Outcome) -> float:
     truth = room_field(name, seed, points, m.wavenumbers)
     fits = expansions(m.problem("raw"), outcome.positions, slice(0, len(truth)), m.noise_power)
     mapped = np.array([fit.at(points)[0] for fit in fits])
-    return float(10 * np.log10(np.mean(_powers(mapped - truth) / _powers(truth))))
+    return float(10 * np.log10(np.mean(mode_power(mapped - truth) / mode_power(truth))))
 
 
 def room_field(name: str, seed: int, points, wavenumbers) -> np.ndarray:
@@ -80,10 +81,6 @@ def room_field(name: str, seed: int, points, wavenumbers) -> np.ndarray:
     if scene.room.dimension == 3:
         return box_field(scene.room, source, points, wavenumbers)
     return rigid_field(points, source, wavenumbers, scene.room.size)
-
-
-def _powers(values) -> np.ndarray:
-    return np.mean(np.abs(values) ** 2, axis=1)
 
 
 def _aside(drawn: list[Draw]) -> Iterator[Figure]:

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.model.power import mode_power
 from fdcal.model.scene import Room, load_scene
 
 from .draws import Draw, solve, summary
@@ -42,7 +43,7 @@ def noisy(scene, snr_db: float, seed: int) -> Draw:
     """A measurement of the scene with noise of its own."""
     measurement = cached_measurement(scene)
     clean = measurement.pressures
-    noise = np.mean(np.abs(clean) ** 2, axis=1) * 10 ** (-snr_db / 10)
+    noise = mode_power(clean) * 10 ** (-snr_db / 10)
     parts = np.random.default_rng([seed, 4]).standard_normal((2, *clean.shape))
     pressures = clean + np.sqrt(noise / 2)[:, None] * (parts[0] + 1j * parts[1])
     return Draw(replace(measurement, pressures=pressures, noise_power=noise), clean)

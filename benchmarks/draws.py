@@ -24,6 +24,7 @@ from fdcal.model.arrays import positions_of
 from fdcal.model.arrays_3d import places_of
 from fdcal.model.gauge import align, position_errors
 from fdcal.model.measurement import Measurement
+from fdcal.model.power import mode_power
 from fdcal.model.scene import Scene, Solver, load_scene
 from fdcal.model.validation import InputError
 from fdcal.solvers import run
@@ -52,7 +53,7 @@ class Draw:
 def draw(name: str, seed: int, modes: int, snr_db: float = np.inf) -> Draw:
     """The array of scene `name` with a source, noise and, where it is random, an array of their own."""
     scene, frequencies, k, clean = _clean(name, seed, modes)
-    noise = np.mean(np.abs(clean) ** 2, axis=1) * 10 ** (-snr_db / 10)
+    noise = mode_power(clean) * 10 ** (-snr_db / 10)
     parts = np.random.default_rng([seed, 3]).standard_normal((2, *clean.shape))
     measurement = Measurement(
         frequencies=frequencies,
@@ -131,7 +132,7 @@ def bound(drawn: Draw, known: str, modes: int) -> float:
     known microphones, or with known = "none" translation and rotation, left out.
     """
     m, clean = drawn.measurement, drawn.clean[:modes]
-    power = np.mean(np.abs(clean) ** 2, axis=1)
+    power = mode_power(clean)
     scaled = clean / np.sqrt(power)[:, None]
     field = diffuse_field(scaled, np.real(m.wavenumbers[:modes]), m.noise_power[:modes] / power, m.dimension)
     field = replace(field, power=FREE * np.ones(len(power)))

@@ -8,6 +8,7 @@ import sys
 import numpy as np
 
 from fdcal.model.measurement import Measurement
+from fdcal.model.power import mode_power
 
 from .draws import eigenfrequencies, rigid_field, solve
 
@@ -22,7 +23,7 @@ def measured(count: int, modes: int) -> Measurement:
     frequencies = eigenfrequencies(SIZE, modes, 343.0, False)
     k = (2 * np.pi * frequencies - 3j) / 343.0
     clean = rigid_field(positions, SOURCE, k, SIZE)
-    noise = 1e-4 * np.mean(np.abs(clean) ** 2, axis=1)
+    noise = 1e-4 * mode_power(clean)
     parts = rng.standard_normal((2, *clean.shape))
     pressures = clean + np.sqrt(noise / 2)[:, None] * (parts[0] + 1j * parts[1])
     return Measurement(frequencies, pressures, 343.0, wavenumbers=k, noise_power=noise, positions=positions)

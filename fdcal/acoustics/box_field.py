@@ -28,6 +28,7 @@ import math
 
 import numpy as np
 
+from ..model.power import mode_power
 from ..model.scene import Room, Sensing, Source
 from ..model.validation import InputError
 from .spectrum import DECAY, peaks_of, wavenumber_continuous
@@ -66,7 +67,7 @@ def listen(room: Room, source: Source, places, sensing: Sensing, progress=None):
     for start in range(0, len(grid), 64):
         block = slice(start, start + 64)
         p = field(room, source.position, places, wavenumber_continuous(grid[block], s, c), ROUGH)
-        power[block] = np.mean(np.abs(p) ** 2, axis=1)
+        power[block] = mode_power(p)
         if progress is not None:
             progress(min(1.0, (start + 64) / len(grid)))
     frequencies = peaks_of(power, sensing.lowest, step, sensing.prominence_db, sensing.resolution)

@@ -9,6 +9,7 @@ import numpy as np
 from ..model.arrays import positions_of
 from ..model.arrays_3d import places_of
 from ..model.measurement import Measurement
+from ..model.power import mode_power
 from ..model.scene import Scene
 
 
@@ -52,7 +53,7 @@ def measure(scene: Scene, recordings: np.ndarray | None = None, progress=None) -
     else:
         heard = _from_recordings(scene, positions, recordings, progress)
     frequencies, wavenumbers, clean, spectrum = heard
-    noise_power = np.mean(np.abs(clean) ** 2, axis=1) * 10 ** (-scene.measurement.snr_db / 10)
+    noise_power = mode_power(clean) * 10 ** (-scene.measurement.snr_db / 10)
     rng = np.random.default_rng([scene.seed, 1])
     noise = rng.normal(scale=math.sqrt(0.5), size=(2, *clean.shape))  # of unit power, whatever the SNR
     wrong = 1 + scene.measurement.sound_speed_error

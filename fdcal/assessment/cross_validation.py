@@ -26,6 +26,7 @@ from ..acoustics.spherical_harmonics import spherical_bessel
 from ..cost.likelihood import DiffuseField
 from ..cost.low_rank_covariance import AMPLE, circular, spherical
 from ..model.measurement import Problem
+from ..model.power import mode_power
 from ..model.validation import frozen_array
 from .uncertainty import field_of
 
@@ -146,7 +147,7 @@ def report(problem: Problem, positions, modes: slice, noise: np.ndarray | None =
 
 def report_of(p: np.ndarray, errors: np.ndarray) -> Report:
     """Report on errors (modes, N) of pressures, in the same unit."""
-    power = np.mean(np.abs(p) ** 2, axis=1, keepdims=True)
+    power = mode_power(p)[:, None]
     heard, missed = np.abs(p) ** 2 / power, np.abs(errors) ** 2 / power
     return Report(
         whole=float(_decibels(missed.sum() / heard.sum())),

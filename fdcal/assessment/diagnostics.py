@@ -15,6 +15,7 @@ import numpy as np
 from ..cost.likelihood import DIFFUSE_ENOUGH, DiffuseField, explained, unexplained
 from ..model.gauge import fixes_gauge
 from ..model.measurement import Problem
+from ..model.power import mode_power
 from .uncertainty import Spread, covariance, field_of, freed, scale_sigma, spread
 
 STRAIN_MODES = 24  # at most
@@ -67,7 +68,7 @@ def collect(problem: Problem, positions, modes: slice, noise: np.ndarray | None)
     found = spread(positions, p, field, problem.known)
     sound_speed, sigma = _sound_speed(found, positions, problem.known)
     shift, chance = _known(found, positions, problem.known)
-    power = np.mean(np.abs(p) ** 2, axis=1)
+    power = mode_power(p)
     return Evidence(
         covariance=covariance(found),
         scale=scale_sigma(found, positions) if len(problem.known) < 2 else 0.0,
@@ -102,7 +103,7 @@ def _strain(problem: Problem, positions, modes: slice, noise: np.ndarray | None)
     told = problem.noise_power if noise is None else noise
     if told is None:
         return np.nan
-    share = float(np.median(np.asarray(told)[modes] / np.mean(np.abs(p) ** 2, axis=1)))
+    share = float(np.median(np.asarray(told)[modes] / mode_power(p)))
     if share > DIFFUSE_ENOUGH[problem.dimension]:
         return np.nan
     some = slice(None, None, max(1, -(-len(p) // STRAIN_MODES)))

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial import Delaunay, QhullError
 
 from ..model.measurement import Measurement
+from ..model.power import mode_power
 from ..model.validation import InputError, require_positive
 from .cross_validation import expansions
 
@@ -85,7 +86,7 @@ def _at_speed(problem, speed: float):
 def _rms(pressures: np.ndarray) -> np.ndarray:
     """Root mean square (M,) of pressures (M, N) in any unit."""
     largest = np.abs(pressures).max(axis=1)
-    return largest * np.sqrt(np.mean(np.abs(pressures / largest[:, None]) ** 2, axis=1))
+    return largest * np.sqrt(mode_power(pressures / largest[:, None]))
 
 
 def _nearest(measurement: Measurement, wanted) -> list[int]:

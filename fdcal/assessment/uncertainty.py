@@ -22,6 +22,7 @@ import numpy as np
 from ..cost.likelihood import LEAST_NOISE, DiffuseField, diffuse_field, newton_terms, noise_ratio, slopes
 from ..model.gauge import rigid_motions
 from ..model.measurement import Problem
+from ..model.power import mode_power
 
 SAME = 1e-9  # of the largest: a singular value this small is none
 NEIGHBOURS, GROUPS = 8, 6  # modes in a group, and how many groups there must be for that
@@ -87,7 +88,7 @@ def field_of(problem: Problem, positions, modes: slice, noise: np.ndarray | None
         real kernel leaves of a field that decays is taken
     """
     p, k = problem.pressures[modes], problem.wavenumbers[modes]
-    power = np.mean(np.abs(p) ** 2, axis=1)
+    power = mode_power(p)
     if noise is None:
         v = noise_ratio(positions, p, k, problem.dimension) * power
     else:

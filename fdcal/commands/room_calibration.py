@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..model.measurement import Measurement
+from ..model.power import mode_power
 from ..model.scene import Solver
 from ..model.validation import InputError
 
@@ -34,7 +35,7 @@ def trusted(given, problem, state) -> tuple[np.ndarray, object, dict]:
 
     found = judge(problem, state, given.measurement.names)
     p = problem.pressures[state.modes]
-    p = p / np.sqrt(np.mean(np.abs(p) ** 2, axis=1, keepdims=True))
+    p = p / np.sqrt(mode_power(p)[:, None])
     heard, verdict, positions = report_of(p, found.left_out), found.verdict, np.asarray(state.positions)
     keys = {
         "uncertainty_m": verdict.uncertainty.tolist(),

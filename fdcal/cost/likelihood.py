@@ -26,6 +26,7 @@ from scipy.linalg.lapack import dtrtri
 from scipy.optimize import minimize, minimize_scalar
 from scipy.special import j0
 
+from ..model.power import mode_power
 from ..model.validation import frozen_array
 
 FLOOR = 1e-3  # least power of the field as a part of the pressures' power
@@ -72,7 +73,7 @@ def diffuse_field(
 
     With `near` the imaginary part of the wavenumbers counts, too, if they have one.
     """
-    measured = np.mean(np.abs(pressures) ** 2, axis=1)
+    measured = mode_power(pressures)
     power = np.maximum(measured - noise, FLOOR * measured)
     damped = near and np.any(np.imag(wavenumbers))
     k = frozen_array(wavenumbers, complex) if damped else frozen_array(np.real(wavenumbers), float)
@@ -257,7 +258,7 @@ def unexplained(
     rough positions the high modes are hard to explain and the low ones are not. `near` as of `diffuse_field`; `told` is
     the share of noise that the strain is judged by, at least STRAINED.
     """
-    power = np.mean(np.abs(pressures) ** 2, axis=1)
+    power = mode_power(pressures)
     values, along = _spectra(positions, pressures, wavenumbers, dimension, near)
     along = along / power[:, None]
     slope = np.real(wavenumbers)[:, None] ** 2 / dimension
@@ -281,7 +282,7 @@ def unexplained(
 
 def noise_ratio(positions, pressures, wavenumbers, dimension: int) -> float:
     """Share of noise in the power of the pressures, as `unexplained` finds it where the positions have no spread."""
-    power = np.mean(np.abs(pressures) ** 2, axis=1)
+    power = mode_power(pressures)
     values, along = _spectra(positions, pressures, wavenumbers, dimension, False)
     along = along / power[:, None]
 

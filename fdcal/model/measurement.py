@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .gauge import Frame, align, least_frame, position_errors
+from .power import mode_power
 from .scene import Search
 from .validation import InputError, frozen_array, require_array, require_choice, require_positive
 
@@ -149,7 +150,7 @@ class Measurement:
         pressures = np.empty_like(self.pressures)
         pressures.real = np.ldexp(self.pressures.real, -exponent[:, None])
         pressures.imag = np.ldexp(self.pressures.imag, -exponent[:, None])
-        power = np.mean(np.abs(pressures) ** 2, axis=1)
+        power = mode_power(pressures)
         noise = None if self.noise_power is None else np.ldexp(self.noise_power, -2 * exponent) / power
         return pressures / np.sqrt(power)[:, None], noise
 

@@ -21,6 +21,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.fft import next_fast_len, rfft
 
+from ..model.power import mode_power
 from ..model.validation import InputError
 from . import frequency_selection
 from .decimation import decimated
@@ -149,4 +150,4 @@ def against(C: np.ndarray, reference: int) -> tuple[np.ndarray, np.ndarray, np.n
     p = C[:, :, reference] / np.sqrt(own)[:, None]
     others = np.arange(C.shape[1]) != reference
     noise = np.mean(np.maximum(diagonal - np.abs(p) ** 2, 0)[:, others], axis=1)
-    return p, noise, np.mean(np.abs(p) ** 2, axis=1) / np.maximum(noise, 1e-300)
+    return p, noise, mode_power(p) / np.maximum(noise, 1e-300)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..model.measurement import Measurement
+from ..model.power import mode_power
 from .impulse_response import Pressures
 from .recording import Recording
 
@@ -53,7 +54,7 @@ def _snr_lines(taken: Pressures) -> list[str]:
     """Signal-to-noise ratio of every frequency, dB, eight to a line."""
     if taken.noise_power is None:
         return ["SNR          not told: the room still rings at the end; record longer to know it"]
-    power = np.mean(np.abs(taken.pressures) ** 2, axis=1)
+    power = mode_power(taken.pressures)
     snr = 10 * np.log10(np.maximum(power / np.maximum(taken.noise_power, 1e-12 * power) - 1, 1e-3))
     cells = [f"{f:7.1f} Hz {s:3.0f} dB" for f, s in zip(taken.frequencies, snr, strict=True)]
     rows = ["  ".join(cells[start : start + 6]) for start in range(0, len(cells), 6)]

@@ -18,6 +18,7 @@ import numpy as np
 from ..cost.likelihood import Unexplained, diffuse_field, left_out, likelihood_landscapes, total, unexplained
 from ..model.gauge import fixes_gauge
 from ..model.measurement import Problem
+from ..model.power import mode_power
 from ..model.validation import InputError
 from .levenberg_marquardt import minimise
 
@@ -184,7 +185,7 @@ def _rough_field(problem: Problem, modes: slice, rest: Unexplained):
     """Pressures, wavenumbers and the diffuse field of a part of the modes."""
     used = _spaced(problem, modes)
     p, k = problem.pressures[used], np.real(problem.wavenumbers[used])
-    return p, k, diffuse_field(p, k, rest.shares(k) * np.mean(np.abs(p) ** 2, axis=1), problem.dimension)
+    return p, k, diffuse_field(p, k, rest.shares(k) * mode_power(p), problem.dimension)
 
 
 def plenty(problem: Problem, modes: slice) -> np.ndarray:
@@ -210,7 +211,7 @@ def _with_metric(problem: Problem, modes: int, shape, values, lowest: int) -> np
     for count in (METRIC_MODES, METRIC_MODES, modes, modes):
         used = plenty(problem, slice(0, min(count, modes)))
         p = problem.pressures[used]
-        power = np.mean(np.abs(p) ** 2, axis=1)
+        power = mode_power(p)
         noise = FIRST_NOISE if rest is None else rest.shares(k[used])
         field = diffuse_field(p, k[used], noise * power, problem.dimension)
         if rest is None:

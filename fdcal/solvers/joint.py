@@ -28,6 +28,7 @@ import numpy as np
 from ..cost.likelihood import LEAST_NOISE, Unexplained, diffuse_field
 from ..model.gauge import place
 from ..model.measurement import Problem
+from ..model.power import mode_power
 from ..model.scene import Search, Solver
 from ..model.validation import InputError, frozen_array
 from . import initial_positions, noise_schedule
@@ -150,7 +151,7 @@ def landscape(problem: Problem, state: State, n: int, modes: slice, search: Sear
         raise InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
     from ..cost.likelihood_maps import likelihood_maps  # compiled code is loaded with the first map
 
-    power = np.mean(np.abs(problem.pressures[modes]) ** 2, axis=1)
+    power = mode_power(problem.pressures[modes])
     noise = np.maximum(state.noise[modes], LEAST_NOISE * power)  # with less, the near model's, the kernel is singular
     return likelihood_maps(problem, state.positions, n, modes, noise, search)
 
@@ -244,9 +245,7 @@ def _learn(problem: Problem, state: State) -> State:
     field = diffuse_field(p, k, state.noise_power[state.modes], 2)
     prior = diffuse_prior(state.positions, k)
     prior = learned_prior(state.positions, p, k, field.power, field.noise, prior, (state.lessons + 1) * LEARNED[1])
-    less = np.minimum(
-        noise_schedule.confidence(state.noise_power / noise_schedule.powers(problem), problem), LEARNED[2]
-    )
+    less = np.minimum(noise_schedule.confidence(state.noise_power / mode_power(problem.pressures), problem), LEARNED[2])
     begun = replace(
         state,
         phase="learned",

@@ -22,6 +22,7 @@ from ..cost.likelihood import (
     diffuse_field,
 )
 from ..model.measurement import Problem
+from ..model.power import mode_power
 from ..model.scene import Solver
 from ..model.validation import frozen_array
 from . import initial_positions
@@ -60,7 +61,7 @@ def model(problem: Problem, state: State) -> tuple[np.ndarray, DiffuseField]:
 def supposing(problem: Problem, state: State, rest: Unexplained | None = None) -> State:
     """The noise is what the positions leave unexplained or, in the end, that of the measurement."""
     rest = initial_positions.left_over(problem, state.positions, state.modes) if rest is None else rest
-    power = powers(problem)
+    power = mode_power(problem.pressures)
     told = told_noise(problem, state.settings)
     share, near = rest.shares(problem.wavenumbers), False
     if state.phase == "sharp":
@@ -86,15 +87,10 @@ def attempt(problem: Problem, state: State) -> tuple[str, float]:
     return initial_positions.attempts(problem, state.settings.modes)[state.attempt]
 
 
-def powers(problem: Problem) -> np.ndarray:
-    """Mean power of the pressures of every mode : (M,) float64, in the unit of abs(pressures)**2."""
-    return np.mean(np.abs(problem.pressures) ** 2, axis=1)
-
-
 def told_noise(problem: Problem, settings: Solver) -> np.ndarray | None:
     """Noise power (M,) that the settings or the measurement tell, None where it is to be estimated."""
     if settings.snr_db is not None:
-        return powers(problem) / (1 + 10 ** (settings.snr_db / 10))
+        return mode_power(problem.pressures) / (1 + 10 ** (settings.snr_db / 10))
     return problem.noise_power if settings.noise == "told" else None
 
 
@@ -116,20 +112,20 @@ def even(problem: Problem, rest: Unexplained) -> bool:
 
 def another(problem: Problem, state: State, sharper: State) -> bool:
     """Whether `sharper` supposes other noise than `state`: less, or, after the least that there can be, a little."""
-    before, after = (float(np.median(s.noise / powers(problem))) for s in (state, sharper))
+    before, after = (float(np.median(s.noise / mode_power(problem.pressures))) for s in (state, sharper))
     least = before <= 2 * LEAST_NEAR_NOISE
     return after < 0.5 * before or (least and 2 * before < after <= DIFFUSE_ENOUGH[problem.dimension])
 
 
 def worth_learning(problem: Problem, state: State) -> bool:
     """Whether there is so much noise that directions learned from the pressures help."""
-    noisy = float(np.median(state.noise_power / powers(problem))) >= NOISY_ENOUGH
+    noisy = float(np.median(state.noise_power / mode_power(problem.pressures))) >= NOISY_ENOUGH
     return problem.dimension == 2 and noisy and state.settings.cost == "likelihood"
 
 
 def faint(problem: Problem, state: State) -> float | None:
     """Share of the noise told, where it is so little that the near model is to explain all; None elsewhere."""
-    share = float(np.median(state.noise_power / powers(problem)))
+    share = float(np.median(state.noise_power / mode_power(problem.pressures)))
     return share if state.noise_told and share <= DIFFUSE_ENOUGH[problem.dimension] else None
 
 
@@ -164,7 +160,7 @@ def convincing(problem: Problem, state: State, rest: Unexplained) -> bool:
     same = state.best is not None and abs(state.best[0] - rest.cost) < 1.0 + 1e-4 * abs(rest.cost)
     if faint(problem, state) is not None:
         return same and redirected
-    told = float(np.median(state.noise_power / powers(problem))) if state.noise_told else 0.0
+    told = float(np.median(state.noise_power / mode_power(problem.pressures))) if state.noise_told else 0.0
     share = float(np.median(rest.shares(problem.wavenumbers)))
     if share <= max(EVEN * told, FAINT):
         return True

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...acoustics.room_modes import Diffuse, echoing, heard
+from ...model.power import mode_power
 
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e6
 PRIOR = 0.05  # one sigma of the admittance, either part
@@ -29,7 +30,7 @@ class Terms:
 
 def loudness(pressures, noise) -> np.ndarray:
     """s (M,) of the first model: the power less the noise."""
-    whole = np.mean(np.abs(pressures) ** 2, axis=1)
+    whole = mode_power(pressures)
     return np.maximum(whole - noise, 1e-3 * whole)
 
 

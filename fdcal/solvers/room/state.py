@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from ...model.measurement import Problem
+from ...model.power import mode_power
 from ...model.scene import Solver
 from ...model.validation import InputError
 
@@ -94,7 +95,7 @@ def freedom(modes: int, count: int, D: int) -> float:
 
 def noise_of(problem: Problem, settings: Solver) -> tuple[np.ndarray, bool]:
     """Noise power (M,) that the settings tell, or a guess."""
-    power = np.mean(np.abs(problem.pressures) ** 2, axis=1)
+    power = mode_power(problem.pressures)
     if settings.snr_db is not None:
         return power / (1 + 10 ** (settings.snr_db / 10)), True
     told = problem.noise_power if settings.noise == "told" else None
@@ -106,7 +107,7 @@ def noise_of(problem: Problem, settings: Solver) -> tuple[np.ndarray, bool]:
 def scaled(problem: Problem, state: State, modes: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Pressures of unit RMS (modes, N), their noise (modes,) and wavenumbers."""
     p = problem.pressures[modes]
-    power = np.mean(np.abs(p) ** 2, axis=1)
+    power = mode_power(p)
     noise = np.maximum(state.noise_power[modes] / power, LEAST_NOISE)
     return p / np.sqrt(power)[:, None], noise, problem.wavenumbers[modes]
 

@@ -8,6 +8,7 @@ from viser import uplot
 from ...acoustics.fourier_bessel import max_order
 from ...assessment.verdict import highest_frequency
 from ...model.measurement import Measurement, Problem
+from ...model.power import mode_power
 from ...session.history import SessionView
 from ..gui import html
 from ..gui.binding import FLOOR, Desk
@@ -166,7 +167,7 @@ def levels(measurement: Measurement, modes: int) -> tuple[np.ndarray | None, np.
     """
     f = measurement.frequencies[:modes]
     if measurement.spectrum is None:
-        power = np.mean(np.abs(measurement.pressures[:modes]) ** 2, axis=1)
+        power = mode_power(measurement.pressures[:modes])
         return None, 10 * np.log10(np.maximum(power / power.max(), FAINTEST))
     at, power = measurement.spectrum
     decibels = 10 * np.log10(np.maximum(power / max(power.max(), 1e-300), FAINTEST))
