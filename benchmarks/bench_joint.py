@@ -19,7 +19,7 @@ from fdcal.acoustics.fourier_bessel import max_order
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.commands.calibrate import Given, solve
 from fdcal.cost import eq7
-from fdcal.model.scene import Solver, load_scene
+from fdcal.model.scene import SolverSettings, load_scene
 
 from .draws import draw
 from .report import Figure
@@ -47,7 +47,7 @@ def _blind(measurement):
 
 def _whole(name: str, measurement, modes: int, limit: float) -> list[Figure]:
     """From measurement to verdict."""
-    given = Given(name, None, measurement, Solver(name="joint", modes=modes), 0)
+    given = Given(name, None, measurement, SolverSettings(name="joint", modes=modes), 0)
     solve(given)
     wall, cpu = np.transpose([timed(lambda: solve(given)) for _ in range(REPEATS)])
     took = float(np.median(wall))

@@ -20,7 +20,7 @@ from fdcal.acoustics.room_modes import nearest_image
 from fdcal.assessment.room_verdict import judge
 from fdcal.model.measurement import Measurement
 from fdcal.model.power import mode_power
-from fdcal.model.scene import Room, Solver
+from fdcal.model.scene import Room, SolverSettings
 from fdcal.solvers import run as states
 
 from .draws import eigenfrequencies, pooled, rigid_field
@@ -59,7 +59,7 @@ def found(measurement: Measurement, size) -> SimpleNamespace:
     """RMS error in the nearest symmetry, metres, verdict, seconds and one sigma."""
     start = time.perf_counter()
     problem = measurement.problem()
-    for state in states(problem, Solver(name="room", modes=MODES, room=size), 0):  # noqa: B007, the last one counts
+    for state in states(problem, SolverSettings(name="room", modes=MODES, room=size), 0):  # noqa: B007, the last one counts
         pass
     told = judge(problem, state, measurement.names).verdict
     image = nearest_image(state.positions, measurement.positions, size)

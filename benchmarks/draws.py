@@ -25,7 +25,7 @@ from fdcal.model.arrays_3d import places_of
 from fdcal.model.gauge import align, position_errors
 from fdcal.model.measurement import Measurement
 from fdcal.model.power import mode_power
-from fdcal.model.scene import Scene, Solver, load_scene
+from fdcal.model.scene import Scene, SolverSettings, load_scene
 from fdcal.model.validation import InputError
 from fdcal.solvers import run
 
@@ -162,7 +162,7 @@ def solve(measurement: Measurement, known: str, modes: int, **settings) -> Outco
     wall, cpu = time.perf_counter(), time.process_time()
     state, found = None, np.full(measurement.positions.shape, np.nan)
     try:
-        for state in run(problem, Solver(name="joint", modes=modes, **settings), 0):  # noqa: B007, the last one counts
+        for state in run(problem, SolverSettings(name="joint", modes=modes, **settings), 0):  # noqa: B007, the last one counts
             pass
         found = state.positions
         found = align(found, measurement.positions) if known == "none" else found

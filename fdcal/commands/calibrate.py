@@ -24,7 +24,7 @@ from ..model.channels import check_channels, number_of, without
 from ..model.gauge import align, place, position_errors
 from ..model.measurement import Measurement, Problem
 from ..model.measurement_file import load_measurement
-from ..model.scene import Scene, Solver, load_scene, require_rectangle
+from ..model.scene import Scene, SolverSettings, load_scene, require_rectangle
 from ..model.validation import InputError, require_positive
 from ..solvers.identifiability import check_solvable
 from . import room_calibration
@@ -42,7 +42,7 @@ class Given:
     name: str
     scene: Scene | None
     measurement: Measurement
-    settings: Solver
+    settings: SolverSettings
     seed: int
     excluded: tuple[str, ...] = ()
     estimate_sound_speed: bool = False
@@ -64,7 +64,9 @@ def source_of(text: str, progress: Progress | None = None, excluded: tuple[str, 
         given = from_scene(load_scene(text), progress)
         return replace(given, measurement=_without(given.measurement, excluded), excluded=excluded)
     count = len(measurement.frequencies)
-    settings = Solver(modes=min(Solver.modes, count), first_modes=min(Solver.first_modes, count))
+    settings = SolverSettings(
+        modes=min(SolverSettings.modes, count), first_modes=min(SolverSettings.first_modes, count)
+    )
     return Given(Path(text).stem, None, measurement, settings, 0, excluded)
 
 
@@ -104,7 +106,7 @@ def from_scene(scene: Scene, progress: Progress | None = None) -> Given:
 def changed(
     given: Given, solver: str | None = None, modes: int | None = None, seed: int | None = None, **others: str | None
 ) -> Given:
-    """`given` with another solver, number of modes, seed, or other fields of `scene.Solver`, each where not None.
+    """`given` with another solver, number of modes, seed, or other fields of `SolverSettings`, each where not None.
 
     Raises InputError for values that cannot be.
     """

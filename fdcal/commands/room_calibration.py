@@ -11,11 +11,11 @@ import numpy as np
 
 from ..model.measurement import Measurement
 from ..model.power import mode_power
-from ..model.scene import Solver
+from ..model.scene import SolverSettings
 from ..model.validation import InputError
 
 
-def check(measurement: Measurement, settings: Solver) -> None:
+def check(measurement: Measurement, settings: SolverSettings) -> None:
     """Raise InputError for a room that is smaller than the array, where the measurement tells positions."""
     if measurement.positions is None or settings.room is None or len(settings.room) != measurement.array_dimension:
         return

@@ -103,5 +103,5 @@ def paint_field(field, search: Search, label: str, height: float = 0.0) -> Floor
 
 
 def cost_label(weights: str) -> str:
-    """Name and unit of a solver's cost; `weights` as in scene.Solver: raw pressures keep their unit."""
+    """Name and unit of a solver's cost; `weights` as in scene.SolverSettings: raw pressures keep their unit."""
     return "cost (dimensionless)" if weights == "unit" else "cost (pressure squared)"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .measurement import Measurement
-from .scene import Array, Gauge, Room, Scene, Search, Sensing, Solver, Source
+from .scene import Array, Gauge, Room, Scene, Search, Sensing, SolverSettings, Source
 
 CELLS = 50  # of the lattice that stands in
 AROUND = 1.0  # metres, by which the room that stands in is larger than what is known of the array
@@ -18,7 +18,7 @@ class Measured(Scene):
     """A scene of which title, solver, seed and gauge are true, room, source and array only stand in."""
 
 
-def stand_in(measurement: Measurement, name: str, solver: Solver, seed: int = 0) -> Measured:
+def stand_in(measurement: Measurement, name: str, solver: SolverSettings, seed: int = 0) -> Measured:
     """The scene of a measurement that has none."""
     D, d = measurement.dimension, measurement.array_dimension
     places = measurement.positions if measurement.positions is not None else measurement.known_positions

@@ -1,13 +1,13 @@
 """A scene: every physical constant of a run, read from one TOML file.
 
-    Room      outline, walls, sound speed, grid cell
-    Source    position, band, sampling rate, duration
-    Array     geometry of the microphones
-    Search    lattice of candidate positions, expansion radius R of Eq. 3
-    Gauge     the known microphones that fix translation, rotation and mirror
-    Sensing   how pressures are taken from recordings: SNR, mode picking, wavenumber
-    Solver    which solver, how many modes, order rule
-    Scene     all of the above, a title and a seed
+    Room            outline, walls, sound speed, grid cell
+    Source          position, band, sampling rate, duration
+    Array           geometry of the microphones
+    Search          lattice of candidate positions, expansion radius R of Eq. 3
+    Gauge           the known microphones that fix translation, rotation and mirror
+    Sensing         how pressures are taken from recordings: SNR, mode picking, wavenumber
+    SolverSettings  which solver, how many modes, order rule
+    Scene           all of the above, a title and a seed
 
 Lengths are metres, frequencies hertz, speeds metres per second.
 """
@@ -345,7 +345,7 @@ class Sensing:
 
 
 @dataclass(frozen=True)
-class Solver:
+class SolverSettings:
     """Which solver and its settings."""
 
     name: str = "joint"  # or "descent", the paper's, or "descent+joint"
@@ -409,7 +409,7 @@ class Scene:
     gauge: Gauge
     search: Search | None = None
     measurement: Sensing = field(default_factory=Sensing)
-    solver: Solver = field(default_factory=Solver)
+    solver: SolverSettings = field(default_factory=SolverSettings)
     seed: int = 0
 
     @staticmethod

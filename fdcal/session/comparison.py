@@ -18,7 +18,7 @@ from .. import solvers
 from ..acoustics.fourier_bessel import fourier_bessel, max_order
 from ..cost.eq7 import leave_one_out, require_modes
 from ..model.measurement import Problem
-from ..model.scene import Solver
+from ..model.scene import SolverSettings
 from ..model.validation import InputError
 from .session import Session
 
@@ -29,7 +29,7 @@ class Clocked:
     def __init__(self, module):
         self._module, self.spent = module, {}
 
-    def init(self, problem: Problem, settings: Solver, seed: int):
+    def init(self, problem: Problem, settings: SolverSettings, seed: int):
         return self._module.init(problem, settings, seed)
 
     def step(self, problem: Problem, state):
@@ -58,7 +58,7 @@ class Lane:
 class Race:
     """Solvers side by side. Raises InputError where one of them cannot start."""
 
-    def __init__(self, problem: Problem, settings: Solver, names: tuple[str, ...], start: str, seed: int):
+    def __init__(self, problem: Problem, settings: SolverSettings, names: tuple[str, ...], start: str, seed: int):
         begun = same_start(problem, replace(settings, start=start), names, seed)
         lanes = []
         for name, state in begun.items():
@@ -96,7 +96,7 @@ class Race:
         return all([lane.session.close(timeout) for lane in self.lanes])
 
 
-def same_start(problem: Problem, settings: Solver, names, seed: int) -> dict[str, object]:
+def same_start(problem: Problem, settings: SolverSettings, names, seed: int) -> dict[str, object]:
     """A first state for each solver, all at the same positions.
 
     From the affine start joint keeps its own first phase, which bends the array, and stands where the others do but for
@@ -113,7 +113,7 @@ def same_start(problem: Problem, settings: Solver, names, seed: int) -> dict[str
     return {name: states[name] for name in names}
 
 
-def equal_cost(problem: Problem, settings: Solver, positions) -> float:
+def equal_cost(problem: Problem, settings: SolverSettings, positions) -> float:
     """Eq. 7 at `positions` (N, 2), metres, of all modes in the end, over the power of their pressures : 0 to 1.
 
     Raises InputError as descent does where the microphones cannot carry the modes.

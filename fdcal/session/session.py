@@ -35,7 +35,7 @@ class Session:
     Parameters
     ----------
     problem : Problem, or whatever the solver's functions take
-    settings : scene.Solver; its name picks the solver
+    settings : scene.SolverSettings; its name picks the solver
     seed : int, of the start
     module : object with `init(problem, settings, seed)`, `step(problem, state)` and
         `use_modes(problem, state, first, last, automatic)`; the solver named in `settings` unless given

@@ -17,7 +17,7 @@ import numpy as np
 from .. import solvers
 from ..model.from_table import build
 from ..model.measurement import Problem
-from ..model.scene import MOST_METRES, Solver
+from ..model.scene import MOST_METRES, SolverSettings
 from ..model.validation import InputError, frozen_array
 from .request import plain
 
@@ -34,7 +34,7 @@ class _Shelf:
 
     def __init__(self):
         self.stacks: dict[tuple, list] = {}
-        self.settings: list[Solver] = []
+        self.settings: list[SolverSettings] = []
         self._places: dict[int, dict] = {}
         self._kept: list = []  # so that no identity is used again
 
@@ -51,7 +51,7 @@ class _Shelf:
             self._kept.append(array)
         return self._places[id(array)]
 
-    def put_settings(self, settings: Solver) -> dict:
+    def put_settings(self, settings: SolverSettings) -> dict:
         if settings not in self.settings:
             self.settings.append(settings)
         return {"settings": self.settings.index(settings)}
@@ -78,7 +78,7 @@ def _out(value, shelf: _Shelf):
     """A value of a state as JSON has it."""
     if isinstance(value, np.ndarray):
         return shelf.put(value)
-    if isinstance(value, Solver):
+    if isinstance(value, SolverSettings):
         return shelf.put_settings(value)
     if isinstance(value, tuple):
         return {"tuple": [_out(inner, shelf) for inner in value]}
@@ -103,7 +103,7 @@ def read(table, arrays: Mapping[str, np.ndarray], problem: Problem, solver: str,
     order, kinds, settings = (_list(table, key) for key in ("order", "kinds", "settings"))
     if not 1 <= len(order) <= most:
         raise InputError(f"states.order has {len(order)} entries; there can be 1 to {most}")
-    shelf = [build(Solver, one if isinstance(one, dict) else {}, "settings.") for one in settings]
+    shelf = [build(SolverSettings, one if isinstance(one, dict) else {}, "settings.") for one in settings]
     made = [_states_of(kind, solver.split("+"), arrays, shelf, problem) for kind in kinds]
     queues, states = [iter(one) for one in made], []
     for number in order:
@@ -158,7 +158,7 @@ def _in(key: str, value, hint, arrays, settings, problem: Problem, cache: dict):
         (kind, inner), wanted = *value.items(), options
         if kind == "array" and np.ndarray in wanted:
             return _array(key, inner, arrays, problem, cache)
-        if kind == "settings" and Solver in wanted and isinstance(inner, int) and 0 <= inner < len(settings):
+        if kind == "settings" and SolverSettings in wanted and isinstance(inner, int) and 0 <= inner < len(settings):
             return settings[inner]
         if kind == "tuple" and tuple in wanted and key == "best":
             return _best(inner, arrays, problem, cache)

@@ -12,7 +12,7 @@ from types import ModuleType
 import numpy as np
 
 from ..model.measurement import Problem
-from ..model.scene import Solver
+from ..model.scene import SolverSettings
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Chain:
 
     members: tuple[ModuleType, ...]
 
-    def init(self, problem: Problem, settings: Solver, seed: int):
+    def init(self, problem: Problem, settings: SolverSettings, seed: int):
         """The first member's start; InputError, too, for what a later one could not begin with."""
         state = self.members[0].init(problem, settings, seed)
         for member in self.members[1:]:

@@ -18,7 +18,7 @@ import numpy as np
 from ..cost.eq7 import known_weights, lattice_of, leave_one_out, require_modes
 from ..model.gauge import fixes_gauge
 from ..model.measurement import Problem
-from ..model.scene import Solver
+from ..model.scene import SolverSettings
 from ..model.validation import InputError, frozen_array
 from . import initial_positions
 
@@ -31,7 +31,7 @@ class State:
     ----------
     positions : (N, D) float64, metres, read-only
     centre : (D,) float64, metres, of the expansion
-    settings : Solver
+    settings : SolverSettings
     seed : int, of the start and of every sweep's order
     step, sweep, stage : steps taken, sweeps completed, stages completed
     turn : place in the present sweep, 0 to the number of free microphones less 1
@@ -49,7 +49,7 @@ class State:
 
     positions: np.ndarray
     centre: np.ndarray
-    settings: Solver
+    settings: SolverSettings
     seed: int
     step: int
     sweep: int
@@ -76,12 +76,12 @@ class State:
         return slice(self.first - 1, self.last)
 
 
-def order_offset_of(settings: Solver, modes: int) -> int:
+def order_offset_of(settings: SolverSettings, modes: int) -> int:
     """Added to ceil(kR): nothing while few modes are in use, which a richer expansion fits at any positions."""
     return settings.order_offset if modes >= settings.ample_modes else 0
 
 
-def init(problem: Problem, settings: Solver, seed: int) -> State:
+def init(problem: Problem, settings: SolverSettings, seed: int) -> State:
     """Free microphones on the search lattice, at random or near the affine start; the lowest modes in use.
 
     Known ones stand in their places. Raises InputError without a search domain, without known microphones that fix the
@@ -174,7 +174,7 @@ def landscape(problem: Problem, state: State, n: int, modes: slice) -> np.ndarra
     return lattice_landscape(problem, lattice, state.positions, n, state.centre, modes, weight)
 
 
-def _require_solvable(problem: Problem, settings: Solver) -> None:
+def _require_solvable(problem: Problem, settings: SolverSettings) -> None:
     """Raise InputError for what descent cannot work on."""
     if settings.known != "all":
         raise InputError(

@@ -29,7 +29,7 @@ from ..cost.likelihood import LEAST_NOISE, Unexplained, diffuse_field
 from ..model.gauge import place
 from ..model.measurement import Problem
 from ..model.power import mode_power
-from ..model.scene import Search, Solver
+from ..model.scene import Search, SolverSettings
 from ..model.validation import InputError, frozen_array
 from . import initial_positions, noise_schedule
 from .joint_state import State
@@ -53,7 +53,7 @@ FLED = 0.5  # of the shortest wavelength: a microphone that goes further in the 
 LEAST_MODES = {2: 6, 3: 12}  # of a sound field of two and three dimensions
 
 
-def init(problem: Problem, settings: Solver, seed: int, positions=None) -> State:
+def init(problem: Problem, settings: SolverSettings, seed: int, positions=None) -> State:
     """The start that `settings.start` names, or `positions` (N, D), metres, with the lowest modes in use.
 
     Raises InputError for too few modes, known microphones that do not fix the gauge, microphones on a line.
@@ -175,7 +175,7 @@ def _require_modes(problem: Problem, count: int) -> None:
         )
 
 
-def _first_modes(problem: Problem, settings: Solver) -> int:
+def _first_modes(problem: Problem, settings: SolverSettings) -> int:
     """Modes of the first bend: without known microphones all, since the low ones alone do not hold the scale."""
     return min(FIRST_MODES, settings.modes) if len(problem.known) else settings.modes
 

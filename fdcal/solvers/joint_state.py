@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..model.scene import Solver
+from ..model.scene import SolverSettings
 
 
 @dataclass(frozen=True)
@@ -17,7 +17,7 @@ class State:
     Attributes
     ----------
     positions : (N, D) float64, metres, read-only; up to rotation, translation and mirror without known microphones
-    settings : Solver
+    settings : SolverSettings
     seed : int, of a random start
     step, sweep, stage : steps taken (twice), stages completed
     moved : -1, since all microphones move
@@ -48,7 +48,7 @@ class State:
     solver: ClassVar[str] = "joint"
 
     positions: np.ndarray
-    settings: Solver
+    settings: SolverSettings
     seed: int
     step: int
     sweep: int

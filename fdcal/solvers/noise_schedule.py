@@ -23,7 +23,7 @@ from ..cost.likelihood import (
 )
 from ..model.measurement import Problem
 from ..model.power import mode_power
-from ..model.scene import Solver
+from ..model.scene import SolverSettings
 from ..model.validation import frozen_array
 from . import initial_positions
 from .joint_state import State
@@ -87,7 +87,7 @@ def attempt(problem: Problem, state: State) -> tuple[str, float]:
     return initial_positions.attempts(problem, state.settings.modes)[state.attempt]
 
 
-def told_noise(problem: Problem, settings: Solver) -> np.ndarray | None:
+def told_noise(problem: Problem, settings: SolverSettings) -> np.ndarray | None:
     """Noise power (M,) that the settings or the measurement tell, None where it is to be estimated."""
     if settings.snr_db is not None:
         return mode_power(problem.pressures) / (1 + 10 ** (settings.snr_db / 10))

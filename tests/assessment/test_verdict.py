@@ -12,7 +12,7 @@ from fdcal.assessment.verdict import highest_frequency, judge
 from fdcal.commands.calibrate import Given, _trusted, solve
 from fdcal.model.gauge import align, position_errors
 from fdcal.model.measurement import Measurement
-from fdcal.model.scene import Solver
+from fdcal.model.scene import SolverSettings
 from fdcal.solvers import run
 from fdcal.solvers.levenberg_marquardt import FIRST_DAMPING, damped_step
 
@@ -203,7 +203,7 @@ def test_a_source_beside_the_array_is_no_mismatch_where_there_is_no_noise():
     """The kernel of a diffuse field alone cannot explain it to the last decibel; the near model of the end can."""
     truth = np.random.default_rng(7).uniform(-0.5, 0.5, (40, 2)) + [2.61, 2.31]
     measurement = measured(truth, [0, 1, 2], source=(3.6, 2.9))
-    result = solve(Given("beside", None, measurement, Solver(name="joint", modes=40), 0))
+    result = solve(Given("beside", None, measurement, SolverSettings(name="joint", modes=40), 0))
     assert result["max_error_m"] < 1e-3
     assert result["verdict"] == "good", result["verdict_text"]
 
@@ -226,7 +226,7 @@ def test_calibrate_says_so_where_a_wrong_array_is_left_without_noise():
     truth = np.random.default_rng(7).uniform(-0.5, 0.5, (40, 2)) + [2.61, 2.31]
     measurement = measured(truth, [0, 1, 2], highest=120.0)
     measurement = replace(measurement, noise_power=np.zeros(len(measurement.frequencies)))
-    problem, settings = measurement.problem(), Solver(name="joint", modes=12)
+    problem, settings = measurement.problem(), SolverSettings(name="joint", modes=12)
     *_, state = run(problem, settings, 0)
     assert state.near
     spoilt = truth + np.random.default_rng(1).normal(0, 0.005, truth.shape)

@@ -11,7 +11,7 @@ from fdcal import solvers
 from fdcal.cost import eq7, landscapes
 from fdcal.cost.watershed import bottoms
 from fdcal.model.measurement import Measurement
-from fdcal.model.scene import Search, Solver
+from fdcal.model.scene import Search, SolverSettings
 from fdcal.model.validation import InputError
 
 SEARCH = Search(origin=(1.0, 2.0), size=(0.4, 0.3), step=0.025, radius=0.35)
@@ -34,7 +34,7 @@ def problem():
 @pytest.fixture(scope="module")
 def state(problem):
     descent = solvers.load("descent")
-    return descent.init(problem, Solver(modes=3, first_modes=3, order_offset=1, ample_modes=1), 0)
+    return descent.init(problem, SolverSettings(modes=3, first_modes=3, order_offset=1, ample_modes=1), 0)
 
 
 def test_one_mode_at_a_time_is_the_solvers_landscape(problem, state):

@@ -10,7 +10,7 @@ from fdcal.cost.landscapes import finer
 from fdcal.cost.likelihood import LEAST_NOISE, diffuse_field, likelihood_landscape
 from fdcal.cost.likelihood_maps import likelihood_maps
 from fdcal.model.measurement import Problem
-from fdcal.model.scene import Search, Solver
+from fdcal.model.scene import Search, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.solvers import joint
 
@@ -94,7 +94,7 @@ def test_a_finer_lattice_shows_the_same_surface():
 
 def test_the_joint_solver_shows_the_likelihood_with_no_less_noise_than_the_kernel_bears():
     problem = MEASURED.problem()
-    begun = joint.init(problem, Solver(name="joint", modes=40), 0)
+    begun = joint.init(problem, SolverSettings(name="joint", modes=40), 0)
     for share, shown in ((1e-3, 1e-3), (1e-10, LEAST_NOISE)):
         state = replace(begun, positions=ROUGH, noise=noise_of(problem, share, slice(None)))
         expected = directly(problem, ROUGH, noise_of(problem, shown), problem.search)

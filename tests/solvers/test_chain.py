@@ -11,7 +11,7 @@ from fields import measured
 
 from fdcal import solvers
 from fdcal.model.gauge import position_errors
-from fdcal.model.scene import Search, Solver
+from fdcal.model.scene import Search, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.session.session import Session
 from fdcal.solvers import descent, joint
@@ -19,7 +19,7 @@ from fdcal.solvers import descent, joint
 TRUTH = np.random.default_rng(5).uniform(-0.4, 0.4, (24, 2)) + [2.61, 2.31]
 SEARCH = Search((2.01, 1.71), (1.2, 1.2), 0.04, 0.6)
 PROBLEM = measured(TRUTH, list(range(12)), highest=200.0, search=SEARCH).problem()
-SETTINGS = Solver(name="descent+joint", modes=20, first_modes=8, max_sweeps=2, order_offset=1)
+SETTINGS = SolverSettings(name="descent+joint", modes=20, first_modes=8, max_sweeps=2, order_offset=1)
 
 
 @pytest.fixture(scope="module")

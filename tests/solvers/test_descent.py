@@ -9,7 +9,7 @@ from fields import measured
 
 from fdcal import solvers
 from fdcal.cost.eq7 import lattice_of
-from fdcal.model.scene import Search, Solver
+from fdcal.model.scene import Search, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.solvers import descent
 
@@ -19,7 +19,7 @@ GRID = np.array([(x, y) for x in range(13) for y in range(13)]) * 0.1 + [2.01, 1
 TRUTH = GRID[np.random.default_rng(1).choice(len(GRID), 20, replace=False)]
 KNOWN = list(range(17))
 PROBLEM = measured(TRUTH, KNOWN, highest=150.0, search=SEARCH).problem()
-SETTINGS = Solver(name="descent", modes=8, first_modes=2, max_sweeps=5, ample_modes=4)
+SETTINGS = SolverSettings(name="descent", modes=8, first_modes=2, max_sweeps=5, ample_modes=4)
 
 
 def all_states(seed=0, settings=SETTINGS):

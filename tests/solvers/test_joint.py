@@ -14,13 +14,13 @@ from fdcal import solvers
 from fdcal.acoustics import compiled
 from fdcal.model.gauge import align, position_errors
 from fdcal.model.measurement import Measurement
-from fdcal.model.scene import Solver
+from fdcal.model.scene import SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.solvers import initial_positions, joint
 
 TRUTH = np.random.default_rng(7).uniform(-0.5, 0.5, (40, 2)) + [2.61, 2.31]
 KNOWN = [0, 1, 2]
-SETTINGS = Solver(name="joint", modes=40)
+SETTINGS = SolverSettings(name="joint", modes=40)
 
 
 def solve(measurement, settings=SETTINGS):
@@ -157,7 +157,7 @@ def test_random_arrays_in_random_rooms_are_found_blind(seed, width, ratio):
     wavenumbers = (2 * np.pi * frequencies - 3j) / 343.0
     pressures = rigid_room(truth, np.multiply(size, [0.95, 0.93]), wavenumbers, size=size)
     measurement = Measurement(frequencies, pressures, 343.0, wavenumbers=wavenumbers)
-    last = solve(measurement, Solver(modes=len(frequencies)))[-1]
+    last = solve(measurement, SolverSettings(modes=len(frequencies)))[-1]
     assert last.converged
     assert position_errors(align(last.positions, truth), truth).max() < 5e-3
 
@@ -201,7 +201,7 @@ def test_an_end_that_does_not_convince_is_followed_by_other_attempts_and_the_bes
     for n in range(4):
         pressures[:, n] = loud * (rng.normal(size=len(pressures)) + 1j * rng.normal(size=len(pressures)))
     measurement = replace(measurement, pressures=pressures)
-    states = solve(measurement, Solver(modes=14))
+    states = solve(measurement, SolverSettings(modes=14))
     assert states[-1].attempt > 0
     best = min((s.best for s in states if s.best is not None), key=lambda best: best[0])
     last = states[-1]

@@ -14,7 +14,7 @@ from fdcal.commands.cli import main
 from fdcal.cost.landscapes import fine_mode
 from fdcal.model.measurement import Measurement
 from fdcal.model.measurement_file import save_measurement
-from fdcal.model.scene import Search, Solver
+from fdcal.model.scene import Search, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.solvers.room import solver as room
 
@@ -125,7 +125,7 @@ def test_a_room_a_percent_wrong_is_not_trusted_where_no_noise_is_told(calibrate)
 
 def test_modes_chosen_by_hand_must_be_enough():
     problem = measurement().problem()
-    state = room.init(problem, Solver(name="room", modes=MODES, room=SIZE), 0)
+    state = room.init(problem, SolverSettings(name="room", modes=MODES, room=SIZE), 0)
     with pytest.raises(InputError, match="too few for a known room"):
         room.use_modes(problem, state, 4, 5, False)
     assert room.use_modes(problem, state, 1, 12, False).last == 12
@@ -175,7 +175,7 @@ def test_a_scene_that_is_no_rectangle_is_refused(scene, tmp_path, monkeypatch, c
 def test_a_finer_map_of_a_microphone_is_the_map_on_its_lattice():
     heard = replace(measurement(), search=Search((1.0, 0.6), (0.4, 0.4), 0.1, 0.8))
     problem = heard.problem()
-    state = room.init(problem, Solver(name="room", modes=MODES, room=SIZE), 0)
+    state = room.init(problem, SolverSettings(name="room", modes=MODES, room=SIZE), 0)
     coarse, finer = problem.search, replace(problem.search, step=0.05)
     whole = room.landscape(problem, state, 2, slice(4, 5))[0]
     np.testing.assert_allclose(fine_mode(problem, room, state, 2, 5, coarse), whole)

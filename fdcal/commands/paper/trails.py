@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from ...model.measurement import Problem
-from ...model.scene import Solver
+from ...model.scene import SolverSettings
 from ...model.storage import cached_arrays
 from ...solvers import load
 
@@ -59,7 +59,9 @@ class Trail:
         return np.linalg.norm(self.positions - truth, axis=2)
 
 
-def trail(problem: Problem, settings: Solver, seed: int, progress: Callable[[float], None], positions=None) -> Trail:
+def trail(
+    problem: Problem, settings: SolverSettings, seed: int, progress: Callable[[float], None], positions=None
+) -> Trail:
     """The run of `settings.name`, a single solver, from `positions` (N, D), metres, where given.
 
     `progress` is told the part that is done, and may raise to stop it. Raises InputError as the solver does.
@@ -75,7 +77,7 @@ def trail(problem: Problem, settings: Solver, seed: int, progress: Callable[[flo
     return Trail(**cached_arrays("trail", parts, lambda: asdict(_made(problem, settings, seed, progress, positions))))
 
 
-def _made(problem: Problem, settings: Solver, seed: int, progress, positions) -> Trail:
+def _made(problem: Problem, settings: SolverSettings, seed: int, progress, positions) -> Trail:
     solver, begun = load(settings.name), time.process_time()
     given = {} if positions is None else {"positions": positions}
     state = solver.init(problem, settings, seed, **given)
@@ -89,7 +91,7 @@ def _made(problem: Problem, settings: Solver, seed: int, progress, positions) ->
     return Trail(np.array(places), np.array(modes), np.array(seconds), np.array(state.converged))
 
 
-def shortened(settings: Solver, name: str, modes: int) -> Solver:
+def shortened(settings: SolverSettings, name: str, modes: int) -> SolverSettings:
     """`settings` for solver `name` with `modes` modes at the end."""
     return replace(settings, name=name, modes=modes, first_modes=min(settings.first_modes, modes))
 

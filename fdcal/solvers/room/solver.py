@@ -26,7 +26,7 @@ import numpy as np
 
 from ...acoustics.room_modes import diffuse
 from ...model.measurement import Problem
-from ...model.scene import Search, Solver
+from ...model.scene import Search, SolverSettings
 from ...model.validation import InputError, frozen_array
 from . import array_search, source_search
 from .fit import FIRST_DAMPING, damped, diffuse_terms, exact
@@ -42,7 +42,7 @@ MARGIN = 1e-3  # metres between microphone and wall, at least
 LOUDEST_WALLS = 0.2  # admittance at most
 
 
-def init(problem: Problem, settings: Solver, seed: int, positions=None) -> State:
+def init(problem: Problem, settings: SolverSettings, seed: int, positions=None) -> State:
     """Microphones in the middle of the room, or at `positions` (N, D), metres, the search or what follows it ahead.
 
     Raises InputError for a room that cannot be, or that the measurement does not fit, and for too few modes.

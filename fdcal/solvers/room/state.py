@@ -9,7 +9,7 @@ import numpy as np
 
 from ...model.measurement import Problem
 from ...model.power import mode_power
-from ...model.scene import Solver
+from ...model.scene import SolverSettings
 from ...model.validation import InputError
 
 GUESS = 1e-4  # noise's share of the power where none is told
@@ -26,7 +26,7 @@ class State:
     Attributes
     ----------
     positions : (N, D) float64, metres, read-only
-    settings : Solver; its `room` is the size
+    settings : SolverSettings; its `room` is the size
     seed : int, unused: nothing is drawn
     step, sweep, stage : steps taken (twice), stages completed
     moved : -1, since all microphones move
@@ -52,7 +52,7 @@ class State:
     solver: ClassVar[str] = "room"
 
     positions: np.ndarray
-    settings: Solver
+    settings: SolverSettings
     seed: int
     step: int
     sweep: int
@@ -93,7 +93,7 @@ def freedom(modes: int, count: int, D: int) -> float:
     return max(modes * (count - 1) - (count * D + D + 2) / 2, 1.0)
 
 
-def noise_of(problem: Problem, settings: Solver) -> tuple[np.ndarray, bool]:
+def noise_of(problem: Problem, settings: SolverSettings) -> tuple[np.ndarray, bool]:
     """Noise power (M,) that the settings tell, or a guess."""
     power = mode_power(problem.pressures)
     if settings.snr_db is not None:
@@ -122,7 +122,7 @@ def require_enough(count: int, D: int, modes: int) -> None:
         )
 
 
-def require_room(problem: Problem, settings: Solver) -> tuple[float, ...]:
+def require_room(problem: Problem, settings: SolverSettings) -> tuple[float, ...]:
     """The size of the room; InputError where there is none, or one that the measurement does not fit."""
     size, D, (measured, N) = settings.room, problem.dimension, problem.pressures.shape
     if size is None:
