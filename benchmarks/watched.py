@@ -24,7 +24,7 @@ from fdcal.commands.cli import main
 from fdcal.viewer.page import Page
 from fdcal.viewer.session_view import Viewer
 from fdcal.viewer.tabs.map import MapTab
-from fdcal.viewer.tabs.solver import SolveTab
+from fdcal.viewer.tabs.solver import SolverTab
 
 DRAG, HAND = 6.0, 60  # s, 1/s
 
@@ -55,20 +55,20 @@ class Watch:
                 self.note("shown", slider)
         floor = viewer.picture.floor
         if floor is not None and floor is not self._floor:
-            self.note("map", [len(viewer.desk.choices.modes or ()), int(floor.rgb.shape[0])])
+            self.note("map", [len(viewer.binding.choices.modes or ()), int(floor.rgb.shape[0])])
         self._floor = floor
 
     def drag(self, *_) -> None:
         threading.Thread(target=self._drag, daemon=True).start()
 
     def _drag(self) -> None:
-        desk, gesture = self.page.desk, object()
-        state, start = desk.session.view.state, time.perf_counter()
-        moved = next(n for n in desk.work.problem.free if n != desk.choices.microphone)
+        binding, gesture = self.page.binding, object()
+        state, start = binding.session.view.state, time.perf_counter()
+        moved = next(n for n in binding.work.problem.free if n != binding.choices.microphone)
         x, y = state.positions[moved][:2]
         self.note("drag")
         while (t := time.perf_counter() - start) < DRAG:
-            desk.session.place(int(moved), (x + 0.1 * math.sin(3 * t), y + 0.1 * math.cos(3 * t)), gesture)
+            binding.session.place(int(moved), (x + 0.1 * math.sin(3 * t), y + 0.1 * math.cos(3 * t)), gesture)
             time.sleep(1 / HAND)
         self.note("dropped")
 
@@ -88,7 +88,7 @@ def watch(log: Watch) -> None:
     def turned(self, now):
         log.page = self
         turn(self, now)
-        if self.viewer is not None and self.desk.session.view.running:
+        if self.viewer is not None and self.binding.session.view.running:
             log.note("turn")
 
     viser._gui_api.GuiApi._handle_gui_updates = handle
@@ -97,7 +97,7 @@ def watch(log: Watch) -> None:
 
 
 def _watch_sliders(log: Watch) -> None:
-    use, choose, look = SolveTab.use_modes, MapTab.choose_microphone, MapTab._listen
+    use, choose, look = SolverTab.use_modes, MapTab.choose_microphone, MapTab._listen
 
     def use_modes(self, first=None, last=None, automatic=None):
         if last is not None:
@@ -106,15 +106,17 @@ def _watch_sliders(log: Watch) -> None:
 
     def choose_microphone(self, value):
         log.ask(
-            "Microphone", lambda viewer: viewer._drawn.microphone == int(value) and viewer.picture.floor is not None
+            "Microphone", lambda viewer: viewer.snapshot.microphone == int(value) and viewer.picture.floor is not None
         )
         choose(self, value)
 
     def listen(self):
         look(self)
-        self._desk.on(self.opacity, lambda value: log.ask("Opacity (%)", lambda viewer: _opacity(viewer) == int(value)))
+        self._binding.on(
+            self.opacity, lambda value: log.ask("Opacity (%)", lambda viewer: _opacity(viewer) == int(value))
+        )
 
-    SolveTab.use_modes, MapTab.choose_microphone, MapTab._listen = use_modes, choose_microphone, listen
+    SolverTab.use_modes, MapTab.choose_microphone, MapTab._listen = use_modes, choose_microphone, listen
 
 
 def _opacity(viewer: Viewer) -> int:

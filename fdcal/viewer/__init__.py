@@ -7,7 +7,7 @@ page      what stays while sessions come and go, and the main loop; `Page.open(o
 switch    prepares the next session while the present one goes on; preparing does the work
 viewing   one session on the screen
 frame     the panels and their tabs
-desk      the choices made on the page
+binding      the choices made on the page
 controls  buttons and sliders, every value bounded before it is used
 stage     a Picture's primitives as viser's scene nodes
 plots     error and cost curves

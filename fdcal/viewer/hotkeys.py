@@ -36,7 +36,7 @@ def _with_controls(act: Callable) -> Callable:
 
     def do(page, client) -> None:
         if page.viewer is not None:
-            act(page.viewer.controls)
+            act(page.viewer.main_panel)
 
     return do
 
@@ -47,12 +47,12 @@ def _press(name: str) -> Callable:
 
 def _look_at(shift: int) -> Callable:
     """Another state of the history."""
-    return _with_controls(lambda controls: controls.desk.session.seek(controls.desk.session.view.index + shift))
+    return _with_controls(lambda controls: controls.binding.session.seek(controls.binding.session.view.index + shift))
 
 
 def _next_microphone(shift: int) -> Callable:
     def do(controls) -> None:
-        count = controls.desk.measurement.count
+        count = controls.binding.measurement.count
         controls.map.pick((int(controls.map.microphone.value) + shift) % count)
 
     return _with_controls(do)
@@ -62,9 +62,9 @@ def _more_modes(shift: int) -> Callable:
     """The map of the modes from the lowest up to one more, or one less."""
 
     def do(controls) -> None:
-        desk = controls.desk
-        highest = (desk.choices.modes or (desk.session.view.state.last,))[-1]
-        controls.map.choose_modes(range(1, min(max(highest + shift, 1), desk.modes) + 1))
+        binding = controls.binding
+        highest = (binding.choices.modes or (binding.session.view.state.last,))[-1]
+        controls.map.choose_modes(range(1, min(max(highest + shift, 1), binding.modes) + 1))
 
     return _with_controls(do)
 
@@ -74,15 +74,15 @@ def _next_kind(controls) -> None:
 
 
 def _other_scale(controls) -> None:
-    controls.map.scale_as(LINEAR if controls.desk.choices.look.log else LOG)
+    controls.map.scale_as(LINEAR if controls.binding.choices.look.log else LOG)
 
 
 def _trail(controls) -> None:
-    controls.draw(trails=not controls.desk.choices.trails)
+    controls.draw(trails=not controls.binding.choices.trails)
 
 
-def _darken(controls) -> None:
-    controls.darken(not controls.desk.choices.look.dark)
+def _toggle_dark(controls) -> None:
+    controls.darken(not controls.binding.choices.look.dark)
 
 
 def _seen(view: str) -> Callable:
@@ -105,9 +105,7 @@ KEYS = (
     Key("V", "Flat map, relief, shape of a mode, no map", _with_controls(_next_kind)),
     Key("L", "Logarithmic or linear scale", _with_controls(_other_scale)),
     Key("Y", "Trails", _with_controls(_trail)),
-    Key(
-        "K", "Dark or light page", _with_controls(lambda controls: controls.darken(not controls.desk.choices.look.dark))
-    ),
+    Key("K", "Dark or light page", _with_controls(_toggle_dark)),
     Key("1", "Seen from the top", _seen("top")),
     Key("2", "The whole room", _seen("3d")),
     Key("3", "The array, close", _seen("close")),

@@ -7,14 +7,14 @@ from collections.abc import Callable
 from ..model import mode_ranges
 from ..session.lesson import IN_USE, Setting, how_far
 from .gui.binding import FLOOR, NOTHING, RELIEF, SHAPE
-from .main_panel import Controls
+from .main_panel import MainPanel
 from .tabs.map import LINEAR, LOG
 
 KINDS = {"flat": FLOOR, "relief": RELIEF, "shape": SHAPE, "none": NOTHING}
 SCALES = {"log": LOG, "linear": LINEAR}
 
 
-def carry_out(setting: Setting, controls: Controls, place_all: Callable[[str], None], anew: bool) -> None:
+def carry_out(setting: Setting, controls: MainPanel, place_all: Callable[[str], None], anew: bool) -> None:
     """Set the controls of a session that shows the scene of `setting` already.
 
     `anew` says that the session stands at its start, or will when it has done what it was told.
@@ -29,7 +29,7 @@ def carry_out(setting: Setting, controls: Controls, place_all: Callable[[str], N
         controls.map.show_as(KINDS[setting.map])
     if setting.map_modes is not None:
         text = setting.map_modes
-        controls.map.choose_modes(None if text == IN_USE else mode_ranges.read(text, controls.desk.modes))
+        controls.map.choose_modes(None if text == IN_USE else mode_ranges.read(text, controls.binding.modes))
     if setting.scale is not None:
         controls.map.scale_as(SCALES[setting.scale])
     wanted = {name: getattr(setting, name) for name in ("trails", "ellipses")}
@@ -38,13 +38,13 @@ def carry_out(setting: Setting, controls: Controls, place_all: Callable[[str], N
         place_all(setting.view)
 
 
-def _drive(setting: Setting, controls: Controls, anew: bool) -> None:
+def _drive(setting: Setting, controls: MainPanel, anew: bool) -> None:
     """What of a setting is the solver's: the modes in use, and how far it runs."""
-    desk, session = controls.desk, controls.desk.session
+    binding, session = controls.binding, controls.binding.session
     state = session.view.history[0] if anew else session.view.state
     modes = range(state.first, state.last + 1)
     if setting.modes is not None:
-        modes = mode_ranges.read(setting.modes, desk.modes)
+        modes = mode_ranges.read(setting.modes, binding.modes)
     automatic = state.automatic if setting.automatic is None else setting.automatic
     if setting.modes is not None or setting.automatic is not None:
         session.use_modes(modes[0], modes[-1], automatic)

@@ -1,9 +1,9 @@
 """The page: what stays while sessions come and go, and the main loop.
 
-`Page.open(opening)` is the one entry to show something else: from the panels, a lesson, a session file. What is
-looked at stays, and goes on, until the next session is ready (`switch`); one that cannot be is refused in one line.
-Then the new session's parts take their places in the panels (`frame.Rooms`), and the old ones go. Pages stay
-connected, and tabs chosen stay chosen.
+`Page.open(opening)` is the one entry point that shows something else: the panels, a lesson and a session file use it.
+The present session stays and keeps running until the next one is ready (`session_switch`). If the next one cannot be
+opened, the status bar says why in one line. Otherwise its controls replace the old ones in the panels
+(`layout.SessionFolders`). Browsers stay connected, and the chosen tabs stay chosen.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from ..session.lesson import Lesson
 from ..session.request import Opening
 from ..session.worker import Bell
 from .background.prepare import Work
-from .gui.binding import Desk
-from .gui.layout import Frame, Rooms
+from .gui.binding import Binding
+from .gui.layout import Panels, SessionFolders
 from .hotkeys import add_keys
 from .preview import first_look
 from .scene3d.nodes import Stage
 from .server.signals import Interrupt
-from .session_switch import Notice, Switch
+from .session_switch import SessionSwitcher, StatusBar
 from .session_view import Viewer
 from .tabs.help import add_help
-from .tabs.lessons import Lessons
+from .tabs.lessons import LessonsTab
 
 LONGEST = 1.2  # s that threads are waited for at the end
 RATE = 25.0  # times a second that the screen is brought up to date
@@ -39,11 +39,11 @@ class Page:
     """Owns the panels' frame, the scene, and the session that is shown."""
 
     def __init__(self, server: viser.ViserServer, stage: Stage, lessons: Sequence[Lesson] = ()):
-        self._server, self.stage, self.frame, self.switch = server, stage, Frame(server.gui), Switch()
-        self.notice = Notice(self.frame, self.switch)
+        self._server, self.stage, self.panels, self.switcher = server, stage, Panels(server.gui), SessionSwitcher()
+        self.status_bar = StatusBar(self.panels, self.switcher)
         self.viewer: Viewer | None = None
-        self.lessons = Lessons(self, lessons)
-        with self.frame.tab("Help"):
+        self.lessons = LessonsTab(self, lessons)
+        with self.panels.tab("Help"):
             add_help(server.gui)
         add_keys(server.gui, self)
         self._told, self._looked, self._bell = "", 0.0, Bell()
@@ -51,12 +51,12 @@ class Page:
 
     def open(self, opening: Opening) -> None:
         """Show something else as soon as it is ready. Any thread; the last one asked for counts."""
-        self.switch.open(opening)
+        self.switcher.open(opening)
 
     @property
-    def desk(self) -> Desk | None:
+    def binding(self) -> Binding | None:
         """The session that is shown, and the choices made for it; None before there is one."""
-        return None if self.viewer is None else self.viewer.desk
+        return None if self.viewer is None else self.viewer.binding
 
     def _welcome(self, server: viser.ViserServer) -> None:
         """Each page gets a camera that fits its canvas, whose size is only known once the panels stand."""
@@ -88,19 +88,19 @@ class Page:
 
     def turn(self, now: float) -> None:
         """Once round the loop."""
-        work = self.switch.take()
+        work = self.switcher.take()
         first = self.viewer is None
         if first:
             self._tell_terminal()
-            if self.switch.cause is not None:
-                raise self.switch.cause
+            if self.switcher.cause is not None:
+                raise self.switcher.cause
         if work is not None:
             self._exchange(work)
-        self.notice.show(first)
+        self.status_bar.show(first)
         if self.viewer is not None:
             self.viewer.guarded_tick(now)
-        elif self.stage.bare and self.switch.measured is not None:
-            first_look(self.stage, *self.switch.measured)
+        elif self.stage.bare and self.switcher.measured is not None:
+            first_look(self.stage, *self.switcher.measured)
             self.stage.cameras.place_all("top")  # of pages that came before there was anything to place them by
         self.lessons.show(self._server.get_event_loop().call_soon_threadsafe)
         clients = self._server.get_clients().values()
@@ -111,19 +111,19 @@ class Page:
 
     def _exchange(self, work: Work) -> None:
         """The new session on the page in place of the old one, which stays where the new one cannot be shown."""
-        old, rooms = self.viewer, Rooms(self.frame)
+        old, folders = self.viewer, SessionFolders(self.panels)
         try:
             with self._server.atomic():
-                before = old and old.desk.choices
-                new = Viewer(self._server, work, rooms, self.stage, self.open, before, self._bell.ring)
+                before = old and old.binding.choices
+                new = Viewer(self._server, work, folders, self.stage, self.open, before, self._bell.ring)
                 if old is not None:
                     old.take_down()
         except Exception as error:
-            rooms.remove()
+            folders.remove()
             work.session.close(0.5)
             if old is None:
                 raise
-            self.switch.refuse(error)
+            self.switcher.refuse(error)
             old.redraw()
             return
         self.viewer = new
@@ -137,7 +137,7 @@ class Page:
 
     def _tell_terminal(self) -> None:
         """How far the first session is; the line is taken away when there is one, or none will be."""
-        progress = self.switch.progress
+        progress = self.switcher.progress
         text = "" if progress is None else progress.text
         if text != self._told:
             self._told = text
@@ -148,7 +148,7 @@ class Page:
         if self._told:
             print(f"\r{'':<40}\r", end="", file=sys.stderr, flush=True)
         end = time.perf_counter() + LONGEST
-        self.switch.close(LONGEST)
+        self.switcher.close(LONGEST)
         if self.viewer is not None:
             self.viewer.close(max(end - time.perf_counter(), 0.2))
             from ..acoustics.compiled import let_go  # loaded by the session that was shown

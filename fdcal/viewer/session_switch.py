@@ -1,7 +1,7 @@
 """From one session to another while the page stays: the next is prepared in the background, the old one goes on.
 
-Switch   asked from any thread (`open`, `cancel`); the main loop does what was asked and takes what is ready
-Notice   how far it is, with Cancel; or in one line why it cannot be
+SessionSwitcher   asked from any thread (`open`, `cancel`); the main loop does what was asked and takes what is ready
+StatusBar   how far it is, with Cancel; or in one line why it cannot be
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ..session.request import Opening
 from ..session.worker import LatestWorker
 from .background.prepare import Progress, Stopped, Work, work_of
 from .gui import html
-from .gui.layout import Frame
+from .gui.layout import Panels
 from .server.error_log import place
 
 log = logging.getLogger(__name__)
@@ -43,7 +43,7 @@ class Job:
         self.done = True
 
 
-class Switch:
+class SessionSwitcher:
     """Prepares the newest opening asked for, on a thread of its own.
 
     `refusal` says in one line why the last one could not be, "" where it could; `cause` is the exception.
@@ -134,12 +134,12 @@ class Switch:
         self._dropped = [job for job in self._dropped if not job.done]
 
 
-class Notice:
+class StatusBar:
     """What stands above everything while another session is prepared, or could not be."""
 
-    def __init__(self, frame: Frame, switch: Switch):
-        self._switch, self._told, gui = switch, (), frame.gui
-        with frame.top:
+    def __init__(self, panels: Panels, switcher: SessionSwitcher):
+        self._switcher, self._told, gui = switcher, (), panels.gui
+        with panels.top:
             self.line = gui.add_html("", visible=False)
             self.bar = gui.add_progress_bar(0.0, visible=False)
             self.button = gui.add_button("Cancel", icon=viser.Icon.X, visible=False)
@@ -147,16 +147,16 @@ class Notice:
         @self.button.on_click
         async def _(event) -> None:
             if event.client is not None:
-                switch.cancel()
+                switcher.cancel()
 
     def show(self, first: bool) -> None:
         """Called by the main loop; `first` where there is no session to go back to."""
-        progress, refusal = self._switch.progress, self._switch.refusal
+        progress, refusal = self._switcher.progress, self._switcher.refusal
         text, share = ("", 0) if progress is None else (progress.text, round(100 * progress.done))
-        if (told := (self._switch.title, text, share, refusal, first)) == self._told:
+        if (told := (self._switcher.title, text, share, refusal, first)) == self._told:
             return
         self._told, busy = told, progress is not None
-        self.line.content = html.waiting(self._switch.title, text) if busy else html.complaint(refusal)
+        self.line.content = html.waiting(self._switcher.title, text) if busy else html.complaint(refusal)
         self.line.visible = busy or bool(refusal)
         self.bar.value, self.bar.visible = float(share), busy
         self.button.label, self.button.visible = "Cancel" if busy else "Close", self.line.visible and not first

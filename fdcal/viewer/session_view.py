@@ -33,9 +33,9 @@ from .background.cost_maps import Map, MapRequest, Maps
 from .background.exports import Exports, Moment
 from .background.prepare import Work
 from .background.uncertainty import Errors, Spreads
-from .gui.binding import Choices, Desk
-from .gui.layout import Rooms
-from .main_panel import Controls
+from .gui.binding import Binding, Choices
+from .gui.layout import SessionFolders
+from .main_panel import MainPanel
 from .scene3d.nodes import Stage
 from .scene3d.picking import Hands
 from .side_panel import SidePanel
@@ -60,42 +60,37 @@ class Viewer:
         self,
         server: viser.ViserServer,
         work: Work,
-        rooms: Rooms,
+        folders: SessionFolders,
         stage: Stage,
         open_other: Callable[[Opening], None] = lambda opening: None,
         before: Choices | None = None,
         hasten: Callable[[], None] = lambda: None,
     ):
-        self._work, self._stage, self._rooms = work, stage, rooms
+        self._work, self._stage, self._folders = work, stage, folders
         modes = most_modes(work)
-        self.desk = Desk(rooms.gui, work, modes, open_other, before, hasten)
+        self.binding = Binding(folders.gui, work, modes, open_other, before, hasten)
         self._still: dict[bool, Picture] = {}
         self._veiled: tuple = (None, 1.0, None)  # a map, the opacity it is shown with, and the map with that
         self._fault, self._fault_time = "", 0.0
-        self._followed = self.desk.choices.microphone
+        self._followed = self.binding.choices.microphone
         self._turn, self._state = 0, work.session.view.state
         self._key: tuple = ()  # of what is drawn
         self._drawable = framed(work.measurement, np.asarray(work.session.view.history[0].positions))
-        picture = self._compose(self._state, self.desk.choices, self._followed, None)
-        self._drawn = Moment(work, picture, work.session.view, self.desk.choices, self._followed, None)
-        self._controls = Controls(self._rooms, self.desk, stage.cameras.ask, self._export)
+        picture = self._compose(self._state, self.binding.choices, self._followed, None)
+        self.snapshot = Moment(work, picture, work.session.view, self.binding.choices, self._followed, None)
+        self.main_panel = MainPanel(self._folders, self.binding, stage.cameras.ask, self._export)
         self._races = Races(work)
-        self._side = SidePanel(self._rooms, self.desk, work.problem, self._controls.map, self._races)
+        self.side_panel = SidePanel(self._folders, self.binding, work.problem, self.main_panel.map, self._races)
         self._maps, self._spreads = Maps(work, hasten), Spreads(work)  # threads last: what is above may refuse
         self._exports = Exports()
-        stage.show(self._drawn.picture)
-        name = f"/hands/{rooms.number}"
-        self._hands = Hands(server, self.desk, self._drawn.picture, self._controls.map.pick, name)
-
-    @property
-    def controls(self) -> Controls:
-        """The main panel's parts of this session."""
-        return self._controls
+        stage.show(self.snapshot.picture)
+        name = f"/hands/{folders.number}"
+        self._hands = Hands(server, self.binding, self.snapshot.picture, self.main_panel.map.pick, name)
 
     @property
     def picture(self) -> Picture:
         """What is on the screen."""
-        return self._drawn.picture
+        return self.snapshot.picture
 
     def redraw(self) -> None:
         """Draw everything anew with the next tick."""
@@ -108,12 +103,12 @@ class Viewer:
     def take_down(self) -> None:
         """Take away what the panels show of this session; in the scene another one takes its place."""
         self._hands.remove()
-        self._rooms.remove()
+        self._folders.remove()
 
     def close(self, timeout: float = 1.0) -> None:
         """End the threads after what they are at; all together in no more than `timeout`, s."""
         owners, end = (
-            (self._maps, self._spreads, self._races, self._side.side_by_side, self._work.session),
+            (self._maps, self._spreads, self._races, self.side_panel.side_by_side, self._work.session),
             time.perf_counter() + timeout,
         )
         if self._work.rehearsal is not None:
@@ -133,14 +128,14 @@ class Viewer:
                 log.exception("the page could not be brought up to date")
             self._fault, self._fault_time = text, now
             with contextlib.suppress(Exception):
-                self._controls.bar.report(self._work.session.view, text)
+                self.main_panel.bar.report(self._work.session.view, text)
         else:
             if now - self._fault_time > FAULT_SHOWN:
                 self._fault = ""
 
     def tick(self, now: float) -> None:
         """Bring the screen up to date once."""
-        view, choices = self._work.session.view, self.desk.choices
+        view, choices = self._work.session.view, self.binding.choices
         if view.state is not self._state:
             self._turn, self._state = self._turn + 1, view.state
         follow = choices.follow and view.running and choices.shown
@@ -154,21 +149,21 @@ class Viewer:
         floor = self._seen_through(drawn.floor, choices.look.opacity) if drawn else None
         errors = self._spreads.of(view.state, view.running, now)
         runners = self._races.turn(now)
-        marked = self._side.race.marked(runners)
+        marked = self.side_panel.race.marked(runners)
         if self._key != (key := (self._turn, choices, self._followed, id(floor), id(errors), id(marked))):
             picture = self._compose(view.state, choices, self._followed, floor)
             picture = self._trace(picture, view, choices, floor, errors)
             placed = {runner.name: runner.positions for runner in marked}
             picture = with_racers(picture, placed, self._work.problem.free, floor)
             sigma = None if errors is None else errors.sigma
-            self._drawn = Moment(self._work, picture, view, choices, self._followed, sigma)
-            self._stage.show(self._drawn.picture)
+            self.snapshot = Moment(self._work, picture, view, choices, self._followed, sigma)
+            self._stage.show(self.snapshot.picture)
             self._hands.show(view.state.positions, floor)
             self._key = key
         compiling = self._work.rehearsal.text if self._work.rehearsal else ""
-        self._controls.show(view, self._followed, drawn, trouble, self._fault, compiling)
-        self._side.show(view, drawn, self._followed, errors, now)
-        self._side.race.show(runners, now)
+        self.main_panel.show(view, self._followed, drawn, trouble, self._fault, compiling)
+        self.side_panel.show(view, drawn, self._followed, errors, now)
+        self.side_panel.race.show(runners, now)
 
     def _map(self, view, choices: Choices, follow: bool, now: float) -> tuple[Map | None, str]:
         """The map to show, and why there is none."""
@@ -210,4 +205,4 @@ class Viewer:
 
     def _export(self, client: viser.ClientHandle, kind: str) -> None:
         """On viser's loop: a file of what is drawn now."""
-        self._exports.ask(client, kind, replace(self._drawn, choices=self.desk.choices))
+        self._exports.ask(client, kind, replace(self.snapshot, choices=self.binding.choices))

@@ -11,11 +11,11 @@ from .background.cost_maps import Map
 from .background.map_grid import SideBySide
 from .background.uncertainty import Errors
 from .gui import html
-from .gui.binding import Desk
-from .gui.layout import Rooms
+from .gui.binding import Binding
+from .gui.layout import SessionFolders
 from .gui.plots import Curves
-from .tabs.comparison import RaceTab
-from .tabs.error_by_distance import Reach
+from .tabs.comparison import ComparisonTab
+from .tabs.error_by_distance import ErrorByDistance
 from .tabs.map import MapTab
 from .tabs.modes import ModesTab
 
@@ -25,29 +25,29 @@ INTERVAL = 0.2  # s between two tables
 class SidePanel:
     """Owns the panel's tabs."""
 
-    def __init__(self, rooms: Rooms, desk: Desk, problem: Problem, map_tab: MapTab, races: Races):
-        self._desk, self._tabled, self._panels = desk, -1e9, None
-        gui = desk.gui
-        with rooms.at("Curves"):
+    def __init__(self, folders: SessionFolders, binding: Binding, problem: Problem, map_tab: MapTab, races: Races):
+        self._binding, self._tabled, self._panels = binding, -1e9, None
+        gui = binding.gui
+        with folders.at("Curves"):
             gui.add_html(html.legend())
-            self.curves = Curves(gui, desk.measurement)
-        with rooms.at("Maps"):
+            self.curves = Curves(gui, binding.measurement)
+        with folders.at("Maps"):
             self.caption = gui.add_html(html.panels_caption(None))
             self.shared = gui.add_checkbox(
-                "One scale for all", desk.choices.look.shared, hint="Otherwise each map has its own"
+                "One scale for all", binding.choices.look.shared, hint="Otherwise each map has its own"
             )
             self.image = gui.add_image(np.full((8, 8, 3), 128, np.uint8), format="jpeg", jpeg_quality=92)
             self.image.visible = False
-        with rooms.at("Modes"):
-            self.modes = ModesTab(desk, problem, map_tab)
-        with rooms.at("Mics"):
-            self.reach = Reach(gui, desk.measurement)
+        with folders.at("Modes"):
+            self.modes = ModesTab(binding, problem, map_tab)
+        with folders.at("Mics"):
+            self.reach = ErrorByDistance(gui, binding.measurement)
             self.table = gui.add_html("")
-        with rooms.at("Race"):
-            self.race = RaceTab(desk, races)
-        self.side_by_side = SideBySide(desk.work)
+        with folders.at("Race"):
+            self.race = ComparisonTab(binding, races)
+        self.side_by_side = SideBySide(binding.work)
         self._table_key: tuple = ()
-        desk.on(self.shared, lambda value: desk.look(shared=bool(value)))
+        binding.on(self.shared, lambda value: binding.look(shared=bool(value)))
 
     def show(self, view: SessionView, drawn: Map | None, microphone: int, errors: Errors | None, now: float) -> None:
         """Called by the main loop."""
@@ -62,8 +62,8 @@ class SidePanel:
         if key != self._table_key and now - self._tabled > INTERVAL:
             self._table_key, self._tabled = key, now
             sigma = None if errors is None else errors.sigma
-            text = html.table(self._desk.measurement, np.asarray(state.positions), sigma, microphone)
-            self._desk.tell("table", text, self.table, "content")
+            text = html.table(self._binding.measurement, np.asarray(state.positions), sigma, microphone)
+            self._binding.send("table", text, self.table, "content")
 
     def _show_panels(self, drawn: Map | None, now: float) -> None:
         panels = self.side_by_side.of(drawn, now)
@@ -73,4 +73,4 @@ class SidePanel:
         self.image.visible = panels is not None
         if panels is not None:
             self.image.image = panels
-        self._desk.tell("caption", html.panels_caption(drawn), self.caption, "content")
+        self._binding.send("caption", html.panels_caption(drawn), self.caption, "content")

@@ -12,9 +12,9 @@ from fdcal.model.scene import load_scene
 from fdcal.session.request import Opening
 from fdcal.viewer import session_view
 from fdcal.viewer.background import cost_maps, prepare
-from fdcal.viewer.gui.binding import Desk
-from fdcal.viewer.gui.layout import Frame, Rooms
-from fdcal.viewer.main_panel import Controls
+from fdcal.viewer.gui.binding import Binding
+from fdcal.viewer.gui.layout import Panels, SessionFolders
+from fdcal.viewer.main_panel import MainPanel
 from fdcal.viewer.page import Page
 from fdcal.viewer.scene3d.nodes import Stage
 from fdcal.viewer.server import hardening
@@ -55,10 +55,10 @@ def work(scene, measurement):
 
 @pytest.fixture
 def controls(server, work):
-    rooms, opened = Rooms(Frame(server.gui)), []
+    folders, opened = SessionFolders(Panels(server.gui)), []
     work.session.opened = opened
-    desk = Desk(server.gui, work, 6, opened.append)
-    yield Controls(rooms, desk, lambda *_: None, lambda *_: None), work.session
+    binding = Binding(server.gui, work, 6, opened.append)
+    yield MainPanel(folders, binding, lambda *_: None, lambda *_: None), work.session
     server.gui.reset()
 
 
@@ -67,7 +67,7 @@ def viewer(server, work, monkeypatch):
     """A page without a browser, ticked by the test."""
     monkeypatch.setattr(session_view, "usable_modes", lambda *_: 6)
     monkeypatch.setattr(cost_maps, "STILL", np.inf)  # no fine maps, which would go through the gate, too
-    made = session_view.Viewer(server, work, Rooms(Frame(server.gui)), Stage(server))
+    made = session_view.Viewer(server, work, SessionFolders(Panels(server.gui)), Stage(server))
     yield made
     work.solver.gate.release(99)
     made.close()

@@ -5,7 +5,7 @@ import dataclasses
 from pretend import JUNK, State, say, view_of
 
 from fdcal.viewer.background import exports
-from fdcal.viewer.gui.binding import NOTHING, Desk
+from fdcal.viewer.gui.binding import NOTHING, Binding
 from fdcal.viewer.tabs import map, modes
 
 
@@ -27,20 +27,20 @@ def test_controls_that_mean_nothing_are_not_shown(controls):
 
 
 def test_a_mode_that_is_chosen_brings_the_map_back(server, work):
-    desk = Desk(server.gui, work, 6)
-    map_ = map.MapTab(desk)
-    tab = modes.ModesTab(desk, work.problem, map_)
+    binding = Binding(server.gui, work, 6)
+    map_ = map.MapTab(binding)
+    tab = modes.ModesTab(binding, work.problem, map_)
     for act in (lambda: say(tab.high, 4), lambda: tab.press("○5")):
         say(map_.kind, NOTHING)
-        assert not desk.choices.shown
+        assert not binding.choices.shown
         act()
-        assert desk.choices.shown and map_.kind.value != NOTHING
+        assert binding.choices.shown and map_.kind.value != NOTHING
     server.gui.reset()
 
 
 def test_without_bounds_there_is_no_map_and_no_control_of_one(server, work):
     unbounded = dataclasses.replace(work, problem=dataclasses.replace(work.problem, search=None))
-    map_ = map.MapTab(Desk(server.gui, unbounded, 6))
+    map_ = map.MapTab(Binding(server.gui, unbounded, 6))
     assert not any(handle.visible for handle in (map_.kind, map_.which, map_.upto, map_.scale, map_.opacity))
     map_.show(3, None, "")
     assert "search domain" in map_.bar.content
@@ -83,10 +83,10 @@ def test_a_microphone_chosen_by_hand_is_stayed_with(controls):
 def test_callbacks_leave_what_the_main_loop_has_sent_alone(controls):
     panel, session = controls
     panel.show(session.view, 3, None, "")
-    before = dict(panel.desk.shown)
+    before = dict(panel.binding.sent)
     say(panel.map.microphone, 7)
     say(panel.map.follow, True)
-    assert panel.desk.shown == before and panel.choices.microphone == 7
+    assert panel.binding.sent == before and panel.choices.microphone == 7
     panel.show(session.view, 5, None, "")
     assert panel.map.microphone.value == 5
 

@@ -27,7 +27,7 @@ def test_a_file_tells_of_the_picture_drawn(viewer, monkeypatch):
 @pytest.mark.parametrize("name", ["../../etc/passwd", 'a"b\r\n.exe', "<script>", "", "ü" * 300])
 def test_the_name_of_a_file_is_a_name(viewer, name):
     work = dataclasses.replace(viewer._work, scene=dataclasses.replace(viewer._work.scene, name=name))
-    found = exports.file_name(dataclasses.replace(viewer._drawn, work=work), exports.KINDS[exports.PICTURE])
+    found = exports.file_name(dataclasses.replace(viewer.snapshot, work=work), exports.KINDS[exports.PICTURE])
     assert re.fullmatch(r"fdcal-[A-Za-z0-9_-]{1,60}-step-0\.png", found)
 
 

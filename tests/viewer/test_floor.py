@@ -7,7 +7,7 @@ from browsing import WAIT
 from pretend import State, say, view_of
 
 from fdcal.session.history import History
-from fdcal.viewer.gui.binding import Desk
+from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.tabs import map
 
 
@@ -20,25 +20,25 @@ def mapped(viewer):
 
 
 def shown(viewer):
-    floor, search = viewer._drawn.picture.floor, viewer._work.measurement.search
+    floor, search = viewer.snapshot.picture.floor, viewer._work.measurement.search
     return None if floor is None else round((floor.minimum[0] - search.origin[0]) / search.step)
 
 
 def test_a_map_stands_under_its_own_microphone_only(viewer):
     viewer.tick(0.0)
     assert shown(viewer) is None and mapped(viewer) == 3
-    say(viewer._controls.map.microphone, 7)
+    say(viewer.main_panel.map.microphone, 7)
     viewer.tick(0.0)
     assert shown(viewer) is None, "the map of microphone 3 stands under microphone 7"
-    assert not any("map" in solid.name for solid in viewer._drawn.picture.solids), "its diamond, too"
+    assert not any("map" in solid.name for solid in viewer.snapshot.picture.solids), "its diamond, too"
     assert mapped(viewer) == 7
-    viewer._controls.map.choose_modes([2])
+    viewer.main_panel.map.choose_modes([2])
     viewer.tick(0.0)
     assert shown(viewer) is None and mapped(viewer) == 7
 
 
 def test_maps_stand_side_by_side_and_are_drawn_anew_as_the_look_changes(viewer):
-    side = viewer._side.side_by_side
+    side = viewer.side_panel.side_by_side
 
     def drawn():
         return side._worker.wait_for(lambda _: not side._worker.busy, WAIT)
@@ -46,16 +46,16 @@ def test_maps_stand_side_by_side_and_are_drawn_anew_as_the_look_changes(viewer):
     viewer.tick(0.0)
     assert side.of(None, 0.0) is None and mapped(viewer) == 3 and drawn()
     viewer.tick(2e9)
-    first = viewer._side.image
+    first = viewer.side_panel.image
     assert first.visible and first.image.ndim == 3
     light = first.image
-    say(viewer._controls.dark, True)
+    say(viewer.main_panel.dark, True)
     viewer.tick(3e9)
     mapped(viewer)
     viewer.tick(4e9)
     assert drawn()
     viewer.tick(5e9)
-    assert viewer._side.image.image is not light and viewer._side.image.image.shape == light.shape
+    assert viewer.side_panel.image.image is not light and viewer.side_panel.image.image.shape == light.shape
 
 
 def test_opacity_takes_no_new_map(viewer):
@@ -63,7 +63,7 @@ def test_opacity_takes_no_new_map(viewer):
     viewer.tick(0.0)
     assert mapped(viewer) == 3
     before = viewer.picture.floor
-    say(viewer._controls.map.opacity, 40)
+    say(viewer.main_panel.map.opacity, 40)
     viewer.tick(1.0)
     assert viewer.picture.floor.opacity == 0.4 and viewer.picture.floor.rgb is before.rgb
     assert not viewer._maps.busy
@@ -77,7 +77,7 @@ def test_a_running_solver_draws_the_costs_it_has_in_another_scale(viewer):
     states = [session.view.state, State(positions + 0.01, 1)]
     history = History(states, 2, session.view.history.lineage)
     session.view = dataclasses.replace(session.view, state=states[1], index=1, count=2, history=history, running=True)
-    say(viewer._controls.map.scale, "Linear")
+    say(viewer.main_panel.map.scale, "Linear")
     ready = viewer._maps._worker.latest.ended
     viewer.tick(ready)
     assert viewer._maps._worker.wait_for(lambda latest: not latest.request[0].look.log, WAIT)
@@ -87,8 +87,8 @@ def test_a_running_solver_draws_the_costs_it_has_in_another_scale(viewer):
 
 def test_a_hand_has_the_solver_wait_and_the_page_hurry(server, work):
     rung = []
-    desk = Desk(server.gui, work, 6, hasten=lambda: rung.append(True))
-    tab = map.MapTab(desk)
+    binding = Binding(server.gui, work, 6, hasten=lambda: rung.append(True))
+    tab = map.MapTab(binding)
     say(tab.opacity, 50)
     assert work.session.ways == 1 and rung
     say(tab.opacity, 60, client=False)
@@ -136,8 +136,8 @@ def test_a_fault_of_the_page_is_told_and_it_goes_on(viewer, monkeypatch, caplog)
     monkeypatch.setattr(viewer._stage, "show", lambda picture: 1 / 0)
     for now in (1.0, 1.1, 1.2):
         viewer.guarded_tick(now)
-    assert len(caplog.records) == 1 and "ZeroDivisionError" in viewer._controls.bar.status.content
+    assert len(caplog.records) == 1 and "ZeroDivisionError" in viewer.main_panel.bar.status.content
     monkeypatch.undo()
     for now in (2.0, 20.0, 20.1):
         viewer.guarded_tick(now)
-    assert "ZeroDivisionError" not in viewer._controls.bar.status.content
+    assert "ZeroDivisionError" not in viewer.main_panel.bar.status.content

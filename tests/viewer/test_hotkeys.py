@@ -36,13 +36,13 @@ def page():
     notes = []
     look = SimpleNamespace(log=True, dark=False)
     view = SimpleNamespace(index=4, state=SimpleNamespace(first=1, last=3))
-    desk = SimpleNamespace(
+    binding = SimpleNamespace(
         choices=SimpleNamespace(modes=None, look=look, trails=True), modes=20,
         measurement=SimpleNamespace(count=16), session=Noted(notes, "session", view=view),
     )  # fmt: skip
     handles = {"microphone": SimpleNamespace(value=15), "kind": SimpleNamespace(value=KINDS[-1])}
-    controls = Noted(notes, desk=desk, map=Noted(notes, "map", **handles))
-    return Noted(notes, viewer=SimpleNamespace(controls=controls)), notes
+    controls = Noted(notes, binding=binding, map=Noted(notes, "map", **handles))
+    return Noted(notes, viewer=SimpleNamespace(main_panel=controls)), notes
 
 
 @pytest.fixture
@@ -97,7 +97,7 @@ def test_a_key_does_what_its_button_does(page, keyboard, key, modifier, done):
 
 
 def test_modes_of_the_map_stay_within_those_there_are(page, keyboard):
-    choices = page[0].viewer.controls.desk.choices
+    choices = page[0].viewer.main_panel.binding.choices
     choices.modes = (20,)
     keyboard("O")
     choices.modes = (1,)

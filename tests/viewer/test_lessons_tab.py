@@ -7,10 +7,10 @@ import pytest
 from fdcal.model.scene import load_scene
 from fdcal.session.lesson import Lesson, Setting, Step, load_lesson
 from fdcal.viewer.gui import lesson_html
-from fdcal.viewer.gui.layout import Frame
+from fdcal.viewer.gui.layout import Panels
 from fdcal.viewer.lesson_step import carry_out
 from fdcal.viewer.server.hardening import open_server
-from fdcal.viewer.tabs.lessons import AGAIN, BACK, NEXT, NONE, Lessons
+from fdcal.viewer.tabs.lessons import AGAIN, BACK, NEXT, NONE, LessonsTab
 
 EVIL = "<script>alert(1)</script>"
 
@@ -40,8 +40,8 @@ def controls():
         view=SimpleNamespace(state=state(4, 9, False), history=[state()]),
         **{name: Noted(notes, name) for name in ("reset", "use_modes", "play", "step", "sweep", "stage")},
     )
-    desk = SimpleNamespace(session=session, modes=20, work=SimpleNamespace(scene=load_scene("tiny"), opening=None))
-    return SimpleNamespace(desk=desk, map=Noted(notes, "map"), draw=Noted(notes, "draw")), notes
+    binding = SimpleNamespace(session=session, modes=20, work=SimpleNamespace(scene=load_scene("tiny"), opening=None))
+    return SimpleNamespace(binding=binding, map=Noted(notes, "map"), draw=Noted(notes, "draw")), notes
 
 
 def test_a_setting_is_carried_out_in_the_order_that_is_told(controls):
@@ -96,12 +96,12 @@ def page(server, controls):
     made, notes = controls
     opened = []
     place = SimpleNamespace(cameras=SimpleNamespace(place_all=lambda view: notes.append(("view", view))))
-    page = SimpleNamespace(frame=Frame(server.gui), viewer=None, open=opened.append, stage=place, opened=opened)
-    page.switch = SimpleNamespace(idle=False)
+    page = SimpleNamespace(panels=Panels(server.gui), viewer=None, open=opened.append, stage=place, opened=opened)
+    page.switcher = SimpleNamespace(idle=False)
 
     def ready():
-        made.desk.work = SimpleNamespace(scene=opened[-1].scene, opening=opened[-1])
-        page.viewer = SimpleNamespace(desk=made.desk, controls=made)
+        made.binding.work = SimpleNamespace(scene=opened[-1].scene, opening=opened[-1])
+        page.viewer = SimpleNamespace(binding=made.binding, main_panel=made)
 
     page.ready, page.notes = ready, notes
     yield page
@@ -113,7 +113,7 @@ def told(lessons):
 
 
 def test_a_lesson_goes_from_its_start_to_the_reveal(page):
-    lessons = Lessons(page, [load_lesson("3_too_many_too_soon")])
+    lessons = LessonsTab(page, [load_lesson("3_too_many_too_soon")])
     assert not lessons.answers.visible and not lessons.ways.visible
     lessons.take("3. Too many too soon")
     assert "Step 1 of 3" in told(lessons) and "being prepared" in told(lessons)
@@ -143,9 +143,9 @@ def test_a_lesson_goes_from_its_start_to_the_reveal(page):
 
 
 def test_a_scene_that_is_refused_is_not_waited_for(page):
-    lessons = Lessons(page, [load_lesson("3_too_many_too_soon")])
+    lessons = LessonsTab(page, [load_lesson("3_too_many_too_soon")])
     lessons.take("3. Too many too soon")
-    page.switch.idle = True
+    page.switcher.idle = True
     lessons.show()
     assert lessons.answers.visible and "being prepared" not in told(lessons)
     page.ready()
@@ -154,7 +154,7 @@ def test_a_scene_that_is_refused_is_not_waited_for(page):
 
 
 def test_an_answer_before_the_scene_is_there_loses_nothing(page):
-    lessons = Lessons(page, [load_lesson("5_corner_or_centre")])
+    lessons = LessonsTab(page, [load_lesson("5_corner_or_centre")])
     lessons.take("5. Corner or centre")
     lessons.answer("B")
     page.ready()
@@ -164,7 +164,7 @@ def test_an_answer_before_the_scene_is_there_loses_nothing(page):
 
 
 def test_a_right_answer_is_told_so(page):
-    lessons = Lessons(page, [load_lesson("3_too_many_too_soon")])
+    lessons = LessonsTab(page, [load_lesson("3_too_many_too_soon")])
     lessons.take("3. Too many too soon")
     page.ready()
     lessons.show()
@@ -173,11 +173,11 @@ def test_a_right_answer_is_told_so(page):
 
 
 def test_whoever_changed_the_scene_gets_the_lesson_s_back(page):
-    lessons = Lessons(page, [load_lesson("4_frozen_grid")])
+    lessons = LessonsTab(page, [load_lesson("4_frozen_grid")])
     lessons.take("4. Why the grid freezes")
     page.ready()
     lessons.show()
-    page.viewer.desk.work = SimpleNamespace(scene=load_scene("tiny"), opening=None)
+    page.viewer.binding.work = SimpleNamespace(scene=load_scene("tiny"), opening=None)
     lessons.go(NEXT)
     assert len(page.opened) == 2 and page.opened[1].scene == page.opened[0].scene
     assert page.opened[1].scene.solver.name == "descent"
@@ -185,7 +185,7 @@ def test_whoever_changed_the_scene_gets_the_lesson_s_back(page):
 
 @pytest.mark.parametrize("junk", ["", "Z", "AB", "Next ", None, 7, EVIL, "a" * 300])
 def test_junk_moves_nothing(page, junk):
-    lessons = Lessons(page, [load_lesson("3_too_many_too_soon")])
+    lessons = LessonsTab(page, [load_lesson("3_too_many_too_soon")])
     lessons.answer(junk), lessons.go(junk)
     lessons.take("3. Too many too soon")
     before = lessons.place
@@ -197,7 +197,7 @@ def test_junk_moves_nothing(page, junk):
 
 def test_what_cannot_be_set_is_told_and_the_page_lives(page):
     steps = (Step("Look.", page=Setting(scene="tiny", modes="1-99")),)
-    lessons = Lessons(page, [Lesson("Mine", steps)])
+    lessons = LessonsTab(page, [Lesson("Mine", steps)])
     lessons.take("Mine")
     page.ready()
     lessons.show()

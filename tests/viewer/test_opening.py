@@ -31,7 +31,7 @@ def test_the_page_tells_how_far_the_simulation_is(page_of, scene, monkeypatch, c
     def slow(scene, progress):
         progress(0.4)
         for _ in range(600):
-            if "40 %" in page.notice.line.content and page.notice.bar.value == 40:
+            if "40 %" in page.status_bar.line.content and page.status_bar.bar.value == 40:
                 raise InputError("scene.key = 1 is wrong; mend it")
             time.sleep(0.02)
 
@@ -67,9 +67,9 @@ def test_a_solver_that_begins_with_all_microphones_in_one_place_has_a_page(page_
     turn_until(lambda: page.viewer is not None)
     for _ in range(3):
         page.turn(time.perf_counter())
-    assert np.ptp(page.desk.session.view.state.positions, axis=0).max() == 0
+    assert np.ptp(page.binding.session.view.state.positions, axis=0).max() == 0
     assert page.viewer._fault == ""
-    assert "all are in one place" in page.viewer._side.modes.text.content
+    assert "all are in one place" in page.viewer.side_panel.modes.text.content
 
 
 def test_what_the_cache_holds_is_shown_at_once(server, scene):
@@ -87,19 +87,19 @@ def test_another_scene_takes_the_place_of_the_first(page_of, scene):
     page, turn_until = page_of
     page.open(Opening(scene))
     turn_until(lambda: page.viewer is not None)
-    first, tabs = page.desk, dict(page.frame._tabs)
+    first, tabs = page.binding, dict(page.panels._tabs)
     first.look(dark=True, log=False)
     first.choose(trails=True)
     page.open(Opening(edited(scene, {"solver.name": "descent"}), start_seed=5, choices={"microphone": 9, "modes": [2]}))
-    assert page.desk is first
-    turn_until(lambda: page.desk is not first)
-    choices, session = page.desk.choices, page.desk.session
+    assert page.binding is first
+    turn_until(lambda: page.binding is not first)
+    choices, session = page.binding.choices, page.binding.session
     assert choices.look.dark and not choices.look.log and choices.trails
     assert choices.microphone == 9 and choices.modes == (2,) and session.view.state.seed == 5
-    assert page.frame._tabs == tabs and page.viewer._controls.map.microphone.value == 9
+    assert page.panels._tabs == tabs and page.viewer.main_panel.map.microphone.value == 9
     assert not first.session._thread.is_alive() and session._thread.is_alive()
     session.step()
-    turn_until(lambda: "step 1," in page.viewer._controls.bar.status.content)
+    turn_until(lambda: "step 1," in page.viewer.main_panel.bar.status.content)
 
 
 @pytest.mark.parametrize(
@@ -115,23 +115,23 @@ def test_what_cannot_be_opened_is_told_and_the_old_one_stays(page_of, scene, cha
     page, turn_until = page_of
     page.open(Opening(scene))
     turn_until(lambda: page.viewer is not None)
-    before = page.desk
+    before = page.binding
     page.open(Opening(edited(scene, changes), choices=choices))
-    turn_until(lambda: page.switch.refusal)
+    turn_until(lambda: page.switcher.refusal)
     page.turn(0.0)
-    assert page.desk is before and told in page.notice.line.content and page.notice.button.label == "Close"
+    assert page.binding is before and told in page.status_bar.line.content and page.status_bar.button.label == "Close"
     before.session.step()
-    turn_until(lambda: "step 1," in page.viewer._controls.bar.status.content)
-    page.switch.cancel()
+    turn_until(lambda: "step 1," in page.viewer.main_panel.bar.status.content)
+    page.switcher.cancel()
     page.turn(0.0)
-    assert not page.notice.line.visible and not page.notice.button.visible
+    assert not page.status_bar.line.visible and not page.status_bar.button.visible
 
 
 def test_cancel_keeps_the_old_session(page_of, scene, monkeypatch):
     page, turn_until = page_of
     page.open(Opening(scene))
     turn_until(lambda: page.viewer is not None)
-    before, ended = page.desk, threading.Event()
+    before, ended = page.binding, threading.Event()
 
     def endless(scene, progress):
         try:
@@ -143,13 +143,13 @@ def test_cancel_keeps_the_old_session(page_of, scene, monkeypatch):
 
     monkeypatch.setattr(preparing, "cached_measurement", endless)
     page.open(Opening(scene))
-    turn_until(lambda: "10 %" in page.notice.line.content)
-    assert page.notice.button.label == "Cancel" and page.notice.button.visible
-    event = SimpleNamespace(client=object(), target=page.notice.button)
-    for callback in page.notice.button._impl.update_cb:
+    turn_until(lambda: "10 %" in page.status_bar.line.content)
+    assert page.status_bar.button.label == "Cancel" and page.status_bar.button.visible
+    event = SimpleNamespace(client=object(), target=page.status_bar.button)
+    for callback in page.status_bar.button._impl.update_cb:
         finish(callback(event))
-    turn_until(lambda: page.switch.progress is None)
-    assert ended.wait(WAIT) and page.desk is before and not page.notice.line.visible
+    turn_until(lambda: page.switcher.progress is None)
+    assert ended.wait(WAIT) and page.binding is before and not page.status_bar.line.visible
 
 
 def test_a_session_goes_on_from_states_given(page_of, scene):
@@ -160,33 +160,33 @@ def test_a_session_goes_on_from_states_given(page_of, scene):
         states.append(joint.step(problem, states[-1]))
     page.open(Opening(scene, states=tuple(states), index=2))
     turn_until(lambda: page.viewer is not None)
-    view = page.desk.session.view
+    view = page.binding.session.view
     assert (view.count, view.index) == (4, 2) and list(view.history) == states
-    page.desk.session.step()
-    assert page.desk.session.wait_for(lambda view: view.count == 4 and view.index == 3, WAIT)
+    page.binding.session.step()
+    assert page.binding.session.wait_for(lambda view: view.count == 4 and view.index == 3, WAIT)
 
 
 def test_a_session_saved_is_opened_where_it_was_left(page_of, scene, tmp_path):
     page, turn_until = page_of
     page.open(Opening(edited(scene, {"solver.name": "descent"}), start_seed=3))
     turn_until(lambda: page.viewer is not None)
-    first = page.desk
+    first = page.binding
     first.session.sweep()
     assert first.session.wait_for(lambda view: view.count == 14 and not view.running, WAIT)
     first.session.seek(5)
     assert first.session.wait_for(lambda view: view.index == 5, WAIT)
     first.choose(microphone=9, follow=False, modes=(2, 4), trails=True)
     first.look(dark=True, log=False, opacity=0.4)
-    turn_until(lambda: page.viewer._drawn.view.index == 5)
-    moment = dataclasses.replace(page.viewer._drawn, choices=first.choices)
+    turn_until(lambda: page.viewer.snapshot.view.index == 5)
+    moment = dataclasses.replace(page.viewer.snapshot, choices=first.choices)
     path = tmp_path / "left.zip"
     path.write_bytes(exports.KINDS["Session (ZIP)"].make(moment))
     page.open(session_file.read(path))
-    turn_until(lambda: page.desk is not first)
-    again, view = page.desk, page.desk.session.view
+    turn_until(lambda: page.binding is not first)
+    again, view = page.binding, page.binding.session.view
     assert exports.choices_told(again.choices) == exports.choices_told(first.choices)
     assert (view.index, view.count, again.choices.seed) == (5, 14, 3)
-    panel = page.viewer._controls
+    panel = page.viewer.main_panel
     assert panel.dark.value and panel.map.microphone.value == 9 and panel.trails.value
     again.session.step()
     assert again.session.wait_for(lambda view: view.index == 6, WAIT)

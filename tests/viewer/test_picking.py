@@ -17,11 +17,11 @@ SEARCH = Search(origin=(1.0, 2.0), size=(0.4, 0.4), step=0.1, radius=1.0)
 def hands():
     placed, picked = [], []
     session = SimpleNamespace(place=lambda *arguments: placed.append(arguments))
-    desk = SimpleNamespace(session=session, measurement=SimpleNamespace(count=5, search=SEARCH))
+    binding = SimpleNamespace(session=session, measurement=SimpleNamespace(count=5, search=SEARCH))
     disc = SimpleNamespace(on_click=lambda call: call, on_drag=lambda _: lambda call: call)
     server = SimpleNamespace(scene=SimpleNamespace(add_batched_meshes_simple=lambda *_, **__: disc))
     picture = SimpleNamespace(marker=0.01, heights=(0.0, 0.0), focus=(0.95, 1.95, 1.45, 2.45))
-    made = Hands(server, desk, picture, picked.append)
+    made = Hands(server, binding, picture, picked.append)
     return made, placed
 
 

@@ -9,7 +9,7 @@ from pretend import State, say, view_of
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.assessment.verdict import highest_frequency
 from fdcal.viewer.gui import plots
-from fdcal.viewer.gui.binding import Desk
+from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.tabs import map, modes
 
 
@@ -95,15 +95,15 @@ def test_modes_slide_into_the_map_and_out_of_it(server, scene, measurement, hear
         spectrum = np.stack([np.linspace(50, 350, 2000), 1 + np.cos(np.linspace(50, 350, 2000)) ** 2])
         work = dataclasses.replace(work, measurement=dataclasses.replace(measurement, spectrum=spectrum))
         assert kept[0] > 50
-    desk = Desk(server.gui, work, 6)
-    map_ = map.MapTab(desk)
-    tab = modes.ModesTab(desk, work.problem, map_)
+    binding = Binding(server.gui, work, 6)
+    map_ = map.MapTab(binding)
+    tab = modes.ModesTab(binding, work.problem, map_)
     say(tab.high, 4)
-    assert desk.choices.modes == (1, 2, 3, 4)
+    assert binding.choices.modes == (1, 2, 3, 4)
     say(tab.low, 3)
-    assert desk.choices.modes == (3, 4)
+    assert binding.choices.modes == (3, 4)
     say(tab.high, 2)
-    assert desk.choices.modes == (2,)
+    assert binding.choices.modes == (2,)
     tab.show(work.session.view, 0.0)
     data = tab.plot.data
     assert len({len(column) for column in data}) == 1 and all(np.isfinite(column).all() for column in data)
@@ -120,5 +120,5 @@ def test_modes_slide_into_the_map_and_out_of_it(server, scene, measurement, hear
     inner = tab._data((1,), 200.0)
     assert np.array_equal(inner[0][inner[-1] > low], [200.0]) and len({len(column) for column in inner}) == 1
     say(tab.own, True)
-    assert desk.choices.modes is None
+    assert binding.choices.modes is None
     server.gui.reset()

@@ -8,7 +8,7 @@ from pretend import say
 from fdcal.model.measured_scene import stand_in
 from fdcal.model.scene import load_scene
 from fdcal.session.scene_edits import knobs_of
-from fdcal.viewer.gui.binding import Desk
+from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.tabs import scene as scenetab
 
 
@@ -51,7 +51,7 @@ def test_another_solver_starts_anew_and_the_same_one_is_reset(controls):
     assert session.commands == [("reset", 0)]
     (opening,) = session.opened
     assert (opening.scene.solver.name, opening.scene.solver.start, opening.seed) == ("descent", "random", 5)
-    assert opening.measurement is panel.desk.measurement
+    assert opening.measurement is panel.binding.measurement
 
 
 def test_a_seed_that_draws_nothing_is_not_shown(controls):
@@ -68,7 +68,7 @@ def test_a_seed_that_draws_nothing_is_not_shown(controls):
 def test_what_was_measured_offers_no_room_to_simulate(server, work):
     measured = stand_in(work.measurement, "hall", work.scene.solver)
     opened = []
-    tab = scenetab.SceneTab(Desk(server.gui, dataclasses.replace(work, scene=measured), 6, opened.append))
+    tab = scenetab.SceneTab(Binding(server.gui, dataclasses.replace(work, scene=measured), 6, opened.append))
     knobs = (tab.microphones, tab.radius, tab.walls, tab.noise, tab.speed, tab.known, tab.seed, tab.apply)
     assert not any(handle.visible for handle in knobs) and "measured" in tab.told.content
     say(tab.apply, True)
@@ -80,7 +80,7 @@ def test_what_was_measured_offers_no_room_to_simulate(server, work):
     say(tab.name, "hall")
     assert not tab.apply.visible
     namesake = dataclasses.replace(work, scene=stand_in(work.measurement, "tiny", work.scene.solver))
-    tab = scenetab.SceneTab(Desk(server.gui, namesake, 6, opened.append))
+    tab = scenetab.SceneTab(Binding(server.gui, namesake, 6, opened.append))
     assert tab.name.value == "tiny (measured)" and not tab.apply.visible
     say(tab.name, "tiny")
     assert tab.apply.visible, "the scene of that name is there, too"

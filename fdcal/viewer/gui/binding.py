@@ -87,12 +87,12 @@ def _read(key: str, value, count: int, modes: int):
     )
 
 
-class Desk:
+class Binding:
     """Choices, session and handles. `choices` is replaced whole by the callbacks, and read by the main loop.
 
     `open(opening)` has another session take this one's place as soon as it is ready; it may refuse, and tells so on the
     page. `hasten()` brings the screen up to date sooner than by itself. Whoever stays longer than a session asks the
-    page for its desk each time (`page.Page.desk`).
+    page for its binding each time (`page.Page.binding`).
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class Desk:
         self.gui, self.work, self.session, self.measurement = gui, work, work.session, work.measurement
         self.modes, self.weights, self.open = modes, work.scene.solver.weights, open_other
         self.choices, self._hasten = first_choices(work, modes, before), hasten
-        self.shown: dict[str, object] = {}  # what the handles were last told by `tell`
+        self.sent: dict[str, object] = {}  # what the handles were last told by `send`
 
     def on(self, handle, act: Callable) -> None:
         """Call `act(value)` when a client, and not this program, has changed a handle."""
@@ -135,8 +135,8 @@ class Desk:
         """Draw maps in another way."""
         self.choose(look=replace(self.choices.look, **changes))
 
-    def tell(self, key: str, value, handle, name: str = "value") -> None:
+    def send(self, key: str, value, handle, name: str = "value") -> None:
         """Send a value when it differs from the last one sent: a slider that a hand holds is not pulled back."""
-        if key not in self.shown or self.shown[key] != value:
-            self.shown[key] = value
+        if key not in self.sent or self.sent[key] != value:
+            self.sent[key] = value
             setattr(handle, name, value)

@@ -15,10 +15,10 @@ RIGHT = ("Solve", "Scene", "Map", "View", "Export", "Lessons", "Help")  # no ico
 LEFT = ("Curves", "Maps", "Modes", "Mics", "Race")
 
 
-class Frame:
+class Panels:
     """Owns the panels' tabs.
 
-    `tab(name)` is a place for what stays, as lessons do; `Rooms` are places for what belongs to one session.
+    `tab(name)` is a place for what stays, as lessons do; `SessionFolders` are places for what belongs to one session.
     """
 
     def __init__(self, gui: viser.GuiApi):
@@ -39,24 +39,24 @@ class Frame:
         return self._tabs[name]
 
 
-class Rooms:
+class SessionFolders:
     """One session's parts of the tabs, taken away together."""
 
-    def __init__(self, frame: Frame):
-        self._frame, self._made, self.gui, self.number = frame, [], frame.gui, next(frame.numbers)
+    def __init__(self, panels: Panels):
+        self._panels, self._made, self.gui, self.number = panels, [], panels.gui, next(panels.numbers)
 
     @contextmanager
     def at(self, place):
         """Add to a tab, by its name, or to another container of the frame."""
-        with self._frame.tab(place) if isinstance(place, str) else place:
-            room = self._frame.gui.add_folder(None)  # without a label it is not seen
+        with self._panels.tab(place) if isinstance(place, str) else place:
+            room = self._panels.gui.add_folder(None)  # without a label it is not seen
             self._made.append(room)
             with room:
                 yield room
 
     def bar(self):
         """Add above the tabs of the main panel."""
-        return self.at(self._frame.bar)
+        return self.at(self._panels.bar)
 
     def remove(self) -> None:
         """Take everything away."""

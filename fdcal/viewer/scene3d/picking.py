@@ -15,7 +15,7 @@ import viser
 from ...graphics.glyphs import annuli
 from ...graphics.picture import drape
 from ...graphics.primitives import Floor, Picture
-from ..gui.binding import Desk
+from ..gui.binding import Binding
 
 REACH = 1.7  # radius of a disc, in radii of a marker
 ABOVE = 14 / 24  # height of the discs over the floor, in radii of a marker: over all that is drawn
@@ -27,17 +27,17 @@ class Hands:
     def __init__(
         self,
         server: viser.ViserServer,
-        desk: Desk,
+        binding: Binding,
         picture: Picture,
         choose: Callable[[int], None],
         name: str = "/hands",
     ):
-        self._desk, self._choose, self._marker, self._base = desk, choose, picture.marker, picture.heights[0]
+        self._binding, self._choose, self._marker, self._base = binding, choose, picture.marker, picture.heights[0]
         self._shown: np.ndarray | None = None
         self._gestures = itertools.count()
         self._gesture: dict[int, int] = {}  # of each page that drags
         x0, y0, x1, y1 = picture.focus
-        edge = 0.0 if desk.measurement.search is None else desk.measurement.search.step / 2
+        edge = 0.0 if binding.measurement.search is None else binding.measurement.search.step / 2
         self._low, self._high = np.array([x0 + edge, y0 + edge]), np.array([x1 - edge, y1 - edge])
         corners = np.array([(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in picture.heights])
         self._corners = corners
@@ -47,7 +47,7 @@ class Hands:
         """One disc a microphone, and specks in the corners: the browser looks for discs only inside of what they all
         spanned when it first did, so they must span the whole search domain from the start, each time under a new
         name."""
-        radius, count, specks = REACH * self._marker, self._desk.measurement.count, len(self._corners)
+        radius, count, specks = REACH * self._marker, self._binding.measurement.count, len(self._corners)
         vertices, faces = annuli(np.zeros((1, 3)), radius / 2, radius, corners=12)
         places = np.concatenate([np.tile(self._corners[0], (count, 1)), self._corners])
         discs = server.scene.add_batched_meshes_simple(
@@ -68,7 +68,7 @@ class Hands:
         return discs
 
     def _is_there(self, index) -> bool:
-        return isinstance(index, int) and 0 <= index < self._desk.measurement.count
+        return isinstance(index, int) and 0 <= index < self._binding.measurement.count
 
     def _drag(self, event) -> None:
         """Put the microphone where the pointer meets the floor, inside the search domain."""
@@ -80,7 +80,7 @@ class Hands:
         eye, point = (np.asarray(at, float) for at in (event.client.camera.position, event.end_position))
         place = self._on_level(eye, point, level)
         if place is not None:
-            self._desk.session.place(
+            self._binding.session.place(
                 event.instance_index, np.clip(place, self._low, self._high), self._gesture[event.client_id]
             )
         if event.phase == "end":

@@ -11,7 +11,7 @@ from viser import uplot
 from ...graphics.picture import RACERS
 from ..background.comparison import Entry, Races, Runner
 from ..gui import html
-from ..gui.binding import Desk
+from ..gui.binding import Binding
 from ..gui.plots import Plot, decades
 from ..server.hardening import bounded, one_of
 from .solver import LARGEST_SEED, STARTS
@@ -28,12 +28,12 @@ ALONE = "No race here: descent needs a plane sound field and a search domain, so
 LEAST_ERROR = 1e-3  # mm, drawn for anything below: logarithms have no zero
 
 
-class RaceTab:
+class ComparisonTab:
     """Owns the handles of the tab."""
 
-    def __init__(self, desk: Desk, races: Races):
-        self._desk, self._races, self._sent, self._shown, gui = desk, races, -1e9, None, desk.gui
-        problem = desk.work.problem
+    def __init__(self, binding: Binding, races: Races):
+        self._binding, self._races, self._sent, self._shown, gui = binding, races, -1e9, None, binding.gui
+        problem = binding.work.problem
         self._possible = problem.dimension == 2 and problem.search is not None
         self._plots: list = []
         if not self._possible:
@@ -43,7 +43,7 @@ class RaceTab:
         self.start = gui.add_dropdown("From", STARTS, initial_value="random", hint="The start that all of them share")
         self.seed = gui.add_number(
             "Race seed",
-            desk.choices.seed,
+            binding.choices.seed,
             min=0,
             max=LARGEST_SEED,
             step=1,
@@ -56,8 +56,8 @@ class RaceTab:
         self.marks = gui.add_checkbox("Show in the scene", True, hint="Where each racer supposes the microphones")
         self.table = gui.add_html("")
         self._place = gui.add_folder(None)  # of the plots, made when it is known who races
-        desk.on(self.run, lambda _: races.toggle(self.entry))
-        desk.on(self.again, lambda value: (races.reset if value == "Reset" else races.drop)())
+        binding.on(self.run, lambda _: races.toggle(self.entry))
+        binding.on(self.again, lambda value: (races.reset if value == "Reset" else races.drop)())
 
     @property
     def entry(self) -> Entry:
@@ -74,11 +74,11 @@ class RaceTab:
         """Called by the main loop."""
         if not self._possible:
             return
-        desk, races = self._desk, self._races
-        desk.tell("race word", races.word, self.run, "label")
-        desk.tell("race over", races.over, self.run, "disabled")
-        desk.tell("race begun", bool(runners), self.again, "visible")
-        desk.tell("race table", html.complaint(races.trouble) + table(runners), self.table, "content")
+        binding, races = self._binding, self._races
+        binding.send("race word", races.word, self.run, "label")
+        binding.send("race over", races.over, self.run, "disabled")
+        binding.send("race begun", bool(runners), self.again, "visible")
+        binding.send("race table", html.complaint(races.trouble) + table(runners), self.table, "content")
         if runners is self._shown or now - self._sent < INTERVAL:
             return
         self._sent, self._shown = now, runners
@@ -111,7 +111,7 @@ class RaceTab:
             for name in names
         ]
         series = (uplot.Series(label="s"), *drawn)
-        return Plot(self._desk.gui, title, series, "processor time (s)", height=200)
+        return Plot(self._binding.gui, title, series, "processor time (s)", height=200)
 
 
 def _axis(runners: tuple[Runner, ...]) -> np.ndarray:

@@ -15,7 +15,7 @@ INTERVAL = 0.5  # s between two sendings
 MOST_ERROR = 1e6  # mm, drawn for anything above
 
 
-class Reach:
+class ErrorByDistance:
     """Owns the plot and the sums behind it; nothing is drawn of an array without truth or without known microphones."""
 
     def __init__(self, gui: viser.GuiApi, measurement: Measurement):

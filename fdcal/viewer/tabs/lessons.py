@@ -38,14 +38,14 @@ class Place:
         return None if self.lesson is None else self.lesson.steps[self.number]
 
 
-class Lessons:
+class LessonsTab:
     """Owns the tab's handles, and what is still to be set. All of it on viser's loop but `show`."""
 
     def __init__(self, page, lessons: Sequence[Lesson]):
-        self._page, gui = page, page.frame.gui
+        self._page, gui = page, page.panels.gui
         self._lessons = {lesson.title: lesson for lesson in lessons}
         self.place, self._wanted, self._trouble = Place(), None, ""
-        with page.frame.tab("Lessons"):
+        with page.panels.tab("Lessons"):
             self.choice = gui.add_dropdown("Lesson", (NONE, *self._lessons), initial_value=NONE)
             self.ways = gui.add_button_group(
                 "Step", (BACK, AGAIN, NEXT), visible=False, hint="Set again puts the controls as this step wants them"
@@ -100,7 +100,7 @@ class Lessons:
     def _begin(self, settings: list[Setting], scene, seed: int) -> None:
         """Set the last of `settings`; where another scene is needed first, what came before it in this step, too."""
         viewer, setting = self._page.viewer, settings[-1]
-        if viewer is None or viewer.desk.work.scene != scene:
+        if viewer is None or viewer.binding.work.scene != scene:
             opening = Opening(scene, start_seed=seed)
             self._page.open(opening)
             self._wanted = opening, settings[-1:] if setting.begins else settings
@@ -108,22 +108,22 @@ class Lessons:
             return
         anew = setting.begins or bool(setting.reset)
         if anew:
-            viewer.desk.session.reset(seed)
-        carry_out(setting, viewer.controls, self._page.stage.cameras.place_all, anew)
+            viewer.binding.session.reset(seed)
+        carry_out(setting, viewer.main_panel, self._page.stage.cameras.place_all, anew)
 
     def show(self, call: Callable[[Callable], object] = lambda function: function()) -> None:
         """Called by the main loop: what waits for a scene is set once it is there, by `call`, on viser's loop."""
         wanted, viewer = self._wanted, self._page.viewer
-        if wanted is not None and viewer is not None and viewer.desk.work.opening is wanted[0]:
+        if wanted is not None and viewer is not None and viewer.binding.work.opening is wanted[0]:
             self._wanted = None
             call(lambda: self._guarded(lambda: self._complete(wanted[1], viewer)))
-        elif wanted is not None and self._page.switch.idle:  # refused or cancelled
+        elif wanted is not None and self._page.switcher.idle:  # refused or cancelled
             self._wanted = None
             call(self._redraw)
 
     def _complete(self, settings: list[Setting], viewer) -> None:
         for setting in settings if viewer is self._page.viewer else ():
-            carry_out(setting, viewer.controls, self._page.stage.cameras.place_all, setting is settings[0])
+            carry_out(setting, viewer.main_panel, self._page.stage.cameras.place_all, setting is settings[0])
         self._redraw()
 
     def _guarded(self, act: Callable[[], None]) -> None:

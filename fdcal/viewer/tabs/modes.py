@@ -11,7 +11,7 @@ from ...model.measurement import Measurement, Problem
 from ...model.power import mode_power
 from ...session.history import SessionView
 from ..gui import html
-from ..gui.binding import FLOOR, Desk
+from ..gui.binding import FLOOR, Binding
 from ..gui.plots import dots
 from ..server.hardening import bounded
 from .map import MapTab
@@ -28,42 +28,44 @@ INTERVAL = 0.25  # s between two sendings of the plot
 class ModesTab:
     """Owns the handles of the tab."""
 
-    def __init__(self, desk: Desk, problem: Problem, map_tab: MapTab):
-        self._desk, self._problem, self._map, self._sent = desk, problem, map_tab, -1e9
-        gui, self._f = desk.gui, desk.measurement.frequencies[: desk.modes]
-        self._seen, self._levels = levels(desk.measurement, desk.modes)
+    def __init__(self, binding: Binding, problem: Problem, map_tab: MapTab):
+        self._binding, self._problem, self._map, self._sent = binding, problem, map_tab, -1e9
+        gui, self._f = binding.gui, binding.measurement.frequencies[: binding.modes]
+        self._seen, self._levels = levels(binding.measurement, binding.modes)
         self._key: tuple = ()
         self._floor = 10 * np.floor((self._levels.min() - BELOW) / 10)
         self._x, self._curve, self._peaks = self._drawn()
         self.plot = self._plot()
         gui.add_html(html.spectrum_legend(self._seen is not None, BLUE, ORANGE, RED, GREY))
         self.text = gui.add_html("")
-        self.low = gui.add_slider("From mode", 1, desk.modes, 1, 1, hint="Of the map")
-        self.high = gui.add_slider("To mode", 1, desk.modes, 1, 1, hint="Of the map: watch the minima merge")
+        self.low = gui.add_slider("From mode", 1, binding.modes, 1, 1, hint="Of the map")
+        self.high = gui.add_slider("To mode", 1, binding.modes, 1, 1, hint="Of the map: watch the minima merge")
         self.own = gui.add_button("Modes in use", hint="The map of the modes that the solver uses")
-        desk.on(self.low, lambda value: self._slide(value, self.high.value))
-        desk.on(self.high, lambda value: self._slide(min(self.low.value, value), value))
-        desk.on(self.own, lambda _: map_tab.choose_modes(None))
-        count = min(desk.modes, ROW * ROWS)
+        binding.on(self.low, lambda value: self._slide(value, self.high.value))
+        binding.on(self.high, lambda value: self._slide(min(self.low.value, value), value))
+        binding.on(self.own, lambda _: map_tab.choose_modes(None))
+        count = min(binding.modes, ROW * ROWS)
         self.switches = [self._add_row(first, min(first + ROW - 1, count)) for first in range(1, count + 1, ROW)]
-        if count < desk.modes:
-            gui.add_html(html.remark(f"Modes {count + 1} to {desk.modes}: by the sliders, or as Mode numbers in Map."))
+        if count < binding.modes:
+            gui.add_html(
+                html.remark(f"Modes {count + 1} to {binding.modes}: by the sliders, or as Mode numbers in Map.")
+            )
 
     def _slide(self, low, high) -> None:
         """All modes from one to another; the end that was not moved gives way."""
-        low, high = (bounded(value, 1, self._desk.modes, 1) for value in (low, high))
+        low, high = (bounded(value, 1, self._binding.modes, 1) for value in (low, high))
         self._show_map()
         self._map.choose_modes(range(low, max(low, high) + 1))
 
     def _show_map(self) -> None:
         """Modes are chosen for a map: one that is switched off comes back."""
-        if not self._desk.choices.shown:
+        if not self._binding.choices.shown:
             self._map.show_as(FLOOR)
 
     def _add_row(self, first: int, last: int):
         hint = "Press to take a mode into the map or out of it; a filled dot is in"
-        row = self._desk.gui.add_button_group(f"{first} to {last}", self._faces(first, last, ()), hint=hint)
-        self._desk.on(row, self.press)
+        row = self._binding.gui.add_button_group(f"{first} to {last}", self._faces(first, last, ()), hint=hint)
+        self._binding.on(row, self.press)
         return first, last, row
 
     @staticmethod
@@ -73,7 +75,7 @@ class ModesTab:
     def press(self, value) -> None:
         """One switch; what it says on its face is its mode."""
         number = str(value)[1:4]
-        if number.isdecimal() and 1 <= int(number) <= self._desk.modes:
+        if number.isdecimal() and 1 <= int(number) <= self._binding.modes:
             self._show_map()
             self._map.toggle_mode(int(number))
 
@@ -95,7 +97,7 @@ class ModesTab:
         spectrum = self._seen is not None
         title = "Mean power at the microphones" if spectrum else "Power of the modes picked"
         edge = 0.02 * float(self._x[-1] - self._x[0]) + (0.0 if spectrum else 1.0)
-        return self._desk.gui.add_uplot(
+        return self._binding.gui.add_uplot(
             data=self._data((), np.inf),
             series=(
                 uplot.Series(label="Hz"),
@@ -139,18 +141,18 @@ class ModesTab:
     def show(self, view: SessionView, now: float) -> None:
         """Called by the main loop."""
         state = view.state
-        used = self._desk.choices.modes or tuple(range(state.first, state.last + 1))
+        used = self._binding.choices.modes or tuple(range(state.first, state.last + 1))
         limit = highest_frequency(self._problem, np.asarray(state.positions))
         limit = round(limit) if np.isfinite(limit) else limit
         if (used, limit) == self._key or now - self._sent < INTERVAL:
             return
         self._key, self._sent = (used, limit), now
         self.plot.data = self._data(used, limit)
-        self.text.content = html.modes_lines(self._desk.measurement, used, limit, self._order(state, used[-1]))
-        self._desk.tell("map low", used[0], self.low)
-        self._desk.tell("map high", used[-1], self.high)
+        self.text.content = html.modes_lines(self._binding.measurement, used, limit, self._order(state, used[-1]))
+        self._binding.send("map low", used[0], self.low)
+        self._binding.send("map high", used[-1], self.high)
         for first, last, row in self.switches:
-            self._desk.tell(f"row {first}", self._faces(first, last, used), row, "options")
+            self._binding.send(f"row {first}", self._faces(first, last, used), row, "options")
 
     def _order(self, state, mode: int) -> int | None:
         """Highest order L of the expansion of a mode; None where no radius is told."""

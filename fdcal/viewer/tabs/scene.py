@@ -12,7 +12,7 @@ from ...model.validation import InputError, StorageError
 from ...session.request import Opening
 from ...session.scene_edits import Knobs, knobs_of, least_known, turned
 from ..gui import html
-from ..gui.binding import Desk
+from ..gui.binding import Binding
 from ..server.hardening import bounded, bounded_number, one_of
 
 MOST_MICROPHONES, LARGEST_SEED = 150, 2**31 - 1
@@ -27,8 +27,8 @@ MEASURED = "These microphones were measured: nothing is simulated that could be 
 class SceneTab:
     """Owns the handles of the tab. Nothing happens before Apply; what cannot be is told, and nothing changes."""
 
-    def __init__(self, desk: Desk):
-        self._desk, gui, scene = desk, desk.gui, desk.work.scene
+    def __init__(self, binding: Binding):
+        self._binding, gui, scene = binding, binding.gui, binding.work.scene
         self._scene, knobs = scene, knobs_of(scene)
         self._own = scene.name if scene.name not in scene_names() else None
         if isinstance(scene, Measured) and self._own is None:  # a file that is called like a scene is another thing
@@ -59,11 +59,11 @@ class SceneTab:
         self._knobs = (self.microphones, self.radius, self.walls, self.absorption, self.noise, self.snr, self.speed)
         self._knobs += (self.known, self.seed, self.apply)
         self._put(scene)
-        desk.on(self.name, self._choose)
-        desk.on(self.walls, lambda value: self._show_walls(one_of(value, WALLS, knobs.walls)))
-        desk.on(self.noise, lambda value: self._show_noise(bool(value)))
-        desk.on(self.microphones, lambda value: self._bound_known(bounded(value, 4, MOST_MICROPHONES, 4)))
-        desk.on(self.apply, lambda _: self.press())
+        binding.on(self.name, self._choose)
+        binding.on(self.walls, lambda value: self._show_walls(one_of(value, WALLS, knobs.walls)))
+        binding.on(self.noise, lambda value: self._show_noise(bool(value)))
+        binding.on(self.microphones, lambda value: self._bound_known(bounded(value, 4, MOST_MICROPHONES, 4)))
+        binding.on(self.apply, lambda _: self.press())
 
     def _put(self, scene: Scene) -> None:
         """Bring the handles to where the scene's knobs stand; of what was measured in a room that nobody told, none."""
@@ -103,7 +103,7 @@ class SceneTab:
     def _choose(self, value) -> None:
         """Another scene's knobs; the one shown is as it is, not as it was in its file."""
         name = one_of(value, (*scene_names(), self._own or ""), self._scene.name)
-        shown = self._desk.work.scene
+        shown = self._binding.work.scene
         try:
             self._put(shown if name == self._own else load_scene(name))
         except (InputError, StorageError) as error:
@@ -145,7 +145,7 @@ class SceneTab:
             self.told.content = html.complaint(str(error))
             return
         self.told.content = ""
-        self._desk.open(Opening(scene, fewer_modes=True))
+        self._binding.open(Opening(scene, fewer_modes=True))
 
 
 def _or_old(value: float, old: float, rounding: float) -> float:

@@ -11,7 +11,7 @@ from ...model.measured_scene import Measured
 from ...model.scene import no_rectangle
 from ...session.history import SessionView
 from ...session.request import Opening
-from ..gui.binding import Desk
+from ..gui.binding import Binding
 from ..server.hardening import bounded, one_of
 from .run import FASTEST
 
@@ -25,12 +25,12 @@ def usual_start(name: str) -> str:
     return "random" if name.startswith("descent") else "affine"
 
 
-class SolveTab:
+class SolverTab:
     """Owns the handles of the tab."""
 
-    def __init__(self, desk: Desk):
-        self._desk, gui = desk, desk.gui
-        state, settings = desk.session.view.state, desk.work.scene.solver
+    def __init__(self, binding: Binding):
+        self._binding, gui = binding, binding.gui
+        state, settings = binding.session.view.state, binding.work.scene.solver
         with gui.add_folder("Solver"):
             names = self._names()
             self.name = gui.add_dropdown(
@@ -42,15 +42,15 @@ class SolveTab:
                 hint="affine: in closed form from the lowest modes; random: anywhere in the search domain",
             )  # fmt: skip
             self.seed = gui.add_number(
-                "Seed", desk.choices.seed, min=0, max=LARGEST_SEED, step=1,
+                "Seed", binding.choices.seed, min=0, max=LARGEST_SEED, step=1,
                 hint="Of a random start, and of the order in which descent moves microphones",
             )  # fmt: skip
             self.anew = gui.add_button(
                 "Start anew", icon=viser.Icon.REFRESH, hint="As Reset does, with what is set here"
             )
         with gui.add_folder("Modes in use"):
-            self.first = gui.add_slider("First mode", 1, desk.modes, 1, state.first)
-            self.last = gui.add_slider("Last mode", 1, desk.modes, 1, state.last)
+            self.first = gui.add_slider("First mode", 1, binding.modes, 1, state.first)
+            self.last = gui.add_slider("Last mode", 1, binding.modes, 1, state.last)
             self.automatic = gui.add_checkbox(
                 "Add modes automatically",
                 state.automatic,
@@ -64,26 +64,26 @@ class SolveTab:
         self._listen()
 
     def _listen(self) -> None:
-        desk = self._desk
-        desk.on(self.name, self._choose_solver)
-        desk.on(self.start, lambda _: self._show_what_counts())
-        desk.on(self.anew, lambda _: self.start_anew())
-        desk.on(self.first, lambda value: self.use_modes(first=value))
-        desk.on(self.last, lambda value: self.use_modes(last=value))
-        desk.on(self.automatic, lambda value: self.use_modes(automatic=bool(value)))
-        desk.on(self.seed, lambda value: desk.choose(seed=bounded(value, 0, LARGEST_SEED, 0)))
-        desk.on(self.speed, self.pace)
+        binding = self._binding
+        binding.on(self.name, self._choose_solver)
+        binding.on(self.start, lambda _: self._show_what_counts())
+        binding.on(self.anew, lambda _: self.start_anew())
+        binding.on(self.first, lambda value: self.use_modes(first=value))
+        binding.on(self.last, lambda value: self.use_modes(last=value))
+        binding.on(self.automatic, lambda value: self.use_modes(automatic=bool(value)))
+        binding.on(self.seed, lambda value: binding.choose(seed=bounded(value, 0, LARGEST_SEED, 0)))
+        binding.on(self.speed, self.pace)
 
     def _names(self) -> tuple[str, ...]:
         """Those that can solve this: descent needs a lattice, room a rectangle whose size the scene tells."""
-        scene, problem = self._desk.work.scene, self._desk.work.problem
+        scene, problem = self._binding.work.scene, self._binding.work.problem
         plane = problem.dimension == 2 and problem.search is not None
         known = not isinstance(scene, Measured) and problem.array_dimension == problem.dimension
         names = [name for name in solvers.names() if plane or name in ("joint", "room")]
         return tuple(name for name in names if name != "room" or (known and not no_rectangle(scene)))
 
     def _choose_solver(self, value) -> None:
-        name = one_of(value, self._names(), self._desk.work.scene.solver.name)
+        name = one_of(value, self._names(), self._binding.work.scene.solver.name)
         self.start.value = usual_start(name)
         self._show_what_counts()
 
@@ -95,35 +95,35 @@ class SolveTab:
 
     def start_anew(self) -> None:
         """From the beginning: with the same solver at once, with another as soon as it is ready."""
-        desk, own = self._desk, self._desk.work.scene.solver
+        binding, own = self._binding, self._binding.work.scene.solver
         name = one_of(self.name.value, self._names(), own.name)
         start = one_of(self.start.value, STARTS, usual_start(name))
         if (name, start) == (own.name, own.start or usual_start(own.name)):
-            desk.session.reset(desk.choices.seed)
+            binding.session.reset(binding.choices.seed)
             return
-        scene = replace(desk.work.scene, solver=replace(own, name=name, start=start))
-        choices = {key: getattr(desk.choices, key) for key in KEPT}
-        desk.open(Opening(scene, desk.choices.seed, desk.measurement, choices=choices, fewer_modes=True))
+        scene = replace(binding.work.scene, solver=replace(own, name=name, start=start))
+        choices = {key: getattr(binding.choices, key) for key in KEPT}
+        binding.open(Opening(scene, binding.choices.seed, binding.measurement, choices=choices, fewer_modes=True))
 
     def pace(self, value) -> None:
         rate = bounded(value, 1, FASTEST, FASTEST)
-        self._desk.session.pace(0 if rate == FASTEST else rate)
+        self._binding.session.pace(0 if rate == FASTEST else rate)
 
     def use_modes(self, first=None, last=None, automatic=None) -> None:
         """What is not given stays; the end that was not moved gives way to the one that was."""
-        desk = self._desk
-        state = desk.session.view.state
+        binding = self._binding
+        state = binding.session.view.state
         automatic = self.automatic.value if automatic is None else automatic
-        low = bounded(self.first.value if first is None else first, 1, desk.modes, state.first)
-        high = bounded(self.last.value if last is None else last, 1, desk.modes, state.last)
+        low = bounded(self.first.value if first is None else first, 1, binding.modes, state.first)
+        high = bounded(self.last.value if last is None else last, 1, binding.modes, state.last)
         if first is not None:
             high = max(low, high)
         low = min(low, high)
-        desk.session.use_modes(low, high, bool(automatic))
+        binding.session.use_modes(low, high, bool(automatic))
 
     def show(self, view: SessionView) -> None:
         """Called by the main loop."""
-        state, desk = view.state, self._desk
-        desk.tell("first", state.first, self.first)
-        desk.tell("last", state.last, self.last)
-        desk.tell("automatic", state.automatic, self.automatic)
+        state, binding = view.state, self._binding
+        binding.send("first", state.first, self.first)
+        binding.send("last", state.last, self.last)
+        binding.send("automatic", state.automatic, self.automatic)
