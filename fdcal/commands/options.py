@@ -12,7 +12,7 @@ import click
 
 from ..model.scene import load_scene, scene_names
 from ..model.validation import InputError
-from ..session.request import Opening
+from ..session.request import OpenRequest
 from . import parameter_types
 
 if TYPE_CHECKING:  # SciPy and the solvers, which a page loads while the browser opens
@@ -94,14 +94,14 @@ def result_of(path: str | None) -> dict | None:
     return load_result(path)
 
 
-def opening_of(text: str) -> Opening:
+def opening_of(text: str) -> OpenRequest:
     """What a page is to show: a session left by another, a measurement or recordings, or a scene."""
     if text.lower().endswith(SESSIONS):
         from ..session.session_file import read
 
         return read(text)
     if text in scene_names():  # a test simulates each of these
-        return Opening(load_scene(text))
+        return OpenRequest(load_scene(text))
     from . import calibrate
 
     if text.lower().endswith(".npz") or calibrate.is_recording(text):
@@ -109,7 +109,7 @@ def opening_of(text: str) -> Opening:
 
         given = calibrate.source_of(text)
         scene = stand_in(given.measurement, given.name, given.settings, given.seed)
-        return Opening(scene, measurement=given.measurement, fewer_modes=True)
+        return OpenRequest(scene, measurement=given.measurement, fewer_modes=True)
     scene = load_scene(text)
     calibrate.check_scene(scene)  # one that cannot be simulated is refused before a page opens
-    return Opening(scene)
+    return OpenRequest(scene)

@@ -1,10 +1,10 @@
 """Two or three solvers from the same start, each on its own thread.
 
-    Race         the lanes; play, pause, reset
-    Lane         one solver: its session and its clock
-    equal_cost   Eq. 7 of all modes, the same rule for all: solvers minimise costs of their own
+    Comparison         the runs; play, pause, reset
+    ComparisonRun         one solver: its session and its timed
+    common_cost   Eq. 7 of all modes, the same rule for all: solvers minimise costs of their own
 
-Time is processor time of the lane's own thread, spent in steps: lanes that share a core are not slower for it.
+Time is processor time of the run's own thread, spent in steps: runs that share a core are not slower for it.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from ..model.validation import InputError
 from .session import Session
 
 
-class Clocked:
+class TimedSolver:
     """A solver whose steps are timed; `spent` is s from the start to a state, by its step."""
 
     def __init__(self, module):
@@ -43,57 +43,57 @@ class Clocked:
 
 
 @dataclass(frozen=True)
-class Lane:
+class ComparisonRun:
     """One solver of a race."""
 
     name: str
     session: Session
-    clock: Clocked
+    timed: TimedSolver
 
     def seconds(self, state) -> float:
         """Processor time from the start to `state`."""
-        return self.clock.spent.get(state.step, 0.0) if state.step else 0.0
+        return self.timed.spent.get(state.step, 0.0) if state.step else 0.0
 
 
-class Race:
+class Comparison:
     """Solvers side by side. Raises InputError where one of them cannot start."""
 
     def __init__(self, problem: Problem, settings: SolverSettings, names: tuple[str, ...], start: str, seed: int):
         begun = same_start(problem, replace(settings, start=start), names, seed)
-        lanes = []
+        runs = []
         for name, state in begun.items():
-            clock = Clocked(solvers.load(name))
-            lanes.append(Lane(name, Session(problem, state.settings, seed, clock, (state,)), clock))
-        self.lanes = tuple(lanes)
+            timed = TimedSolver(solvers.load(name))
+            runs.append(ComparisonRun(name, Session(problem, state.settings, seed, timed, (state,)), timed))
+        self.runs = tuple(runs)
 
     @property
     def running(self) -> bool:
-        return any(lane.session.view.running for lane in self.lanes)
+        return any(run.session.view.running for run in self.runs)
 
     @property
     def over(self) -> bool:
         """Whether all have come to their end."""
-        return all(lane.session.view.state.finished for lane in self.lanes)
+        return all(run.session.view.state.finished for run in self.runs)
 
     def play(self) -> None:
-        for lane in self.lanes:
-            if not lane.session.view.state.finished:
-                lane.session.play()
+        for run in self.runs:
+            if not run.session.view.state.finished:
+                run.session.play()
 
     def pause(self) -> None:
-        for lane in self.lanes:
-            lane.session.pause()
+        for run in self.runs:
+            run.session.pause()
 
     def reset(self) -> None:
         """All back to the start, and wait."""
-        for lane in self.lanes:
-            lane.session.seek(0)
+        for run in self.runs:
+            run.session.seek(0)
 
     def close(self, timeout: float) -> bool:
         """End the threads after the steps under way."""
-        for lane in self.lanes:
-            lane.session.close(0.0)
-        return all([lane.session.close(timeout) for lane in self.lanes])
+        for run in self.runs:
+            run.session.close(0.0)
+        return all([run.session.close(timeout) for run in self.runs])
 
 
 def same_start(problem: Problem, settings: SolverSettings, names, seed: int) -> dict[str, object]:
@@ -113,7 +113,7 @@ def same_start(problem: Problem, settings: SolverSettings, names, seed: int) -> 
     return {name: states[name] for name in names}
 
 
-def equal_cost(problem: Problem, settings: SolverSettings, positions) -> float:
+def common_cost(problem: Problem, settings: SolverSettings, positions) -> float:
     """Eq. 7 at `positions` (N, 2), metres, of all modes in the end, over the power of their pressures : 0 to 1.
 
     Raises InputError as descent does where the microphones cannot carry the modes.

@@ -240,7 +240,7 @@ def _modes(key: str, text: str) -> tuple[int, ...]:
         raise InputError(f'{key} = "{text}": {error}') from error
 
 
-def how_far(run: str) -> tuple[str, int]:
+def run_goal(run: str) -> tuple[str, int]:
     """What a checked `run` asks for: ("end", 0), or "step", "sweep" or "stage" and how many."""
     match = RUN.fullmatch(run)
     return (match[2], int(match[1])) if match else ("end", 0)

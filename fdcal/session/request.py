@@ -1,7 +1,7 @@
 """What a page can be asked to show: a scene, perhaps changed, and where its session begins.
 
-Opening    one request, plain data: of the command line, the page, a lesson, a session file
-as_told    a measurement, as far as the solver is told of it
+OpenRequest    one request, plain data: of the command line, the page, a lesson, a session file
+as_given    a measurement, as far as the solver is told of it
 table_of   a scene as the table of its TOML file
 edited     a scene with some keys changed, checked as if it had been read from a file
 """
@@ -20,7 +20,7 @@ from ..model.validation import InputError
 
 
 @dataclass(frozen=True)
-class Opening:
+class OpenRequest:
     """A page to be opened, or to be opened anew while it is looked at.
 
     Attributes
@@ -57,7 +57,7 @@ class Opening:
         return self.scene.seed if self.start_seed is None else self.start_seed
 
 
-def as_told(scene: Scene, measurement: Measurement) -> Measurement:
+def as_given(scene: Scene, measurement: Measurement) -> Measurement:
     """What a page scores and draws: of an array of which nothing is told, no microphone is known."""
     if scene.solver.known != "none":
         return measurement

@@ -1,10 +1,10 @@
-"""What of a scene can be turned by hand, without its file.
+"""The parameters of a scene that can be changed without editing its file.
 
-    knobs_of   where the knobs of a scene stand
-    turned     the scene with its knobs put elsewhere; what depends on them follows
+    parameters_of    the present parameters of a scene
+    with_parameters  the scene with other parameters; what depends on them follows
 
-A larger array takes its search domain and the radius R of the expansion along. Other microphones that are known are as
-far from one another as the array allows.
+The search domain and the radius R of the expansion scale with the array. If the number of known microphones changes,
+those that are farthest from one another are chosen.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ FINEST = 1.5  # times as large, from which the lattice of the search domain gets
 
 
 @dataclass(frozen=True)
-class Knobs:
-    """What may be turned.
+class SceneParameters:
+    """The parameters of a scene that can be changed.
 
     Attributes
     ----------
     microphones : int, N; a regular array takes the nearest number that fills its rows
-    radius : metres, of a circle or ball; half the longest side of a rectangle, plane or box; of positions, how far the
-        farthest is from their middle
+    radius : metres; radius of a circle or ball, half the longest side of a rectangle, plane or box, greatest distance
+        of given positions from their mean
     walls : "rigid", "pressure-release" or "absorbing"
-    absorption : share of a wave's energy that absorbing walls swallow at normal incidence, 1 - r^2
+    absorption : fraction of the energy absorbed at normal incidence, 1 - r^2, of absorbing walls
     snr_db : decibels, inf for no noise
-    sound_speed_error : share by which the sound speed that solvers are told is too high
+    sound_speed_error : relative error of the sound speed given to the solver, positive if it is too high
     known : int, number of known microphones
-    seed : int, draws random microphones, noise and random starts
+    seed : int, of random microphones, noise and random starts
     """
 
     microphones: int
@@ -48,11 +48,11 @@ class Knobs:
     seed: int
 
 
-def knobs_of(scene: Scene) -> Knobs:
-    """Where the knobs of a scene stand."""
+def parameters_of(scene: Scene) -> SceneParameters:
+    """Return the present parameters of a scene."""
     count = _count(scene.array)
     reflection = (1 - scene.room.admittance) / (1 + scene.room.admittance)
-    return Knobs(
+    return SceneParameters(
         microphones=count,
         radius=_radius(scene.array),
         walls=scene.room.walls,
@@ -64,33 +64,41 @@ def knobs_of(scene: Scene) -> Knobs:
     )
 
 
-def turned(scene: Scene, knobs: Knobs) -> Scene:
-    """`scene` with its knobs where `knobs` says, under a title that tells what has changed.
+def with_parameters(scene: Scene, parameters: SceneParameters) -> Scene:
+    """Return `scene` with other parameters and a title that lists what has changed.
 
-    Raises InputError for what cannot be, as far as it can be told without simulating.
+    Parameters
+    ----------
+    scene : Scene
+    parameters : SceneParameters
+
+    Raises
+    ------
+    InputError
+        For values that are impossible, as far as can be checked without simulating.
     """
-    before = knobs_of(scene)
-    if knobs == before:
+    before = parameters_of(scene)
+    if parameters == before:
         return scene
-    array = _array(scene.array, knobs, before)
+    array = _array(scene.array, parameters, before)
     changed = replace(
         scene,
-        title=_title(scene, knobs, before, _count(array)),
-        room=replace(scene.room, walls=knobs.walls, admittance=_admittance(knobs, before, scene)),
+        title=_title(scene, parameters, before, _count(array)),
+        room=replace(scene.room, walls=parameters.walls, admittance=_admittance(parameters, before, scene)),
         array=array,
-        search=_search(scene, knobs.radius / before.radius),
+        search=_search(scene, parameters.radius / before.radius),
         measurement=replace(
-            scene.measurement, snr_db=knobs.snr_db, sound_speed_error=knobs.sound_speed_error
+            scene.measurement, snr_db=parameters.snr_db, sound_speed_error=parameters.sound_speed_error
         ),
-        seed=knobs.seed,
+        seed=parameters.seed,
     )  # fmt: skip
-    changed = replace(changed, gauge=_gauge(changed, knobs, before))
+    changed = replace(changed, gauge=_gauge(changed, parameters, before))
     positions_of(changed)
     return changed
 
 
 def least_known(scene: Scene) -> int:
-    """Known microphones that fix translation, rotation and mirror; a room of three dimensions can do without any."""
+    """Return how many known microphones fix translation, rotation and mirror; 0 for a room of three dimensions."""
     return 0 if scene.room.dimension == 3 else scene.array.dimension + 1
 
 
@@ -107,23 +115,23 @@ def _radius(array: Array) -> float:
     return float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
 
 
-def _array(array: Array, knobs: Knobs, before: Knobs) -> Array:
+def _array(array: Array, parameters: SceneParameters, before: SceneParameters) -> Array:
     """The array with another number of microphones, and larger or smaller."""
-    if not knobs.radius > 0:
-        raise InputError(f"the array's radius = {knobs.radius:g} m must be above zero")
-    q = knobs.radius / before.radius
+    if not parameters.radius > 0:
+        raise InputError(f"the array's radius = {parameters.radius:g} m must be above zero")
+    q = parameters.radius / before.radius
     if array.positions is not None:
-        if knobs.microphones != before.microphones:
+        if parameters.microphones != before.microphones:
             raise InputError("an array of given positions keeps its number of microphones; choose another scene")
         points = np.array(array.positions)
         middle = points.mean(axis=0)
         return replace(array, positions=tuple(map(tuple, (middle + q * (points - middle)).tolist())))
     if array.radius is not None:
-        return replace(array, count=knobs.microphones, radius=knobs.radius)
+        return replace(array, count=parameters.microphones, radius=parameters.radius)
     size = tuple(q * length for length in array.size)
     if array.count is not None:
-        return replace(array, count=knobs.microphones, size=size)
-    shape, extra = _rows(array, knobs.microphones, before.microphones)
+        return replace(array, count=parameters.microphones, size=size)
+    shape, extra = _rows(array, parameters.microphones, before.microphones)
     return replace(array, size=size, shape=shape, random=extra)
 
 
@@ -139,15 +147,15 @@ def _rows(array: Array, wanted: int, count: int) -> tuple[tuple[int, ...], int]:
     return shape, max(1, wanted - math.prod(shape)) if array.random else 0
 
 
-def _admittance(knobs: Knobs, before: Knobs, scene: Scene) -> float:
-    require_choice("walls", knobs.walls, WALLS)
-    if knobs.walls != "absorbing":
+def _admittance(parameters: SceneParameters, before: SceneParameters, scene: Scene) -> float:
+    require_choice("walls", parameters.walls, WALLS)
+    if parameters.walls != "absorbing":
         return 0.0
-    if (knobs.walls, knobs.absorption) == (before.walls, before.absorption):
+    if (parameters.walls, parameters.absorption) == (before.walls, before.absorption):
         return scene.room.admittance
-    if not 0 < knobs.absorption <= 1:
-        raise InputError(f"absorption = {100 * knobs.absorption:g} % of absorbing walls must be above 0, to 100 %")
-    reflection = math.sqrt(1 - knobs.absorption)
+    if not 0 < parameters.absorption <= 1:
+        raise InputError(f"absorption = {100 * parameters.absorption:g} % of absorbing walls must be above 0, to 100 %")
+    reflection = math.sqrt(1 - parameters.absorption)
     return (1 - reflection) / (1 + reflection)
 
 
@@ -164,15 +172,15 @@ def _search(scene: Scene, q: float) -> Search | None:
     return Search(origin, size, step, old.radius * q)
 
 
-def _gauge(scene: Scene, knobs: Knobs, before: Knobs) -> Gauge:
+def _gauge(scene: Scene, parameters: SceneParameters, before: SceneParameters) -> Gauge:
     """The known microphones: as before where their number, and that of all, stays."""
     count = _count(scene.array)
-    if (knobs.known, count) == (before.known, before.microphones):
+    if (parameters.known, count) == (before.known, before.microphones):
         return scene.gauge
-    if not least_known(scene) <= knobs.known < count:
-        raise InputError(f"{knobs.known} known microphones of {count}: use {least_known(scene)} to {count - 1}")
+    if not least_known(scene) <= parameters.known < count:
+        raise InputError(f"{parameters.known} known microphones of {count}: use {least_known(scene)} to {count - 1}")
     positions = positions_of(replace(scene, gauge=Gauge(free=(0,))))
-    return Gauge(known=spread_out(positions, knobs.known))
+    return Gauge(known=spread_out(positions, parameters.known))
 
 
 def spread_out(positions: np.ndarray, count: int) -> tuple[int, ...]:
@@ -186,21 +194,21 @@ def spread_out(positions: np.ndarray, count: int) -> tuple[int, ...]:
     return tuple(sorted(chosen))
 
 
-def _title(scene: Scene, knobs: Knobs, before: Knobs, count: int) -> str:
+def _title(scene: Scene, parameters: SceneParameters, before: SceneParameters, count: int) -> str:
     """What is not as in the scene's file, after its name."""
     words = {
         "microphones": f"{count} microphones",
-        "radius": f"radius {knobs.radius:.3g} m",
-        "walls": f"{knobs.walls} walls",
-        "absorption": f"absorption {100 * knobs.absorption:.3g} %",
-        "snr_db": "no noise" if knobs.snr_db == math.inf else f"SNR {knobs.snr_db:g} dB",
-        "sound_speed_error": f"sound speed {100 * knobs.sound_speed_error:+.3g} %",
-        "known": f"{knobs.known} known",
-        "seed": f"seed {knobs.seed}",
+        "radius": f"radius {parameters.radius:.3g} m",
+        "walls": f"{parameters.walls} walls",
+        "absorption": f"absorption {100 * parameters.absorption:.3g} %",
+        "snr_db": "no noise" if parameters.snr_db == math.inf else f"SNR {parameters.snr_db:g} dB",
+        "sound_speed_error": f"sound speed {100 * parameters.sound_speed_error:+.3g} %",
+        "known": f"{parameters.known} known",
+        "seed": f"seed {parameters.seed}",
     }
-    old, new = asdict(before), asdict(knobs)
+    old, new = asdict(before), asdict(parameters)
     told = [text for key, text in words.items() if old[key] != new[key]]
-    if knobs.walls != "absorbing" and words["absorption"] in told:
+    if parameters.walls != "absorbing" and words["absorption"] in told:
         told.remove(words["absorption"])
     name = scene.title if ", changed: " in scene.title else f"{scene.name}, changed: "
     return name + ("" if name.endswith(": ") else ", ") + ", ".join(told)

@@ -102,7 +102,7 @@ class Session:
         """Take at most `rate` steps a second while running; 0 is as many as there may be."""
         self._commands.put(("pace", float(rate)))
 
-    def give_way(self) -> None:
+    def yield_to_ui(self) -> None:
         """Leave the processor to the page for GIVEN seconds from now: a hand has asked for something.
 
         A hand that never rests slows the steps down to one in two GIVEN, and does not stop them.

@@ -23,7 +23,7 @@ from ..model.scene import Scene
 from ..model.validation import InputError, StorageError
 from . import state_codec
 from .history import MOST_STATES
-from .request import Opening, plain
+from .request import OpenRequest, plain
 
 VERSION = 1
 TABLE, ARRAYS = "session.json", "session.npz"
@@ -33,7 +33,7 @@ MOST_WRITTEN = 64_000_000  # bytes of states; of longer runs fewer are kept, eve
 KEYS = ("fdcal_session", "scene", "start_seed", "index", "choices", "states")
 
 
-def write(opening: Opening) -> bytes:
+def write(opening: OpenRequest) -> bytes:
     """The bytes of the .zip of an opening that has a measurement and states. Raises InputError as `states.written`."""
     kept = _kept(opening.states, opening.index)
     table, arrays = state_codec.written([opening.states[i] for i in kept])
@@ -55,7 +55,7 @@ def write(opening: Opening) -> bytes:
     return packed.getvalue()
 
 
-def read(path: str | Path) -> Opening:
+def read(path: str | Path) -> OpenRequest:
     """What to open of a session's .zip, or of its .json, beside which the .npz of the same name lies.
 
     Raises InputError for what is no session, StorageError.
@@ -115,7 +115,7 @@ def _table(text: bytes) -> dict:
     return table
 
 
-def _opening(table: dict, packed: bytes) -> Opening:
+def _opening(table: dict, packed: bytes) -> OpenRequest:
     scene = build(Measured if table.get("measured") is True else Scene, _infinite(table["scene"]))
     try:
         with zipfile.ZipFile(io.BytesIO(packed)) as archive:
@@ -132,7 +132,7 @@ def _opening(table: dict, packed: bytes) -> Opening:
         raise InputError(f"the measurement has other dimensions than the scene, {own[0]} and {own[1]}")
     problem = measurement.problem(scene.solver.weights, scene.solver.known)
     made = state_codec.read(table["states"], arrays, problem, scene.solver.name, MOST_STATES)
-    return Opening(scene, table["start_seed"], measurement, made, table["index"], table["choices"])
+    return OpenRequest(scene, table["start_seed"], measurement, made, table["index"], table["choices"])
 
 
 def _kept(run, index: int | None) -> list[int]:

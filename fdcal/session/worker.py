@@ -33,13 +33,13 @@ class Delivery:
     ended: float = 0.0
 
 
-class Bell:
+class WakeEvent:
     """Has a loop go round sooner than it would by itself."""
 
     def __init__(self):
         self._rung = threading.Event()
 
-    def ring(self) -> None:
+    def set(self) -> None:
         """Any thread."""
         self._rung.set()
 
@@ -53,7 +53,7 @@ class Bell:
 class LatestWorker:
     """A thread that runs only the newest request, or the newest `keep`, oldest first; others that wait are dropped.
 
-    `latest` is the newest `Delivery`, None before the first; `tell` is called once there is a new one. An exception
+    `latest` is the newest `Delivery`, None before the first; `notify` is called once there is a new one. An exception
     becomes `latest.error`; the thread lives on.
     """
 
@@ -62,9 +62,9 @@ class LatestWorker:
         function: Callable,
         name: str = "fdcal-worker",
         keep: int = 1,
-        tell: Callable[[], None] = lambda: None,
+        notify: Callable[[], None] = lambda: None,
     ):
-        self._function, self._tell = function, tell
+        self._function, self._notify = function, notify
         self._changed = threading.Condition()
         self._waiting: collections.deque[tuple] = collections.deque(maxlen=keep)
         self._busy = self._closed = False
@@ -118,7 +118,7 @@ class LatestWorker:
             with self._changed:
                 self._latest, self._busy = delivery, False
                 self._changed.notify_all()
-            self._tell()
+            self._notify()
 
     def _work(self, arguments: tuple) -> Delivery:
         try:

@@ -15,7 +15,7 @@ words     status, legend and colour bar as HTML
 safety    who may connect, and what a client may say
 """
 
-from ..session.request import Opening
+from ..session.request import OpenRequest
 from .app import serve
 
-__all__ = ["Opening", "serve"]
+__all__ = ["OpenRequest", "serve"]

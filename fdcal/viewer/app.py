@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from ..session.lesson import Lesson
-from ..session.request import Opening
+from ..session.request import OpenRequest
 from .server.error_log import log_kept
 from .server.hardening import open_server, quietly
 from .server.signals import Interrupt
 
 
 def serve(
-    opening: Opening,
+    opening: OpenRequest,
     host: str = "127.0.0.1",
     port: int = 8080,
     on_ready: Callable[[str], None] | None = None,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ..model import mode_ranges
-from ..session.lesson import IN_USE, Setting, how_far
+from ..session.lesson import IN_USE, Setting, run_goal
 from .gui.binding import FLOOR, NOTHING, RELIEF, SHAPE
 from .main_panel import MainPanel
 from .tabs.map import LINEAR, LOG
@@ -49,7 +49,7 @@ def _drive(setting: Setting, controls: MainPanel, anew: bool) -> None:
     if setting.modes is not None or setting.automatic is not None:
         session.use_modes(modes[0], modes[-1], automatic)
     if setting.run is not None:
-        what, count = how_far(setting.run)
+        what, count = run_goal(setting.run)
         if what == "end":
             session.play()
         else:

@@ -15,8 +15,8 @@ from collections.abc import Sequence
 import viser
 
 from ..session.lesson import Lesson
-from ..session.request import Opening
-from ..session.worker import Bell
+from ..session.request import OpenRequest
+from ..session.worker import WakeEvent
 from .background.prepare import Work
 from .gui.binding import Binding
 from .gui.layout import Panels, SessionFolders
@@ -46,10 +46,10 @@ class Page:
         with self.panels.tab("Help"):
             add_help(server.gui)
         add_keys(server.gui, self)
-        self._told, self._looked, self._bell = "", 0.0, Bell()
+        self._told, self._looked, self._wake = "", 0.0, WakeEvent()
         self._welcome(server)
 
-    def open(self, opening: Opening) -> None:
+    def open(self, opening: OpenRequest) -> None:
         """Show something else as soon as it is ready. Any thread; the last one asked for counts."""
         self.switcher.open(opening)
 
@@ -82,7 +82,7 @@ class Page:
             began = time.perf_counter()
             self.turn(began)
             due = max(due + 1 / RATE, time.perf_counter())
-            if self._bell.wait(due - time.perf_counter()):
+            if self._wake.wait(due - time.perf_counter()):
                 due = began + 1 / HASTE
                 time.sleep(max(due - time.perf_counter(), 0.0))
 
@@ -115,7 +115,7 @@ class Page:
         try:
             with self._server.atomic():
                 before = old and old.binding.choices
-                new = Viewer(self._server, work, folders, self.stage, self.open, before, self._bell.ring)
+                new = Viewer(self._server, work, folders, self.stage, self.open, before, self._wake.set)
                 if old is not None:
                     old.take_down()
         except Exception as error:

@@ -9,18 +9,18 @@ from ..acoustics.measurement_cache import kept_measurement
 from ..graphics.picture import backdrop
 from ..model.measured_scene import Measured
 from ..model.measurement import Measurement
-from ..session.request import Opening, as_told
+from ..session.request import OpenRequest, as_given
 from .scene3d.nodes import Stage
 
 
-def look_at_once(stage: Stage, opening: Opening) -> None:
+def look_at_once(stage: Stage, opening: OpenRequest) -> None:
     """Show what needs no simulation; nothing where the scene has to be simulated first."""
     measurement = opening.measurement or kept_measurement(opening.scene)
     if measurement is not None:
-        first_look(stage, opening, as_told(opening.scene, measurement))
+        first_look(stage, opening, as_given(opening.scene, measurement))
 
 
-def first_look(stage: Stage, opening: Opening, measurement: Measurement) -> None:
+def first_look(stage: Stage, opening: OpenRequest, measurement: Measurement) -> None:
     """Show the room, without a scene the microphones alone."""
     told = None if isinstance(opening.scene, Measured) else opening.scene
     picture = backdrop(told, measurement, opening.choices.get("dark") is True)

@@ -13,7 +13,7 @@ import viser
 
 from ..model.measurement import Measurement
 from ..model.validation import InputError, StorageError
-from ..session.request import Opening
+from ..session.request import OpenRequest
 from ..session.worker import LatestWorker
 from .background.prepare import Progress, Stopped, Work, work_of
 from .gui import html
@@ -26,7 +26,7 @@ log = logging.getLogger(__name__)
 class Job:
     """One opening on its way. Its thread sets `work` or `cause`, then `done`."""
 
-    def __init__(self, opening: Opening):
+    def __init__(self, opening: OpenRequest):
         self.opening, self.progress = opening, Progress()
         self.work: Work | None = None
         self.cause: Exception | None = None
@@ -50,14 +50,14 @@ class SessionSwitcher:
     """
 
     def __init__(self):
-        self._asked: collections.deque[Opening | None] = collections.deque()  # None: cancel
+        self._asked: collections.deque[OpenRequest | None] = collections.deque()  # None: cancel
         self._worker = LatestWorker(Job.run, "fdcal-prepare")
         self._job: Job | None = None
         self._dropped: list[Job] = []  # given up, perhaps still under way
         self.cause: Exception | None = None
         self.refusal = ""
 
-    def open(self, opening: Opening) -> None:
+    def open(self, opening: OpenRequest) -> None:
         """Have `opening` prepared; one that is under way is given up. Any thread."""
         self._asked.append(opening)
 
@@ -78,7 +78,7 @@ class SessionSwitcher:
         return None if self._job is None else self._job.progress
 
     @property
-    def measured(self) -> tuple[Opening, Measurement] | None:
+    def measured(self) -> tuple[OpenRequest, Measurement] | None:
         """What is under way, once it is measured or simulated."""
         measurement = None if self._job is None else self._job.progress.measurement
         return None if measurement is None else (self._job.opening, measurement)
@@ -117,7 +117,7 @@ class SessionSwitcher:
         self._worker.close(timeout)
         self._tidy()
 
-    def _begin(self, opening: Opening | None) -> None:
+    def _begin(self, opening: OpenRequest | None) -> None:
         if self._job is not None:
             self._job.progress.stop = True
             self._dropped.append(self._job)

@@ -27,7 +27,7 @@ from ..graphics.picture import (
     with_racers,
     with_trails,
 )
-from ..session.request import Opening
+from ..session.request import OpenRequest
 from .background.comparison import Races
 from .background.cost_maps import Map, MapRequest, Maps
 from .background.exports import Exports, Moment
@@ -62,7 +62,7 @@ class Viewer:
         work: Work,
         folders: SessionFolders,
         stage: Stage,
-        open_other: Callable[[Opening], None] = lambda opening: None,
+        open_other: Callable[[OpenRequest], None] = lambda opening: None,
         before: Choices | None = None,
         hasten: Callable[[], None] = lambda: None,
     ):

@@ -1,4 +1,4 @@
-"""A race: one start for all, clocks that count only what is run, and a rule that measures all alike."""
+"""A comparison: one start for all, clocks that count only what is run, and a rule that measures all alike."""
 
 import dataclasses
 import itertools
@@ -12,7 +12,7 @@ from fdcal.acoustics.fourier_bessel import max_order
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.cost.eq7 import cost
 from fdcal.model.scene import load_scene
-from fdcal.session.comparison import Race, equal_cost, same_start
+from fdcal.session.comparison import Comparison, common_cost, same_start
 from fdcal.viewer.background import comparison as races
 from fdcal.viewer.background import prepare
 from fdcal.viewer.tabs import comparison as racetab
@@ -55,27 +55,27 @@ def test_the_rule_for_all_is_equation_7(scene, problem, measurement):
         k, p = problem.wavenumbers[:12], problem.pressures[:12]
         orders = max_order(k, scene.search.radius, scene.solver.order_offset)
         expected = cost(positions, p, k, orders, positions.mean(axis=0)).sum() / np.sum(np.abs(p) ** 2)
-        assert equal_cost(problem, scene.solver, positions) == pytest.approx(expected, rel=1e-6, abs=1e-12)
+        assert common_cost(problem, scene.solver, positions) == pytest.approx(expected, rel=1e-6, abs=1e-12)
 
 
 def test_a_race_runs_pauses_and_goes_back_to_the_start(scene, problem):
-    race = Race(problem, scene.solver, ("descent", "joint"), "random", 0)
+    comparison = Comparison(problem, scene.solver, ("descent", "joint"), "random", 0)
     try:
-        starts = [lane.session.view.state.positions for lane in race.lanes]
-        race.play()
-        for lane in race.lanes:
-            assert lane.session.wait_for(lambda view: view.state.finished and not view.running, WAIT)
-            state = lane.session.view.state
-            history = lane.session.view.history
-            seconds = [lane.seconds(state) for state in history]
-            assert seconds[0] == 0 and seconds == sorted(seconds) and lane.seconds(state) > 0
-        assert race.over and not race.running
-        race.reset()
-        for lane, start in zip(race.lanes, starts, strict=True):
-            assert lane.session.wait_for(lambda view: view.index == 0, WAIT)
-            assert lane.session.view.state.positions is start and lane.seconds(lane.session.view.state) == 0
+        starts = [run.session.view.state.positions for run in comparison.runs]
+        comparison.play()
+        for run in comparison.runs:
+            assert run.session.wait_for(lambda view: view.state.finished and not view.running, WAIT)
+            state = run.session.view.state
+            history = run.session.view.history
+            seconds = [run.seconds(state) for state in history]
+            assert seconds[0] == 0 and seconds == sorted(seconds) and run.seconds(state) > 0
+        assert comparison.over and not comparison.running
+        comparison.reset()
+        for run, start in zip(comparison.runs, starts, strict=True):
+            assert run.session.wait_for(lambda view: view.index == 0, WAIT)
+            assert run.session.view.state.positions is start and run.seconds(run.session.view.state) == 0
     finally:
-        assert race.close(WAIT)
+        assert comparison.close(WAIT)
 
 
 @pytest.fixture

@@ -137,7 +137,7 @@ def test_every_key_of_a_setting_may_be_left_out():
     [("end", ("end", 0)), ("1 step", ("step", 1)), ("3 sweeps", ("sweep", 3)), ("12 stages", ("stage", 12))],
 )
 def test_how_far_a_run_goes(run, meant):
-    assert lessons.how_far(run) == meant
+    assert lessons.run_goal(run) == meant
 
 
 def test_a_lesson_given_on_the_command_line_is_checked_before_a_page_opens(written, capsys):

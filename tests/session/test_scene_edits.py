@@ -1,4 +1,4 @@
-"""Knobs of a scene: what they say, what follows from them, what cannot be; and scenes edited as tables."""
+"""SceneParameters of a scene: what they say, what follows from them, what cannot be; and scenes edited as tables."""
 
 import dataclasses
 import math
@@ -13,8 +13,8 @@ from fdcal.model.from_table import build
 from fdcal.model.gauge import fixes_gauge
 from fdcal.model.scene import Scene, load_scene, scene_names
 from fdcal.model.validation import InputError
-from fdcal.session.request import Opening, edited, table_of
-from fdcal.session.scene_edits import knobs_of, spread_out, turned
+from fdcal.session.request import OpenRequest, edited, table_of
+from fdcal.session.scene_edits import parameters_of, spread_out, with_parameters
 
 
 @pytest.mark.parametrize("name", scene_names())
@@ -26,7 +26,7 @@ def test_a_scene_is_the_table_of_its_file(name):
 @pytest.mark.parametrize("name", scene_names())
 def test_knobs_left_alone_change_nothing(name):
     scene = load_scene(name)
-    assert turned(scene, knobs_of(scene)) is scene
+    assert with_parameters(scene, parameters_of(scene)) is scene
 
 
 def test_edits_are_checked_like_a_file():
@@ -41,21 +41,21 @@ def test_edits_are_checked_like_a_file():
 
 def test_an_opening_looks_at_a_state_it_has():
     scene = load_scene("tiny")
-    assert Opening(scene).seed == scene.seed and Opening(scene, 7).seed == 7
+    assert OpenRequest(scene).seed == scene.seed and OpenRequest(scene, 7).seed == 7
     for wrong in ({"index": 0}, {"states": (1, 2), "index": 2}, {"start_seed": -1}):
         with pytest.raises(InputError):
-            Opening(scene, **wrong)
+            OpenRequest(scene, **wrong)
 
 
 @pytest.mark.parametrize("name", scene_names())
 def test_a_smaller_array_stands_in_a_smaller_domain(name):
     scene = load_scene(name)
-    knobs = knobs_of(scene)
-    smaller = turned(scene, dataclasses.replace(knobs, radius=0.8 * knobs.radius))
+    parameters = parameters_of(scene)
+    smaller = with_parameters(scene, dataclasses.replace(parameters, radius=0.8 * parameters.radius))
     size = [np.ptp(positions_of(one), axis=0).max() for one in (scene, smaller)]
     assert size[1] == pytest.approx(0.8 * size[0], abs=2 * (scene.room.cell or 0) + 1e-9)
     assert smaller.search.radius == pytest.approx(0.8 * scene.search.radius)
-    assert "radius" in smaller.title and knobs_of(smaller).radius == pytest.approx(0.8 * knobs.radius)
+    assert "radius" in smaller.title and parameters_of(smaller).radius == pytest.approx(0.8 * parameters.radius)
     if scene.room.dimension == 2:  # every cell centre that was a candidate and is inside still is
         steps = (positions_of(smaller) - smaller.search.origin) / smaller.search.step
         np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
@@ -66,7 +66,7 @@ def test_a_smaller_array_stands_in_a_smaller_domain(name):
 )
 def test_as_many_microphones_as_asked_for_and_known_ones_that_fix_the_gauge(name, count):
     scene = load_scene(name)
-    changed = turned(scene, dataclasses.replace(knobs_of(scene), microphones=count, known=5))
+    changed = with_parameters(scene, dataclasses.replace(parameters_of(scene), microphones=count, known=5))
     positions = positions_of(changed)
     known = changed.gauge.indices(count)
     assert len(positions) == count and len(known) == 5 and fixes_gauge(positions[list(known)])
@@ -74,8 +74,8 @@ def test_as_many_microphones_as_asked_for_and_known_ones_that_fix_the_gauge(name
 
 def test_a_square_takes_the_nearest_number_of_rows():
     scene = load_scene("fig1_square")
-    changed = turned(scene, dataclasses.replace(knobs_of(scene), microphones=30, known=3))
-    assert changed.array.shape == (5, 5) and knobs_of(changed).microphones == 25
+    changed = with_parameters(scene, dataclasses.replace(parameters_of(scene), microphones=30, known=3))
+    assert changed.array.shape == (5, 5) and parameters_of(changed).microphones == 25
 
 
 def test_known_ones_are_far_apart():
@@ -87,11 +87,11 @@ def test_known_ones_are_far_apart():
 
 def test_absorption_is_what_the_walls_do_not_reflect():
     scene = load_scene("tiny")
-    changed = turned(scene, dataclasses.replace(knobs_of(scene), walls="absorbing", absorption=0.36))
+    changed = with_parameters(scene, dataclasses.replace(parameters_of(scene), walls="absorbing", absorption=0.36))
     beta = changed.room.admittance
     assert 1 - ((1 - beta) / (1 + beta)) ** 2 == pytest.approx(0.36)
-    assert knobs_of(changed).absorption == pytest.approx(0.36)
-    assert turned(changed, dataclasses.replace(knobs_of(changed), walls="rigid")).room.admittance == 0
+    assert parameters_of(changed).absorption == pytest.approx(0.36)
+    assert with_parameters(changed, dataclasses.replace(parameters_of(changed), walls="rigid")).room.admittance == 0
 
 
 @pytest.mark.parametrize(
@@ -102,15 +102,15 @@ def test_absorption_is_what_the_walls_do_not_reflect():
 def test_what_cannot_be_is_refused(change):
     scene = load_scene("tiny")
     with pytest.raises(InputError):
-        turned(scene, dataclasses.replace(knobs_of(scene), **change))
+        with_parameters(scene, dataclasses.replace(parameters_of(scene), **change))
 
 
 def test_a_wrong_sound_speed_scales_what_the_solver_is_told_and_nothing_that_is_heard():
     scene = load_scene("tiny")
-    wrong = turned(scene, dataclasses.replace(knobs_of(scene), sound_speed_error=0.02))
+    wrong = with_parameters(scene, dataclasses.replace(parameters_of(scene), sound_speed_error=0.02))
     recordings = cached_recordings(scene)
     told, heard = measure(wrong, recordings), measure(scene, recordings)
     np.testing.assert_allclose(told.wavenumbers * 1.02, heard.wavenumbers)
     assert told.sound_speed == pytest.approx(1.02 * heard.sound_speed)
     np.testing.assert_array_equal(told.pressures, heard.pressures)
-    assert math.isinf(knobs_of(wrong).snr_db)
+    assert math.isinf(parameters_of(wrong).snr_db)

@@ -9,7 +9,7 @@ import pytest
 
 from fdcal.model.validation import InputError, StorageError
 from fdcal.session.session import Session
-from fdcal.session.worker import Bell, LatestWorker
+from fdcal.session.worker import LatestWorker, WakeEvent
 
 WAIT = 20.0  # s, bound of every wait; none is ever waited out when the law holds
 
@@ -254,13 +254,13 @@ def test_worker_runs_the_newest_request_only():
 
 
 def test_a_worker_tells_that_it_has_delivered():
-    bell, worker = Bell(), None
+    wake, worker = WakeEvent(), None
     try:
-        worker = LatestWorker(lambda x: x, tell=bell.ring)
-        assert not bell.wait(0.0)
+        worker = LatestWorker(lambda x: x, notify=wake.set)
+        assert not wake.wait(0.0)
         worker.request(1)
-        assert bell.wait(WAIT) and worker.latest.result == 1
-        assert not bell.wait(0.0), "once for one"
+        assert wake.wait(WAIT) and worker.latest.result == 1
+        assert not wake.wait(0.0), "once for one"
     finally:
         worker.close(WAIT)
 
@@ -312,7 +312,7 @@ def test_a_slow_pace_holds_up_no_command(make):
 def test_who_is_asked_to_give_way_takes_no_step_but_hears_commands(make, monkeypatch):
     monkeypatch.setattr("fdcal.session.session.GIVEN", 2 * WAIT)
     session = make(Counter())
-    session.give_way()
+    session.yield_to_ui()
     session.play()
     session.use_modes(2, 3, False)
     assert session.wait_for(lambda view: view.state.first == 2, WAIT)
@@ -327,7 +327,7 @@ def test_a_hand_that_never_rests_does_not_stop_the_solver(make):
     session = make(Counter())
     session.play()
     for _ in range(round(WAIT / 0.01)):
-        session.give_way()
+        session.yield_to_ui()
         if session.view.state.step > 3:
             return
         time.sleep(0.01)

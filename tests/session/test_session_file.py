@@ -20,12 +20,12 @@ from fdcal.model.measurement_file import load_measurement
 from fdcal.model.scene import load_scene
 from fdcal.model.validation import InputError, StorageError
 from fdcal.session import session_file
-from fdcal.session.request import Opening, edited
+from fdcal.session.request import OpenRequest, edited
 
 CHOICES = {"microphone": 9, "modes": (2, 5), "follow": False, "dark": True, "opacity": 0.5}
 
 
-def left(name: str, index: int | None = None, more: bool = True) -> Opening:
+def left(name: str, index: int | None = None, more: bool = True) -> OpenRequest:
     """A session on `tiny`, left while solver `name` was at work; of a chain with states of each member."""
     scene = edited(load_scene("tiny"), {"solver.name": name, "measurement.snr_db": 40.0})
     measurement = cached_measurement(scene)
@@ -36,7 +36,7 @@ def left(name: str, index: int | None = None, more: bool = True) -> Opening:
     if "+" in name and more:
         states.append(solver.members[1].init(problem, scene.solver, 5, positions=states[-1].positions))
         states.append(solver.step(problem, states[-1]))
-    return Opening(scene, 5, measurement, tuple(states), index, CHOICES)
+    return OpenRequest(scene, 5, measurement, tuple(states), index, CHOICES)
 
 
 def same(one, other) -> bool:
@@ -103,7 +103,7 @@ def test_without_noise_the_scene_comes_back_too(tmp_path):
     measurement = cached_measurement(scene)
     state = solvers.load("joint").init(measurement.problem(), scene.solver, 0)
     path = tmp_path / "left.zip"
-    path.write_bytes(session_file.write(Opening(scene, 0, measurement, (state,))))
+    path.write_bytes(session_file.write(OpenRequest(scene, 0, measurement, (state,))))
     assert np.isinf(scene.measurement.snr_db) and session_file.read(path).scene == scene
 
 

@@ -9,7 +9,7 @@ from pretend import Recorder, Solver, State
 
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene import load_scene
-from fdcal.session.request import Opening
+from fdcal.session.request import OpenRequest
 from fdcal.viewer import session_view
 from fdcal.viewer.background import cost_maps, prepare
 from fdcal.viewer.gui.binding import Binding
@@ -50,7 +50,7 @@ def measurement(scene):
 def work(scene, measurement):
     """What a page shows, its session one that notes its commands."""
     session, problem = Recorder(State(measurement.positions)), measurement.problem("unit")
-    return prepare.Work(scene, measurement, problem, Solver(measurement), session, Opening(scene))
+    return prepare.Work(scene, measurement, problem, Solver(measurement), session, OpenRequest(scene))
 
 
 @pytest.fixture

@@ -42,7 +42,7 @@ class Recorder:
         self.commands = []
         self.view, self.ways = view_of([state]), 0
 
-    def give_way(self):
+    def yield_to_ui(self):
         self.ways += 1
 
     def __getattr__(self, name):

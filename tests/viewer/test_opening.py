@@ -17,7 +17,7 @@ from fdcal import solvers
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.model.validation import InputError
 from fdcal.session import session_file
-from fdcal.session.request import Opening, edited
+from fdcal.session.request import OpenRequest, edited
 from fdcal.viewer.background import exports
 from fdcal.viewer.background import prepare as preparing
 from fdcal.viewer.preview import look_at_once
@@ -36,7 +36,7 @@ def test_the_page_tells_how_far_the_simulation_is(page_of, scene, monkeypatch, c
             time.sleep(0.02)
 
     monkeypatch.setattr(preparing, "cached_measurement", slow)
-    page.open(Opening(scene))
+    page.open(OpenRequest(scene))
     with pytest.raises(InputError, match="mend it"):
         turn_until(lambda: False)
     assert "40 %" in capsys.readouterr().err
@@ -48,7 +48,7 @@ def test_the_room_is_there_while_the_solver_is_being_prepared(page_of, scene, mo
     prepare, sound = threading.Event(), cached_measurement(scene)
     monkeypatch.setattr(preparing, "cached_measurement", lambda scene, progress: sound)
     monkeypatch.setattr(preparing.Rehearsal, "wait_for_first", lambda *_: prepare.wait(WAIT))
-    page.open(Opening(edited(scene, {"solver.known": "none"})))
+    page.open(OpenRequest(edited(scene, {"solver.known": "none"})))
     assert page.stage.bare
     placed = []
     monkeypatch.setattr(page.stage.cameras, "place_all", placed.append)
@@ -63,7 +63,7 @@ def test_the_room_is_there_while_the_solver_is_being_prepared(page_of, scene, mo
 
 def test_a_solver_that_begins_with_all_microphones_in_one_place_has_a_page(page_of, scene):
     page, turn_until = page_of
-    page.open(Opening(edited(scene, {"solver.name": "room", "solver.start": None})))
+    page.open(OpenRequest(edited(scene, {"solver.name": "room", "solver.start": None})))
     turn_until(lambda: page.viewer is not None)
     for _ in range(3):
         page.turn(time.perf_counter())
@@ -74,10 +74,10 @@ def test_a_solver_that_begins_with_all_microphones_in_one_place_has_a_page(page_
 
 def test_what_the_cache_holds_is_shown_at_once(server, scene):
     stage = Stage(server)
-    look_at_once(stage, Opening(edited(scene, {"seed": 987654})))
+    look_at_once(stage, OpenRequest(edited(scene, {"seed": 987654})))
     assert stage.bare, "it has to be simulated first"
     cached_measurement(scene)
-    look_at_once(stage, Opening(scene))
+    look_at_once(stage, OpenRequest(scene))
     assert {"microphones/true", "microphones/known", "room/walls"} <= stage._nodes.keys()
     server.scene.reset()
 
@@ -85,12 +85,14 @@ def test_what_the_cache_holds_is_shown_at_once(server, scene):
 def test_another_scene_takes_the_place_of_the_first(page_of, scene):
     """The first goes on until the second is ready; what the page looks like is kept, tabs stay."""
     page, turn_until = page_of
-    page.open(Opening(scene))
+    page.open(OpenRequest(scene))
     turn_until(lambda: page.viewer is not None)
     first, tabs = page.binding, dict(page.panels._tabs)
     first.look(dark=True, log=False)
     first.choose(trails=True)
-    page.open(Opening(edited(scene, {"solver.name": "descent"}), start_seed=5, choices={"microphone": 9, "modes": [2]}))
+    page.open(
+        OpenRequest(edited(scene, {"solver.name": "descent"}), start_seed=5, choices={"microphone": 9, "modes": [2]})
+    )
     assert page.binding is first
     turn_until(lambda: page.binding is not first)
     choices, session = page.binding.choices, page.binding.session
@@ -113,10 +115,10 @@ def test_another_scene_takes_the_place_of_the_first(page_of, scene):
 )
 def test_what_cannot_be_opened_is_told_and_the_old_one_stays(page_of, scene, changes, choices, told):
     page, turn_until = page_of
-    page.open(Opening(scene))
+    page.open(OpenRequest(scene))
     turn_until(lambda: page.viewer is not None)
     before = page.binding
-    page.open(Opening(edited(scene, changes), choices=choices))
+    page.open(OpenRequest(edited(scene, changes), choices=choices))
     turn_until(lambda: page.switcher.refusal)
     page.turn(0.0)
     assert page.binding is before and told in page.status_bar.line.content and page.status_bar.button.label == "Close"
@@ -129,7 +131,7 @@ def test_what_cannot_be_opened_is_told_and_the_old_one_stays(page_of, scene, cha
 
 def test_cancel_keeps_the_old_session(page_of, scene, monkeypatch):
     page, turn_until = page_of
-    page.open(Opening(scene))
+    page.open(OpenRequest(scene))
     turn_until(lambda: page.viewer is not None)
     before, ended = page.binding, threading.Event()
 
@@ -142,7 +144,7 @@ def test_cancel_keeps_the_old_session(page_of, scene, monkeypatch):
             ended.set()
 
     monkeypatch.setattr(preparing, "cached_measurement", endless)
-    page.open(Opening(scene))
+    page.open(OpenRequest(scene))
     turn_until(lambda: "10 %" in page.status_bar.line.content)
     assert page.status_bar.button.label == "Cancel" and page.status_bar.button.visible
     event = SimpleNamespace(client=object(), target=page.status_bar.button)
@@ -158,7 +160,7 @@ def test_a_session_goes_on_from_states_given(page_of, scene):
     states = [joint.init(problem, scene.solver, 0)]
     for _ in range(3):
         states.append(joint.step(problem, states[-1]))
-    page.open(Opening(scene, states=tuple(states), index=2))
+    page.open(OpenRequest(scene, states=tuple(states), index=2))
     turn_until(lambda: page.viewer is not None)
     view = page.binding.session.view
     assert (view.count, view.index) == (4, 2) and list(view.history) == states
@@ -168,7 +170,7 @@ def test_a_session_goes_on_from_states_given(page_of, scene):
 
 def test_a_session_saved_is_opened_where_it_was_left(page_of, scene, tmp_path):
     page, turn_until = page_of
-    page.open(Opening(edited(scene, {"solver.name": "descent"}), start_seed=3))
+    page.open(OpenRequest(edited(scene, {"solver.name": "descent"}), start_seed=3))
     turn_until(lambda: page.viewer is not None)
     first = page.binding
     first.session.sweep()
@@ -218,7 +220,7 @@ def test_an_interrupted_simulation_stops(page_of, scene, monkeypatch):
             ended.append(True)
 
     monkeypatch.setattr(preparing, "cached_measurement", endless)
-    page.open(Opening(scene))
+    page.open(OpenRequest(scene))
     turn_until(lambda: begun)
     page.close()
     assert ended, "the simulation's thread must have ended, or it may write half a file"

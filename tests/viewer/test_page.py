@@ -248,7 +248,7 @@ def test_what_no_page_says_is_not_listened_to():
 
 ENDING = """
 import os, signal, sys, threading, time
-from fdcal.session.request import Opening
+from fdcal.session.request import OpenRequest
 from fdcal.model.scene import load_scene
 from fdcal.viewer import serve
 def ready(url):
@@ -258,7 +258,7 @@ def ready(url):
         time.sleep(0.5)
         os.kill(os.getpid(), signal.SIGINT)
     threading.Thread(target=interrupt, daemon=True, name="finger").start()
-serve(Opening(load_scene(sys.argv[1]), play=True), "127.0.0.1", 0, ready)
+serve(OpenRequest(load_scene(sys.argv[1]), play=True), "127.0.0.1", 0, ready)
 print(*(thread.name for thread in threading.enumerate() if thread is not threading.main_thread()), sep="|")
 """
 

@@ -9,7 +9,7 @@ from pretend import JUNK, finish, say
 from viser import _messages
 
 from fdcal.model.validation import InputError
-from fdcal.session.scene_edits import knobs_of
+from fdcal.session.scene_edits import parameters_of
 from fdcal.viewer import app
 from fdcal.viewer.server import hardening
 
@@ -131,9 +131,13 @@ def test_every_control_survives_junk(controls, value):
         first, last, automatic = arguments
         assert name == "use_modes" and 1 <= first <= last <= 6 and isinstance(automatic, bool)
     for opening in session.opened:
-        knobs = knobs_of(opening.scene)
-        assert 4 <= knobs.microphones <= 150 and 0.05 <= knobs.radius <= 3 and 3 <= knobs.known < knobs.microphones
-        assert abs(knobs.sound_speed_error) <= 0.05 and knobs.snr_db >= -10 and 0 <= knobs.seed < 2**31
+        parameters = parameters_of(opening.scene)
+        assert (
+            4 <= parameters.microphones <= 150
+            and 0.05 <= parameters.radius <= 3
+            and 3 <= parameters.known < parameters.microphones
+        )
+        assert abs(parameters.sound_speed_error) <= 0.05 and parameters.snr_db >= -10 and 0 <= parameters.seed < 2**31
     choices = panel.choices
     assert 0 <= choices.microphone < 10 and 0.1 <= choices.look.opacity <= 1 and choices.seed >= 0
     assert choices.modes is None or set(choices.modes) <= set(range(1, 7))

@@ -7,7 +7,7 @@ from pretend import say
 
 from fdcal.model.measured_scene import stand_in
 from fdcal.model.scene import load_scene
-from fdcal.session.scene_edits import knobs_of
+from fdcal.session.scene_edits import parameters_of
 from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.tabs import scene as scenetab
 
@@ -25,9 +25,9 @@ def test_apply_opens_the_scenario_that_the_handles_say(controls, scene):
     say(tab.apply, True)
     same, changed = (opening.scene for opening in session.opened)
     assert same is scene, "what no hand has touched stays exactly as it was"
-    knobs = knobs_of(changed)
-    assert (knobs.snr_db, knobs.walls, knobs.known) == (25, "absorbing", 5)
-    assert knobs.absorption == pytest.approx(0.1) and changed.room.size == scene.room.size
+    parameters = parameters_of(changed)
+    assert (parameters.snr_db, parameters.walls, parameters.known) == (25, "absorbing", 5)
+    assert parameters.absorption == pytest.approx(0.1) and changed.room.size == scene.room.size
 
 
 def test_a_scenario_that_cannot_be_tells_its_line_and_opens_nothing(controls):
@@ -69,12 +69,12 @@ def test_what_was_measured_offers_no_room_to_simulate(server, work):
     measured = stand_in(work.measurement, "hall", work.scene.solver)
     opened = []
     tab = scenetab.SceneTab(Binding(server.gui, dataclasses.replace(work, scene=measured), 6, opened.append))
-    knobs = (tab.microphones, tab.radius, tab.walls, tab.noise, tab.speed, tab.known, tab.seed, tab.apply)
-    assert not any(handle.visible for handle in knobs) and "measured" in tab.told.content
+    parameters = (tab.microphones, tab.radius, tab.walls, tab.noise, tab.speed, tab.known, tab.seed, tab.apply)
+    assert not any(handle.visible for handle in parameters) and "measured" in tab.told.content
     say(tab.apply, True)
     assert opened == [], "a client can press a button that it does not see"
     say(tab.name, "tiny")
-    assert all(handle.visible for handle in knobs) and "measured" not in tab.told.content
+    assert all(handle.visible for handle in parameters) and "measured" not in tab.told.content
     say(tab.apply, True)
     assert [one.scene.name for one in opened] == ["tiny"]
     say(tab.name, "hall")

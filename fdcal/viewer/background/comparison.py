@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...session.comparison import Lane, Race, equal_cost
+from ...session.comparison import Comparison, ComparisonRun, common_cost
 from ...session.worker import LatestWorker
 from .prepare import Work
 
-INTERVAL = 0.2  # s between two looks at the lanes
-MOST_POINTS = 60  # of a lane's curves at a time
+INTERVAL = 0.2  # s between two looks at the runs
+MOST_POINTS = 60  # of a run's curves at a time
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Runner:
-    """One lane as it is shown; times s, errors mm, costs dB re the power of the pressures."""
+    """One run as it is shown; times s, errors mm, costs dB re the power of the pressures."""
 
     name: str
     positions: np.ndarray
@@ -50,10 +50,10 @@ class Races:
         self._work, self._asked = work, collections.deque()
         self._maker = LatestWorker(self._make, "fdcal-race")
         self._curves = LatestWorker(self._reckon, "fdcal-race-curves")
-        self._rows: dict[str, dict[int, tuple]] = {}  # of each lane, by step: the state, its error and cost
+        self._rows: dict[str, dict[int, tuple]] = {}  # of each run, by step: the state, its error and cost
         self._entry: Entry | None = None
         self._waited: Entry | None = None  # being made
-        self._race: Race | None = None
+        self._race: Comparison | None = None
         self._looked = -1e9
         self.trouble = ""
         self.runners: tuple[Runner, ...] = ()
@@ -112,7 +112,7 @@ class Races:
             return
         self._waited, self._race, self._entry, self.trouble = None, latest.result, latest.request[0], latest.error
         if self._race is not None:
-            self._rows = {lane.name: {} for lane in self._race.lanes}
+            self._rows = {run.name: {} for run in self._race.runs}
             self._race.play()
 
     def _end(self) -> None:
@@ -120,12 +120,12 @@ class Races:
             self._race.close(0.0)
         self._race, self._entry, self._waited, self.runners = None, None, None, ()
 
-    def _make(self, entry: Entry) -> Race:
+    def _make(self, entry: Entry) -> Comparison:
         """On the maker's thread."""
-        return Race(self._work.problem, self._work.scene.solver, entry.names, entry.start, entry.seed)
+        return Comparison(self._work.problem, self._work.scene.solver, entry.names, entry.start, entry.seed)
 
     def _look(self) -> None:
-        runners = tuple(self._runner(lane) for lane in self._race.lanes)
+        runners = tuple(self._runner(run) for run in self._race.runs)
         changed = len(runners) != len(self.runners) or any(
             a.positions is not b.positions or len(a.times) != len(b.times) or a.doing != b.doing
             for a, b in zip(runners, self.runners, strict=True)
@@ -133,26 +133,26 @@ class Races:
         if changed:
             self.runners = runners
         if not self._curves.busy:
-            wanted = [(lane.name, _some(lane.session.view)) for lane in self._race.lanes]
+            wanted = [(run.name, _some(run.session.view)) for run in self._race.runs]
             missing = [(name, [s for s in states if s.step not in self._rows[name]]) for name, states in wanted]
             if any(states for _, states in missing):
                 self._curves.request(self._rows, missing)
 
-    def _runner(self, lane: Lane) -> Runner:
-        view = lane.session.view
+    def _runner(self, run: ComparisonRun) -> Runner:
+        view = run.session.view
         state = view.state
         errors = self._errors(state)
-        rows = self._rows[lane.name]
+        rows = self._rows[run.name]
         steps = [step for step in sorted(rows.copy()) if step <= state.step]
         return Runner(
-            name=lane.name,
+            name=run.name,
             positions=state.positions,
             doing="stopped by an error" if view.error else "running" if view.running else _word(state),
             step=state.step,
-            seconds=lane.seconds(state),
+            seconds=run.seconds(state),
             error=None if errors is None else float(errors.mean()),
             largest=None if errors is None else float(errors.max()),
-            times=np.array([lane.clock.spent.get(step, 0.0) if step else 0.0 for step in steps]),
+            times=np.array([run.timed.spent.get(step, 0.0) if step else 0.0 for step in steps]),
             errors=None if errors is None else np.array([rows[step][0] for step in steps]),
             costs=np.array([rows[step][1] for step in steps]),
         )
@@ -169,7 +169,7 @@ class Races:
             for state in states:
                 errors = self._errors(state)
                 error = 0.0 if errors is None else float(errors.mean())
-                cost = equal_cost(work.problem, work.scene.solver, state.positions)
+                cost = common_cost(work.problem, work.scene.solver, state.positions)
                 rows[name][state.step] = error, 10 * np.log10(max(cost, 1e-16))
 
     def close(self, timeout: float) -> bool:
@@ -187,7 +187,7 @@ def _word(state) -> str:
 
 
 def _some(view) -> list:
-    """States of a lane that its curves go through: ever more of them on the same grid, and the last."""
+    """States of a run that its curves go through: ever more of them on the same grid, and the last."""
     count = view.index + 1
     stride = 1
     while count / stride > MOST_POINTS:

@@ -93,7 +93,7 @@ class Maps:
         self._work, self._asked, self._since = work, None, 0.0
         self._fine_asked: MapRequest | None = None
         self._costs: dict[str, tuple] = {}  # of each thread: what its last costs belong to, and them
-        self._worker = LatestWorker(self._quick, "fdcal-map", tell=tell)
+        self._worker = LatestWorker(self._quick, "fdcal-map", notify=tell)
         self._slow = LatestWorker(self._fine, "fdcal-fine-map")
 
     def newest(self, wanted: MapRequest, running: bool, now: float) -> tuple[Map | None, str]:

@@ -24,7 +24,7 @@ from ...graphics.snapshot_process import render_png
 from ...model.validation import InputError
 from ...session import session_file
 from ...session.history import SessionView
-from ...session.request import Opening
+from ...session.request import OpenRequest
 from ...session.worker import LatestWorker
 from ..gui import html
 from ..gui.binding import PICTURE, Choices, choices_told
@@ -124,7 +124,9 @@ def _session(moment: Moment) -> bytes:
     work, view = moment.work, moment.view
     scene = replace(work.scene, solver=getattr(view.state, "settings", work.scene.solver))
     told = choices_told(moment.choices)
-    return session_file.write(Opening(scene, view.state.seed, work.measurement, tuple(view.history), view.index, told))
+    return session_file.write(
+        OpenRequest(scene, view.state.seed, work.measurement, tuple(view.history), view.index, told)
+    )
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from ...model.measured_scene import Measured
 from ...model.measurement import Measurement, Problem
 from ...model.scene import Scene
 from ...model.validation import InputError
-from ...session.request import Opening, as_told
+from ...session.request import OpenRequest, as_given
 from ...session.session import Session
 from .warmup import Rehearsal
 
@@ -30,7 +30,7 @@ class Work:
     problem: Problem
     solver: ModuleType
     session: Session
-    opening: Opening
+    opening: OpenRequest
     rehearsal: Rehearsal | None = None  # what is still being compiled beside the page
 
     @property
@@ -59,7 +59,7 @@ class Progress:
         return (self.rehearsal.text if self.rehearsal else "") or "Preparing the solver ..."
 
 
-def work_of(opening: Opening, progress: Progress) -> Work:
+def work_of(opening: OpenRequest, progress: Progress) -> Work:
     """Measurement, problem and session of an opening. Raises what their making raises, and Stopped."""
     rehearsal = progress.rehearsal = Rehearsal(opening.scene)
     try:
@@ -69,11 +69,11 @@ def work_of(opening: Opening, progress: Progress) -> Work:
         raise
 
 
-def _work_of(opening: Opening, progress: Progress, rehearsal: Rehearsal) -> Work:
+def _work_of(opening: OpenRequest, progress: Progress, rehearsal: Rehearsal) -> Work:
     scene, measurement = opening.scene, opening.measurement
     if measurement is None:
         measurement = cached_measurement(scene, progress)
-    progress.measurement = as_told(scene, measurement)
+    progress.measurement = as_given(scene, measurement)
     progress(1.0)
     rehearsal.wait_for_first(lambda: progress(1.0))
     problem = measurement.problem(scene.solver.weights, scene.solver.known)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import viser
 
 from ...model.validation import InputError
-from ...session.request import Opening
+from ...session.request import OpenRequest
 from ..background.cost_maps import Look
 from ..background.prepare import Work
 
@@ -100,7 +100,7 @@ class Binding:
         gui: viser.GuiApi,
         work: Work,
         modes: int,
-        open_other: Callable[[Opening], None] = lambda opening: None,
+        open_other: Callable[[OpenRequest], None] = lambda opening: None,
         before: Choices | None = None,
         hasten: Callable[[], None] = lambda: None,
     ):
@@ -114,7 +114,7 @@ class Binding:
 
         async def hear(event) -> None:
             if event.client is not None:
-                self.session.give_way()
+                self.session.yield_to_ui()
                 act(event.target.value)
 
         (handle.on_click if hasattr(handle, "on_click") else handle.on_update)(hear)

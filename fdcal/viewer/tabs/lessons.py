@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from ...model.validation import InputError, StorageError
 from ...session.lesson import Lesson, Setting, Step
-from ...session.request import Opening
+from ...session.request import OpenRequest
 from ..gui.html import complaint
 from ..gui.lesson_html import LETTERS, told
 from ..lesson_step import carry_out
@@ -101,7 +101,7 @@ class LessonsTab:
         """Set the last of `settings`; where another scene is needed first, what came before it in this step, too."""
         viewer, setting = self._page.viewer, settings[-1]
         if viewer is None or viewer.binding.work.scene != scene:
-            opening = Opening(scene, start_seed=seed)
+            opening = OpenRequest(scene, start_seed=seed)
             self._page.open(opening)
             self._wanted = opening, settings[-1:] if setting.begins else settings
             self._redraw()

@@ -9,8 +9,8 @@ import viser
 from ...model.measured_scene import Measured
 from ...model.scene import WALLS, Scene, load_scene, scene_names
 from ...model.validation import InputError, StorageError
-from ...session.request import Opening
-from ...session.scene_edits import Knobs, knobs_of, least_known, turned
+from ...session.request import OpenRequest
+from ...session.scene_edits import SceneParameters, least_known, parameters_of, with_parameters
 from ..gui import html
 from ..gui.binding import Binding
 from ..server.hardening import bounded, bounded_number, one_of
@@ -29,7 +29,7 @@ class SceneTab:
 
     def __init__(self, binding: Binding):
         self._binding, gui, scene = binding, binding.gui, binding.work.scene
-        self._scene, knobs = scene, knobs_of(scene)
+        self._scene, parameters = scene, parameters_of(scene)
         self._own = scene.name if scene.name not in scene_names() else None
         if isinstance(scene, Measured) and self._own is None:  # a file that is called like a scene is another thing
             self._own = f"{scene.name} (measured)"
@@ -40,7 +40,7 @@ class SceneTab:
             "Array radius (m)", 1.0, min=RADII[0], max=RADII[1], step=0.01,
             hint="Of a rectangle, half its longest side; the search domain grows along",
         )  # fmt: skip
-        self.walls = gui.add_dropdown("Walls", WALLS, initial_value=knobs.walls)
+        self.walls = gui.add_dropdown("Walls", WALLS, initial_value=parameters.walls)
         self.absorption = gui.add_number(
             "Absorption (%)", 1.0, min=ABSORPTIONS[0], max=ABSORPTIONS[1], step=0.1,
             hint="Of a wave's energy, at normal incidence",
@@ -60,32 +60,32 @@ class SceneTab:
         self._knobs += (self.known, self.seed, self.apply)
         self._put(scene)
         binding.on(self.name, self._choose)
-        binding.on(self.walls, lambda value: self._show_walls(one_of(value, WALLS, knobs.walls)))
+        binding.on(self.walls, lambda value: self._show_walls(one_of(value, WALLS, parameters.walls)))
         binding.on(self.noise, lambda value: self._show_noise(bool(value)))
         binding.on(self.microphones, lambda value: self._bound_known(bounded(value, 4, MOST_MICROPHONES, 4)))
         binding.on(self.apply, lambda _: self.press())
 
     def _put(self, scene: Scene) -> None:
-        """Bring the handles to where the scene's knobs stand; of what was measured in a room that nobody told, none."""
-        knobs, self._scene = knobs_of(scene), scene
+        """Set the controls to the scene's parameters; hide them for a measurement, which has none."""
+        parameters, self._scene = parameters_of(scene), scene
         measured = isinstance(scene, Measured)
         for handle in self._knobs:
             handle.visible = not measured
         self.told.content = html.remark(MEASURED) if measured else ""
         if measured:
             return
-        self.microphones.max = max(MOST_MICROPHONES, knobs.microphones)
-        self.microphones.value = knobs.microphones
+        self.microphones.max = max(MOST_MICROPHONES, parameters.microphones)
+        self.microphones.value = parameters.microphones
         self.microphones.disabled = scene.array.positions is not None
-        self.radius.value, self.walls.value = round(knobs.radius, 4), knobs.walls
-        self.absorption.value = round(100 * knobs.absorption, 2) or 1.0
-        self.noise.value = quiet = math.isfinite(knobs.snr_db)
-        self.snr.value = bounded(knobs.snr_db, *SNRS, LOUDEST_QUIET) if quiet else LOUDEST_QUIET
-        self.speed.value = bounded_number(100 * knobs.sound_speed_error, *SPEED_ERRORS, 0.0)
-        self.seed.value = min(knobs.seed, LARGEST_SEED)
-        self._bound_known(knobs.microphones)
-        self.known.value = knobs.known
-        self._show_walls(knobs.walls)
+        self.radius.value, self.walls.value = round(parameters.radius, 4), parameters.walls
+        self.absorption.value = round(100 * parameters.absorption, 2) or 1.0
+        self.noise.value = quiet = math.isfinite(parameters.snr_db)
+        self.snr.value = bounded(parameters.snr_db, *SNRS, LOUDEST_QUIET) if quiet else LOUDEST_QUIET
+        self.speed.value = bounded_number(100 * parameters.sound_speed_error, *SPEED_ERRORS, 0.0)
+        self.seed.value = min(parameters.seed, LARGEST_SEED)
+        self._bound_known(parameters.microphones)
+        self.known.value = parameters.known
+        self._show_walls(parameters.walls)
         self._show_noise(quiet)
 
     def _bound_known(self, microphones: int) -> None:
@@ -101,7 +101,7 @@ class SceneTab:
         self.snr.visible = noisy
 
     def _choose(self, value) -> None:
-        """Another scene's knobs; the one shown is as it is, not as it was in its file."""
+        """Another scene's parameters; the one shown is as it is, not as it was in its file."""
         name = one_of(value, (*scene_names(), self._own or ""), self._scene.name)
         shown = self._binding.work.scene
         try:
@@ -110,11 +110,11 @@ class SceneTab:
             self.told.content = html.complaint(str(error))
 
     @property
-    def knobs(self) -> Knobs:
+    def parameters(self) -> SceneParameters:
         """What the handles say, bounded; where a hand has not touched one, exactly what the scene says."""
-        old = knobs_of(self._scene)
+        old = parameters_of(self._scene)
         count = bounded(self.microphones.value, 4, int(self.microphones.max), old.microphones)
-        return Knobs(
+        return SceneParameters(
             microphones=old.microphones if self.microphones.disabled else count,
             radius=_or_old(bounded_number(self.radius.value, *RADII, old.radius), old.radius, 1e-4),
             walls=one_of(self.walls.value, WALLS, old.walls),
@@ -140,12 +140,12 @@ class SceneTab:
         if isinstance(self._scene, Measured):  # a client can press what it does not see
             return
         try:
-            scene = turned(self._scene, self.knobs)
+            scene = with_parameters(self._scene, self.parameters)
         except InputError as error:
             self.told.content = html.complaint(str(error))
             return
         self.told.content = ""
-        self._binding.open(Opening(scene, fewer_modes=True))
+        self._binding.open(OpenRequest(scene, fewer_modes=True))
 
 
 def _or_old(value: float, old: float, rounding: float) -> float:

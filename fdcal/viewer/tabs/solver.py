@@ -10,7 +10,7 @@ from ... import solvers
 from ...model.measured_scene import Measured
 from ...model.scene import no_rectangle
 from ...session.history import SessionView
-from ...session.request import Opening
+from ...session.request import OpenRequest
 from ..gui.binding import Binding
 from ..server.hardening import bounded, one_of
 from .run import FASTEST
@@ -103,7 +103,7 @@ class SolverTab:
             return
         scene = replace(binding.work.scene, solver=replace(own, name=name, start=start))
         choices = {key: getattr(binding.choices, key) for key in KEPT}
-        binding.open(Opening(scene, binding.choices.seed, binding.measurement, choices=choices, fewer_modes=True))
+        binding.open(OpenRequest(scene, binding.choices.seed, binding.measurement, choices=choices, fewer_modes=True))
 
     def pace(self, value) -> None:
         rate = bounded(value, 1, FASTEST, FASTEST)
