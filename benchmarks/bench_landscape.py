@@ -13,7 +13,8 @@ from fdcal.acoustics.fourier_bessel import Lattice
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.cost.eq7 import lattice_of, leave_one_out
 from fdcal.cost.lattice_search import all_candidates, best_candidate, lattice_landscape
-from fdcal.cost.likelihood import diffuse_field, likelihood_landscape
+from fdcal.cost.leave_one_out import likelihood_landscape
+from fdcal.cost.likelihood import diffuse_field
 from fdcal.cost.likelihood_maps import likelihood_maps
 from fdcal.model.power import mode_power
 from fdcal.model.scene import load_scene

@@ -12,7 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..cost.likelihood import DIFFUSE_ENOUGH, DiffuseField, explained, unexplained
+from ..cost.leave_one_out import precision_terms
+from ..cost.likelihood import DiffuseField
+from ..cost.noise_model import NOISE, estimate_noise
 from ..model.gauge import fixes_gauge
 from ..model.measurement import Problem
 from ..model.power import mode_power
@@ -84,7 +86,7 @@ def collect(problem: Problem, positions, modes: slice, noise: np.ndarray | None)
 
 def _residuals(positions, p, field: DiffuseField, coordinates: int) -> dict:
     """residual_to_noise, surprise, unforetold and alone of `Evidence`."""
-    u, d = explained(positions, p, field)
+    u, d = precision_terms(positions, p, field)
     v = field.noise[:, None]
     freedom = np.sum(v * d) - coordinates / 2  # in complex numbers
     foretold = np.abs(u / d) ** 2
@@ -104,10 +106,10 @@ def _strain(problem: Problem, positions, modes: slice, noise: np.ndarray | None)
     if told is None:
         return np.nan
     share = float(np.median(np.asarray(told)[modes] / mode_power(p)))
-    if share > DIFFUSE_ENOUGH[problem.dimension]:
+    if share > NOISE.near_field(problem.dimension):
         return np.nan
     some = slice(None, None, max(1, -(-len(p) // STRAIN_MODES)))
-    return unexplained(positions, p[some], k[some], problem.dimension, True, share).strain
+    return estimate_noise(positions, p[some], k[some], problem.dimension, True, share).chi_square
 
 
 def _sound_speed(found: Spread, positions, known) -> tuple[float, float]:

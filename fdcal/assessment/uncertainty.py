@@ -19,7 +19,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..cost.likelihood import LEAST_NOISE, DiffuseField, diffuse_field, newton_terms, noise_ratio, slopes
+from ..cost.likelihood import DiffuseField, diffuse_field, mode_gradients, newton_terms
+from ..cost.noise_model import NOISE, estimate_noise_share
 from ..model.gauge import rigid_motions
 from ..model.measurement import Problem
 from ..model.power import mode_power
@@ -90,9 +91,9 @@ def field_of(problem: Problem, positions, modes: slice, noise: np.ndarray | None
     p, k = problem.pressures[modes], problem.wavenumbers[modes]
     power = mode_power(p)
     if noise is None:
-        v = noise_ratio(positions, p, k, problem.dimension) * power
+        v = estimate_noise_share(positions, p, k, problem.dimension) * power
     else:
-        v = np.maximum(np.asarray(noise)[modes], LEAST_NOISE * power)
+        v = np.maximum(np.asarray(noise)[modes], NOISE.diffuse_floor * power)
     return p, diffuse_field(p, np.real(k), v, problem.dimension)
 
 
@@ -103,7 +104,7 @@ def spread(positions, pressures, field: DiffuseField, known) -> Spread:
     H = newton_terms(positions, pressures, field)[2].reshape(size, size)
     values, vectors = np.linalg.eigh(basis.T @ H @ basis)
     newton = (vectors / np.maximum(values, SINGULAR * values[-1])) @ vectors.T
-    each = slopes(positions, pressures, field).reshape(len(pressures), size)
+    each = mode_gradients(positions, pressures, field).reshape(len(pressures), size)
     return Spread(basis, newton, H, each, positions.shape)
 
 

@@ -21,7 +21,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..acoustics.fourier_bessel import f_max
-from ..cost.likelihood import STRAINED, newton_terms
+from ..cost.likelihood import newton_terms
+from ..cost.noise_model import NOISE
 from ..model.gauge import align, position_errors
 from ..model.measurement import Problem
 from ..model.validation import frozen_array
@@ -189,8 +190,8 @@ def _mismatch(problem: Problem, evidence: Evidence, names, modes: slice) -> str:
     cause = "a source or an obstacle inside the array, odd channels, or positions not found yet (try another solver)"
     if np.isfinite(evidence.strain):  # the real kernel, of which the rest speaks, leaves more than there is noise
         misfit = f"no sound field without sources explains the pressures (misfit {evidence.strain:.2g}, 1 is expected)"
-        if evidence.strain > STRAINED[1] or evidence.noise_share <= UNTOLD:
-            return f"{misfit}: {cause}" if evidence.strain > STRAINED[1] else ""
+        if evidence.strain > NOISE.chi_square or evidence.noise_share <= UNTOLD:
+            return f"{misfit}: {cause}" if evidence.strain > NOISE.chi_square else ""
     if evidence.noise_share < FAINT and evidence.residual_to_noise < RESIDUAL:
         return ""
     if told is not None and np.all(told[modes] > 0) and evidence.residual_to_noise > RESIDUAL:

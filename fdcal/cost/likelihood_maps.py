@@ -1,6 +1,6 @@
 """The likelihood of one microphone over the search lattice, mode by mode, as fast as the eye asks for it.
 
-What `fdcal.cost.likelihood.likelihood_landscape` reckons, for real wavenumbers and a diffuse field: with microphone
+What `fdcal.cost.leave_one_out.likelihood_landscape` reckons, for real wavenumbers and a diffuse field: with microphone
 n at x
 
     cost(x) = log det (C_-n / v) + p_-n^H C_-n^-1 p_-n + log V + |p_n - f|^2 / (v V)

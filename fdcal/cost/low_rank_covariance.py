@@ -10,8 +10,8 @@ With C = s W W^H + v I, mu = v / s and the order ample,
 
 Of rank 2L + 1 only, so a step costs O(M N L^2 + M N^2 (L + D^2)). Complex wavenumbers are served as well as real ones.
 A source close to the array excites high orders more than a diffuse field does, by |H_l(k rho)|, rho its distance.
-With `near` the columns of W are multiplied by that, for rho = 1.5 R, where it is above 1: a prior that allows for such
-a source, needed where so little noise is left that its field counts.
+With `near_field` the columns of W are multiplied by that factor, for rho = 1.5 R, where it is above 1: a prior that
+allows for such a source, needed where the noise is so low that its field counts.
 
 In two dimensions W has the columns J_0, sqrt(2) J_l cos(l theta), sqrt(2) J_l sin(l theta): those of Eq. 4 after a
 unitary map, which changes no W W^H, and real for a real k.
@@ -33,7 +33,7 @@ LEAST_WEIGHT = 1e-11  # of mu; below it rounding errors of A are no longer small
 
 
 def expansion_terms(
-    positions, pressures, wavenumbers, power, noise, dimension, log_det, near=False, about=None, derivatives=2
+    positions, pressures, wavenumbers, power, noise, dimension, log_det, near_field=False, about=None, derivatives=2
 ):
     """Cost summed over modes, its gradient and its Gauss-Newton matrix.
 
@@ -45,8 +45,8 @@ def expansion_terms(
     power, noise : (M,) float64, s and v, in the unit of abs(pressures)**2
     dimension : 2 or 3, of the sound field
     log_det : True for the likelihood; False for the projection, sum_m p^H P p (Eq. 7 with Tikhonov weight v / s)
-    near : whether a source may be close to the array
-    about : (N, D) float64, metres, or None, positions that give the centre and how near
+    near_field : whether a source may be close to the array
+    about : (N, D) float64, metres, or None, positions that give the centre and the distance of a source
     derivatives : 0 for the cost alone, 1 for its gradient, too, 2 for all
 
     Returns
@@ -58,7 +58,7 @@ def expansion_terms(
     Raises numpy.linalg.LinAlgError where the positions are not finite.
     """
     x, k, p = writable(positions, float), writable(wavenumbers), writable(pressures, complex)
-    centre, orders, gains = _about_centre(x, k, dimension, near, about)
+    centre, orders, gains = _about_centre(x, k, dimension, near_field, about)
     noise = np.maximum(noise, LEAST_WEIGHT * power)
     scale = np.ones_like(noise) if log_det else noise
     if dimension == 2:
@@ -68,7 +68,7 @@ def expansion_terms(
     return summed(series_modes, (x, centre), modes, (float(log_det), derivatives), derivatives)
 
 
-def _about_centre(x, k, dimension: int, near: bool, about=None):
+def _about_centre(x, k, dimension: int, near_field: bool, about=None):
     """Centre (D,), orders (M,) and the gain of every order (M, L + 1).
 
     The centre is the centre of mass and a little aside, where no microphone stands: there is no direction at it.
@@ -80,9 +80,9 @@ def _about_centre(x, k, dimension: int, near: bool, about=None):
     furthest = float(np.linalg.norm(x - centre, axis=1).max())
     if not np.isfinite(furthest):
         raise np.linalg.LinAlgError("positions are not finite")
-    orders = max_order(k, furthest, NEAR_ORDERS if near else AMPLE)
+    orders = max_order(k, furthest, NEAR_ORDERS if near_field else AMPLE)
     gains = np.ones((len(k), int(orders.max()) + 1))
-    if near and reach > 0:
+    if near_field and reach > 0:
         l, z = np.arange(gains.shape[1]), np.real(k)[:, None] * NEAREST * reach  # noqa: E741
         loud = np.abs(hankel1(l, z)) if dimension == 2 else np.hypot(spherical_jn(l, z), spherical_yn(l, z))
         gains = np.clip(loud, 1.0, 1e100)
@@ -219,7 +219,7 @@ def _misfit(residual, alpha, mu):
 
 
 def expansion_spectra(
-    positions, pressures, wavenumbers, dimension: int, near=False
+    positions, pressures, wavenumbers, dimension: int, near_field=False
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Of every mode the N eigenvalues of C for s = 1, v = 0, and |u^H p|^2 along its eigenvectors u.
 
@@ -228,7 +228,7 @@ def expansion_spectra(
     list of two (N,) float64 arrays a mode; eigenvalues of zero may share what is left of p equally
     """
     x, k = writable(positions, float), writable(wavenumbers)
-    centre, orders, gains = _about_centre(x, k, dimension, near)
+    centre, orders, gains = _about_centre(x, k, dimension, near_field)
 
     def of_mode(mode) -> tuple[np.ndarray, np.ndarray]:
         kk, order, gain, p = mode

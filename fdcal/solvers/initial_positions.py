@@ -15,7 +15,9 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 
-from ..cost.likelihood import Unexplained, diffuse_field, left_out, likelihood_landscapes, total, unexplained
+from ..cost.leave_one_out import leave_one_out_chi_square, likelihood_landscapes
+from ..cost.likelihood import diffuse_field, total_cost
+from ..cost.noise_model import NoiseEstimate, estimate_noise
 from ..model.gauge import fixes_gauge
 from ..model.measurement import Problem
 from ..model.power import mode_power
@@ -141,13 +143,13 @@ def bends(positions: np.ndarray, known: np.ndarray, degree: int) -> np.ndarray:
     return whole @ vectors[np.count_nonzero(values > 1e-9 * values[0]) :].T
 
 
-def left_over(problem: Problem, positions, modes: slice, near: bool = False, told: float = 0.0) -> Unexplained:
-    """`fdcal.cost.likelihood.unexplained` of a part of the modes, evenly taken."""
+def left_over(problem: Problem, positions, modes: slice, near: bool = False, told: float = 0.0) -> NoiseEstimate:
+    """`fdcal.cost.noise_model.estimate_noise` of a part of the modes, evenly taken."""
     used = _spaced(problem, modes)
-    return unexplained(positions, problem.pressures[used], problem.wavenumbers[used], problem.dimension, near, told)
+    return estimate_noise(positions, problem.pressures[used], problem.wavenumbers[used], problem.dimension, near, told)
 
 
-def rehomed(problem: Problem, positions, modes: slice, rest: Unexplained) -> np.ndarray:
+def rehomed(problem: Problem, positions, modes: slice, rest: NoiseEstimate) -> np.ndarray:
     """`positions` with the microphones that fit worst moved to where they fit best, the others held : (N, D), metres.
 
     A microphone that the rough start has put into a wrong basin would flee outward once less noise is supposed. The
@@ -156,7 +158,7 @@ def rehomed(problem: Problem, positions, modes: slice, rest: Unexplained) -> np.
     """
     p, k, field = _rough_field(problem, modes, rest)
     x = np.array(positions)
-    misfit = left_out(x, p, field)
+    misfit = leave_one_out_chi_square(x, p, field)
     apart = np.pi / 4 / float(k.max())
     axes = [np.arange(low - apart, high + 2 * apart, apart) for low, high in zip(x.min(0), x.max(0), strict=True)]
     candidates = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, x.shape[1])
@@ -175,13 +177,13 @@ def rehomed(problem: Problem, positions, modes: slice, rest: Unexplained) -> np.
     return x
 
 
-def misfits(problem: Problem, positions, modes: slice, rest: Unexplained) -> np.ndarray:
-    """`fdcal.cost.likelihood.left_out` of every microphone (N,), what is left unexplained taken as noise."""
+def misfits(problem: Problem, positions, modes: slice, rest: NoiseEstimate) -> np.ndarray:
+    """Return `leave_one_out_chi_square` of every microphone (N,), the whole residual taken as noise."""
     p, _, field = _rough_field(problem, modes, rest)
-    return left_out(positions, p, field)
+    return leave_one_out_chi_square(positions, p, field)
 
 
-def _rough_field(problem: Problem, modes: slice, rest: Unexplained):
+def _rough_field(problem: Problem, modes: slice, rest: NoiseEstimate):
     """Pressures, wavenumbers and the diffuse field of a part of the modes."""
     used = _spaced(problem, modes)
     p, k = problem.pressures[used], np.real(problem.wavenumbers[used])
@@ -215,7 +217,7 @@ def _with_metric(problem: Problem, modes: int, shape, values, lowest: int) -> np
         noise = FIRST_NOISE if rest is None else rest.shares(k[used])
         field = diffuse_field(p, k[used], noise * power, problem.dimension)
         if rest is None:
-            guess = min((scale * guess for scale in SCALES), key=lambda x: total(x, p, field))
+            guess = min((scale * guess for scale in SCALES), key=lambda x: total_cost(x, p, field))
         guess = minimise(guess, p, field, basis, iterations=12, tolerance=3e-3)
         rest = left_over(problem, guess, slice(0, min(count, modes)))
     return guess

@@ -25,7 +25,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..cost.likelihood import LEAST_NOISE, Unexplained, diffuse_field
+from ..cost.likelihood import diffuse_field
+from ..cost.noise_model import NOISE, NoiseEstimate
 from ..model.gauge import place
 from ..model.measurement import Problem
 from ..model.power import mode_power
@@ -152,7 +153,8 @@ def landscape(problem: Problem, state: State, n: int, modes: slice, search: Sear
     from ..cost.likelihood_maps import likelihood_maps  # compiled code is loaded with the first map
 
     power = mode_power(problem.pressures[modes])
-    noise = np.maximum(state.noise[modes], LEAST_NOISE * power)  # with less, the near model's, the kernel is singular
+    least = NOISE.diffuse_floor * power  # with less, as the near-field model has it, the kernel is singular
+    noise = np.maximum(state.noise[modes], least)
     return likelihood_maps(problem, state.positions, n, modes, noise, search)
 
 
@@ -195,7 +197,7 @@ def _placed(problem: Problem, positions) -> np.ndarray:
     return frozen_array(positions if problem.frame is None else place(positions, problem.frame), float)
 
 
-def _begin(problem: Problem, state: State, rest: Unexplained | None = None) -> State:
+def _begin(problem: Problem, state: State, rest: NoiseEstimate | None = None) -> State:
     """Start a stage."""
     positions = _placed(problem, state.positions)
     damping = FIRST_DAMPING if state.phase == "bend" else LOW_DAMPING
@@ -230,7 +232,7 @@ def _end(problem: Problem, state: State, settled: bool) -> State:
     return _finish(problem, done, settled, rest)
 
 
-def _begin_free(problem: Problem, state: State, rest: Unexplained | None = None) -> State:
+def _begin_free(problem: Problem, state: State, rest: NoiseEstimate | None = None) -> State:
     """Every microphone for itself, those in a wrong basin put elsewhere first."""
     rest = initial_positions.left_over(problem, state.positions, state.modes) if rest is None else rest
     positions = initial_positions.rehomed(problem, state.positions, state.modes, rest)
@@ -259,7 +261,7 @@ def _learn(problem: Problem, state: State) -> State:
     return replace(begun, cost=finite_cost(begun.positions, *noise_schedule.model(problem, begun)))
 
 
-def _finish(problem: Problem, state: State, settled: bool, rest: Unexplained | None = None) -> State:
+def _finish(problem: Problem, state: State, settled: bool, rest: NoiseEstimate | None = None) -> State:
     """The end, or another attempt where too much is left unexplained."""
     if settled and noise_schedule.certain(problem, state):
         return replace(state, finished=True, converged=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from ..cost.likelihood import DiffuseField, newton_terms, total
+from ..cost.likelihood import DiffuseField, newton_terms, total_cost
 from ..model.gauge import rigid_motions
 
 FIRST_DAMPING = 1e-3
@@ -39,7 +39,7 @@ def damped_step(
     """
     N, D = positions.shape
     if basis is not None and not basis.shape[1]:
-        return Trial(positions, total(positions, pressures, field), 0.0, FIRST_DAMPING, 0.0)
+        return Trial(positions, total_cost(positions, pressures, field), 0.0, FIRST_DAMPING, 0.0)
     try:
         cost, gradient, curvature = newton_terms(positions, pressures, field)
     except np.linalg.LinAlgError:  # nowhere to go from here
@@ -86,8 +86,8 @@ def _solve(H: np.ndarray, g: np.ndarray) -> np.ndarray:
 
 
 def finite_cost(positions, pressures, field: DiffuseField) -> float:
-    """`fdcal.cost.likelihood.total`, infinite where it cannot be computed."""
+    """`fdcal.cost.likelihood.total_cost`, infinite where it cannot be computed."""
     try:
-        return total(positions, pressures, field)
+        return total_cost(positions, pressures, field)
     except np.linalg.LinAlgError:  # two microphones in one place without noise
         return np.inf

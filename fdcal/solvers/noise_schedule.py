@@ -12,15 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..cost.likelihood import (
-    DIFFUSE_ENOUGH,
-    LEAST_NEAR_NOISE,
-    LEAST_NOISE,
-    STRAINED,
-    DiffuseField,
-    Unexplained,
-    diffuse_field,
-)
+from ..cost.likelihood import DiffuseField, diffuse_field
+from ..cost.noise_model import NOISE, NoiseEstimate
 from ..model.measurement import Problem
 from ..model.power import mode_power
 from ..model.scene import SolverSettings
@@ -58,7 +51,7 @@ def model(problem: Problem, state: State) -> tuple[np.ndarray, DiffuseField]:
     return p, field if state.prior is None else replace(field, prior=state.prior)
 
 
-def supposing(problem: Problem, state: State, rest: Unexplained | None = None) -> State:
+def supposing(problem: Problem, state: State, rest: NoiseEstimate | None = None) -> State:
     """The noise is what the positions leave unexplained or, in the end, that of the measurement."""
     rest = initial_positions.left_over(problem, state.positions, state.modes) if rest is None else rest
     power = mode_power(problem.pressures)
@@ -67,11 +60,11 @@ def supposing(problem: Problem, state: State, rest: Unexplained | None = None) -
     if state.phase == "sharp":
         believed = told is not None and rest.noise <= UNEXPLAINED * float(np.median(told / power))
         share = told / power if believed else rest.shares(problem.wavenumbers, spread=False)
-        near = bool(np.median(share[state.modes]) <= DIFFUSE_ENOUGH[problem.dimension])
+        near = bool(np.median(share[state.modes]) <= NOISE.near_field(problem.dimension))
         # What the real kernel leaves unexplained says little of the noise where the near model is yet to come.
         leap = near and not believed and not state.near and attempt(problem, state)[0] != "gentle"
         share = np.zeros_like(share) if leap else share / confidence(share, problem)
-    least = LEAST_NEAR_NOISE if near or state.near else LEAST_NOISE
+    least = NOISE.near_field_floor if near or state.near else NOISE.diffuse_floor
     return replace(
         state,
         noise=frozen_array(np.maximum(share, least) * power, float),
@@ -94,7 +87,7 @@ def told_noise(problem: Problem, settings: SolverSettings) -> np.ndarray | None:
     return problem.noise_power if settings.noise == "told" else None
 
 
-def rough(problem: Problem, state: State, rest: Unexplained) -> bool:
+def rough(problem: Problem, state: State, rest: NoiseEstimate) -> bool:
     """Whether the spread still falls and is more than the noise, or a microphone stands in a wrong basin."""
     highest = float(np.real(problem.wavenumbers[state.modes]).max())
     spread = (highest * rest.spread) ** 2 / rest.dimension > rest.noise and rest.spread < 0.7 * state.spread
@@ -105,7 +98,7 @@ def rough(problem: Problem, state: State, rest: Unexplained) -> bool:
     )
 
 
-def even(problem: Problem, rest: Unexplained) -> bool:
+def even(problem: Problem, rest: NoiseEstimate) -> bool:
     """Whether noise alone is left: a wrong end, even one that two attempts share, leaves a spread."""
     return float(np.median(rest.shares(problem.wavenumbers))) <= max(EVEN * rest.noise, FAINT)
 
@@ -113,8 +106,8 @@ def even(problem: Problem, rest: Unexplained) -> bool:
 def another(problem: Problem, state: State, sharper: State) -> bool:
     """Whether `sharper` supposes other noise than `state`: less, or, after the least that there can be, a little."""
     before, after = (float(np.median(s.noise / mode_power(problem.pressures))) for s in (state, sharper))
-    least = before <= 2 * LEAST_NEAR_NOISE
-    return after < 0.5 * before or (least and 2 * before < after <= DIFFUSE_ENOUGH[problem.dimension])
+    least = before <= 2 * NOISE.near_field_floor
+    return after < 0.5 * before or (least and 2 * before < after <= NOISE.near_field(problem.dimension))
 
 
 def worth_learning(problem: Problem, state: State) -> bool:
@@ -126,7 +119,7 @@ def worth_learning(problem: Problem, state: State) -> bool:
 def faint(problem: Problem, state: State) -> float | None:
     """Share of the noise told, where it is so little that the near model is to explain all; None elsewhere."""
     share = float(np.median(state.noise_power / mode_power(problem.pressures)))
-    return share if state.noise_told and share <= DIFFUSE_ENOUGH[problem.dimension] else None
+    return share if state.noise_told and share <= NOISE.near_field(problem.dimension) else None
 
 
 def certain(problem: Problem, state: State) -> bool:
@@ -134,7 +127,7 @@ def certain(problem: Problem, state: State) -> bool:
     told = faint(problem, state)
     if told is None:
         return False
-    return initial_positions.left_over(problem, state.positions, state.modes, True, told).strain <= STRAINED[1]
+    return initial_positions.left_over(problem, state.positions, state.modes, True, told).chi_square <= NOISE.chi_square
 
 
 def attempts(problem: Problem, state: State) -> list[tuple[str, float]]:
@@ -151,7 +144,7 @@ def outdone(problem: Problem, state: State) -> bool:
     return cost < initial_positions.left_over(problem, state.positions, state.modes, near).cost
 
 
-def convincing(problem: Problem, state: State, rest: Unexplained) -> bool:
+def convincing(problem: Problem, state: State, rest: NoiseEstimate) -> bool:
     """Whether what an attempt leaves is the noise told, or, where none is, what another attempt has left, too.
 
     Two attempts may share a wrong end, which leaves a spread; not so easily one with another direction.

@@ -13,7 +13,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..cost.likelihood import diffuse_field, newton_terms, unexplained
+from ..cost.likelihood import diffuse_field, newton_terms
+from ..cost.noise_model import estimate_noise
 from ..cost.watershed import bottoms
 from ..model.validation import frozen_array
 
@@ -40,8 +41,8 @@ def pieces(dimension: int, solver: str) -> tuple[list[Callable], list[Callable]]
 def _terms(x, waves, dimension: int, near: bool = False, prior: np.ndarray | None = None) -> None:
     """Cost, slopes and what is left over; with the damped wavenumbers of a recording where sources may be near."""
     wavenumbers = np.array([3.0 - 0.01j]) if near else np.array([3.0])
-    field = replace(diffuse_field(waves, wavenumbers, np.array([1e-2]), dimension, near=near), prior=prior)
+    field = replace(diffuse_field(waves, wavenumbers, np.array([1e-2]), dimension, near_field=near), prior=prior)
     fixed = frozen_array(x, float)
     for positions in (x, fixed):  # two types, if a kernel is given both
         newton_terms(positions, waves, field)
-    unexplained(fixed, waves, wavenumbers, dimension, near)
+    estimate_noise(fixed, waves, wavenumbers, dimension, near)

@@ -8,20 +8,17 @@ from fields import measured
 from scipy.special import spherical_jn
 
 from fdcal.acoustics.sinc import sinc
+from fdcal.cost.leave_one_out import likelihood_landscape, likelihood_landscapes, precision_terms
 from fdcal.cost.likelihood import (
     DiffuseField,
     diffuse_field,
-    explained,
     kernel,
     likelihood,
-    likelihood_landscape,
-    likelihood_landscapes,
+    mode_gradients,
     newton_terms,
-    noise_ratio,
-    slopes,
-    total,
-    unexplained,
+    total_cost,
 )
+from fdcal.cost.noise_model import estimate_noise, estimate_noise_share
 
 TRUTH = np.random.default_rng(3).uniform(-0.5, 0.5, (20, 2)) + [2.61, 2.31]
 PROBLEM = measured(TRUTH, [0, 1, 2], highest=200.0, snr_db=30).problem()
@@ -89,12 +86,11 @@ def test_landscape_is_the_likelihood_with_the_microphone_there():
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_a_landscape_in_blocks_is_the_same(dimension, monkeypatch):
+def test_a_landscape_in_blocks_is_the_same(dimension):
     field, guess = field_and_guess(dimension)
     candidates = guess.mean(axis=0) + np.random.default_rng(5).uniform(-0.5, 0.5, (23, dimension))
     whole = likelihood_landscapes(guess, [1, 6], candidates, PROBLEM.pressures, field)
-    monkeypatch.setattr("fdcal.cost.likelihood.BLOCK", 5 * len(guess))
-    parts = likelihood_landscapes(guess, [1, 6], candidates, PROBLEM.pressures, field)
+    parts = likelihood_landscapes(guess, [1, 6], candidates, PROBLEM.pressures, field, block=5 * len(guess))
     assert parts.shape == (len(PROBLEM.pressures), 2, 23)
     np.testing.assert_allclose(parts, whole, rtol=1e-9)
 
@@ -107,8 +103,8 @@ def test_the_trap_at_infinity_is_open_in_the_quadratic_form_and_closed_in_the_li
     flown = TRUTH.copy()
     flown[4] += 50.0
     for near, far in ((TRUTH, flown), (TRUTH, 100 * TRUTH), (rough, 100 * rough)):
-        assert total(far, PROBLEM.pressures, quadratic) < total(near, PROBLEM.pressures, quadratic)
-        assert total(far, PROBLEM.pressures, likely) > total(near, PROBLEM.pressures, likely) + 100
+        assert total_cost(far, PROBLEM.pressures, quadratic) < total_cost(near, PROBLEM.pressures, quadratic)
+        assert total_cost(far, PROBLEM.pressures, likely) > total_cost(near, PROBLEM.pressures, likely) + 100
 
 
 @pytest.mark.parametrize("ratio", [1e-1, 1e-2, 1e-3])
@@ -118,7 +114,7 @@ def test_the_noise_is_recovered_at_the_true_positions(ratio):
     for field, noise in zip(draws(1e-9, 10), draws(1.0, 10), strict=True):
         field = field / np.sqrt(np.mean(np.abs(field) ** 2, axis=1, keepdims=True))
         p = np.sqrt(1 - ratio) * field + np.sqrt(ratio) * noise
-        found.append(noise_ratio(TRUTH, p, PROBLEM.wavenumbers, 2))
+        found.append(estimate_noise_share(TRUTH, p, PROBLEM.wavenumbers, 2))
     assert np.mean(found) == pytest.approx(ratio, rel=0.15)
 
 
@@ -127,7 +123,7 @@ def test_the_spread_of_rough_positions_is_told_from_noise(spread):
     """Errors of the positions count the more the higher the mode, noise does not."""
     rng, found = np.random.default_rng(0), []
     for p in draws(1e-4, 6):
-        rest = unexplained(TRUTH + rng.normal(0, spread, TRUTH.shape), p, PROBLEM.wavenumbers, 2)
+        rest = estimate_noise(TRUTH + rng.normal(0, spread, TRUTH.shape), p, PROBLEM.wavenumbers, 2)
         found.append((rest.spread, rest.noise))
     spreads, noises = np.mean(found, axis=0)
     assert spreads == pytest.approx(spread * np.sqrt(2), rel=0.3)  # of both coordinates together
@@ -138,7 +134,7 @@ def test_the_spread_of_rough_positions_is_told_from_noise(spread):
 def test_the_slopes_of_all_modes_add_up_to_the_gradient(dimension):
     field, guess = field_and_guess(dimension)
     gradient = newton_terms(guess, PROBLEM.pressures, field)[1]
-    each = slopes(guess, PROBLEM.pressures, field)
+    each = mode_gradients(guess, PROBLEM.pressures, field)
     np.testing.assert_allclose(each.sum(axis=0), gradient, rtol=1e-9, atol=1e-9 * np.abs(gradient).max())
 
 
@@ -146,7 +142,7 @@ def test_the_slopes_of_all_modes_add_up_to_the_gradient(dimension):
 def test_what_is_explained_is_that_of_the_explicit_covariance(dimension):
     field, guess = field_and_guess(dimension)
     distance = np.linalg.norm(guess[:, None] - guess[None], axis=-1)
-    u, d = explained(guess, PROBLEM.pressures, field)
+    u, d = precision_terms(guess, PROBLEM.pressures, field)
     for m, p in enumerate(PROBLEM.pressures):
         C = field.power[m] * kernel(field.wavenumbers[m] * distance, dimension) + field.noise[m] * np.eye(len(guess))
         np.testing.assert_allclose(C @ u[m], p, rtol=1e-8, atol=1e-8 * np.abs(p).max())
@@ -158,4 +154,4 @@ def test_what_is_not_a_number_is_not_taken_for_one_place():
     field, guess = field_and_guess(3)
     guess[4] = np.nan
     with pytest.raises(np.linalg.LinAlgError):
-        total(guess, PROBLEM.pressures, field)
+        total_cost(guess, PROBLEM.pressures, field)

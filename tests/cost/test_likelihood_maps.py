@@ -7,8 +7,10 @@ import pytest
 from fields import measured
 
 from fdcal.cost.landscapes import finer
-from fdcal.cost.likelihood import LEAST_NOISE, diffuse_field, likelihood_landscape
+from fdcal.cost.leave_one_out import likelihood_landscape
+from fdcal.cost.likelihood import diffuse_field
 from fdcal.cost.likelihood_maps import likelihood_maps
+from fdcal.cost.noise_model import NOISE
 from fdcal.model.measurement import Problem
 from fdcal.model.scene import Search, SolverSettings
 from fdcal.model.validation import InputError
@@ -95,7 +97,7 @@ def test_a_finer_lattice_shows_the_same_surface():
 def test_the_joint_solver_shows_the_likelihood_with_no_less_noise_than_the_kernel_bears():
     problem = MEASURED.problem()
     begun = joint.init(problem, SolverSettings(name="joint", modes=40), 0)
-    for share, shown in ((1e-3, 1e-3), (1e-10, LEAST_NOISE)):
+    for share, shown in ((1e-3, 1e-3), (1e-10, NOISE.diffuse_floor)):
         state = replace(begun, positions=ROUGH, noise=noise_of(problem, share, slice(None)))
         expected = directly(problem, ROUGH, noise_of(problem, shown), problem.search)
         assert_same(joint.landscape(problem, state, N, MODES), expected)

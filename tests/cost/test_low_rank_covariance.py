@@ -12,7 +12,7 @@ from fdcal.acoustics.fourier_bessel import fourier_bessel, max_order
 from fdcal.acoustics.spherical_harmonics import spherical_bessel
 from fdcal.cost import eq7 as paper
 from fdcal.cost.dense_covariance import dense_terms
-from fdcal.cost.likelihood import DiffuseField, newton_terms, total
+from fdcal.cost.likelihood import DiffuseField, newton_terms, total_cost
 from fdcal.cost.low_rank_covariance import AMPLE, bessel_orders_of, expansion_terms
 from fdcal.cost.spherical_covariance import spherical_orders
 
@@ -54,12 +54,12 @@ def test_gradient_is_the_limit_of_differences(dimension, D, damped, log_det, nea
     x, p = drawn(D)
     model = field(dimension, damped, log_det, near, about=x)
     cost, gradient, _ = newton_terms(x, p, model)
-    np.testing.assert_allclose(total(x, p, model), cost, rtol=1e-10)
+    np.testing.assert_allclose(total_cost(x, p, model), cost, rtol=1e-10)
     h, expected = 1e-5, np.empty_like(x)
     for i, a in np.ndindex(x.shape):
         step = np.zeros_like(x)
         step[i, a] = h
-        expected[i, a] = (total(x + step, p, model) - total(x - step, p, model)) / (2 * h)
+        expected[i, a] = (total_cost(x + step, p, model) - total_cost(x - step, p, model)) / (2 * h)
     np.testing.assert_allclose(gradient, expected, rtol=2e-6, atol=2e-6 * np.abs(expected).max())
 
 
@@ -115,7 +115,9 @@ def test_the_projection_is_the_paper_s_cost_with_a_tikhonov_weight():
             float(paper.cost(x, p[m : m + 1], k[m : m + 1], orders[m : m + 1], centre, tikhonov=weights[m])[0])
             for m in range(M)
         )
-        assert total(x, p, field(2, damped, log_det=False)) == pytest.approx(expected, rel=ASIDE if damped else 1e-8)
+        assert total_cost(x, p, field(2, damped, log_det=False)) == pytest.approx(
+            expected, rel=ASIDE if damped else 1e-8
+        )
 
 
 @pytest.mark.parametrize("log_det", [True, False])
@@ -127,14 +129,14 @@ def test_no_rigid_motion_and_no_mirror_changes_the_cost(dimension, D, damped, lo
     model = field(dimension, damped, log_det)
     Q = np.linalg.qr(np.random.default_rng(1).normal(size=(D, D)))[0]
     Q[:, 0] *= -np.sign(np.linalg.det(Q))
-    assert total(x @ Q - 3.0, p, model) == pytest.approx(total(x, p, model), rel=ASIDE if damped else 1e-8)
+    assert total_cost(x @ Q - 3.0, p, model) == pytest.approx(total_cost(x, p, model), rel=ASIDE if damped else 1e-8)
 
 
 def test_positions_that_are_no_numbers_are_refused():
     x, p = drawn(2)
     x[3, 1] = np.nan
     with pytest.raises(np.linalg.LinAlgError):
-        total(x, p, field(2, 0.0))
+        total_cost(x, p, field(2, 0.0))
 
 
 ARGUMENTS = [0.0, 1e-9, 0.03, 0.1999, 0.2001, 1.0, 4.7, 23.0, 60.0]
