@@ -15,8 +15,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from fdcal.acoustics.box_field import field as box_field
-from fdcal.acoustics.room_modes import nearest_image
+from fdcal.acoustics.box_field import point_source_pressures as box_field
+from fdcal.acoustics.room_modes import nearest_symmetry
 from fdcal.assessment.room_verdict import judge
 from fdcal.model.measurement import Measurement
 from fdcal.model.power import mode_power
@@ -62,7 +62,7 @@ def found(measurement: Measurement, size) -> SimpleNamespace:
     for state in states(problem, SolverSettings(name="room", modes=MODES, room=size), 0):  # noqa: B007, the last one counts
         pass
     told = judge(problem, state, measurement.names).verdict
-    image = nearest_image(state.positions, measurement.positions, size)
+    image = nearest_symmetry(state.positions, measurement.positions, size)
     errors = np.linalg.norm(image.of(state.positions) - measurement.positions, axis=1)
     seconds = time.perf_counter() - start
     return SimpleNamespace(rms=pooled(errors), code=told.code, seconds=seconds, sigma=pooled(told.uncertainty))

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fdcal.acoustics.box_field import field as box_field
+from fdcal.acoustics.box_field import point_source_pressures as box_field
 from fdcal.assessment.cross_validation import expansions, report
 from fdcal.model.power import mode_power
 from fdcal.model.scene import load_scene

@@ -18,10 +18,10 @@ from pathlib import Path
 
 import numpy as np
 
-from fdcal.acoustics.box_field import field as box_field
+from fdcal.acoustics.box_field import point_source_pressures as box_field
 from fdcal.cost.likelihood import diffuse_field, newton_terms
 from fdcal.model.arrays import positions_of
-from fdcal.model.arrays_3d import places_of
+from fdcal.model.arrays_3d import positions_3d
 from fdcal.model.gauge import align, position_errors
 from fdcal.model.measurement import Measurement
 from fdcal.model.power import mode_power
@@ -80,7 +80,7 @@ def _clean(name: str, seed: int, modes: int):
     frequencies = eigenfrequencies(scene.room.size, modes, c, D == 3)
     k = (2 * np.pi * frequencies - 1j * DECAY[D]) / c
     if D == 3:
-        return scene, frequencies, k, box_field(scene.room, position, places_of(scene), k)
+        return scene, frequencies, k, box_field(scene.room, position, positions_3d(scene), k)
     return scene, frequencies, k, rigid_field(positions_of(scene), position, k, scene.room.size)
 
 

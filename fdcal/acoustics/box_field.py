@@ -31,7 +31,7 @@ import numpy as np
 from ..model.power import mode_power
 from ..model.scene import Room, Sensing, Source
 from ..model.validation import InputError
-from .spectrum import DECAY, peaks_of, wavenumber_continuous
+from .spectrum import DECAY, pick_peaks, wavenumber_continuous
 
 EXACT = 36.0  # nepers by which the first term left out has fallen: exp(-36) = 2e-16
 ROUGH = 10.0  # likewise for the search of peaks alone
@@ -42,7 +42,7 @@ STEPS = 4.0  # from a rigid to an absorbing wall, each of a few Newton steps, fo
 MOST_STEPS = 100
 
 
-def listen(room: Room, source: Source, places, sensing: Sensing, progress=None):
+def modal_pressures(room: Room, source: Source, places, sensing: Sensing, progress=None):
     """What microphones hear of a source that is equally loud at all frequencies, at the peaks of its mean power.
 
     Parameters
@@ -66,14 +66,14 @@ def listen(room: Room, source: Source, places, sensing: Sensing, progress=None):
     power = np.empty(len(grid))
     for start in range(0, len(grid), 64):
         block = slice(start, start + 64)
-        p = field(room, source.position, places, wavenumber_continuous(grid[block], s, c), ROUGH)
+        p = point_source_pressures(room, source.position, places, wavenumber_continuous(grid[block], s, c), ROUGH)
         power[block] = mode_power(p)
         if progress is not None:
             progress(min(1.0, (start + 64) / len(grid)))
-    frequencies = peaks_of(power, sensing.lowest, step, sensing.prominence_db, sensing.resolution)
+    frequencies = pick_peaks(power, sensing.lowest, step, sensing.prominence_db, sensing.resolution)
     wavenumbers = wavenumber_continuous(frequencies, s, c)
     spectrum = np.stack([grid, power])
-    return frequencies, wavenumbers, field(room, source.position, places, wavenumbers), spectrum
+    return frequencies, wavenumbers, point_source_pressures(room, source.position, places, wavenumbers), spectrum
 
 
 def require_resolved(source: Source, sensing: Sensing) -> None:
@@ -86,7 +86,7 @@ def require_resolved(source: Source, sensing: Sensing) -> None:
         )
 
 
-def field(room: Room, source, places, wavenumbers, nepers: float = EXACT) -> np.ndarray:
+def point_source_pressures(room: Room, source, places, wavenumbers, nepers: float = EXACT) -> np.ndarray:
     """Pressures of a point source of unit strength, of which p -> 1 / (4 pi d) close by : (M, N) complex128, 1/m.
 
     Parameters

@@ -35,7 +35,7 @@ def compiled(function: Callable, **options) -> Callable:
         return numba.njit(function, **options)
 
 
-def compiled_in_strips(function: Callable) -> Callable:
+def compiled_parallel(function: Callable) -> Callable:
     """As `compiled`, its `numba.prange` shared out between threads."""
     return compiled(function, parallel=True)
 
@@ -50,14 +50,14 @@ def _pool() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(min(PARTS, os.cpu_count() or 1), "fdcal-modes")
 
 
-def let_go() -> None:
-    """End the threads of `at_once` after what they are at; who needs them again gets new ones."""
+def shut_down_threads() -> None:
+    """End the threads of `parallel_map` after what they are at; who needs them again gets new ones."""
     pool = _pool()
     _pool.cache_clear()
     pool.shutdown()
 
 
-def at_once(function: Callable, items: Iterable, worth: bool = True) -> list:
+def parallel_map(function: Callable, items: Iterable, worth: bool = True) -> list:
     """`function` of every one of the items, in their order, on all cores where that is `worth` it.
 
     Not for a function that calls this itself: its parts would wait for the cores that wait for them.
@@ -70,7 +70,7 @@ def at_once(function: Callable, items: Iterable, worth: bool = True) -> list:
     return list(results)
 
 
-def summed(kernel, before: tuple, modes: tuple, after: tuple, derivatives: int):
+def sum_over_modes(kernel, before: tuple, modes: tuple, after: tuple, derivatives: int):
     """Cost (float), gradient (N, D) and curvature (N, D, N, D) that a compiled kernel sums over the modes.
 
     It is called as `kernel(*before, *modes, *after, cost (1,), gradient (N, D), H (D, D, N, N))`, and adds to the last
@@ -85,12 +85,12 @@ def summed(kernel, before: tuple, modes: tuple, after: tuple, derivatives: int):
         kernel(*before, *(writable(values[first::PARTS]) for values in modes), *after, *sums)
         return sums
 
-    done = at_once(part, range(min(PARTS, M)), M * N * N > WORTH)
+    done = parallel_map(part, range(min(PARTS, M)), M * N * N > WORTH)
     cost, gradient, H = (sum(values[1:], values[0]) for values in zip(*done, strict=True))
-    return float(cost[0]), gradient, symmetric(H)
+    return float(cost[0]), gradient, symmetric_hessian(H)
 
 
-def symmetric(H: np.ndarray) -> np.ndarray:
+def symmetric_hessian(H: np.ndarray) -> np.ndarray:
     """Blocks (D, D, N, N), of which only those with a <= b are filled, as the matrix (N, D, N, D)."""
     for a in range(len(H)):
         for b in range(a):

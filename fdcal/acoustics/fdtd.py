@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..model.arrays import inside
+from ..model.arrays import in_polygon
 from ..model.scene import Room, Source
 from ..model.validation import InputError
 
@@ -61,7 +61,7 @@ def cell_mask(room: Room) -> np.ndarray:
     _check_walls(room)
     nx, ny = (math.ceil(length / room.cell - 1e-6) for length in room.vertices.max(axis=0))
     centres = np.stack(np.meshgrid((np.arange(nx) + 0.5) * room.cell, (np.arange(ny) + 0.5) * room.cell), axis=-1)
-    mask = inside(centres, room.vertices)
+    mask = in_polygon(centres, room.vertices)
     pieces = _pieces(mask)
     if pieces != 1:
         key = "room.size" if room.size else "room.outline"

@@ -25,7 +25,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from .compiled import compiled, compiled_in_strips
+from .compiled import compiled, compiled_parallel
 
 BLOCK = 24  # steps between two meetings of the threads
 DEPTH = 3  # steps of a wave front: 5 rows of 2 arrays fit in the first-level cache
@@ -124,7 +124,7 @@ def sweep(state, step, steps, low, high, low_slope, high_slope, width, lam2, spa
                         recordings[end_number[i], time + 1] = state[old + end_cell[i]]
 
 
-@compiled_in_strips
+@compiled_parallel
 def march_together(state, step, stop, strips, width, lam2, spans, span_start, span_count, walls, wall_cell, wall_centre,
            wall_before, wall_around, source, pulse, ends, end_cell, end_number, recordings):  # fmt: skip
     """Advance the whole grid from `step` to `stop` in `strips` strips of rows. Arguments: see `march`."""

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ..model.arrays import positions_of
-from ..model.arrays_3d import places_of
+from ..model.arrays_3d import positions_3d
 from ..model.measurement import Measurement
 from ..model.power import mode_power
 from ..model.scene import Scene
@@ -47,9 +47,9 @@ def measure(scene: Scene, recordings: np.ndarray | None = None, progress=None) -
     require_measurable(scene)
     positions, dimension = positions_of(scene), scene.room.dimension
     if dimension == 3:
-        from .box_field import listen
+        from .box_field import modal_pressures
 
-        heard = listen(scene.room, scene.source, places_of(scene), scene.measurement, progress)
+        heard = modal_pressures(scene.room, scene.source, positions_3d(scene), scene.measurement, progress)
     else:
         heard = _from_recordings(scene, positions, recordings, progress)
     frequencies, wavenumbers, clean, spectrum = heard
@@ -82,10 +82,10 @@ def _from_recordings(scene: Scene, positions, recordings, progress):
         recordings = simulate(scene.room, scene.source, positions, progress)
     fs, c, sensing = scene.source.sample_rate, scene.room.sound_speed, scene.measurement
     first, step, power = spectrum.mean_power(recordings, fs, sensing.lowest, sensing.highest, sensing.resolution)
-    frequencies = spectrum.peaks_of(power, first, step, sensing.prominence_db, sensing.resolution)
+    frequencies = spectrum.pick_peaks(power, first, step, sensing.prominence_db, sensing.resolution)
     s = spectrum.window_rate(recordings, fs)
     wavenumbers = spectrum.wavenumber_continuous(frequencies, s, c)
     if sensing.wavenumber == "discrete":
         wavenumbers = spectrum.wavenumber_discrete(frequencies, s, c, scene.room.cell, fs)
     seen = np.stack([first + step * np.arange(len(power)), power])
-    return frequencies, wavenumbers, spectrum.transform(recordings, fs, s, frequencies), seen
+    return frequencies, wavenumbers, spectrum.laplace_transform(recordings, fs, s, frequencies), seen

@@ -1,8 +1,8 @@
 """The disk cache of simulated recordings and of whole measurements.
 
-cached_recordings    recordings of a scene's simulation
-cached_measurement   measurement of a whole scene
-kept_measurement     the same, only where it is in the cache
+cached_recordings       recordings of a scene's simulation
+cached_measurement      measurement of a whole scene
+load_cached_measurement   the same, only where it is in the cache
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from ..model.arrays import positions_of
 from ..model.measurement import Measurement
 from ..model.measurement_file import load_measurement, save_measurement
 from ..model.scene import Scene
-from ..model.storage import cache_key, cached, kept
+from ..model.storage import cache_key, load_cached, load_or_make
 from .measure import measure, require_measurable
 
 
@@ -32,7 +32,7 @@ def cached_recordings(scene: Scene, progress=None) -> np.ndarray:
 
         return simulate(scene.room, scene.source, positions, progress)
 
-    return cached(f"{key}.npy", make, np.load, np.save)
+    return load_or_make(f"{key}.npy", make, np.load, np.save)
 
 
 def cached_measurement(scene: Scene, progress=None) -> Measurement:
@@ -49,12 +49,12 @@ def cached_measurement(scene: Scene, progress=None) -> Measurement:
         recordings = cached_recordings(scene, progress) if scene.room.dimension == 2 else None
         return measure(scene, recordings, progress)
 
-    return cached(_measurement_name(scene), make, load_measurement, write)
+    return load_or_make(_measurement_name(scene), make, load_measurement, write)
 
 
-def kept_measurement(scene: Scene) -> Measurement | None:
+def load_cached_measurement(scene: Scene) -> Measurement | None:
     """What `cached_measurement` gives at once; None where it would have to be made."""
-    return kept(_measurement_name(scene), load_measurement)
+    return load_cached(_measurement_name(scene), load_measurement)
 
 
 def _measurement_name(scene: Scene) -> str:

@@ -31,7 +31,7 @@ NEWTON_STEPS = 8
 
 
 @dataclass(frozen=True)
-class Diffuse:
+class DiffuseModel:
     """The first model, of a rigid room.
 
     Attributes
@@ -58,7 +58,7 @@ class Diffuse:
         return np.array([self.gains * np.prod([parts[a][b][..., b] for b in axes], axis=0) for a in axes])
 
 
-def diffuse(size, wavenumbers, width: float) -> Diffuse:
+def diffuse_model(size, wavenumbers, width: float) -> DiffuseModel:
     """The first model of a room of `size` (D lengths, metres) at `wavenumbers` (M,), rad/m.
 
     width : rad/m, half the width of a resonance, which walls that absorb make wider
@@ -72,7 +72,7 @@ def diffuse(size, wavenumbers, width: float) -> Diffuse:
     apart = np.abs(np.sum(kappa**2, axis=1) - k[:, None] ** 2) ** 2 + (2 * k.real[:, None] * width) ** 2
     weights = 1 / apart
     gains = np.sqrt(2.0) ** np.sum(numbers > 0, axis=1)
-    return Diffuse(kappa, gains, weights / weights.sum(axis=1, keepdims=True))
+    return DiffuseModel(kappa, gains, weights / weights.sum(axis=1, keepdims=True))
 
 
 def _numbers(size, top: float) -> np.ndarray:
@@ -82,7 +82,7 @@ def _numbers(size, top: float) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Echoing:
+class PointSourceModel:
     """The second model: the room's response at its wavenumbers, D_me laid out along the axes.
 
     Attributes
@@ -108,7 +108,7 @@ class Echoing:
             found.append(values * norm[:, None])
         return found
 
-    def excited(self, source, slope: int | None = None) -> np.ndarray:
+    def excitation(self, source, slope: int | None = None) -> np.ndarray:
         """D_me psi_e(x_s) : (M, n_1, ..., n_D) complex128; of axis `slope` the derivative by x_s."""
         result = self.response
         for a, shape in enumerate(self.shapes(np.asarray(source)[None], slope)):
@@ -116,7 +116,7 @@ class Echoing:
         return result
 
 
-def heard(excited: np.ndarray, shapes: list[np.ndarray]) -> np.ndarray:
+def room_pressures(excited: np.ndarray, shapes: list[np.ndarray]) -> np.ndarray:
     """Pressures (M, C) of an excited room at the points of `shapes`, the source of unit loudness."""
     M, C = shapes[0].shape[:2]
     result = shapes[0] @ excited.reshape(M, excited.shape[1], -1)  # (M, C, the other axes)
@@ -125,7 +125,7 @@ def heard(excited: np.ndarray, shapes: list[np.ndarray]) -> np.ndarray:
     return result[..., 0]
 
 
-def echoing(size, wavenumbers, admittance: complex) -> Echoing:
+def point_source_model(size, wavenumbers, admittance: complex) -> PointSourceModel:
     """The second model of a room of `size` (D lengths, metres) at `wavenumbers` (M,), rad/m."""
     k = np.asarray(wavenumbers, complex)
     tau = (NEAREST[len(size) - 2] / 6) ** 2
@@ -140,7 +140,7 @@ def echoing(size, wavenumbers, admittance: complex) -> Echoing:
     for a, values in enumerate(kappa):
         squares = squares + (values**2).reshape(len(k), *(-1 if b == a else 1 for b in range(len(size))))
     squares = np.where(np.abs(squares) < LEAST_SQUARE, LEAST_SQUARE, squares)  # at a resonance to the last bit
-    return Echoing(tuple(size), kappa, tuple(norms), np.exp(-squares * tau) / squares)
+    return PointSourceModel(tuple(size), kappa, tuple(norms), np.exp(-squares * tau) / squares)
 
 
 def _eigenvalues(count: int, length: float, h: np.ndarray) -> np.ndarray:
@@ -161,7 +161,7 @@ def _eigenvalues(count: int, length: float, h: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Image:
+class RoomSymmetry:
     """A motion of a room onto itself, which no pressure of it can tell from standing still.
 
     Attributes
@@ -186,14 +186,14 @@ class Image:
         return f"({', '.join(parts)})"
 
 
-def images(size) -> list[Image]:
+def room_symmetries(size) -> list[RoomSymmetry]:
     """Every symmetry of a room of `size`: mirrors along its axes, axes of equal length exchanged; itself first."""
     D = len(size)
     orders = [o for o in itertools.permutations(range(D)) if all(size[a] == size[b] for a, b in enumerate(o))]
     flips = itertools.product((False, True), repeat=D)
-    return [Image(tuple(size), order, flipped) for flipped, order in itertools.product(flips, orders)]
+    return [RoomSymmetry(tuple(size), order, flipped) for flipped, order in itertools.product(flips, orders)]
 
 
-def nearest_image(points, to, size) -> Image:
+def nearest_symmetry(points, to, size) -> RoomSymmetry:
     """The symmetry of a room that brings `points` (N, D) nearest to others, metres."""
-    return min(images(size), key=lambda image: float(np.sum((image.of(points) - to) ** 2)))
+    return min(room_symmetries(size), key=lambda image: float(np.sum((image.of(points) - to) ** 2)))

@@ -55,7 +55,7 @@ def window_rate(recordings: np.ndarray, fs: float) -> float:
     return float(np.clip(DECAY - decayed, 0.0, DECAY)) * fs / recordings.shape[1]
 
 
-def transform(recordings: np.ndarray, fs: float, s: float, frequencies: np.ndarray) -> np.ndarray:
+def laplace_transform(recordings: np.ndarray, fs: float, s: float, frequencies: np.ndarray) -> np.ndarray:
     """Sum over t of recordings exp(-(s + 2 pi j f) t), at any frequencies.
 
     Parameters
@@ -111,7 +111,7 @@ def pick_modes(
         Silence, a recording too short for the resolution, no peak.
     """
     first, step, power = mean_power(recordings, fs, lowest, highest, resolution)
-    return peaks_of(power, first, step, prominence_db, resolution)
+    return pick_peaks(power, first, step, prominence_db, resolution)
 
 
 def mean_power(
@@ -140,7 +140,7 @@ def mean_power(
     return first * step, step, power / len(recordings)
 
 
-def peaks_of(power: np.ndarray, lowest: float, step: float, prominence_db: float, resolution: float) -> np.ndarray:
+def pick_peaks(power: np.ndarray, lowest: float, step: float, prominence_db: float, resolution: float) -> np.ndarray:
     """Frequencies of the peaks of a power spectrum (F,) float64 at lowest, lowest + step, ..., Hz; as `pick_modes`."""
     from scipy.signal import find_peaks  # a second to load, likewise
 

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from ..model.gauge import align
-from ..model.microphones import Placed
+from ..model.microphones import MicrophonePositions
 from ..model.validation import InputError, require_choice
 
 FRAMES = ("known", "minimal", "axes")
@@ -32,7 +32,7 @@ def in_frame(positions, frame: str) -> np.ndarray:
     return _minimal(positions) if frame == "minimal" else _axes(positions)
 
 
-def placed_in(result: dict, frame: str | None) -> Placed:
+def placed_in(result: dict, frame: str | None) -> MicrophonePositions:
     """The microphones of a result of `fdcal calibrate` in a frame; that of the known ones, or "axes" without any.
 
     Raises InputError where the known ones are asked for and there is none.
@@ -45,7 +45,7 @@ def placed_in(result: dict, frame: str | None) -> Placed:
     names = tuple(result.get("names") or map(str, range(len(positions))))
     if len(names) != len(positions):
         raise InputError(f"the result has {len(positions)} positions and {len(names)} names; write it anew")
-    return Placed(names, in_frame(positions, frame), result.get("uncertainty_m"), frame)
+    return MicrophonePositions(names, in_frame(positions, frame), result.get("uncertainty_m"), frame)
 
 
 def _minimal(positions: np.ndarray) -> np.ndarray:

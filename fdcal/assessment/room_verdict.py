@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..acoustics.room_modes import Image, images
+from ..acoustics.room_modes import RoomSymmetry, room_symmetries
 from ..model.measurement import Problem
 from ..model.validation import frozen_array
 from ..solvers.room.fit import FIRST_DAMPING, Exact, damped, exact
@@ -50,7 +50,7 @@ class Found:
     left_out: np.ndarray
     source: np.ndarray
     admittance: complex
-    images: list[Image]
+    images: list[RoomSymmetry]
 
 
 def judge(problem: Problem, state, names: Sequence[str]) -> Found:
@@ -79,7 +79,7 @@ def judge(problem: Problem, state, names: Sequence[str]) -> Found:
     code, text = next(finding for finding in findings if finding[1])
     verdict = Verdict(code, text, frozen_array(sigma, float), frozen_array(blocks, float), left)
     place, walls = state.walls[:D], complex(*state.walls[D:])
-    return Found(verdict, left_out(fit, p), place, walls, images(size))
+    return Found(verdict, left_out(fit, p), place, walls, room_symmetries(size))
 
 
 def left_out(fit: Exact, pressures) -> np.ndarray:
@@ -164,7 +164,7 @@ def _loose(positions, sigma) -> str:
 
 def _good(sigma, left: float, size, told: bool) -> str:
     return (
-        f"nothing speaks against these positions up to the room's {len(images(size))} symmetries; one sigma"
+        f"nothing speaks against these positions up to the room's {len(room_symmetries(size))} symmetries; one sigma"
         f" {1e3 * np.sqrt(np.mean(sigma**2)):.2g} mm, residual {left:.2g} times the noise"
         f" {'told' if told else 'estimated from the residual itself'}"
     )

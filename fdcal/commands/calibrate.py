@@ -17,11 +17,11 @@ from pathlib import Path
 import numpy as np
 
 from ..acoustics.measure import require_measurable
-from ..acoustics.room_modes import nearest_image
+from ..acoustics.room_modes import nearest_symmetry
 from ..cost.eq7 import lattice_of, require_modes
 from ..model.arrays import positions_of
-from ..model.channels import check_channels, number_of, without
-from ..model.gauge import align, place, position_errors
+from ..model.channels import check_channels, exclude_microphones, microphone_index
+from ..model.gauge import align, move_to_frame, position_errors
 from ..model.measurement import Measurement, Problem
 from ..model.measurement_file import load_measurement
 from ..model.scene import Scene, SolverSettings, load_scene, require_rectangle
@@ -83,7 +83,7 @@ def is_recording(text: str) -> bool:
 
 def _without(measurement: Measurement, excluded: tuple[str, ...]) -> Measurement:
     table = {field.name: getattr(measurement, field.name) for field in fields(Measurement)}
-    return Measurement(**without(table, excluded))
+    return Measurement(**exclude_microphones(table, excluded))
 
 
 def check_scene(scene: Scene) -> None:
@@ -178,7 +178,7 @@ def solve(given: Given, progress: Progress | None = None) -> dict:
     placed = positions
     if truth is not None and (blind or known_room):
         placed = (
-            nearest_image(positions, truth, given.settings.room).of(positions)
+            nearest_symmetry(positions, truth, given.settings.room).of(positions)
             if known_room
             else align(positions, truth)
         )
@@ -217,7 +217,7 @@ def _trusted(given: Given, problem: Problem, state) -> tuple[np.ndarray, Problem
             if given.distance is None
             else sound_speed.from_distance(problem, positions, _pair(given), given.distance[2])
         )
-        positions = found.positions if problem.frame is None else place(found.positions, problem.frame)
+        positions = found.positions if problem.frame is None else move_to_frame(found.positions, problem.frame)
         problem = found.problem
     verdict = judge(problem, positions, state.modes, noise, given.measurement.names, state.converged)
     heard = report(problem, positions, state.modes, noise)
@@ -239,7 +239,7 @@ def _trusted(given: Given, problem: Problem, state) -> tuple[np.ndarray, Problem
 def _pair(given: Given) -> tuple[int, int]:
     """Numbers of the two microphones of --distance."""
     names = given.measurement.names
-    first, second = (number_of(text, names, "--distance") for text in given.distance[:2])
+    first, second = (microphone_index(text, names, "--distance") for text in given.distance[:2])
     if first == second:
         raise InputError(f"--distance names microphone {names[first]} twice; name two")
     return first, second
@@ -375,7 +375,7 @@ def positions_from(measurement: Measurement, result: dict | None) -> np.ndarray:
             f"the result has positions of shape {positions.shape}, the measurement {shape}; use its own result"
         )
     if result.get("symmetries") and measurement.positions is not None:
-        return nearest_image(positions, measurement.positions, result["room"]).of(positions)
+        return nearest_symmetry(positions, measurement.positions, result["room"]).of(positions)
     return (
         align(positions, measurement.positions)
         if result.get("aligned") and measurement.positions is not None

@@ -105,10 +105,10 @@ def opening_of(text: str) -> OpenRequest:
     from . import calibrate
 
     if text.lower().endswith(".npz") or calibrate.is_recording(text):
-        from ..model.measured_scene import stand_in
+        from ..model.measured_scene import placeholder_scene
 
         given = calibrate.source_of(text)
-        scene = stand_in(given.measurement, given.name, given.settings, given.seed)
+        scene = placeholder_scene(given.measurement, given.name, given.settings, given.seed)
         return OpenRequest(scene, measurement=given.measurement, fewer_modes=True)
     scene = load_scene(text)
     calibrate.check_scene(scene)  # one that cannot be simulated is refused before a page opens

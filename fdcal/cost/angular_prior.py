@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..acoustics.compiled import adjoint, compiled, lower_inverse, summed, writable
+from ..acoustics.compiled import adjoint, compiled, lower_inverse, sum_over_modes, writable
 from .low_rank_covariance import LEAST_WEIGHT, add_mode
 
 AMPLE = 6  # orders beyond ceil(k R) that the directions must tell apart
@@ -44,7 +44,7 @@ def learned_terms(positions, pressures, wavenumbers, power, noise, prior, log_de
     scale = 1 / noise if log_det else np.ones_like(noise)
     p, k = writable(pressures, complex), writable(np.real(wavenumbers))
     modes = p, k, prior, noise / power, scale
-    return summed(_modes, (x - x.mean(axis=0),), modes, (float(log_det), derivatives), derivatives)
+    return sum_over_modes(_modes, (x - x.mean(axis=0),), modes, (float(log_det), derivatives), derivatives)
 
 
 @compiled

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..acoustics.compiled import add_curvature, compiled, lower_inverse, summed, writable
+from ..acoustics.compiled import add_curvature, compiled, lower_inverse, sum_over_modes, writable
 from ..acoustics.sinc import sinc_rows
 
 
@@ -23,7 +23,7 @@ def dense_terms(positions, pressures, wavenumbers, power, noise, log_det: bool, 
         raise np.linalg.LinAlgError("positions are not finite")
     scale = np.ones_like(noise) if log_det else noise
     modes = writable(pressures, complex), writable(wavenumbers, float), power, noise, scale
-    return summed(_modes, (x, apart), modes, (float(log_det), derivatives), derivatives)
+    return sum_over_modes(_modes, (x, apart), modes, (float(log_det), derivatives), derivatives)
 
 
 @compiled

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..acoustics.compiled import at_once, compiled
+from ..acoustics.compiled import compiled, parallel_map
 from ..acoustics.fourier_bessel import Lattice
 from ..model.measurement import Problem
 from .eq7 import LeaveOneOut, known_weights, leave_one_out
@@ -33,7 +33,7 @@ def all_candidates(lattice: Lattice, centre, modes: slice, fits: list[LeaveOneOu
     """Cost of every candidate and mode : (modes, C) float64. Arguments as of `best_candidate`."""
     unit, row, *rest = _tables(lattice, centre, modes, fits)
     firsts = range(0, len(unit), STRIP)
-    strips = at_once(lambda first: _weigh(unit[first : first + STRIP], row[first : first + STRIP], *rest), firsts)
+    strips = parallel_map(lambda first: _weigh(unit[first : first + STRIP], row[first : first + STRIP], *rest), firsts)
     return np.concatenate(strips, axis=1)
 
 

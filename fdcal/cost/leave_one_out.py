@@ -54,11 +54,11 @@ def likelihood_landscapes(
     -------
     (M, S, C) float64
     """
-    from ..acoustics.compiled import at_once  # compiled code is loaded with the first step
+    from ..acoustics.compiled import parallel_map  # compiled code is loaded with the first step
 
     C = covariances(positions, field)
     chosen, N = np.asarray(chosen), len(positions)
-    leaving = at_once(lambda m: _leaving_out(C[m], pressures[m], chosen, field.noise[m]), range(len(pressures)))
+    leaving = parallel_map(lambda m: _leaving_out(C[m], pressures[m], chosen, field.noise[m]), range(len(pressures)))
     costs = []
     for part in np.array_split(candidates, -(-N * len(candidates) // block)):
         distance = np.linalg.norm(positions[:, None] - part[None], axis=-1)
@@ -72,7 +72,7 @@ def likelihood_landscapes(
             V = s + field.noise[m] - np.einsum("cn,cn->c", Xc, Xc) + along**2 / d[:, None]
             return base[:, None] + np.log(V) + np.abs(missed) ** 2 / V
 
-        costs.append(at_once(of_mode, range(len(pressures))))
+        costs.append(parallel_map(of_mode, range(len(pressures))))
     return np.concatenate(costs, axis=2)
 
 

@@ -22,7 +22,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import hankel1, spherical_jn, spherical_yn
 
-from ..acoustics.compiled import add_curvature, adjoint, at_once, compiled, lower_inverse, summed, writable
+from ..acoustics.compiled import add_curvature, adjoint, compiled, lower_inverse, parallel_map, sum_over_modes, writable
 from ..acoustics.fourier_bessel import max_order
 from .spherical_covariance import directions, series, series_modes
 
@@ -63,9 +63,9 @@ def expansion_terms(
     scale = np.ones_like(noise) if log_det else noise
     if dimension == 2:
         modes = p, k, orders, gains, noise / power, scale / noise
-        return summed(_circular_modes, (x, centre), modes, (float(log_det), derivatives), derivatives)
+        return sum_over_modes(_circular_modes, (x, centre), modes, (float(log_det), derivatives), derivatives)
     modes = p, k.astype(complex), orders, gains, power, noise, scale
-    return summed(series_modes, (x, centre), modes, (float(log_det), derivatives), derivatives)
+    return sum_over_modes(series_modes, (x, centre), modes, (float(log_det), derivatives), derivatives)
 
 
 def _about_centre(x, k, dimension: int, near_field: bool, about=None):
@@ -237,7 +237,7 @@ def expansion_spectra(
         values, vectors = np.linalg.eigh(spherical(x, kk, order, centre, gain))
         return np.maximum(values, 0.0), np.abs(vectors.conj().T @ p) ** 2
 
-    return at_once(of_mode, zip(k, orders.tolist(), gains, pressures, strict=True))
+    return parallel_map(of_mode, zip(k, orders.tolist(), gains, pressures, strict=True))
 
 
 def circular(points, k, order: int, centre, gain=None) -> np.ndarray:

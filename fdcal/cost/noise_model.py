@@ -153,7 +153,7 @@ def _spectra(positions, pressures, wavenumbers, dimension: int, near_field: bool
 
         pairs = expansion_spectra(positions, pressures, k, dimension, near_field)
         return np.array([values for values, _ in pairs]), np.array([along for _, along in pairs])
-    from ..acoustics.compiled import at_once
+    from ..acoustics.compiled import parallel_map
 
     distance = np.linalg.norm(positions[:, None] - positions[None], axis=-1)
 
@@ -161,5 +161,5 @@ def _spectra(positions, pressures, wavenumbers, dimension: int, near_field: bool
         values, vectors = np.linalg.eigh(kernel(pair[0] * distance, dimension))
         return np.maximum(values, 0.0), np.abs(vectors.T @ pair[1]) ** 2
 
-    spectra = at_once(of_mode, zip(k, pressures, strict=True))
+    spectra = parallel_map(of_mode, zip(k, pressures, strict=True))
     return np.array([values for values, _ in spectra]), np.array([along for _, along in spectra])

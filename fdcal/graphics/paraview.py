@@ -42,7 +42,7 @@ def cloud(measurement: Measurement, positions, sigma=None, height: float = 0.0) 
     sigma : (N,), metres, or None
     height : metres, of an array in a plane
     """
-    N, truth, known = measurement.count, measurement.truth_beside(positions), measurement.known
+    N, truth, known = measurement.count, measurement.aligned_truth(positions), measurement.known
     everyone = np.arange(N)
     groups = [(ESTIMATED, everyone, positions)]
     groups += [] if truth is None else [(TRUE, everyone, truth)]

@@ -142,7 +142,7 @@ def with_estimate(
     A known microphone that a hand has moved is drawn where it is now supposed to be. The true places of a blind array
     are moved as a whole, to where the estimate is: nothing tells it where it stands.
     """
-    truth = measurement.truth_beside(positions)
+    truth = measurement.aligned_truth(positions)
     truth = None if truth is None else drape(truth, ground)
     positions, marker, known = drape(positions, ground), picture.marker, measurement.known
     if truth is not None and measurement.blind:

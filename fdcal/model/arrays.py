@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .arrays_3d import places_of
+from .arrays_3d import positions_3d
 from .gauge import fixes_gauge
 from .scene import Array, Scene
 from .validation import InputError, frozen_array
@@ -41,7 +41,7 @@ def positions_of(scene: Scene) -> np.ndarray:
         inside the array, a wall between microphones, known microphones that do not fix translation, rotation and
         mirror.
     """
-    positions = places_of(scene)[:, : scene.array.dimension] if scene.room.dimension == 3 else _on_cells(scene)
+    positions = positions_3d(scene)[:, : scene.array.dimension] if scene.room.dimension == 3 else _on_cells(scene)
     _check_gauge(positions, scene)
     if scene.search is not None:
         _check_search(positions, scene)
@@ -115,7 +115,7 @@ def snap(points: np.ndarray, cell: float) -> np.ndarray:
     return (_cells(points, cell) + 0.5) * cell
 
 
-def inside(points: np.ndarray, vertices: np.ndarray) -> np.ndarray:
+def in_polygon(points: np.ndarray, vertices: np.ndarray) -> np.ndarray:
     """Which points lie inside a polygon, by the even-odd rule.
 
     Parameters
@@ -149,7 +149,7 @@ def encloses(points: np.ndarray, point: np.ndarray) -> bool:
     return bool(gaps.max() <= np.pi + ROUNDING)
 
 
-def hull(points: np.ndarray) -> np.ndarray:
+def convex_hull(points: np.ndarray) -> np.ndarray:
     """Corners of the convex hull of `points` (N, 2), anticlockwise : (H, 2) float64; the two ends of points on a line.
 
     Monotone chain: the points from left to right, and of each side only those where it turns left.
@@ -166,7 +166,7 @@ def hull(points: np.ndarray) -> np.ndarray:
     return np.array(sides) if sides else ordered
 
 
-def crosses(a: np.ndarray, b: np.ndarray, corners: np.ndarray) -> bool:
+def crosses_polygon(a: np.ndarray, b: np.ndarray, corners: np.ndarray) -> bool:
     """Whether the wall from `a` to `b` enters the convex polygon of `corners` (H, 2), or touches it."""
     if encloses(corners, a) or encloses(corners, b):
         return True
@@ -214,7 +214,7 @@ def _check_apart(positions: np.ndarray, scene: Scene) -> None:
 
 
 def _check_in_room(positions: np.ndarray, scene: Scene) -> None:
-    outside = np.flatnonzero(~inside(positions, scene.room.vertices))
+    outside = np.flatnonzero(~in_polygon(positions, scene.room.vertices))
     if len(outside):
         key = "positions" if scene.array.geometry == "positions" else "center"
         raise InputError(
@@ -224,10 +224,10 @@ def _check_in_room(positions: np.ndarray, scene: Scene) -> None:
 
 
 def _check_walls(positions: np.ndarray, scene: Scene) -> None:
-    corners = hull(positions)
+    corners = convex_hull(positions)
     vertices = scene.room.vertices
     for a, b in zip(vertices, np.roll(vertices, -1, axis=0), strict=True):
-        if crosses(a, b, corners):
+        if crosses_polygon(a, b, corners):
             key = "room.size" if scene.room.size else "room.outline"
             raise InputError(
                 f"{key} has a wall from {_text(a)} to {_text(b)} between the microphones, where nothing may obstruct"
@@ -237,7 +237,7 @@ def _check_walls(positions: np.ndarray, scene: Scene) -> None:
 
 def _check_source(positions: np.ndarray, scene: Scene) -> None:
     source = snap(np.array(scene.source.position), scene.room.cell)
-    if not inside(source, scene.room.vertices):
+    if not in_polygon(source, scene.room.vertices):
         raise InputError(
             f"source.position = {list(scene.source.position)} m lies outside the room or in a wall;"
             " move it inside the room"

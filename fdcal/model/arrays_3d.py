@@ -18,7 +18,7 @@ from .validation import InputError
 CLEARANCE = 1e-6  # metres: microphones closer than this are one
 
 
-def places_of(scene: Scene) -> np.ndarray:
+def positions_3d(scene: Scene) -> np.ndarray:
     """Where the microphones stand : (N, 3) float64, metres; the height of a plane array included.
 
     Raises InputError for two microphones in one place, one outside the room, the source outside the room or inside the
@@ -38,7 +38,7 @@ def places_of(scene: Scene) -> np.ndarray:
         )
     if np.any((source < 0) | (source > size)):
         raise InputError(f"source.position = {source.tolist()} m lies outside the room; move it inside")
-    if holds(places, source):
+    if encloses_3d(places, source):
         raise InputError(
             f"source.position = {source.tolist()} m lies inside the array, where the field must have no source; move it"
             " outside the convex hull of the microphones"
@@ -65,7 +65,7 @@ def plane(shape, size) -> np.ndarray:
     return np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
 
 
-def holds(points: np.ndarray, point: np.ndarray) -> bool:
+def encloses_3d(points: np.ndarray, point: np.ndarray) -> bool:
     """Whether the convex hull of `points` (N, D), which may be flat, holds `point` (D,): a linear programme."""
     from scipy.optimize import linprog  # a second to load, which a measurement out of the cache does without
 

@@ -11,7 +11,7 @@ from .validation import InputError
 ALIKE = 1e-9  # of a channel's norm: two that differ less, a factor apart, are one recording
 
 
-def without(table: dict, chosen: Sequence[str]) -> dict:
+def exclude_microphones(table: dict, chosen: Sequence[str]) -> dict:
     """The keys of a measurement (see `fdcal.model.measurement.Measurement`) less the microphones `chosen`, by name
     or number.
 
@@ -24,7 +24,7 @@ def without(table: dict, chosen: Sequence[str]) -> dict:
     count = pressures.shape[1]
     names = table.get("names")
     names = [str(n) for n in range(count)] if names is None else [str(name) for name in names]
-    left_out = {number_of(text, names, "--exclude") for text in chosen}
+    left_out = {microphone_index(text, names, "--exclude") for text in chosen}
     kept = np.array([n for n in range(count) if n not in left_out], dtype=np.int64)
     changed = dict(table, pressures=pressures[:, kept], names=tuple(names[n] for n in kept))
     if table.get("positions") is not None:
@@ -38,7 +38,7 @@ def without(table: dict, chosen: Sequence[str]) -> dict:
     return changed
 
 
-def number_of(text: str, names: Sequence[str], option: str) -> int:
+def microphone_index(text: str, names: Sequence[str], option: str) -> int:
     """Number of the microphone that `text` names, or counts from 0; InputError naming `option` if there is none."""
     names = list(names)
     if text in names:

@@ -13,7 +13,7 @@ from .validation import InputError, frozen_array
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class GaugeFrame:
     """The least gauge: one position, one direction, one sign (section 5 of the paper); in space a plane as well.
 
     Attributes
@@ -27,7 +27,7 @@ class Frame:
     positions: np.ndarray
 
 
-def least_frame(known, known_positions) -> Frame:
+def minimal_frame(known, known_positions) -> GaugeFrame:
     """The frame of the first D + 1 of `known` (A,), at `known_positions` (A, D), metres, that span D directions.
 
     Raises InputError where no such are known.
@@ -43,10 +43,10 @@ def least_frame(known, known_positions) -> Frame:
             f"known = {np.asarray(known).tolist()} fixes no frame; the least gauge needs {D + 1} known microphones that"
             " span the array: a position, a direction and a side"
         )
-    return Frame(frozen_array(np.asarray(known)[chosen], np.int64), frozen_array(places[chosen], float))
+    return GaugeFrame(frozen_array(np.asarray(known)[chosen], np.int64), frozen_array(places[chosen], float))
 
 
-def place(positions, frame: Frame) -> np.ndarray:
+def move_to_frame(positions, frame: GaugeFrame) -> np.ndarray:
     """`positions` (N, D), metres, moved, turned and flipped as a whole into `frame`."""
     origin = positions[frame.microphones[0]]
     turn = _axes(positions[frame.microphones]) @ _axes(frame.positions).T

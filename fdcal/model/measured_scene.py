@@ -14,11 +14,11 @@ AROUND = 1.0  # metres, by which the room that stands in is larger than what is 
 
 
 @dataclass(frozen=True)
-class Measured(Scene):
+class MeasuredScene(Scene):
     """A scene of which title, solver, seed and gauge are true, room, source and array only stand in."""
 
 
-def stand_in(measurement: Measurement, name: str, solver: SolverSettings, seed: int = 0) -> Measured:
+def placeholder_scene(measurement: Measurement, name: str, solver: SolverSettings, seed: int = 0) -> MeasuredScene:
     """The scene of a measurement that has none."""
     D, d = measurement.dimension, measurement.array_dimension
     places = measurement.positions if measurement.positions is not None else measurement.known_positions
@@ -28,7 +28,7 @@ def stand_in(measurement: Measurement, name: str, solver: SolverSettings, seed: 
     search = measurement.search or (None if boxed else Search(tuple(low.tolist()), (CELLS * step,) * 2, step))
     corners = low + size * np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) if not boxed else None
     c = measurement.sound_speed
-    return Measured(
+    return MeasuredScene(
         name=name,
         title=f"{name}, as measured",
         room=Room(size=(9.0, 8.0, 7.0), sound_speed=c) if boxed else Room(outline=_rows(corners), sound_speed=c),

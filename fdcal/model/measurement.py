@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .gauge import Frame, align, least_frame, position_errors
+from .gauge import GaugeFrame, align, minimal_frame, position_errors
 from .power import mode_power
 from .scene import Search
 from .validation import InputError, frozen_array, require_array, require_choice, require_positive
@@ -34,7 +34,7 @@ class Problem:
     noise_power : (M,) float64 or None, in the unit of abs(pressures)**2
     sound_speed : float, m/s
     dimension, array_dimension : 2 or 3, of the sound field and of the positions (D)
-    frame : Frame or None, the least gauge, with which no microphone is `known`
+    frame : GaugeFrame or None, the least gauge, with which no microphone is `known`
     """
 
     pressures: np.ndarray
@@ -47,7 +47,7 @@ class Problem:
     sound_speed: float
     dimension: int
     array_dimension: int
-    frame: Frame | None = None
+    frame: GaugeFrame | None = None
 
     @property
     def free(self) -> np.ndarray:
@@ -108,7 +108,7 @@ class Measurement:
         """Whether no microphone is known, so that nothing fixes where the array is, how it is turned and mirrored."""
         return not len(self.known)
 
-    def truth_beside(self, positions) -> np.ndarray | None:
+    def aligned_truth(self, positions) -> np.ndarray | None:
         """The true places : (N, D), metres, or None; of a blind array as near to `positions` (N, D) as motion brings.
 
         Motion is of the whole, and its mirror image counts as well.
@@ -116,14 +116,14 @@ class Measurement:
         return align(self.positions, positions) if self.blind and self.positions is not None else self.positions
 
     def errors(self, positions) -> np.ndarray | None:
-        """Distance of each of `positions` (N, D), metres, from `truth_beside` it : (N,) float64, or None."""
-        return None if self.positions is None else position_errors(positions, self.truth_beside(positions))
+        """Distance of each of `positions` (N, D), metres, from `aligned_truth` it : (N,) float64, or None."""
+        return None if self.positions is None else position_errors(positions, self.aligned_truth(positions))
 
     def problem(self, weights: str = "unit", known: str = "all") -> Problem:
         """What a solver sees.
 
         weights : "unit", modes of unit RMS; or "raw", as measured, the paper's
-        known : "all" that are known; "minimal", the least gauge of them (`fdcal.model.gauge.Frame`); or "none"
+        known : "all" that are known; "minimal", the least gauge of them (`fdcal.model.gauge.GaugeFrame`); or "none"
         """
         require_choice("weights", weights, ("unit", "raw"))
         require_choice("known", known, ("all", "minimal", "none"))
@@ -134,7 +134,7 @@ class Measurement:
             noise_power=None if noise is None else frozen_array(noise, float),
             known=self.known if everything else frozen_array([], np.int64),
             known_positions=self.known_positions if everything else frozen_array(self.known_positions[:0], float),
-            frame=least_frame(self.known, self.known_positions) if known == "minimal" else None,
+            frame=minimal_frame(self.known, self.known_positions) if known == "minimal" else None,
             **{
                 name: getattr(self, name)
                 for name in ("wavenumbers", "frequencies", "search", "sound_speed", "dimension", "array_dimension")

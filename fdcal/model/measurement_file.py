@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .channels import without
+from .channels import exclude_microphones
 from .measurement import Measurement
 from .scene import Search
 from .validation import InputError, StorageError, require_array
@@ -74,7 +74,7 @@ def load_measurement(path, excluded: Sequence[str] = (), called: str = "") -> Me
             kinds = zip(SEARCH, ((None,), (None,), (), ()), strict=True)
             values = [require_array(key, table[key], "real", shape, "m").tolist() for key, shape in kinds]
             search = Search(tuple(values[0]), tuple(values[1]), *values[2:])
-        table = without({key: table[key] for key in OPTIONAL + REQUIRED if key in table}, excluded)
+        table = exclude_microphones({key: table[key] for key in OPTIONAL + REQUIRED if key in table}, excluded)
         return Measurement(**table, search=search)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None

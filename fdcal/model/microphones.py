@@ -10,7 +10,7 @@ from .validation import InputError, frozen_array, require_array
 
 
 @dataclass(frozen=True)
-class Placed:
+class MicrophonePositions:
     """Named microphones in space.
 
     Attributes

@@ -9,7 +9,7 @@ from .validation import InputError
 LONGEST = 200  # characters
 
 
-def read(text: str, count: int) -> tuple[int, ...]:
+def parse(text: str, count: int) -> tuple[int, ...]:
     """Modes, counted from 1 and ascending, of a text such as "1-9, 12"; InputError for what `count` modes lack."""
     found: set[int] = set()
     for part in filter(None, (part.strip() for part in str(text)[:LONGEST].split(","))):
@@ -23,7 +23,7 @@ def read(text: str, count: int) -> tuple[int, ...]:
     return tuple(sorted(found))
 
 
-def write(modes) -> str:
+def to_text(modes) -> str:
     """The shortest text that `read` takes back to `modes`."""
     modes, parts = sorted(set(modes)), []
     while modes:

@@ -87,7 +87,7 @@ def cached_arrays(kind: str, parts: list, make: Callable[[], dict[str, np.ndarra
         with np.load(file) as archive:
             return dict(archive)
 
-    return cached(f"{cache_key(kind, *parts)}.npz", make, read, lambda file, table: np.savez(file, **table))
+    return load_or_make(f"{cache_key(kind, *parts)}.npz", make, read, lambda file, table: np.savez(file, **table))
 
 
 def cache_key(*parts) -> str:
@@ -99,9 +99,9 @@ def cache_folder() -> Path:
     return Path(os.environ.get("FDCAL_CACHE") or platformdirs.user_cache_dir("fdcal"))
 
 
-def cached(name: str, make, read, write):
+def load_or_make(name: str, make, read, write):
     """Value of a cache file, or of `make()`, which is then written. The cache never stops a run: it only warns."""
-    value = kept(name, read)
+    value = load_cached(name, read)
     if value is not None:
         return value
     path, value = cache_folder() / name, make()
@@ -114,7 +114,7 @@ def cached(name: str, make, read, write):
     return value
 
 
-def kept(name: str, read):
+def load_cached(name: str, read):
     """Value of a cache file; None where there is none that can be read."""
     path = cache_folder() / name
     try:
@@ -147,7 +147,7 @@ def _checksum(content) -> bytes:
 def _bound(folder: Path) -> None:
     """Drop the cache files used longest ago until the rest fits in CACHE_BYTES, and what a killed run once left."""
     files = sorted((f for f in folder.glob("*.np[yz]") if len(f.stem) == 64), key=lambda f: -f.stat().st_mtime_ns)
-    kept = np.cumsum([f.stat().st_size for f in files])
+    totals = np.cumsum([f.stat().st_size for f in files])
     old = [f for f in folder.glob(f"{TEMPORARY}*") if f.stat().st_mtime < time.time() - 86_400]
-    for file in [f for f, total in zip(files[1:], kept[1:], strict=True) if total > CACHE_BYTES] + old:
+    for file in [f for f, total in zip(files[1:], totals[1:], strict=True) if total > CACHE_BYTES] + old:
         file.unlink(missing_ok=True)

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.fft import next_fast_len, rfft
 
-from ..acoustics.spectrum import DECAY, PADDING, transform, wavenumber_continuous
+from ..acoustics.spectrum import DECAY, PADDING, laplace_transform, wavenumber_continuous
 from ..model.validation import InputError
 from . import frequency_selection
 from .recording import Recording, groups, read
@@ -86,7 +86,7 @@ def from_response(
     f = grid[chosen]
     pressures = np.empty((len(f), heard.count), dtype=complex)
     for channels, samples in groups(heard):
-        pressures[:, channels] = transform(samples, heard.sample_rate, s, f)
+        pressures[:, channels] = laplace_transform(samples, heard.sample_rate, s, f)
     how = f"exponential window of {s:.2g}/s" if s > 0 else "no window: the sound has decayed"
     if heard is not recording:
         how += f" after {heard.duration:.3g} s, where the rest is left out"

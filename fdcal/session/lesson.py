@@ -235,7 +235,7 @@ def _check_setting(key: str, setting: Setting, scene: Scene) -> None:
 
 def _modes(key: str, text: str) -> tuple[int, ...]:
     try:
-        return mode_ranges.read(text, MOST_MODES)
+        return mode_ranges.parse(text, MOST_MODES)
     except InputError as error:
         raise InputError(f'{key} = "{text}": {error}') from error
 

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from ..model.from_table import build
-from ..model.measured_scene import Measured
+from ..model.measured_scene import MeasuredScene
 from ..model.measurement_file import load_measurement, save_measurement
 from ..model.scene import Scene
 from ..model.validation import InputError, StorageError
@@ -40,7 +40,7 @@ def write(opening: OpenRequest) -> bytes:
     content = {
         "fdcal_session": VERSION,
         "scene": _finite(plain(dataclasses.asdict(opening.scene))),
-        "measured": isinstance(opening.scene, Measured),  # the scene is but a stand-in
+        "measured": isinstance(opening.scene, MeasuredScene),  # the scene is but a stand-in
         "start_seed": opening.seed,
         "index": kept.index(len(opening.states) - 1 if opening.index is None else opening.index),
         "choices": plain(opening.choices),
@@ -116,7 +116,7 @@ def _table(text: bytes) -> dict:
 
 
 def _opening(table: dict, packed: bytes) -> OpenRequest:
-    scene = build(Measured if table.get("measured") is True else Scene, _infinite(table["scene"]))
+    scene = build(MeasuredScene if table.get("measured") is True else Scene, _infinite(table["scene"]))
     try:
         with zipfile.ZipFile(io.BytesIO(packed)) as archive:
             _require_small(archive)

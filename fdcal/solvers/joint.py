@@ -27,7 +27,7 @@ import numpy as np
 
 from ..cost.likelihood import diffuse_field
 from ..cost.noise_model import NOISE, NoiseEstimate
-from ..model.gauge import place
+from ..model.gauge import move_to_frame
 from ..model.measurement import Problem
 from ..model.power import mode_power
 from ..model.scene import Search, SolverSettings
@@ -194,7 +194,7 @@ def _directions(problem: Problem, state: State) -> np.ndarray | None:
 
 def _placed(problem: Problem, positions) -> np.ndarray:
     """Positions in the frame of the least gauge, where there is one : read-only."""
-    return frozen_array(positions if problem.frame is None else place(positions, problem.frame), float)
+    return frozen_array(positions if problem.frame is None else move_to_frame(positions, problem.frame), float)
 
 
 def _begin(problem: Problem, state: State, rest: NoiseEstimate | None = None) -> State:

@@ -29,7 +29,7 @@ def carry_out(setting: Setting, controls: MainPanel, place_all: Callable[[str], 
         controls.map.show_as(KINDS[setting.map])
     if setting.map_modes is not None:
         text = setting.map_modes
-        controls.map.choose_modes(None if text == IN_USE else mode_ranges.read(text, controls.binding.modes))
+        controls.map.choose_modes(None if text == IN_USE else mode_ranges.parse(text, controls.binding.modes))
     if setting.scale is not None:
         controls.map.scale_as(SCALES[setting.scale])
     wanted = {name: getattr(setting, name) for name in ("trails", "ellipses")}
@@ -44,7 +44,7 @@ def _drive(setting: Setting, controls: MainPanel, anew: bool) -> None:
     state = session.view.history[0] if anew else session.view.state
     modes = range(state.first, state.last + 1)
     if setting.modes is not None:
-        modes = mode_ranges.read(setting.modes, binding.modes)
+        modes = mode_ranges.parse(setting.modes, binding.modes)
     automatic = state.automatic if setting.automatic is None else setting.automatic
     if setting.modes is not None or setting.automatic is not None:
         session.use_modes(modes[0], modes[-1], automatic)

@@ -151,6 +151,6 @@ class Page:
         self.switcher.close(LONGEST)
         if self.viewer is not None:
             self.viewer.close(max(end - time.perf_counter(), 0.2))
-            from ..acoustics.compiled import let_go  # loaded by the session that was shown
+            from ..acoustics.compiled import shut_down_threads  # loaded by the session that was shown
 
-            let_go()
+            shut_down_threads()

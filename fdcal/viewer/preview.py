@@ -5,9 +5,9 @@ Loaded before the solvers are, so that there is something to be seen within the 
 
 from __future__ import annotations
 
-from ..acoustics.measurement_cache import kept_measurement
+from ..acoustics.measurement_cache import load_cached_measurement
 from ..graphics.picture import backdrop
-from ..model.measured_scene import Measured
+from ..model.measured_scene import MeasuredScene
 from ..model.measurement import Measurement
 from ..session.request import OpenRequest, as_given
 from .scene3d.nodes import Stage
@@ -15,14 +15,14 @@ from .scene3d.nodes import Stage
 
 def look_at_once(stage: Stage, opening: OpenRequest) -> None:
     """Show what needs no simulation; nothing where the scene has to be simulated first."""
-    measurement = opening.measurement or kept_measurement(opening.scene)
+    measurement = opening.measurement or load_cached_measurement(opening.scene)
     if measurement is not None:
         first_look(stage, opening, as_given(opening.scene, measurement))
 
 
 def first_look(stage: Stage, opening: OpenRequest, measurement: Measurement) -> None:
     """Show the room, without a scene the microphones alone."""
-    told = None if isinstance(opening.scene, Measured) else opening.scene
+    told = None if isinstance(opening.scene, MeasuredScene) else opening.scene
     picture = backdrop(told, measurement, opening.choices.get("dark") is True)
     stage.cameras.open_at(picture)
     stage.show(picture)

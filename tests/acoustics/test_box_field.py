@@ -8,7 +8,7 @@ import pytest
 from fields import rigid_room
 
 from fdcal.acoustics import box_field
-from fdcal.acoustics.box_field import field, listen
+from fdcal.acoustics.box_field import modal_pressures, point_source_pressures
 from fdcal.acoustics.spectrum import DECAY
 from fdcal.model.scene import Room, Sensing, Source
 from fdcal.model.validation import InputError
@@ -34,9 +34,9 @@ def test_the_field_solves_helmholtz_to_second_order(room, k):
     """The one k of the field is the one asked for: the error of the finite differences falls with their square."""
 
     def fault(h):
-        p, sums = field(room, SOURCE, PLACES, [k])[0], 0
+        p, sums = point_source_pressures(room, SOURCE, PLACES, [k])[0], 0
         for d in h * np.concatenate([np.eye(3), -np.eye(3)]):
-            sums = sums + field(room, SOURCE, PLACES + d, [k])[0]
+            sums = sums + point_source_pressures(room, SOURCE, PLACES + d, [k])[0]
         return np.abs((sums - 6 * p) / h**2 + k**2 * p)
 
     coarse, fine = fault(0.04), fault(0.02)
@@ -52,7 +52,7 @@ def test_every_wall_has_its_condition(room):
             h = 1e-3
             at = np.tile(inside, (4, 1))
             at[:, axis] = wall + inward * h * np.arange(4)
-            p = field(room, SOURCE, at, K)
+            p = point_source_pressures(room, SOURCE, at, K)
             outwards = -(p @ [-11 / 6, 3, -3 / 2, 1 / 3]) / h  # one-sided, of third order
             if room.walls == "pressure-release":
                 np.testing.assert_allclose(p[:, 0], 0, atol=1e-12)
@@ -69,13 +69,13 @@ def test_the_axis_of_the_closed_form_makes_no_difference(axis, admittance):
     lengths, source, places = np.array(SIZE)[order], SOURCE[order], PLACES[:, order]
     terms = box_field._terms(lengths, box_field.EXACT / np.abs(places[:, 2] - source[2]).min(), abs(K[-1]), 0)
     along = [box_field._sum(room, lengths, source, places, k, terms) for k in K]
-    found = field(room, SOURCE, PLACES, K)
+    found = point_source_pressures(room, SOURCE, PLACES, K)
     np.testing.assert_allclose(along, found, atol=1e-11 * np.abs(found).max())
 
 
 def test_source_and_microphone_may_change_places(room):
-    there = field(room, SOURCE, PLACES[:3], K)
-    back = np.concatenate([field(room, place, SOURCE[None], K) for place in PLACES[:3]], axis=1)
+    there = point_source_pressures(room, SOURCE, PLACES[:3], K)
+    back = np.concatenate([point_source_pressures(room, place, SOURCE[None], K) for place in PLACES[:3]], axis=1)
     np.testing.assert_allclose(back, there, rtol=1e-10)
 
 
@@ -102,7 +102,7 @@ def images(places, source, size, k, sign, reach):
 def test_image_sources_agree(walls, sign, k):
     """Image by image the field of the same room, no eigenfunction in it; what lies beyond `reach` is below 1e-7."""
     expected = images(PLACES[:3], SOURCE, SIZE, k, sign, reach=45.0)
-    found = field(ROOMS[walls], SOURCE, PLACES[:3], [k])[0]
+    found = point_source_pressures(ROOMS[walls], SOURCE, PLACES[:3], [k])[0]
     np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
@@ -111,7 +111,7 @@ def test_averaged_over_its_height_a_rigid_box_is_a_plate():
     heights = SIZE[2] * (np.arange(24) + 0.5) / 24  # the midpoint rule integrates the first 47 cosines exactly
     xy = PLACES[:4, :2]
     columns = np.array([[*place, z] for place in xy for z in heights])
-    average = field(ROOMS["rigid"], SOURCE, columns, K).reshape(len(K), len(xy), -1).mean(axis=2)
+    average = point_source_pressures(ROOMS["rigid"], SOURCE, columns, K).reshape(len(K), len(xy), -1).mean(axis=2)
     plate = rigid_room(xy, SOURCE[:2], K, size=SIZE[:2]) / SIZE[2]
     np.testing.assert_allclose(average, plate, rtol=1e-6)
 
@@ -119,7 +119,10 @@ def test_averaged_over_its_height_a_rigid_box_is_a_plate():
 def test_absorbing_walls_that_hardly_absorb_are_rigid():
     faint = dataclasses.replace(ROOMS["absorbing"], admittance=1e-9)
     np.testing.assert_allclose(
-        field(faint, SOURCE, PLACES, K), field(ROOMS["rigid"], SOURCE, PLACES, K), rtol=1e-5, atol=1e-7
+        point_source_pressures(faint, SOURCE, PLACES, K),
+        point_source_pressures(ROOMS["rigid"], SOURCE, PLACES, K),
+        rtol=1e-5,
+        atol=1e-7,
     )
 
 
@@ -128,7 +131,7 @@ def test_absorbing_walls_need_no_other_damping():
     room, middle = ROOMS["absorbing"], np.array([0.9, 1.0, 0.7])
     k = np.linspace(1.0, 7.0, 13)
     ring = middle + 0.2 * np.concatenate([np.eye(3), -np.eye(3)])  # Im p has no pole: its mean is j_0 times its value
-    at_source = field(room, middle, ring, k).imag.mean(axis=1)
+    at_source = point_source_pressures(room, middle, ring, k).imag.mean(axis=1)
     assert np.all(at_source < 0)
     assert np.ptp(np.log(-at_source)) > 1.0, "resonances stand out"
 
@@ -137,7 +140,7 @@ def test_peaks_are_the_eigenfrequencies_of_the_room():
     room, c, highest = Room(size=SIZE), 343.0, 190.0
     sensing = Sensing(lowest=50.0, highest=highest, resolution=2.0, wavenumber="continuous")
     heard = []
-    frequencies, wavenumbers, pressures, spectrum = listen(
+    frequencies, wavenumbers, pressures, spectrum = modal_pressures(
         room, Source(position=tuple(SOURCE), duration=6.0), PLACES[:4], sensing, heard.append
     )
     n = np.stack(np.meshgrid(*[np.arange(9)] * 3), axis=-1).reshape(-1, 3)
@@ -148,7 +151,7 @@ def test_peaks_are_the_eigenfrequencies_of_the_room():
     found = np.abs(alone[:, None] - frequencies).min(axis=1)
     assert found.max() < 0.05
     np.testing.assert_allclose(wavenumbers, (2 * np.pi * frequencies - 1j * DECAY / 6.0) / c)
-    np.testing.assert_allclose(pressures, field(room, SOURCE, PLACES[:4], wavenumbers))
+    np.testing.assert_allclose(pressures, point_source_pressures(room, SOURCE, PLACES[:4], wavenumbers))
     peaks = np.array([spectrum[1][np.abs(spectrum[0] - f) < 1].max() for f in frequencies])
     assert np.all(peaks > np.median(spectrum[1])) and spectrum[0][0] == 50 and spectrum[0][-1] >= highest
     assert heard == sorted(heard) and heard[-1] == 1.0
@@ -156,15 +159,17 @@ def test_peaks_are_the_eigenfrequencies_of_the_room():
 
 def test_what_cannot_be_told_apart_or_summed_is_refused():
     with pytest.raises(InputError, match=r"source\.duration = 1 s is too short.*resolution = 2 Hz.*at least 3\.31 s"):
-        listen(ROOMS["rigid"], Source(position=tuple(SOURCE), duration=1.0), PLACES, Sensing(resolution=2.0))
+        modal_pressures(ROOMS["rigid"], Source(position=tuple(SOURCE), duration=1.0), PLACES, Sensing(resolution=2.0))
     with pytest.raises(InputError, match=r"too close to microphone 1 .*move it"):
-        field(ROOMS["rigid"], SOURCE, [PLACES[0], SOURCE + 1e-3], K)
+        point_source_pressures(ROOMS["rigid"], SOURCE, [PLACES[0], SOURCE + 1e-3], K)
     with pytest.raises(InputError, match=r"room\.admittance is too high"):
-        field(dataclasses.replace(ROOMS["absorbing"], admittance=30.0), SOURCE, PLACES, K)
+        point_source_pressures(dataclasses.replace(ROOMS["absorbing"], admittance=30.0), SOURCE, PLACES, K)
 
 
 def test_terms_left_out_do_not_matter(room):
-    few, many = (field(room, SOURCE, PLACES, K, nepers) for nepers in (box_field.EXACT, 1.5 * box_field.EXACT))
+    few, many = (
+        point_source_pressures(room, SOURCE, PLACES, K, nepers) for nepers in (box_field.EXACT, 1.5 * box_field.EXACT)
+    )
     np.testing.assert_allclose(few, many, rtol=1e-11)
 
 
@@ -190,5 +195,5 @@ def test_pyroomacoustics_agrees(monkeypatch):
         response = np.asarray(room.rir[n][0])[: int(duration * fs)]
         t = (np.arange(len(response)) - late) / fs
         expected[:, n] = np.exp(-(s + 2j * np.pi * frequencies[:, None]) * t) @ response / (4 * np.pi)
-    found = field(Room(size=size), source, places, (2 * np.pi * frequencies - 1j * s) / c)
+    found = point_source_pressures(Room(size=size), source, places, (2 * np.pi * frequencies - 1j * s) / c)
     np.testing.assert_allclose(found, expected, rtol=0.005)

@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 from fields import rigid_room
 
-from fdcal.acoustics.box_field import field as box_field
-from fdcal.acoustics.room_modes import diffuse, echoing, heard, images, nearest_image
+from fdcal.acoustics.box_field import point_source_pressures as box_field
+from fdcal.acoustics.room_modes import (
+    diffuse_model,
+    nearest_symmetry,
+    point_source_model,
+    room_pressures,
+    room_symmetries,
+)
 from fdcal.model.scene import Room
 from fdcal.solvers.room.fit import diffuse_terms, exact
 
@@ -25,22 +31,22 @@ def differs(values, truth) -> float:
 
 
 def test_the_sum_is_the_closed_form_in_a_rigid_plane():
-    room = echoing(SIZE, K, 0)
-    assert differs(heard(room.excited(SOURCE), room.shapes(PLACES)), rigid_room(PLACES, SOURCE, K)) < 1e-4
+    room = point_source_model(SIZE, K, 0)
+    assert differs(room_pressures(room.excitation(SOURCE), room.shapes(PLACES)), rigid_room(PLACES, SOURCE, K)) < 1e-4
 
 
 @pytest.mark.parametrize("admittance", [0.0, 0.02, 0.1])
 def test_the_sum_is_the_closed_form_in_a_box(admittance):
     walls = Room(size=BOX, walls="absorbing", admittance=admittance) if admittance else Room(size=BOX)
-    room = echoing(BOX, K, admittance)
+    room = point_source_model(BOX, K, admittance)
     truth = box_field(walls, BOX_SOURCE, HIGH, K)
-    assert differs(heard(room.excited(BOX_SOURCE), room.shapes(HIGH)), truth) < 1e-5
+    assert differs(room_pressures(room.excitation(BOX_SOURCE), room.shapes(HIGH)), truth) < 1e-5
 
 
 def test_microphones_and_source_may_be_exchanged():
-    room = echoing(BOX, K, 0.03)
-    there = heard(room.excited(BOX_SOURCE), room.shapes(HIGH[:1]))
-    back = heard(room.excited(HIGH[0]), room.shapes(BOX_SOURCE[None]))
+    room = point_source_model(BOX, K, 0.03)
+    there = room_pressures(room.excitation(BOX_SOURCE), room.shapes(HIGH[:1]))
+    back = room_pressures(room.excitation(HIGH[0]), room.shapes(BOX_SOURCE[None]))
     assert np.allclose(there, back, rtol=1e-9)
 
 
@@ -60,7 +66,7 @@ def slope(function, x, i: int, h: float = 1e-6) -> float:
 @pytest.mark.parametrize(("size", "places"), [(SIZE, PLACES), (BOX, HIGH)], ids=["plane", "space"])
 def test_the_diffuse_models_gradient_is_its_slope(size, places):
     p, noise = noisy()
-    model, x = diffuse(size, K, 0.01), places.ravel()
+    model, x = diffuse_model(size, K, 0.01), places.ravel()
     gradient = diffuse_terms(x, p, noise, model).gradient
     for i in (0, 3, 7):
         wanted = slope(lambda y: diffuse_terms(y, p, noise, model).cost, x, i)
@@ -87,19 +93,21 @@ def test_the_exact_models_gradient_is_its_slope(size, places, source):
     ("size", "count"), [((6.0, 5.0), 4), ((5.0, 5.0), 8), ((4.0, 3.0, 2.5), 8), ((3.0, 3.0, 2.5), 16)]
 )
 def test_no_pressure_tells_the_images_of_a_room_apart(size, count):
-    found = images(size)
+    found = room_symmetries(size)
     assert len(found) == count
-    D, room = len(size), echoing(size, K, 0.02)
+    D, room = len(size), point_source_model(size, K, 0.02)
     places, source = RNG.uniform(0.2, 2.3, (4, D)), RNG.uniform(0.2, 2.3, D)
-    here = heard(room.excited(source), room.shapes(places))
+    here = room_pressures(room.excitation(source), room.shapes(places))
     assert np.array_equal(found[0].of(places), places)
     distinct = {tuple(np.round(image.of(places), 9).ravel()) for image in found}
     assert len(distinct) == len({str(image) for image in found}) == count
     for image in found:
-        assert np.allclose(heard(room.excited(image.of(source)), room.shapes(image.of(places))), here, rtol=1e-9)
-        assert nearest_image(places, image.of(places), size) == image
+        assert np.allclose(
+            room_pressures(room.excitation(image.of(source)), room.shapes(image.of(places))), here, rtol=1e-9
+        )
+        assert nearest_symmetry(places, image.of(places), size) == image
 
 
 def test_at_a_resonance_to_the_last_bit_the_field_is_finite():
     k = np.array([np.pi / SIZE[0], 2 * np.pi / SIZE[1]])
-    assert np.all(np.isfinite(echoing(SIZE, k, 0).response))
+    assert np.all(np.isfinite(point_source_model(SIZE, k, 0).response))

@@ -12,7 +12,13 @@ from scipy.special import jv
 from fdcal.acoustics.fdtd import simulate
 from fdcal.acoustics.measure import measure
 from fdcal.acoustics.measurement_cache import cached_recordings
-from fdcal.acoustics.spectrum import pick_modes, transform, wavenumber_continuous, wavenumber_discrete, window_rate
+from fdcal.acoustics.spectrum import (
+    laplace_transform,
+    pick_modes,
+    wavenumber_continuous,
+    wavenumber_discrete,
+    window_rate,
+)
 from fdcal.model.scene import load_scene
 from fdcal.model.validation import InputError
 
@@ -76,7 +82,7 @@ def test_transform_is_the_sum_it_says():
     f, s = np.array([0.0, 31.4, 777.7]), 5.0
     time = np.arange(5000) / FS
     expected = np.exp(-np.outer(s + 2j * np.pi * f, time)) @ signals.T
-    np.testing.assert_allclose(transform(signals, FS, s, f), expected, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(laplace_transform(signals, FS, s, f), expected, rtol=0, atol=1e-10)
 
 
 def test_silence_and_nan_are_refused():
@@ -143,12 +149,12 @@ def test_pressures_solve_helmholtz_the_better_the_higher_the_order(tiny):
     sound = simulate(room, tiny.source, ears)
     f, s = eigenfrequencies(tiny)[:5], window_rate(sound, fs)
     k = wavenumber_discrete(f, s, room.sound_speed, room.cell, fs)
-    rows = list(zip(transform(sound, fs, s, f), k, strict=True))
+    rows = list(zip(laplace_transform(sound, fs, s, f), k, strict=True))
     errors = [np.mean([residual(ears, p, k, 0.25, offset) for p, k in rows]) for offset in range(4)]
     assert np.all(np.divide(errors[1:], errors[:-1]) < 0.2), errors
     assert errors[3] < 1e-4
     plain = wavenumber_continuous(f, 0.0, room.sound_speed)
-    untreated = zip(transform(sound, fs, 0.0, f + 0.3), plain, strict=True)
+    untreated = zip(laplace_transform(sound, fs, 0.0, f + 0.3), plain, strict=True)
     assert np.mean([residual(ears, p, k, 0.25, 3) for p, k in untreated]) > 5 * errors[3]
 
 

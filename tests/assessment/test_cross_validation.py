@@ -11,7 +11,7 @@ from fields import measured, rigid_room
 from PIL import Image
 from scipy.linalg import solve
 
-from fdcal.acoustics.box_field import field as box_field
+from fdcal.acoustics.box_field import point_source_pressures as box_field
 from fdcal.assessment.cross_validation import dictionary, expansions, left_out, report
 from fdcal.assessment.field_map import field_map
 from fdcal.commands.cli import main

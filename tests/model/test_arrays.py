@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from fdcal.model.arrays import (
     circle,
-    crosses,
+    convex_hull,
+    crosses_polygon,
     encloses,
-    hull,
-    inside,
+    in_polygon,
     positions_of,
     rectangle,
     rectangle_plus_random,
@@ -66,14 +66,14 @@ def test_snapping_goes_to_the_own_cell_and_stays_there(x, y, cell):
 
 def test_inside_of_an_l_shape():
     points = np.array([[5, 2.9], [3.9, 4.9], [4.1, 3.1], [-0.1, 1], [6.1, 1], [1, 5.1]])
-    assert inside(points, L_SHAPE).tolist() == [True, True, False, False, False, False]
-    assert inside(points, L_SHAPE[::-1]).tolist() == inside(points, L_SHAPE).tolist()
-    assert inside(points.reshape(3, 2, 2), L_SHAPE).shape == (3, 2)
+    assert in_polygon(points, L_SHAPE).tolist() == [True, True, False, False, False, False]
+    assert in_polygon(points, L_SHAPE[::-1]).tolist() == in_polygon(points, L_SHAPE).tolist()
+    assert in_polygon(points.reshape(3, 2, 2), L_SHAPE).shape == (3, 2)
 
 
 def test_inside_counts_the_area():
     centres = snap(np.stack(np.meshgrid(np.arange(0, 6.5, 0.1), np.arange(0, 5.5, 0.1)), axis=-1), 0.1)
-    assert np.isclose(inside(centres, L_SHAPE).sum() * 0.01, 26)
+    assert np.isclose(in_polygon(centres, L_SHAPE).sum() * 0.01, 26)
 
 
 @settings(deadline=None)  # a busy machine is no fault
@@ -144,10 +144,10 @@ def test_bad_array_names_key_value_and_remedy(edited, changes, words):
 def test_hull_is_the_corners_alone():
     square = rectangle((5, 4), (2.0, 2.0))
     corners = {(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)}
-    assert {tuple(point) for point in hull(square).tolist()} == corners
-    assert len(hull(square)) == 4
-    assert len(hull(np.array([[0, 0], [1, 1], [2, 2.0]]))) == 2
-    assert len(hull(circle(17, 1.0))) == 17
+    assert {tuple(point) for point in convex_hull(square).tolist()} == corners
+    assert len(convex_hull(square)) == 4
+    assert len(convex_hull(np.array([[0, 0], [1, 1], [2, 2.0]]))) == 2
+    assert len(convex_hull(circle(17, 1.0))) == 17
 
 
 @pytest.mark.parametrize(
@@ -164,9 +164,9 @@ def test_hull_is_the_corners_alone():
     ],
 )
 def test_wall_that_crosses_a_square(a, b, expected):
-    square = hull(rectangle((3, 3), (2.0, 2.0)))
-    assert crosses(np.array(a, float), np.array(b, float), square) == expected
-    assert crosses(np.array(b, float), np.array(a, float), square) == expected
+    square = convex_hull(rectangle((3, 3), (2.0, 2.0)))
+    assert crosses_polygon(np.array(a, float), np.array(b, float), square) == expected
+    assert crosses_polygon(np.array(b, float), np.array(a, float), square) == expected
 
 
 def across(outline, positions):

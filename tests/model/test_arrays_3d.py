@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from fdcal.acoustics.box_field import field
+from fdcal.acoustics.box_field import point_source_pressures
 from fdcal.acoustics.measure import measure
 from fdcal.cost.eq7 import usable_modes
 from fdcal.graphics.landscape_figure import landscape_panels
 from fdcal.model.arrays import positions_of
-from fdcal.model.arrays_3d import ball, box, holds, places_of, plane
+from fdcal.model.arrays_3d import ball, box, encloses_3d, plane, positions_3d
 from fdcal.model.gauge import position_errors
 from fdcal.model.scene import Array, Sensing, load_scene
 from fdcal.model.validation import InputError
@@ -39,14 +39,14 @@ def test_a_box_is_filled_and_a_plane_is_a_lattice():
 
 def test_the_convex_hull_of_a_solid_and_of_a_flat_array():
     cube = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1.0)])
-    assert holds(cube, np.array([0.2, 0.9, 0.5])) and not holds(cube, np.array([0.2, 1.1, 0.5]))
+    assert encloses_3d(cube, np.array([0.2, 0.9, 0.5])) and not encloses_3d(cube, np.array([0.2, 1.1, 0.5]))
     sheet = cube[cube[:, 2] == 0]
-    assert holds(sheet, np.array([0.5, 0.5, 0.0])) and not holds(sheet, np.array([0.5, 0.5, 0.01]))
+    assert encloses_3d(sheet, np.array([0.5, 0.5, 0.0])) and not encloses_3d(sheet, np.array([0.5, 0.5, 0.01]))
 
 
 def test_a_plane_array_has_two_coordinates_and_stands_at_its_height():
     scene = load_scene("plane3d")
-    places = places_of(scene)
+    places = positions_3d(scene)
     np.testing.assert_array_equal(places[:, :2], positions_of(scene))
     np.testing.assert_allclose(places[:, 2], scene.array.center[2])
 
@@ -65,7 +65,9 @@ def test_what_is_measured_is_the_field_where_the_microphones_stand(name):
     clean = measure(dataclasses.replace(scene, measurement=dataclasses.replace(sensing, snr_db=np.inf)))
     assert (told.dimension, told.array_dimension) == (3, 2 if name == "plane3d" else 3)
     np.testing.assert_allclose(
-        clean.pressures, field(scene.room, scene.source.position, places_of(scene), clean.wavenumbers), rtol=1e-9
+        clean.pressures,
+        point_source_pressures(scene.room, scene.source.position, positions_3d(scene), clean.wavenumbers),
+        rtol=1e-9,
     )
     assert not clean.noise_power.any() and np.all(clean.wavenumbers.imag < 0) and len(clean.frequencies) > 5
     np.testing.assert_allclose(told.noise_power, 1e-4 * np.mean(np.abs(clean.pressures) ** 2, axis=1))

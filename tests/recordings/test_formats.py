@@ -20,7 +20,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from fdcal.commands.cli import main
-from fdcal.model.microphones import Placed
+from fdcal.model.microphones import MicrophonePositions
 from fdcal.model.validation import InputError, StorageError
 from fdcal.recordings import formats
 from fdcal.recordings.channel_health import inspect, require_usable
@@ -355,11 +355,15 @@ def test_damage_to_a_folder_gives_an_error_or_an_answer(tmp_path, name, place, n
 
 # Positions out.
 
-PLACED = Placed(("a", "b & <c>", "ü", "d", "e"), PLACES, np.array([0.001, 0.002, 0.003, 0.004, 1 / 3]), "known")
+PLACED = MicrophonePositions(
+    ("a", "b & <c>", "ü", "d", "e"), PLACES, np.array([0.001, 0.002, 0.003, 0.004, 1 / 3]), "known"
+)
 
 
-@pytest.fixture(params=[PLACED, Placed(PLACED.names, PLACES[:, :2])], ids=["space", "plane, no uncertainty"])
-def placed(request) -> Placed:
+@pytest.fixture(
+    params=[PLACED, MicrophonePositions(PLACED.names, PLACES[:, :2])], ids=["space", "plane, no uncertainty"]
+)
+def placed(request) -> MicrophonePositions:
     return request.param
 
 

@@ -11,7 +11,7 @@ import sofar
 from sofar.io import _write_sofa
 
 from fdcal.commands.cli import main
-from fdcal.model.microphones import Placed
+from fdcal.model.microphones import MicrophonePositions
 from fdcal.model.validation import InputError, StorageError
 from fdcal.recordings import formats
 from fdcal.recordings.recording import read
@@ -93,7 +93,7 @@ def test_every_convention_is_read_and_its_positions_are_filled_in(convention, mo
     assert np.allclose(recording.positions, PLACES)
     assert np.allclose(read(recording, 0, T), SAMPLES)
     before = path.read_bytes()
-    formats.write(tmp_path / "b.sofa", "b.sofa", Placed(tuple("43210"), FOUND), str(path))
+    formats.write(tmp_path / "b.sofa", "b.sofa", MicrophonePositions(tuple("43210"), FOUND), str(path))
     back = formats.read(tmp_path / "b.sofa")
     assert np.allclose(back.positions, FOUND[::-1]), "by the names of the channels"
     assert np.allclose(read(back, 0, T), SAMPLES)
@@ -120,7 +120,7 @@ def test_positions_of_one_source_s_measurements_are_given_to_another_s_only_in_t
     sofa.ListenerPosition = np.concatenate([PLACES, PLACES[::order]])
     sofa.SourcePosition = np.repeat([[2.0, 1, 0], [5.0, 1, 0]], N, axis=0)
     sofar.write_sofa(str(path), sofa)
-    placed = Placed(tuple("01234"), FOUND)
+    placed = MicrophonePositions(tuple("01234"), FOUND)
     if order < 0:
         with pytest.raises(InputError, match="in different orders; leave out --original"):
             formats.write(tmp_path / "b.sofa", "b.sofa", placed, str(path))
@@ -167,4 +167,6 @@ def test_an_original_that_cannot_be_is_refused(suffix, original, words, code, tm
 
 def test_a_file_that_cannot_be_read_is_no_fault_of_the_output(tmp_path):
     with pytest.raises(StorageError, match=r"^cannot read .*nothing\.sofa"):
-        formats.write(tmp_path / "b.sofa", "b.sofa", Placed(tuple("01234"), FOUND), str(tmp_path / "nothing.sofa"))
+        formats.write(
+            tmp_path / "b.sofa", "b.sofa", MicrophonePositions(tuple("01234"), FOUND), str(tmp_path / "nothing.sofa")
+        )

@@ -15,7 +15,7 @@ import pytest
 from fdcal import solvers
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.commands.cli import main
-from fdcal.model.measured_scene import stand_in
+from fdcal.model.measured_scene import placeholder_scene
 from fdcal.model.measurement_file import load_measurement
 from fdcal.model.scene import load_scene
 from fdcal.model.validation import InputError, StorageError
@@ -109,7 +109,7 @@ def test_without_noise_the_scene_comes_back_too(tmp_path):
 
 def test_a_measurement_without_a_scene_stays_one(joint_session, tmp_path):
     measurement = joint_session.measurement
-    scene = stand_in(measurement, "mine", joint_session.scene.solver)
+    scene = placeholder_scene(measurement, "mine", joint_session.scene.solver)
     path = tmp_path / "left.zip"
     path.write_bytes(session_file.write(dataclasses.replace(joint_session, scene=scene)))
     found = session_file.read(path).scene

@@ -184,9 +184,9 @@ def test_what_is_left_to_do_while_the_interpreter_ends_is_done_all_the_same(monk
     ended = ThreadPoolExecutor(1)
     ended.shutdown()
     monkeypatch.setattr(compiled, "_pool", lambda: ended)
-    assert compiled.at_once(lambda x: x + 1, iter(range(5))) == [1, 2, 3, 4, 5]
+    assert compiled.parallel_map(lambda x: x + 1, iter(range(5))) == [1, 2, 3, 4, 5]
     with pytest.raises(RuntimeError, match="own"):
-        compiled.at_once(fails, range(2))
+        compiled.parallel_map(fails, range(2))
 
 
 def fails(_):

@@ -10,7 +10,7 @@ import pytest
 from fdcal.commands.calibrate import from_scene
 from fdcal.commands.options import opening_of
 from fdcal.graphics.picture import backdrop, with_estimate
-from fdcal.model.measured_scene import Measured, stand_in
+from fdcal.model.measured_scene import MeasuredScene, placeholder_scene
 from fdcal.model.measurement import Measurement
 from fdcal.model.measurement_file import save_measurement
 from fdcal.model.scene import SolverSettings, load_scene
@@ -41,8 +41,8 @@ def test_a_measurement_is_shown_without_walls(told, tiny, tmp_path):
 
 
 def test_another_solver_keeps_the_walls_away(tiny):
-    scene = stand_in(tiny, "hall", SolverSettings(modes=12))
-    assert isinstance(replace(scene, solver=SolverSettings(name="descent", modes=12)), Measured)
+    scene = placeholder_scene(tiny, "hall", SolverSettings(modes=12))
+    assert isinstance(replace(scene, solver=SolverSettings(name="descent", modes=12)), MeasuredScene)
 
 
 @pytest.mark.parametrize(("dimension", "array_dimension"), [(2, 2), (3, 3), (3, 2)])
@@ -58,7 +58,7 @@ def test_every_kind_of_measurement_has_a_stand_in(dimension, array_dimension, kn
         known=tuple(range(known)),
         known_positions=rng.uniform(-3, 3, (known, array_dimension)),
     )
-    scene = stand_in(measurement, "hall", SolverSettings(modes=2, first_modes=1))
+    scene = placeholder_scene(measurement, "hall", SolverSettings(modes=2, first_modes=1))
     assert scene.room.dimension == dimension
     assert scene.array.dimension == array_dimension
     assert scene.gauge.indices(9) == tuple(range(known))

@@ -90,11 +90,11 @@ def test_an_update_without_a_start_or_after_the_page_closed_moves_nothing(hands)
     ("text", "modes"), [("1", (1,)), ("1-3, 5", (1, 2, 3, 5)), (" 5 ,1 - 2,", (1, 2, 5)), ("3,3,2-3", (2, 3))]
 )
 def test_modes_are_read_as_written(text, modes):
-    assert mode_ranges.read(text, 9) == modes
-    assert mode_ranges.read(mode_ranges.write(modes), 9) == modes
+    assert mode_ranges.parse(text, 9) == modes
+    assert mode_ranges.parse(mode_ranges.to_text(modes), 9) == modes
 
 
 @pytest.mark.parametrize("text", ["", ",", "0", "10", "3-2", "1-99", "x", "1;2", "-1", "1--2", "1" * 300, "<b>"])
 def test_modes_that_are_not_there_are_refused(text):
     with pytest.raises(InputError, match="1 to 9"):
-        mode_ranges.read(text, 9)
+        mode_ranges.parse(text, 9)

@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 from pretend import say
 
-from fdcal.model.measured_scene import stand_in
+from fdcal.model.measured_scene import placeholder_scene
 from fdcal.model.scene import load_scene
 from fdcal.session.scene_edits import parameters_of
 from fdcal.viewer.gui.binding import Binding
@@ -66,7 +66,7 @@ def test_a_seed_that_draws_nothing_is_not_shown(controls):
 
 
 def test_what_was_measured_offers_no_room_to_simulate(server, work):
-    measured = stand_in(work.measurement, "hall", work.scene.solver)
+    measured = placeholder_scene(work.measurement, "hall", work.scene.solver)
     opened = []
     tab = scenetab.SceneTab(Binding(server.gui, dataclasses.replace(work, scene=measured), 6, opened.append))
     parameters = (tab.microphones, tab.radius, tab.walls, tab.noise, tab.speed, tab.known, tab.seed, tab.apply)
@@ -79,7 +79,7 @@ def test_what_was_measured_offers_no_room_to_simulate(server, work):
     assert [one.scene.name for one in opened] == ["tiny"]
     say(tab.name, "hall")
     assert not tab.apply.visible
-    namesake = dataclasses.replace(work, scene=stand_in(work.measurement, "tiny", work.scene.solver))
+    namesake = dataclasses.replace(work, scene=placeholder_scene(work.measurement, "tiny", work.scene.solver))
     tab = scenetab.SceneTab(Binding(server.gui, namesake, 6, opened.append))
     assert tab.name.value == "tiny (measured)" and not tab.apply.visible
     say(tab.name, "tiny")

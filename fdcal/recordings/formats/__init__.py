@@ -17,7 +17,7 @@ from functools import cache
 from pathlib import Path
 from types import ModuleType
 
-from ...model.microphones import Placed
+from ...model.microphones import MicrophonePositions
 from ...model.validation import InputError, StorageError
 from ..recording import Recording
 
@@ -82,7 +82,7 @@ def read(path: str | Path, source: int | None = None) -> Recording:
         raise StorageError(f"cannot read {path}: {error.strerror or error}") from error
 
 
-def write(path: str | Path, target: str | Path, placed: Placed, original: str | None = None) -> None:
+def write(path: str | Path, target: str | Path, placed: MicrophonePositions, original: str | None = None) -> None:
     """Write positions to `path` in the format that the suffix of `target` names, the file's name to be."""
     suffix = Path(target).suffix.lower()
     for module in modules():

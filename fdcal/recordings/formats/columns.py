@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ...model.microphones import Placed
+from ...model.microphones import MicrophonePositions
 
 NAME = "pyroomacoustics array"
 SUFFIXES = (".npy",)
 
 
-def write(path: Path, placed: Placed, original: str | None = None) -> None:
+def write(path: Path, placed: MicrophonePositions, original: str | None = None) -> None:
     """Write `placed`."""
     with open(path, "wb") as file:
         np.save(file, np.ascontiguousarray(placed.positions.T))

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from ...model.microphones import Placed
+from ...model.microphones import MicrophonePositions
 
 NAME = "JSON"
 SUFFIXES = (".json",)
 
 
-def write(path: Path, placed: Placed, original: str | None = None) -> None:
+def write(path: Path, placed: MicrophonePositions, original: str | None = None) -> None:
     """Write `placed`, metres; an uncertainty that is not known is null."""
     microphones = [
         {

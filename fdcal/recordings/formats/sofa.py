@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...model.microphones import Placed
+from ...model.microphones import MicrophonePositions
 from ...model.validation import InputError, StorageError
 from ..recording import ZERO_CELSIUS, Recording, sound_speed
 from .sofa_fields import SAME, delays_of, number_of, opened, receivers_of, responses, source_of, values_of
@@ -65,7 +65,7 @@ def _sound_speed(file, path: Path) -> float | None:
     return sound_speed(warm - ZERO_CELSIUS) if 100 < warm < 1000 else None
 
 
-def write(path: Path, placed: Placed, original: str | None = None) -> None:
+def write(path: Path, placed: MicrophonePositions, original: str | None = None) -> None:
     """The positions as receivers: of the `original` file if given, or of one with unit impulses for data.
 
     Receivers are in the order of the microphones; their names are not kept. Raises InputError where the original has
@@ -116,7 +116,7 @@ def _copied(sofar, original: str):
     return sofa
 
 
-def _place(sofa, placed: Placed, original: str | None) -> None:
+def _place(sofa, placed: MicrophonePositions, original: str | None) -> None:
     """Positions into a file: of the receivers, or of the listener who carries one receiver from place to place."""
     measurements, receivers = np.shape(sofa.Data_IR)[:2]
     source = np.atleast_2d(np.asarray(sofa.SourcePosition, float))
@@ -171,7 +171,7 @@ def _require_one_order(sofa, turn: np.ndarray, original: str | None) -> None:
         )
 
 
-def _in_order(placed: Placed) -> np.ndarray:
+def _in_order(placed: MicrophonePositions) -> np.ndarray:
     """Positions in the order of the channels (N, 3), metres, where the names are the channels' numbers."""
     numbers = {str(n): n for n in range(len(placed.names))}
     if set(placed.names) != set(numbers):

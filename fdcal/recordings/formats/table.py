@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...model.microphones import Placed
+from ...model.microphones import MicrophonePositions
 from ...model.validation import InputError, StorageError
 
 NAME = "table"
@@ -16,7 +16,7 @@ SUFFIXES = (".csv",)
 HEADER = ["name", "x", "y", "z", "uncertainty"]
 
 
-def write(path: Path, placed: Placed, original: str | None = None) -> None:
+def write(path: Path, placed: MicrophonePositions, original: str | None = None) -> None:
     """Write `placed`; an uncertainty that is not known is left empty. Numbers are written so that they come back."""
     with open(path, "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")

@@ -5,14 +5,14 @@ from __future__ import annotations
 import xml.etree.ElementTree as tree
 from pathlib import Path
 
-from ...model.microphones import Placed
+from ...model.microphones import MicrophonePositions
 from ...model.validation import InputError
 
 NAME = "Acoular microphone geometry"
 SUFFIXES = (".xml",)
 
 
-def write(path: Path, placed: Placed, original: str | None = None) -> None:
+def write(path: Path, placed: MicrophonePositions, original: str | None = None) -> None:
     """Write `placed`. Raises InputError for a name that XML cannot hold."""
     root = tree.Element("MicArray", name="fdcal")
     for name, place in zip(placed.names, placed.positions.tolist(), strict=True):

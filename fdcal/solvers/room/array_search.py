@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...acoustics.room_modes import Diffuse, diffuse
+from ...acoustics.room_modes import DiffuseModel, diffuse_model
 from .fit import diffuse_terms, loudness
 
 MODES = 30  # the lowest, of the search of arrays
@@ -57,7 +57,7 @@ def likeliest(pressures, noise, wavenumbers, size) -> list[tuple[float, np.ndarr
     everywhere, part = (places(lattice(np.asarray(size) / parts, between)) for parts in (1, 2))
     found = []
     for width in WIDTHS:
-        there = Places(everywhere, p, noise, diffuse(size, k, width))
+        there = Places(everywhere, p, noise, diffuse_model(size, k, width))
         found += [(there.cost(x), width, x, there) for x in there.arrays(part, CANDIDATES)]
     found.sort(key=lambda one: one[0])
     better = {}
@@ -70,7 +70,7 @@ def likeliest(pressures, noise, wavenumbers, size) -> list[tuple[float, np.ndarr
 class Places:
     """Places (C, D), metres, and what is the same of the first model at them, whatever is supposed."""
 
-    def __init__(self, where: np.ndarray, pressures, noise, model: Diffuse):
+    def __init__(self, where: np.ndarray, pressures, noise, model: DiffuseModel):
         self.where, self.p, self.noise, self.model = where, pressures, noise, model
         self.weights = loudness(pressures, noise)[:, None] * model.weights  # (M, E)
         self.shapes = model.shapes(where)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...acoustics.room_modes import Diffuse, echoing, heard
+from ...acoustics.room_modes import DiffuseModel, point_source_model, room_pressures
 from ...model.power import mode_power
 
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e6
@@ -34,7 +34,7 @@ def loudness(pressures, noise) -> np.ndarray:
     return np.maximum(whole - noise, 1e-3 * whole)
 
 
-def diffuse_terms(theta, pressures, noise, model: Diffuse) -> Terms:
+def diffuse_terms(theta, pressures, noise, model: DiffuseModel) -> Terms:
     """-log of the probability density of the first model, up to a constant. noise : (M,), spread included."""
     N, D = pressures.shape[1], model.kappa.shape[1]
     x = theta.reshape(N, D)
@@ -83,9 +83,9 @@ def exact(theta, pressures, noise, wavenumbers, size, slopes: bool = True) -> Ex
     """The second model at `theta`, of N D + D + 2 entries, or D more with relative lengths of the room."""
     N, D = pressures.shape[1], len(size)
     x, source, beta, size = unpacked(theta, N, size)
-    room = echoing(size, wavenumbers, beta)
-    excited, shapes = room.excited(source), room.shapes(x)
-    g = heard(excited, shapes)
+    room = point_source_model(size, wavenumbers, beta)
+    excited, shapes = room.excitation(source), room.shapes(x)
+    g = room_pressures(excited, shapes)
     square = np.sum(np.abs(g) ** 2, axis=1, keepdims=True)
     A = np.sum(g.conj() * pressures, axis=1, keepdims=True) / square
     scale = 1 / np.sqrt(noise)[:, None]
@@ -93,16 +93,16 @@ def exact(theta, pressures, noise, wavenumbers, size, slopes: bool = True) -> Ex
         return Exact(scale * (pressures - A * g), A * g, np.zeros((0, len(theta))))
     dg = np.zeros((*g.shape, len(theta)), complex)
     for a in range(D):
-        dg[:, np.arange(N), D * np.arange(N) + a] = heard(excited, room.shapes(x, a))
-        dg[:, :, N * D + a] = heard(room.excited(source, a), shapes)
-    changed = echoing(size, wavenumbers, beta + SMALL)
-    dg[:, :, N * D + D] = (heard(changed.excited(source), changed.shapes(x)) - g) / SMALL
+        dg[:, np.arange(N), D * np.arange(N) + a] = room_pressures(excited, room.shapes(x, a))
+        dg[:, :, N * D + a] = room_pressures(room.excitation(source, a), shapes)
+    changed = point_source_model(size, wavenumbers, beta + SMALL)
+    dg[:, :, N * D + D] = (room_pressures(changed.excitation(source), changed.shapes(x)) - g) / SMALL
     dg[:, :, N * D + D + 1] = 1j * dg[:, :, N * D + D]
     for a in range(D if len(theta) > N * D + D + 2 else 0):
         grown = 1 + SMALL / (1 + theta[N * D + D + 2 + a])
         longer = tuple(length * (grown if a == b else 1) for b, length in enumerate(size))
-        changed = echoing(longer, wavenumbers, beta)
-        dg[:, :, N * D + D + 2 + a] = (heard(changed.excited(source), changed.shapes(x)) - g) / SMALL
+        changed = point_source_model(longer, wavenumbers, beta)
+        dg[:, :, N * D + D + 2 + a] = (room_pressures(changed.excitation(source), changed.shapes(x)) - g) / SMALL
     along = np.sum(g.conj()[..., None] * dg, axis=1, keepdims=True) / square[..., None]
     jacobian = -(scale * A)[..., None] * (dg - g[..., None] * along)
     return Exact(scale * (pressures - A * g), A * g, jacobian.reshape(-1, len(theta)))

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...acoustics.room_modes import images, nearest_image
+from ...acoustics.room_modes import nearest_symmetry, room_symmetries
 from ...model.measurement import Problem
 from ...model.validation import frozen_array
 from .fit import FIRST_DAMPING
@@ -73,9 +73,9 @@ def end(problem: Problem, state: State, settled: bool) -> State:
 def _placed(problem: Problem, size, positions, walls) -> tuple[np.ndarray, np.ndarray]:
     """Positions and source in the symmetry nearest to the known microphones, or in the corner at the origin."""
     if len(problem.known):
-        image = nearest_image(positions[problem.known], problem.known_positions, size)
+        image = nearest_symmetry(positions[problem.known], problem.known_positions, size)
     else:
-        image = min(images(size), key=lambda image: tuple(np.round(image.of(positions).mean(axis=0), 9)))
+        image = min(room_symmetries(size), key=lambda image: tuple(np.round(image.of(positions).mean(axis=0), 9)))
     D = len(size)
     return (
         frozen_array(image.of(positions), float),

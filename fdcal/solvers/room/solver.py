@@ -24,7 +24,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...acoustics.room_modes import diffuse
+from ...acoustics.room_modes import diffuse_model
 from ...model.measurement import Problem
 from ...model.scene import Search, SolverSettings
 from ...model.validation import InputError, frozen_array
@@ -100,7 +100,7 @@ def landscape(problem: Problem, state: State, n: int, modes: slice, search: Sear
         raise InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
     points = search.layer(*state.positions[n, 2:])
     p, noise, k = scaled(problem, state, modes)
-    model = diffuse(state.settings.room, k, state.width)
+    model = diffuse_model(state.settings.room, k, state.width)
     costs = array_search.Places(points.reshape(-1, points.shape[-1]), p, noise + ROUGH, model).costs(state.positions, n)
     costs -= np.minimum(costs.min(axis=1, keepdims=True), 0.0)
     return costs.reshape(len(p), *points.shape[:2])
@@ -118,7 +118,7 @@ def _search(problem: Problem, state: State, p, noise, k) -> State:
 def _near(problem: Problem, state: State, p, noise, k) -> State:
     size = state.settings.room
     between = array_search.step_of(k, size)
-    model = diffuse(size, k, state.width)
+    model = diffuse_model(size, k, state.width)
     noise = array_search.spread(noise, k, len(size), SPREADS[state.round] * between)
     x = state.positions.ravel()
     trial = damped(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...acoustics.room_modes import Echoing, echoing, heard
+from ...acoustics.room_modes import PointSourceModel, point_source_model, room_pressures
 from .array_search import lattice, places, step_of
 
 FINER = 1.5  # times as fine as the lattice of microphones
@@ -19,7 +19,9 @@ def sources(positions, pressures, wavenumbers, size, most: int) -> list[tuple[np
     step = step_of(wavenumbers, size) / FINER
     axes = lattice(size, step)
     grid = places(axes)
-    costs = [_source_costs(echoing(size, wavenumbers, beta), positions, pressures, axes) for beta in ADMITTANCES]
+    costs = [
+        _source_costs(point_source_model(size, wavenumbers, beta), positions, pressures, axes) for beta in ADMITTANCES
+    ]
     least, which = np.min(costs, axis=0), np.argmin(costs, axis=0)
     chosen: list[int] = []
     for c in np.argsort(least, kind="stable").tolist():
@@ -30,7 +32,7 @@ def sources(positions, pressures, wavenumbers, size, most: int) -> list[tuple[np
     return [(grid[c], ADMITTANCES[which[c]]) for c in chosen]
 
 
-def _source_costs(room: Echoing, positions, pressures, axes) -> np.ndarray:
+def _source_costs(room: PointSourceModel, positions, pressures, axes) -> np.ndarray:
     """What a source at each place of a lattice leaves of the pressures, whatever its loudness : (C,) float64."""
     D = len(axes)
     shapes, along = room.shapes(positions), _along(room, axes)
@@ -53,9 +55,9 @@ def put_anew(positions, walls, pressures, wavenumbers, size) -> np.ndarray:
     """
     D = len(size)
     axes = lattice(size, step_of(wavenumbers, size) / FINER)
-    room = echoing(size, wavenumbers, complex(*walls[D:]))
-    excited, along = room.excited(walls[:D]), _along(room, axes)
-    here = heard(excited, room.shapes(positions))
+    room = point_source_model(size, wavenumbers, complex(*walls[D:]))
+    excited, along = room.excitation(walls[:D]), _along(room, axes)
+    here = room_pressures(excited, room.shapes(positions))
     loud = np.sum(here.conj() * pressures, axis=1, keepdims=True) / np.sum(np.abs(here) ** 2, axis=1, keepdims=True)
     there = np.array([_everywhere(T[None], along, m)[0] for m, T in enumerate(excited)])  # (M, C)
     now = np.sum(np.abs(pressures - loud * here) ** 2, axis=0)
@@ -66,7 +68,7 @@ def put_anew(positions, walls, pressures, wavenumbers, size) -> np.ndarray:
     return np.where(better[:, None], places(axes)[costs.argmin(axis=0)], positions)
 
 
-def _along(room: Echoing, axes) -> list[np.ndarray]:
+def _along(room: PointSourceModel, axes) -> list[np.ndarray]:
     """Eigenfunctions along each axis at a lattice's coordinates: D arrays (M, C_a, n_a)."""
     middle = np.asarray(room.size) / 2
     return [room.shapes(_on_axis(axis, a, middle))[a] for a, axis in enumerate(axes)]

@@ -46,7 +46,7 @@ class SideBySide:
         captions = [f"{wanted.modes[i]}: {f[wanted.modes[i] - 1]:.1f} Hz" for i in shown]
         captions.append(f"sum of {len(costs)}" if len(costs) > 1 else "sum (one mode)")
         here = np.asarray(wanted.state.positions)
-        truth = measurement.truth_beside(here)
+        truth = measurement.aligned_truth(here)
         marks = Marks(None if truth is None else tuple(truth[n][:2]), tuple(here[n][:2]))
         return mosaic(
             [*costs[shown], costs.sum(axis=0)], captions, self._work.problem.search, marks,

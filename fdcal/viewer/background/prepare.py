@@ -8,7 +8,7 @@ from types import ModuleType
 from ... import solvers
 from ...acoustics.measurement_cache import cached_measurement
 from ...cost.eq7 import usable_modes
-from ...model.measured_scene import Measured
+from ...model.measured_scene import MeasuredScene
 from ...model.measurement import Measurement, Problem
 from ...model.scene import Scene
 from ...model.validation import InputError
@@ -36,7 +36,7 @@ class Work:
     @property
     def told(self) -> Scene | None:
         """The scene, or None where it only stands in for a room that nobody has told."""
-        return None if isinstance(self.scene, Measured) else self.scene
+        return None if isinstance(self.scene, MeasuredScene) else self.scene
 
 
 class Progress:

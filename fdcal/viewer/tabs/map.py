@@ -49,7 +49,7 @@ class MapTab:
             "Modes shown", (IN_USE, CHOSEN), initial_value=CHOSEN if chosen else IN_USE, hint="Of the map alone"
         )
         self.upto = gui.add_slider("Up to mode", 1, binding.modes, 1, modes[-1], hint="Watch the minima merge")
-        self.text = gui.add_text("Mode numbers", mode_ranges.write(modes), hint="As in 1-3, 5")
+        self.text = gui.add_text("Mode numbers", mode_ranges.to_text(modes), hint="As in 1-3, 5")
         self.kind = gui.add_dropdown("Show", KINDS, initial_value=kind, visible=self._possible)
         self.scale = gui.add_dropdown("Scale", (LOG, LINEAR), initial_value=LOG if look.log else LINEAR)
         self.opacity = gui.add_slider("Opacity (%)", 10, 100, 5, round(100 * look.opacity))
@@ -107,7 +107,7 @@ class MapTab:
         self.which.value = IN_USE if modes is None else CHOSEN
         self._show_what_counts()
         if modes is not None:
-            self.text.value, self.upto.value = mode_ranges.write(modes), modes[-1]
+            self.text.value, self.upto.value = mode_ranges.to_text(modes), modes[-1]
 
     def toggle_mode(self, mode: int) -> None:
         """Switch one mode of the map on or off; the last one stays."""
@@ -125,7 +125,7 @@ class MapTab:
     def _read(self, text) -> None:
         """A text that cannot be read is told below and changes nothing."""
         try:
-            modes = mode_ranges.read(text, self._binding.modes)
+            modes = mode_ranges.parse(text, self._binding.modes)
         except InputError as error:
             self._binding.choose(complaint=str(error))
             return

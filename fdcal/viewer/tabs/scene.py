@@ -6,7 +6,7 @@ import math
 
 import viser
 
-from ...model.measured_scene import Measured
+from ...model.measured_scene import MeasuredScene
 from ...model.scene import WALLS, Scene, load_scene, scene_names
 from ...model.validation import InputError, StorageError
 from ...session.request import OpenRequest
@@ -31,7 +31,8 @@ class SceneTab:
         self._binding, gui, scene = binding, binding.gui, binding.work.scene
         self._scene, parameters = scene, parameters_of(scene)
         self._own = scene.name if scene.name not in scene_names() else None
-        if isinstance(scene, Measured) and self._own is None:  # a file that is called like a scene is another thing
+        # A measurement whose file has the name of a scene is another thing.
+        if isinstance(scene, MeasuredScene) and self._own is None:
             self._own = f"{scene.name} (measured)"
         names = (*scene_names(), *([self._own] if self._own else []))
         self.name = gui.add_dropdown("Scene", names, initial_value=self._own or scene.name)
@@ -68,7 +69,7 @@ class SceneTab:
     def _put(self, scene: Scene) -> None:
         """Set the controls to the scene's parameters; hide them for a measurement, which has none."""
         parameters, self._scene = parameters_of(scene), scene
-        measured = isinstance(scene, Measured)
+        measured = isinstance(scene, MeasuredScene)
         for handle in self._knobs:
             handle.visible = not measured
         self.told.content = html.remark(MEASURED) if measured else ""
@@ -137,7 +138,7 @@ class SceneTab:
 
     def press(self) -> None:
         """Open the scenario, or tell in one line why it cannot be."""
-        if isinstance(self._scene, Measured):  # a client can press what it does not see
+        if isinstance(self._scene, MeasuredScene):  # a client can press what it does not see
             return
         try:
             scene = with_parameters(self._scene, self.parameters)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import viser
 
 from ... import solvers
-from ...model.measured_scene import Measured
+from ...model.measured_scene import MeasuredScene
 from ...model.scene import no_rectangle
 from ...session.history import SessionView
 from ...session.request import OpenRequest
@@ -78,7 +78,7 @@ class SolverTab:
         """Those that can solve this: descent needs a lattice, room a rectangle whose size the scene tells."""
         scene, problem = self._binding.work.scene, self._binding.work.problem
         plane = problem.dimension == 2 and problem.search is not None
-        known = not isinstance(scene, Measured) and problem.array_dimension == problem.dimension
+        known = not isinstance(scene, MeasuredScene) and problem.array_dimension == problem.dimension
         names = [name for name in solvers.names() if plane or name in ("joint", "room")]
         return tuple(name for name in names if name != "room" or (known and not no_rectangle(scene)))
 
