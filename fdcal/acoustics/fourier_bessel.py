@@ -14,6 +14,8 @@ from scipy.special import jv
 from ..model.scene import Search
 from ..model.validation import InputError
 
+NO_EXTENT = 1e-9  # metres: an array of this radius has all its microphones in one place
+
 
 def max_order(wavenumbers, radius: float, offset: int = 0) -> np.ndarray:
     """Order L = ceil(k R) + offset of the expansion (Eq. 3).
@@ -32,9 +34,49 @@ def max_order(wavenumbers, radius: float, offset: int = 0) -> np.ndarray:
     return np.ceil(np.real(wavenumbers) * radius).astype(np.int64) + offset
 
 
-def f_max(count: int, radius: float, sound_speed: float) -> float:
-    """Highest frequency that `count` microphones within `radius` (the array's, metres) interpolate, Hz (Eq. 9)."""
-    return (count - 1) * sound_speed / (4 * np.pi * radius)
+def f_max(count: int, radius: float, sound_speed: float, dimension: int = 2, planar: bool = False) -> float:
+    """Return the highest frequency that an array can interpolate (Eq. 9).
+
+    It is that of the order L = k R at which the functions are as many as the microphones: 2 L + 1 = N in a plane,
+    that is f_max = (N - 1) c / (4 pi R); (L + 1)^2 = N in space; (L + 1)(L + 2) / 2 = N for a plane in space.
+
+    Parameters
+    ----------
+    count : N, number of microphones
+    radius : R of the array, metres
+    sound_speed : c, m/s
+    dimension : 2 or 3, of the sound field
+    planar : whether the microphones lie in a plane of a field of three dimensions
+
+    Returns
+    -------
+    float, Hz; infinite for a radius below 1 nm, as of microphones that all start in one place
+    """
+    if radius < NO_EXTENT:
+        return float("inf")
+    if dimension == 2:
+        order = (count - 1) / 2
+    else:
+        order = (np.sqrt(8 * count + 1) - 3) / 2 if planar else np.sqrt(count) - 1
+    return float(order * sound_speed / (2 * np.pi * radius))
+
+
+def array_f_max(positions, sound_speed: float, dimension: int) -> float:
+    """Return `f_max` of an array, R being its largest distance from the centre of mass.
+
+    Parameters
+    ----------
+    positions : (N, D) float64, metres
+    sound_speed : c, m/s
+    dimension : 2 or 3, of the sound field
+
+    Returns
+    -------
+    float, Hz
+    """
+    positions = np.asarray(positions, float)
+    radius = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
+    return f_max(len(positions), radius, sound_speed, dimension, positions.shape[1] < dimension)
 
 
 def fourier_bessel(positions: np.ndarray, wavenumber: complex, order: int, centre) -> np.ndarray:

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..acoustics.fourier_bessel import f_max
+from ..acoustics.fourier_bessel import array_f_max
 from ..cost.likelihood import newton_terms
 from ..cost.noise_model import NOISE
 from ..model.gauge import align, position_errors
@@ -37,7 +37,6 @@ FLED = 0.5, 3.0  # part of its variance that they cannot foretell; likewise
 SURPRISE = 3.0  # times 1 + 3 / sqrt(M): a channel's mean squared surprise over the median channel's
 FAINT = 1e-4  # noise below this part of the power shows the limits of the real kernel, not of the model
 RESIDUAL = 2.0  # residual over the noise told
-NOWHERE = 1e-9  # metres, of an array that has no extent
 UNTOLD = 3e-3  # part of the power that may be left unexplained where the measurement says that there is no noise
 NOISY = 0.3  # part of the power
 SPEED = 0.01, 0.15, 4.0  # least and greatest relative error that is taken for one of the sound speed; in sigmas
@@ -105,24 +104,9 @@ def judge(
     return Verdict(code, text, uncertainty, frozen_array(evidence.covariance, float), evidence.residual_to_noise)
 
 
-def highest_frequency(problem: Problem, positions) -> float:
-    """f_max of the array, Hz: Eq. 9, and its like in three dimensions; with R the distance from the centre of mass.
-
-    As many functions as microphones: 2 L + 1 in a plane, (L + 1)^2 in space, (L + 1)(L + 2) / 2 on a plane in space.
-    Infinite where all stand in one place, as before a search.
-    """
-    N = len(positions)
-    R = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
-    if R < NOWHERE:
-        return float("inf")
-    if problem.dimension == 2:
-        return f_max(N, R, problem.sound_speed)
-    order = np.sqrt(N) - 1 if problem.array_dimension == 3 else (np.sqrt(8 * N + 1) - 3) / 2
-    return float(order) * problem.sound_speed / (2 * np.pi * R)
-
-
 def _undersampled(problem: Problem, positions, modes: slice) -> str:
-    limit, used = highest_frequency(problem, positions), problem.frequencies[modes]
+    limit = array_f_max(positions, problem.sound_speed, problem.dimension)
+    used = problem.frequencies[modes]
     if used[-1] <= limit:
         return ""
     below = int(np.sum(problem.frequencies <= limit))

@@ -17,20 +17,6 @@ RANGE = 60.0  # dB below the strongest that may still be used
 MOST = 57  # frequencies: as many as a calibration uses unless told
 
 
-def highest_usable(count: int, radius: float, sound_speed: float, dimension: int, planar: bool = False) -> float:
-    """f_max, Hz: the order at which the functions are as many as the microphones (Eq. 9; 3-D likewise).
-
-    2 L + 1 = N in 2-D, (L + 1)^2 = N in 3-D, (L + 1) (L + 2) / 2 = N for a plane in 3-D; L = k R.
-    """
-    if dimension == 2:
-        order = (count - 1) / 2
-    elif planar:
-        order = (np.sqrt(1 + 8 * count) - 3) / 2
-    else:
-        order = np.sqrt(count) - 1
-    return float(max(order, 1.0) * sound_speed / (2 * np.pi * radius))
-
-
 def choose(frequencies, power, noise, resolution: float, most: int = MOST) -> np.ndarray:
     """Indices of the frequencies to use, ascending : (M,) int64.
 

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..acoustics.fourier_bessel import f_max
 from ..model.validation import InputError, require_choice, require_positive
-from .frequency_selection import MOST, highest_usable
+from .frequency_selection import MOST
 from .recording import KINDS, Recording, sound_speed
 
 LOWEST, HIGHEST = 20.0, 500.0  # Hz, unless told
@@ -102,7 +103,7 @@ def usable_by(recording: Recording, wishes: Wishes, places, speed: float) -> tup
     if radius <= 0:
         return None, "unknown without the array's radius; give --array-radius R"
     planar = axes_of(recording, wishes, places) == 2
-    return highest_usable(recording.count, radius, speed, wishes.dimension, planar), words
+    return f_max(recording.count, radius, speed, wishes.dimension, planar), words
 
 
 def axes_of(recording: Recording, wishes: Wishes, places) -> int:

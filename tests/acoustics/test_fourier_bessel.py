@@ -7,6 +7,7 @@ from scipy.special import jv
 
 from fdcal.acoustics.fourier_bessel import (
     Lattice,
+    array_f_max,
     bessel_orders,
     f_max,
     fourier_bessel,
@@ -59,6 +60,22 @@ def test_order_follows_eq_3():
 def test_f_max_is_the_papers():
     """Section 5: 4950 Hz for array 1, R = 0.35 m, c = 340 m/s."""
     assert f_max(65, 0.35, 340.0) == pytest.approx(4950, rel=1e-3)
+    assert f_max(2, 0.35, 340.0) == pytest.approx(340 / (4 * np.pi * 0.35)), "few microphones follow the same rule"
+
+
+def test_f_max_in_space_is_the_order_with_as_many_functions_as_microphones():
+    k_of = lambda f: 2 * np.pi * f / 343.0  # noqa: E731
+    for order in (1, 3, 7):
+        assert k_of(f_max((order + 1) ** 2, 0.7, 343.0, 3)) * 0.7 == pytest.approx(order)
+        assert k_of(f_max((order + 1) * (order + 2) // 2, 0.7, 343.0, 3, planar=True)) * 0.7 == pytest.approx(order)
+
+
+def test_f_max_of_an_array_takes_its_radius_about_the_centre_of_mass():
+    square = np.array([[0.0, 0.0], [0.4, 0.0], [0.4, 0.4], [0.0, 0.4]]) + 3.0
+    radius = 0.2 * np.sqrt(2)
+    assert array_f_max(square, 343.0, 2) == pytest.approx(f_max(4, radius, 343.0))
+    assert array_f_max(square, 343.0, 3) == pytest.approx(f_max(4, radius, 343.0, 3, planar=True))
+    assert array_f_max(np.ones((4, 2)), 343.0, 2) == np.inf
 
 
 @pytest.mark.parametrize("order", [0, 1, 7, 30])

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from fields import measured
 
+from fdcal.acoustics.fourier_bessel import array_f_max
 from fdcal.assessment import sound_speed
 from fdcal.assessment.uncertainty import field_of
-from fdcal.assessment.verdict import highest_frequency, judge
+from fdcal.assessment.verdict import judge
 from fdcal.commands.calibrate import Given, _trusted, solve
 from fdcal.model.gauge import align, position_errors
 from fdcal.model.measurement import Measurement
@@ -135,10 +136,11 @@ def test_an_array_too_wide_for_its_modes_is_undersampled():
     few = TRUTH[[0, 4, 12, 20, 24, 7]]
     measurement = measured(few, [0, 1, 3], highest=HIGHEST, snr_db=40)
     problem, x = settled(measurement, few)
-    assert highest_frequency(problem, few) < HIGHEST
+    limit = array_f_max(few, problem.sound_speed, problem.dimension)
+    assert limit < HIGHEST
     found = judge(problem, x, ALL, problem.noise_power)
     assert found.code == "undersampled" and "Eq. 9" in found.text
-    low = slice(0, int(np.sum(problem.frequencies < highest_frequency(problem, few))))
+    low = slice(0, int(np.sum(problem.frequencies < limit)))
     assert judge(problem, few, low, problem.noise_power).code != "undersampled"
 
 

@@ -15,6 +15,7 @@ import soundfile
 from recorded import FS, SPEED, at_work, exact, mismatch_db, noisy, places, responses
 from scipy.signal import chirp, fftconvolve
 
+from fdcal.acoustics.fourier_bessel import f_max
 from fdcal.commands.calibrate import solve, source_of
 from fdcal.commands.cli import main
 from fdcal.model.measurement_file import load_measurement
@@ -242,11 +243,6 @@ def test_frequencies_keep_apart_and_prefer_peaks():
         frequency_selection.choose(f, power, 100 * power, 2.5)
 
 
-def test_highest_usable_frequency_is_eq_9():
-    assert frequency_selection.highest_usable(65, 0.35, 343.0, 2) == pytest.approx(64 * 343 / (4 * np.pi * 0.35))
-    assert frequency_selection.highest_usable(64, 0.7, 343.0, 3) == pytest.approx(7 * 343 / (2 * np.pi * 0.7))
-
-
 MESH = np.stack([a.ravel() for a in np.meshgrid([0.0, 1, 2], [0.0, 1], [-1.0, 0, 1], indexing="ij")], axis=1)
 
 
@@ -364,7 +360,7 @@ def test_a_wide_array_of_few_microphones_is_taken_no_higher_than_it_can_use(fold
     np.savez(tmp_path / "bare.npz", recordings=responses(), sample_rate=FS, kind="response")
     np.savez(tmp_path / "told.npz", recordings=responses(), sample_rate=FS, kind="response", positions=places())
     radius = np.linalg.norm(places() - places().mean(axis=0), axis=1).max()
-    limit = frequency_selection.highest_usable(24, radius, SPEED, 3)
+    limit = f_max(24, radius, SPEED, 3)
     for name, wishes, words in (
         ("told.npz", {}, "positions in the file"),
         ("bare.npz", {"radius": radius}, "radius given"),

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from pretend import State, say, view_of
 
+from fdcal.acoustics.fourier_bessel import array_f_max
 from fdcal.acoustics.measurement_cache import cached_measurement
-from fdcal.assessment.verdict import highest_frequency
 from fdcal.viewer.gui import plots
 from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.tabs import map, modes
@@ -115,7 +115,7 @@ def test_modes_slide_into_the_map_and_out_of_it(server, scene, measurement, hear
     dotted = (inside > low) | (outside > low)
     np.testing.assert_allclose(np.maximum(inside, outside)[dotted], curve[dotted])  # on the curve, and in sight
     assert (curve[dotted] < high).all()
-    f_max = round(highest_frequency(work.problem, work.session.view.state.positions))
+    f_max = round(array_f_max(work.session.view.state.positions, work.problem.sound_speed, work.problem.dimension))
     assert np.array_equal(x[limit > low], [f_max] if x[0] < f_max < x[-1] else [])
     inner = tab._data((1,), 200.0)
     assert np.array_equal(inner[0][inner[-1] > low], [200.0]) and len({len(column) for column in inner}) == 1

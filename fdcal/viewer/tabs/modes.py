@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from viser import uplot
 
-from ...acoustics.fourier_bessel import max_order
-from ...assessment.verdict import highest_frequency
+from ...acoustics.fourier_bessel import array_f_max, max_order
 from ...model.measurement import Measurement, Problem
 from ...model.power import mode_power
 from ...session.history import SessionView
@@ -142,7 +141,7 @@ class ModesTab:
         """Called by the main loop."""
         state = view.state
         used = self._binding.choices.modes or tuple(range(state.first, state.last + 1))
-        limit = highest_frequency(self._problem, np.asarray(state.positions))
+        limit = array_f_max(state.positions, self._problem.sound_speed, self._problem.dimension)
         limit = round(limit) if np.isfinite(limit) else limit
         if (used, limit) == self._key or now - self._sent < INTERVAL:
             return
