@@ -77,7 +77,7 @@ class Served:
     def complaints(self) -> list[str]:
         """Lines that tell of errors on the server's standard error."""
         lines = self._errors.read_text(encoding="utf-8", errors="replace").splitlines()
-        return [line for line in lines if any(word in line for word in ("rror", "Traceback", "xception", "more in"))]
+        return [line for line in lines if any(word in line for word in ("rror", "Traceback", "xception", "details in"))]
 
 
 def _changed(scene: str, solver: dict[str, str], folder: Path) -> Path:

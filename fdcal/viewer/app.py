@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 
 from ..session.lesson import Lesson
 from ..session.request import OpenRequest
-from .server.error_log import log_kept
-from .server.hardening import open_server, quietly
+from .server.error_log import error_log
+from .server.hardening import open_server, without_output
 from .server.signals import Interrupt
 
 
@@ -25,7 +25,7 @@ def serve(
     `lessons` are offered in their order; `begin`, one of them, opens its own scene in place of `opening`.
     Raises InputError (address, scene) and StorageError.
     """
-    with Interrupt() as interrupt, log_kept():
+    with Interrupt() as interrupt, error_log():
         server = open_server(host, port)
         page = None
         try:
@@ -47,7 +47,7 @@ def serve(
         finally:
             if page is not None:
                 page.close()
-            quietly(server.stop)
+            without_output(server.stop)
 
 
 def address(host: str, port: int) -> str:

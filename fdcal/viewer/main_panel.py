@@ -11,7 +11,7 @@ from .background.cost_maps import Map
 from .gui import html
 from .gui.binding import Binding, Choices
 from .gui.layout import SessionFolders
-from .server.hardening import one_of
+from .server.client_values import one_of
 from .tabs.export import SEEN, ExportTab
 from .tabs.map import MapTab
 from .tabs.run import RunBar

@@ -78,7 +78,7 @@ class Page:
     def run(self, interrupt: Interrupt) -> None:
         """Bring the screen up to date until interrupted. Raises what keeps the first session from being."""
         due = time.perf_counter()
-        while not interrupt.came:
+        while not interrupt.received:
             began = time.perf_counter()
             self.turn(began)
             due = max(due + 1 / RATE, time.perf_counter())

@@ -18,7 +18,7 @@ from ..session.worker import LatestWorker
 from .background.prepare import Progress, Stopped, Work, work_of
 from .gui import html
 from .gui.layout import Panels
-from .server.error_log import place
+from .server.error_log import log_location
 
 log = logging.getLogger(__name__)
 
@@ -106,7 +106,10 @@ class SessionSwitcher:
         known = isinstance(error, (InputError, StorageError))
         if not known:
             log.error("an opening failed", exc_info=error)
-        self.cause, self.refusal = error, str(error) if known else f"{type(error).__name__}: {error}; more in {place()}"
+        self.cause, self.refusal = (
+            error,
+            str(error) if known else f"{type(error).__name__}: {error}; details in {log_location()}",
+        )
 
     def close(self, timeout: float = 1.0) -> None:
         """End the thread, which may be writing the cache, and the sessions that nobody takes; not longer than that, s.

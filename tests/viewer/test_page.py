@@ -277,7 +277,7 @@ def test_the_log_s_place_is_told(tmp_path, monkeypatch, capsys):
     log, state = logging.getLogger("fdcal.viewer.anything"), SimpleNamespace(
         step=0, sweep=0, stage=0, first=1, last=1, cost=1.0, positions=np.zeros((1, 2)), finished=False
     )  # fmt: skip
-    with error_log.log_kept():
+    with error_log.error_log():
         try:
             raise ValueError("the matrix is singular")
         except ValueError:
@@ -289,4 +289,4 @@ def test_the_log_s_place_is_told(tmp_path, monkeypatch, capsys):
     assert "ValueError: the matrix is singular" in (tmp_path / "<b>" / "view.log").read_text(encoding="utf-8")
     line = capsys.readouterr().err
     assert "the solver stopped" in line and "view.log" in line and "Traceback" not in line
-    assert error_log.place() == "the terminal's log" and not logging.getLogger("fdcal").handlers
+    assert error_log.log_location() == "the terminal's log" and not logging.getLogger("fdcal").handlers

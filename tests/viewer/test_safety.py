@@ -11,7 +11,7 @@ from viser import _messages
 from fdcal.model.validation import InputError
 from fdcal.session.scene_edits import parameters_of
 from fdcal.viewer import app
-from fdcal.viewer.server import hardening
+from fdcal.viewer.server import client_values, hardening
 
 MAIN = threading.main_thread()
 
@@ -81,19 +81,19 @@ def test_a_host_name_that_does_not_resolve_is_no_hindrance(monkeypatch):
 
 @pytest.mark.parametrize("value", JUNK, ids=lambda value: repr(value)[:12])
 def test_junk_becomes_a_bounded_number(value):
-    assert 1 <= hardening.bounded(value, 1, 9, 5) <= 9
+    assert 1 <= client_values.bounded(value, 1, 9, 5) <= 9
 
 
 def test_good_values_pass():
-    assert hardening.bounded(7, 1, 9, 5) == 7 and hardening.bounded(7.0, 1, 9, 5) == 7
-    assert hardening.one_of("b", ("a", "b"), "a") == "b" and hardening.one_of("c", ("a", "b"), "a") == "a"
+    assert client_values.bounded(7, 1, 9, 5) == 7 and client_values.bounded(7.0, 1, 9, 5) == 7
+    assert client_values.one_of("b", ("a", "b"), "a") == "b" and client_values.one_of("c", ("a", "b"), "a") == "a"
     for value in (3, 0.5, True, "short"):
-        assert hardening.is_plain({"value": value})
+        assert client_values.is_plain({"value": value})
 
 
 @pytest.mark.parametrize("updates", [{}, None, [], {"uuid": "x"}, {"value": 1, "update_cb": []}, {"value": "x" * 201}])
 def test_updates_other_than_a_plain_value_are_dropped(updates):
-    assert not hardening.is_plain(updates)
+    assert not client_values.is_plain(updates)
 
 
 @pytest.mark.parametrize("junk", [value for value in JUNK if not isinstance(value, (float, int))] + [float("nan")])

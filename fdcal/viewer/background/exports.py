@@ -197,7 +197,7 @@ class Exports:
             return
         except Exception as error:
             log.exception("a file could not be made")
-            client.add_notification("Nothing is saved", f"{error!r}"[:300] + "; more in the log", color="red")
+            client.add_notification("Nothing is saved", f"{error!r}"[:300] + "; details in the log", color="red")
             return
         client.send_file_download(file_name(moment, kind), content, save_immediately=True)
 

@@ -11,7 +11,7 @@ from ...graphics.picture import ESTIMATE, KNOWN, LOWEST, in_millimetres, millime
 from ...graphics.primitives import ColourBar, number
 from ...model.measurement import Measurement
 from ...session.history import SessionView
-from ..server.error_log import place
+from ..server.error_log import log_location
 
 MOST_ROWS = 100  # of the table
 CARD = "padding: 0.15em 0.75em; font-size: 0.86em; line-height: 1.5;"
@@ -64,7 +64,7 @@ def status(view: SessionView, measurement: Measurement, weights: str = "unit", f
     told = [view.error[:400]] if view.error else []
     told += [f"The page could not be brought up to date: {fault[:400]}"] if fault else []
     error = "".join(
-        f"<div style='color: #d61828; overflow-wrap: anywhere'>{escape(text)}; more in {escape(place())}</div>"
+        f"<div style='color: #d61828; overflow-wrap: anywhere'>{escape(f'{text}; details in {log_location()}')}</div>"
         for text in told
     )
     head = f"<div style='font-size: 1.15em; font-weight: 600'>{state_word(view)}</div>"

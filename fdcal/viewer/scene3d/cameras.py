@@ -17,7 +17,7 @@ import viser
 
 from ...graphics.camera import Camera, camera_for
 from ...graphics.primitives import Picture
-from ..server.hardening import bounded
+from ..server.client_values import bounded
 
 log = logging.getLogger(__name__)
 

@@ -1,4 +1,10 @@
-"""The viser server: who may connect, what a client may send, and the log.
+"""The viser server: who may connect, which values are accepted, the error log.
 
 May import: model.
+
+hardening       opens a server that only its own page can use
+client_values   checks of the values that a browser sends
+message_buffer  viser's message buffer, made safe for threads
+error_log       where errors are written while a page is served
+signals         Ctrl-C and SIGTERM as a flag
 """

@@ -1,4 +1,4 @@
-"""Where faults are written while a page is served: a file beside the cache, and one line each on the terminal."""
+"""The log of errors while a page is served: a file in the cache folder, and one line each on the terminal."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from collections.abc import Iterator
 
 from ...model.storage import cache_folder
 
-NAME, BYTES = "view.log", 1_000_000  # of the file; one older one is kept
-ROOT = "fdcal"  # of this project's loggers
+LOG_NAME, MAX_LOG_BYTES = "view.log", 1_000_000  # one older file is kept
+ROOT = "fdcal"  # root of this project's loggers
 
 
-class _Line(logging.Formatter):
-    """A message without its traceback, which the file has."""
+class _OneLine(logging.Formatter):
+    """A message without its traceback, which is in the file."""
 
     def format(self, record) -> str:
-        return f"{record.getMessage()} (more in {place()})" if record.exc_info else record.getMessage()
+        return f"{record.getMessage()} (details in {log_location()})" if record.exc_info else record.getMessage()
 
 
 @contextlib.contextmanager
-def log_kept() -> Iterator[None]:
-    """Keep a log while inside; without a file where none can be written."""
+def error_log() -> Iterator[None]:
+    """Log warnings and errors of fdcal meanwhile; on the terminal alone where the file cannot be written."""
     logger, terminal = logging.getLogger(ROOT), logging.StreamHandler()
-    terminal.setFormatter(_Line())
+    terminal.setFormatter(_OneLine())
     handlers: list[logging.Handler] = [terminal]
     with contextlib.suppress(OSError):
         cache_folder().mkdir(parents=True, exist_ok=True)
         file = logging.handlers.RotatingFileHandler(
-            cache_folder() / NAME, maxBytes=BYTES, backupCount=1, encoding="utf-8", delay=True
+            cache_folder() / LOG_NAME, maxBytes=MAX_LOG_BYTES, backupCount=1, encoding="utf-8", delay=True
         )
         file.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
         handlers.append(file)
@@ -44,8 +44,8 @@ def log_kept() -> Iterator[None]:
             handler.close()
 
 
-def place() -> str:
-    """Where the log is, in words: the file's path, or the terminal."""
+def log_location() -> str:
+    """Return where the log is, in words: the file's path, or the terminal."""
     for handler in logging.getLogger(ROOT).handlers:
         if isinstance(handler, logging.handlers.RotatingFileHandler):
             return handler.baseFilename

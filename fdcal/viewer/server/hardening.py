@@ -1,8 +1,8 @@
-"""Who may connect to the page, and what a client may say.
+"""A viser server that accepts only its own page, and only plain values from it.
 
-viser itself asks nobody who they are. Here pages of other sites are refused by their Origin, the public share tunnel
-is out of reach, and what a client sends is a plain number or a short text before any of this project's code sees it.
-Both hooks are viser's private parts, hence its pinned version.
+viser does not authenticate its clients. This module refuses pages of other sites by their Origin header, disables the
+public share tunnel and all other messages that the page of fdcal does not use, limits the size of messages, and drops
+updates that are not plain values. All hooks are private parts of viser, which is why its version is pinned.
 """
 
 from __future__ import annotations
@@ -10,11 +10,10 @@ from __future__ import annotations
 import contextlib
 import io
 import logging
-import math
 import re
 import socket
-from collections.abc import Callable
-from unittest import mock
+from collections.abc import Callable, Iterator
+from typing import Any, TypeVar
 
 import viser
 import websockets.asyncio.server
@@ -22,14 +21,14 @@ import websockets.exceptions
 from viser import _messages
 
 from ...model.validation import InputError
+from .client_values import is_plain
 from .message_buffer import use_safe_buffers
 
 log = logging.getLogger(__name__)
 
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
-LONGEST = 200  # characters of a client's text
-MOST_BYTES = 100_000  # of one message of a client: cameras, values, clicks
-UNHEARD = (  # what no page of fdcal says: the public tunnel, uploads, forms, gizmos
+MAX_MESSAGE_BYTES = 100_000  # of one message of a browser: a camera, a value, a click
+BLOCKED_MESSAGES = (  # messages that the page of fdcal never sends: public tunnel, uploads, forms, transform controls
     _messages.ShareUrlRequest,
     _messages.ShareUrlDisconnect,
     _messages.FileTransferStartUpload,
@@ -41,41 +40,59 @@ UNHEARD = (  # what no page of fdcal says: the public tunnel, uploads, forms, gi
     _messages.TransformControlsDragEndMessage,
 )
 
+Handler = Callable[..., Any]  # a coroutine function
+Result = TypeVar("Result")
+
 
 def open_server(host: str, port: int) -> viser.ViserServer:
-    """A server at `host` and `port` (0 takes a free one) that only its own page may talk to.
+    """Open a server that only its own page can use.
 
-    Raises InputError for a bad address or a port in use.
+    Parameters
+    ----------
+    host : str, address to listen at
+    port : int, 0 to 65535; 0 takes a free port
+
+    Returns
+    -------
+    viser.ViserServer
+
+    Raises
+    ------
+    InputError
+        The address cannot be used, or the port is in use.
     """
     _require_address(host, port)
     use_safe_buffers()
-    serve = websockets.asyncio.server.serve
-
-    def listen(handler, *arguments, **named):
-        return serve(
-            _patient(handler), *arguments, **{**named, "origins": allowed_origins(host), "max_size": MOST_BYTES}
-        )
-
-    with mock.patch.object(websockets.asyncio.server, "serve", listen):
-        server = quietly(lambda: viser.ViserServer(host=host, port=port, verbose=False))
-    if port and server.get_port() != port:  # viser takes the next free one without a word
+    with _restricted_listening(host):
+        server = without_output(lambda: viser.ViserServer(host=host, port=port, verbose=False))
+    if port and server.get_port() != port:  # viser takes the next free port without a message
         server.stop()
-        raise InputError(f"port = {port} is in use; choose another, or 0 for a free one")
-    for unused in UNHEARD:
-        server._websock_server.unregister_handler(unused)
-    _guard_inputs(server)
+        raise InputError(f"port = {port} is in use", "give another <port>, or 0 for a free one", key="port", value=port)
+    for message in BLOCKED_MESSAGES:
+        server._websock_server.unregister_handler(message)
+    _drop_bad_updates(server)
     return server
 
 
-def _silent() -> logging.Logger:
-    """For what websockets says of connections that come to nothing: who knocks must not fill the terminal."""
-    logger = logging.getLogger(f"{__name__}.sockets")
-    logger.setLevel(logging.CRITICAL + 1)
-    return logger
+@contextlib.contextmanager
+def _restricted_listening(host: str) -> Iterator[None]:
+    """Give the sockets that are opened meanwhile a list of allowed origins and a limit of the size of messages."""
+    module = websockets.asyncio.server
+    serve = module.serve
+
+    def restricted(handler: Handler, *arguments, **options):
+        options |= {"origins": allowed_origins(host), "max_size": MAX_MESSAGE_BYTES}
+        return serve(_tolerant(handler), *arguments, **options)
+
+    module.serve = restricted
+    try:
+        yield
+    finally:
+        module.serve = serve
 
 
-def _patient(handler: Callable) -> Callable:
-    """The handler of a connection, which a client that sends what is no message ends without a traceback."""
+def _tolerant(handler: Handler) -> Handler:
+    """Wrap the handler of a connection: a client that sends malformed messages is disconnected without a traceback."""
 
     async def handle(connection) -> None:
         try:
@@ -83,33 +100,44 @@ def _patient(handler: Callable) -> Callable:
         except websockets.exceptions.ConnectionClosed:
             raise
         except Exception as error:
-            log.warning("a client was let go that sent what is no message (%s)", type(error).__name__)
+            log.warning("a client sent a malformed message and was disconnected (%s)", type(error).__name__)
 
     return handle
 
 
-def quietly(function: Callable):
-    """Call a function of viser without what it prints: standard output belongs to the command line."""
+def without_output(function: Callable[[], Result]) -> Result:
+    """Call `function` and discard what it prints: standard output belongs to the command line."""
     with contextlib.redirect_stdout(io.StringIO()):
         return function()
 
 
-def allowed_origins(host: str) -> list:
-    """Origins a page may come from: this machine's names, or none at all (programs send no Origin)."""
+def allowed_origins(host: str) -> list[re.Pattern[str] | None]:
+    """Return the origins from which a page may connect to a server at `host`.
+
+    Parameters
+    ----------
+    host : str, address at which the server listens
+
+    Returns
+    -------
+    list
+        A pattern for the names of this machine, and None for programs, which send no Origin header.
+    """
     names = {*LOOPBACK, host}
     if host not in LOOPBACK:
         names |= {socket.gethostname(), socket.getfqdn()}
     if host in ("0.0.0.0", "::", ""):
-        with contextlib.suppress(OSError):  # a host whose own name does not resolve is still reached by the others
-            names |= {info[4][0] for info in socket.getaddrinfo(socket.gethostname(), None)}
+        with contextlib.suppress(OSError):  # a host whose own name does not resolve is still reached by other names
+            names |= {str(info[4][0]) for info in socket.getaddrinfo(socket.gethostname(), None)}
     words = "|".join(re.escape(f"[{name}]" if ":" in name else name) for name in sorted(names))
     return [re.compile(rf"https?://({words})(:\d+)?", re.IGNORECASE), None]
 
 
 def _require_address(host: str, port: int) -> None:
-    """viser waits for ever on an address that cannot be listened at: try it first."""
+    """Raise InputError unless the address can be bound: viser would wait for ever."""
     if not 0 <= port <= 65535:
-        raise InputError(f"port = {port} is out of range; use 0 to 65535, where 0 takes a free one")
+        problem, remedy = f"port = {port} is out of range", "give a <port> from 0 to 65535, where 0 takes a free one"
+        raise InputError(problem, remedy, key="port", value=port)
     try:
         family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind, protocol) as probe:
@@ -117,52 +145,20 @@ def _require_address(host: str, port: int) -> None:
             probe.bind(address)
     except (OSError, UnicodeError, OverflowError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise InputError(f"host = {host}, port = {port} cannot be listened at ({reason}); choose another") from error
+        problem = f"the server cannot listen at host = {host}, port = {port} ({reason})"
+        raise InputError(problem, "give another <host> or <port>", key="host", value=host) from error
 
 
-def _guard_inputs(server: viser.ViserServer) -> None:
-    """Pass on a client's message about a control only if it sets the value, and only to something plain."""
+def _drop_bad_updates(server: viser.ViserServer) -> None:
+    """Let a message about a control pass only if it sets its value, and only to a plain value."""
     handlers = server._websock_server._incoming_handlers
-    heard = handlers[_messages.GuiUpdateMessage]
 
-    def guarded(handler):
-        async def hear(client_id, message):
+    def checked(handler: Handler) -> Handler:
+        async def handle(client_id, message) -> None:
             if is_plain(message.updates):
-                with contextlib.suppress(ValueError, TypeError, OverflowError):  # not of the control's type
+                with contextlib.suppress(ValueError, TypeError, OverflowError):  # the control holds another type
                     await handler(client_id, message)
 
-        return hear
+        return handle
 
-    handlers[_messages.GuiUpdateMessage] = [guarded(handler) for handler in heard]
-
-
-def is_plain(updates) -> bool:
-    """Whether a client's updates are one value: a truth value, a finite number or a short text."""
-    if not isinstance(updates, dict) or set(updates) != {"value"}:
-        return False
-    value = updates["value"]
-    if isinstance(value, str):
-        return len(value) <= LONGEST
-    return isinstance(value, int) or (isinstance(value, float) and math.isfinite(value))
-
-
-def bounded(value, low: int, high: int, otherwise: int) -> int:
-    """`value` as a whole number from `low` to `high`; `otherwise` if it is no number."""
-    try:
-        return min(max(round(float(value)), low), high)
-    except (TypeError, ValueError, OverflowError):
-        return otherwise
-
-
-def bounded_number(value, low: float, high: float, otherwise: float) -> float:
-    """`value` as a finite number from `low` to `high`; `otherwise` if it is none."""
-    try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        return otherwise
-    return min(max(number, low), high) if math.isfinite(number) else otherwise
-
-
-def one_of(value, options, otherwise):
-    """`value` if it is one of `options`."""
-    return value if isinstance(value, str) and value in options else otherwise
+    handlers[_messages.GuiUpdateMessage] = [checked(handler) for handler in handlers[_messages.GuiUpdateMessage]]

@@ -1,8 +1,8 @@
-"""viser's queue of what goes to the pages, made safe for the main loop.
+"""A message buffer for viser that wakes the server's event loop reliably.
 
-`push` sets an asyncio event on the thread that calls it, too, though such an event belongs to its loop: now and then
-one whose waiters the loop just then changes raises, and what should wake the loop is left out. The message is in the
-queue by then. viser's private part, hence its pinned version.
+`AsyncMessageBuffer.push` sets an asyncio event on the calling thread, although such an event belongs to its loop. If
+the loop changes the event's waiters at that moment, `push` raises and does not wake the loop. The message is in the
+queue by then. These classes are private parts of viser, which is why its version is pinned.
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ from viser.infra import _infra
 from viser.infra._async_message_buffer import AsyncMessageBuffer
 
 
-class Buffer(AsyncMessageBuffer):
-    """One that wakes the loop in any case."""
+class SafeMessageBuffer(AsyncMessageBuffer):
+    """A buffer that always wakes the event loop."""
 
     def push(self, message) -> None:
         """Queue a message; any thread."""
         try:
             super().push(message)
         except RuntimeError:  # "deque mutated during iteration"
-            with contextlib.suppress(RuntimeError):  # a loop that is closed has nobody to wake
+            with contextlib.suppress(RuntimeError):  # the loop is closed
                 self.event_loop.call_soon_threadsafe(self.message_event.set)
 
 
 def use_safe_buffers() -> None:
-    """Have viser use them for servers, and for clients who come, from now on."""
-    _infra.AsyncMessageBuffer = Buffer
+    """Have viser use these buffers for servers and clients that are created from now on."""
+    setattr(_infra, "AsyncMessageBuffer", SafeMessageBuffer)  # noqa: B010  the name is private to viser's module

@@ -7,21 +7,24 @@ import signal
 
 
 class Interrupt:
-    """Ctrl-C as a flag, so that nothing is torn in the middle: the loops look at `came`. A context manager."""
+    """A flag in place of KeyboardInterrupt: the main loop reads `received` and ends in good order.
+
+    A context manager; it restores the previous handlers of SIGINT and SIGTERM.
+    """
 
     def __init__(self):
-        self.came = False
+        self.received = False
 
     def __enter__(self) -> Interrupt:
-        self._before = []
+        self._previous = []
         for number in (signal.SIGINT, signal.SIGTERM):
-            with contextlib.suppress(ValueError):  # outside the main thread there are no signals to hear
-                self._before.append((number, signal.signal(number, self._note)))
+            with contextlib.suppress(ValueError):  # signals can be handled in the main thread only
+                self._previous.append((number, signal.signal(number, self._receive)))
         return self
 
-    def _note(self, *_) -> None:
-        self.came = True
+    def _receive(self, *_) -> None:
+        self.received = True
 
     def __exit__(self, *_) -> None:
-        for number, handler in self._before:
+        for number, handler in self._previous:
             signal.signal(number, handler)

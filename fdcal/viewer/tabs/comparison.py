@@ -13,7 +13,7 @@ from ..background.comparison import Entry, Races, Runner
 from ..gui import html
 from ..gui.binding import Binding
 from ..gui.plots import Plot, decades
-from ..server.hardening import bounded, one_of
+from ..server.client_values import bounded, one_of
 from .solver import LARGEST_SEED, STARTS
 
 FIELDS = {

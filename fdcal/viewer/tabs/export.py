@@ -9,7 +9,7 @@ import viser
 from ..background.exports import KINDS
 from ..gui import html
 from ..gui.binding import PICTURE, Binding
-from ..server.hardening import one_of
+from ..server.client_values import one_of
 
 SEEN = {"Top": "top", "3-D": "3d", "Close": "close"}
 SIZES = {"1280 x 800": (1280, 800), "1920 x 1080": (1920, 1080), "3840 x 2160": (3840, 2160)}

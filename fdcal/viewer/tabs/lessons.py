@@ -16,8 +16,8 @@ from ...session.request import OpenRequest
 from ..gui.html import complaint
 from ..gui.lesson_html import LETTERS, told
 from ..lesson_step import carry_out
-from ..server.error_log import place as where
-from ..server.hardening import one_of
+from ..server.client_values import one_of
+from ..server.error_log import log_location
 
 NONE = "No lesson"
 BACK, AGAIN, NEXT = "Back", "Set again", "Next"
@@ -133,7 +133,7 @@ class LessonsTab:
             self._tell(str(error))
         except Exception as error:
             log.exception("a lesson's step could not be set")
-            self._tell(f"{type(error).__name__}: {error}; more in {where()}")
+            self._tell(f"{type(error).__name__}: {error}; details in {log_location()}")
 
     def _tell(self, trouble: str) -> None:
         self._trouble = trouble

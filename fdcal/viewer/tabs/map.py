@@ -7,7 +7,7 @@ from ...model.validation import InputError
 from ..background.cost_maps import Map
 from ..gui import html
 from ..gui.binding import FLOOR, NOTHING, RELIEF, SHAPE, Binding, Choices
-from ..server.hardening import bounded, one_of
+from ..server.client_values import bounded, one_of
 
 IN_USE, CHOSEN = "Those in use", "Chosen here"
 KINDS = (FLOOR, RELIEF, SHAPE, NOTHING)

@@ -12,7 +12,7 @@ from ...session.history import SessionView
 from ..gui import html
 from ..gui.binding import FLOOR, Binding
 from ..gui.plots import dots
-from ..server.hardening import bounded
+from ..server.client_values import bounded
 from .map import MapTab
 
 ROW, ROWS = 4, 6  # switches

@@ -9,7 +9,7 @@ import viser
 from ...session.history import SessionView
 from ..gui import html
 from ..gui.binding import Binding
-from ..server.hardening import bounded
+from ..server.client_values import bounded
 
 STEPS = ("Step", "Sweep", "Stage", "Reset")
 FASTEST = 60  # steps a second at the end of the slider, which stands for as many as there may be

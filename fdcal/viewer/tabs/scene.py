@@ -13,7 +13,7 @@ from ...session.request import OpenRequest
 from ...session.scene_edits import SceneParameters, least_known, parameters_of, with_parameters
 from ..gui import html
 from ..gui.binding import Binding
-from ..server.hardening import bounded, bounded_number, one_of
+from ..server.client_values import bounded, bounded_number, one_of
 
 MOST_MICROPHONES, LARGEST_SEED = 150, 2**31 - 1
 RADII = (0.05, 3.0)  # m

@@ -12,7 +12,7 @@ from ...model.scene import no_rectangle
 from ...session.history import SessionView
 from ...session.request import OpenRequest
 from ..gui.binding import Binding
-from ..server.hardening import bounded, one_of
+from ..server.client_values import bounded, one_of
 from .run import FASTEST
 
 LARGEST_SEED = 2**31 - 1
