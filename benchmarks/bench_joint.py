@@ -17,7 +17,8 @@ import numpy as np
 from fdcal import solvers
 from fdcal.acoustics.fourier_bessel import max_order
 from fdcal.acoustics.measurement_cache import cached_measurement
-from fdcal.commands.calibrate import Given, solve
+from fdcal.commands.calibrate import solve
+from fdcal.commands.sources import CalibrationInput
 from fdcal.cost import eq7
 from fdcal.model.scene import SolverSettings, load_scene
 
@@ -47,9 +48,9 @@ def _blind(measurement):
 
 def _whole(name: str, measurement, modes: int, limit: float) -> list[Figure]:
     """From measurement to verdict."""
-    given = Given(name, None, measurement, SolverSettings(name="joint", modes=modes), 0)
-    solve(given)
-    wall, cpu = np.transpose([timed(lambda: solve(given)) for _ in range(REPEATS)])
+    inputs = CalibrationInput(name, None, measurement, SolverSettings(name="joint", modes=modes), 0)
+    solve(inputs)
+    wall, cpu = np.transpose([timed(lambda: solve(inputs)) for _ in range(REPEATS)])
     took = float(np.median(wall))
     return [
         Figure(f"{name}: measurement to verdict", took, "s", f"at most {limit:g}", took <= limit),

@@ -16,6 +16,7 @@ from scipy.optimize import linear_sum_assignment
 from ..model.gauge import align
 from ..model.microphones import MicrophonePositions
 from ..model.validation import InputError, require_choice
+from .calibration import Calibration
 
 FRAMES = ("known", "minimal", "axes")
 IN_LINE = 1e-6  # of the array's extent: microphones this close to a line or plane through others lie in it
@@ -32,20 +33,27 @@ def in_frame(positions, frame: str) -> np.ndarray:
     return _minimal(positions) if frame == "minimal" else _axes(positions)
 
 
-def placed_in(result: dict, frame: str | None) -> MicrophonePositions:
-    """The microphones of a result of `fdcal calibrate` in a frame; that of the known ones, or "axes" without any.
+def placed_in(result: Calibration, frame: str | None) -> MicrophonePositions:
+    """Return the microphones of a calibration in a frame.
 
-    Raises InputError where the known ones are asked for and there is none.
+    Parameters
+    ----------
+    result : Calibration
+    frame : str or None
+        One of FRAMES; None takes that of the known microphones, or "axes" without any.
+
+    Raises
+    ------
+    InputError
+        The frame of the known microphones is asked for and there is none.
     """
-    positions, known = np.asarray(result["positions"], float), result.get("known")
     if frame is None:
-        frame = "axes" if known == [] else "known"
-    if frame == "known" and known == []:
-        raise InputError("--frame known: no microphone was known; use minimal or axes")
-    names = tuple(result.get("names") or map(str, range(len(positions))))
-    if len(names) != len(positions):
-        raise InputError(f"the result has {len(positions)} positions and {len(names)} names; write it anew")
-    return MicrophonePositions(names, in_frame(positions, frame), result.get("uncertainty_m"), frame)
+        frame = "axes" if result.known == () else "known"
+    if frame == "known" and result.known == ():
+        raise InputError(
+            "frame = known: no microphone was known", "use <frame> minimal or axes", key="frame", value=frame
+        )
+    return MicrophonePositions(result.names, in_frame(result.positions, frame), result.uncertainty, frame)
 
 
 def _minimal(positions: np.ndarray) -> np.ndarray:

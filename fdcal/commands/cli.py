@@ -19,7 +19,7 @@ from . import parameter_types, plot_commands
 from .options import (
     OPTIONS,
     force_option,
-    given_of,
+    loaded_input,
     opening_of,
     output_option,
     progress_bar,
@@ -168,24 +168,26 @@ def calibrate(
 ):  # fmt: skip
     """Find the microphones, and say whether to trust the answer: exit code 4 where not."""
     path = parameter_types.output_path(output, ".json", force, source) if output else None
-    from . import calibrate
+    from . import report
+    from .calibrate import solve
+    from .sources import with_settings
 
-    given = given_of(source, search, radius, parameter_types.names(exclude))
+    inputs = loaded_input(source, search, radius, parameter_types.names(exclude))
     solver, size = parameter_types.known_room(room, solver)
-    given = calibrate.changed(given, solver, modes, seed, start=start, known=known, noise=noise, cost=cost, room=size)
-    given = replace(given, estimate_sound_speed=estimate_sound_speed, distance=parameter_types.distance(distance))
+    inputs = with_settings(inputs, solver, modes, seed, start=start, known=known, noise=noise, cost=cost, room=size)
+    inputs = replace(inputs, estimate_sound_speed=estimate_sound_speed, distance=parameter_types.distance(distance))
     if check:
-        calibrate.require_told(given.measurement)
+        report.require_positions(inputs.measurement)
     with progress_bar("calibrating") as progress:
-        result = calibrate.solve(given, progress)
+        result = solve(inputs, progress)
     if path is not None:
         from ..assessment.result_file import save_result
 
         save_result(result, path, force)
-    print(calibrate.summary(given, result))
+    print(report.summary(inputs, result))
     if check:
-        print(calibrate.checked(given, result))
-    return 0 if result["verdict"] == "good" else 4
+        print(report.comparison(inputs, result))
+    return 0 if result.verdict == "good" else 4
 
 
 @commands.command()

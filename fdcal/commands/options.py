@@ -16,20 +16,33 @@ from ..session.request import OpenRequest
 from . import parameter_types
 
 if TYPE_CHECKING:  # SciPy and the solvers, which a page loads while the browser opens
-    from . import calibrate
+    from ..assessment.calibration import Calibration
+    from .sources import CalibrationInput, Progress
 
 SESSIONS = (".zip", ".json")
 
 # How the command line calls the arguments that an error's remedy mentions (`InputError.worded`).
 OPTIONS = {
-    "search": "--search ORIGIN,SIZE,STEP",
-    "radius": "--radius R",
+    "check": "--check",
+    "cost": "--cost",
+    "distance": "--distance I,J,METRES",
+    "estimate_sound_speed": "--estimate-sound-speed",
+    "exclude": "--exclude",
     "force": "--force",
+    "frame": "--frame",
+    "known": "--known",
+    "modes": "--modes",
+    "noise": "--noise",
+    "radius": "--radius R",
+    "result": "--result RESULT.json",
+    "room": "--room",
+    "search": "--search ORIGIN,SIZE,STEP",
+    "solver": "--solver",
 }
 
 
 @contextmanager
-def progress_bar(title: str) -> Iterator[calibrate.Progress]:
+def progress_bar(title: str) -> Iterator[Progress]:
     """A bar on standard error that appears with the first call of the function it gives."""
     from tqdm import tqdm
 
@@ -65,27 +78,27 @@ search_option = click.option(
 radius_option = click.option("--radius", type=float, metavar="R", help="Radius R of the order rule ceil(k R), metres.")
 
 
-def simulated(scene: str) -> calibrate.Given:
+def simulated(scene: str) -> CalibrationInput:
     """What a scene gives; InputError for a measurement."""
     if scene.lower().endswith(".npz"):
         raise InputError(f"{scene} is a measurement; give a scene: a .toml file or one of {', '.join(scene_names())}")
-    return given_of(scene)
+    return loaded_input(scene)
 
 
-def given_of(
+def loaded_input(
     source: str, search: str | None = None, radius: float | None = None, excluded: tuple[str, ...] = ()
-) -> calibrate.Given:
+) -> CalibrationInput:
     """What a scene or a file gives, with the search domain of --search and --radius, without the `excluded`."""
-    from . import calibrate
+    from .sources import load_input
 
     with progress_bar("simulating") as progress:
-        given = calibrate.source_of(source, progress, excluded)
-    measurement = given.measurement
+        inputs = load_input(source, progress, excluded)
+    measurement = inputs.measurement
     domain = parameter_types.search_domain(measurement.search, measurement.array_dimension, search, radius)
-    return replace(given, measurement=replace(measurement, search=domain))
+    return replace(inputs, measurement=replace(measurement, search=domain))
 
 
-def result_of(path: str | None) -> dict | None:
+def result_of(path: str | None) -> Calibration | None:
     """What the file of --result holds."""
     if path is None:
         return None
@@ -102,14 +115,14 @@ def opening_of(text: str) -> OpenRequest:
         return read(text)
     if text in scene_names():  # a test simulates each of these
         return OpenRequest(load_scene(text))
-    from . import calibrate
+    from .sources import check_scene, is_recording, load_input
 
-    if text.lower().endswith(".npz") or calibrate.is_recording(text):
+    if text.lower().endswith(".npz") or is_recording(text):
         from ..model.measured_scene import placeholder_scene
 
-        given = calibrate.source_of(text)
-        scene = placeholder_scene(given.measurement, given.name, given.settings, given.seed)
-        return OpenRequest(scene, measurement=given.measurement, fewer_modes=True)
+        inputs = load_input(text)
+        scene = placeholder_scene(inputs.measurement, inputs.name, inputs.settings, inputs.seed)
+        return OpenRequest(scene, measurement=inputs.measurement, fewer_modes=True)
     scene = load_scene(text)
-    calibrate.check_scene(scene)  # one that cannot be simulated is refused before a page opens
+    check_scene(scene)  # one that cannot be simulated is refused before a page opens
     return OpenRequest(scene)

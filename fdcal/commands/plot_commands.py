@@ -9,7 +9,7 @@ import click
 from . import parameter_types
 from .options import (
     force_option,
-    given_of,
+    loaded_input,
     output_option,
     progress_bar,
     radius_option,
@@ -38,15 +38,15 @@ def landscape(source, microphone, mode_numbers, result, output, search, radius, 
     path = parameter_types.output_path(output, [".png", ".svg", ".vti"], force)
     from ..graphics.landscape_figure import landscape_panels
     from ..model.storage import write_atomically
-    from . import calibrate
+    from .plotting import shown_positions
 
-    given = given_of(source, search, radius)
-    measurement = given.measurement
+    inputs = loaded_input(source, search, radius)
+    measurement = inputs.measurement
     n = parameter_types.microphone_number(microphone, measurement.count)
     modes = parameter_types.mode_numbers(mode_numbers, len(measurement.frequencies))
-    positions = calibrate.positions_from(measurement, result_of(result))
-    problem = measurement.problem(given.settings.weights)
-    panels = landscape_panels(problem, positions, n, modes, given.settings.order_offset)
+    positions = shown_positions(measurement, result_of(result))
+    problem = measurement.problem(inputs.settings.weights)
+    panels = landscape_panels(problem, positions, n, modes, inputs.settings.order_offset)
     content = _landscape_bytes(path.suffix.lower(), panels, measurement)
     write_atomically(path, lambda file: file.write_bytes(content), force)
     x, y = panels.found[-1]
@@ -76,16 +76,16 @@ def field(source, result, frequencies, step, output, force):
     """Map the sound field inside the array, from positions found (--result) or, without, those in the input."""
     from ..graphics import field_files
     from ..model.storage import write_atomically
-    from . import calibrate
+    from .plotting import field_inside
 
     path = parameter_types.output_path(output, sorted(field_files.WRITERS), force, source, result)
     wanted = None if frequencies is None else parameter_types.numbers(frequencies, "--frequencies", float)
     found = result_of(result)
-    given = given_of(source, excluded=tuple(found.get("excluded", ())) if found else ())
-    mapped = calibrate.heard_inside(given, found, wanted, step)
+    inputs = loaded_input(source, excluded=found.excluded if found else ())
+    mapped = field_inside(inputs.measurement, found, wanted, step)
     write_atomically(path, lambda file: field_files.write(file, path, mapped), force)
     heard = ", ".join(f"{f:.1f}" for f in mapped.frequencies)
-    print(f"{path}: pressure at {heard} Hz, {len(mapped.points)} points inside {given.measurement.count} microphones")
+    print(f"{path}: pressure at {heard} Hz, {len(mapped.points)} points inside {inputs.measurement.count} microphones")
 
 
 @click.command()
@@ -97,25 +97,25 @@ def field(source, result, frequencies, step, output, force):
 @output_option("FILE.png")
 @force_option
 def snapshot(scene, result, microphone, view, size, output, force):
-    """Draw room and microphones, and a result where given, without a browser."""
+    """Draw room and microphones, and a result where inputs, without a browser."""
     path = parameter_types.output_path(output, ".png", force)
     shape = parameter_types.pixels(size)
-    given, found = simulated(scene), result_of(result)
+    inputs, found = simulated(scene), result_of(result)
     from ..graphics.heatmap import paint
     from ..graphics.picture import compose, headline
     from ..graphics.snapshot import render
-    from . import calibrate
+    from .plotting import shown_positions, summed_landscape
 
-    positions, title, floor = None, given.scene.title, None
+    positions, title, floor = None, inputs.scene.title, None
     if found is not None:
-        positions = calibrate.positions_from(given.measurement, found)
-        title += f": {headline(given.measurement, positions)}"
+        positions = shown_positions(inputs.measurement, found)
+        title += f": {headline(inputs.measurement, positions)}"
     if microphone is not None:
-        n = parameter_types.microphone_number(microphone, given.measurement.count)
-        modes = given.settings.modes if found is None else len(found["frequencies"])
-        others = given.measurement.positions if found is None else positions
-        floor = paint(calibrate.joint_landscape(given, others, n, modes), given.measurement.search, log=True)
-    picture = compose(given.scene, given.measurement, positions, microphone, floor, title)
+        n = parameter_types.microphone_number(microphone, inputs.measurement.count)
+        modes = inputs.settings.modes if found is None else len(found.frequencies)
+        others = inputs.measurement.positions if found is None else positions
+        floor = paint(summed_landscape(inputs, others, n, modes), inputs.measurement.search, log=True)
+    picture = compose(inputs.scene, inputs.measurement, positions, microphone, floor, title)
     render(picture, path, shape, view, force)
     print(path)
 
@@ -135,15 +135,16 @@ def replay(source, solver, modes, seed, output, search, radius, force):
     from ..graphics.replay import replay
     from ..model.storage import write_atomically
     from ..session.history import recorded
-    from . import calibrate
+    from .calibrate import states_of
+    from .sources import with_settings
 
-    given = calibrate.changed(given_of(source, search, radius), solver, modes, seed)
+    inputs = with_settings(loaded_input(source, search, radius), solver, modes, seed)
     with progress_bar("calibrating") as progress:
-        states = recorded(calibrate.states_of(given, progress))
-    title = given.name if given.scene is None else given.scene.title
-    text = replay(given.scene, given.measurement, states, title, given.settings.weights)
+        states = recorded(states_of(inputs, progress))
+    title = inputs.name if inputs.scene is None else inputs.scene.title
+    text = replay(inputs.scene, inputs.measurement, states, title, inputs.settings.weights)
     write_atomically(path, lambda file: file.write_text(text, encoding="utf-8"), force)
-    print(f"{path}: {len(states)} states of {given.settings.name}, {len(text) / 1e6:.2g} MB")
+    print(f"{path}: {len(states)} states of {inputs.settings.name}, {len(text) / 1e6:.2g} MB")
 
 
 @click.command()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from scipy.spatial.distance import pdist
 
 from fdcal.assessment import room_verdict, verdict
 from fdcal.assessment.alignment import FRAMES, check, in_frame, placed_in, told
+from fdcal.assessment.calibration import Calibration
 from fdcal.model.validation import InputError
 
 
@@ -97,13 +99,13 @@ def test_three_channels_in_each_others_places():
 
 
 def test_a_result_is_placed_in_its_frame():
-    result = {"positions": array(0, 2), "names": list("abcdefghijklmnopqrst"), "known": ["a"], "uncertainty_m": None}
-    assert np.array_equal(placed_in(result, None).positions[:, :2], result["positions"])
-    assert placed_in(result | {"known": []}, None).frame == "axes"
-    with pytest.raises(InputError, match="no microphone was known; use minimal or axes"):
-        placed_in(result | {"known": []}, "known")
-    old = {"positions": array(0, 2)}
-    assert placed_in(old, None).names == tuple(map(str, range(20)))
+    names = tuple("abcdefghijklmnopqrst")
+    result = Calibration(array(0, 2), names, "joint", 0, np.array([50.0]), 0.1, 3, 1.5, True, known=("a",))
+    assert np.array_equal(placed_in(result, None).positions[:, :2], result.positions)
+    assert placed_in(replace(result, known=()), None).frame == "axes"
+    with pytest.raises(InputError, match="no microphone was known; use frame minimal or axes"):
+        placed_in(replace(result, known=()), "known")
+    assert placed_in(replace(result, known=None), None).frame == "known"
 
 
 def test_no_swap_found_among_lost_positions_is_no_all_clear():

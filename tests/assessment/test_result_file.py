@@ -1,22 +1,26 @@
-"""A result survives the round trip through its JSON file; a malformed file is refused with the name of the key."""
+"""A calibration survives the round trip through its JSON file; a malformed file names the key that is wrong."""
 
 from __future__ import annotations
 
 import json
 import math
 import os
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
+from fdcal.assessment.calibration import Calibration, Evidence, KnownRoom
 from fdcal.assessment.result_file import load_result, save_result
+from fdcal.model.measurement import Measurement
 from fdcal.model.validation import InputError, StorageError
 
-RESULT = {
-    "positions": np.array([[0.1, 0.2], [1 / 3, 4.0]]),
+# The keys that the first version wrote.
+OLDEST = {
+    "positions": [[0.1, 0.2], [1 / 3, 4.0]],
     "solver": "descent",
     "seed": 3,
-    "frequencies": np.array([28.6, 34.3]),
+    "frequencies": [28.6, 34.3],
     "cost": 1.25e-7,
     "sweeps": 41,
     "elapsed_s": 2.5,
@@ -24,19 +28,68 @@ RESULT = {
     "mean_error_m": None,
     "max_error_m": 0.02,
 }
+NEWER = {
+    "names": ["a", "b"],
+    "excluded": ["c"],
+    "known": ["a"],
+    "uncertainty_m": [0.0, 0.001],
+    "residual_to_noise": 1.02,
+    "verdict": "good",
+    "verdict_text": "nothing speaks against these positions",
+    "sound_speed": 343.0,
+    "left_out_db": -37.5,
+    "left_out_microphones_db": [-37.0, -38.0],
+    "left_out_frequencies_db": [-36.0, -39.0],
+}
+POSITIONS = np.array([[0.1, 0.2], [1 / 3, 4.0]])
+FULL = Calibration(
+    POSITIONS, ("a", "b"), "room", 3, np.array([28.6, 34.3]), 1.25e-7, 41, 2.5, True, ("a",), ("c",), False,
+    0.01, 0.02, np.array([0.0, 0.02]), 343.0, "good", "nothing speaks against these positions",
+    np.array([0.0, 0.001]), np.array([np.zeros((2, 2)), [[1e-6, 1e-7], [1e-7, 2e-6]]]),
+    Evidence(1.02, -37.5, np.array([-37.0, -38.0]), np.array([-36.0, -39.0])),
+    KnownRoom((6.0, 5.0), np.array([1.0, 2.0]), 0.01 + 0.02j, (("(x, y)", POSITIONS), ("(6 - x, y)", POSITIONS + 1))),
+)  # fmt: skip
 
 
-def test_a_result_survives_the_round_trip(tmp_path):
+def flat(value) -> list:
+    """The numbers and texts of a calibration or a part of it, in order."""
+    if hasattr(value, "__dataclass_fields__"):
+        return [x for f in fields(value) for x in flat(getattr(value, f.name))]
+    if isinstance(value, np.ndarray):
+        return [value.shape, *value.ravel().tolist()]
+    return [x for part in value for x in flat(part)] if isinstance(value, tuple) else [value]
+
+
+def test_a_calibration_survives_the_round_trip(tmp_path):
     path = tmp_path / "r.json"
-    save_result(RESULT, path)
+    save_result(FULL, path)
     back = load_result(path)
-    assert back.keys() == RESULT.keys()
-    for key, value in RESULT.items():
-        np.testing.assert_array_equal(back[key], value)
-    assert back["positions"].dtype == float
-    with pytest.raises(InputError, match="use force to overwrite it"):
-        save_result(RESULT, path)
+    assert flat(back) == flat(FULL)
+    assert back.positions.dtype == float and not back.positions.flags.writeable
+    with pytest.raises(InputError, match="exists"):
+        save_result(FULL, path)
     save_result(back, path, force=True)
+    assert flat(load_result(path)) == flat(FULL)
+
+
+def test_the_keys_of_the_file_stay_what_they_were():
+    table = json.loads(FULL.to_json())
+    assert set(OLDEST) | set(NEWER) <= set(table)
+    assert {key: table[key] for key in NEWER} == NEWER
+    assert table["symmetries"][1] == {"map": "(6 - x, y)", "positions": (POSITIONS + 1).tolist()}
+    assert (table["room"], table["source"], table["admittance"]) == ([6.0, 5.0], [1.0, 2.0], [0.01, 0.02])
+
+
+def test_a_file_of_an_older_version_is_read():
+    old = Calibration.from_json(json.dumps(OLDEST))
+    assert np.array_equal(old.positions, POSITIONS)
+    assert (old.mean_error, old.max_error, old.elapsed) == (None, 0.02, 2.5)
+    assert old.names == ("0", "1") and old.known is None and old.excluded == ()
+    assert (old.verdict, old.uncertainty, old.sound_speed, old.evidence, old.room) == ("", None, None, None, None)
+    newer = Calibration.from_json(json.dumps(OLDEST | NEWER))
+    assert (newer.names, newer.known, newer.excluded) == (("a", "b"), ("a",), ("c",))
+    assert newer.verdict == "good" and newer.sound_speed == 343.0
+    assert newer.evidence is not None and newer.evidence.leave_one_out_db == -37.5
 
 
 @pytest.mark.parametrize(
@@ -59,38 +112,39 @@ def test_a_result_survives_the_round_trip(tmp_path):
     ],
 )
 def test_a_malformed_result_names_the_key(tmp_path, key, value):
-    table = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in RESULT.items()}
     path = tmp_path / "r.json"
-    path.write_text(json.dumps(table | {key: value}))
+    path.write_text(json.dumps(OLDEST | {key: value}))
     with pytest.raises(InputError, match=f'r.json: "{key}"'):
         load_result(path)
-    with pytest.raises(InputError, match=f'"{key}"'):
-        save_result(table | {key: value}, tmp_path / "s.json")
-    del table[key]
-    path.write_text(json.dumps(table))
+    path.write_text(json.dumps({k: v for k, v in OLDEST.items() if k != key}))
     with pytest.raises(InputError, match=f'has no "{key}"'):
         load_result(path)
-    assert os.listdir(tmp_path) == ["r.json"]
 
 
-ASSESSMENT = {
-    "names": ["a", "b"],
-    "excluded": ["c"],
-    "uncertainty_m": [0.0, 0.001],
-    "residual_to_noise": 1.02,
-    "verdict": "good",
-    "verdict_text": "nothing speaks against these positions",
-    "sound_speed": 343.0,
-}
-
-
-def test_a_result_with_a_verdict_survives_the_round_trip_and_older_files_are_read(tmp_path):
-    save_result(RESULT | ASSESSMENT, tmp_path / "new.json")
-    back = load_result(tmp_path / "new.json")
-    for key, value in ASSESSMENT.items():
-        np.testing.assert_array_equal(back[key], value)
-    save_result(RESULT, tmp_path / "old.json")
-    assert not set(ASSESSMENT) & set(load_result(tmp_path / "old.json"))
+@pytest.mark.parametrize(
+    ("key", "changes"),
+    [
+        ("positions", {"positions": np.array([1.0, 2.0])}),
+        ("positions", {"positions": np.array([[1.0], [2.0]])}),
+        ("positions", {"positions": np.array([[math.nan, 1.0], [0.0, 0.0]])}),
+        ("frequencies", {"frequencies": np.array([])}),
+        ("solver", {"solver": 3}),
+        ("seed", {"seed": True}),
+        ("sweeps", {"sweeps": 1.5}),
+        ("cost", {"cost": math.inf}),
+        ("cost", {"cost": 10**400}),
+        ("mean_error_m", {"mean_error": -(10**400)}),
+        ("converged", {"converged": "yes"}),
+        ("cost", {"cost": None}),
+        ("names", {"names": ("a",)}),
+        ("uncertainty_m", {"uncertainty": np.array([0.1])}),
+        ("covariance_m2", {"covariance": np.zeros((2, 3, 3))}),
+    ],
+)
+def test_a_malformed_calibration_is_not_written(tmp_path, key, changes):
+    with pytest.raises(InputError, match=f'"{key}"'):
+        save_result(replace(FULL, **changes), tmp_path / "s.json")
+    assert os.listdir(tmp_path) == []
 
 
 @pytest.mark.parametrize(
@@ -102,15 +156,36 @@ def test_a_result_with_a_verdict_survives_the_round_trip_and_older_files_are_rea
         ("verdict", 4),
         ("sound_speed", math.inf),
         ("names", "a,b"),
+        ("names", ["a"]),
         ("excluded", [3]),
+        ("known", "a"),
+        ("aligned", 1),
+        ("covariance_m2", [[[1.0]], [[2.0]]]),
+        ("symmetries", [{"map": "(x, y)", "positions": [[1.0, 2.0], [3.0, 4.0]]}]),
     ],
 )
-def test_a_malformed_verdict_names_the_key(tmp_path, key, value):
+def test_a_malformed_optional_key_is_named(tmp_path, key, value):
     path = tmp_path / "r.json"
-    table = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in (RESULT | ASSESSMENT | {key: value}).items()}
-    path.write_text(json.dumps(table))
+    path.write_text(json.dumps(OLDEST | NEWER | {key: value}))
     with pytest.raises(InputError, match=f'r.json: "{key}"'):
         load_result(path)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("room", [6.0]),
+        ("source", [1.0, 2.0, 3.0]),
+        ("admittance", [0.1]),
+        ("symmetries", "none"),
+        ("symmetries", [{"map": "(x, y)"}]),
+        ("symmetries", [{"map": "(x, y)", "positions": [[1.0, 2.0]]}]),
+    ],
+)
+def test_a_malformed_known_room_is_named(key, value):
+    table = json.loads(FULL.to_json()) | {key: value}
+    with pytest.raises(InputError, match=f'"{key}"'):
+        Calibration.from_json(json.dumps(table))
 
 
 def test_a_file_that_is_no_result(tmp_path):
@@ -121,3 +196,20 @@ def test_a_file_that_is_no_result(tmp_path):
         path.write_bytes(text.encode(errors="surrogateescape"))
         with pytest.raises(InputError, match=r"r\.json"):
             load_result(path)
+
+
+def test_positions_are_given_in_the_axes_of_the_true_positions():
+    truth = np.random.default_rng(0).uniform(size=(9, 2))
+    measurement = Measurement(np.array([50.0]), np.exp(1j * np.arange(9.0))[None], 343.0, positions=truth)
+    plain = replace(FULL, room=None, names=tuple("abcdefghi"), excluded=())
+    turned = truth[:, ::-1] + [3.0, -1.0]
+    assert np.array_equal(replace(plain, positions=turned).positions_for(measurement), turned)
+    aligned = replace(plain, positions=turned, aligned=True)
+    assert np.allclose(aligned.positions_for(measurement), truth)
+    assert aligned.compared_with(measurement).max_error == pytest.approx(0, abs=1e-12)
+    room = KnownRoom((6.0, 5.0), np.zeros(2), 0j, (("(x, y)", turned), ("(6 - x, y)", truth)))
+    assert np.array_equal(replace(plain, positions=turned, room=room).positions_for(measurement), truth)
+    with pytest.raises(InputError, match=r"shape \(2, 2\)"):
+        plain.positions_for(measurement)
+    with pytest.raises(InputError, match="leaves out microphone c"):
+        FULL.positions_for(measurement)

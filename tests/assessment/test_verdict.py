@@ -10,7 +10,9 @@ from fdcal.acoustics.fourier_bessel import array_f_max
 from fdcal.assessment import sound_speed
 from fdcal.assessment.uncertainty import field_of
 from fdcal.assessment.verdict import judge
-from fdcal.commands.calibrate import Given, _trusted, solve
+from fdcal.commands.assess import assess
+from fdcal.commands.calibrate import solve
+from fdcal.commands.sources import CalibrationInput
 from fdcal.model.gauge import align, position_errors
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene import SolverSettings
@@ -205,9 +207,9 @@ def test_a_source_beside_the_array_is_no_mismatch_where_there_is_no_noise():
     """The kernel of a diffuse field alone cannot explain it to the last decibel; the near model of the end can."""
     truth = np.random.default_rng(7).uniform(-0.5, 0.5, (40, 2)) + [2.61, 2.31]
     measurement = measured(truth, [0, 1, 2], source=(3.6, 2.9))
-    result = solve(Given("beside", None, measurement, SolverSettings(name="joint", modes=40), 0))
-    assert result["max_error_m"] < 1e-3
-    assert result["verdict"] == "good", result["verdict_text"]
+    result = solve(CalibrationInput("beside", None, measurement, SolverSettings(name="joint", modes=40), 0))
+    assert result.max_error < 1e-3
+    assert result.verdict == "good", result.verdict_text
 
 
 @pytest.mark.parametrize("source", [(2.0, 3.2), (5.47, 4.53)], ids=["near", "far"])
@@ -233,8 +235,6 @@ def test_calibrate_says_so_where_a_wrong_array_is_left_without_noise():
     assert state.near
     spoilt = truth + np.random.default_rng(1).normal(0, 0.005, truth.shape)
     spoilt[:3] = truth[:3]
-    codes = [
-        _trusted(Given("x", None, measurement, settings, 0), problem, replace(state, positions=x))[2]["verdict"]
-        for x in (state.positions, spoilt)
-    ]
+    inputs = CalibrationInput("x", None, measurement, settings, 0)
+    codes = [assess(inputs, problem, replace(state, positions=x)).verdict for x in (state.positions, spoilt)]
     assert codes == ["good", "model_mismatch"]

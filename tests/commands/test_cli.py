@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fdcal.commands.calibrate import positions_from
+from fdcal.assessment.result_file import load_result
 from fdcal.commands.cli import main
 from fdcal.model.measurement_file import load_measurement
 from fdcal.model.scene import load_scene
@@ -210,7 +210,7 @@ def test_a_blind_result_is_laid_onto_the_truth_before_it_is_drawn(calibrated, ma
     with pytest.raises(SystemExit) as ended:
         main(["landscape", str(made / "tiny.npz"), "--microphone", "9", "--result", "r.json", "-o", "f.png"])
     assert not ended.value.code
-    found = positions_from(load_measurement(made / "tiny.npz"), json.loads(Path("r.json").read_text()))
+    found = load_result("r.json").positions_for(load_measurement(made / "tiny.npz"))
     assert np.abs(found - load_measurement(made / "tiny.npz").positions).max() < 5e-3
 
 

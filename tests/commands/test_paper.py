@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from fdcal.commands import paper
-from fdcal.commands.calibrate import from_scene
 from fdcal.commands.cli import main
 from fdcal.commands.paper import drawing, study, table, trails
+from fdcal.commands.sources import scene_input
 from fdcal.model.scene import load_scene
 from fdcal.model.validation import InputError
 
@@ -23,7 +23,7 @@ def silent(done: float, note: str = "") -> None:
 
 @pytest.fixture(scope="module")
 def array() -> study.Array:
-    return paper.array_of(from_scene(load_scene("tiny")), 1, True)
+    return paper.array_of(scene_input(load_scene("tiny")), 1, True)
 
 
 @pytest.fixture(scope="module")
@@ -90,7 +90,7 @@ def test_what_the_paper_prints_stands_beside_ours(name, array):
 
 
 def test_fewer_modes_are_the_beginning_of_the_same_run(array, run):
-    few = trails.shortened(array.given.settings, "descent", 8)
+    few = trails.shortened(array.inputs.settings, "descent", 8)
     short = trails.trail(array.problem, few, 0, lambda done: None)
     assert np.array_equal(short.positions, run.positions[: run.end_of(8) + 1])
     assert short.modes[-1] == 8
@@ -149,6 +149,6 @@ def test_what_cannot_be_is_refused(folder, tmp_path, capsys):
 
 
 def test_an_array_that_descent_cannot_search_is_refused(array):
-    unbounded = replace(array.given, measurement=replace(array.measurement, search=None))
+    unbounded = replace(array.inputs, measurement=replace(array.measurement, search=None))
     with pytest.raises(InputError, match="tiny has no search domain"):
         paper.array_of(unbounded, 1, True)

@@ -16,8 +16,9 @@ from recorded import FS, SPEED, at_work, exact, mismatch_db, noisy, places, resp
 from scipy.signal import chirp, fftconvolve
 
 from fdcal.acoustics.fourier_bessel import f_max
-from fdcal.commands.calibrate import solve, source_of
+from fdcal.commands.calibrate import solve
 from fdcal.commands.cli import main
+from fdcal.commands.sources import load_input
 from fdcal.model.measurement_file import load_measurement
 from fdcal.model.validation import InputError
 from fdcal.recordings import frequency_selection
@@ -331,10 +332,10 @@ def test_few_microphones_in_a_room_are_not_said_to_be_better_than_they_are(name,
     heard = at_work(20, 30)[0] if name == "noise" else swept(5, 30)[0]
     soundfile.write(tmp_path / "a.wav", heard.T / np.abs(heard).max() * 0.9, FS, subtype="PCM_24")
     measurement, _ = intake(tmp_path / "a.wav", Wishes(known=str(folder / "known.csv"), speed=SPEED))
-    result = solve(replace(source_of(str(tmp_path / "a.wav")), measurement=measurement))
-    error = np.sqrt(np.mean(np.sum((np.array(result["positions"]) - places()) ** 2, axis=1)))
-    assert error < 1.8 * np.sqrt(np.mean(np.square(result["uncertainty_m"])))
-    assert result["verdict"] == "good", "no known microphone is accused of what the room has done"
+    result = solve(replace(load_input(str(tmp_path / "a.wav")), measurement=measurement))
+    error = np.sqrt(np.mean(np.sum((result.positions - places()) ** 2, axis=1)))
+    assert error < 1.8 * np.sqrt(np.mean(np.square(result.uncertainty)))
+    assert result.verdict == "good", "no known microphone is accused of what the room has done"
 
 
 def test_a_recording_is_calibrated_without_an_import(folder, tmp_path, monkeypatch, capsys):

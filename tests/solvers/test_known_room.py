@@ -11,10 +11,11 @@ from fields import rigid_room, room_frequencies
 
 from fdcal.acoustics.room_modes import room_symmetries
 from fdcal.commands.cli import main
+from fdcal.commands.sources import CalibrationInput, with_settings
 from fdcal.cost.landscapes import fine_mode
 from fdcal.model.measurement import Measurement
 from fdcal.model.measurement_file import save_measurement
-from fdcal.model.scene import Search, SolverSettings
+from fdcal.model.scene import Search, SolverSettings, load_scene
 from fdcal.model.validation import InputError
 from fdcal.solvers.room import solver as room
 
@@ -161,15 +162,10 @@ def test_a_known_microphone_outside_the_room_is_named(calibrate):
 
 
 @pytest.mark.parametrize("scene", ["lshape"])
-def test_a_scene_that_is_no_rectangle_is_refused(scene, tmp_path, monkeypatch, capsys):
-    from fdcal.commands import calibrate as runs
-
-    given = runs.Given(scene, runs.load_scene(scene), measurement(), runs.load_scene(scene).solver, 0)
-    monkeypatch.setattr(runs, "source_of", lambda *_: given)
-    with pytest.raises(SystemExit) as ended:
-        main(["calibrate", scene, "--room", "6x5"])
-    assert ended.value.code == 2
-    assert "is no rectangle" in capsys.readouterr().err
+def test_a_scene_that_is_no_rectangle_is_refused(scene):
+    inputs = CalibrationInput(scene, load_scene(scene), measurement(), load_scene(scene).solver, 0)
+    with pytest.raises(InputError, match="is no rectangle"):
+        with_settings(inputs, solver="room", room=(6.0, 5.0))
 
 
 def test_a_finer_map_of_a_microphone_is_the_map_on_its_lattice():

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fdcal.commands.calibrate import from_scene
 from fdcal.commands.options import opening_of
+from fdcal.commands.sources import scene_input
 from fdcal.graphics.picture import backdrop, with_estimate
 from fdcal.model.measured_scene import MeasuredScene, placeholder_scene
 from fdcal.model.measurement import Measurement
@@ -19,7 +19,7 @@ from fdcal.viewer.background.prepare import Progress, work_of
 
 @pytest.fixture(scope="module")
 def tiny() -> Measurement:
-    return from_scene(load_scene("tiny")).measurement
+    return scene_input(load_scene("tiny")).measurement
 
 
 @pytest.mark.parametrize("told", [True, False])

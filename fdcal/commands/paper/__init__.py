@@ -12,7 +12,7 @@ from pathlib import Path
 from ...graphics.landscape_figure import draw_landscape, landscape_panels
 from ...model.storage import write_atomically
 from ...model.validation import InputError, StorageError
-from ..calibrate import Given
+from ..sources import CalibrationInput
 from . import drawing, table
 from .printed import ARRAYS, LANDSCAPE
 from .study import Array, Progress, array_of, descents, joint_errors, outcomes
@@ -51,7 +51,7 @@ def write(folder: Path, name: str, content: bytes, force: bool) -> Path:
 
 
 def pages(
-    figures: tuple[int, ...], tables: bool, square: Given | None, arrays: list[Array], progress: Progress
+    figures: tuple[int, ...], tables: bool, square: CalibrationInput | None, arrays: list[Array], progress: Progress
 ) -> Iterator[tuple[str, bytes]]:
     """Name and content of every file, in the order in which they are done.
 
@@ -74,15 +74,15 @@ def pages(
         yield "table.csv", table.comma_separated(arrays, found).encode()
 
 
-def landscapes(given: Given):
+def landscapes(inputs: CalibrationInput):
     """Fig. 1 of a scene: of another than the paper's the first sought microphone, a low, a middle and a high mode."""
     name, microphone, modes = LANDSCAPE
-    problem = given.measurement.problem(given.settings.weights)
-    if given.name != name:
-        microphone, last = int(problem.free[0]), given.settings.modes
+    problem = inputs.measurement.problem(inputs.settings.weights)
+    if inputs.name != name:
+        microphone, last = int(problem.free[0]), inputs.settings.modes
         modes = sorted({max(1, last // 3), max(1, 2 * last // 3), last})
-    truth = given.measurement.positions
-    panels = landscape_panels(problem, truth, microphone, modes, given.settings.order_offset)
+    truth = inputs.measurement.positions
+    panels = landscape_panels(problem, truth, microphone, modes, inputs.settings.order_offset)
     return draw_landscape(panels, truth[microphone])
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from ...model.measurement import Measurement, Problem
 from ...model.scene import Search
 from ...model.validation import InputError
-from ..calibrate import Given
+from ..sources import CalibrationInput
 from .trails import Trail, shortened, trail
 
 NEAR = 0.05  # metres
@@ -58,7 +58,7 @@ class Array:
     name: str
     measurement: Measurement
     problem: Problem
-    given: Given
+    inputs: CalibrationInput
     modes: int
     seeds: int
 
@@ -68,21 +68,21 @@ class Array:
         return self.problem.search
 
 
-def array_of(given: Given, seeds: int, quick: bool) -> Array:
+def array_of(inputs: CalibrationInput, seeds: int, quick: bool) -> Array:
     """The array of a scene. Raises InputError where descent has nothing to search, or the truth is not told."""
     if seeds < 1:
         raise InputError(f"--seeds {seeds} must be at least 1")
-    measurement = given.measurement
+    measurement = inputs.measurement
     if measurement.search is None or measurement.dimension != 2:
-        raise InputError(f"{given.name} has no search domain in a field of two dimensions, which descent needs")
-    modes = min(given.settings.modes, QUICK_MODES) if quick else given.settings.modes
-    problem = measurement.problem(given.settings.weights)
-    return Array(given.name, measurement, problem, given, modes, min(seeds, QUICK_SEEDS) if quick else seeds)
+        raise InputError(f"{inputs.name} has no search domain in a field of two dimensions, which descent needs")
+    modes = min(inputs.settings.modes, QUICK_MODES) if quick else inputs.settings.modes
+    problem = measurement.problem(inputs.settings.weights)
+    return Array(inputs.name, measurement, problem, inputs, modes, min(seeds, QUICK_SEEDS) if quick else seeds)
 
 
 def descents(array: Array, count: int, progress: Progress) -> Iterator[Trail]:
     """The runs of descent from seeds 0 to count - 1."""
-    settings = shortened(array.given.settings, "descent", array.modes)
+    settings = shortened(array.inputs.settings, "descent", array.modes)
     for seed in range(count):
         yield _noted(array, "descent", settings, seed, progress)
 
@@ -92,7 +92,7 @@ def joints(array: Array, modes: int, descents: list[Trail] | None, progress: Pro
 
     Raises InputError where joint refuses so few modes.
     """
-    settings = replace(shortened(array.given.settings, "joint", modes), start=None)
+    settings = replace(shortened(array.inputs.settings, "joint", modes), start=None)
     for seed in range(array.seeds):
         before = None if descents is None else descents[seed]
         start = None if before is None else before.positions[before.end_of(modes)]
@@ -107,7 +107,7 @@ def _noted(array: Array, words: str, settings, seed: int, progress: Progress, st
 def outcomes(array: Array, progress: Progress) -> tuple[Outcome, ...]:
     """Descent, joint after descent, and joint alone."""
     first = list(descents(array, array.seeds, progress))
-    lowest = array.given.settings.first_modes
+    lowest = array.inputs.settings.first_modes
     numbers = range(min(lowest, array.modes), array.modes + 1)
     ends = {M: [run.positions[run.end_of(M)] for run in first] for M in numbers}
     needed = next((M for M in numbers if all(is_exact(array, x) for x in ends[M])), None)

@@ -1,0 +1,279 @@
+"""The result of a calibration: `Calibration`, which `fdcal calibrate` prints and writes as JSON."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field, fields, replace
+
+import numpy as np
+
+from ..model.gauge import align, position_errors
+from ..model.measurement import Measurement
+from ..model.validation import InputError, frozen_array
+from .result_schema import REQUIRED, require_result
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """The figures behind a verdict.
+
+    Attributes
+    ----------
+    residual_to_noise : float
+        Reduced chi-square of the pressures: power of the residual over that of the noise.
+    leave_one_out_db : float or None
+        Leave-one-out prediction error over pressure, decibels, of all microphones and frequencies together.
+    microphones_db : (N,) float64 or None
+        The same of each microphone.
+    frequencies_db : (M,) float64 or None
+        The same of each frequency.
+    """
+
+    residual_to_noise: float
+    leave_one_out_db: float | None = None
+    microphones_db: np.ndarray | None = None
+    frequencies_db: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class KnownRoom:
+    """What solver "room" finds beside the positions.
+
+    Attributes
+    ----------
+    size : tuple of D float
+        Metres.
+    source : (D,) float64
+        Position of the source, metres.
+    admittance : complex
+        Specific admittance of the walls.
+    symmetries : tuple of (str, (N, D) float64)
+        Each array that the pressures cannot distinguish from the one found, which comes first: the map, such as
+        "(6 - x, y)", and the positions, metres.
+    """
+
+    size: tuple[float, ...]
+    source: np.ndarray
+    admittance: complex
+    symmetries: tuple[tuple[str, np.ndarray], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """Positions of the microphones of an array, and whether to trust them.
+
+    Attributes
+    ----------
+    positions : (N, D) float64
+        Metres.
+    names : tuple of N str
+    solver : str
+    seed : int
+    frequencies : (M,) float64
+        Those used, Hz, ascending.
+    cost : float
+        What the solver minimised; dimensionless with modes of unit RMS.
+    sweeps : int
+        Number of times that all free microphones were moved.
+    elapsed : float
+        Seconds.
+    converged : bool
+    known : tuple of str or None
+        Names of the microphones whose positions were given; None if the file does not say.
+    excluded : tuple of str
+        Names of microphones left out, which have no row in `positions`.
+    aligned : bool
+        Whether nothing fixes translation, rotation and mirror image, so that the errors are those after the best
+        rigid motion.
+    mean_error, max_error : float or None
+        Over all microphones, metres; None where the true positions are unknown.
+    errors : (N,) float64 or None
+        Distance of each microphone from its true position, metres.
+    sound_speed : float or None
+        As given or as estimated, m/s.
+    verdict : str
+        A code of `fdcal.assessment.verdict` or `fdcal.assessment.room_verdict`, such
+        as "good"; "" if the file has none.
+    verdict_text : str
+        The verdict in words.
+    uncertainty : (N,) float64 or None
+        One sigma of each position, metres; 0 for a known microphone.
+    covariance : (N, D, D) float64 or None
+        Of each position, metres^2.
+    evidence : Evidence or None
+    room : KnownRoom or None
+        Of solver "room" only.
+
+    Examples
+    --------
+    >>> found = Calibration([[0, 0], [3, 4]], ("a", "b"), "joint", 0, [50.0], 0.1, 3, 1.5, True, verdict="good")
+    >>> Calibration.from_json(found.to_json()).positions.tolist()
+    [[0.0, 0.0], [3.0, 4.0]]
+    """
+
+    positions: np.ndarray
+    names: tuple[str, ...]
+    solver: str
+    seed: int
+    frequencies: np.ndarray
+    cost: float
+    sweeps: int
+    elapsed: float = field(metadata={"key": "elapsed_s"})
+    converged: bool
+    known: tuple[str, ...] | None = None
+    excluded: tuple[str, ...] = ()
+    aligned: bool = False
+    mean_error: float | None = field(default=None, metadata={"key": "mean_error_m"})
+    max_error: float | None = field(default=None, metadata={"key": "max_error_m"})
+    errors: np.ndarray | None = field(default=None, metadata={"key": "errors_m"})
+    sound_speed: float | None = None
+    verdict: str = ""
+    verdict_text: str = ""
+    uncertainty: np.ndarray | None = field(default=None, metadata={"key": "uncertainty_m"})
+    covariance: np.ndarray | None = field(default=None, metadata={"key": "covariance_m2"})
+    evidence: Evidence | None = None
+    room: KnownRoom | None = None
+
+    def __post_init__(self):
+        for name in ("positions", "frequencies", "errors", "uncertainty", "covariance"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, frozen_array(getattr(self, name), float))
+
+    def to_json(self) -> str:
+        """Return the text of a result file.
+
+        Raises
+        ------
+        InputError
+            A value is not finite, or an array has the wrong shape.
+        """
+        table = {_key(f): _plain(getattr(self, f.name)) for f in fields(self) if f.name not in ("evidence", "room")}
+        table |= _evidence_table(self.evidence) | _room_table(self.room)
+        kept = {key: value for key, value in table.items() if key in REQUIRED or value is not None}
+        require_result(kept, "the result")
+        return json.dumps(kept, indent=1, allow_nan=False) + "\n"
+
+    @classmethod
+    def from_json(cls, text: str, where: str = "the result") -> Calibration:
+        """Return the calibration of a result file with this text.
+
+        Parameters
+        ----------
+        text : str
+        where : str
+            What an error calls the text, as the path of its file.
+
+        Raises
+        ------
+        InputError
+            `text` is no JSON, or a key is missing or malformed.
+        """
+        try:
+            table = json.loads(text)
+        except ValueError as error:
+            raise InputError(f"{where} is not valid JSON: {error}".replace("\n", " ")) from error
+        if not isinstance(table, dict):
+            raise InputError(f"{where} must hold one JSON object with the keys {', '.join(REQUIRED)}")
+        table = require_result(table, where)
+        known, count = table.get("known"), len(table["positions"])
+        plain = {f.name: table[_key(f)] for f in fields(cls) if _key(f) in table and f.name not in ("evidence", "room")}
+        return cls(
+            **plain
+            | {
+                "names": tuple(table.get("names", map(str, range(count)))),
+                "known": None if known is None else tuple(known),
+                "excluded": tuple(table.get("excluded", ())),
+                "evidence": _evidence_of(table),
+                "room": _room_of(table),
+            }
+        )
+
+    def positions_for(self, measurement: Measurement) -> np.ndarray:
+        """Return the positions in the axes of a measurement's true positions, where it has them.
+
+        A blind result is moved as a whole onto the true positions; of the symmetries of a known room the nearest one
+        is taken.
+
+        Returns
+        -------
+        (N, D) float64
+            Metres.
+
+        Raises
+        ------
+        InputError
+            The result is of another number of microphones than the measurement.
+        """
+        shape = (measurement.count, measurement.array_dimension)
+        if self.positions.shape != shape and self.excluded:
+            raise InputError(
+                f"the result leaves out microphone {', '.join(self.excluded)}, but the positions of all are needed",
+                "calibrate again without <exclude>",
+                key="result",
+            )
+        if self.positions.shape != shape:
+            raise InputError(
+                f"the result has positions of shape {self.positions.shape}, the measurement {shape}",
+                "use the result of this measurement",
+                key="result",
+            )
+        truth = measurement.positions
+        if truth is not None and self.room is not None:
+            arrays = [positions for _, positions in self.room.symmetries]
+            return min(arrays, key=lambda positions: float(np.sum((positions - truth) ** 2)))
+        return align(self.positions, truth) if truth is not None and self.aligned else self.positions
+
+    def compared_with(self, measurement: Measurement) -> Calibration:
+        """Return this calibration with its errors against the true positions of a measurement, where it has them."""
+        if measurement.positions is None:
+            return self
+        errors = position_errors(self.positions_for(measurement), measurement.positions)
+        return replace(self, errors=errors, mean_error=float(errors.mean()), max_error=float(errors.max()))
+
+
+def _key(attribute) -> str:
+    """Return the key of an attribute in the file."""
+    return attribute.metadata.get("key", attribute.name)
+
+
+def _plain(value):
+    """Return a value as JSON holds it."""
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _evidence_table(evidence: Evidence | None) -> dict:
+    if evidence is None:
+        return {}
+    return {
+        "residual_to_noise": evidence.residual_to_noise,
+        "left_out_db": evidence.leave_one_out_db,
+        "left_out_microphones_db": _plain(evidence.microphones_db),
+        "left_out_frequencies_db": _plain(evidence.frequencies_db),
+    }
+
+
+def _evidence_of(table: dict) -> Evidence | None:
+    if "residual_to_noise" not in table:
+        return None
+    names = ("left_out_db", "left_out_microphones_db", "left_out_frequencies_db")
+    return Evidence(table["residual_to_noise"], *(table.get(name) for name in names))
+
+
+def _room_table(room: KnownRoom | None) -> dict:
+    if room is None:
+        return {}
+    return {
+        "room": list(room.size),
+        "symmetries": [{"map": name, "positions": positions.tolist()} for name, positions in room.symmetries],
+        "source": room.source.tolist(),
+        "admittance": [room.admittance.real, room.admittance.imag],
+    }
+
+
+def _room_of(table: dict) -> KnownRoom | None:
+    if "symmetries" not in table:
+        return None
+    size, walls = tuple(table["room"].tolist()), complex(*table["admittance"])
+    return KnownRoom(size, table["source"], walls, tuple(table["symmetries"]))

@@ -1,0 +1,113 @@
+"""How far to trust the end of a run: sound speed, verdict and leave-one-out errors, of either kind of solver."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..assessment.calibration import Evidence, KnownRoom
+from ..model.channels import microphone_index
+from ..model.gauge import move_to_frame
+from ..model.measurement import Problem
+from ..model.power import mode_power
+from ..model.validation import InputError
+from .sources import CalibrationInput
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """The positions at the end of a run and what is known about their quality.
+
+    Attributes
+    ----------
+    positions : (N, D) float64
+        Metres; of the corrected sound speed where it was estimated.
+    problem : Problem
+        With the corrected sound speed likewise.
+    verdict, verdict_text : str
+    uncertainty : (N,) float64
+        One sigma, metres.
+    covariance : (N, D, D) float64
+        Metres^2.
+    evidence : Evidence
+    room : KnownRoom or None
+        Of solver "room".
+    """
+
+    positions: np.ndarray
+    problem: Problem
+    verdict: str
+    verdict_text: str
+    uncertainty: np.ndarray
+    covariance: np.ndarray
+    evidence: Evidence
+    room: KnownRoom | None = None
+
+
+def assess(inputs: CalibrationInput, problem: Problem, state) -> Assessment:
+    """Judge the last state of a run, with the sound speed estimated where `inputs` ask for it."""
+    return (_assess_in_room if inputs.settings.name == "room" else _assess_array)(inputs, problem, state)
+
+
+def distance_pair(inputs: CalibrationInput) -> tuple[int, int]:
+    """Return the numbers of the two microphones whose distance is given.
+
+    Raises
+    ------
+    InputError
+        A name is unknown, or both are the same microphone.
+    """
+    if inputs.distance is None:
+        raise InputError("no distance is given", "give <distance>", key="distance")
+    names = inputs.measurement.names
+    first, second = (microphone_index(text, names, "--distance") for text in inputs.distance[:2])
+    if first == second:
+        raise InputError(f"distance names microphone {names[first]} twice", "name two", key="distance")
+    return first, second
+
+
+def _assess_array(inputs: CalibrationInput, problem: Problem, state) -> Assessment:
+    from ..assessment.cross_validation import report  # these load the compiler, which other commands do not need
+    from ..assessment.verdict import judge
+
+    # Where hardly any noise is left, the real-valued kernel of the verdict has its own limit, which it finds itself.
+    noise = None if getattr(state, "near", False) else getattr(state, "noise_power", None)
+    positions = state.positions
+    if inputs.estimate_sound_speed:
+        positions, problem = _at_estimated_sound_speed(inputs, problem, state, noise)
+    verdict = judge(problem, positions, state.modes, noise, inputs.measurement.names, state.converged)
+    evidence = _evidence(verdict, report(problem, positions, state.modes, noise))
+    return Assessment(positions, problem, verdict.code, verdict.text, verdict.uncertainty, verdict.covariance, evidence)
+
+
+def _at_estimated_sound_speed(inputs: CalibrationInput, problem: Problem, state, noise) -> tuple[np.ndarray, Problem]:
+    """Return the positions and the problem at the sound speed that the array itself speaks for."""
+    from ..assessment import sound_speed
+
+    if inputs.distance is None:
+        found = sound_speed.from_known(problem, state.positions, state.modes, noise)
+    else:
+        found = sound_speed.from_distance(problem, state.positions, distance_pair(inputs), inputs.distance[2])
+    positions = found.positions if problem.frame is None else move_to_frame(found.positions, problem.frame)
+    return positions, found.problem
+
+
+def _assess_in_room(inputs: CalibrationInput, problem: Problem, state) -> Assessment:
+    from ..assessment.cross_validation import report_of  # these load the compiler, which other commands do not need
+    from ..assessment.room_verdict import judge
+
+    found = judge(problem, state, inputs.measurement.names)
+    pressures = problem.pressures[state.modes]
+    prediction = report_of(pressures / np.sqrt(mode_power(pressures))[:, None], found.left_out)
+    verdict, positions = found.verdict, np.asarray(state.positions)
+    size = tuple(map(float, inputs.settings.room or ()))
+    symmetries = tuple((str(image), image.of(positions)) for image in found.images)
+    return Assessment(
+        positions, problem, verdict.code, verdict.text, verdict.uncertainty, verdict.covariance,
+        _evidence(verdict, prediction), KnownRoom(size, found.source, found.admittance, symmetries),
+    )  # fmt: skip
+
+
+def _evidence(verdict, prediction) -> Evidence:
+    return Evidence(verdict.residual_to_noise, prediction.whole, prediction.microphones, prediction.modes)

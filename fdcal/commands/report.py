@@ -1,0 +1,85 @@
+"""A calibration in words: the summary that `fdcal calibrate` prints, and its comparison with other positions."""
+
+from __future__ import annotations
+
+from ..assessment.calibration import Calibration, Evidence
+from ..model.measurement import Measurement
+from ..model.validation import InputError
+from .sources import CalibrationInput
+
+
+def summary(inputs: CalibrationInput, result: Calibration) -> str:
+    """Return a calibration in seven lines, and two more of a known room."""
+    count, f = inputs.measurement.count, result.frequencies
+    free = count - len(inputs.measurement.known) * (inputs.settings.known == "all")
+    end = "converged" if result.converged else "stopped before it converged"
+    unit = "dimensionless" if inputs.settings.weights == "unit" else "pressure squared"
+    lines = [
+        f"{inputs.name}: {free} of {count} microphones sought by {result.solver}, seed {result.seed}",
+        f"modes   {len(f)}, {f[0]:.1f} to {f[-1]:.1f} Hz",
+        f"run     {result.sweeps} sweeps in {result.elapsed:.1f} s, {end}",
+        f"cost    {result.cost:.3g} ({unit})",
+        f"error   {_error(result)}",
+    ]
+    if result.evidence is not None:
+        lines.append(f"predict {_prediction(result, result.evidence)}")
+    lines.append(f"verdict {result.verdict}: {result.verdict_text}")
+    return "\n".join([*lines, *_room_lines(result)])
+
+
+def _error(result: Calibration) -> str:
+    if result.mean_error is None or result.max_error is None:
+        return "unknown, since the true positions are"
+    mean, largest = round(1e3 * result.mean_error, 3), round(1e3 * result.max_error, 3)
+    text = f"mean {mean:.3g} mm, largest {largest:.3g} mm over all {len(result.positions)} microphones"
+    text += ", moved as a whole onto the truth" if result.aligned else ""
+    return text + (", in the nearest of the room's symmetries" if result.room is not None else "")
+
+
+def _prediction(result: Calibration, evidence: Evidence) -> str:
+    """Return how well each microphone is predicted from the others, and the worst of them."""
+    microphones, modes = evidence.microphones_db, evidence.frequencies_db
+    if evidence.leave_one_out_db is None or microphones is None or modes is None:
+        return "no leave-one-out prediction in the file"
+    n, m = int(microphones.argmax()), int(modes.argmax())
+    return (
+        f"leave-one-out error {evidence.leave_one_out_db:.1f} dB; worst microphone {result.names[n]},"
+        f" {microphones[n]:.1f} dB, worst frequency {result.frequencies[m]:.1f} Hz, {modes[m]:.1f} dB"
+    )
+
+
+def _room_lines(result: Calibration) -> list[str]:
+    room = result.room
+    if room is None:
+        return []
+    size, source = " x ".join(f"{x:.4g}" for x in room.size), ", ".join(f"{x:.2f}" for x in room.source)
+    others = ", ".join(name for name, _ in room.symmetries[1:])
+    return [
+        f"room    {size} m; source at ({source}) m, walls of admittance {room.admittance.real:.2g}",
+        f"mirror images that explain the pressures as well: {others}",
+    ]
+
+
+def require_positions(measurement: Measurement) -> None:
+    """Raise InputError where a measurement has no positions to compare with."""
+    if measurement.positions is None:
+        raise InputError(
+            "the file has no positions to compare with those found", "leave out <check>", key="check", value=True
+        )
+
+
+def comparison(inputs: CalibrationInput, result: Calibration) -> str:
+    """Return how the positions found differ from those in the measurement, and which channels are swapped.
+
+    Raises
+    ------
+    InputError
+        The measurement has no positions.
+    """
+    from ..assessment.alignment import check, told
+
+    measurement = inputs.measurement
+    require_positions(measurement)
+    positions = result.positions if result.room is None else result.positions_for(measurement)
+    known = measurement.known if inputs.settings.known == "all" else ()
+    return told(check(positions, measurement.positions, known), measurement.names, result.verdict, len(known) > 0)

@@ -1,0 +1,167 @@
+"""What is calibrated, and with which settings: a scene, a measurement or recordings, as `CalibrationInput`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+from ..acoustics.measure import require_measurable
+from ..model.arrays import positions_of
+from ..model.channels import exclude_microphones
+from ..model.measurement import Measurement
+from ..model.measurement_file import load_measurement
+from ..model.scene import Scene, SolverSettings, load_scene, require_rectangle
+from ..model.validation import InputError
+
+Progress = Callable[[float, str], None]  # fraction done, 0 to 1, and a note
+
+
+@dataclass(frozen=True)
+class CalibrationInput:
+    """A measurement and how to calibrate it.
+
+    Attributes
+    ----------
+    name : str
+        Of the scene or the file.
+    scene : Scene or None
+        None where the measurement was read from a file.
+    measurement : Measurement
+        Without the `excluded` microphones.
+    settings : SolverSettings
+    seed : int
+    excluded : tuple of str
+        Names or numbers of microphones left out.
+    estimate_sound_speed : bool
+    distance : (str, str, float) or None
+        Two microphones, by name or number, and how far they are apart, metres.
+    """
+
+    name: str
+    scene: Scene | None
+    measurement: Measurement
+    settings: SolverSettings
+    seed: int
+    excluded: tuple[str, ...] = ()
+    estimate_sound_speed: bool = False
+    distance: tuple[str, str, float] | None = None
+
+
+def load_input(text: str, progress: Progress | None = None, excluded: tuple[str, ...] = ()) -> CalibrationInput:
+    """Return the measurement of an .npz file, of recordings, or of a scene.
+
+    Parameters
+    ----------
+    text : str
+        The path of a file or folder, or the name of a scene.
+    progress : callable, optional
+        Called with the fraction done, 0 to 1, and a note while a scene is simulated.
+    excluded : tuple of str
+        Names or numbers of microphones to leave out.
+
+    Raises
+    ------
+    InputError, StorageError
+        The source cannot be used, or cannot be read.
+    """
+    if is_recording(text):
+        from ..recordings.importer import intake  # brings the signal library, which a measurement does not need
+
+        measurement = _without(intake(text)[0], excluded)
+    elif text.lower().endswith(".npz"):
+        measurement = load_measurement(text, excluded)
+    else:
+        inputs = scene_input(load_scene(text), progress)
+        return replace(inputs, measurement=_without(inputs.measurement, excluded), excluded=excluded)
+    count = len(measurement.frequencies)
+    usual = SolverSettings()
+    settings = SolverSettings(modes=min(usual.modes, count), first_modes=min(usual.first_modes, count))
+    return CalibrationInput(Path(text).stem, None, measurement, settings, 0, excluded)
+
+
+def scene_input(scene: Scene, progress: Progress | None = None) -> CalibrationInput:
+    """Return the measurement of a scene, simulated or from the cache.
+
+    Raises
+    ------
+    InputError, StorageError
+    """
+    from ..acoustics.measurement_cache import cached_measurement  # brings the simulation, which only scenes need
+
+    return CalibrationInput(scene.name, scene, cached_measurement(scene, progress), scene.solver, scene.seed)
+
+
+def is_recording(text: str) -> bool:
+    """Return whether `text` names a file or folder of a kind that `fdcal import` reads, whether or not it exists."""
+    from ..recordings import formats
+    from ..recordings.formats import archive
+
+    path = Path(text)
+    if path.suffix.lower() in archive.SUFFIXES:
+        return "recordings" in archive.keys_of(path)
+    return formats.reader_of(path) is not None
+
+
+def _without(measurement: Measurement, excluded: tuple[str, ...]) -> Measurement:
+    table = {field.name: getattr(measurement, field.name) for field in fields(Measurement)}
+    return Measurement(**exclude_microphones(table, excluded))
+
+
+def check_scene(scene: Scene) -> None:
+    """Check what can be checked without a simulation: array, source, band, outline of the room, CFL limit.
+
+    Raises
+    ------
+    InputError
+    """
+    from ..acoustics.fdtd import make_grid
+
+    positions_of(scene)
+    require_measurable(scene)
+    if scene.room.dimension == 2:
+        make_grid(scene.room, scene.source.sample_rate)
+
+
+def with_settings(
+    inputs: CalibrationInput,
+    solver: str | None = None,
+    modes: int | None = None,
+    seed: int | None = None,
+    **others: str | tuple[float, ...] | None,
+) -> CalibrationInput:
+    """Return `inputs` with another solver, number of modes, seed, or other fields of `SolverSettings`.
+
+    Parameters
+    ----------
+    inputs : CalibrationInput
+    solver, modes, seed, **others
+        None leaves a setting as it is.
+
+    Raises
+    ------
+    InputError
+        A value is out of range, or does nothing with this solver.
+    """
+    given = {key: value for key, value in others.items() if value is not None}
+    settings = replace(inputs.settings, **given)
+    if seed is not None and seed < 0:
+        raise InputError(f"seed = {seed} must not be negative", "use 0 or more", key="seed", value=seed)
+    if modes is not None:
+        if modes < 1:
+            count = len(inputs.measurement.frequencies)
+            raise InputError(f"modes = {modes} must be at least 1", f"use 1 to {count}", key="modes", value=modes)
+        settings = replace(settings, modes=modes, first_modes=min(settings.first_modes, modes))
+    settings = replace(settings, name=solver or settings.name)
+    unused = [key for key in ("noise", "cost") if key in given]
+    if settings.name == "descent" and unused:
+        raise InputError(
+            f'{unused[0]} = "{given[unused[0]]}" does nothing with solver.name = "descent"',
+            f"leave out <{unused[0]}>, or use <solver> joint",
+            key=unused[0],
+            value=given[unused[0]],
+        )
+    if settings.name == "room" and inputs.scene is not None:
+        require_rectangle(inputs.scene)
+        settings = replace(settings, room=settings.room or inputs.scene.room.size)
+    return replace(inputs, settings=settings, seed=inputs.seed if seed is None else seed)
