@@ -34,14 +34,14 @@ def serve(
             if on_ready is not None:
                 on_ready(address(host, server.get_port()))
             from .preview import look_at_once
-            from .scene3d.nodes import Stage
+            from .scene3d.nodes import SceneNodes
 
-            stage = Stage(server)
+            nodes = SceneNodes(server)
             if begin is None:
-                look_at_once(stage, opening)
+                look_at_once(nodes, opening)
             from .page import Page  # seconds of libraries, in which a browser loads its own
 
-            page = Page(server, stage, lessons)
+            page = Page(server, nodes, lessons)
             page.open(opening) if begin is None else page.lessons.take(begin.title)
             page.run(interrupt)
         finally:

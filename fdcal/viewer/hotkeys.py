@@ -86,7 +86,7 @@ def _toggle_dark(controls) -> None:
 
 
 def _seen(view: str) -> Callable:
-    return lambda page, client: page.stage.cameras.ask(client, view)
+    return lambda page, client: page.nodes.cameras.ask(client, view)
 
 
 KEYS = (

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import viser
 
 from ..session.history import SessionView
-from .background.cost_maps import Map
+from .background.cost_maps import CostMap
 from .gui import html
 from .gui.binding import Binding, Choices
 from .gui.layout import SessionFolders
@@ -87,7 +87,7 @@ class MainPanel:
         self.binding.gui.configure_theme(dark_mode=dark, show_share_button=False, show_logo=False)
 
     def show(
-        self, view: SessionView, microphone: int, drawn: Map | None, trouble: str, fault: str = "", note: str = ""
+        self, view: SessionView, microphone: int, drawn: CostMap | None, trouble: str, fault: str = "", note: str = ""
     ) -> None:
         """Bring the panel up to date; called by the main loop."""
         self.bar.show(view, fault, note)

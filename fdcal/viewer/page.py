@@ -17,12 +17,12 @@ import viser
 from ..session.lesson import Lesson
 from ..session.request import OpenRequest
 from ..session.worker import WakeEvent
-from .background.prepare import Work
+from .background.prepare import PreparedRun
 from .gui.binding import Binding
 from .gui.layout import Panels, SessionFolders
 from .hotkeys import add_keys
 from .preview import first_look
-from .scene3d.nodes import Stage
+from .scene3d.nodes import SceneNodes
 from .server.signals import Interrupt
 from .session_switch import SessionSwitcher, StatusBar
 from .session_view import Viewer
@@ -38,8 +38,8 @@ LOOK_ROUND = 1.0  # s between two looks at the sizes of all canvases
 class Page:
     """Owns the panels' frame, the scene, and the session that is shown."""
 
-    def __init__(self, server: viser.ViserServer, stage: Stage, lessons: Sequence[Lesson] = ()):
-        self._server, self.stage, self.panels, self.switcher = server, stage, Panels(server.gui), SessionSwitcher()
+    def __init__(self, server: viser.ViserServer, nodes: SceneNodes, lessons: Sequence[Lesson] = ()):
+        self._server, self.nodes, self.panels, self.switcher = server, nodes, Panels(server.gui), SessionSwitcher()
         self.status_bar = StatusBar(self.panels, self.switcher)
         self.viewer: Viewer | None = None
         self.lessons = LessonsTab(self, lessons)
@@ -63,15 +63,15 @@ class Page:
 
         @server.on_client_connect
         async def _(client: viser.ClientHandle) -> None:
-            self.stage.cameras.ask(client, "top")
+            self.nodes.cameras.ask(client, "top")
 
             @client.camera.on_update
             async def _(_) -> None:
-                self.stage.cameras.ask(client)
+                self.nodes.cameras.ask(client)
 
         @server.on_client_disconnect
         async def _(client: viser.ClientHandle) -> None:
-            self.stage.cameras.forget(client)
+            self.nodes.cameras.forget(client)
             if self.viewer is not None:
                 self.viewer.forget(client)
 
@@ -99,23 +99,23 @@ class Page:
         self.status_bar.show(first)
         if self.viewer is not None:
             self.viewer.guarded_tick(now)
-        elif self.stage.bare and self.switcher.measured is not None:
-            first_look(self.stage, *self.switcher.measured)
-            self.stage.cameras.place_all("top")  # of pages that came before there was anything to place them by
+        elif self.nodes.is_empty and self.switcher.measured is not None:
+            first_look(self.nodes, *self.switcher.measured)
+            self.nodes.cameras.place_all("top")  # of pages that came before there was anything to place them by
         self.lessons.show(self._server.get_event_loop().call_soon_threadsafe)
         clients = self._server.get_clients().values()
-        self.stage.cameras.answer(clients)
+        self.nodes.cameras.answer(clients)
         if now - self._looked > LOOK_ROUND:
             self._looked = now
-            self.stage.cameras.keep_all_placed(clients)
+            self.nodes.cameras.keep_all_placed(clients)
 
-    def _exchange(self, work: Work) -> None:
+    def _exchange(self, work: PreparedRun) -> None:
         """The new session on the page in place of the old one, which stays where the new one cannot be shown."""
         old, folders = self.viewer, SessionFolders(self.panels)
         try:
             with self._server.atomic():
                 before = old and old.binding.choices
-                new = Viewer(self._server, work, folders, self.stage, self.open, before, self._wake.set)
+                new = Viewer(self._server, work, folders, self.nodes, self.open, before, self._wake.set)
                 if old is not None:
                     old.take_down()
         except Exception as error:
@@ -131,9 +131,9 @@ class Page:
         if old is not None:
             old.close()
         if old is None or old.picture.focus != new.picture.focus:
-            self.stage.cameras.open_at(new.picture)
+            self.nodes.cameras.open_at(new.picture)
             for client in self._server.get_clients().values():
-                self.stage.cameras.place(client, "top")
+                self.nodes.cameras.place(client, "top")
 
     def _tell_terminal(self) -> None:
         """How far the first session is; the line is taken away when there is one, or none will be."""

@@ -10,19 +10,19 @@ from ..graphics.picture import backdrop
 from ..model.measured_scene import MeasuredScene
 from ..model.measurement import Measurement
 from ..session.request import OpenRequest, as_given
-from .scene3d.nodes import Stage
+from .scene3d.nodes import SceneNodes
 
 
-def look_at_once(stage: Stage, opening: OpenRequest) -> None:
+def look_at_once(nodes: SceneNodes, opening: OpenRequest) -> None:
     """Show what needs no simulation; nothing where the scene has to be simulated first."""
     measurement = opening.measurement or load_cached_measurement(opening.scene)
     if measurement is not None:
-        first_look(stage, opening, as_given(opening.scene, measurement))
+        first_look(nodes, opening, as_given(opening.scene, measurement))
 
 
-def first_look(stage: Stage, opening: OpenRequest, measurement: Measurement) -> None:
+def first_look(nodes: SceneNodes, opening: OpenRequest, measurement: Measurement) -> None:
     """Show the room, without a scene the microphones alone."""
-    told = None if isinstance(opening.scene, MeasuredScene) else opening.scene
-    picture = backdrop(told, measurement, opening.choices.get("dark") is True)
-    stage.cameras.open_at(picture)
-    stage.show(picture)
+    known_scene = None if isinstance(opening.scene, MeasuredScene) else opening.scene
+    picture = backdrop(known_scene, measurement, opening.choices.get("dark") is True)
+    nodes.cameras.open_at(picture)
+    nodes.show(picture)

@@ -15,7 +15,7 @@ from ..model.measurement import Measurement
 from ..model.validation import InputError, StorageError
 from ..session.request import OpenRequest
 from ..session.worker import LatestWorker
-from .background.prepare import Progress, Stopped, Work, work_of
+from .background.prepare import Cancelled, PreparationProgress, PreparedRun, prepare_run
 from .gui import html
 from .gui.layout import Panels
 from .server.error_log import log_location
@@ -27,16 +27,16 @@ class Job:
     """One opening on its way. Its thread sets `work` or `cause`, then `done`."""
 
     def __init__(self, opening: OpenRequest):
-        self.opening, self.progress = opening, Progress()
-        self.work: Work | None = None
+        self.opening, self.progress = opening, PreparationProgress()
+        self.work: PreparedRun | None = None
         self.cause: Exception | None = None
         self.done = False
 
     def run(self) -> None:
         try:
             self.progress(0.0)
-            self.work = work_of(self.opening, self.progress)
-        except Stopped:
+            self.work = prepare_run(self.opening, self.progress)
+        except Cancelled:
             pass
         except Exception as error:
             self.cause = error
@@ -73,7 +73,7 @@ class SessionSwitcher:
         return not self._asked and self._job is None
 
     @property
-    def progress(self) -> Progress | None:
+    def progress(self) -> PreparationProgress | None:
         """Of what is under way."""
         return None if self._job is None else self._job.progress
 
@@ -88,7 +88,7 @@ class SessionSwitcher:
         """Of what is under way."""
         return "" if self._job is None else self._job.opening.scene.title
 
-    def take(self) -> Work | None:
+    def take(self) -> PreparedRun | None:
         """Do what was asked; the work that is ready, once, or None."""
         while self._asked:
             self._begin(self._asked.popleft())

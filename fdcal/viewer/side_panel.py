@@ -6,10 +6,10 @@ import numpy as np
 
 from ..model.measurement import Problem
 from ..session.history import SessionView
-from .background.comparison import Races
-from .background.cost_maps import Map
-from .background.map_grid import SideBySide
-from .background.uncertainty import Errors
+from .background.comparison import ComparisonWorker
+from .background.cost_maps import CostMap
+from .background.map_grid import MapGridWorker
+from .background.uncertainty import PositionUncertainty
 from .gui import html
 from .gui.binding import Binding
 from .gui.layout import SessionFolders
@@ -25,7 +25,9 @@ INTERVAL = 0.2  # s between two tables
 class SidePanel:
     """Owns the panel's tabs."""
 
-    def __init__(self, folders: SessionFolders, binding: Binding, problem: Problem, map_tab: MapTab, races: Races):
+    def __init__(
+        self, folders: SessionFolders, binding: Binding, problem: Problem, map_tab: MapTab, races: ComparisonWorker
+    ):
         self._binding, self._tabled, self._panels = binding, -1e9, None
         gui = binding.gui
         with folders.at("Curves"):
@@ -45,11 +47,13 @@ class SidePanel:
             self.table = gui.add_html("")
         with folders.at("Race"):
             self.race = ComparisonTab(binding, races)
-        self.side_by_side = SideBySide(binding.work)
+        self.map_grid = MapGridWorker(binding.work)
         self._table_key: tuple = ()
         binding.on(self.shared, lambda value: binding.look(shared=bool(value)))
 
-    def show(self, view: SessionView, drawn: Map | None, microphone: int, errors: Errors | None, now: float) -> None:
+    def show(
+        self, view: SessionView, drawn: CostMap | None, microphone: int, errors: PositionUncertainty | None, now: float
+    ) -> None:
         """Called by the main loop."""
         self.curves.show(view, now)
         self.reach.show(view, now)
@@ -57,7 +61,7 @@ class SidePanel:
         self._show_table(view.state, microphone, errors, now)
         self._show_panels(drawn, now)
 
-    def _show_table(self, state, microphone: int, errors: Errors | None, now: float) -> None:
+    def _show_table(self, state, microphone: int, errors: PositionUncertainty | None, now: float) -> None:
         key = (id(state), microphone, id(errors))
         if key != self._table_key and now - self._tabled > INTERVAL:
             self._table_key, self._tabled = key, now
@@ -65,8 +69,8 @@ class SidePanel:
             text = html.table(self._binding.measurement, np.asarray(state.positions), sigma, microphone)
             self._binding.send("table", text, self.table, "content")
 
-    def _show_panels(self, drawn: Map | None, now: float) -> None:
-        panels = self.side_by_side.of(drawn, now)
+    def _show_panels(self, drawn: CostMap | None, now: float) -> None:
+        panels = self.map_grid.of(drawn, now)
         if panels is self._panels:
             return
         self._panels = panels

@@ -80,12 +80,12 @@ def test_a_race_runs_pauses_and_goes_back_to_the_start(scene, problem):
 
 @pytest.fixture
 def owner(scene, measurement, problem):
-    made = races.Races(prepare.Work(scene, measurement, problem, None, None, None))
+    made = races.ComparisonWorker(prepare.PreparedRun(scene, measurement, problem, None, None, None))
     clock = itertools.count()
 
     def turn_until(happened):
         for _ in range(round(WAIT / 0.01)):
-            runners = made.turn(float(next(clock)))
+            runners = made.update(float(next(clock)))
             if happened(runners):
                 return runners
             time.sleep(0.01)
@@ -97,38 +97,38 @@ def owner(scene, measurement, problem):
 
 def test_the_end_of_a_race_tells_time_steps_error_and_cost_of_each(owner):
     made, turn_until = owner
-    assert made.word == "Race"
-    made.toggle(races.Entry(ALL, "random", 0))
-    turn_until(lambda runners: len(runners) == 3 and made.over)
+    assert made.button_label == "Start"
+    made.toggle(races.ComparisonSetup(ALL, "random", 0))
+    turn_until(lambda runners: len(runners) == 3 and made.finished)
     runners = turn_until(lambda runners: all(r.costs.size and r.times[-1] == r.seconds > 0 for r in runners))
     html = racetab.table(runners)
     for runner in runners:
-        assert runner.name in html and f"{runner.step} steps" in html and f"{runner.error:.3g} mm" in html
-        assert runner.errors[-1] == pytest.approx(runner.error)
+        assert runner.name in html and f"{runner.step} steps" in html and f"{runner.mean_error:.3g} mm" in html
+        assert runner.mean_errors[-1] == pytest.approx(runner.mean_error)
     assert len(re.findall(r" s, \d+ steps", html)) == 3 and html.count("cost ") == 3
     assert len(set(re.findall(r"stroke-dasharray='([^']*)'", html))) == 3, "lines that differ without their colours"
-    first = {tuple(map(tuple, np.round([r.errors[0], r.costs[0]], 6)[:, None])) for r in runners}
+    first = {tuple(map(tuple, np.round([r.mean_errors[0], r.costs[0]], 6)[:, None])) for r in runners}
     assert len(first) == 1, "one start"
     made.reset()
     runners = turn_until(lambda runners: all(r.step == 0 for r in runners))
-    assert not made.over and made.word == "Go on"
-    made.drop()
-    assert turn_until(lambda runners: not runners) == () and made.word == "Race"
+    assert not made.finished and made.button_label == "Resume"
+    made.stop()
+    assert turn_until(lambda runners: not runners) == () and made.button_label == "Start"
 
 
 def test_a_race_that_cannot_begin_tells_why(owner):
     made, turn_until = owner
-    made._work = dataclasses.replace(
-        made._work,
-        scene=dataclasses.replace(made._work.scene, solver=dataclasses.replace(made._work.scene.solver, modes=500)),
+    made._run = dataclasses.replace(
+        made._run,
+        scene=dataclasses.replace(made._run.scene, solver=dataclasses.replace(made._run.scene.solver, modes=500)),
     )
-    made.toggle(races.Entry(("descent", "joint"), "random", 0))
-    turn_until(lambda _: made.trouble)
-    assert "modes" in made.trouble and made.word == "Race"
+    made.toggle(races.ComparisonSetup(("descent", "joint"), "random", 0))
+    turn_until(lambda _: made.error)
+    assert "modes" in made.error and made.button_label == "Start"
 
 
 def test_curves_of_all_share_one_axis_and_hold_between_points():
-    runner = races.Runner(
+    runner = races.RunSummary(
         "joint", None, "", 2, 0.5, 1.0, 1.0, np.array([0.0, 0.5]), np.array([4.0, 1.0]), np.array([-3.0, -9.0])
     )
     other = dataclasses.replace(runner, name="descent", times=np.array([0.0, 2.0]), costs=np.array([-3.0, -5.0]))

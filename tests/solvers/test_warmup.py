@@ -10,7 +10,7 @@ import pytest
 from fdcal.model.scene import load_scene
 from fdcal.solvers.warmup import pieces
 from fdcal.viewer.background import warmup
-from fdcal.viewer.background.warmup import Rehearsal
+from fdcal.viewer.background.warmup import Warmup
 
 CALIBRATION = """
 import sys
@@ -59,8 +59,8 @@ def test_descent_has_nothing_to_rehearse():
 def test_a_rehearsal_tells_how_far_it_is_and_ends(monkeypatch):
     gate = threading.Event()
     monkeypatch.setattr(warmup, "pieces", lambda *_: ([lambda: None], [gate.wait, lambda: 1 / 0]))
-    monkeypatch.setattr(warmup, "LONG", 0.0)
-    made = Rehearsal(load_scene("tiny"))
+    monkeypatch.setattr(warmup, "COMPILE_TIME", 0.0)
+    made = Warmup(load_scene("tiny"))
     made.wait_for_first(lambda: None)
     assert made.busy and made.text.endswith("2 of 3")
     gate.set()

@@ -16,7 +16,7 @@ from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.gui.layout import Panels, SessionFolders
 from fdcal.viewer.main_panel import MainPanel
 from fdcal.viewer.page import Page
-from fdcal.viewer.scene3d.nodes import Stage
+from fdcal.viewer.scene3d.nodes import SceneNodes
 from fdcal.viewer.server import hardening
 
 
@@ -50,7 +50,7 @@ def measurement(scene):
 def work(scene, measurement):
     """What a page shows, its session one that notes its commands."""
     session, problem = Recorder(State(measurement.positions)), measurement.problem("unit")
-    return prepare.Work(scene, measurement, problem, Solver(measurement), session, OpenRequest(scene))
+    return prepare.PreparedRun(scene, measurement, problem, Solver(measurement), session, OpenRequest(scene))
 
 
 @pytest.fixture
@@ -66,8 +66,8 @@ def controls(server, work):
 def viewer(server, work, monkeypatch):
     """A page without a browser, ticked by the test."""
     monkeypatch.setattr(session_view, "usable_modes", lambda *_: 6)
-    monkeypatch.setattr(cost_maps, "STILL", np.inf)  # no fine maps, which would go through the gate, too
-    made = session_view.Viewer(server, work, SessionFolders(Panels(server.gui)), Stage(server))
+    monkeypatch.setattr(cost_maps, "IDLE_TIME", np.inf)  # no fine maps, which would go through the gate, too
+    made = session_view.Viewer(server, work, SessionFolders(Panels(server.gui)), SceneNodes(server))
     yield made
     work.solver.gate.release(99)
     made.close()
@@ -78,7 +78,7 @@ def viewer(server, work, monkeypatch):
 @pytest.fixture
 def page_of(server, scene, kernels):
     """A page without a browser, turned by the test; and what it takes to be ready."""
-    made = Page(server, Stage(server))
+    made = Page(server, SceneNodes(server))
 
     def turn_until(happened):
         for _ in range(round(WAIT / 0.02)):

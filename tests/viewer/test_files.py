@@ -26,15 +26,15 @@ def test_a_file_tells_of_the_picture_drawn(viewer, monkeypatch):
 
 @pytest.mark.parametrize("name", ["../../etc/passwd", 'a"b\r\n.exe', "<script>", "", "ü" * 300])
 def test_the_name_of_a_file_is_a_name(viewer, name):
-    work = dataclasses.replace(viewer._work, scene=dataclasses.replace(viewer._work.scene, name=name))
-    found = exports.file_name(dataclasses.replace(viewer.snapshot, work=work), exports.KINDS[exports.PICTURE])
+    run = dataclasses.replace(viewer._work, scene=dataclasses.replace(viewer._work.scene, name=name))
+    found = exports.file_name(dataclasses.replace(viewer.snapshot, run=run), exports.KINDS[exports.PICTURE])
     assert re.fullmatch(r"fdcal-[A-Za-z0-9_-]{1,60}-step-0\.png", found)
 
 
 def test_every_page_gets_its_file(viewer, monkeypatch):
     gate, got, told = threading.Event(), [], []
     monkeypatch.setitem(exports.KINDS, "gated", exports.Kind(".x", "", lambda _: gate.wait(WAIT) and b"x"))
-    for page in range(exports.MOST + 9):
+    for page in range(exports.MAX_WAITING + 9):
         client = SimpleNamespace(
             add_notification=lambda title, *_, **__: told.append(title),
             send_file_download=lambda *_, page=page, **__: got.append(page),
@@ -43,8 +43,8 @@ def test_every_page_gets_its_file(viewer, monkeypatch):
     gate.set()
     worker = viewer._exports.worker
     assert worker.wait_for(lambda _: not worker._busy and not worker._waiting, WAIT)
-    assert len(got) >= exports.MOST and got == list(range(len(got)))
-    assert len(got) + told.count("Too many files are waiting") == exports.MOST + 9
+    assert len(got) >= exports.MAX_WAITING and got == list(range(len(got)))
+    assert len(got) + told.count("Too many files are waiting") == exports.MAX_WAITING + 9
 
 
 @pytest.mark.parametrize("error", [InputError("no map"), OSError("disk"), ZeroDivisionError("oh")])
@@ -58,4 +58,4 @@ def test_a_file_that_cannot_be_made_is_told_on_its_page(viewer, monkeypatch, err
     client = SimpleNamespace(add_notification=lambda title, body, **_: told.append((title, body)))
     viewer._export(client, "broken")
     assert viewer._exports.worker.wait_for(lambda latest: latest is not None, WAIT)
-    assert told[-1][0] == "Nothing is saved" and str(error) in told[-1][1]
+    assert told[-1][0] == "The file could not be made" and str(error) in told[-1][1]

@@ -38,7 +38,7 @@ def test_a_map_stands_under_its_own_microphone_only(viewer):
 
 
 def test_maps_stand_side_by_side_and_are_drawn_anew_as_the_look_changes(viewer):
-    side = viewer.side_panel.side_by_side
+    side = viewer.side_panel.map_grid
 
     def drawn():
         return side._worker.wait_for(lambda _: not side._worker.busy, WAIT)
@@ -80,7 +80,7 @@ def test_a_running_solver_draws_the_costs_it_has_in_another_scale(viewer):
     say(viewer.main_panel.map.scale, "Linear")
     ready = viewer._maps._worker.latest.ended
     viewer.tick(ready)
-    assert viewer._maps._worker.wait_for(lambda latest: not latest.request[0].look.log, WAIT)
+    assert viewer._maps._worker.wait_for(lambda latest: not latest.request[0].style.log, WAIT)
     viewer.tick(ready)
     assert shown(viewer) == 3 and not viewer.picture.floor.bar.log
 
@@ -120,7 +120,7 @@ def test_while_running_the_map_of_an_older_state_stays_but_not_over_a_reset(view
     session.view = dataclasses.replace(session.view, history=History(states, 1), running=True)
     viewer.tick(0.0)
     assert shown(viewer) == 3, "the very same state"
-    viewer._turn += 1
+    viewer._revision += 1
     viewer.tick(1e9)
     mapped(viewer)
     states.append(State(positions + 0.01, 1))
@@ -133,7 +133,7 @@ def test_while_running_the_map_of_an_older_state_stays_but_not_over_a_reset(view
 
 
 def test_a_fault_of_the_page_is_told_and_it_goes_on(viewer, monkeypatch, caplog):
-    monkeypatch.setattr(viewer._stage, "show", lambda picture: 1 / 0)
+    monkeypatch.setattr(viewer._nodes, "show", lambda picture: 1 / 0)
     for now in (1.0, 1.1, 1.2):
         viewer.guarded_tick(now)
     assert len(caplog.records) == 1 and "ZeroDivisionError" in viewer.main_panel.bar.status.content

@@ -96,7 +96,7 @@ def page(server, controls):
     made, notes = controls
     opened = []
     place = SimpleNamespace(cameras=SimpleNamespace(place_all=lambda view: notes.append(("view", view))))
-    page = SimpleNamespace(panels=Panels(server.gui), viewer=None, open=opened.append, stage=place, opened=opened)
+    page = SimpleNamespace(panels=Panels(server.gui), viewer=None, open=opened.append, nodes=place, opened=opened)
     page.switcher = SimpleNamespace(idle=False)
 
     def ready():

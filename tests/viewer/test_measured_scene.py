@@ -14,7 +14,7 @@ from fdcal.model.measured_scene import MeasuredScene, placeholder_scene
 from fdcal.model.measurement import Measurement
 from fdcal.model.measurement_file import save_measurement
 from fdcal.model.scene import SolverSettings, load_scene
-from fdcal.viewer.background.prepare import Progress, work_of
+from fdcal.viewer.background.prepare import PreparationProgress, prepare_run
 
 
 @pytest.fixture(scope="module")
@@ -26,12 +26,12 @@ def tiny() -> Measurement:
 def test_a_measurement_is_shown_without_walls(told, tiny, tmp_path):
     path = tmp_path / "hall.npz"
     save_measurement(tiny if told else replace(tiny, positions=None, search=None), path)
-    work = work_of(opening_of(str(path)), Progress())
+    work = prepare_run(opening_of(str(path)), PreparationProgress())
     try:
         assert work.scene.title == "hall, as measured"
         assert np.array_equal(work.measurement.pressures, tiny.pressures)
         state = work.session.view.state
-        still = backdrop(work.told, work.measurement)
+        still = backdrop(work.known_scene, work.measurement)
         assert not [part.name for part in (*still.solids, *still.lines) if part.name.startswith(("room", "source"))]
         picture = with_estimate(still, work.measurement, state.positions, 0, None)
         assert any(solid.name == "microphones/estimate" for solid in picture.solids)

@@ -21,7 +21,7 @@ from fdcal.session.request import OpenRequest, edited
 from fdcal.viewer.background import exports
 from fdcal.viewer.background import prepare as preparing
 from fdcal.viewer.preview import look_at_once
-from fdcal.viewer.scene3d.nodes import Stage
+from fdcal.viewer.scene3d.nodes import SceneNodes
 
 
 def test_the_page_tells_how_far_the_simulation_is(page_of, scene, monkeypatch, capsys):
@@ -47,18 +47,18 @@ def test_the_room_is_there_while_the_solver_is_being_prepared(page_of, scene, mo
     page, turn_until = page_of
     prepare, sound = threading.Event(), cached_measurement(scene)
     monkeypatch.setattr(preparing, "cached_measurement", lambda scene, progress: sound)
-    monkeypatch.setattr(preparing.Rehearsal, "wait_for_first", lambda *_: prepare.wait(WAIT))
+    monkeypatch.setattr(preparing.Warmup, "wait_for_first", lambda *_: prepare.wait(WAIT))
     page.open(OpenRequest(edited(scene, {"solver.known": "none"})))
-    assert page.stage.bare
+    assert page.nodes.is_empty
     placed = []
-    monkeypatch.setattr(page.stage.cameras, "place_all", placed.append)
-    turn_until(lambda: not page.stage.bare)
+    monkeypatch.setattr(page.nodes.cameras, "place_all", placed.append)
+    turn_until(lambda: not page.nodes.is_empty)
     assert placed == ["top"], "pages that came before there was anything to see"
-    assert page.viewer is None and "microphones/true" in page.stage._nodes
-    assert not any("known" in name or "estimate" in name for name in page.stage._nodes)
+    assert page.viewer is None and "microphones/true" in page.nodes.parts
+    assert not any("known" in name or "estimate" in name for name in page.nodes.parts)
     prepare.set()
     turn_until(lambda: page.viewer is not None)
-    assert "microphones/estimate" in page.stage._nodes
+    assert "microphones/estimate" in page.nodes.parts
 
 
 def test_a_solver_that_begins_with_all_microphones_in_one_place_has_a_page(page_of, scene):
@@ -73,12 +73,12 @@ def test_a_solver_that_begins_with_all_microphones_in_one_place_has_a_page(page_
 
 
 def test_what_the_cache_holds_is_shown_at_once(server, scene):
-    stage = Stage(server)
-    look_at_once(stage, OpenRequest(edited(scene, {"seed": 987654})))
-    assert stage.bare, "it has to be simulated first"
+    nodes = SceneNodes(server)
+    look_at_once(nodes, OpenRequest(edited(scene, {"seed": 987654})))
+    assert nodes.is_empty, "it has to be simulated first"
     cached_measurement(scene)
-    look_at_once(stage, OpenRequest(scene))
-    assert {"microphones/true", "microphones/known", "room/walls"} <= stage._nodes.keys()
+    look_at_once(nodes, OpenRequest(scene))
+    assert {"microphones/true", "microphones/known", "room/walls"} <= nodes.parts.keys()
     server.scene.reset()
 
 
@@ -224,7 +224,7 @@ def test_an_interrupted_simulation_stops(page_of, scene, monkeypatch):
     turn_until(lambda: begun)
     page.close()
     assert ended, "the simulation's thread must have ended, or it may write half a file"
-    progress = preparing.Progress()
+    progress = preparing.PreparationProgress()
     progress.stop = True
-    with pytest.raises(preparing.Stopped):
+    with pytest.raises(preparing.Cancelled):
         progress(0.5)

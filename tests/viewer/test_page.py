@@ -164,7 +164,7 @@ def test_clients_that_send_junk_harm_nobody_else(served, page):
             say(client, **{**CAMERA, **change})
         say(client, type="GuiUpdateMessage", uuid="nobody", updates={"value": 1})
         say(client, type="CommandTriggerMessage", uuid="nobody")
-        say(client, type="SceneNodeClickMessage", name="/hands/0", instance_index=10**9)
+        say(client, type="SceneNodeClickMessage", name="/picking/0", instance_index=10**9)
         alive(page)
         page.wait_for_timeout(1200)  # one look at all canvases
         alive(page)

@@ -8,7 +8,7 @@ import pytest
 from fdcal.model import mode_ranges
 from fdcal.model.scene import Search
 from fdcal.model.validation import InputError
-from fdcal.viewer.scene3d.picking import Hands
+from fdcal.viewer.scene3d.picking import MicrophonePicker
 
 SEARCH = Search(origin=(1.0, 2.0), size=(0.4, 0.4), step=0.1, radius=1.0)
 
@@ -21,7 +21,7 @@ def hands():
     disc = SimpleNamespace(on_click=lambda call: call, on_drag=lambda _: lambda call: call)
     server = SimpleNamespace(scene=SimpleNamespace(add_batched_meshes_simple=lambda *_, **__: disc))
     picture = SimpleNamespace(marker=0.01, heights=(0.0, 0.0), focus=(0.95, 1.95, 1.45, 2.45))
-    made = Hands(server, binding, picture, picked.append)
+    made = MicrophonePicker(server, binding, picture, picked.append)
     return made, placed
 
 

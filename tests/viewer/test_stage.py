@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from fdcal.graphics.picture import compose, with_estimate
-from fdcal.graphics.primitives import Label
 from fdcal.viewer.scene3d import cameras
-from fdcal.viewer.scene3d.nodes import Stage
+from fdcal.viewer.scene3d.nodes import SceneNodes
 
 
 def placing(server, scene, measurement) -> cameras.Cameras:
@@ -112,28 +111,69 @@ def test_a_page_is_made_to_tell_the_size_of_its_canvas(server, scene, measuremen
     assert client.fov == pytest.approx(opening, rel=2e-4)
 
 
-def test_only_what_has_changed_is_sent(server, scene, measurement, monkeypatch):
-    stage, sent = Stage(server), []
-    monkeypatch.setattr(stage, "_send", lambda name, *_: sent.append(name) or SimpleNamespace(remove=lambda: None))
-    still = compose(scene, measurement)
-    stage.show(with_estimate(still, measurement, measurement.positions))
-    assert "room/walls" in sent and "microphones/estimate" in sent
-    sent.clear()
-    stage.show(with_estimate(still, measurement, measurement.positions.copy()))
-    assert sent == []
-    stage.show(with_estimate(still, measurement, measurement.positions + 0.01))
-    assert {name.removesuffix("_halo") for name in sent} == {
+class SentScene:
+    """viser's scene; notes each node that is added, and each value that is given to one, in `sent` and `nodes`."""
+
+    def __init__(self):
+        self.sent, self.nodes = [], {}
+
+    def add(self, name, *_, **values):
+        scene = self
+
+        class Node(SimpleNamespace):
+            def __setattr__(self, key, value):
+                scene.sent.append(name.removeprefix("/"))
+                super().__setattr__(key, value)
+
+            def remove(self):
+                del scene.nodes[name.removeprefix("/")]
+
+        self.sent.append(name.removeprefix("/"))
+        self.nodes[name.removeprefix("/")] = node = Node(**values)
+        return node
+
+    add_line_segments = add_image = add_label = add_mesh_simple = add_mesh_trimesh = add
+
+    def __getattr__(self, name):
+        return lambda *_, **__: None  # lights
+
+
+@pytest.fixture
+def sent_scene():
+    scene = SentScene()
+    server = SimpleNamespace(scene=scene, atomic=contextlib.nullcontext, initial_camera=None)
+    return scene, SceneNodes(server)
+
+
+def test_only_what_has_changed_is_sent(sent_scene, scene, measurement):
+    made, nodes = sent_scene
+    static = compose(scene, measurement)
+    nodes.show(with_estimate(static, measurement, measurement.positions))
+    assert "room/walls" in made.sent and "microphones/estimate" in made.sent
+    made.sent.clear()
+    nodes.show(with_estimate(static, measurement, measurement.positions.copy()))
+    assert made.sent == []
+    nodes.show(with_estimate(static, measurement, measurement.positions + 0.01))
+    assert {name.removesuffix("_halo") for name in made.sent} == {
         "microphones/estimate",
         "microphones/error",
         "microphones/known",
     }
 
 
-def test_a_ruler_s_numbers_have_the_size_that_the_scene_asks_for(server, scene, measurement):
-    stage = Stage(server)
+def test_what_the_next_picture_lacks_is_removed(sent_scene, scene, measurement):
+    made, nodes = sent_scene
+    static = compose(scene, measurement)
+    assert nodes.is_empty
+    nodes.show(with_estimate(static, measurement, measurement.positions, 4))
+    nodes.show(static)
+    assert made.nodes.keys() == nodes.parts.keys() and not any("looked_at" in name for name in made.nodes)
+
+
+def test_the_numbers_of_a_ruler_have_the_size_that_the_scene_asks_for(sent_scene, scene, measurement):
+    made, nodes = sent_scene
     small = compose(scene, measurement)
     for picture in (small, dataclasses.replace(small, marker=4 * small.marker)):
-        stage.show(picture)
-        heights = {node.font_scene_height for part, node in stage._nodes.values() if isinstance(part, Label)}
+        nodes.show(picture)
+        heights = {made.nodes[label.name].font_scene_height for label in picture.labels}
         assert len(heights) == 1 and heights.pop() == pytest.approx(1.5 * picture.marker)
-    server.scene.reset()

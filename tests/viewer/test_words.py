@@ -32,7 +32,7 @@ def test_modes_beyond_f_max_are_warned_of(measurement):
 
 
 def test_uncertainty_is_told_of_finished_states_only(measurement, monkeypatch):
-    made, asked = uncertainty.Spreads(SimpleNamespace()), []
+    made, asked = uncertainty.UncertaintyWorker(SimpleNamespace()), []
     assert made.close(WAIT)
     monkeypatch.setattr(made._worker, "request", asked.append)
     going, done = State(measurement.positions), State(measurement.positions, finished=True)

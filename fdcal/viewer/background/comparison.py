@@ -1,26 +1,36 @@
-"""A race on its way: made in the background, its curves reckoned there too; the main loop looks at it.
+"""A comparison of solvers while it runs: prepared in the background, its curves computed there, too.
 
-Callbacks ask (`toggle`, `reset`, `drop`), the main loop does (`turn`).
+Callbacks queue a command (`toggle`, `reset`, `stop`); the main loop executes it (`update`).
 """
 
 from __future__ import annotations
 
 import collections
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from ...session.comparison import Comparison, ComparisonRun, common_cost
 from ...session.worker import LatestWorker
-from .prepare import Work
+from .prepare import PreparedRun
 
 INTERVAL = 0.2  # s between two looks at the runs
-MOST_POINTS = 60  # of a run's curves at a time
+MAX_POINTS = 60  # of the curves of one run
+
+Command = Literal["toggle", "reset", "stop"]
 
 
 @dataclass(frozen=True)
-class Entry:
-    """Who races, and from where."""
+class ComparisonSetup:
+    """Which solvers are compared, and from where they start.
+
+    Attributes
+    ----------
+    names : of the solvers
+    start : of the positions, as in scene.Solver
+    seed : int, of the random start
+    """
 
     names: tuple[str, ...]
     start: str
@@ -28,168 +38,191 @@ class Entry:
 
 
 @dataclass(frozen=True)
-class Runner:
-    """One run as it is shown; times s, errors mm, costs dB re the power of the pressures."""
+class RunSummary:
+    """One run of a comparison, as it is shown.
+
+    Attributes
+    ----------
+    name : of the solver
+    positions : (N, D) float64, metres
+    status : "running", "converged", ...
+    step : int
+    seconds : processor time since the start, s
+    mean_error, largest_error : of the positions, mm; None where the true positions are unknown
+    times : (P,) float64, s, of the points of the curves
+    mean_errors : (P,) float64, mm, or None
+    costs : (P,) float64, dB relative to the power of the pressures
+    """
 
     name: str
     positions: np.ndarray
-    doing: str
+    status: str
     step: int
     seconds: float
-    error: float | None  # mean, now
-    largest: float | None
-    times: np.ndarray  # (P,)
-    errors: np.ndarray | None  # (P,) mean
-    costs: np.ndarray  # (P,)
+    mean_error: float | None
+    largest_error: float | None
+    times: np.ndarray
+    mean_errors: np.ndarray | None
+    costs: np.ndarray
 
 
-class Races:
-    """Owns the race's threads and those that make it and reckon its curves."""
+class ComparisonWorker:
+    """Owns the threads that prepare a comparison, run its solvers and compute its curves.
 
-    def __init__(self, work: Work):
-        self._work, self._asked = work, collections.deque()
-        self._maker = LatestWorker(self._make, "fdcal-race")
-        self._curves = LatestWorker(self._reckon, "fdcal-race-curves")
-        self._rows: dict[str, dict[int, tuple]] = {}  # of each run, by step: the state, its error and cost
-        self._entry: Entry | None = None
-        self._waited: Entry | None = None  # being made
-        self._race: Comparison | None = None
-        self._looked = -1e9
-        self.trouble = ""
-        self.runners: tuple[Runner, ...] = ()
+    `error` says why the comparison could not start, "" where it could. `summaries` is a new tuple whenever something
+    has changed.
 
-    def toggle(self, entry: Entry) -> None:
-        """Begin the race, pause it, or go on. Any thread."""
-        self._asked.append(("toggle", entry))
+    Parameters
+    ----------
+    run : PreparedRun, whose problem and settings the comparison takes
+    """
+
+    def __init__(self, run: PreparedRun):
+        self._run = run
+        self._commands: collections.deque[tuple[Command, ComparisonSetup | None]] = collections.deque()
+        self._preparation = LatestWorker(self._prepare, "fdcal-comparison")
+        self._curves = LatestWorker(self._compute_curves, "fdcal-comparison-curves")
+        self._points: dict[str, dict[int, tuple[float, float]]] = {}  # of each run, by step: its error and cost
+        self._setup: ComparisonSetup | None = None
+        self._pending: ComparisonSetup | None = None  # being prepared
+        self._comparison: Comparison | None = None
+        self._updated = -1e9
+        self.error = ""
+        self.summaries: tuple[RunSummary, ...] = ()
+
+    def toggle(self, setup: ComparisonSetup) -> None:
+        """Start the comparison, pause it, or resume it. Any thread."""
+        self._commands.append(("toggle", setup))
 
     def reset(self) -> None:
-        """All back to the start. Any thread."""
-        self._asked.append(("reset", None))
+        """Take all runs back to their start. Any thread."""
+        self._commands.append(("reset", None))
 
-    def drop(self) -> None:
-        """End the race. Any thread."""
-        self._asked.append(("drop", None))
+    def stop(self) -> None:
+        """End the comparison. Any thread."""
+        self._commands.append(("stop", None))
 
-    # Below: the main loop, but for _make and _reckon.
+    # Below: the main loop, except for _prepare and _compute_curves.
 
     @property
-    def word(self) -> str:
-        """What the button would do."""
-        if self._waited is not None:
+    def button_label(self) -> str:
+        """What the button does next."""
+        if self._pending is not None:
             return "Preparing ..."
-        return "Race" if self._race is None else "Pause" if self._race.running else "Go on"
+        return "Start" if self._comparison is None else "Pause" if self._comparison.running else "Resume"
 
     @property
-    def over(self) -> bool:
-        return self._race is not None and self._race.over and not self._race.running
+    def finished(self) -> bool:
+        """Whether all runs have finished."""
+        return self._comparison is not None and self._comparison.over and not self._comparison.running
 
-    def turn(self, now: float) -> tuple[Runner, ...]:
-        """Do what was asked; the runners as they are, a new tuple when something has changed."""
-        while self._asked:
-            self._obey(*self._asked.popleft())
-        self._take()
-        if self._race is not None and now - self._looked > INTERVAL:
-            self._looked = now
-            self._look()
-        return self.runners
+    def update(self, now: float) -> tuple[RunSummary, ...]:
+        """Execute the commands that wait, and return the runs as they are at the time `now`, s."""
+        while self._commands:
+            self._execute(*self._commands.popleft())
+        self._take_prepared()
+        if self._comparison is not None and now - self._updated > INTERVAL:
+            self._updated = now
+            self._summarise(self._comparison)
+        return self.summaries
 
-    def _obey(self, word: str, entry: Entry | None) -> None:
-        race, self.trouble = self._race, ""
-        if word == "drop" or (word == "toggle" and race is not None and entry != self._entry):
+    def _execute(self, command: Command, setup: ComparisonSetup | None) -> None:
+        comparison, self.error = self._comparison, ""
+        if command == "stop" or (command == "toggle" and comparison is not None and setup != self._setup):
             self._end()
-        if word == "toggle" and self._race is None and self._waited is None:
-            self._waited = entry
-            self._maker.request(entry)
-        elif word == "toggle" and self._race is not None:
-            (race.pause if race.running else race.play)()
-        elif word == "reset" and race is not None:
-            race.reset()
+        if command == "toggle" and self._comparison is None and self._pending is None:
+            self._pending = setup
+            self._preparation.request(setup)
+        elif command == "toggle" and self._comparison is not None:
+            (self._comparison.pause if self._comparison.running else self._comparison.play)()
+        elif command == "reset" and comparison is not None:
+            comparison.reset()
 
-    def _take(self) -> None:
-        """The race that is ready begins."""
-        latest = self._maker.latest
-        if self._waited is None or latest is None or latest.request[0] is not self._waited:
+    def _take_prepared(self) -> None:
+        """Start the comparison that is ready."""
+        latest = self._preparation.latest
+        if self._pending is None or latest is None or latest.request[0] is not self._pending:
             return
-        self._waited, self._race, self._entry, self.trouble = None, latest.result, latest.request[0], latest.error
-        if self._race is not None:
-            self._rows = {run.name: {} for run in self._race.runs}
-            self._race.play()
+        self._pending, self._comparison, self._setup, self.error = None, latest.result, latest.request[0], latest.error
+        if self._comparison is not None:
+            self._points = {run.name: {} for run in self._comparison.runs}
+            self._comparison.play()
 
     def _end(self) -> None:
-        if self._race is not None:
-            self._race.close(0.0)
-        self._race, self._entry, self._waited, self.runners = None, None, None, ()
+        if self._comparison is not None:
+            self._comparison.close(0.0)
+        self._comparison, self._setup, self._pending, self.summaries = None, None, None, ()
 
-    def _make(self, entry: Entry) -> Comparison:
-        """On the maker's thread."""
-        return Comparison(self._work.problem, self._work.scene.solver, entry.names, entry.start, entry.seed)
+    def _prepare(self, setup: ComparisonSetup) -> Comparison:
+        """On the preparation's thread."""
+        return Comparison(self._run.problem, self._run.scene.solver, setup.names, setup.start, setup.seed)
 
-    def _look(self) -> None:
-        runners = tuple(self._runner(run) for run in self._race.runs)
-        changed = len(runners) != len(self.runners) or any(
-            a.positions is not b.positions or len(a.times) != len(b.times) or a.doing != b.doing
-            for a, b in zip(runners, self.runners, strict=True)
+    def _summarise(self, comparison: Comparison) -> None:
+        summaries = tuple(self._summary(run) for run in comparison.runs)
+        changed = len(summaries) != len(self.summaries) or any(
+            a.positions is not b.positions or len(a.times) != len(b.times) or a.status != b.status
+            for a, b in zip(summaries, self.summaries, strict=True)
         )
         if changed:
-            self.runners = runners
+            self.summaries = summaries
         if not self._curves.busy:
-            wanted = [(run.name, _some(run.session.view)) for run in self._race.runs]
-            missing = [(name, [s for s in states if s.step not in self._rows[name]]) for name, states in wanted]
+            drawn = [(run.name, _drawn_states(run.session.view)) for run in comparison.runs]
+            missing = [(name, [s for s in states if s.step not in self._points[name]]) for name, states in drawn]
             if any(states for _, states in missing):
-                self._curves.request(self._rows, missing)
+                self._curves.request(self._points, missing)
 
-    def _runner(self, run: ComparisonRun) -> Runner:
+    def _summary(self, run: ComparisonRun) -> RunSummary:
         view = run.session.view
         state = view.state
         errors = self._errors(state)
-        rows = self._rows[run.name]
-        steps = [step for step in sorted(rows.copy()) if step <= state.step]
-        return Runner(
+        points = self._points[run.name]
+        steps = [step for step in sorted(points.copy()) if step <= state.step]
+        return RunSummary(
             name=run.name,
             positions=state.positions,
-            doing="stopped by an error" if view.error else "running" if view.running else _word(state),
+            status="stopped by an error" if view.error else "running" if view.running else _status(state),
             step=state.step,
             seconds=run.seconds(state),
-            error=None if errors is None else float(errors.mean()),
-            largest=None if errors is None else float(errors.max()),
+            mean_error=None if errors is None else float(errors.mean()),
+            largest_error=None if errors is None else float(errors.max()),
             times=np.array([run.timed.spent.get(step, 0.0) if step else 0.0 for step in steps]),
-            errors=None if errors is None else np.array([rows[step][0] for step in steps]),
-            costs=np.array([rows[step][1] for step in steps]),
+            mean_errors=None if errors is None else np.array([points[step][0] for step in steps]),
+            costs=np.array([points[step][1] for step in steps]),
         )
 
     def _errors(self, state) -> np.ndarray | None:
-        """Of each microphone, mm."""
-        errors = self._work.measurement.errors(state.positions)
+        """Position error of each microphone, (N,) float64, mm."""
+        errors = self._run.measurement.errors(state.positions)
         return None if errors is None else 1e3 * errors
 
-    def _reckon(self, rows: dict, missing: list) -> None:
-        """On the curves' thread: error and cost of the states that have none yet."""
-        work = self._work
+    def _compute_curves(self, points: dict, missing: list) -> None:
+        """Compute error and cost of the states that have none yet; on the curves' thread."""
+        problem, settings = self._run.problem, self._run.scene.solver
         for name, states in missing:
             for state in states:
                 errors = self._errors(state)
                 error = 0.0 if errors is None else float(errors.mean())
-                cost = common_cost(work.problem, work.scene.solver, state.positions)
-                rows[name][state.step] = error, 10 * np.log10(max(cost, 1e-16))
+                cost = common_cost(problem, settings, state.positions)
+                points[name][state.step] = error, 10 * np.log10(max(cost, 1e-16))
 
     def close(self, timeout: float) -> bool:
-        """End the threads after what they are at."""
+        """End the threads after the work in progress; False if that takes longer than `timeout`, s."""
         self._end()
-        done = self._maker.close(timeout)
-        latest = self._maker.latest
+        done = self._preparation.close(timeout)
+        latest = self._preparation.latest
         if latest is not None and latest.result is not None:
             done = latest.result.close(timeout) and done
         return self._curves.close(timeout) and done
 
 
-def _word(state) -> str:
-    return ("settled" if state.converged else "sweeps used up") if state.finished else "waiting"
+def _status(state) -> str:
+    return ("converged" if state.converged else "sweep limit reached") if state.finished else "waiting"
 
 
-def _some(view) -> list:
-    """States of a run that its curves go through: ever more of them on the same grid, and the last."""
+def _drawn_states(view) -> list:
+    """States that the curves of a run pass through: ever more of them on the same grid, and the last."""
     count = view.index + 1
     stride = 1
-    while count / stride > MOST_POINTS:
+    while count / stride > MAX_POINTS:
         stride *= 2
     return [*view.history[0:count:stride], view.state]

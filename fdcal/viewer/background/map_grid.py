@@ -7,49 +7,67 @@ import numpy as np
 from ...graphics.panels import Marks, mosaic
 from ...graphics.primitives import DARK, LIGHT
 from ...session.worker import LatestWorker
-from .cost_maps import Map
-from .prepare import Work
+from .cost_maps import CostMap
+from .prepare import PreparedRun
 
-MOST_PANELS = 9  # maps of single modes side by side
+MAX_PANELS = 9  # maps of single modes side by side
 INTERVAL = 0.2  # s between two images
 
 
-class SideBySide:
-    """Asks for images and hands out the newest; all of it on the caller's thread but `_draw`."""
+class MapGridWorker:
+    """Requests images and returns the newest; all of it on the caller's thread except `_draw`.
 
-    def __init__(self, work: Work):
-        self._work, self._asked, self._since = work, None, -1e9
-        self._worker = LatestWorker(self._draw, "fdcal-panels")
+    Parameters
+    ----------
+    run : PreparedRun
+    """
 
-    def of(self, drawn: Map | None, now: float) -> np.ndarray | None:
-        """The newest image (H, W, 3) uint8, perhaps of a map before `drawn`; None where there are no single maps."""
+    def __init__(self, run: PreparedRun):
+        self._run, self._since = run, -1e9
+        self._requested: CostMap | None = None
+        self._worker = LatestWorker(self._draw, "fdcal-map-grid")
+
+    def of(self, drawn: CostMap | None, now: float) -> np.ndarray | None:
+        """Return the newest image, perhaps of a map before `drawn`.
+
+        Parameters
+        ----------
+        drawn : the map on the floor, or None
+        now : time, s
+
+        Returns
+        -------
+        (H, W, 3) uint8, or None where there are no maps of single modes
+        """
         if drawn is None or drawn.costs is None:
-            self._asked = None
+            self._requested = None
             return None
-        asked = self._asked is not None and self._asked.costs is drawn.costs
-        asked = asked and self._asked.request.look == drawn.request.look
-        if not asked and now - self._since > INTERVAL and not self._worker.busy:
-            self._asked, self._since = drawn, now
+        last = self._requested
+        current = last is not None and last.costs is drawn.costs and last.request.style == drawn.request.style
+        if not current and now - self._since > INTERVAL and not self._worker.busy:
+            self._requested, self._since = drawn, now
             self._worker.request(drawn)
         latest = self._worker.latest
-        return None if latest is None or self._asked is None else latest.result
+        return None if latest is None or self._requested is None else latest.result
 
     def close(self, timeout: float) -> bool:
-        """End the thread after the image under way."""
+        """End the thread after the image in progress; False if that takes longer than `timeout`, s."""
         return self._worker.close(timeout)
 
-    def _draw(self, drawn: Map) -> np.ndarray:
+    def _draw(self, drawn: CostMap) -> np.ndarray | None:
         """On the thread."""
-        wanted, costs, measurement = drawn.request, drawn.costs, self._work.measurement
-        n, f = wanted.microphone, measurement.frequencies
-        shown = np.unique(np.linspace(0, len(costs) - 1, min(len(costs), MOST_PANELS)).round().astype(int))
-        captions = [f"{wanted.modes[i]}: {f[wanted.modes[i] - 1]:.1f} Hz" for i in shown]
+        request, costs, run = drawn.request, drawn.costs, self._run
+        if costs is None or run.problem.search is None:
+            return None
+        n, f = request.microphone, run.measurement.frequencies
+        shown = np.unique(np.linspace(0, len(costs) - 1, min(len(costs), MAX_PANELS)).round().astype(int))
+        captions = [f"{request.modes[i]}: {f[request.modes[i] - 1]:.1f} Hz" for i in shown]
         captions.append(f"sum of {len(costs)}" if len(costs) > 1 else "sum (one mode)")
-        here = np.asarray(wanted.state.positions)
-        truth = measurement.aligned_truth(here)
-        marks = Marks(None if truth is None else tuple(truth[n][:2]), tuple(here[n][:2]))
+        positions = np.asarray(request.state.positions)
+        truth = run.measurement.aligned_truth(positions)
+        marks = Marks(None if truth is None else tuple(truth[n][:2]), tuple(positions[n][:2]))
         return mosaic(
-            [*costs[shown], costs.sum(axis=0)], captions, self._work.problem.search, marks,
-            DARK if wanted.look.dark else LIGHT,
-            log=wanted.look.log, shared=wanted.look.shared, columns=2 if len(shown) < 6 else 3,
+            [*costs[shown], costs.sum(axis=0)], captions, run.problem.search, marks,
+            DARK if request.style.dark else LIGHT,
+            log=request.style.log, shared=request.style.shared, columns=2 if len(shown) < 6 else 3,
         )  # fmt: skip

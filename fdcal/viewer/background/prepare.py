@@ -1,4 +1,4 @@
-"""From an opening to a session, on a thread that can be stopped."""
+"""From a request for a scene to a session that can be shown, on a thread that can be cancelled."""
 
 from __future__ import annotations
 
@@ -14,16 +14,27 @@ from ...model.scene import Scene
 from ...model.validation import InputError
 from ...session.request import OpenRequest, as_given
 from ...session.session import Session
-from .warmup import Rehearsal
+from .warmup import Warmup
 
 
-class Stopped(Exception):
-    """Raised inside a simulation that nobody waits for any more."""
+class Cancelled(Exception):
+    """Raised inside a simulation whose result nobody waits for any more."""
 
 
 @dataclass(frozen=True)
-class Work:
-    """What a page shows: a scene, its measurement, and the session that calibrates it."""
+class PreparedRun:
+    """What a page shows: a scene, its measurement, and the session that calibrates it.
+
+    Attributes
+    ----------
+    scene : Scene; for a measurement from a file one that stands in for its unknown room
+    measurement : Measurement, as it is drawn and scored
+    problem : Problem, as the solver receives it
+    solver : module of fdcal.solvers
+    session : Session
+    opening : the request that the run was prepared for
+    warmup : what is still being compiled beside the page, or None
+    """
 
     scene: Scene
     measurement: Measurement
@@ -31,80 +42,101 @@ class Work:
     solver: ModuleType
     session: Session
     opening: OpenRequest
-    rehearsal: Rehearsal | None = None  # what is still being compiled beside the page
+    warmup: Warmup | None = None
 
     @property
-    def told(self) -> Scene | None:
-        """The scene, or None where it only stands in for a room that nobody has told."""
+    def known_scene(self) -> Scene | None:
+        """The scene, or None where it only stands in for an unknown room."""
         return None if isinstance(self.scene, MeasuredScene) else self.scene
 
 
-class Progress:
-    """How far the simulation is; told by its thread, read by the main one. `stop` ends it."""
+class PreparationProgress:
+    """Progress of the preparation: written by its thread, read by the main one. Setting `stop` cancels it.
+
+    Attributes
+    ----------
+    done : float, 0 to 1, of the simulation
+    stop : bool
+    warmup : Warmup or None
+    measurement : Measurement, or None until there is one
+    """
 
     def __init__(self):
         self.done, self.stop = 0.0, False
-        self.rehearsal: Rehearsal | None = None
-        self.measurement: Measurement | None = None  # as soon as there is one
+        self.warmup: Warmup | None = None
+        self.measurement: Measurement | None = None
 
     def __call__(self, done: float, *_) -> None:
         self.done = float(done)
         if self.stop:
-            raise Stopped
+            raise Cancelled
 
     @property
     def text(self) -> str:
+        """The progress in words."""
         if self.done < 1:
             return f"Simulating the room ... {round(100 * self.done)} %"
-        return (self.rehearsal.text if self.rehearsal else "") or "Preparing the solver ..."
+        return (self.warmup.text if self.warmup else "") or "Preparing the solver ..."
 
 
-def work_of(opening: OpenRequest, progress: Progress) -> Work:
-    """Measurement, problem and session of an opening. Raises what their making raises, and Stopped."""
-    rehearsal = progress.rehearsal = Rehearsal(opening.scene)
+def prepare_run(opening: OpenRequest, progress: PreparationProgress) -> PreparedRun:
+    """Simulate or take the measurement, pose the problem and start a session.
+
+    Parameters
+    ----------
+    opening : what is to be shown
+    progress : kept up to date; its `stop` cancels the preparation
+
+    Raises
+    ------
+    InputError
+        The scene, the measurement or the states cannot be used.
+    Cancelled
+        `progress.stop` has been set.
+    """
+    warmup = progress.warmup = Warmup(opening.scene)
     try:
-        return _work_of(opening, progress, rehearsal)
+        return _prepare(opening, progress, warmup)
     except BaseException:
-        rehearsal.stop = True
+        warmup.stop = True
         raise
 
 
-def _work_of(opening: OpenRequest, progress: Progress, rehearsal: Rehearsal) -> Work:
-    scene, measurement = opening.scene, opening.measurement
-    if measurement is None:
-        measurement = cached_measurement(scene, progress)
-    progress.measurement = as_given(scene, measurement)
+def _prepare(opening: OpenRequest, progress: PreparationProgress, warmup: Warmup) -> PreparedRun:
+    scene, source = opening.scene, opening.measurement
+    if source is None:
+        source = cached_measurement(scene, progress)
+    progress.measurement = measurement = as_given(scene, source)
     progress(1.0)
-    rehearsal.wait_for_first(lambda: progress(1.0))
-    problem = measurement.problem(scene.solver.weights, scene.solver.known)
-    measurement = progress.measurement
+    warmup.wait_for_first(lambda: progress(1.0))
+    problem = source.problem(scene.solver.weights, scene.solver.known)
     if opening.fewer_modes:
-        scene = _with_modes_there_are(scene, problem)
+        scene = _with_available_modes(scene, problem)
     solver = solvers.load(scene.solver.name)
     session = Session(problem, scene.solver, opening.seed, solver, opening.states, opening.index)
     try:
-        _warm_up(problem, solver, session.view.history[0])
+        _compile_step_and_map(problem, solver, session.view.history[0])
     except BaseException as error:
         session.close(0.5)
         if opening.states and isinstance(error, Exception) and not isinstance(error, InputError):
-            raise InputError(f"the solver cannot go on from the states given: {error!r}") from error
+            raise InputError(f"the solver cannot continue from the given states: {error!r}", key="states") from error
         raise
     if opening.play:
         session.play()
-    return Work(scene, measurement, problem, solver, session, opening, rehearsal)
+    return PreparedRun(scene, measurement, problem, solver, session, opening, warmup)
 
 
-def _with_modes_there_are(scene: Scene, problem: Problem) -> Scene:
-    """The scene with no more modes asked for than were measured and, by descent, can be carried."""
-    own, count = scene.solver, len(problem.frequencies)
-    if own.name.startswith("descent"):
-        count = usable_modes(problem, own.order_offset)
-    if not 0 < count < own.modes:
+def _with_available_modes(scene: Scene, problem: Problem) -> Scene:
+    """Limit the modes of the scene to those measured and, by descent, to those that the microphones can resolve."""
+    settings, count = scene.solver, len(problem.frequencies)
+    if settings.name.startswith("descent"):
+        count = usable_modes(problem, settings.order_offset)
+    if not 0 < count < settings.modes:
         return scene
-    return replace(scene, solver=replace(own, modes=count, first_modes=min(own.first_modes, count)))
+    return replace(scene, solver=replace(settings, modes=count, first_modes=min(settings.first_modes, count)))
 
 
-def _warm_up(problem, solver, state) -> None:
+def _compile_step_and_map(problem: Problem, solver: ModuleType, state) -> None:
     """Compile what a step and a map need, seconds the first time, so that the first click is answered at once."""
     solver.step(problem, state)
     if problem.search is not None:

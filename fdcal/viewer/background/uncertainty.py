@@ -1,6 +1,6 @@
-"""How far each microphone may be from where it is supposed, on a thread of its own.
+"""The uncertainty of each estimated position, computed on a thread of its own.
 
-Only of a solver that has finished: before, its positions are not at a minimum.
+Only for a solver that has finished: before that, its positions are not at a minimum.
 """
 
 from __future__ import annotations
@@ -11,49 +11,70 @@ import numpy as np
 
 from ...assessment.uncertainty import covariance, ellipse_axes, field_of, one_sigma, spread
 from ...session.worker import LatestWorker
-from .prepare import Work
+from .prepare import PreparedRun
 
-SIGMAS = 2.4477  # half axes of the ellipse that covers 95 % of a plane's Gaussian
-STILL = 0.5  # s without a change before the uncertainty is reckoned
+SIGMAS = 2.4477  # half axes of the ellipse that holds 95 % of a bivariate Gaussian, in standard deviations
+IDLE_TIME = 0.5  # s without a change before the uncertainty is computed
 
 
 @dataclass(frozen=True)
-class Errors:
-    """Uncertainty of N microphones: half axes (N, D, D) of the 95 % ellipses and one sigma (N,), metres."""
+class PositionUncertainty:
+    """Uncertainty of N positions.
+
+    Attributes
+    ----------
+    axes : (N, D, D) float64, metres, half axes of the 95 % ellipses in rows, the longest last
+    sigma : (N,) float64, metres, one standard deviation
+    """
 
     axes: np.ndarray
     sigma: np.ndarray
 
 
-class Spreads:
-    """Asks for uncertainties and hands out that of the state looked at."""
+class UncertaintyWorker:
+    """Requests uncertainties and returns the one of the state on the screen.
 
-    def __init__(self, work: Work):
-        self._work, self._state, self._since, self._asked = work, None, 0.0, None
-        self._worker = LatestWorker(self._reckon, "fdcal-spread")
+    Parameters
+    ----------
+    run : PreparedRun
+    """
 
-    def of(self, state, running: bool, now: float) -> Errors | None:
-        """The uncertainty of `state`, or None: not there yet, or none to be had of these positions."""
+    def __init__(self, run: PreparedRun):
+        self._run, self._state, self._since, self._requested = run, None, 0.0, None
+        self._worker = LatestWorker(self._compute, "fdcal-uncertainty")
+
+    def of(self, state, running: bool, now: float) -> PositionUncertainty | None:
+        """Return the uncertainty of `state`, None while there is none yet or where it cannot be determined.
+
+        Parameters
+        ----------
+        state : of the solver
+        running : whether the solver runs
+        now : time, s
+        """
         if state is not self._state:
             self._state, self._since = state, now
-        if state.finished and not running and state is not self._asked and now - self._since > STILL:
-            self._asked = state
+        idle = now - self._since > IDLE_TIME and not running
+        if state.finished and idle and state is not self._requested:
+            self._requested = state
             self._worker.request(state)
         latest = self._worker.latest
         return latest.result if latest is not None and latest.request[0] is state else None
 
     def close(self, timeout: float) -> bool:
-        """End the thread after the work under way."""
+        """End the thread after the work in progress; False if that takes longer than `timeout`, s."""
         return self._worker.close(timeout)
 
-    def _reckon(self, state) -> Errors | None:
-        work, positions = self._work, np.asarray(state.positions)
-        if work.scene.solver.name == "room":  # which knows more than this covariance does
+    def _compute(self, state) -> PositionUncertainty | None:
+        run, positions = self._run, np.asarray(state.positions)
+        if run.scene.solver.name == "room":  # its model has more parameters than this covariance takes into account
             return None
         modes = slice(state.first - 1, state.last)
-        p, field = field_of(work.problem, positions, modes, None)
+        p, field = field_of(run.problem, positions, modes, None)
         try:
-            blocks = covariance(spread(positions, p, field, work.problem.known))
-        except np.linalg.LinAlgError:  # positions from which nothing can be told
+            blocks = covariance(spread(positions, p, field, run.problem.known))
+        except np.linalg.LinAlgError:  # the field does not determine these positions
             return None
-        return Errors(ellipse_axes(blocks, SIGMAS), one_sigma(blocks)) if np.isfinite(blocks).all() else None
+        if not np.isfinite(blocks).all():
+            return None
+        return PositionUncertainty(ellipse_axes(blocks, SIGMAS), one_sigma(blocks))

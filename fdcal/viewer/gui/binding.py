@@ -13,8 +13,8 @@ import viser
 
 from ...model.validation import InputError
 from ...session.request import OpenRequest
-from ..background.cost_maps import Look
-from ..background.prepare import Work
+from ..background.cost_maps import MapStyle
+from ..background.prepare import PreparedRun
 
 FLOOR, RELIEF, SHAPE, NOTHING = "Flat map", "Relief", "Shape of the last mode", "No map"
 PICTURE = "Picture (PNG)"  # first of the files that can be saved
@@ -28,7 +28,7 @@ class Choices:
     follow: bool = True  # after a step, show the microphone that it moved
     shown: bool = True  # a map at all
     modes: tuple[int, ...] | None = None  # of the map, chosen by hand; None: those in use
-    look: Look = field(default_factory=Look)
+    look: MapStyle = field(default_factory=MapStyle)
     trails: bool = False  # the way that each microphone has come
     ellipses: bool = False  # how far each may be from where it is supposed
     complaint: str = ""  # about what was written into a field
@@ -42,7 +42,7 @@ KEPT = ("trails", "ellipses", "export_kind", "export_view", "export_size")  # wh
 SWITCHES = ("follow", "shown", "trails", "ellipses", "log", "relief", "shared", "dark", "shape")
 
 
-def first_choices(work: Work, modes: int, before: Choices | None) -> Choices:
+def first_choices(work: PreparedRun, modes: int, before: Choices | None) -> Choices:
     """What the controls say when a session opens: what its opening says, and the looks of the page before.
 
     Raises InputError for what the opening's `choices` must not be.
@@ -98,7 +98,7 @@ class Binding:
     def __init__(
         self,
         gui: viser.GuiApi,
-        work: Work,
+        work: PreparedRun,
         modes: int,
         open_other: Callable[[OpenRequest], None] = lambda opening: None,
         before: Choices | None = None,

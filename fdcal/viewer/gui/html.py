@@ -147,10 +147,10 @@ def complaint(text: str) -> str:
 
 
 def map_lines(drawn) -> str:
-    """What is to be read off a map (maps.Map): its local minima, and the cost where the microphone is supposed."""
+    """What is to be read off a CostMap: its local minima, and the cost at the estimated position."""
     if drawn is None:
         return ""
-    if drawn.request.look.shape:
+    if drawn.request.style.shape:
         text = "Sound pressure at one moment, from what the microphones heard and where they are supposed to be (Eq. 6)"
         return f"<div style='{CARD}'>{text}</div>"
     count = drawn.minima
@@ -159,7 +159,7 @@ def map_lines(drawn) -> str:
     what = f"sum of {modes} modes" if modes > 1 else f"mode {drawn.request.modes[0]} alone"
     return (
         f"<div style='{CARD}'>microphone {drawn.request.microphone}, {what}: <b>{minima}</b> inside<br>"
-        f"cost at the cross <b>{number(drawn.here, 4)}</b>, lowest {number(drawn.lowest, 4)}</div>"
+        f"cost at the cross <b>{number(drawn.cost_here, 4)}</b>, lowest {number(drawn.lowest, 4)}</div>"
     )
 
 
@@ -206,10 +206,10 @@ def table(measurement: Measurement, positions, sigma, looked_at: int) -> str:
 
 
 def panels_caption(drawn) -> str:
-    """What the maps side by side (of maps.Map) show."""
+    """What the maps side by side (of cost_maps.CostMap) show."""
     if drawn is None or drawn.costs is None:
         return f"<div style='{CARD} opacity: 0.65'>no maps</div>"
-    n, modes, look = drawn.request.microphone, len(drawn.request.modes), drawn.request.look
+    n, modes, look = drawn.request.microphone, len(drawn.request.modes), drawn.request.style
     scale = "one scale" if look.shared else "each its own scale"
     return (
         f"<div style='{CARD}'>Cost of moving <b>microphone {n}</b>, mode by mode and summed"

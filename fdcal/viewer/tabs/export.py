@@ -35,7 +35,7 @@ class ExportTab:
         """Another kind of file; only a picture has a size and a side from which it is seen."""
         kind = one_of(value, KINDS, PICTURE)
         self._binding.choose(export_kind=kind)
-        self.told.content = html.remark(KINDS[kind].told)
+        self.told.content = html.remark(KINDS[kind].description)
         self.seen.visible = self.size.visible = kind == PICTURE
 
 

@@ -109,7 +109,7 @@ class LessonsTab:
         anew = setting.begins or bool(setting.reset)
         if anew:
             viewer.binding.session.reset(seed)
-        carry_out(setting, viewer.main_panel, self._page.stage.cameras.place_all, anew)
+        carry_out(setting, viewer.main_panel, self._page.nodes.cameras.place_all, anew)
 
     def show(self, call: Callable[[Callable], object] = lambda function: function()) -> None:
         """Called by the main loop: what waits for a scene is set once it is there, by `call`, on viser's loop."""
@@ -123,7 +123,7 @@ class LessonsTab:
 
     def _complete(self, settings: list[Setting], viewer) -> None:
         for setting in settings if viewer is self._page.viewer else ():
-            carry_out(setting, viewer.main_panel, self._page.stage.cameras.place_all, setting is settings[0])
+            carry_out(setting, viewer.main_panel, self._page.nodes.cameras.place_all, setting is settings[0])
         self._redraw()
 
     def _guarded(self, act: Callable[[], None]) -> None:

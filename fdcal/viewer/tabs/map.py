@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ...model import mode_ranges
 from ...model.validation import InputError
-from ..background.cost_maps import Map
+from ..background.cost_maps import CostMap
 from ..gui import html
 from ..gui.binding import FLOOR, NOTHING, RELIEF, SHAPE, Binding, Choices
 from ..server.client_values import bounded, one_of
@@ -148,7 +148,7 @@ class MapTab:
         if self.scale.value != scale:
             self.scale.value = scale
 
-    def show(self, microphone: int, drawn: Map | None, trouble: str) -> None:
+    def show(self, microphone: int, drawn: CostMap | None, trouble: str) -> None:
         """Called by the main loop, with the map on the floor or why there is none."""
         binding = self._binding
         if not binding.choices.follow and binding.choices.microphone == microphone:
