@@ -132,13 +132,13 @@ def import_(source, output, number, force, **wishes):
     path = parameter_types.output_path(output, ".npz", force, source, wishes["reference"])
     from ..model.measurement_file import save_measurement
     from ..model.storage import write_atomically
-    from ..recordings.import_options import Wishes
-    from ..recordings.import_report import report
-    from ..recordings.importer import intake
+    from ..recordings.import_options import ImportOptions
+    from ..recordings.import_report import import_summary
+    from ..recordings.importer import import_recording
 
-    measurement, told = intake(source, Wishes(source=number, **wishes))
+    measurement, told = import_recording(source, ImportOptions(source=number, **wishes))
     write_atomically(path, lambda file: save_measurement(measurement, file), force)
-    print(report(measurement, told))
+    print(import_summary(measurement, told))
     print(path)
 
 

@@ -66,9 +66,11 @@ def load_input(text: str, progress: Progress | None = None, excluded: tuple[str,
         The source cannot be used, or cannot be read.
     """
     if is_recording(text):
-        from ..recordings.importer import intake  # brings the signal library, which a measurement does not need
+        from ..recordings.importer import (
+            import_recording,  # brings the signal library, which a measurement does not need
+        )
 
-        measurement = _without(intake(text)[0], excluded)
+        measurement = _without(import_recording(text)[0], excluded)
     elif text.lower().endswith(".npz"):
         measurement = load_measurement(text, excluded)
     else:

@@ -1,7 +1,7 @@
 """What is wrong with the channels of a recording: silence, clipping, one recorded twice.
 
 inspect          every channel, all of its samples
-require_usable   refuse what cannot be used, by name
+require_usable_channels   refuse what cannot be used, by name
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..model.validation import InputError
-from .recording import Recording, blocks
+from .recording import Recording, time_blocks
 
 CLIPPED_RUN = 3  # neighbouring samples at the greatest value that a channel reaches: no wave does that
 AT_FULL = 3  # samples at full scale, wherever they are: a recording that was scaled to it has one
@@ -20,7 +20,7 @@ AT_EDGE = 8, 4  # samples at the greatest value of all, and how many times those
 
 
 @dataclass(frozen=True)
-class Health:
+class ChannelHealth:
     """Of every channel (N,): `level`, root mean square; `peak`; `silent`, `clipped` bool; `copy_of`, the number of the
     earlier channel that holds the same samples, or -1."""
 
@@ -42,20 +42,20 @@ class Health:
         return "clipped" if self.clipped[n] else f"a copy of {names[self.copy_of[n]]}"
 
 
-def inspect(recording: Recording) -> Health:
+def inspect_channels(recording: Recording) -> ChannelHealth:
     """Go through all samples once, a stretch at a time. Raises InputError for one that is not finite."""
     count = recording.count
     square, peak, longest, digests = np.zeros(count), np.zeros(count), np.zeros(count, int), [None] * count
-    edges = [(Edge(), Edge()) for _ in range(count)]  # above and below
+    edges = [(Extremes(), Extremes()) for _ in range(count)]  # above and below
     hashes = [hashlib.blake2b(digest_size=16) for _ in range(count)]
-    for block in blocks(recording):
+    for block in time_blocks(recording):
         square += np.sum(block**2, axis=1)
         top = np.abs(block).max(axis=1)
         for n in range(count):
             hashes[n].update(block[n])
             run = _longest_run(np.abs(block[n]) >= top[n]) if top[n] > 0 and top[n] >= peak[n] else 0
             longest[n] = run if top[n] > peak[n] else max(longest[n], run)
-            edges[n] = edges[n][0] + edge_of(block[n]), edges[n][1] + edge_of(-block[n])
+            edges[n] = edges[n][0] + extremes_of(block[n]), edges[n][1] + extremes_of(-block[n])
         peak = np.maximum(peak, top)
     level = np.sqrt(square / recording.samples)
     digests = [h.digest() for h in hashes]
@@ -65,11 +65,11 @@ def inspect(recording: Recording) -> Health:
     full = (peak >= 0.999 * recording.full_scale) if recording.full_scale else np.zeros(count, bool)
     cut = np.array([_cut(pair, recording.full_scale) for pair in edges])
     clipped = ((longest >= CLIPPED_RUN) | full & (longest >= 2) | cut) & ~silent
-    return Health(level, peak, silent, clipped, np.where(silent, -1, copies))
+    return ChannelHealth(level, peak, silent, clipped, np.where(silent, -1, copies))
 
 
 @dataclass(frozen=True)
-class Edge:
+class Extremes:
     """The greatest two values of some samples and how often each is there."""
 
     top: float = -np.inf
@@ -77,24 +77,24 @@ class Edge:
     next: float = -np.inf
     next_times: int = 0
 
-    def __add__(self, other: Edge) -> Edge:
+    def __add__(self, other: Extremes) -> Extremes:
         times: dict[float, int] = {}
         for edge in (self, other):
             for value, number in ((edge.top, edge.times), (edge.next, edge.next_times)):
                 times[value] = times.get(value, 0) + number
         first, second = sorted({*times, -np.inf}, reverse=True)[:2] if len(times) > 1 else (*times, -np.inf)
-        return Edge(first, times[first], second, times.get(second, 0))
+        return Extremes(first, times[first], second, times.get(second, 0))
 
 
-def edge_of(samples: np.ndarray) -> Edge:
-    """Edge of samples (t,)."""
+def extremes_of(samples: np.ndarray) -> Extremes:
+    """Extremes of samples (t,)."""
     top = samples.max()
     below = samples[samples < top]
     second = below.max(initial=-np.inf)
-    return Edge(float(top), len(samples) - len(below), float(second), int(np.sum(below == second)))
+    return Extremes(float(top), len(samples) - len(below), float(second), int(np.sum(below == second)))
 
 
-def _cut(pair: tuple[Edge, Edge], full_scale: float | None) -> bool:
+def _cut(pair: tuple[Extremes, Extremes], full_scale: float | None) -> bool:
     """Whether a channel stops at a value again and again, and hardly ever just before it.
 
     Sound thins out towards its greatest value, however coarsely it is told; where it has been cut, it gathers there.
@@ -112,7 +112,7 @@ def _longest_run(flags: np.ndarray) -> int:
     return int(np.max(edges[1::2] - edges[::2], initial=0))
 
 
-def require_usable(recording: Recording, health: Health) -> None:
+def require_usable_channels(recording: Recording, health: ChannelHealth) -> None:
     """Raise InputError for a channel that is silent, clipped or the copy of another."""
     for words, flags in (("silent", health.silent), ("clipped", health.clipped), ("copied", health.copy_of >= 0)):
         if not np.any(flags):

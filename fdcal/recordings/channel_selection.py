@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from ..model.validation import InputError
-from .recording import Recording, select
+from .recording import Recording, select_channels
 
 LEVEL = 1e-3  # m: microphones this close to a plane lie in it
 CORNERS = "corners"
 
 
-def on_plane(recording: Recording, plane: str) -> Recording:
+def select_plane(recording: Recording, plane: str) -> Recording:
     """The microphones on a plane such as "z=0" (or "0", the same). Raises InputError where there are none."""
     axis, _, value = plane.rpartition("=")
     axis = axis.strip().lower() or "z"
@@ -30,7 +30,7 @@ def on_plane(recording: Recording, plane: str) -> Recording:
     if not len(inside):
         near = along[np.argmin(np.abs(along - height))]
         raise InputError(f"--plane {plane}: no microphone lies there; the nearest plane is {axis}={near:g}")
-    chosen = select(recording, inside)
+    chosen = select_channels(recording, inside)
     kept = [a for a in range(3) if a != "xyz".index(axis)]
     return _with_positions(chosen, chosen.positions[:, kept])
 
@@ -39,7 +39,7 @@ def _with_positions(recording: Recording, positions: np.ndarray) -> Recording:
     return replace(recording, positions=positions)
 
 
-def subset(recording: Recording, text: str, seed: int) -> Recording:
+def select_subset(recording: Recording, text: str, seed: int) -> Recording:
     """The microphones of a list of numbers and ranges, "0,3,8:12", or a number of them drawn at random, "200"."""
     try:
         numbers = _listed(text, recording.count)
@@ -50,7 +50,7 @@ def subset(recording: Recording, text: str, seed: int) -> Recording:
     wrong = [n for n in numbers if not 0 <= n < recording.count]
     if wrong or len(set(numbers)) < len(numbers) or not numbers:
         raise InputError(f"--subset {text} must name microphones of 0 to {recording.count - 1}, each at most once")
-    return select(recording, numbers)
+    return select_channels(recording, numbers)
 
 
 def _listed(text: str, count: int) -> list[int]:
@@ -68,10 +68,10 @@ def _drawn(recording: Recording, number: int, seed: int) -> Recording:
     if seed < 0:
         raise InputError(f"--seed {seed} must not be negative; use 0 or more")
     drawn = np.random.default_rng(seed).choice(recording.count, number, replace=False)
-    return select(recording, np.sort(drawn))
+    return select_channels(recording, np.sort(drawn))
 
 
-def without(recording: Recording, text: str, bad: np.ndarray) -> Recording:
+def exclude_channels(recording: Recording, text: str, bad: np.ndarray) -> Recording:
     """All microphones but those of a list of names; "bad" stands for the numbers (n,) `bad`."""
     gone: set[int] = set()
     for name in (part.strip() for part in text.split(",")):
@@ -84,10 +84,10 @@ def without(recording: Recording, text: str, bad: np.ndarray) -> Recording:
     left = [n for n in range(recording.count) if n not in gone]
     if not left:
         raise InputError(f"--leave-out {text} leaves no channel; record again")
-    return select(recording, left)
+    return select_channels(recording, left)
 
 
-def known(recording: Recording, text: str) -> tuple[np.ndarray, np.ndarray]:
+def known_microphones(recording: Recording, text: str) -> tuple[np.ndarray, np.ndarray]:
     """Numbers (A,) and positions (A, D), metres, of the known microphones.
 
     `text` is a list of channel names, placed where the file says; "corners", those nearest to the corners of the box

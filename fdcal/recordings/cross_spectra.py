@@ -24,9 +24,9 @@ from scipy.fft import next_fast_len, rfft
 from ..model.power import mode_power
 from ..model.validation import InputError
 from . import frequency_selection
-from .decimation import decimated
+from .decimation import decimate
 from .impulse_response import Pressures
-from .recording import Recording, held, read
+from .recording import Recording, in_memory, read_samples
 
 STRETCHES = 15  # at least, from which a mean is taken
 SHORTEST, LONGEST = 0.5, 8.0  # s, of a stretch
@@ -35,7 +35,7 @@ MOST_MATRIX = 10_000_000  # numbers of all cross-spectral matrices
 MOST_STRETCHES = 600  # read of a long recording, evenly spread
 
 
-def from_work(
+def stationary_pressures(
     recording: Recording,
     band: tuple[float, float],
     sound_speed: float,
@@ -54,12 +54,12 @@ def from_work(
 
     Raises InputError for a recording too short, and where nothing rises above the noise.
     """
-    recording = held(decimated(recording, band[1]))
+    recording = in_memory(decimate(recording, band[1]))
     length, starts = stretches(recording, band)
     grid, power = mean_power(recording, band, length, starts)
     resolution = 2 * recording.sample_rate / length
     spare = max(20, min(2 * most, MOST_MATRIX // recording.count**2))  # some will prove too noisy
-    chosen = frequency_selection.choose(grid, power, np.zeros(len(grid)), resolution, spare)
+    chosen = frequency_selection.choose_frequencies(grid, power, np.zeros(len(grid)), resolution, spare)
     number = np.round(grid[chosen] * length / recording.sample_rate).astype(int)
     C, seen = cross_spectra(recording, number, length, starts)
     independent = 0.95 * len(starts)  # Hann's stretches that overlap by half are nearly so
@@ -71,7 +71,7 @@ def from_work(
             " one source alone may sound, and it must be louder than the noise"
         )
     keep = keep[np.argsort(-snr[keep], kind="stable")]
-    keep = keep[frequency_selection.spread(seen[keep], band, most)]
+    keep = keep[frequency_selection.spread_over_band(seen[keep], band, most)]
     keep = keep[np.concatenate([[True], np.diff(seen[keep]) > 0.25 * resolution])]
     how = f"{len(starts)} stretches of {length / recording.sample_rate:.3g} s"
     how += ", dominant eigenvector" if reference is None else f", against microphone {recording.names[reference]}"
@@ -128,7 +128,7 @@ def _bare_spectra(recording: Recording, length: int, starts, first: int, last: i
     """Of each stretch, the bins `first` to `last` of every channel without a window : (N, last - first + 1)."""
     bare = np.empty((recording.count, last - first + 1), dtype=complex)
     for start in starts:
-        values = read(recording, int(start), int(start) + length).astype(np.float32)
+        values = read_samples(recording, int(start), int(start) + length).astype(np.float32)
         for n, row in enumerate(values):
             bare[n] = rfft(row)[first : last + 1]
         yield bare

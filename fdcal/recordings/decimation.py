@@ -14,7 +14,7 @@ SLOWEST = 200.0  # Hz
 AT_ONCE = 8_000_000  # samples of all channels that are filtered at a time
 
 
-def decimated(recording: Recording, highest: float) -> Recording:
+def decimate(recording: Recording, highest: float) -> Recording:
     """The recording at a fraction of its rate, right up to `highest` Hz; filtered whenever a block is read."""
     from scipy.signal import firwin, kaiserord, upfirdn
 

@@ -18,7 +18,7 @@ from scipy.fft import irfft, next_fast_len, rfft
 
 from ..model.validation import InputError
 from .impulse_response import smoothed
-from .recording import Recording, groups, of_array, read
+from .recording import Recording, channel_groups, read_samples, recording_of
 
 LEAD, LENGTH = 0.25, 2.25  # s: before the sound, and in all
 MOST_SAMPLES = 16_000_000  # of one channel: what is longer is cut, 5 min at 48 kHz
@@ -29,7 +29,7 @@ OUTSIDE = 0.25  # of the recording, that must lie outside of the response to tel
 SMOOTH = 31  # neighbouring frequencies of which the noise is the mean
 
 
-def deconvolved(
+def deconvolve(
     recording: Recording, reference: Recording, band: tuple[float, float]
 ) -> tuple[Recording, Callable[[np.ndarray], np.ndarray] | None]:
     """The responses of all channels to the one channel of `reference`, kept in memory, and the noise in them.
@@ -49,18 +49,20 @@ def deconvolved(
     fs, samples = recording.sample_rate, min(recording.samples, MOST_SAMPLES)
     heard = min(reference.samples, samples)
     padded = next_fast_len(samples + heard, real=True)
-    inverse = _inverse(rfft(read(reference, 0, heard)[0], padded), np.arange(padded // 2 + 1) * fs / padded, band)
+    inverse = _inverse(
+        rfft(read_samples(reference, 0, heard)[0], padded), np.arange(padded // 2 + 1) * fs / padded, band
+    )
     if inverse is None:
         raise InputError(f"{reference.path} is silent between {band[0]:g} and {band[1]:g} Hz; name another band")
     lead = int(LEAD * fs)
     length = min(int(LENGTH * fs), padded)
     responses, outside = np.empty((recording.count, length)), np.zeros(padded // 2 + 1)
-    for channels, values in groups(recording):
+    for channels, values in channel_groups(recording):
         for n, row in zip(channels, values, strict=True):
             whole = np.roll(irfft(rfft(row[:samples], padded) * inverse, padded), lead)
             responses[n] = whole[:length]
             outside += np.abs(rfft(whole[length:], padded)) ** 2
-    made = of_array(recording.path, "response", fs, responses, names=recording.names)
+    made = recording_of(recording.path, "response", fs, responses, names=recording.names)
     made = replace(made, positions=recording.positions, sound_speed=recording.sound_speed)
     if samples - length < OUTSIDE * samples:
         return made, None

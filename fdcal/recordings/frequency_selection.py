@@ -17,7 +17,7 @@ RANGE = 60.0  # dB below the strongest that may still be used
 MOST = 57  # frequencies: as many as a calibration uses unless told
 
 
-def choose(frequencies, power, noise, resolution: float, most: int = MOST) -> np.ndarray:
+def choose_frequencies(frequencies, power, noise, resolution: float, most: int = MOST) -> np.ndarray:
     """Indices of the frequencies to use, ascending : (M,) int64.
 
     Parameters
@@ -48,10 +48,10 @@ def choose(frequencies, power, noise, resolution: float, most: int = MOST) -> np
     is_peak[peaks] = True
     order = np.lexsort((-snr, ~is_peak))
     chosen = _apart(frequencies, order[usable[order]], resolution)
-    return chosen[spread(frequencies[chosen], (frequencies[0], frequencies[-1]), most)]
+    return chosen[spread_over_band(frequencies[chosen], (frequencies[0], frequencies[-1]), most)]
 
 
-def spread(frequencies, band: tuple[float, float], most: int) -> np.ndarray:
+def spread_over_band(frequencies, band: tuple[float, float], most: int) -> np.ndarray:
     """Indices of `most` at most of some frequencies (B,), Hz, in the order of preference, ascending in frequency.
 
     All of them if they are not too many, else the first one in each of `most` equal parts of the band.

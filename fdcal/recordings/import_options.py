@@ -1,10 +1,10 @@
 """What the user of `fdcal import` may say, and what follows of it for a recording: sound speed and band.
 
-Wishes      plain data, checked
-speed_of    the speed of sound, m/s
-axes_of     number of coordinates of a microphone
-usable_by   the highest usable frequency
-band_of     where to take frequencies
+ImportOptions      plain data, checked
+sound_speed_of    the speed of sound, m/s
+coordinate_count     number of coordinates of a microphone
+usable_limit   the highest usable frequency
+frequency_band     where to take frequencies
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ AROUND_KNOWN = 1.2  # times the radius of the known microphones, that of all
 
 
 @dataclass(frozen=True)
-class Wishes:
+class ImportOptions:
     """What the user may say; None is for what the file or fdcal decides.
 
     Attributes
@@ -60,39 +60,39 @@ class Wishes:
     radius: float | None = None
 
 
-def check(wishes: Wishes) -> None:
-    require_choice("--kind", wishes.kind, ("auto", *KINDS))
-    require_choice("--dimension", wishes.dimension, (2, 3))
-    if not 1 <= wishes.most <= 2000:
-        raise InputError(f"--most {wishes.most} frequencies cannot be; use 1 to 2000")
-    if wishes.temperature is not None and wishes.speed is not None:
+def check(options: ImportOptions) -> None:
+    require_choice("--kind", options.kind, ("auto", *KINDS))
+    require_choice("--dimension", options.dimension, (2, 3))
+    if not 1 <= options.most <= 2000:
+        raise InputError(f"--most {options.most} frequencies cannot be; use 1 to 2000")
+    if options.temperature is not None and options.speed is not None:
         raise InputError("--temperature and --sound-speed say the same; give one of them")
-    if wishes.temperature is not None and not -60 <= wishes.temperature <= 80:
-        raise InputError(f"--temperature {wishes.temperature:g} must be in degrees Celsius, -60 to 80")
-    if wishes.speed is not None:
-        require_positive("--sound-speed", wishes.speed, "m/s")
-    if wishes.reference is not None and wishes.against is not None:
+    if options.temperature is not None and not -60 <= options.temperature <= 80:
+        raise InputError(f"--temperature {options.temperature:g} must be in degrees Celsius, -60 to 80")
+    if options.speed is not None:
+        require_positive("--sound-speed", options.speed, "m/s")
+    if options.reference is not None and options.against is not None:
         raise InputError("--reference is a signal and --reference-microphone a channel; give one of them")
 
 
-def speed_of(recording: Recording, wishes: Wishes) -> tuple[float, str]:
-    if wishes.speed is not None:
-        return wishes.speed, "as given"
-    if wishes.temperature is not None:
-        return sound_speed(wishes.temperature), f"at {wishes.temperature:g} degrees Celsius"
+def sound_speed_of(recording: Recording, options: ImportOptions) -> tuple[float, str]:
+    if options.speed is not None:
+        return options.speed, "as given"
+    if options.temperature is not None:
+        return sound_speed(options.temperature), f"at {options.temperature:g} degrees Celsius"
     if recording.sound_speed is not None:
         return recording.sound_speed, "as the file says"
     return sound_speed(ROOM_CELSIUS), f"at {ROOM_CELSIUS:g} degrees Celsius, which was supposed; give --temperature"
 
 
-def usable_by(recording: Recording, wishes: Wishes, places, speed: float) -> tuple[float | None, str]:
+def usable_limit(recording: Recording, options: ImportOptions, places, speed: float) -> tuple[float | None, str]:
     """The highest usable frequency, Hz, and by what radius: as told, of the positions in the file, or the known ones.
 
     None where nothing tells the radius.
     """
-    if wishes.radius is not None:
-        require_positive("--array-radius", wishes.radius, "m")
-        radius, words = wishes.radius, "for the radius given"
+    if options.radius is not None:
+        require_positive("--array-radius", options.radius, "m")
+        radius, words = options.radius, "for the radius given"
     else:
         told = recording.positions is not None
         some = recording.positions if told else places
@@ -102,30 +102,32 @@ def usable_by(recording: Recording, wishes: Wishes, places, speed: float) -> tup
         words = f"for a radius of {radius:.2g} m, {who}"
     if radius <= 0:
         return None, "unknown without the array's radius; give --array-radius R"
-    planar = axes_of(recording, wishes, places) == 2
-    return f_max(recording.count, radius, speed, wishes.dimension, planar), words
+    planar = coordinate_count(recording, options, places) == 2
+    return f_max(recording.count, radius, speed, options.dimension, planar), words
 
 
-def axes_of(recording: Recording, wishes: Wishes, places) -> int:
+def coordinate_count(recording: Recording, options: ImportOptions, places) -> int:
     """Number of coordinates of a microphone."""
     told = recording.positions if recording.positions is not None else places
-    return wishes.dimension if told is None else told.shape[1]
+    return options.dimension if told is None else told.shape[1]
 
 
-def band_of(recording: Recording, wishes: Wishes, usable: float | None, usable_from: str) -> tuple[float, float]:
+def frequency_band(
+    recording: Recording, options: ImportOptions, usable: float | None, usable_from: str
+) -> tuple[float, float]:
     """The lowest and highest frequency, Hz."""
     top = 0.45 * recording.sample_rate
-    if wishes.frequencies == "auto":
+    if options.frequencies == "auto":
         low, high = max(LOWEST, 4 / recording.duration), HIGHEST
         if usable is not None:  # a radius that was given may raise it, too
-            high = usable if wishes.radius is not None else min(usable, HIGHEST)
+            high = usable if options.radius is not None else min(usable, HIGHEST)
         high = min(high, top)
     else:
         try:
-            low, high = (float(part) for part in wishes.frequencies.split(":"))
+            low, high = (float(part) for part in options.frequencies.split(":"))
         except ValueError:
             raise InputError(
-                f'--frequencies "{wishes.frequencies}" is no band; write auto or LO:HI, as 20:300'
+                f'--frequencies "{options.frequencies}" is no band; write auto or LO:HI, as 20:300'
             ) from None
     if usable is not None and usable <= low:
         raise InputError(

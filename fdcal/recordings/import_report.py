@@ -13,7 +13,7 @@ from .recording import Recording
 
 
 @dataclass(frozen=True)
-class Report:
+class ImportReport:
     """What was read and taken: `recording`, `kind`, `left_out` names and why, `pressures`, `speed` m/s and its origin,
     `usable` Hz or None and the radius it is from, in words."""
 
@@ -27,7 +27,7 @@ class Report:
     usable_from: str
 
 
-def report(measurement: Measurement, told: Report) -> str:
+def import_summary(measurement: Measurement, told: ImportReport) -> str:
     """What was imported, in words, one fact a line."""
     recording, taken = told.recording, told.pressures
     f = taken.frequencies

@@ -20,8 +20,8 @@ from scipy.fft import next_fast_len, rfft
 from ..acoustics.spectrum import DECAY, PADDING, laplace_transform, wavenumber_continuous
 from ..model.validation import InputError
 from . import frequency_selection
-from .recording import Recording, groups, read
-from .reverberation import LISTENED, Decay, decay_of, until_the_last_mode
+from .recording import Recording, channel_groups, read_samples
+from .reverberation import DECAY_CHANNELS, Decay, estimate_decay, extend_to_last_mode
 
 LONGEST = 20_000_000  # samples of a complete recording: longer ones are recordings at work
 
@@ -46,7 +46,7 @@ class Pressures:
     how: str
 
 
-def from_response(
+def impulse_response_pressures(
     recording: Recording,
     band: tuple[float, float],
     sound_speed: float,
@@ -72,7 +72,7 @@ def from_response(
         raise InputError(
             f"{recording.path} lasts {recording.duration:.0f} s, which is no impulse response; use --kind work"
         )
-    decay = until_the_last_mode(recording, band, decay_of(recording, band), noise)
+    decay = extend_to_last_mode(recording, band, estimate_decay(recording, band), noise)
     s = max(0.0, DECAY / recording.duration - decay.rate) if window is None else window
     told = noise or noise_of_tail(recording, decay)
     heard = recording
@@ -82,10 +82,10 @@ def from_response(
     grid, power = mean_power(heard, band, s)
     gain = heard.sample_rate * -np.expm1(-2 * s * heard.duration) / (2 * s) if s > 0 else heard.samples
     density = np.zeros(len(grid)) if told is None else told(grid) * gain
-    chosen = frequency_selection.choose(grid, power, density, resolution, most)
+    chosen = frequency_selection.choose_frequencies(grid, power, density, resolution, most)
     f = grid[chosen]
     pressures = np.empty((len(f), heard.count), dtype=complex)
-    for channels, samples in groups(heard):
+    for channels, samples in channel_groups(heard):
         pressures[:, channels] = laplace_transform(samples, heard.sample_rate, s, f)
     how = f"exponential window of {s:.2g}/s" if s > 0 else "no window: the sound has decayed"
     if heard is not recording:
@@ -106,7 +106,7 @@ def mean_power(recording: Recording, band: tuple[float, float], s: float) -> tup
         )
     weight = np.exp(-s / fs * np.arange(samples))
     power = np.zeros(last - first + 1)
-    for _, values in groups(recording):
+    for _, values in channel_groups(recording):
         for row in values:
             power += np.abs(rfft(row * weight, padded)[first : last + 1]) ** 2
     return np.arange(first, last + 1) * fs / padded, power / recording.count
@@ -118,11 +118,11 @@ def noise_of_tail(recording: Recording, decay: Decay) -> Callable[[np.ndarray], 
         return None
     start = int(decay.tail * recording.sample_rate)
     length = recording.samples - start
-    channels = np.unique(np.linspace(0, recording.count - 1, 4 * LISTENED).astype(int))
+    channels = np.unique(np.linspace(0, recording.count - 1, 4 * DECAY_CHANNELS).astype(int))
     hann = np.hanning(length)
     power = np.zeros(length // 2 + 1)
     for n in channels:
-        power += np.abs(rfft(read(recording, start, recording.samples, [n])[0] * hann)) ** 2
+        power += np.abs(rfft(read_samples(recording, start, recording.samples, [n])[0] * hann)) ** 2
     grid = np.arange(len(power)) * recording.sample_rate / length
     return smoothed(grid, power / len(channels) / np.sum(hann**2))
 

@@ -86,7 +86,7 @@ def sound_speed(celsius: float) -> float:
     return 343.2 * math.sqrt((celsius + ZERO_CELSIUS) / 293.15)
 
 
-def of_array(path: str, kind: str | None, sample_rate: float, values, **told) -> Recording:
+def recording_of(path: str, kind: str | None, sample_rate: float, values, **told) -> Recording:
     """Recording of an array (N, T) that is in memory, or mapped into it."""
 
     def block(start: int, stop: int, channels: np.ndarray) -> np.ndarray:
@@ -95,7 +95,7 @@ def of_array(path: str, kind: str | None, sample_rate: float, values, **told) ->
     return Recording(path, kind, float(sample_rate), *map(int, values.shape), block, **told)
 
 
-def select(recording: Recording, channels) -> Recording:
+def select_channels(recording: Recording, channels) -> Recording:
     """The recording of some channels (n,), in the order given."""
     channels = frozen_array(channels, np.int64)
 
@@ -111,7 +111,7 @@ def select(recording: Recording, channels) -> Recording:
     )
 
 
-def read(recording: Recording, start: int, stop: int, channels=None) -> np.ndarray:
+def read_samples(recording: Recording, start: int, stop: int, channels=None) -> np.ndarray:
     """Samples `start` to `stop` of some channels, all unless given : (n, stop - start) float64.
 
     Raises InputError for a sample that is no finite number, or samples that are missing.
@@ -133,20 +133,20 @@ def read(recording: Recording, start: int, stop: int, channels=None) -> np.ndarr
     return values
 
 
-def pieces(samples: int, channels: int) -> Iterator[tuple[int, int]]:
+def sample_ranges(samples: int, channels: int) -> Iterator[tuple[int, int]]:
     """First and last of the stretches in which to read `samples` of a file where channels lie side by side."""
     step = max(1, PIECE_SAMPLES // channels)
     for first in range(0, samples, step):
         yield first, min(first + step, samples)
 
 
-def held(recording: Recording, most: int = 4 * GROUP_SAMPLES) -> Recording:
+def in_memory(recording: Recording, most: int = 4 * GROUP_SAMPLES) -> Recording:
     """The recording in memory, as float32, if its samples are not too many; else as it is."""
     if recording.count * recording.samples > most:
         return recording
     values = np.empty((recording.count, recording.samples), dtype=np.float32)
     start = 0
-    for part in blocks(recording):
+    for part in time_blocks(recording):
         values[:, start : start + part.shape[1]] = part
         start += part.shape[1]
 
@@ -156,16 +156,16 @@ def held(recording: Recording, most: int = 4 * GROUP_SAMPLES) -> Recording:
     return replace(recording, block=block)
 
 
-def groups(recording: Recording, most: int = GROUP_SAMPLES) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def channel_groups(recording: Recording, most: int = GROUP_SAMPLES) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Channels (n,) and all of their samples (n, T), a few channels at a time."""
     step = max(1, most // recording.samples)
     for first in range(0, recording.count, step):
         channels = np.arange(first, min(first + step, recording.count))
-        yield channels, read(recording, 0, recording.samples, channels)
+        yield channels, read_samples(recording, 0, recording.samples, channels)
 
 
-def blocks(recording: Recording, most: int = GROUP_SAMPLES // 4) -> Iterator[np.ndarray]:
+def time_blocks(recording: Recording, most: int = GROUP_SAMPLES // 4) -> Iterator[np.ndarray]:
     """All channels, a stretch of samples (N, t) at a time, in order."""
     step = max(1, most // recording.count)
     for start in range(0, recording.samples, step):
-        yield read(recording, start, min(start + step, recording.samples))
+        yield read_samples(recording, start, min(start + step, recording.samples))

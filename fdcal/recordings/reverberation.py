@@ -18,9 +18,9 @@ from scipy.special import fdtri
 
 from ..acoustics.spectrum import PADDING
 from ..model.validation import InputError
-from .recording import GROUP_SAMPLES, Recording, read
+from .recording import GROUP_SAMPLES, Recording, read_samples
 
-LISTENED = 24  # channels by which the decay is told
+DECAY_CHANNELS = 24  # channels by which the decay is told
 PIECES = 48  # of the recording, in each of which the level is told
 ABOVE_FLOOR = 2.0  # nepers of power above the last tenth: nearer to it a level is noise
 FAINTEST = 1e-6  # of the greatest power: what is below tells nothing of the decay
@@ -42,7 +42,7 @@ class Decay:
     noisy: bool = True
 
 
-def decay_of(recording: Recording, band: tuple[float, float]) -> Decay:
+def estimate_decay(recording: Recording, band: tuple[float, float]) -> Decay:
     """How the sound in a band (Hz, Hz) decays, by the level of a few channels in pieces of the part that sounds.
 
     Raises InputError for a recording that is silent in the band.
@@ -57,7 +57,7 @@ def decay_of(recording: Recording, band: tuple[float, float]) -> Decay:
     return decay
 
 
-def until_the_last_mode(
+def extend_to_last_mode(
     recording: Recording, band: tuple[float, float], decay: Decay, noise: Callable[[np.ndarray], np.ndarray] | None
 ) -> Decay:
     """`decay` with its tail set so late that no mode of the band rings on in it, or as late as tells the noise.
@@ -80,12 +80,12 @@ def _rings_on(recording: Recording, band: tuple[float, float], start: int, noise
     """Whether a mode is heard after the sample `start` that is not heard any more at the end."""
     fs = recording.sample_rate
     length = min(start, (recording.samples - start) // 2, int(LONGEST_RING * fs))
-    channels = np.unique(np.linspace(0, recording.count - 1, LISTENED).astype(int))
+    channels = np.unique(np.linspace(0, recording.count - 1, DECAY_CHANNELS).astype(int))
     padded = next_fast_len(PADDING * length, real=True)
     f = np.arange(padded // 2 + 1) * fs / padded
     inside = (f >= band[0]) & (f <= band[1])
     first, end = (
-        np.mean(np.abs(rfft(read(recording, at, at + length, channels), padded)[:, inside]) ** 2, axis=0)
+        np.mean(np.abs(rfft(read_samples(recording, at, at + length, channels), padded)[:, inside]) ** 2, axis=0)
         for at in (start, recording.samples - length)
     )
     if noise is not None:
@@ -97,7 +97,7 @@ def _rings_on(recording: Recording, band: tuple[float, float], start: int, noise
 
 def _by_level(recording: Recording, band: tuple[float, float]) -> Decay:
     """The decay in a band by the level of a few channels in equal pieces of the recording."""
-    level = piece_levels(recording, band)
+    level = segment_levels(recording, band)
     if not level.max() > 0:
         raise InputError(f"{recording.path} is silent between {band[0]:g} and {band[1]:g} Hz; name another band")
     nepers = np.log(np.maximum(level, 1e-30 * level.max()))
@@ -125,9 +125,9 @@ def _told(recording: Recording, reached: float) -> float | None:
     return reached if recording.duration - reached >= least else None
 
 
-def piece_levels(recording: Recording, band: tuple[float, float]) -> np.ndarray:
+def segment_levels(recording: Recording, band: tuple[float, float]) -> np.ndarray:
     """Power in the band, mean over a few channels, in each of PIECES pieces : (PIECES,) float64."""
-    channels = np.unique(np.linspace(0, recording.count - 1, LISTENED).astype(int))
+    channels = np.unique(np.linspace(0, recording.count - 1, DECAY_CHANNELS).astype(int))
     slow, fs = _slow(recording, channels, 16 * band[1])
     samples = slow.shape[1]
     padded = next_fast_len(PADDING * samples, real=True)  # so that nothing of the start wraps round to the end
@@ -147,6 +147,6 @@ def _slow(recording: Recording, channels: np.ndarray, least: float) -> tuple[np.
     rows = []
     for start in range(0, recording.samples - factor + 1, step):
         stop = start + (min(step, recording.samples - start) // factor) * factor
-        values = read(recording, start, stop, channels)
+        values = read_samples(recording, start, stop, channels)
         rows.append(values.reshape(len(channels), -1, factor).mean(axis=2))
     return np.concatenate(rows, axis=1), recording.sample_rate / factor

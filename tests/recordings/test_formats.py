@@ -23,9 +23,9 @@ from fdcal.commands.cli import main
 from fdcal.model.microphones import MicrophonePositions
 from fdcal.model.validation import InputError, StorageError
 from fdcal.recordings import formats
-from fdcal.recordings.channel_health import inspect, require_usable
+from fdcal.recordings.channel_health import inspect_channels, require_usable_channels
 from fdcal.recordings.formats.table import read_positions
-from fdcal.recordings.recording import read
+from fdcal.recordings.recording import read_samples
 
 RATE = 8000.0
 SAMPLES = np.random.default_rng(0).uniform(-0.5, 0.5, (5, 400))
@@ -108,8 +108,8 @@ def test_what_its_library_writes_is_read(name, tmp_path):
     recording = formats.read(WRITERS[name](tmp_path / name))
     assert (recording.count, recording.samples) == SAMPLES.shape
     assert recording.sample_rate == (48_000.0 if name == "mesh" else RATE)
-    assert np.allclose(read(recording, 0, recording.samples), SAMPLES, atol=1e-6)
-    assert np.allclose(read(recording, 100, 150, [3, 0]), SAMPLES[[3, 0], 100:150], atol=1e-6)
+    assert np.allclose(read_samples(recording, 0, recording.samples), SAMPLES, atol=1e-6)
+    assert np.allclose(read_samples(recording, 100, 150, [3, 0]), SAMPLES[[3, 0], 100:150], atol=1e-6)
     if name in ("a.npz", "a.sofa", "mesh"):
         assert np.allclose(recording.positions, PLACES)
         assert recording.kind == "response"
@@ -117,7 +117,7 @@ def test_what_its_library_writes_is_read(name, tmp_path):
 
 def test_one_source_of_several_is_read(tmp_path):
     folder = write_meshrir(tmp_path / "mesh")
-    assert np.allclose(read(formats.read(folder, 1), 0, 400), 2 * SAMPLES, atol=1e-6)
+    assert np.allclose(read_samples(formats.read(folder, 1), 0, 400), 2 * SAMPLES, atol=1e-6)
     with pytest.raises(InputError, match=r"--source 2 is not there.*0 to 1"):
         formats.read(folder, 2)
 
@@ -150,7 +150,7 @@ def test_sofa_of_one_receiver_that_is_moved_and_of_two_sources(tmp_path):
     for source, sign in ((0, 1), (1, -1)):
         recording = formats.read(tmp_path / "moved.sofa", source)
         assert np.allclose(recording.positions, PLACES + [0, 0.1, 0]), "the receiver turns with the listener"
-        assert np.allclose(read(recording, 0, 400), sign * SAMPLES)
+        assert np.allclose(read_samples(recording, 0, 400), sign * SAMPLES)
 
 
 def damaged_sofa(path: Path, change) -> Path:
@@ -184,7 +184,7 @@ def test_a_damaged_sofa_field_is_named(change, words, tmp_path):
 def refusal(path: Path) -> str:
     with pytest.raises((InputError, StorageError)) as caught:
         recording = formats.read(path)
-        require_usable(recording, inspect(recording))
+        require_usable_channels(recording, inspect_channels(recording))
     assert "\n" not in str(caught.value)
     return str(caught.value)
 
@@ -248,7 +248,7 @@ def test_a_rate_that_is_no_number_is_told(rate, tmp_path):
 
 def clipped(samples, subtype: str, path: Path) -> list[int]:
     write_wav(path, samples, subtype)
-    return np.flatnonzero(inspect(formats.read(path)).clipped).tolist()
+    return np.flatnonzero(inspect_channels(formats.read(path)).clipped).tolist()
 
 
 def test_peaks_cut_off_are_found_however_short(tmp_path):
@@ -330,7 +330,7 @@ def test_damage_gives_an_error_or_an_answer(name, data, originals, tmp_path):
     path.write_bytes(content)
     try:
         recording = formats.read(path)
-        health = inspect(recording)
+        health = inspect_channels(recording)
     except (InputError, StorageError) as error:
         assert name in str(error)
     else:
@@ -348,7 +348,7 @@ def test_damage_to_a_folder_gives_an_error_or_an_answer(tmp_path, name, place, n
     content[place : place + len(new)] = new
     (folder / name).write_bytes(content[:place] if not new else content)
     try:
-        assert inspect(formats.read(folder)).level.shape == (5,)
+        assert inspect_channels(formats.read(folder)).level.shape == (5,)
     except (InputError, StorageError) as error:
         assert "mesh" in str(error)
 
@@ -412,7 +412,7 @@ def test_sofa_is_written_anew_and_into_a_copy(placed, tmp_path):
     before = original.read_bytes()
     formats.write(tmp_path / "q.sofa", "q.sofa", placed, str(original))
     assert np.allclose(formats.read(tmp_path / "q.sofa").positions, placed.positions)
-    assert np.allclose(read(formats.read(tmp_path / "q.sofa"), 0, 400), SAMPLES)
+    assert np.allclose(read_samples(formats.read(tmp_path / "q.sofa"), 0, 400), SAMPLES)
     assert original.read_bytes() == before
 
 

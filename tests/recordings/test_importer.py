@@ -22,33 +22,33 @@ from fdcal.commands.sources import load_input
 from fdcal.model.measurement_file import load_measurement
 from fdcal.model.validation import InputError
 from fdcal.recordings import frequency_selection
-from fdcal.recordings.channel_selection import known, on_plane, subset, without
-from fdcal.recordings.cross_spectra import from_work
-from fdcal.recordings.decimation import decimated
-from fdcal.recordings.deconvolution import deconvolved
-from fdcal.recordings.import_options import Wishes
-from fdcal.recordings.import_report import report
-from fdcal.recordings.importer import intake
-from fdcal.recordings.impulse_response import from_response
-from fdcal.recordings.recording import Recording, of_array, read
-from fdcal.recordings.reverberation import decay_of
+from fdcal.recordings.channel_selection import exclude_channels, known_microphones, select_plane, select_subset
+from fdcal.recordings.cross_spectra import stationary_pressures
+from fdcal.recordings.decimation import decimate
+from fdcal.recordings.deconvolution import deconvolve
+from fdcal.recordings.import_options import ImportOptions
+from fdcal.recordings.import_report import import_summary
+from fdcal.recordings.importer import import_recording
+from fdcal.recordings.impulse_response import impulse_response_pressures
+from fdcal.recordings.recording import Recording, read_samples, recording_of
+from fdcal.recordings.reverberation import estimate_decay
 
 BAND = 20.0, 400.0
 
 
 def recorded(samples, kind="response", **told) -> Recording:
-    return of_array("file", kind, FS, samples, **told)
+    return recording_of("file", kind, FS, samples, **told)
 
 
 def test_a_response_gives_its_transform():
-    taken = from_response(recorded(responses()), BAND, SPEED)
+    taken = impulse_response_pressures(recorded(responses()), BAND, SPEED)
     assert np.all(mismatch_db(taken.pressures, exact(taken.frequencies, SPEED * -taken.wavenumbers[0].imag)) < -100)
     assert np.all(np.diff(taken.frequencies) > 0)
 
 
 @pytest.mark.parametrize("snr_db", [20, 40])
 def test_the_noise_of_a_response_is_told_as_it_is(snr_db):
-    taken = from_response(recorded(noisy(responses(), snr_db)), BAND, SPEED)
+    taken = impulse_response_pressures(recorded(noisy(responses(), snr_db)), BAND, SPEED)
     s = SPEED * -taken.wavenumbers[0].imag
     error = taken.pressures - exact(taken.frequencies, s)
     ratio = taken.noise_power.mean() / np.mean(np.abs(error) ** 2)
@@ -57,21 +57,21 @@ def test_the_noise_of_a_response_is_told_as_it_is(snr_db):
 
 def test_a_room_that_rings_is_weighted_and_its_noise_not_told():
     cut = responses()[:, :400]  # a tenth of a second
-    taken = from_response(recorded(cut), BAND, SPEED)
+    taken = impulse_response_pressures(recorded(cut), BAND, SPEED)
     s = SPEED * -taken.wavenumbers[0].imag
     assert s > 10
     assert np.all(mismatch_db(taken.pressures, exact(taken.frequencies, s)) < -60)
     assert taken.noise_power is None
-    plain = from_response(recorded(cut), BAND, SPEED, window=0.0)
+    plain = impulse_response_pressures(recorded(cut), BAND, SPEED, window=0.0)
     assert np.median(mismatch_db(plain.pressures, exact(plain.frequencies))) > -40, "what the window is for"
 
 
 def test_the_decay_is_told_in_the_midst_of_noise():
     t = np.arange(FS) / FS
     ringing = np.random.default_rng(0).standard_normal((8, FS)) * np.exp(-20 * t)
-    clean = decay_of(recorded(ringing), BAND).rate
+    clean = estimate_decay(recorded(ringing), BAND).rate
     noise = 0.01 * np.random.default_rng(1).standard_normal(ringing.shape)
-    decay = decay_of(recorded(ringing + noise), BAND)
+    decay = estimate_decay(recorded(ringing + noise), BAND)
     assert clean == pytest.approx(20, rel=0.1)
     assert decay.rate == pytest.approx(20, rel=0.15)
     assert 0.2 < decay.tail < 0.5
@@ -82,8 +82,8 @@ def test_a_sweep_only_decays_when_it_is_over():
     played = np.where(t < 2, np.sin(2 * np.pi * 60 * 2 * (5 ** (t / 2) - 1) / np.log(5)), 0.0)  # 60 to 300 Hz in 2 s
     loud = np.exp(-0.5 * t)  # the room answers high frequencies less
     heard = np.array([fftconvolve(played * loud, h)[: len(t)] for h in responses(8)])
-    taken = from_response(recorded(noisy(heard, 40)), BAND, SPEED)
-    decay = decay_of(recorded(noisy(heard, 40)), BAND)
+    taken = impulse_response_pressures(recorded(noisy(heard, 40)), BAND, SPEED)
+    decay = estimate_decay(recorded(noisy(heard, 40)), BAND)
     assert decay.rate > 3 and 2 < decay.tail < 3.2, decay
     assert taken.how.startswith("no window") and taken.noise_power is not None
     assert np.median(mismatch_db(taken.pressures, exact(taken.frequencies, count=24)[:, :8])) < -20
@@ -91,7 +91,7 @@ def test_a_sweep_only_decays_when_it_is_over():
 
 def test_a_source_at_work_gives_what_its_responses_give():
     heard, _ = at_work(30, 60)
-    taken = from_work(recorded(heard, "work"), BAND, SPEED)
+    taken = stationary_pressures(recorded(heard, "work"), BAND, SPEED)
     assert len(taken.frequencies) > 40
     assert np.median(mismatch_db(taken.pressures, exact(taken.frequencies))) < -60
     assert np.max(mismatch_db(taken.pressures, exact(taken.frequencies))) < -45
@@ -100,7 +100,7 @@ def test_a_source_at_work_gives_what_its_responses_give():
 def test_the_noise_beside_a_source_at_work_is_told_as_it_is():
     heard, _ = at_work(30, 20)
     for reference in (None, 3):
-        taken = from_work(recorded(heard, "work"), BAND, SPEED, reference=reference)
+        taken = stationary_pressures(recorded(heard, "work"), BAND, SPEED, reference=reference)
         truth = exact(taken.frequencies)
         factor = np.sum(truth.conj() * taken.pressures, axis=1) / np.sum(np.abs(truth) ** 2, axis=1)
         error = np.mean(np.abs(taken.pressures - factor[:, None] * truth) ** 2, axis=1)
@@ -111,19 +111,19 @@ def test_the_noise_beside_a_source_at_work_is_told_as_it_is():
 def test_a_lower_rate_changes_nothing_in_the_band():
     fs, t = 48_000, np.arange(48_000) / 48_000
     tones = np.array([np.cos(2 * np.pi * f * t + 0.3) for f in (25.0, 300.0, 499.0, 1700.0, 5000.0)])
-    slow = decimated(of_array("file", "work", fs, tones), 500.0)
+    slow = decimate(recording_of("file", "work", fs, tones), 500.0)
     assert slow.sample_rate == 2000
-    kept = read(slow, 0, slow.samples)
+    kept = read_samples(slow, 0, slow.samples)
     at = np.arange(slow.samples) / slow.sample_rate
     for row, f in zip(kept[:3], (25.0, 300.0, 499.0), strict=True):
         assert np.allclose(row[100:-100], np.cos(2 * np.pi * f * at + 0.3)[100:-100], atol=1e-5)
     assert np.abs(kept[3:, 100:-100]).max() < 1e-4, "1700 and 5000 Hz would fold to 300 and 1000 Hz"
-    assert np.array_equal(read(slow, 700, 900, [1]), kept[[1], 700:900])
+    assert np.array_equal(read_samples(slow, 700, 900, [1]), kept[[1], 700:900])
 
 
 def test_a_lower_rate_is_the_same_whole_or_in_pieces(monkeypatch):
     samples = np.random.default_rng(0).standard_normal((2, 30_000))
-    slow = decimated(of_array("file", "work", 8000.0, samples), 500.0)
+    slow = decimate(recording_of("file", "work", 8000.0, samples), 500.0)
     whole = slow.block(3, slow.samples - 5, np.array([1, 0]))
     monkeypatch.setattr("fdcal.recordings.decimation.AT_ONCE", 1000)
     assert np.array_equal(slow.block(3, slow.samples - 5, np.array([1, 0])), whole)
@@ -135,7 +135,7 @@ def test_a_narrow_resonance_keeps_its_own_frequency():
     rng = np.random.default_rng(0)
     ring = fftconvolve(rng.standard_normal(len(t)), np.exp((2j * np.pi * f - 0.5) * t[: 8 * FS]))[: len(t)].real
     heard = np.outer(rng.standard_normal(6), ring) + 0.01 * rng.standard_normal((6, len(t)))
-    taken = from_work(recorded(heard, "work"), (80.0, 120.0), SPEED, most=3)
+    taken = stationary_pressures(recorded(heard, "work"), (80.0, 120.0), SPEED, most=3)
     assert np.min(np.abs(taken.frequencies - f)) < 0.05
     assert np.allclose(taken.wavenumbers, 2 * np.pi * taken.frequencies / SPEED)
 
@@ -144,8 +144,8 @@ def test_a_known_signal_gives_back_the_responses():
     said = at_work(8, 200)[1]
     silent = np.concatenate([said, np.zeros(2400)])
     played = np.array([fftconvolve(silent, h)[: len(silent)] for h in responses()[:6]])
-    made, _ = deconvolved(recorded(played, None), recorded(silent[None], None), BAND)
-    taken = from_response(made, BAND, SPEED)
+    made, _ = deconvolve(recorded(played, None), recorded(silent[None], None), BAND)
+    taken = impulse_response_pressures(made, BAND, SPEED)
     s = SPEED * -taken.wavenumbers[0].imag
     assert np.max(mismatch_db(taken.pressures, exact(taken.frequencies, s)[:, :6])) < -40
 
@@ -169,9 +169,9 @@ def error_over_noise(taken) -> np.ndarray:
 @pytest.mark.parametrize("seconds", [5, 20])
 def test_the_noise_of_a_sweep_is_told_as_it_is_with_its_reference_and_without(seconds):
     heard, played = swept(seconds, 30)
-    plain = from_response(recorded(heard), BAND, SPEED)
-    made, noise = deconvolved(recorded(heard, None), recorded(played[None], None), BAND)
-    known = from_response(made, BAND, SPEED, noise=noise)
+    plain = impulse_response_pressures(recorded(heard), BAND, SPEED)
+    made, noise = deconvolve(recorded(heard, None), recorded(played[None], None), BAND)
+    known = impulse_response_pressures(made, BAND, SPEED, noise=noise)
     for taken in (plain, known):
         assert np.all(np.abs(np.log(error_over_noise(taken))) < np.log(1.6))
     assert len(plain.frequencies) == 57, "a long sweep ends only just before the recording does"
@@ -182,7 +182,7 @@ def test_the_noise_of_a_sweep_is_told_as_it_is_with_its_reference_and_without(se
 
 def test_what_follows_the_sound_is_left_out():
     quiet = noisy(np.pad(responses(), ((0, 0), (0, 3 * FS))), 20)
-    taken = from_response(recorded(quiet), BAND, SPEED)
+    taken = impulse_response_pressures(recorded(quiet), BAND, SPEED)
     assert "the rest is left out" in taken.how
     assert np.all(np.abs(np.log(error_over_noise(taken))) < np.log(1.6))
     whole = np.exp(-2j * np.pi / FS * np.outer(taken.frequencies, np.arange(quiet.shape[1]))) @ quiet.T
@@ -209,7 +209,7 @@ def ringing(seconds: float, snr_db: float, slow: float = 5.0) -> tuple[np.ndarra
 @pytest.mark.parametrize("snr_db", [20, 30, 45])
 def test_a_mode_that_rings_on_is_not_cut_off(seconds, snr_db):
     heard, truth = ringing(seconds, snr_db)
-    taken = from_response(recorded(heard), BAND, SPEED)
+    taken = impulse_response_pressures(recorded(heard), BAND, SPEED)
     assert taken.how.startswith("no window") and "left out" in taken.how
     error = np.mean(np.abs(taken.pressures - truth(taken.frequencies)) ** 2, axis=1)
     assert 0.7 < np.mean(error / taken.noise_power) < 1.4
@@ -224,9 +224,9 @@ def test_silence_after_the_sound_changes_nothing():
     short = noisy(np.pad(responses(), ((0, 0), (0, FS // 2))), 30)
     noise = np.random.default_rng(3).standard_normal((24, 40 * FS)) * np.std(short[:, -FS // 4 :])
     long = np.concatenate([short, noise], axis=1)
-    rates = [decay_of(recorded(samples), BAND).rate for samples in (short, long)]
+    rates = [estimate_decay(recorded(samples), BAND).rate for samples in (short, long)]
     assert rates[1] == pytest.approx(rates[0], rel=0.3)
-    taken = from_response(recorded(long), BAND, SPEED)
+    taken = impulse_response_pressures(recorded(long), BAND, SPEED)
     assert np.diff(taken.frequencies).min() > 4, "the room falls by 60 dB in 0.3 s, and its resonances are 7 Hz wide"
     assert np.all(np.abs(np.log(error_over_noise(taken))) < np.log(1.6))
 
@@ -234,14 +234,14 @@ def test_silence_after_the_sound_changes_nothing():
 def test_frequencies_keep_apart_and_prefer_peaks():
     f = np.arange(20, 400, 0.25)
     power = 1 + 50 * np.exp(-(((f - 100.0) / 0.6) ** 2)) + 50 * np.exp(-(((f - 103.0) / 0.6) ** 2))
-    chosen = f[frequency_selection.choose(f, power, np.full(len(f), 1e-3), 2.5, 400)]
+    chosen = f[frequency_selection.choose_frequencies(f, power, np.full(len(f), 1e-3), 2.5, 400)]
     assert {100.0, 103.0} <= set(chosen)
     assert np.all(np.diff(chosen) >= 2.5)
-    few = f[frequency_selection.choose(f, power, np.full(len(f), 1e-3), 2.5, 12)]
+    few = f[frequency_selection.choose_frequencies(f, power, np.full(len(f), 1e-3), 2.5, 12)]
     assert len(few) == 12
     assert np.ptp(few) > 300, "spread over the band"
     with pytest.raises(InputError, match="10 dB above the noise"):
-        frequency_selection.choose(f, power, 100 * power, 2.5)
+        frequency_selection.choose_frequencies(f, power, 100 * power, 2.5)
 
 
 MESH = np.stack([a.ravel() for a in np.meshgrid([0.0, 1, 2], [0.0, 1], [-1.0, 0, 1], indexing="ij")], axis=1)
@@ -252,31 +252,31 @@ def mesh_recording() -> Recording:
 
 
 def test_planes_subsets_and_corners_are_taken_by_position():
-    plane = on_plane(mesh_recording(), "z=0")
+    plane = select_plane(mesh_recording(), "z=0")
     assert np.array_equal(plane.positions, MESH[MESH[:, 2] == 0][:, :2])
-    numbers, corners = known(plane, "corners")
+    numbers, corners = known_microphones(plane, "corners")
     assert sorted(map(tuple, corners)) == [(0, 0), (0, 1), (2, 0), (2, 1)]
     assert np.array_equal(plane.positions[numbers], corners)
-    drawn = subset(mesh_recording(), "7", 3)
+    drawn = select_subset(mesh_recording(), "7", 3)
     assert drawn.count == 7
-    assert drawn.names == subset(mesh_recording(), "7", 3).names != subset(mesh_recording(), "7", 4).names
-    listed = subset(mesh_recording(), "5,0:3", 0)
+    assert drawn.names == select_subset(mesh_recording(), "7", 3).names != select_subset(mesh_recording(), "7", 4).names
+    listed = select_subset(mesh_recording(), "5,0:3", 0)
     assert listed.names == ("5", "0", "1", "2")
-    assert np.array_equal(read(listed, 3, 9), read(mesh_recording(), 3, 9)[[5, 0, 1, 2]])
-    assert without(listed, "1,bad", np.array([0])).names == ("0", "2")
+    assert np.array_equal(read_samples(listed, 3, 9), read_samples(mesh_recording(), 3, 9)[[5, 0, 1, 2]])
+    assert exclude_channels(listed, "1,bad", np.array([0])).names == ("0", "2")
 
 
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda r: on_plane(r, "z=0.4"), "nearest plane is z=0"),
-        (lambda r: on_plane(r, "w=1"), "is no plane"),
-        (lambda r: subset(r, "19", 0), "cannot be drawn from 18"),
-        (lambda r: subset(r, "1,18", 0), "0 to 17"),
-        (lambda r: subset(r, "a", 0), "no number and no list"),
-        (lambda r: without(r, "18", np.zeros(0, int)), 'no channel "18"'),
-        (lambda r: known(r, "0,x"), 'no channel "x"'),
-        (lambda r: known(recorded(np.ones((3, 50))), "0,1"), "tells no positions"),
+        (lambda r: select_plane(r, "z=0.4"), "nearest plane is z=0"),
+        (lambda r: select_plane(r, "w=1"), "is no plane"),
+        (lambda r: select_subset(r, "19", 0), "cannot be drawn from 18"),
+        (lambda r: select_subset(r, "1,18", 0), "0 to 17"),
+        (lambda r: select_subset(r, "a", 0), "no number and no list"),
+        (lambda r: exclude_channels(r, "18", np.zeros(0, int)), 'no channel "18"'),
+        (lambda r: known_microphones(r, "0,x"), 'no channel "x"'),
+        (lambda r: known_microphones(recorded(np.ones((3, 50))), "0,1"), "tells no positions"),
     ],
 )
 def test_a_choice_that_cannot_be_is_refused(call, words):
@@ -331,7 +331,7 @@ def test_from_a_recording_to_a_table_of_positions(name, kind, folder, tmp_path, 
 def test_few_microphones_in_a_room_are_not_said_to_be_better_than_they_are(name, folder, tmp_path):
     heard = at_work(20, 30)[0] if name == "noise" else swept(5, 30)[0]
     soundfile.write(tmp_path / "a.wav", heard.T / np.abs(heard).max() * 0.9, FS, subtype="PCM_24")
-    measurement, _ = intake(tmp_path / "a.wav", Wishes(known=str(folder / "known.csv"), speed=SPEED))
+    measurement, _ = import_recording(tmp_path / "a.wav", ImportOptions(known=str(folder / "known.csv"), speed=SPEED))
     result = solve(replace(load_input(str(tmp_path / "a.wav")), measurement=measurement))
     error = np.sqrt(np.mean(np.sum((result.positions - places()) ** 2, axis=1)))
     assert error < 1.8 * np.sqrt(np.mean(np.square(result.uncertainty)))
@@ -367,13 +367,13 @@ def test_a_wide_array_of_few_microphones_is_taken_no_higher_than_it_can_use(fold
         ("bare.npz", {"radius": radius}, "radius given"),
         ("bare.npz", {"known": str(folder / "known.csv")}, "known microphones"),
     ):
-        measurement, told = intake(tmp_path / name, Wishes(speed=SPEED, **wishes))
-        assert words in report(measurement, told)
+        measurement, told = import_recording(tmp_path / name, ImportOptions(speed=SPEED, **wishes))
+        assert words in import_summary(measurement, told)
         assert measurement.frequencies[-1] <= told.usable < 500
         assert told.usable == pytest.approx(limit) or name == "bare.npz"
-    measurement, told = intake(tmp_path / "bare.npz", Wishes(speed=SPEED))
+    measurement, told = import_recording(tmp_path / "bare.npz", ImportOptions(speed=SPEED))
     assert told.usable is None and measurement.frequencies[-1] > limit
-    assert "highest usable frequency  unknown" in report(measurement, told)
+    assert "highest usable frequency  unknown" in import_summary(measurement, told)
 
 
 def test_bad_channels_are_left_out_when_asked(tmp_path):
@@ -382,16 +382,16 @@ def test_bad_channels_are_left_out_when_asked(tmp_path):
     samples[8] = samples[2]
     np.savez(tmp_path / "a.npz", recordings=samples, sample_rate=FS, kind="response")
     with pytest.raises(InputError, match=r"channel 3 is silent; .*--leave-out bad"):
-        intake(tmp_path / "a.npz")
-    measurement, told = intake(tmp_path / "a.npz", Wishes(leave_out="bad"))
+        import_recording(tmp_path / "a.npz")
+    measurement, told = import_recording(tmp_path / "a.npz", ImportOptions(leave_out="bad"))
     assert told.left_out == {"3": "silent", "8": "a copy of 2"}
     assert measurement.names == tuple(str(n) for n in range(24) if n not in (3, 8))
-    assert "left out     3 (silent), 8 (a copy of 2); none of the others" in report(measurement, told)
+    assert "left out     3 (silent), 8 (a copy of 2); none of the others" in import_summary(measurement, told)
 
 
 def test_a_plane_of_microphones_in_space(tmp_path):
     np.savez(tmp_path / "a.npz", recordings=responses()[:18], sample_rate=FS, kind="response", positions=MESH)
-    measurement, _ = intake(tmp_path / "a.npz", Wishes(plane="z=0", known="corners"))
+    measurement, _ = import_recording(tmp_path / "a.npz", ImportOptions(plane="z=0", known="corners"))
     assert (measurement.dimension, measurement.array_dimension, measurement.count) == (3, 2, 6)
     assert len(measurement.known) == 4
 
@@ -433,7 +433,7 @@ def test_positions_in_degrees_are_refused(folder, tmp_path):
     (tmp_path / "known.csv").write_text("\n".join(["name,x,y,z", *rows]) + "\n")
     for path, table in ((tmp_path / "a.npz", None), (folder / "responses.wav", str(tmp_path / "known.csv"))):
         with pytest.raises(InputError, match=r"the band begins at 20 Hz; tell positions in metres, neither in degrees"):
-            intake(path, Wishes(known=table))
+            import_recording(path, ImportOptions(known=table))
 
 
 def test_an_archive_larger_than_memory_is_refused_in_one_line(tmp_path, monkeypatch, capsys):
@@ -466,6 +466,6 @@ def test_an_output_that_exists_is_kept(folder, tmp_path, monkeypatch, capsys):
 def test_a_reference_of_another_rate_is_refused(folder, tmp_path):
     soundfile.write(tmp_path / "sweep.wav", np.random.default_rng(0).uniform(-1, 1, 8000), 8000)
     with pytest.raises(InputError, match=r"8000 Hz and .*4000 Hz; convert"):
-        intake(folder / "responses.wav", Wishes(reference=str(tmp_path / "sweep.wav")))
+        import_recording(folder / "responses.wav", ImportOptions(reference=str(tmp_path / "sweep.wav")))
     with pytest.raises(InputError, match="24 channels; the reference signal must be one"):
-        intake(folder / "responses.wav", Wishes(reference=str(folder / "responses.wav")))
+        import_recording(folder / "responses.wav", ImportOptions(reference=str(folder / "responses.wav")))

@@ -14,7 +14,7 @@ from fdcal.commands.cli import main
 from fdcal.model.microphones import MicrophonePositions
 from fdcal.model.validation import InputError, StorageError
 from fdcal.recordings import formats
-from fdcal.recordings.recording import read
+from fdcal.recordings.recording import read_samples
 
 RATE, N, T = 8000.0, 5, 60
 SAMPLES = np.random.default_rng(0).uniform(-0.5, 0.5, (N, T))
@@ -91,12 +91,12 @@ def test_every_convention_is_read_and_its_positions_are_filled_in(convention, mo
     path = written(tmp_path / "a.sofa", convention, moved, in_degrees=True)
     recording = formats.read(path)
     assert np.allclose(recording.positions, PLACES)
-    assert np.allclose(read(recording, 0, T), SAMPLES)
+    assert np.allclose(read_samples(recording, 0, T), SAMPLES)
     before = path.read_bytes()
     formats.write(tmp_path / "b.sofa", "b.sofa", MicrophonePositions(tuple("43210"), FOUND), str(path))
     back = formats.read(tmp_path / "b.sofa")
     assert np.allclose(back.positions, FOUND[::-1]), "by the names of the channels"
-    assert np.allclose(read(back, 0, T), SAMPLES)
+    assert np.allclose(read_samples(back, 0, T), SAMPLES)
     assert path.read_bytes() == before
     assert capfd.readouterr() == ("", ""), "the library has nothing to tell"
 
@@ -107,7 +107,7 @@ def test_the_emitter_asked_for_is_heard(convention, tmp_path):
     for source in range(3):
         recording = formats.read(path, source)
         assert (recording.count, recording.samples) == (N, T)
-        assert np.allclose(read(recording, 7, 50, [3, 1]), (source + 1) * SAMPLES[[3, 1], 7:50])
+        assert np.allclose(read_samples(recording, 7, 50, [3, 1]), (source + 1) * SAMPLES[[3, 1], 7:50])
     with pytest.raises(InputError, match="sources 0 to 2"):
         formats.read(path, 3)
 
@@ -134,10 +134,10 @@ def test_a_delay_is_applied_and_one_that_is_no_sample_is_refused(tmp_path):
     delay = np.array([103.0, 100, 101, 107, 100])
     recording = formats.read(written(tmp_path / "a.sofa", "SingleRoomSRIR", delay=delay))
     assert recording.samples == T + 7
-    heard = read(recording, 0, T + 7)
+    heard = read_samples(recording, 0, T + 7)
     for row, samples, begin in zip(heard, SAMPLES, (3, 0, 1, 7, 0), strict=True):
         assert np.allclose(row, np.pad(samples, (begin, 7 - begin)))
-    assert np.array_equal(read(recording, 2, 64, [3, 0]), heard[[3, 0], 2:64])
+    assert np.array_equal(read_samples(recording, 2, 64, [3, 0]), heard[[3, 0], 2:64])
     with pytest.raises(InputError, match=r'"Data.Delay" differs by 0.5 samples'):
         formats.read(written(tmp_path / "b.sofa", "SingleRoomSRIR", delay=delay * 0.5 % 1))
 

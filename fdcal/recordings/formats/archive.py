@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ...model.validation import InputError, require_array, require_choice
-from ..recording import KINDS, Recording, of_array
+from ..recording import KINDS, Recording, recording_of
 
 NAME = "NumPy archive"
 SUFFIXES = (".npz",)
@@ -60,7 +60,7 @@ def read(path: Path, source: int | None = None) -> Recording:
     kind = value["kind"].item() if "kind" in value else None
     if kind is not None:
         require_choice(f"{path}: kind", kind, KINDS)
-    return of_array(
+    return recording_of(
         str(path),
         kind,
         value["sample_rate"].item(),

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ...model.validation import InputError
-from ..recording import Recording, pieces
+from ..recording import Recording, sample_ranges
 
 NAME = "Acoular HDF5"
 SUFFIXES = (".h5", ".hdf5")
@@ -41,7 +41,7 @@ def read(path: Path, source: int | None = None) -> Recording:
         values = np.empty((len(chosen), stop - start))
         try:
             with h5py.File(path, "r") as file:
-                for first, last in pieces(stop - start, channels):
+                for first, last in sample_ranges(stop - start, channels):
                     values[:, first:last] = file["time_data"][start + first : start + last].T[chosen]
         except Exception as error:
             raise InputError(f"{path} cannot be read at sample {start}: {error}; copy the file again") from error

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ...model.validation import InputError
-from ..recording import Recording, pieces
+from ..recording import Recording, sample_ranges
 
 NAME = "multichannel sound"
 # What libsndfile notes of a chunk that should be as long as the file: of WAV, AIFF, AU, W64 and RF64.
@@ -42,7 +42,7 @@ def read(path: Path, source: int | None = None) -> Recording:
         try:
             with soundfile.SoundFile(path) as file:
                 file.seek(start)
-                for first, last in pieces(stop - start, channels):
+                for first, last in sample_ranges(stop - start, channels):
                     part = file.read(last - first, dtype=values.dtype.name, always_2d=True)
                     values[:, first:last] = part.T[chosen]  # fewer where the file ends too soon: an error, too
         except (soundfile.LibsndfileError, RuntimeError, ValueError, IndexError) as error:
