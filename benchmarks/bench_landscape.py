@@ -11,11 +11,12 @@ import numpy as np
 from benchmarks.report import Figure, best_time
 from fdcal.acoustics.fourier_bessel import Lattice
 from fdcal.acoustics.measurement_cache import cached_measurement
-from fdcal.cost.eq7 import lattice_of, leave_one_out
-from fdcal.cost.lattice_search import all_candidates, best_candidate, lattice_landscape
+from fdcal.cost.eq7 import leave_one_out_fits
+from fdcal.cost.lattice_search import best_candidate, candidate_costs, lattice_landscape
 from fdcal.cost.leave_one_out import likelihood_landscape
 from fdcal.cost.likelihood import diffuse_field
 from fdcal.cost.likelihood_maps import likelihood_maps
+from fdcal.cost.mode_limits import search_lattice
 from fdcal.model.power import mode_power
 from fdcal.model.scene import load_scene
 from fdcal.solvers import descent
@@ -27,7 +28,7 @@ def run() -> list[Figure]:
     scene = load_scene("array1_circle")
     measurement = cached_measurement(scene)
     problem = measurement.problem()
-    lattice = lattice_of(problem, scene.solver.order_offset)
+    lattice = search_lattice(problem, scene.solver.order_offset)
     rng = np.random.default_rng(0)
     guess = lattice.points[[lattice.index(x) for x in measurement.positions + rng.normal(0, 0.03, (65, 2))]]
     centre = lattice.nearest(guess.mean(axis=0))
@@ -49,7 +50,7 @@ def _one_mode(problem, lattice, guess, centre) -> list[Figure]:
     p, alone = problem.pressures[mode], slice(mode, mode + 1)
 
     def closed_form():
-        return all_candidates(lattice, centre, alone, leave_one_out([W], p[None], MICROPHONE))[0]
+        return candidate_costs(lattice, centre, alone, leave_one_out_fits([W], p[None], MICROPHONE))[0]
 
     def brute_force():
         candidate, costs = W.copy(), np.empty(len(rows))
@@ -73,11 +74,11 @@ def _many_modes(problem, lattice, guess, centre) -> list[Figure]:
     three, modes = slice(10, 31, 10), slice(0, 57)
     panels = best_time(lambda: lattice_landscape(problem, lattice, guess, MICROPHONE, centre, three).sum(axis=0))
     summed = best_time(lambda: lattice_landscape(problem, lattice, guess, MICROPHONE, centre, modes).sum(axis=0))
-    fits = leave_one_out(lattice.microphones(guess, centre, range(57)), problem.pressures[modes], MICROPHONE)
+    fits = leave_one_out_fits(lattice.microphones(guess, centre, range(57)), problem.pressures[modes], MICROPHONE)
     here = lattice.index(guess[MICROPHONE])
-    whole = best_time(lambda: all_candidates(lattice, centre, modes, fits).sum(axis=0))
+    whole = best_time(lambda: candidate_costs(lattice, centre, modes, fits).sum(axis=0))
     short = best_time(lambda: best_candidate(lattice, centre, modes, fits, here), 20)
-    least = int(all_candidates(lattice, centre, modes, fits).sum(axis=0).argmin())
+    least = int(candidate_costs(lattice, centre, modes, fits).sum(axis=0).argmin())
     agree = least == best_candidate(lattice, centre, modes, fits, here)[0]
     build = best_time(lambda: Lattice(problem.search, problem.wavenumbers, lattice.orders), 2)
     return [
@@ -94,7 +95,7 @@ def _steps(problem, settings, truth) -> list[Figure]:
     """A whole step of descent, fits and all, against the same with the full landscape, from three states."""
     figures = []
     start = descent.use_modes(problem, descent.init(problem, settings, 0), 1, 57, automatic=False)
-    lattice = lattice_of(problem, start.order_offset)
+    lattice = search_lattice(problem, start.order_offset)
     near = truth + np.random.default_rng(1).normal(0, 0.02, truth.shape)
     for name, positions in (("a random start", start.positions), ("2 cm off", near), ("the truth", truth)):
         on_lattice = lattice.points[[lattice.index(x) for x in positions]]

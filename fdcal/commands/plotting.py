@@ -6,7 +6,7 @@ import numpy as np
 
 from ..assessment.calibration import Calibration
 from ..assessment.field_map import FieldMap, field_map
-from ..cost.eq7 import lattice_of, require_modes
+from ..cost.mode_limits import require_modes, search_lattice
 from ..model.measurement import Measurement
 from ..model.validation import InputError
 from .sources import CalibrationInput
@@ -56,7 +56,7 @@ def summed_landscape(inputs: CalibrationInput, positions: np.ndarray, n: int, mo
     problem, settings = inputs.measurement.problem(inputs.settings.weights), inputs.settings
     offset = order_offset_of(settings, modes)
     require_modes(problem, offset, modes)
-    lattice = lattice_of(problem, offset)
+    lattice = search_lattice(problem, offset)
     centre = lattice.nearest(np.mean(positions, axis=0))
     maps = lattice_landscape(problem, lattice, positions, n, centre, slice(0, modes), settings.known_weight)
     return maps.sum(axis=0)

@@ -1,12 +1,12 @@
 """The cost of the paper, Eq. 7, in one place.
 
-    W         dictionary of one mode at the supposed positions (Eq. 4)
+    W         dictionary of one mode at the estimated positions (Eq. 4)
     alpha     W^+ p, coefficients of the field (Eq. 5)
-    residual  W alpha - p (Eqs. 6 and 7), one entry a microphone
+    residual  W alpha - p (Eqs. 6 and 7), one value per microphone
     cost      |residual|^2, summed over the modes in use (Eq. 7)
     landscape cost over candidate positions of one microphone, all others held
 
-The landscape is the descent's step, the picture on the screen and the tests' oracle: with microphone n left out,
+The landscape serves the step of descent, the picture on the screen and the tests. With microphone n left out,
 W_-n = Q S, Z = S^-1, alpha = Z Z^H W_-n^H p_-n and r0 = |p_-n - W_-n alpha|^2, the cost with microphone n at x is
 
     cost(x) = r0 + |p_n - w(x) alpha|^2 / (1 + |w(x) Z|^2),
@@ -17,12 +17,11 @@ column space once for all candidates. The centre of the expansion is the same fo
 
 from __future__ import annotations
 
-import functools
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..acoustics.fourier_bessel import Lattice, fourier_bessel, max_order
+from ..acoustics.fourier_bessel import fourier_bessel
 from ..model.measurement import Problem
 from ..model.validation import InputError
 
@@ -30,7 +29,7 @@ RANK_TOLERANCE = 1e-12  # singular values below this fraction of the largest cou
 
 
 def residual(positions, pressures, wavenumbers, orders, centre, tikhonov: float = 0.0) -> np.ndarray:
-    """What the positions cannot explain: W W^+ p - p (Eq. 7) of every mode.
+    """Return the residual of every mode, W W^+ p - p (Eq. 7).
 
     Parameters
     ----------
@@ -53,7 +52,18 @@ def residual(positions, pressures, wavenumbers, orders, centre, tikhonov: float 
 
 
 def coefficients(W: np.ndarray, p: np.ndarray, tikhonov: float = 0.0) -> np.ndarray:
-    """alpha = W^+ p (Eq. 5), or the minimiser of |W alpha - p|^2 + tikhonov |alpha|^2 : (2L + 1,) complex128."""
+    """Return alpha = W^+ p (Eq. 5), or the minimiser of |W alpha - p|^2 + tikhonov |alpha|^2.
+
+    Parameters
+    ----------
+    W : (N, 2L + 1) complex128
+    p : (N,) complex128
+    tikhonov : weight mu of |alpha|^2, dimensionless
+
+    Returns
+    -------
+    (2L + 1,) complex128, unit of `p`
+    """
     U, s, Vh = np.linalg.svd(W, full_matrices=False)
     keep = s > RANK_TOLERANCE * s[0]
     weight = np.where(keep, s / np.where(keep, s**2 + tikhonov, 1.0), 0.0)
@@ -61,9 +71,13 @@ def coefficients(W: np.ndarray, p: np.ndarray, tikhonov: float = 0.0) -> np.ndar
 
 
 def cost(positions, pressures, wavenumbers, orders, centre, tikhonov: float = 0.0) -> np.ndarray:
-    """Cost of every mode (Eq. 7 before the sum) : (M,) float64.
+    """Return the cost of every mode (Eq. 7 before the sum).
 
     Parameters as of `residual`. With `tikhonov` the penalty tikhonov |alpha|^2 is part of the cost.
+
+    Returns
+    -------
+    (M,) float64, squared unit of `pressures`
     """
     total = np.sum(np.abs(residual(positions, pressures, wavenumbers, orders, centre, tikhonov)) ** 2, axis=1)
     if tikhonov:
@@ -74,8 +88,17 @@ def cost(positions, pressures, wavenumbers, orders, centre, tikhonov: float = 0.
 
 
 @dataclass(frozen=True)
-class LeaveOneOut:
-    """The fit of one mode to all microphones but one: Z (K, K), alpha (K,), r0, p_n; Z upper triangular or not."""
+class LeaveOneOutFit:
+    """The fit of one mode to all microphones but one; the symbols are those of the module's docstring.
+
+    Attributes
+    ----------
+    Z : (K, K) complex128, Z Z^H is the inverse of W_-n^H W_-n; K = 2L + 1
+    alpha : (K,) complex128, coefficients, unit of the pressures
+    r0 : float, squared residual of the other microphones
+    p_n : complex, pressure of the microphone left out
+    triangular : whether Z is upper triangular, which it is unless W_-n is rank-deficient
+    """
 
     Z: np.ndarray
     alpha: np.ndarray
@@ -84,7 +107,16 @@ class LeaveOneOut:
     triangular: bool
 
     def cost_of(self, rows: np.ndarray) -> np.ndarray:
-        """Cost with the left-out microphone at each candidate, whose rows of W are `rows` (C, K) : (C,) float64."""
+        """Return the cost with the left-out microphone at each candidate.
+
+        Parameters
+        ----------
+        rows : (C, K) complex128, row of W at each candidate
+
+        Returns
+        -------
+        (C,) float64
+        """
         product = rows @ np.column_stack([self.Z, self.alpha])
         parts = product.view(float)
         leverage = np.einsum("ij,ij->i", parts[:, :-2], parts[:, :-2])
@@ -92,8 +124,10 @@ class LeaveOneOut:
         return self.r0 + (error.real**2 + error.imag**2) / (1 + leverage)
 
 
-def leave_one_out(dictionaries, pressures: np.ndarray, n: int, tikhonov=0.0, weights=None) -> list[LeaveOneOut]:
-    """Fit of every mode to all microphones but `n`.
+def leave_one_out_fits(
+    dictionaries, pressures: np.ndarray, n: int, tikhonov: float = 0.0, weights: np.ndarray | None = None
+) -> list[LeaveOneOutFit]:
+    """Return the fit of every mode to all microphones but `n`.
 
     Parameters
     ----------
@@ -102,10 +136,15 @@ def leave_one_out(dictionaries, pressures: np.ndarray, n: int, tikhonov=0.0, wei
     n : microphone left out
     tikhonov : weight mu of |alpha|^2
     weights : (N,) float64 or None, of the squared residual of each microphone; that of `n` counts as 1
+
+    Raises
+    ------
+    InputError
+        A mode has more functions than there are microphones left.
     """
     others = np.arange(pressures.shape[1]) != n
     scale = None if weights is None else np.sqrt(weights[others])
-    fits: list[LeaveOneOut | None] = [None] * len(dictionaries)
+    fits: dict[int, LeaveOneOutFit] = {}
     widths = np.array([W.shape[1] for W in dictionaries])
     for width in np.unique(widths):  # modes of equal order in one batch
         modes = np.flatnonzero(widths == width)
@@ -115,8 +154,8 @@ def leave_one_out(dictionaries, pressures: np.ndarray, n: int, tikhonov=0.0, wei
             W, p = W * scale[:, None], p * scale
         Z, alpha, r0, triangular = _fit(W, p, tikhonov)
         for i, m in enumerate(modes):
-            fits[m] = LeaveOneOut(Z[i], alpha[i], float(r0[i]), complex(pressures[m, n]), bool(triangular[i]))
-    return fits
+            fits[int(m)] = LeaveOneOutFit(Z[i], alpha[i], float(r0[i]), complex(pressures[m, n]), bool(triangular[i]))
+    return [fits[m] for m in range(len(dictionaries))]
 
 
 def _fit(W: np.ndarray, p: np.ndarray, tikhonov: float):
@@ -128,8 +167,8 @@ def _fit(W: np.ndarray, p: np.ndarray, tikhonov: float):
         p = np.concatenate([p, np.zeros((batch, width))], axis=1)
     if W.shape[1] < width:
         raise InputError(
-            f"an expansion of {width} functions (2L + 1) needs more than {W.shape[1]} microphones; use a"
-            " smaller search.radius or solver.order_offset"
+            f"an expansion of {width} functions (2L + 1) needs more than {W.shape[1]} microphones",
+            "use a smaller search.radius or solver.order_offset",
         )
     S = np.linalg.qr(W, mode="r")
     diagonal = np.abs(np.diagonal(S, axis1=1, axis2=2))
@@ -137,7 +176,7 @@ def _fit(W: np.ndarray, p: np.ndarray, tikhonov: float):
     S[deficient] = np.eye(width)
     Z = np.linalg.inv(S)
     alpha = _solve(W, Z, p)
-    alpha += _solve(W, Z, p - (W @ alpha[..., None])[..., 0])  # makes up for doing without Q, which costs more than S
+    alpha += _solve(W, Z, p - (W @ alpha[..., None])[..., 0])  # refines: forming Q would cost more than S
     for b in np.flatnonzero(deficient):
         Z[b], alpha[b] = _reduced_fit(W[b], p[b])
     r0 = np.sum(np.abs(p - (W @ alpha[..., None])[..., 0]) ** 2, axis=1)
@@ -158,7 +197,7 @@ def _reduced_fit(W: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def landscape(positions, n: int, candidates, pressures, wavenumbers, orders, centre, tikhonov=0.0) -> np.ndarray:
-    """Cost of every mode with microphone `n` at each candidate, the others at `positions`.
+    """Return the cost of every mode with microphone `n` at each candidate, the others at `positions`.
 
     Parameters
     ----------
@@ -170,65 +209,17 @@ def landscape(positions, n: int, candidates, pressures, wavenumbers, orders, cen
     """
     W = [fourier_bessel(positions, k, L, centre) for k, L in zip(wavenumbers, orders, strict=True)]
     rows = (fourier_bessel(candidates, k, L, centre) for k, L in zip(wavenumbers, orders, strict=True))
-    fits = leave_one_out(W, pressures, n, tikhonov)
+    fits = leave_one_out_fits(W, pressures, n, tikhonov)
     return np.stack([fit.cost_of(w) for fit, w in zip(fits, rows, strict=True)])
 
 
 def known_weights(problem: Problem, known_weight: float) -> np.ndarray:
-    """Weights (N,) of the squared residuals: `known_weight` for known microphones, 1 for the others."""
+    """Return the weights of the squared residuals: `known_weight` for known microphones, 1 for the others.
+
+    Returns
+    -------
+    (N,) float64, dimensionless
+    """
     weights = np.ones(problem.pressures.shape[1])
     weights[problem.known] = known_weight
     return weights
-
-
-@functools.lru_cache(maxsize=3)
-def lattice_of(problem: Problem, order_offset: int) -> Lattice:
-    """The lattice of a problem's search domain with all modes that its microphones can carry.
-
-    Raises InputError where the problem has no search domain, or too few microphones for its lowest mode.
-    """
-    if problem.search is None:
-        raise InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
-    require_modes(problem, order_offset, 1)
-    orders = max_order(problem.wavenumbers, problem.search.radius, order_offset)
-    usable = usable_modes(problem, order_offset)
-    return Lattice(problem.search, problem.wavenumbers[:usable], orders[:usable])
-
-
-def usable_modes(problem: Problem, order_offset: int) -> int:
-    """How many of the lowest modes have 2L + 1 functions that the microphones, one left out, can carry.
-
-    All of a field of three dimensions, or without a search domain, which no lattice is searched for.
-    """
-    if problem.dimension == 3 or problem.search is None:
-        return len(problem.pressures)
-    orders = max_order(problem.wavenumbers, problem.search.radius, order_offset)
-    carried = 2 * orders + 1 < problem.pressures.shape[1]
-    return int(np.argmin(carried)) if not carried.all() else len(carried)
-
-
-def require_modes(problem: Problem, order_offset: int, count: int) -> None:
-    """Raise InputError unless the field has two dimensions, `count` modes and the microphones to carry them."""
-    if problem.dimension != 2:
-        raise InputError(
-            'landscapes and solver.name = "descent" need a two-dimensional field, and this one has dimension = 3; use'
-            ' solver.name = "joint", and `fdcal view` for its maps'
-        )
-    measured, microphones = problem.pressures.shape
-    if count > measured:
-        raise InputError(
-            f"{count} modes asked for (solver.modes), but {measured} were measured; use at most {measured}"
-        )
-    usable = usable_modes(problem, order_offset)
-    if count > usable:
-        R = problem.search.radius
-        L = int(max_order(problem.wavenumbers[usable], R, order_offset))
-        remedies = [f"use at most {usable} modes (solver.modes; {count} asked for)"] if usable else []
-        remedies += [f"a search.radius below {R:g} m"]
-        remedies += [f"a solver.order_offset below {order_offset}"] if order_offset else []
-        raise InputError(
-            f"mode {usable + 1} at {problem.frequencies[usable]:.4g} Hz has order L = ceil(k R) + solver.order_offset ="
-            f" {L} with search.radius = {R:g} m and solver.order_offset = {order_offset}, that is 2L + 1 = {2 * L + 1}"
-            f" functions for {microphones} microphones; {'' if usable else 'use '}{', '.join(remedies)}, or more"
-            " microphones"
-        )

@@ -1,14 +1,13 @@
-"""Maps for the eye: the cost of moving one microphone, mode by mode, as finely as a screen shows it, and its minima.
+"""Cost maps for display: the cost of moving one microphone, mode by mode, at the resolution of a screen.
 
-    mode_shape    the sound field of one mode, as the microphones heard it
-    each_mode     costs of single modes over the search lattice, as the solver at work reckons them
-    finer         the same domain with a lattice as fine as the screen
-    local_minima  where a map is lower than all around
-    cost_at       a map read off between its points
+    mode_shape       the sound field of one mode, as the microphones recorded it
+    mode_landscapes  costs of single modes over the search lattice, as the running solver computes them
+    refined          the same domain with a lattice as fine as the screen
+    local_minima     minima of a map that are deeper than its ripple
+    interpolate      the value of a map between its points
 
-The formula is `fdcal.cost.lattice_search.all_candidates`. On a fine lattice the radial functions J_l(k r) come from
-a spline
-through a few thousand radii, good to 1e-9, which is far quicker than the library's function at each radius.
+The formula is `fdcal.cost.lattice_search.candidate_costs`. On a fine lattice the radial functions J_l(k r) come from a
+spline through a few thousand radii, good to 1e-9, which is far quicker than a library call at each radius.
 """
 
 from __future__ import annotations
@@ -23,32 +22,51 @@ from ..acoustics.fourier_bessel import bessel_orders, fourier_bessel, max_order
 from ..model.measurement import Problem
 from ..model.scene import Search
 from ..model.validation import InputError
-from .eq7 import coefficients, known_weights, leave_one_out
+from .eq7 import coefficients, known_weights, leave_one_out_fits
 
 FINE = 500  # points along the longer edge of a fine map
-DEPTH = 1e-3  # of a map's span, that a hollow must be deep to count as a local minimum
-PER_RADIAN = 400  # points of the spline for one radian of k r
+DEPTH = 1e-3  # least prominence of a local minimum, as a share of the map's range
+PER_RADIAN = 400  # points of the spline per radian of k r
 
 
-def each_mode(problem: Problem, solver, state, n: int, modes: Sequence[int]) -> np.ndarray:
-    """Cost of each of `modes` (counted from 1) with microphone `n` moved over the search lattice : (P, ny, nx).
+def mode_landscapes(problem: Problem, solver, state, n: int, modes: Sequence[int]) -> np.ndarray:
+    """Return the cost of each of `modes` with microphone `n` moved over the search lattice.
 
-    `solver` is the module whose `state` is looked at: it says what the cost is. Raises InputError as it does.
+    Parameters
+    ----------
+    solver : module of the solver that `state` belongs to; its `landscape` defines the cost
+    modes : (P,) int, counted from 1
+
+    Returns
+    -------
+    (P, ny, nx) float64
+
+    Raises
+    ------
+    InputError
+        As `solver.landscape` does, for example without a search domain.
     """
     low, high = min(modes), max(modes)
     maps = solver.landscape(problem, state, n, slice(low - 1, high))
     return maps[np.asarray(modes) - low]
 
 
-def fine_mode(problem: Problem, solver, state, n: int, mode: int, search: Search) -> np.ndarray:
-    """Cost of one mode, counted from 1, with microphone `n` moved over `search`, any lattice of the same area.
+def fine_landscape(problem: Problem, solver, state, n: int, mode: int, search: Search) -> np.ndarray:
+    """Return the cost of one mode with microphone `n` moved over any lattice of the search domain's area.
 
-    As `each_mode`, (ny, nx) float64; of Eq. 7 the centre of the expansion is the point of `search` nearest to that of
-    `state`.
+    Parameters
+    ----------
+    solver, state : as of `mode_landscapes`
+    mode : counted from 1
+    search : the lattice. For Eq. 7 the centre of the expansion is its point nearest to the centre of `state`.
+
+    Returns
+    -------
+    (ny, nx) float64
     """
-    if not hasattr(state, "centre"):  # a likelihood, which has none and takes any lattice
+    if not hasattr(state, "centre"):  # a likelihood has no centre and takes any lattice
         return solver.landscape(problem, state, n, slice(mode - 1, mode), search)[0]
-    from .lattice_search import all_candidates  # compiled code, which a page loads before its first map
+    from .lattice_search import candidate_costs  # compiled code, loaded with the first map
 
     k = complex(problem.wavenumbers[mode - 1])
     L = int(max_order(problem.wavenumbers[mode - 1 : mode], search.radius, state.order_offset)[0])
@@ -57,21 +75,40 @@ def fine_mode(problem: Problem, solver, state, n: int, mode: int, search: Search
     centre = lattice.nearest(state.centre)
     W = fourier_bessel(np.asarray(state.positions), k, L, centre)
     weights = known_weights(problem, state.settings.known_weight)
-    fits = leave_one_out([W], problem.pressures[mode - 1 : mode], n, weights=weights)
-    return all_candidates(lattice, centre, slice(0, 1), fits).reshape(rings.shape)
+    fits = leave_one_out_fits([W], problem.pressures[mode - 1 : mode], n, weights=weights)
+    return candidate_costs(lattice, centre, slice(0, 1), fits).reshape(rings.shape)
 
 
 def mode_shape(problem: Problem, positions, mode: int, order_offset: int) -> np.ndarray:
-    """Real part of the pressure of one mode (counted from 1) over the search lattice, greatest 1 : (ny, nx) float64.
+    """Return the pressure of one mode over the search lattice, reconstructed from the microphones and scaled to 1.
 
-    W alpha of Eq. 6 with the microphones at `positions` (N, 2), metres, and the phase of most pressure; true to the
-    room where the positions are and among the microphones. Raises InputError where there is no plane lattice.
+    It is the real part of W alpha (Eq. 6) at the phase with most pressure. It matches the room among the microphones
+    and where the positions are right.
+
+    Parameters
+    ----------
+    positions : (N, 2) float64, metres
+    mode : counted from 1
+    order_offset : added to the order of Eq. 3
+
+    Returns
+    -------
+    (ny, nx) float64, dimensionless, largest magnitude 1
+
+    Raises
+    ------
+    InputError
+        The field is not two-dimensional, or there is no search domain.
     """
     search = problem.search
     if problem.dimension != 2 or search is None:
-        raise InputError("the shape of a mode is drawn of two-dimensional fields with a search domain")
+        raise InputError(
+            "the shape of a mode needs a two-dimensional field and a search domain",
+            "give <search> and <radius>",
+            key="search",
+        )
     positions, k = np.asarray(positions, float), problem.wavenumbers[mode - 1]
-    most = (len(positions) - 2) // 2  # 2L + 1 functions for the microphones
+    most = (len(positions) - 2) // 2  # 2L + 1 functions (Eq. 8) for fewer than N microphones
     L = min(int(max_order(k[None], search.radius, order_offset)[0]), most)
     centre = positions.mean(axis=0)
     alpha = coefficients(fourier_bessel(positions, complex(k), L, centre), problem.pressures[mode - 1])
@@ -83,8 +120,13 @@ def mode_shape(problem: Problem, positions, mode: int, order_offset: int) -> np.
     return field.reshape(len(y), len(x))
 
 
-def finer(search: Search, count: int = FINE) -> Search:
-    """The same area, the cells at its edge included, with `count` points along its longer edge."""
+def refined(search: Search, count: int = FINE) -> Search:
+    """Return a finer lattice of the same area, the cells at its edge included.
+
+    Parameters
+    ----------
+    count : points along the longer edge
+    """
     step = search.step * max(search.shape) / count
     corner = np.subtract(search.origin, search.step / 2)
     numbers = [max(round(search.step * n / step), 2) for n in search.shape]
@@ -94,7 +136,14 @@ def finer(search: Search, count: int = FINE) -> Search:
 
 @dataclass(frozen=True)
 class _Rings:
-    """Distances between points of a lattice: (ny, nx), row of a squared offset in steps, radii (U,), metres."""
+    """Distances between the points of a lattice.
+
+    Attributes
+    ----------
+    shape : (ny, nx)
+    row : (d2max + 1,) int32, squared offset in steps to index of `radii`, -1 where there is none
+    radii : (U,) float64, metres, ascending
+    """
 
     shape: tuple[int, int]
     row: np.ndarray
@@ -102,6 +151,7 @@ class _Rings:
 
     @property
     def longest(self) -> float:
+        """Largest distance, metres."""
         return float(self.radii[-1])
 
 
@@ -116,15 +166,15 @@ def _rings(search: Search) -> _Rings:
 
 @functools.lru_cache(maxsize=128)
 def _radial(k: complex, L: int, longest: float) -> Callable[[np.ndarray], np.ndarray]:
-    """J_0..J_L of k r for r from 0 to `longest`, metres."""
-    from scipy.interpolate import CubicSpline  # a second to load, which the page does without until its first map
+    """Return a spline of J_0..J_L of k r over r from 0 to `longest`, metres."""
+    from scipy.interpolate import CubicSpline  # takes a second to load: not before the first map
 
     radii = np.linspace(0.0, longest, max(64, int(PER_RADIAN * abs(k) * longest)))
     return CubicSpline(radii, bessel_orders(k * radii, L))
 
 
 class _OneMode:
-    """A lattice with the table of one mode, as `fdcal.cost.lattice_search` reads it."""
+    """A lattice with the table of one mode, with the attributes of `Lattice` that `candidate_costs` reads."""
 
     def __init__(self, search: Search, rings: _Rings, radial: np.ndarray, orders: np.ndarray):
         self._search, self._rings, self.radial, self.orders = search, rings, radial, orders
@@ -137,7 +187,7 @@ class _OneMode:
         return np.clip(index, 0, np.array(self._search.shape) - 1)
 
     def phases(self, centre) -> tuple[np.ndarray, np.ndarray]:
-        """exp(j theta) and row of `radial` of every point about `centre`."""
+        """Return exp(j theta) and the row of `radial` of every point about `centre`."""
         x, y = (np.arange(count) - here for count, here in zip(self._search.shape, self._index(centre), strict=True))
         squared = np.add.outer(y**2, x**2)
         unit = np.add.outer(1j * y, x) / np.sqrt(np.maximum(squared, 1))
@@ -146,26 +196,51 @@ class _OneMode:
 
 
 def local_minima(cost: np.ndarray, depth: float = DEPTH) -> np.ndarray:
-    """Rows and columns (K, 2) int64 of the bottoms of the hollows of `cost` (ny, nx), the deepest hollow first.
+    """Return the local minima of a map, the lowest first.
 
-    A hollow counts where one must climb by `depth` of the map's whole span to leave it for a lower one: a valley that
-    crosses a lattice aslant has a string of smaller ones. Bottoms at the edge, beyond which nothing is known, do not
-    count.
+    A minimum counts where its prominence, the climb out of it to a lower one, exceeds `depth` of the map's range: a
+    valley oblique to the lattice has a string of shallower ones. Minima at the edge do not count, because the cost
+    beyond it is unknown.
+
+    Parameters
+    ----------
+    cost : (ny, nx) float64
+    depth : least prominence as a share of the map's range
+
+    Returns
+    -------
+    (K, 2) int64, rows and columns
     """
-    from .watershed import bottoms
+    from .watershed import prominent_minima
 
-    rows, columns = np.divmod(bottoms(cost, depth * float(np.ptp(cost))), cost.shape[1])
+    rows, columns = np.divmod(prominent_minima(cost, depth * float(np.ptp(cost))), cost.shape[1])
     inside = (rows > 0) & (columns > 0) & (rows < cost.shape[0] - 1) & (columns < cost.shape[1] - 1)
     return np.stack([rows, columns], axis=1)[inside]
 
 
-def places(indices: np.ndarray, search: Search) -> np.ndarray:
-    """Rows and columns (K, 2) of a map over `search` as positions (K, 2) float64, metres."""
+def map_positions(indices: np.ndarray, search: Search) -> np.ndarray:
+    """Return the positions of points of a map.
+
+    Parameters
+    ----------
+    indices : (K, 2) int, rows and columns
+    search : the map's lattice
+
+    Returns
+    -------
+    (K, 2) float64, metres, x and y
+    """
     return np.asarray(search.origin)[:2] + search.step * np.asarray(indices)[:, ::-1]
 
 
-def cost_at(cost: np.ndarray, search: Search, point) -> float:
-    """A map (ny, nx) over `search` read off at a point (2,), metres, between its points in proportion."""
+def interpolate(cost: np.ndarray, search: Search, point) -> float:
+    """Return the value of a map at a point, by bilinear interpolation; outside, that of the nearest edge.
+
+    Parameters
+    ----------
+    cost : (ny, nx) float64, over `search`
+    point : (2,) or (3,) float64, metres
+    """
     place = (np.asarray(point, float)[:2] - search.origin[:2]) / search.step
     x, y = np.clip(place, 0, np.array(cost.shape[::-1]) - 1)
     i, j = min(int(x), cost.shape[1] - 2), min(int(y), cost.shape[0] - 2)

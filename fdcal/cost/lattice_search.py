@@ -1,9 +1,8 @@
-"""Every candidate of a search lattice weighed by compiled code, and the argmin without weighing them all.
+"""Eq. 7 over a whole search lattice, compiled, and a pruned search for its minimum.
 
-The formula is `LeaveOneOut.cost_of` of `fdcal.cost.eq7`, the rows of W come from the lattice's table of radii. The
-sum over
-modes only grows, so the search leaves a candidate as soon as its partial sum passes the best so far. Its answer is the
-argmin of the whole landscape, the first one in lattice order where several are equal.
+The formula is `LeaveOneOutFit.cost_of` of `fdcal.cost.eq7`; the rows of W come from the lattice's table of radii. The
+sum over modes only grows, so the search drops a candidate as soon as its partial sum exceeds the best sum so far. The
+result is the argmin of the whole landscape, the first one in lattice order where several are equal.
 """
 
 from __future__ import annotations
@@ -13,45 +12,59 @@ import numpy as np
 from ..acoustics.compiled import compiled, parallel_map
 from ..acoustics.fourier_bessel import Lattice
 from ..model.measurement import Problem
-from .eq7 import LeaveOneOut, known_weights, leave_one_out
+from .eq7 import LeaveOneOutFit, known_weights, leave_one_out_fits
 
-BLOCK = 32  # neighbouring candidates are weighed together, which vector instructions serve well
-STRIP = 64 * BLOCK  # candidates that one core weighs at a time
+BLOCK = 32  # neighbouring candidates evaluated together, so that the compiler can use vector instructions
+STRIP = 64 * BLOCK  # candidates that one core evaluates at a time
 
 
 def lattice_landscape(problem: Problem, lattice: Lattice, positions, n: int, centre, modes: slice, known_weight=1.0):
-    """Cost of every mode over the lattice with microphone `n` there, `centre` one of its points : (modes, ny, nx).
+    """Return the cost of every mode over the lattice with microphone `n` there (Eq. 7).
 
-    As `fdcal.cost.eq7.landscape`; the squared residual of known microphones counts `known_weight` times.
+    Parameters
+    ----------
+    positions : (N, 2) float64, metres
+    centre : (2,) float64, metres, a lattice point
+    modes : slice, the modes in use
+    known_weight : weight of the squared residual of known microphones, dimensionless
+
+    Returns
+    -------
+    (modes, ny, nx) float64, as `fdcal.cost.eq7.landscape`
     """
     W = lattice.microphones(positions, centre, range(len(lattice.orders))[modes])
-    fits = leave_one_out(W, problem.pressures[modes], n, weights=known_weights(problem, known_weight))
-    return all_candidates(lattice, centre, modes, fits).reshape(-1, *lattice.shape)
+    fits = leave_one_out_fits(W, problem.pressures[modes], n, weights=known_weights(problem, known_weight))
+    return candidate_costs(lattice, centre, modes, fits).reshape(-1, *lattice.shape)
 
 
-def all_candidates(lattice: Lattice, centre, modes: slice, fits: list[LeaveOneOut]) -> np.ndarray:
-    """Cost of every candidate and mode : (modes, C) float64. Arguments as of `best_candidate`."""
+def candidate_costs(lattice: Lattice, centre, modes: slice, fits: list[LeaveOneOutFit]) -> np.ndarray:
+    """Return the cost of every candidate and mode; parameters as of `best_candidate`.
+
+    Returns
+    -------
+    (modes, C) float64
+    """
     unit, row, *rest = _tables(lattice, centre, modes, fits)
     firsts = range(0, len(unit), STRIP)
-    strips = parallel_map(lambda first: _weigh(unit[first : first + STRIP], row[first : first + STRIP], *rest), firsts)
+    strips = parallel_map(lambda first: _costs(unit[first : first + STRIP], row[first : first + STRIP], *rest), firsts)
     return np.concatenate(strips, axis=1)
 
 
-def best_candidate(lattice: Lattice, centre, modes: slice, fits: list[LeaveOneOut], start: int) -> tuple[int, float]:
-    """Index of the candidate of least cost, and that cost, summed over `modes`.
+def best_candidate(lattice: Lattice, centre, modes: slice, fits: list[LeaveOneOutFit], start: int) -> tuple[int, float]:
+    """Return the index of the candidate of least cost and that cost, summed over `modes`.
 
     Parameters
     ----------
     centre : (2,) float64, metres, a lattice point
     modes : slice, the modes in use
-    fits : their `leave_one_out`, in the same order
-    start : candidate tried first; a good guess makes the search faster, never different
+    fits : their `leave_one_out_fits`, in the same order
+    start : candidate tried first; a good guess makes the search faster and never changes its result
     """
-    return _search(*_tables(lattice, centre, modes, fits), start)
+    return _pruned_search(*_tables(lattice, centre, modes, fits), start)
 
 
-def _tables(lattice: Lattice, centre, modes: slice, fits: list[LeaveOneOut]) -> tuple:
-    """What the compiled loops read: candidates about the centre, radii, orders and fits of the modes."""
+def _tables(lattice: Lattice, centre, modes: slice, fits: list[LeaveOneOutFit]) -> tuple:
+    """Return the arguments of the compiled loops: candidates about the centre, radii, orders and fits of the modes."""
     unit, row = lattice.phases(centre)
     width = max(len(fit.alpha) for fit in fits)
     columns = np.zeros((len(fits), width + 1, width), dtype=complex)  # those of Z and, behind them, alpha
@@ -64,7 +77,7 @@ def _tables(lattice: Lattice, centre, modes: slice, fits: list[LeaveOneOut]) -> 
 
 
 @compiled
-def _weigh(unit, row, radial, orders, columns, triangular, r0, p_n):
+def _costs(unit, row, radial, orders, columns, triangular, r0, p_n):
     w = np.empty((2, columns.shape[2], BLOCK))
     scratch = (np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK))
     costs, block = np.empty((len(orders), len(unit))), np.empty(BLOCK)
@@ -80,7 +93,7 @@ def _weigh(unit, row, radial, orders, columns, triangular, r0, p_n):
 
 
 @compiled
-def _search(unit, row, radial, orders, columns, triangular, r0, p_n, start):
+def _pruned_search(unit, row, radial, orders, columns, triangular, r0, p_n, start):
     w = np.empty((2, columns.shape[2], BLOCK))
     total, scratch = np.empty(BLOCK), (np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK))
     best, least, floor = start, np.inf, r0.sum()
@@ -88,7 +101,7 @@ def _search(unit, row, radial, orders, columns, triangular, r0, p_n, start):
         first = (start // BLOCK if visit < 0 else visit) * BLOCK
         count = min(BLOCK, len(unit) - first)
         total[:] = floor
-        for m in range(len(orders)):  # the lowest first: the cheapest, and it drops most
+        for m in range(len(orders)):  # the lowest mode first: it is the cheapest and drops most candidates
             for c in range(count):
                 _row_of_dictionary(radial[m, row[first + c]], unit[first + c], orders[m], w[:, :, c])
             _add_excess(w[0], w[1], columns[m], p_n[m], 2 * orders[m] + 1, triangular[m], scratch, total)

@@ -1,6 +1,7 @@
-"""Hollows of a map, by flooding: water rises from every bottom, and where two lakes meet the shallower one ends.
+"""Local minima of a map and their prominence, by the watershed algorithm, compiled.
 
-What is left of a lake's depth when it ends is how much one must climb to get out of it (its prominence). Compiled.
+Points are added in ascending order of cost. Each minimum starts a basin; where two basins meet, the one with the higher
+minimum ends. The climb from that minimum to the meeting point is its prominence.
 """
 
 from __future__ import annotations
@@ -10,13 +11,17 @@ import numpy as np
 from ..acoustics.compiled import compiled
 
 
-def bottoms(cost: np.ndarray, depth: float) -> np.ndarray:
-    """Flat indices (K,) int64 of the lowest points of all hollows deeper than `depth`, the lowest of all first.
+def prominent_minima(cost: np.ndarray, depth: float) -> np.ndarray:
+    """Return the local minima whose prominence exceeds `depth`, the lowest first.
 
     Parameters
     ----------
     cost : (ny, nx) float64
-    depth : in the unit of `cost`
+    depth : least prominence, in the unit of `cost`
+
+    Returns
+    -------
+    (K,) int64, flat indices; the global minimum is always one of them
     """
     cost = np.ascontiguousarray(cost, dtype=float)
     return _flood(cost, np.argsort(cost.ravel(), kind="stable"), float(depth))
@@ -25,33 +30,33 @@ def bottoms(cost: np.ndarray, depth: float) -> np.ndarray:
 @compiled
 def _flood(cost, order, depth):
     ny, nx = cost.shape
-    lake = np.full(ny * nx, -1, np.int64)  # of a point under water: the point it leads to; a bottom leads to itself
+    basin = np.full(ny * nx, -1, np.int64)  # union-find: of a point added, its parent; a minimum is its own
     flat = cost.ravel()
     survives = np.zeros(ny * nx, np.bool_)
     for here in order:
-        lake[here] = here
+        basin[here] = here
         j, i = here // nx, here % nx
         for dj in range(-1, 2):
             for di in range(-1, 2):
                 if not (0 <= j + dj < ny and 0 <= i + di < nx):
                     continue
                 there = (j + dj) * nx + i + di
-                if lake[there] < 0 or there == here:
+                if basin[there] < 0 or there == here:
                     continue
-                one, other = _bottom(lake, here), _bottom(lake, there)
+                one, other = _minimum(basin, here), _minimum(basin, there)
                 if one == other:
                     continue
                 if flat[one] < flat[other]:
-                    one, other = other, one  # `one` is the higher, which ends here
+                    one, other = other, one  # `one` is the higher minimum: its basin ends here
                 survives[one] = flat[here] - flat[one] > depth
-                lake[one] = other
-    survives[_bottom(lake, order[0])] = True  # the lake that all others have ended in
+                basin[one] = other
+    survives[_minimum(basin, order[0])] = True  # the basin that all others have merged into
     return np.array([point for point in order if survives[point]])
 
 
 @compiled
-def _bottom(lake, point):
-    while lake[point] != point:
-        lake[point] = lake[lake[point]]
-        point = lake[point]
+def _minimum(basin, point):
+    while basin[point] != point:
+        basin[point] = basin[basin[point]]  # path halving
+        point = basin[point]
     return point

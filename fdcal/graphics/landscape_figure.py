@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..cost.eq7 import lattice_of, require_modes
 from ..cost.lattice_search import lattice_landscape
+from ..cost.mode_limits import require_modes, search_lattice
 from ..model.measurement import Problem
 from ..model.scene import Search
 from ..model.validation import frozen_array
@@ -62,7 +62,7 @@ def landscape_panels(problem: Problem, positions, n: int, modes: Sequence[int], 
     index = np.asarray(modes) - 1
     names = ("pressures", "wavenumbers", "frequencies")
     few = replace(problem, noise_power=None, **{name: getattr(problem, name)[index] for name in names})
-    lattice = lattice_of(few, order_offset)
+    lattice = search_lattice(few, order_offset)
     centre = lattice.nearest(np.mean(positions, axis=0))
     maps = lattice_landscape(few, lattice, positions, n, centre, slice(0, len(index)))
     maps = np.concatenate([maps, maps.sum(axis=0, keepdims=True)])

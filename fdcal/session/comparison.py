@@ -16,7 +16,8 @@ import numpy as np
 
 from .. import solvers
 from ..acoustics.fourier_bessel import fourier_bessel, max_order
-from ..cost.eq7 import leave_one_out, require_modes
+from ..cost.eq7 import leave_one_out_fits
+from ..cost.mode_limits import require_modes
 from ..model.measurement import Problem
 from ..model.scene import SolverSettings
 from ..model.validation import InputError
@@ -126,6 +127,6 @@ def common_cost(problem: Problem, settings: SolverSettings, positions) -> float:
     k, p, centre = problem.wavenumbers[:count], problem.pressures[:count], positions.mean(axis=0)
     orders = max_order(k, problem.search.radius, offset)
     W = [fourier_bessel(positions, complex(k), int(L), centre) for k, L in zip(k, orders, strict=True)]
-    fits = leave_one_out(W, p, 0)
+    fits = leave_one_out_fits(W, p, 0)
     left = sum(float(fit.cost_of(w[:1])[0]) for fit, w in zip(fits, W, strict=True))
     return left / float(np.sum(np.abs(p) ** 2))

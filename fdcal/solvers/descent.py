@@ -15,7 +15,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..cost.eq7 import known_weights, lattice_of, leave_one_out, require_modes
+from ..cost.eq7 import known_weights, leave_one_out_fits
+from ..cost.mode_limits import require_modes, search_lattice
 from ..model.gauge import fixes_gauge
 from ..model.measurement import Problem
 from ..model.scene import SolverSettings
@@ -89,7 +90,7 @@ def init(problem: Problem, settings: SolverSettings, seed: int) -> State:
     """
     _require_solvable(problem, settings)
     require_modes(problem, settings.order_offset, settings.modes)
-    lattice = lattice_of(problem, settings.order_offset)
+    lattice = search_lattice(problem, settings.order_offset)
     if settings.start == "affine":
         positions = lattice.nearest(initial_positions.affine(problem, settings.modes))
     else:
@@ -169,7 +170,7 @@ def landscape(problem: Problem, state: State, n: int, modes: slice) -> np.ndarra
     """What a step on microphone `n` would minimise, over the whole lattice, mode by mode : (modes, ny, nx) float64."""
     from ..cost.lattice_search import lattice_landscape
 
-    lattice = lattice_of(problem, state.order_offset)
+    lattice = search_lattice(problem, state.order_offset)
     weight = state.settings.known_weight
     return lattice_landscape(problem, lattice, state.positions, n, state.centre, modes, weight)
 
@@ -218,10 +219,10 @@ def _cost(problem: Problem, state: State) -> float:
 
 def _fits(problem: Problem, state: State, n: int):
     """The lattice, W of every mode in use and its fit without microphone `n`."""
-    lattice = lattice_of(problem, state.order_offset)
+    lattice = search_lattice(problem, state.order_offset)
     W = lattice.microphones(state.positions, state.centre, range(len(lattice.orders))[state.modes])
     weights = known_weights(problem, state.settings.known_weight)
-    return lattice, W, leave_one_out(W, problem.pressures[state.modes], n, weights=weights)
+    return lattice, W, leave_one_out_fits(W, problem.pressures[state.modes], n, weights=weights)
 
 
 def _end_sweep(state: State) -> State:

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..cost.likelihood import diffuse_field, newton_terms
 from ..cost.noise_model import estimate_noise
-from ..cost.watershed import bottoms
+from ..cost.watershed import prominent_minima
 from ..model.validation import frozen_array
 
 COUNT = 5  # microphones, enough for every kernel
@@ -31,7 +31,7 @@ def pieces(dimension: int, solver: str) -> tuple[list[Callable], list[Callable]]
         return [], []
     x = np.random.default_rng(0).uniform(-0.3, 0.3, (COUNT, dimension))
     waves = frozen_array(np.exp(1j * 3.0 * x[:, 0])[None], complex)  # read-only, as a problem's pressures are
-    first = [lambda: _terms(x, waves, dimension), lambda: bottoms(x @ x.T, 0.1)]
+    first = [lambda: _terms(x, waves, dimension), lambda: prominent_minima(x @ x.T, 0.1)]
     last = [lambda: _terms(x, waves, dimension, near=True)]
     if dimension == 2:
         last.append(lambda: _terms(x, waves, dimension, prior=frozen_array(np.ones((1, 2 * COUNT)), float)))

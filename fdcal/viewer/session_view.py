@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 import viser
 
-from ..cost.eq7 import usable_modes
+from ..cost.mode_limits import usable_modes
 from ..graphics.framing import framed
 from ..graphics.picture import (
     Floor,

@@ -7,8 +7,9 @@ import pytest
 from fields import measured
 
 from fdcal.acoustics.fourier_bessel import fourier_bessel, max_order
-from fdcal.cost.eq7 import cost, landscape, lattice_of, leave_one_out, require_modes, residual
+from fdcal.cost.eq7 import cost, landscape, leave_one_out_fits, residual
 from fdcal.cost.lattice_search import best_candidate, lattice_landscape
+from fdcal.cost.mode_limits import require_modes, search_lattice
 from fdcal.model.validation import InputError
 
 TRUTH = np.random.default_rng(3).uniform(-0.5, 0.5, (24, 2)) + [2.61, 2.31]
@@ -53,7 +54,7 @@ def test_rank_deficient_landscape_is_eq_7_on_the_reduced_dictionary():
     few = np.repeat(GUESS[:5], 3, axis=0)
     W = fourier_bessel(few, PROBLEM.wavenumbers[0], 3, CENTRE)
     p = PROBLEM.pressures[0, : len(few)]
-    fit = leave_one_out([W], p[None], 0)[0]
+    fit = leave_one_out_fits([W], p[None], 0)[0]
     others = W[1:]
     V = np.linalg.svd(others, full_matrices=False)[2].conj().T[:, : np.linalg.matrix_rank(others, tol=1e-10)]
     rows = fourier_bessel(CANDIDATES, PROBLEM.wavenumbers[0], 3, CENTRE)
@@ -85,7 +86,7 @@ def test_cost_does_not_change_under_translation_rotation_and_mirror(tikhonov):
 
 
 def test_lattice_landscape_and_pruned_search_agree_with_the_landscape():
-    lattice = lattice_of(PROBLEM, 2)
+    lattice = search_lattice(PROBLEM, 2)
     modes = slice(1, 9)
     centre = lattice.nearest(CENTRE)
     expected = landscape(
@@ -94,7 +95,7 @@ def test_lattice_landscape_and_pruned_search_agree_with_the_landscape():
     maps = lattice_landscape(PROBLEM, lattice, GUESS, 7, centre, modes)
     assert maps.shape == (8, *lattice.shape)
     np.testing.assert_allclose(maps.reshape(8, -1), expected, atol=1e-10)
-    fits = leave_one_out(lattice.microphones(GUESS, centre, range(1, 9)), PROBLEM.pressures[modes], 7)
+    fits = leave_one_out_fits(lattice.microphones(GUESS, centre, range(1, 9)), PROBLEM.pressures[modes], 7)
     for start in (0, 400, len(lattice.points) - 1):
         best, least = best_candidate(lattice, centre, modes, fits, start)
         assert best == expected.sum(axis=0).argmin()

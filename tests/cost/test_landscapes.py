@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fdcal import solvers
+from fdcal.acoustics.fourier_bessel import max_order
 from fdcal.cost import eq7, landscapes
-from fdcal.cost.watershed import bottoms
+from fdcal.cost.watershed import prominent_minima
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene import Search, SolverSettings
 from fdcal.model.validation import InputError
@@ -40,33 +41,33 @@ def state(problem):
 def test_one_mode_at_a_time_is_the_solvers_landscape(problem, state):
     descent = solvers.load("descent")
     whole = descent.landscape(problem, state, 7, slice(0, 3))
-    np.testing.assert_array_equal(landscapes.each_mode(problem, descent, state, 7, (1, 3)), whole[[0, 2]])
+    np.testing.assert_array_equal(landscapes.mode_landscapes(problem, descent, state, 7, (1, 3)), whole[[0, 2]])
 
 
 def test_a_fine_map_on_the_solvers_lattice_is_its_landscape(problem, state):
     whole = solvers.load("descent").landscape(problem, state, 7, slice(0, 3))
     for mode in (1, 2, 3):
-        fine = landscapes.fine_mode(problem, None, state, 7, mode, SEARCH)
+        fine = landscapes.fine_landscape(problem, None, state, 7, mode, SEARCH)
         np.testing.assert_allclose(fine, whole[mode - 1], rtol=1e-8)
 
 
 def test_a_fine_map_is_eq_7_at_every_point(problem, state):
     """Known microphones weigh as much as the others here, as in the brute-force formula."""
     plain = dataclasses.replace(state, settings=dataclasses.replace(state.settings, known_weight=1.0))
-    fine, n = landscapes.finer(SEARCH, 57), 7
+    fine, n = landscapes.refined(SEARCH, 57), 7
     assert max(fine.shape) == 57
-    values = landscapes.fine_mode(problem, None, plain, n, 2, fine)
+    values = landscapes.fine_landscape(problem, None, plain, n, 2, fine)
     centre = np.array(fine.origin) + fine.step * np.rint((state.centre - fine.origin) / fine.step)
     k, p = problem.wavenumbers[1:2], problem.pressures[1:2]
-    L = eq7.max_order(k, SEARCH.radius, state.order_offset)
+    L = max_order(k, SEARCH.radius, state.order_offset)
     for row, column in [(0, 0), (10, 40), (41, 56)]:
         positions = np.array(state.positions)
-        positions[n] = landscapes.places(np.array([[row, column]]), fine)[0]
+        positions[n] = landscapes.map_positions(np.array([[row, column]]), fine)[0]
         assert values[row, column] == pytest.approx(eq7.cost(positions, p, k, L, centre)[0], rel=1e-7)
 
 
 def test_a_finer_lattice_covers_the_same_cells():
-    fine = landscapes.finer(SEARCH, 500)
+    fine = landscapes.refined(SEARCH, 500)
     for lattice in (SEARCH, fine):
         low = np.array(lattice.origin) - lattice.step / 2
         high = low + lattice.step * np.array(lattice.shape)
@@ -110,10 +111,10 @@ def test_without_a_threshold_hollows_are_the_points_below_all_their_neighbours(s
     padded = np.pad(values, 1, constant_values=np.inf)
     around = [padded[1 + j : 10 + j, 1 + i : 14 + i] for j in (-1, 0, 1) for i in (-1, 0, 1) if i or j]
     expected = np.flatnonzero(values < np.min(around, axis=0))
-    found = bottoms(values, 0.0)
+    found = prominent_minima(values, 0.0)
     assert set(found.tolist()) == set(expected.tolist())
     assert found[0] == values.argmin()
-    deeper = bottoms(values, 0.3)
+    deeper = prominent_minima(values, 0.3)
     assert set(deeper.tolist()) <= set(found.tolist()) and found[0] in deeper
 
 
@@ -121,8 +122,8 @@ def test_a_map_is_read_off_between_its_points():
     x, y = (o + SEARCH.step * np.arange(n) for o, n in zip(SEARCH.origin, SEARCH.shape, strict=True))
     values = 3 * x[None, :] - 2 * y[:, None]
     for point in [(1.0, 2.0), (1.013, 2.21), (1.4, 2.3)]:
-        assert landscapes.cost_at(values, SEARCH, point) == pytest.approx(3 * point[0] - 2 * point[1], abs=1e-12)
-    assert landscapes.cost_at(values, SEARCH, (9.0, 9.0)) == pytest.approx(values[-1, -1]), "beyond: the edge"
+        assert landscapes.interpolate(values, SEARCH, point) == pytest.approx(3 * point[0] - 2 * point[1], abs=1e-12)
+    assert landscapes.interpolate(values, SEARCH, (9.0, 9.0)) == pytest.approx(values[-1, -1]), "beyond: the edge"
 
 
 def test_the_shape_of_a_mode_is_the_field_that_was_heard(problem):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from fields import measured
 
-from fdcal.cost.landscapes import finer
+from fdcal.cost.landscapes import refined
 from fdcal.cost.leave_one_out import likelihood_landscape
 from fdcal.cost.likelihood import diffuse_field
 from fdcal.cost.likelihood_maps import likelihood_maps
@@ -90,7 +90,7 @@ def test_positions_that_are_none_are_refused():
 
 def test_a_finer_lattice_shows_the_same_surface():
     problem = replace(MEASURED.problem(), search=AREA)
-    fine, noise = finer(AREA, 90), noise_of(problem, 1e-3)
+    fine, noise = refined(AREA, 90), noise_of(problem, 1e-3)
     assert_same(likelihood_maps(problem, ROUGH, N, MODES, noise, fine), directly(problem, ROUGH, noise, fine))
 
 

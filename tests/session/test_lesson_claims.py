@@ -28,11 +28,12 @@ def square():
     """The scene of lessons 1 and 2, as the page opens it: its state, microphone 16's maps, and what is true."""
     (scene, seed), step = load_lesson("1_many_minima").start(0), load_lesson("1_many_minima").steps[0].page
     measurement, descent = cached_measurement(scene), solvers.load(scene.solver.name)
-    problem, fine = measurement.problem(scene.solver.weights), landscapes.finer(scene.search)
+    problem, fine = measurement.problem(scene.solver.weights), landscapes.refined(scene.search)
     state = descent.use_modes(problem, descent.init(problem, scene.solver, seed), 1, 57, False)
     truth = measurement.positions[step.microphone]
     maps = {
-        mode: landscapes.fine_mode(problem, None, state, step.microphone, mode, fine) for mode in (1, 37, 38, 39, 40)
+        mode: landscapes.fine_landscape(problem, None, state, step.microphone, mode, fine)
+        for mode in (1, 37, 38, 39, 40)
     }
     return problem, descent, state, maps, fine, truth, measurement
 
@@ -40,7 +41,7 @@ def square():
 def hollows(cost, fine, truth):
     """Distance from the truth, metres, and cost of each local minimum, the deepest first."""
     found = landscapes.local_minima(cost)
-    return np.hypot(*(landscapes.places(found, fine) - truth).T), cost[tuple(found.T)]
+    return np.hypot(*(landscapes.map_positions(found, fine) - truth).T), cost[tuple(found.T)]
 
 
 def test_one_mode_has_many_minima(square, told):
@@ -49,10 +50,12 @@ def test_one_mode_has_many_minima(square, told):
     distances, costs = hollows(maps[38], fine, truth)
     assert len(costs) == 3 and np.ptp(costs) < 0.01 * costs[0], "three, whose costs agree within 1 %"
     assert distances[0] > 0.1, "and the lowest is not at the truth"
-    assert landscapes.cost_at(maps[38], fine, truth) < 1.02 * costs[0]
+    assert landscapes.interpolate(maps[38], fine, truth) < 1.02 * costs[0]
     _, costs = hollows(maps[37], fine, truth)
-    assert len(costs) == 4 and landscapes.cost_at(maps[37], fine, truth) < 1.01 * costs[0], "its valley passes there"
-    places = [landscapes.places(landscapes.local_minima(maps[mode]), fine) for mode in (37, 38)]
+    assert len(costs) == 4 and landscapes.interpolate(maps[37], fine, truth) < 1.01 * costs[0], (
+        "its valley passes there"
+    )
+    places = [landscapes.map_positions(landscapes.local_minima(maps[mode]), fine) for mode in (37, 38)]
     assert np.linalg.norm(places[0][:, None] - places[1], axis=2).min() > 0.03, "none is one of mode 38"
     for mode, words in ((38, "211.5 Hz"), (37, "207.7 Hz"), (1, "28.6 Hz")):
         assert f"{f[mode - 1]:.1f} Hz" == words and words in text
@@ -79,7 +82,7 @@ def test_modes_together_share_one_minimum(square, told):
     distances, costs = hollows(maps[38] + maps[39] + maps[40], fine, truth)
     assert len(costs) == 2 and distances[0] < 0.002 and distances[1] == pytest.approx(0.76, abs=0.01)
     assert costs[1] / costs[0] == pytest.approx(75, abs=1) and "one 75 times as costly, 76 cm away" in text
-    whole = landscapes.each_mode(problem, descent, state, 16, tuple(range(1, 58))).sum(axis=0)
+    whole = landscapes.mode_landscapes(problem, descent, state, 16, tuple(range(1, 58))).sum(axis=0)
     assert len(landscapes.local_minima(whole)) == 1
     np.testing.assert_allclose(descent.step(problem, state).positions[16], truth, atol=1e-12)
 
@@ -126,8 +129,8 @@ def test_maps_of_a_wrong_array_have_few_minima_with_few_modes(box, told):
     def maps(last):
         state, found = descent.use_modes(problem, begun, 1, last, False), {}
         for n in problem.free:
-            cost = landscapes.each_mode(problem, descent, state, int(n), range(1, last + 1)).sum(axis=0)
-            lowest = landscapes.places(np.array([np.unravel_index(cost.argmin(), cost.shape)]), scene.search)[0]
+            cost = landscapes.mode_landscapes(problem, descent, state, int(n), range(1, last + 1)).sum(axis=0)
+            lowest = landscapes.map_positions(np.array([np.unravel_index(cost.argmin(), cost.shape)]), scene.search)[0]
             found[int(n)] = len(landscapes.local_minima(cost)), float(np.hypot(*(lowest - measurement.positions[n])))
         return found
 
@@ -142,7 +145,7 @@ def test_maps_of_a_wrong_array_have_few_minima_with_few_modes(box, told):
 
 def test_a_trapped_microphone_wants_to_move_less_than_half_a_cell(box, told):
     scene, measurement, problem, descent, _, _, staged = box
-    text, truth, fine = told("4_frozen_grid"), measurement.positions, landscapes.finer(scene.search, 121)
+    text, truth, fine = told("4_frozen_grid"), measurement.positions, landscapes.refined(scene.search, 121)
     errors = 1e3 * position_errors(staged.positions, truth)
     assert errors.argmax() == 6 and errors.max() == pytest.approx(45, abs=1) and "4.5 cm for the worst" in text
     there = dataclasses.replace(staged, positions=np.array(truth))
@@ -151,13 +154,13 @@ def test_a_trapped_microphone_wants_to_move_less_than_half_a_cell(box, told):
     np.testing.assert_allclose(lattice, np.rint(lattice), atol=1e-9)
 
     def wanted(n, lattice):
-        cost = sum(landscapes.fine_mode(problem, None, staged, n, mode, lattice) for mode in range(1, 21))
-        lowest = landscapes.places(np.array([np.unravel_index(cost.argmin(), cost.shape)]), lattice)[0]
+        cost = sum(landscapes.fine_landscape(problem, None, staged, n, mode, lattice) for mode in range(1, 21))
+        lowest = landscapes.map_positions(np.array([np.unravel_index(cost.argmin(), cost.shape)]), lattice)[0]
         return lowest - staged.positions[n]
 
     wants = [wanted(int(n), fine) for n in problem.free]
     assert np.abs(wants).max() < (scene.search.step + fine.step) / 2, "so it is with all 13"
-    assert 1e3 * np.hypot(*wanted(6, landscapes.finer(scene.search))) == pytest.approx(4, abs=1)
+    assert 1e3 * np.hypot(*wanted(6, landscapes.refined(scene.search))) == pytest.approx(4, abs=1)
     assert "4 mm from the cross" in text
 
 

@@ -8,7 +8,7 @@ import pytest
 from fields import measured
 
 from fdcal import solvers
-from fdcal.cost.eq7 import lattice_of
+from fdcal.cost.mode_limits import search_lattice
 from fdcal.model.scene import Search, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.solvers import descent
@@ -47,7 +47,7 @@ def test_known_microphones_never_move_and_one_moves_at_a_time():
 def test_the_step_is_the_argmin_of_the_landscape():
     states = all_states()
     for before, after in pairwise(states):
-        lattice = lattice_of(PROBLEM, before.order_offset)
+        lattice = search_lattice(PROBLEM, before.order_offset)
         total = descent.landscape(PROBLEM, before, after.moved, before.modes).sum(axis=0)
         assert after.cost == pytest.approx(total.min(), rel=1e-7, abs=1e-12)
         np.testing.assert_array_equal(after.positions[after.moved], lattice.points[total.argmin()])
@@ -151,7 +151,7 @@ def test_the_affine_start_is_snapped_to_the_lattice_and_left_alone_by_the_seed()
         state = descent.init(problem, replace(SETTINGS, start="affine"), seed)
         np.testing.assert_allclose(state.positions, TRUTH, atol=1e-12)
     near = descent.init(PROBLEM, replace(SETTINGS, start="affine"), 0).positions
-    np.testing.assert_allclose(near, lattice_of(PROBLEM, 2).nearest(near), atol=1e-12)
+    np.testing.assert_allclose(near, search_lattice(PROBLEM, 2).nearest(near), atol=1e-12)
     assert np.abs(near - TRUTH).max() < 0.5 < np.abs(descent.init(PROBLEM, SETTINGS, 0).positions - TRUTH).max()
 
 

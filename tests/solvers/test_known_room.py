@@ -12,7 +12,7 @@ from fields import rigid_room, room_frequencies
 from fdcal.acoustics.room_modes import room_symmetries
 from fdcal.commands.cli import main
 from fdcal.commands.sources import CalibrationInput, with_settings
-from fdcal.cost.landscapes import fine_mode
+from fdcal.cost.landscapes import fine_landscape
 from fdcal.model.measurement import Measurement
 from fdcal.model.measurement_file import save_measurement
 from fdcal.model.scene import Search, SolverSettings, load_scene
@@ -174,5 +174,5 @@ def test_a_finer_map_of_a_microphone_is_the_map_on_its_lattice():
     state = room.init(problem, SolverSettings(name="room", modes=MODES, room=SIZE), 0)
     coarse, finer = problem.search, replace(problem.search, step=0.05)
     whole = room.landscape(problem, state, 2, slice(4, 5))[0]
-    np.testing.assert_allclose(fine_mode(problem, room, state, 2, 5, coarse), whole)
-    assert fine_mode(problem, room, state, 2, 5, finer).shape > whole.shape
+    np.testing.assert_allclose(fine_landscape(problem, room, state, 2, 5, coarse), whole)
+    assert fine_landscape(problem, room, state, 2, 5, finer).shape > whole.shape

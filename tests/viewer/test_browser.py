@@ -152,9 +152,9 @@ def test_the_diamond_stands_where_the_map_is_lowest(page, scene):
     page.get_by_text("microphone 5, sum of 4 modes").wait_for()
     problem, descent = cached_measurement(scene).problem("unit"), solvers.load("descent")
     state = descent.use_modes(problem, descent.init(problem, scene.solver, 0), 1, 4, True)  # what the page shows
-    fine = landscapes.finer(scene.search)
-    cost = sum(landscapes.fine_mode(problem, None, state, 5, mode, fine) for mode in (2, 3, 4, 6))
-    lowest = landscapes.places(np.array([np.unravel_index(cost.argmin(), cost.shape)]), fine)[0]
+    fine = landscapes.refined(scene.search)
+    cost = sum(landscapes.fine_landscape(problem, None, state, 5, mode, fine) for mode in (2, 3, 4, 6))
+    lowest = landscapes.map_positions(np.array([np.unravel_index(cost.argmin(), cost.shape)]), fine)[0]
     stands(page, "/lowest", lowest.tolist(), 1e-4)
 
 

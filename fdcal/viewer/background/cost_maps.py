@@ -203,7 +203,7 @@ class CostMapWorker:
         run, search = self._run, self._search()
         key = (request.revision, request.microphone, request.modes)
         if self._costs.get("fast", (None,))[0] != key:
-            maps = landscapes.each_mode(run.problem, run.solver, request.state, request.microphone, request.modes)
+            maps = landscapes.mode_landscapes(run.problem, run.solver, request.state, request.microphone, request.modes)
             self._costs["fast"] = key, maps, landscapes.local_minima(maps.sum(axis=0))
         _, maps, minima = self._costs["fast"]
         return self._draw(request, maps.sum(axis=0), minima, search, maps)
@@ -222,13 +222,13 @@ class CostMapWorker:
         """On the slow thread: the finer map, mode by mode; None as soon as another one is requested."""
         run, n = self._run, request.microphone
         key = (request.revision, n, request.modes)
-        search = landscapes.finer(self._search())
+        search = landscapes.refined(self._search())
         if self._costs.get("fine", (None,))[0] != key:
             total = np.zeros(1)
             for mode in request.modes:
                 if self._requested != request:
                     return None
-                total = total + landscapes.fine_mode(run.problem, run.solver, request.state, n, mode, search)
+                total = total + landscapes.fine_landscape(run.problem, run.solver, request.state, n, mode, search)
             self._costs["fine"] = key, total, landscapes.local_minima(total)
         _, total, minima = self._costs["fine"]
         fast = self._worker.latest
@@ -248,8 +248,8 @@ class CostMapWorker:
         if run.measurement.array_dimension == 3:
             label += f" at z = {request.state.positions[n, 2]:.2f} m"
         floor = paint(
-            total, search, style.log, label, minima=landscapes.places(minima, search),
+            total, search, style.log, label, minima=landscapes.map_positions(minima, search),
             relief=style.relief, height=heights_of(run.known_scene, run.measurement)[0],
         )  # fmt: skip
-        here = landscapes.cost_at(total, search, request.state.positions[n])
+        here = landscapes.interpolate(total, search, request.state.positions[n])
         return CostMap(request, floor, maps, len(minima), here, float(total.min()))

@@ -84,7 +84,7 @@ def _panels(snapshot: ViewSnapshot, count: int) -> Panels:
     if run.problem.search is None:
         raise InputError("there is no map without a search domain", "give <search> and <radius>", key="search")
     modes = snapshot.choices.modes or tuple(range(state.first, state.last + 1))
-    maps = landscapes.each_mode(run.problem, run.solver, state, n, modes)
+    maps = landscapes.mode_landscapes(run.problem, run.solver, state, n, modes)
     return few_panels(maps, modes, run.measurement.frequencies, n, run.problem.search, count)
 
 

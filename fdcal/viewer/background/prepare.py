@@ -7,7 +7,7 @@ from types import ModuleType
 
 from ... import solvers
 from ...acoustics.measurement_cache import cached_measurement
-from ...cost.eq7 import usable_modes
+from ...cost.mode_limits import usable_modes
 from ...model.measured_scene import MeasuredScene
 from ...model.measurement import Measurement, Problem
 from ...model.scene import Scene
