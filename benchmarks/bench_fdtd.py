@@ -11,7 +11,7 @@ from fdcal.acoustics import fdtd
 from fdcal.acoustics.fdtd import make_grid, simulate
 from fdcal.acoustics.fdtd_kernels import march
 from fdcal.model.arrays import positions_of
-from fdcal.model.scene import load_scene
+from fdcal.model.scene_file import load_scene
 
 # Of one timed call, some milliseconds each: short enough that the best of many is free of the machine's other work.
 STEPS = 64

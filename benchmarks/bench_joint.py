@@ -20,7 +20,8 @@ from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.commands.calibrate import solve
 from fdcal.commands.sources import CalibrationInput
 from fdcal.cost import eq7
-from fdcal.model.scene import SolverSettings, load_scene
+from fdcal.model.scene_file import load_scene
+from fdcal.model.settings import SolverSettings
 
 from .draws import draw
 from .report import Figure

@@ -20,7 +20,8 @@ from fdcal.acoustics.room_modes import nearest_symmetry
 from fdcal.assessment.room_verdict import judge
 from fdcal.model.measurement import Measurement
 from fdcal.model.power import mode_power
-from fdcal.model.scene import Room, SolverSettings
+from fdcal.model.room import Room
+from fdcal.model.settings import SolverSettings
 from fdcal.solvers import run as states
 
 from .draws import eigenfrequencies, pooled, rigid_field

@@ -18,7 +18,7 @@ from fdcal.cost.likelihood import diffuse_field
 from fdcal.cost.likelihood_maps import likelihood_maps
 from fdcal.cost.mode_limits import search_lattice
 from fdcal.model.power import mode_power
-from fdcal.model.scene import load_scene
+from fdcal.model.scene_file import load_scene
 from fdcal.solvers import descent
 
 MICROPHONE = 7

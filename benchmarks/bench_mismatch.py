@@ -9,7 +9,7 @@ import numpy as np
 
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.model.gauge import position_errors
-from fdcal.model.scene import load_scene
+from fdcal.model.scene_file import load_scene
 from fdcal.solvers import run as solve
 
 from .report import Figure

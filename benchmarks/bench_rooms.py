@@ -15,7 +15,8 @@ import numpy as np
 
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.model.power import mode_power
-from fdcal.model.scene import Room, load_scene
+from fdcal.model.room import Room
+from fdcal.model.scene_file import load_scene
 
 from .draws import Draw, solve, summary
 from .report import Figure

@@ -19,7 +19,7 @@ import numpy as np
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.picture import compose
-from fdcal.model.scene import load_scene
+from fdcal.model.scene_file import load_scene
 from fdcal.viewer.scene3d import cameras
 
 from .pages import Served, chromium, open_page, slider

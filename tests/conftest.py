@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from fdcal.model.scene import scene_folder
+from fdcal.model.scene_file import scene_folder
 from fdcal.solvers.warmup import pieces
 
 ROOT = Path(__file__).parent.parent

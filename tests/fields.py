@@ -4,7 +4,7 @@ import numpy as np
 from scipy.special import jv
 
 from fdcal.model.measurement import Measurement
-from fdcal.model.scene import Search
+from fdcal.model.settings import Search
 
 
 def rigid_room(points, source, wavenumbers, size=(6.0, 5.0), terms=200):

@@ -11,7 +11,7 @@ import pytest
 
 from fdcal.commands.cli import commands
 from fdcal.model.measurement_file import OPTIONAL, REQUIRED, SEARCH
-from fdcal.model.scene import scene_names
+from fdcal.model.scene_file import scene_names
 
 ROOT = Path(__file__).parent.parent
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")

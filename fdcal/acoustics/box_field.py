@@ -29,7 +29,8 @@ import math
 import numpy as np
 
 from ..model.power import mode_power
-from ..model.scene import Room, Sensing, Source
+from ..model.room import Room, Source
+from ..model.settings import Sensing
 from ..model.validation import InputError
 from .spectrum import DECAY, pick_peaks, wavenumber_continuous
 

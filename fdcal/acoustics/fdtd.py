@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..model.arrays import in_polygon
-from ..model.scene import Room, Source
+from ..model.room import Room, Source
 from ..model.validation import InputError
 
 Progress = Callable[[float], None]

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import jv
 
-from ..model.scene import Search
+from ..model.settings import Search
 from ..model.validation import InputError
 
 NO_EXTENT = 1e-9  # metres: an array of this radius has all its microphones in one place

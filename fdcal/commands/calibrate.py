@@ -11,7 +11,7 @@ import numpy as np
 from ..assessment.calibration import Calibration
 from ..model.channels import check_channels
 from ..model.measurement import Measurement, Problem
-from ..model.scene import SolverSettings
+from ..model.settings import SolverSettings
 from ..model.validation import InputError, require_positive
 from ..solvers.identifiability import check_solvable
 from .assess import assess, distance_pair

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import click
 
-from ..model.scene import load_scene, scene_names
+from ..model.scene_file import load_scene, scene_names
 from ..model.validation import InputError
 from ..session.lesson import lesson_names, load_lesson
 from . import parameter_types, plot_commands

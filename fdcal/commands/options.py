@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..model.scene import load_scene, scene_names
+from ..model.scene_file import load_scene, scene_names
 from ..model.validation import InputError
 from ..session.request import OpenRequest
 from . import parameter_types

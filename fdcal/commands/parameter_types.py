@@ -14,7 +14,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from ..model.scene import Search
+from ..model.settings import Search
 from ..model.validation import InputError, StorageError, require_positive
 
 

@@ -11,7 +11,9 @@ from ..model.arrays import positions_of
 from ..model.channels import exclude_microphones
 from ..model.measurement import Measurement
 from ..model.measurement_file import load_measurement
-from ..model.scene import Scene, SolverSettings, load_scene, require_rectangle
+from ..model.scene import Scene, require_rectangle
+from ..model.scene_file import load_scene
+from ..model.settings import SolverSettings
 from ..model.validation import InputError
 
 Progress = Callable[[float, str], None]  # fraction done, 0 to 1, and a note

@@ -20,7 +20,7 @@ import numpy as np
 
 from ..acoustics.fourier_bessel import bessel_orders, fourier_bessel, max_order
 from ..model.measurement import Problem
-from ..model.scene import Search
+from ..model.settings import Search
 from ..model.validation import InputError
 from .eq7 import coefficients, known_weights, leave_one_out_fits
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..model.measurement import Measurement
-from ..model.scene import Search
+from ..model.settings import Search
 
 BESIDE, STEPS = 0.25, 40  # of the longest edge of the box: left free on all sides; and steps along it
 SMALLEST = 0.4  # m, longest edge at least

@@ -7,7 +7,7 @@ import functools
 import matplotlib
 import numpy as np
 
-from ..model.scene import Search
+from ..model.settings import Search
 from ..model.validation import frozen_array
 from .primitives import COLOUR_MAP, TWO_SIDED, ColourBar, Floor
 

@@ -10,7 +10,7 @@ import matplotlib
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from ..model.scene import Search
+from ..model.settings import Search
 from .heatmap import colours, ends, shares
 from .primitives import DARK, Theme
 

@@ -14,9 +14,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from .array_layout import Array
 from .arrays_3d import positions_3d
 from .gauge import fixes_gauge
-from .scene import Array, Scene
+from .scene import Scene
 from .validation import InputError, frozen_array
 
 REMEDY = {

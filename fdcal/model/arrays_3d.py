@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .scene import Array, Scene
+from .array_layout import Array
+from .scene import Scene
 from .validation import InputError
 
 CLEARANCE = 1e-6  # metres: microphones closer than this are one

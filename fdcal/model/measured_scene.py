@@ -6,8 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .array_layout import Array, Gauge
 from .measurement import Measurement
-from .scene import Array, Gauge, Room, Scene, Search, Sensing, SolverSettings, Source
+from .room import Room, Source
+from .scene import Scene
+from .settings import Search, Sensing, SolverSettings
 
 CELLS = 50  # of the lattice that stands in
 AROUND = 1.0  # metres, by which the room that stands in is larger than what is known of the array

@@ -12,7 +12,7 @@ import numpy as np
 
 from .gauge import GaugeFrame, align, minimal_frame, position_errors
 from .power import mode_power
-from .scene import Search
+from .settings import Search
 from .validation import InputError, frozen_array, require_array, require_choice, require_positive
 
 ROUNDING = 1e-9  # of a wavenumber: an imaginary part this small may have either sign

@@ -13,7 +13,7 @@ import numpy as np
 
 from .channels import exclude_microphones
 from .measurement import Measurement
-from .scene import Search
+from .settings import Search
 from .validation import InputError, StorageError, require_array
 
 REQUIRED = ("frequencies", "pressures", "sound_speed", "dimension")

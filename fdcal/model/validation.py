@@ -6,11 +6,11 @@ Every message names the key, its value and the remedy, on one line.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-LEAST, MOST = 1e-12, 1e12  # of any length, time, frequency or number: what lies beyond is a slip of the pen
+from .limits import LIMITS
 
 
 class InputError(ValueError):
@@ -35,6 +35,8 @@ class InputError(ValueError):
     'the measurement has no search domain; give search and radius'
     >>> error.worded({"search": "--search ORIGIN,SIZE,STEP", "radius": "--radius R"})
     'the measurement has no search domain; give --search ORIGIN,SIZE,STEP and --radius R'
+    >>> str(error.within("room.npz"))
+    'room.npz: the measurement has no search domain; give search and radius'
     """
 
     def __init__(self, problem: str, remedy: str = "", *, key: str = "", value: object = None):
@@ -46,13 +48,17 @@ class InputError(ValueError):
         remedy = re.sub(r"<([a-z_]+)>", lambda match: names.get(match[1], match[1]), self.remedy)
         return f"{self.problem}; {remedy}" if remedy else self.problem
 
+    def within(self, place: object) -> InputError:
+        """Return the same error with the file or table that it occurred in before the problem."""
+        return InputError(f"{place}: {self.problem}", self.remedy, key=self.key, value=self.value)
+
 
 class StorageError(OSError):
     """A file cannot be read or written; the command line exits with 3."""
 
 
 def frozen_array(values, dtype) -> np.ndarray:
-    """Copy of `values` as a C-contiguous array of `dtype` that cannot be written to."""
+    """Return a copy of `values` as a C-contiguous array of `dtype` that cannot be written to."""
     array = np.array(values, dtype=dtype, order="C", copy=True)
     array.setflags(write=False)
     return array
@@ -69,14 +75,25 @@ KINDS = {
 
 
 def require_array(key: str, values, kind: str, shape: tuple[int | None, ...], unit: str = "") -> np.ndarray:
-    """`values` as a read-only array; InputError unless they are of the kind and shape, and finite.
+    """Return `values` as a read-only array of the given kind and shape.
 
     Parameters
     ----------
-    key : what messages call it
-    kind : a key of KINDS; nothing is rounded or cut off to make it fit, but an empty array is of every kind
-    shape : lengths along each axis, None where any will do; () for a single value
-    unit : what messages call one of the numbers
+    key : str
+        Name of the argument or key, for the message.
+    values : array-like
+        Nothing is rounded or truncated to make it fit; an empty array is of every kind.
+    kind : str
+        A key of KINDS.
+    shape : tuple of int or None
+        Length along each axis, None where any length will do; () for a single value.
+    unit : str, optional
+        Unit or meaning of one of the numbers, for the message.
+
+    Raises
+    ------
+    InputError
+        If the values are of another kind or shape, or not finite.
     """
     letters, words, dtype = KINDS[kind]
     wanted = f"({', '.join('any' if n is None else str(n) for n in shape)}{',' * (len(shape) == 1)})"
@@ -84,31 +101,35 @@ def require_array(key: str, values, kind: str, shape: tuple[int | None, ...], un
     try:
         array = np.asarray(values)
     except ValueError as error:
-        raise InputError(f"{key} has rows of different lengths; {remedy}") from error
+        raise InputError(f"{key} has rows of different lengths", remedy, key=key) from error
     if array.size and array.dtype.kind not in letters:
-        sort = {"f": "real", "c": "complex", "b": "true or false", "U": "text"}.get(array.dtype.kind, array.dtype.name)
-        raise InputError(f"{key} is {sort} ({array.dtype}); {remedy}")
+        found = {"f": "real", "c": "complex", "b": "true or false", "U": "text"}.get(array.dtype.kind, array.dtype.name)
+        raise InputError(f"{key} is {found} ({array.dtype})", remedy, key=key)
     if array.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True)):
-        raise InputError(f"{key} has shape {array.shape}; {remedy}")
+        raise InputError(f"{key} has shape {array.shape}", remedy, key=key)
     if kind != "text":
         require_finite(key, array)
     return frozen_array(array, dtype)
 
 
 def require_positive(key: str, value: float, unit: str = "") -> None:
-    """Raise InputError unless `value` is above zero and such that no product of a few overflows."""
-    if not LEAST <= value <= MOST:
+    """Raise InputError unless `value` is above zero and a product of a few such values cannot overflow."""
+    if not LIMITS.smallest <= value <= LIMITS.largest:
         text = f"{value:g}" if isinstance(value, float) else str(value)
         raise InputError(
-            f"{key} = {text}{unit and ' ' + unit} must be finite and above zero;"
-            f" use a number from {LEAST:g} to {MOST:g}"
+            f"{key} = {text}{unit and ' ' + unit} must be finite and above zero",
+            f"use a number from {LIMITS.smallest:g} to {LIMITS.largest:g}",
+            key=key,
+            value=value,
         )
 
 
-def require_choice(key: str, value: str, choices) -> None:
+def require_choice(key: str, value: object, choices: Iterable[object]) -> None:
     """Raise InputError unless `value` is one of `choices`."""
+    choices = tuple(choices)
     if value not in choices:
-        raise InputError(f'{key} = "{value}" is unknown; use one of {", ".join(map(str, choices))}')
+        remedy = f"use one of {', '.join(map(str, choices))}"
+        raise InputError(f'{key} = "{value}" is unknown', remedy, key=key, value=value)
 
 
 def require_finite(key: str, values) -> None:
@@ -116,4 +137,15 @@ def require_finite(key: str, values) -> None:
     bad = np.argwhere(~np.isfinite(np.asarray(values)))
     if len(bad):
         index = tuple(int(i) for i in bad[0])
-        raise InputError(f"{key}{list(index)} is not a finite number; mend or leave out that entry")
+        raise InputError(f"{key}{list(index)} is not a finite number", "correct or remove that entry", key=key)
+
+
+def require_point(key: str, values, lengths: tuple[int, ...]) -> None:
+    """Raise InputError unless `values` are finite coordinates, as many as one of `lengths`, which are 2 or 3."""
+    if len(values) not in lengths:
+        words = " or ".join({2: "two, along x and y", 3: "three, along x, y and z"}[n] for n in lengths)
+        raise InputError(f"{key} = {list(values)} has {len(values)} numbers", f"give {words}", key=key, value=values)
+    require_finite(key, values)
+    if max(map(abs, values)) > LIMITS.coordinate:
+        remedy = f"use coordinates up to {LIMITS.coordinate:g} m"
+        raise InputError(f"{key} = {list(values)} is too far away", remedy, key=key, value=values)

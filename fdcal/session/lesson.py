@@ -19,7 +19,8 @@ from pathlib import Path
 from ..model import mode_ranges
 from ..model.arrays import positions_of
 from ..model.from_table import build
-from ..model.scene import Scene, load_scene
+from ..model.scene import Scene
+from ..model.scene_file import load_scene
 from ..model.validation import InputError, StorageError, require_choice
 from .request import edited
 

@@ -14,8 +14,11 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
+from ..model.array_layout import Array, Gauge
 from ..model.arrays import positions_of
-from ..model.scene import WALLS, Array, Gauge, Scene, Search
+from ..model.room import WALLS
+from ..model.scene import Scene
+from ..model.settings import Search
 from ..model.validation import InputError, require_choice
 
 FINEST = 1.5  # times as large, from which the lattice of the search domain gets coarser

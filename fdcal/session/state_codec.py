@@ -16,8 +16,9 @@ import numpy as np
 
 from .. import solvers
 from ..model.from_table import build
+from ..model.limits import LIMITS
 from ..model.measurement import Problem
-from ..model.scene import MOST_METRES, SolverSettings
+from ..model.settings import SolverSettings
 from ..model.validation import InputError, frozen_array
 from .request import plain
 
@@ -214,8 +215,8 @@ def _array(key: str, place, arrays, problem: Problem, cache: dict) -> np.ndarray
     wanted = _shape(key, problem)
     if wanted is not None and array.shape != wanted:
         raise InputError(f"states.{key} has shape {array.shape}; with this measurement it is {wanted}")
-    if key in ("positions", "shape", "centre") and np.abs(array).max(initial=0.0) > MOST_METRES:
-        raise InputError(f"states.{key} is too far away; use coordinates up to {MOST_METRES:g} m")
+    if key in ("positions", "shape", "centre") and np.abs(array).max(initial=0.0) > LIMITS.coordinate:
+        raise InputError(f"states.{key} is too far away; use coordinates up to {LIMITS.coordinate:g} m")
     return array
 
 

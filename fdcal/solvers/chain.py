@@ -12,7 +12,7 @@ from types import ModuleType
 import numpy as np
 
 from ..model.measurement import Problem
-from ..model.scene import SolverSettings
+from ..model.settings import SolverSettings
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from ..cost.noise_model import NOISE, NoiseEstimate
 from ..model.gauge import move_to_frame
 from ..model.measurement import Problem
 from ..model.power import mode_power
-from ..model.scene import Search, SolverSettings
+from ..model.settings import Search, SolverSettings
 from ..model.validation import InputError, frozen_array
 from . import initial_positions, noise_schedule
 from .joint_state import State

@@ -16,7 +16,7 @@ from ..cost.likelihood import DiffuseField, diffuse_field
 from ..cost.noise_model import NOISE, NoiseEstimate
 from ..model.measurement import Problem
 from ..model.power import mode_power
-from ..model.scene import SolverSettings
+from ..model.settings import SolverSettings
 from ..model.validation import frozen_array
 from . import initial_positions
 from .joint_state import State
@@ -84,7 +84,7 @@ def told_noise(problem: Problem, settings: SolverSettings) -> np.ndarray | None:
     """Noise power (M,) that the settings or the measurement tell, None where it is to be estimated."""
     if settings.snr_db is not None:
         return mode_power(problem.pressures) / (1 + 10 ** (settings.snr_db / 10))
-    return problem.noise_power if settings.noise == "told" else None
+    return problem.noise_power if settings.noise == "reported" else None
 
 
 def rough(problem: Problem, state: State, rest: NoiseEstimate) -> bool:

@@ -14,7 +14,7 @@ from fdcal.acoustics.fourier_bessel import (
     fourier_bessel_gradient,
     max_order,
 )
-from fdcal.model.scene import Search
+from fdcal.model.settings import Search
 
 POINTS = np.random.default_rng(0).uniform(-0.5, 0.5, (40, 2)) + [2.0, 1.0]
 CENTRE = np.array([2.1, 0.9])

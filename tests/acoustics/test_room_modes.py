@@ -14,7 +14,7 @@ from fdcal.acoustics.room_modes import (
     room_pressures,
     room_symmetries,
 )
-from fdcal.model.scene import Room
+from fdcal.model.room import Room
 from fdcal.solvers.room.fit import diffuse_terms, exact
 
 RNG = np.random.default_rng(4)

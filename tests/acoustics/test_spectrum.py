@@ -19,7 +19,7 @@ from fdcal.acoustics.spectrum import (
     wavenumber_discrete,
     window_rate,
 )
-from fdcal.model.scene import load_scene
+from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError
 
 FS, T = 4000.0, 2.0

@@ -18,7 +18,7 @@ from fdcal.commands.cli import main
 from fdcal.graphics import field_files
 from fdcal.model.measurement import Measurement
 from fdcal.model.measurement_file import save_measurement
-from fdcal.model.scene import Room
+from fdcal.model.room import Room
 from fdcal.model.validation import InputError
 
 RNG = np.random.default_rng(7)

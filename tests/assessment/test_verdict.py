@@ -15,7 +15,7 @@ from fdcal.commands.calibrate import solve
 from fdcal.commands.sources import CalibrationInput
 from fdcal.model.gauge import align, position_errors
 from fdcal.model.measurement import Measurement
-from fdcal.model.scene import SolverSettings
+from fdcal.model.settings import SolverSettings
 from fdcal.solvers import run
 from fdcal.solvers.levenberg_marquardt import FIRST_DAMPING, damped_step
 

@@ -21,7 +21,7 @@ import pytest
 from fdcal.assessment.result_file import load_result
 from fdcal.commands.cli import main
 from fdcal.model.measurement_file import load_measurement
-from fdcal.model.scene import load_scene
+from fdcal.model.scene_file import load_scene
 
 FDCAL = [sys.executable, "-m", "fdcal"]
 PNG = b"\x89PNG"

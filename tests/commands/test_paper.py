@@ -13,7 +13,7 @@ from fdcal.commands import paper
 from fdcal.commands.cli import main
 from fdcal.commands.paper import drawing, study, table, trails
 from fdcal.commands.sources import scene_input
-from fdcal.model.scene import load_scene
+from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError
 
 

@@ -12,7 +12,7 @@ from fdcal.acoustics.fourier_bessel import max_order
 from fdcal.cost import eq7, landscapes
 from fdcal.cost.watershed import prominent_minima
 from fdcal.model.measurement import Measurement
-from fdcal.model.scene import Search, SolverSettings
+from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError
 
 SEARCH = Search(origin=(1.0, 2.0), size=(0.4, 0.3), step=0.025, radius=0.35)

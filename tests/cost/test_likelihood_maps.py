@@ -12,7 +12,7 @@ from fdcal.cost.likelihood import diffuse_field
 from fdcal.cost.likelihood_maps import likelihood_maps
 from fdcal.cost.noise_model import NOISE
 from fdcal.model.measurement import Problem
-from fdcal.model.scene import Search, SolverSettings
+from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.solvers import joint
 

@@ -18,7 +18,7 @@ from fdcal.graphics import paraview
 from fdcal.graphics.landscape_figure import draw_landscape, few_panels, figure_bytes, landscape_panels
 from fdcal.model.gauge import position_errors
 from fdcal.model.measurement import Measurement
-from fdcal.model.scene import load_scene
+from fdcal.model.scene_file import load_scene
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from fdcal.acoustics.fourier_bessel import max_order
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.cost.eq7 import cost
 from fdcal.graphics.landscape_figure import draw_landscape, landscape_panels
-from fdcal.model.scene import load_scene
+from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError
 
 

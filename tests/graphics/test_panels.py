@@ -10,7 +10,7 @@ from fdcal.graphics.heatmap import colours, ends, paint, paint_field, shares
 from fdcal.graphics.panels import CAPTION, CELL, GAP, Marks, mosaic
 from fdcal.graphics.picture import drape
 from fdcal.graphics.primitives import DARK, LIGHT, TWO_SIDED, ColourBar
-from fdcal.model.scene import Search
+from fdcal.model.settings import Search
 
 SEARCH = Search(origin=(0.0, 0.0), size=(1.0, 1.0), step=0.05, radius=1.0)
 

@@ -26,7 +26,8 @@ from fdcal.graphics.picture import (
 )
 from fdcal.graphics.primitives import COLOUR_MAP, LIGHT, RAISED, ColourBar, Picture, number
 from fdcal.model.measurement import Measurement
-from fdcal.model.scene import Search, load_scene
+from fdcal.model.scene_file import load_scene
+from fdcal.model.settings import Search
 
 
 @pytest.fixture(scope="module")

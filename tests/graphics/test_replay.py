@@ -17,7 +17,7 @@ from fdcal.commands.cli import main
 from fdcal.graphics.replay import MOST_BYTES, replay
 from fdcal.model.gauge import position_errors
 from fdcal.model.measurement import Measurement
-from fdcal.model.scene import load_scene
+from fdcal.model.scene_file import load_scene
 
 EVIL = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"
 

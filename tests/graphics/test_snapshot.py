@@ -14,7 +14,7 @@ from fdcal.graphics.heatmap import paint
 from fdcal.graphics.picture import ESTIMATE, KNOWN, LAYERS, TRUE, compose
 from fdcal.graphics.primitives import COLOUR_MAP
 from fdcal.model.measurement import Measurement
-from fdcal.model.scene import load_scene
+from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError, StorageError
 
 SIZE = (1300, 1000)

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fdcal.model.array_layout import Array, Gauge
 from fdcal.model.arrays import (
     circle,
     convex_hull,
@@ -20,7 +21,8 @@ from fdcal.model.arrays import (
     rectangle_plus_random,
     snap,
 )
-from fdcal.model.scene import Array, Gauge, Room, load_scene
+from fdcal.model.room import Room
+from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError
 
 L_SHAPE = np.array([[0, 0], [6, 0], [6, 3], [4, 3], [4, 5], [0, 5.0]])

@@ -9,10 +9,12 @@ from fdcal.acoustics.box_field import point_source_pressures
 from fdcal.acoustics.measure import measure
 from fdcal.cost.mode_limits import usable_modes
 from fdcal.graphics.landscape_figure import landscape_panels
+from fdcal.model.array_layout import Array
 from fdcal.model.arrays import positions_of
 from fdcal.model.arrays_3d import ball, box, encloses_3d, plane, positions_3d
 from fdcal.model.gauge import position_errors
-from fdcal.model.scene import Array, Sensing, load_scene
+from fdcal.model.scene_file import load_scene
+from fdcal.model.settings import Sensing
 from fdcal.model.validation import InputError
 from fdcal.solvers import load, run
 

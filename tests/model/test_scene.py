@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from fdcal.model.arrays import positions_of
-from fdcal.model.scene import Search, load_scene, scene_folder, scene_names
+from fdcal.model.scene_file import load_scene, scene_folder, scene_names
+from fdcal.model.settings import Search
 from fdcal.model.validation import InputError, StorageError
 
 

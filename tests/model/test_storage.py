@@ -12,7 +12,7 @@ import pytest
 from fdcal.acoustics import fdtd
 from fdcal.acoustics.measurement_cache import cached_measurement, cached_recordings
 from fdcal.model import storage
-from fdcal.model.scene import load_scene
+from fdcal.model.scene_file import load_scene
 from fdcal.model.storage import write_atomically
 from fdcal.model.validation import InputError, StorageError
 

@@ -11,7 +11,7 @@ import pytest
 from fdcal.acoustics.fourier_bessel import max_order
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.cost.eq7 import cost
-from fdcal.model.scene import load_scene
+from fdcal.model.scene_file import load_scene
 from fdcal.session.comparison import Comparison, common_cost, same_start
 from fdcal.viewer.background import comparison as races
 from fdcal.viewer.background import prepare

@@ -11,7 +11,8 @@ from fdcal.acoustics.measurement_cache import cached_recordings
 from fdcal.model.arrays import positions_of
 from fdcal.model.from_table import build
 from fdcal.model.gauge import fixes_gauge
-from fdcal.model.scene import Scene, load_scene, scene_names
+from fdcal.model.scene import Scene
+from fdcal.model.scene_file import load_scene, scene_names
 from fdcal.model.validation import InputError
 from fdcal.session.request import OpenRequest, edited, table_of
 from fdcal.session.scene_edits import parameters_of, spread_out, with_parameters

@@ -11,7 +11,7 @@ from fields import measured
 
 from fdcal import solvers
 from fdcal.model.gauge import position_errors
-from fdcal.model.scene import Search, SolverSettings
+from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.session.session import Session
 from fdcal.solvers import descent, joint

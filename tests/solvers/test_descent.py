@@ -9,7 +9,7 @@ from fields import measured
 
 from fdcal import solvers
 from fdcal.cost.mode_limits import search_lattice
-from fdcal.model.scene import Search, SolverSettings
+from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.solvers import descent
 

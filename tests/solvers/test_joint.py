@@ -14,7 +14,7 @@ from fdcal import solvers
 from fdcal.acoustics import compiled
 from fdcal.model.gauge import align, position_errors
 from fdcal.model.measurement import Measurement
-from fdcal.model.scene import SolverSettings
+from fdcal.model.settings import SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.solvers import initial_positions, joint
 

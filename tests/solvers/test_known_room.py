@@ -15,7 +15,8 @@ from fdcal.commands.sources import CalibrationInput, with_settings
 from fdcal.cost.landscapes import fine_landscape
 from fdcal.model.measurement import Measurement
 from fdcal.model.measurement_file import save_measurement
-from fdcal.model.scene import Search, SolverSettings, load_scene
+from fdcal.model.scene_file import load_scene
+from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.solvers.room import solver as room
 

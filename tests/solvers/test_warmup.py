@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from fdcal.model.scene import load_scene
+from fdcal.model.scene_file import load_scene
 from fdcal.solvers.warmup import pieces
 from fdcal.viewer.background import warmup
 from fdcal.viewer.background.warmup import Warmup
@@ -18,7 +18,7 @@ from numba.core.registry import CPUDispatcher
 from fdcal import solvers
 from fdcal.cost import angular_prior, dense_covariance, likelihood, low_rank_covariance, spherical_covariance
 from fdcal.solvers import warmup
-from fdcal.model.scene import load_scene
+from fdcal.model.scene_file import load_scene
 from fdcal.acoustics.measurement_cache import cached_measurement
 
 def signatures():

@@ -23,7 +23,7 @@ from fdcal import solvers
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.cost import landscapes
 from fdcal.graphics.picture import compose
-from fdcal.model.scene import scene_folder
+from fdcal.model.scene_file import scene_folder
 from fdcal.session import session_file
 from fdcal.viewer.background import exports
 

@@ -54,7 +54,7 @@ def page(tmp_path_factory, require_browser, kernels, edited_descent):
 
 @pytest.fixture(scope="module")
 def edited_descent(tmp_path_factory):
-    from fdcal.model.scene import scene_folder
+    from fdcal.model.scene_file import scene_folder
 
     path = tmp_path_factory.mktemp("fault") / "failing.toml"
     text = (scene_folder() / "tiny.toml").read_text(encoding="utf-8")

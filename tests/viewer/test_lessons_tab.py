@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from fdcal.model.scene import load_scene
+from fdcal.model.scene_file import load_scene
 from fdcal.session.lesson import Lesson, Setting, Step, load_lesson
 from fdcal.viewer.gui import lesson_html
 from fdcal.viewer.gui.layout import Panels

@@ -13,7 +13,8 @@ from fdcal.graphics.picture import backdrop, with_estimate
 from fdcal.model.measured_scene import MeasuredScene, placeholder_scene
 from fdcal.model.measurement import Measurement
 from fdcal.model.measurement_file import save_measurement
-from fdcal.model.scene import SolverSettings, load_scene
+from fdcal.model.scene_file import load_scene
+from fdcal.model.settings import SolverSettings
 from fdcal.viewer.background.prepare import PreparationProgress, prepare_run
 
 

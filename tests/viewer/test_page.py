@@ -249,7 +249,7 @@ def test_what_no_page_says_is_not_listened_to():
 ENDING = """
 import os, signal, sys, threading, time
 from fdcal.session.request import OpenRequest
-from fdcal.model.scene import load_scene
+from fdcal.model.scene_file import load_scene
 from fdcal.viewer import serve
 def ready(url):
     def interrupt():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fdcal.model import mode_ranges
-from fdcal.model.scene import Search
+from fdcal.model.settings import Search
 from fdcal.model.validation import InputError
 from fdcal.viewer.scene3d.picking import MicrophonePicker
 

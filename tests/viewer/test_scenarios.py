@@ -6,7 +6,7 @@ import pytest
 from pretend import say
 
 from fdcal.model.measured_scene import placeholder_scene
-from fdcal.model.scene import load_scene
+from fdcal.model.scene_file import load_scene
 from fdcal.session.scene_edits import parameters_of
 from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.tabs import scene as scenetab

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...model.measurement import Measurement, Problem
-from ...model.scene import Search
+from ...model.settings import Search
 from ...model.validation import InputError
 from ..sources import CalibrationInput
 from .trails import Trail, shortened, trail

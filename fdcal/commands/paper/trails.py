@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from ...model.measurement import Problem
-from ...model.scene import SolverSettings
+from ...model.settings import SolverSettings
 from ...model.storage import cached_arrays
 from ...solvers import load
 

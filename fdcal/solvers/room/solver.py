@@ -26,7 +26,7 @@ import numpy as np
 
 from ...acoustics.room_modes import diffuse_model
 from ...model.measurement import Problem
-from ...model.scene import Search, SolverSettings
+from ...model.settings import Search, SolverSettings
 from ...model.validation import InputError, frozen_array
 from . import array_search, source_search
 from .fit import FIRST_DAMPING, damped, diffuse_terms, exact

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...model.measurement import Problem
 from ...model.power import mode_power
-from ...model.scene import SolverSettings
+from ...model.settings import SolverSettings
 from ...model.validation import InputError
 
 GUESS = 1e-4  # noise's share of the power where none is told
@@ -98,7 +98,7 @@ def noise_of(problem: Problem, settings: SolverSettings) -> tuple[np.ndarray, bo
     power = mode_power(problem.pressures)
     if settings.snr_db is not None:
         return power / (1 + 10 ** (settings.snr_db / 10)), True
-    told = problem.noise_power if settings.noise == "told" else None
+    told = problem.noise_power if settings.noise == "reported" else None
     if told is not None and np.all(told > 0):  # free of noise, a simulation is still no exact room
         return told, True
     return GUESS * power, False

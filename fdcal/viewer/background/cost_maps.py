@@ -16,7 +16,7 @@ from ...cost import landscapes
 from ...graphics.heatmap import cost_label, paint, paint_field
 from ...graphics.picture import heights_of
 from ...graphics.primitives import Floor
-from ...model.scene import Search
+from ...model.settings import Search
 from ...session.worker import LatestWorker
 from .prepare import PreparedRun
 

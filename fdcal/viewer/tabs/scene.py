@@ -7,7 +7,9 @@ import math
 import viser
 
 from ...model.measured_scene import MeasuredScene
-from ...model.scene import WALLS, Scene, load_scene, scene_names
+from ...model.room import WALLS
+from ...model.scene import Scene
+from ...model.scene_file import load_scene, scene_names
 from ...model.validation import InputError, StorageError
 from ...session.request import OpenRequest
 from ...session.scene_edits import SceneParameters, least_known, parameters_of, with_parameters

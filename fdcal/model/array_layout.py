@@ -1,0 +1,147 @@
+"""The array of a scene: its geometry, and which of its microphones are known."""
+
+from __future__ import annotations
+
+import math
+import typing
+from dataclasses import dataclass
+
+import numpy as np
+
+from .limits import LIMITS
+from .room import Point, is_triple
+from .validation import InputError, require_choice, require_point, require_positive
+
+GEOMETRIES_3D = ("plane", "ball", "box")  # of a room with three lengths; "positions" may have two or three coordinates
+GEOMETRIES = ("circle", "rectangle", "rectangle+random", "positions", *GEOMETRIES_3D)
+
+
+@dataclass(frozen=True)
+class Array:
+    """Geometry of the microphones; `fdcal.model.arrays` turns it into positions.
+
+    Attributes
+    ----------
+    geometry : str
+        One of GEOMETRIES; NEEDS lists the keys that each of them takes.
+    center : tuple of float or None
+        Centre, metres; the origin unless given.
+    count : int or None
+        Microphones on a circle, or in a ball or box.
+    radius : float or None
+        Of a circle or ball, metres.
+    shape : tuple of int or None
+        Microphones along x and y of a rectangle or plane.
+    size : tuple of float or None
+        Outer lengths of a rectangle, plane or box, metres.
+    random : int
+        Additional random microphones inside `size` ("rectangle+random").
+    positions : tuple of points or None
+        One microphone a row, metres ("positions").
+    """
+
+    geometry: str
+    center: Point | None = None
+    count: int | None = None
+    radius: float | None = None
+    shape: tuple[int, ...] | None = None
+    size: Point | None = None
+    random: int = 0
+    positions: tuple[Point, ...] | None = None
+
+    OPTIONAL: typing.ClassVar = ("center", "count", "radius", "shape", "size", "random", "positions")
+    NEEDS: typing.ClassVar = {
+        "circle": ("count", "radius"),
+        "rectangle": ("shape", "size"),
+        "rectangle+random": ("shape", "size", "random"),
+        "positions": ("positions",),
+        "plane": ("shape", "size"),
+        "ball": ("count", "radius"),
+        "box": ("count", "size"),
+    }
+
+    def __post_init__(self):
+        require_choice("array.geometry", self.geometry, GEOMETRIES)
+        self._check_keys()
+        self._check_lengths()
+        if self.number > LIMITS.microphones:
+            raise InputError(
+                f"array has {self.number} microphones", f"use at most {LIMITS.microphones}", key="array.count"
+            )
+
+    def _check_keys(self) -> None:
+        """Raise InputError for a key that the geometry needs and lacks, or has no use for."""
+        needs = self.NEEDS[self.geometry]
+        for key in ("count", "radius", "shape", "size", "random", "positions"):
+            value, name = getattr(self, key), f"array.{key}"
+            if key in needs and not value:
+                remedy = f'array.geometry = "{self.geometry}" needs it'
+                raise InputError(f"{name} is missing or zero", remedy, key=name, value=value)
+            if key not in needs and value:
+                problem = f'{name} has no meaning with array.geometry = "{self.geometry}"'
+                raise InputError(problem, "remove it", key=name, value=value)
+            for number in np.ravel(value) if key in needs and key != "positions" else ():  # positions may be negative
+                require_positive(name, float(number), "m" if key in ("radius", "size") else "")
+
+    def _check_lengths(self) -> None:
+        """Check the number of coordinates of every point and size; set the default centre."""
+        if self.center is None:
+            object.__setattr__(self, "center", (0.0,) * self.room_dimension)
+        require_point("array.center", self.center, (self.room_dimension,))
+        for key, rows, wanted in (
+            ("shape", [self.shape], 2),
+            ("size", [self.size], self.dimension),
+            ("positions", self.positions, self.dimension),
+        ):
+            for row in rows or () if key in self.NEEDS[self.geometry] else ():
+                require_point(f"array.{key}", row, (wanted,))
+
+    @property
+    def dimension(self) -> int:
+        """Number of coordinates of a microphone, 2 or 3: 2 in a plane."""
+        return self.room_dimension - (self.geometry == "plane")
+
+    @property
+    def room_dimension(self) -> int:
+        """Dimension of the room that the array stands in, 2 or 3."""
+        if self.geometry == "positions":
+            return 3 if is_triple((self.positions or ((),))[0]) else 2
+        return 3 if self.geometry in GEOMETRIES_3D else 2
+
+    @property
+    def number(self) -> int:
+        """Number of microphones N."""
+        return (self.count or 0) + math.prod(self.shape or (0,)) + self.random + len(self.positions or ())
+
+
+@dataclass(frozen=True)
+class Gauge:
+    """Which microphones are known: `known` lists them, or `free` lists all the others. Give exactly one."""
+
+    known: tuple[int, ...] | None = None
+    free: tuple[int, ...] | None = None
+
+    OPTIONAL: typing.ClassVar = ("known", "free")
+
+    def __post_init__(self):
+        if (self.known is None) == (self.free is None):
+            raise InputError("gauge needs either gauge.known or gauge.free", "give exactly one", key="gauge.known")
+
+    def indices(self, count: int) -> tuple[int, ...]:
+        """Return the known microphones of an array of `count`, ascending.
+
+        Raises
+        ------
+        InputError
+            For a microphone that the array lacks, or that is listed twice.
+        """
+        key, given = ("gauge.known", self.known or ()) if self.free is None else ("gauge.free", self.free)
+        for index in given:
+            if not 0 <= index < count:
+                remedy = f"the array has 0 to {count - 1}"
+                raise InputError(f"{key} names microphone {index}", remedy, key=key, value=index)
+        if len(set(given)) < len(given):
+            raise InputError(f"{key} = {list(given)} names a microphone twice", "list each once", key=key, value=given)
+        if self.free is None:
+            return tuple(sorted(given))
+        return tuple(n for n in range(count) if n not in given)

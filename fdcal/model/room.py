@@ -1,0 +1,232 @@
+"""The room and the source of a scene. Lengths are metres, frequencies hertz, speeds metres per second."""
+
+from __future__ import annotations
+
+import math
+import typing
+from dataclasses import dataclass
+
+import numpy as np
+
+from .limits import LIMITS
+from .validation import InputError, require_choice, require_point, require_positive
+
+Point = tuple[float, ...]
+
+WALLS = ("rigid", "pressure-release", "absorbing")
+
+
+@dataclass(frozen=True)
+class Room:
+    """Walls and air. Give either `size` or `outline`.
+
+    Attributes
+    ----------
+    size : tuple of float or None
+        Lengths of a rectangle with a corner at the origin, metres. Three lengths make a box, whose field is
+        three-dimensional, has a closed form (`fdcal.acoustics.box_field`) and needs no cells.
+    outline : tuple of points or None
+        Corners of the floor in order, metres.
+    walls : str
+        One of WALLS.
+    admittance : float
+        Specific admittance rho c / Z of absorbing walls, dimensionless.
+    sound_speed : float
+        c, m/s.
+    cell : float or None
+        h, edge of one FDTD cell, metres; 0.02 unless given. A box has none.
+    """
+
+    size: Point | None = None
+    outline: tuple[Point, ...] | None = None
+    walls: str = "rigid"
+    admittance: float = 0.0
+    sound_speed: float = 343.0
+    cell: float | None = None
+
+    @staticmethod
+    def optional(table: dict) -> tuple[str, ...]:
+        """Return the keys that a scene file may leave out."""
+        return "size", "outline", "admittance", *(("cell",) if is_no_pair(table.get("size")) else ())
+
+    def __post_init__(self):
+        require_positive("room.sound_speed", self.sound_speed, "m/s")
+        if self.dimension == 2:
+            object.__setattr__(self, "cell", 0.02 if self.cell is None else self.cell)
+            require_positive("room.cell", self.cell_size, "m")
+        elif self.cell is not None:
+            raise InputError(
+                f"room.cell = {self.cell:g} m has no meaning with a room.size of three lengths, whose field is known in"
+                " closed form",
+                "remove it",
+                key="room.cell",
+                value=self.cell,
+            )
+        self._check_outline()
+        if self.dimension == 2:
+            self._check_cells()
+        self._check_walls()
+
+    def _check_outline(self):
+        if (self.size is None) == (self.outline is None):
+            raise InputError("room needs either room.size or room.outline", "give exactly one", key="room.size")
+        if self.size is not None:
+            require_point("room.size", self.size, (2, 3))
+        for length in self.size or ():
+            require_positive("room.size", length, "m")
+        if self.outline is None:
+            return
+        for corner in self.outline:
+            require_point("room.outline", corner, (2,))
+        if len(self.outline) < 3 or self.area < self.cell_size**2:
+            raise InputError(
+                "room.outline encloses no area",
+                "give at least three corners [x, y], in order",
+                key="room.outline",
+                value=self.outline,
+            )
+
+    def _check_cells(self):
+        cells = float(np.prod(np.abs(self.vertices).max(axis=0) / self.cell_size))  # the grid starts at the origin
+        if cells > LIMITS.cells:
+            raise InputError(
+                f"room.cell = {self.cell:g} m divides the room into {cells:.3g} cells",
+                f"use a larger one ({LIMITS.cells:.0e} cells at most)",
+                key="room.cell",
+                value=self.cell,
+            )
+
+    def _check_walls(self):
+        require_choice("room.walls", self.walls, WALLS)
+        if self.walls == "absorbing" and not (math.isfinite(self.admittance) and self.admittance > 0):
+            raise InputError(
+                f"room.admittance = {self.admittance:g} cannot describe absorbing walls",
+                'give a number above zero (or set room.walls = "rigid")',
+                key="room.admittance",
+                value=self.admittance,
+            )
+        if self.walls != "absorbing" and self.admittance != 0:
+            raise InputError(
+                f'room.admittance = {self.admittance:g} has no meaning with room.walls = "{self.walls}"',
+                'remove it or set room.walls = "absorbing"',
+                key="room.admittance",
+                value=self.admittance,
+            )
+
+    @property
+    def dimension(self) -> int:
+        """Dimension of the sound field, 2 or 3."""
+        return 3 if is_triple(self.size) else 2
+
+    @property
+    def cell_size(self) -> float:
+        """Edge h of one FDTD cell, metres; InputError for a box, which has no cells."""
+        if self.cell is None:
+            raise InputError(f"room.size = {list(self.size or ())} has three lengths", "simulate it in closed form")
+        return self.cell
+
+    @property
+    def vertices(self) -> np.ndarray:
+        """Corners of the outline, or of the floor of a box : (V, 2) float64 array, metres."""
+        if self.outline is not None:
+            return np.array(self.outline, dtype=float)
+        width, depth = (self.size or (0.0, 0.0))[:2]
+        return np.array([[0, 0], [width, 0], [width, depth], [0, depth]], dtype=float)
+
+    @property
+    def area(self) -> float:
+        """Area of the outline, m^2 (shoelace formula)."""
+        x, y = self.vertices.T
+        return abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))) / 2
+
+
+class Band(typing.NamedTuple):
+    """Band of a simulated pulse and the rate that it is sampled with, Hz."""
+
+    low: float
+    high: float
+    sample_rate: float
+
+
+@dataclass(frozen=True)
+class Source:
+    """The one source, outside the array: a zero-mean pulse of flat spectrum from `low` to `high`.
+
+    A source with three coordinates emits all frequencies equally, since its field has a closed form; then only
+    `duration` matters.
+
+    Attributes
+    ----------
+    position : tuple of float
+        Metres.
+    low, high : float or None
+        Band of the pulse, Hz; 20 and 3000 unless given. None with three coordinates.
+    sample_rate : float or None
+        fs, Hz; 28590 unless given. None with three coordinates.
+    duration : float
+        Duration of the recording, s.
+    """
+
+    position: Point
+    low: float | None = None
+    high: float | None = None
+    sample_rate: float | None = None
+    duration: float = 4.0
+
+    DEFAULTS: typing.ClassVar = Band(low=20.0, high=3000.0, sample_rate=28590.0)
+
+    @classmethod
+    def optional(cls, table: dict) -> tuple[str, ...]:
+        """Return the keys that a scene file may leave out."""
+        return cls.DEFAULTS._fields if is_no_pair(table.get("position")) else ()
+
+    def __post_init__(self):
+        require_point("source.position", self.position, (2, 3))
+        require_positive("source.duration", self.duration, "s")
+        for key, default in self.DEFAULTS._asdict().items():
+            value = getattr(self, key)
+            if len(self.position) == 3 and value is not None:
+                raise InputError(
+                    f"source.{key} = {value:g} Hz has no meaning with a source.position of three coordinates, where no"
+                    " pulse is simulated",
+                    "remove it",
+                    key=f"source.{key}",
+                    value=value,
+                )
+            if len(self.position) == 2:
+                object.__setattr__(self, key, default if value is None else value)
+                require_positive(f"source.{key}", getattr(self, key), "Hz")
+        if len(self.position) == 2:
+            self._check_band(self.band)
+
+    @staticmethod
+    def _check_band(band: Band):
+        if not band.low < band.high < band.sample_rate / 2:
+            raise InputError(
+                f"source.low = {band.low:g} Hz and source.high = {band.high:g} Hz must be in ascending order and below"
+                f" half of source.sample_rate = {band.sample_rate:g} Hz",
+                "change one of the three",
+                key="source.high",
+                value=band.high,
+            )
+
+    @property
+    def band(self) -> Band:
+        """Band and sampling rate of the simulated pulse; InputError with three coordinates, where there is none."""
+        if self.low is None or self.high is None or self.sample_rate is None:
+            raise InputError(
+                f"source.position = {list(self.position)} has three coordinates, so that no pulse is simulated",
+                "give two coordinates, in a room of two dimensions",
+                key="source.position",
+            )
+        return Band(self.low, self.high, self.sample_rate)
+
+
+def is_triple(values) -> bool:
+    """Return whether `values`, of any type, is a list of three entries."""
+    return isinstance(values, (list, tuple)) and len(values) == 3
+
+
+def is_no_pair(values) -> bool:
+    """Return whether a value of a scene file is a list, but not of two entries: it cannot be a point of a plane."""
+    return isinstance(values, list) and len(values) != 2

@@ -1,0 +1,64 @@
+"""Scenes as TOML files: those that come with fdcal, and anyone's own."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+from .from_table import build
+from .scene import Scene
+from .validation import InputError, StorageError
+
+
+def scene_folder() -> Path:
+    """Return the folder of the scenes that come with fdcal: in the checkout, or inside an installed package."""
+    beside = Path(__file__).parents[1] / "scenes"
+    return beside if beside.is_dir() else Path(__file__).parents[2] / "scenes"
+
+
+def scene_names() -> list[str]:
+    """Return the names of the scenes that come with fdcal."""
+    return sorted(path.stem for path in scene_folder().glob("*.toml"))
+
+
+def load_scene(path: str | Path) -> Scene:
+    """Return the scene of a TOML file, or one that comes with fdcal, by its name.
+
+    Parameters
+    ----------
+    path : str or Path
+        A .toml file, or one of `scene_names()`.
+
+    Raises
+    ------
+    InputError
+        For an unknown or missing key, a wrong type or an impossible value.
+    StorageError
+        If the file cannot be read.
+
+    Examples
+    --------
+    >>> load_scene("tiny").room.size
+    (1.68, 1.2)
+    """
+    path = _file_of(Path(path))
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise StorageError(f"cannot read scene {path}: {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        reason = f"{error}".replace("\n", " ")
+        raise InputError(f"{path} is not valid TOML: {reason}", key="scene", value=path) from error
+    return build(Scene, {"name": path.stem, "title": path.stem, **table})
+
+
+def _file_of(path: Path) -> Path:
+    """Return the file of a scene that is given by its path or its name."""
+    available = f"a .toml file or one of {', '.join(scene_names())}"
+    if path.suffix == ".npz":
+        raise InputError(f"{path} is a measurement", f"give a scene: {available}", key="scene", value=path)
+    if path.suffix == ".toml" or path.is_file():
+        return path
+    if path.name not in scene_names() or path.name != str(path):
+        raise InputError(f'scene "{path}" is unknown', f"use {available}", key="scene", value=path)
+    return scene_folder() / f"{path.name}.toml"

@@ -1,0 +1,237 @@
+"""The settings of a run: where to search, how to measure, how to solve. Lengths are metres, frequencies hertz."""
+
+from __future__ import annotations
+
+import math
+import typing
+from dataclasses import dataclass
+
+import numpy as np
+
+from .limits import LIMITS
+from .room import Point
+from .validation import InputError, require_choice, require_finite, require_positive
+
+
+@dataclass(frozen=True)
+class Search:
+    """Lattice of candidate positions and the expansion radius R of Eq. 3.
+
+    Attributes
+    ----------
+    origin : tuple of float
+        Corner with the lowest coordinates, metres.
+    size : tuple of float
+        Lengths along each axis, metres, whole multiples of `step`.
+    step : float
+        Distance of neighbouring candidates, metres.
+    radius : float
+        R, metres.
+    """
+
+    origin: Point
+    size: Point
+    step: float = 0.01
+    radius: float = 0.8
+
+    def __post_init__(self):
+        if len(self.origin) != len(self.size):
+            raise InputError(
+                f"search.origin = {list(self.origin)} and search.size = {list(self.size)} differ in dimension",
+                "give both as many numbers as a position has",
+                key="search.size",
+                value=self.size,
+            )
+        require_finite("search.origin", self.origin)
+        for length in self.size:
+            require_positive("search.size", length, "m")
+        require_positive("search.step", self.step, "m")
+        require_positive("search.radius", self.radius, "m")
+        self._check_step()
+
+    def _check_step(self) -> None:
+        """Raise InputError unless the step divides the size into a reasonable number of candidates."""
+
+        def refuse(problem: str, remedy: str, key: str = "search.step", value: object = self.step) -> typing.NoReturn:
+            raise InputError(problem, remedy, key=key, value=value)
+
+        step = f"search.step = {self.step:g} m"
+        if min(self.size) < self.step * (1 - 1e-9):
+            refuse(f"{step} is longer than search.size = {list(self.size)} m", "use a smaller step")
+        if math.prod(self.shape) > LIMITS.candidates:
+            remedy = f"use a larger one ({LIMITS.candidates} candidates at most)"
+            refuse(f"{step} gives {float(math.prod(self.shape)):.3g} candidates", remedy)
+        for length in self.size:
+            steps = length / self.step
+            if abs(steps - round(steps)) > 1e-6:
+                below, above = (f(steps) * self.step for f in (math.floor, math.ceil))
+                problem = f"search.size = {length:g} m is not a whole number of steps of {step}"
+                refuse(problem, f"use {below:g} or {above:g} m", "search.size", length)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of candidates along each axis."""
+        return tuple(round(length / self.step) + 1 for length in self.size)
+
+    def layer(self, height: float = 0.0) -> np.ndarray:
+        """Return the candidates of the horizontal layer at `height`, metres; all of them in two dimensions.
+
+        Returns
+        -------
+        (ny, nx, D) float64, metres
+        """
+        x, y = (o + self.step * np.arange(n) for o, n in zip(self.origin[:2], self.shape[:2], strict=True))
+        axes = (*np.meshgrid(x, y), np.full((len(y), len(x)), height))
+        return np.stack(axes[: len(self.origin)], axis=-1)
+
+
+@dataclass(frozen=True)
+class Sensing:
+    """How pressures are derived from recordings.
+
+    Attributes
+    ----------
+    snr_db : float
+        Signal-to-noise ratio of each mode, dB; inf for no noise. The noise is added to the complex pressures.
+    lowest, highest : float
+        Band in which modes are picked, Hz.
+    prominence_db : float
+        Height of a spectral peak above its surroundings, dB.
+    resolution : float
+        Smallest distance of two modes, Hz.
+    wavenumber : str
+        "discrete", of a wave on the grid of the simulation, or "continuous".
+    sound_speed_error : float
+        Relative error of the sound speed given to the solvers, positive if it is too high.
+    """
+
+    snr_db: float = math.inf
+    lowest: float = 20.0
+    highest: float = 400.0
+    prominence_db: float = 1.0
+    resolution: float = 1.0
+    wavenumber: str = "discrete"
+    sound_speed_error: float = 0.0
+
+    OPTIONAL: typing.ClassVar = ("sound_speed_error",)
+
+    def __post_init__(self):
+        if not (abs(self.snr_db) <= LIMITS.decibels or self.snr_db == math.inf):
+            raise InputError(
+                f"measurement.snr_db = {self.snr_db:g} is out of range",
+                f"give a number of decibels from -{LIMITS.decibels:g} to {LIMITS.decibels:g}, or inf for no noise",
+                key="measurement.snr_db",
+                value=self.snr_db,
+            )
+        for key in ("lowest", "highest", "resolution"):
+            require_positive(f"measurement.{key}", getattr(self, key), "Hz")
+        require_positive("measurement.prominence_db", self.prominence_db, "dB")
+        if not self.lowest < self.highest:
+            raise InputError(
+                f"measurement.lowest = {self.lowest:g} Hz must lie below measurement.highest = {self.highest:g} Hz",
+                "lower the one or raise the other",
+                key="measurement.lowest",
+                value=self.lowest,
+            )
+        most = LIMITS.sound_speed_error
+        if not abs(self.sound_speed_error) <= most:
+            raise InputError(
+                f"measurement.sound_speed_error = {self.sound_speed_error:g} is a fraction out of range",
+                f"use -{most:g} to {most:g}, for example 0.01 for 1 %",
+                key="measurement.sound_speed_error",
+                value=self.sound_speed_error,
+            )
+        require_choice("measurement.wavenumber", self.wavenumber, ("discrete", "continuous"))
+
+
+@dataclass(frozen=True)
+class SolverSettings:
+    """Which solver, and its settings.
+
+    Attributes
+    ----------
+    name : str
+        "joint"; "descent", the paper's; "descent+joint", one after the other; or "room".
+    modes, first_modes : int
+        Modes in use at the end and at the start.
+    order_offset : int
+        Added to the order ceil(kR) of Eq. 3; 0 is the paper's.
+    ample_modes : int
+        Modes in use from which "descent" adds `order_offset`; with fewer it adds nothing.
+    known_weight : float
+        Weight of a known microphone's squared residual in "descent"; 1 is the paper's.
+    weights : str
+        "unit", each mode scaled to unit RMS, or "raw", the paper's.
+    max_sweeps : int
+        Sweeps of one stage at most.
+    start : str or None
+        "affine" or "random"; unless given, random for "descent" and affine for "joint".
+    cost : str
+        Of "joint": "likelihood", or "projection", Eq. 7 with a Tikhonov weight.
+    noise : str
+        "reported": the noise power of the measurement, where it has one; "auto": estimated; or a number of decibels,
+        the signal-to-noise ratio of each mode. "told", of older files, is read as "reported".
+    known : str
+        Microphones whose positions are given to the solver: "all" known ones; "minimal", the fewest that fix the gauge;
+        or "none".
+    room : tuple of float or None
+        Size of the rectangular room of solver "room", metres; that of the scene unless given.
+    """
+
+    name: str = "joint"
+    modes: int = 57
+    first_modes: int = 3
+    order_offset: int = 2
+    ample_modes: int = 15
+    known_weight: float = 1000.0
+    weights: str = "unit"
+    max_sweeps: int = 20
+    start: str | None = None
+    cost: str = "likelihood"
+    noise: str = "reported"
+    known: str = "all"
+    room: Point | None = None
+
+    OPTIONAL: typing.ClassVar = ("start", "cost", "noise", "known", "room")
+
+    def __post_init__(self):
+        if self.noise == "reported":
+            object.__setattr__(self, "noise", "reported")
+        for key in ("modes", "first_modes", "max_sweeps", "ample_modes", "known_weight"):
+            require_positive(f"solver.{key}", getattr(self, key))
+        if self.first_modes > self.modes:
+            raise InputError(
+                f"solver.first_modes = {self.first_modes} is above solver.modes = {self.modes}",
+                "lower it",
+                key="solver.first_modes",
+                value=self.first_modes,
+            )
+        if self.order_offset < 0:
+            problem = f"solver.order_offset = {self.order_offset} is negative"
+            raise InputError(problem, "use 0 or more", key="solver.order_offset", value=self.order_offset)
+        require_choice("solver.weights", self.weights, ("unit", "raw"))
+        require_choice("solver.cost", self.cost, ("likelihood", "projection"))
+        require_choice("solver.known", self.known, ("all", "minimal", "none"))
+        if self.start is not None:
+            require_choice("solver.start", self.start, ("affine", "random"))
+        for length in self.room or ():
+            require_positive("solver.room", length, "m")
+        _ = self.snr_db  # raises for a `noise` that is neither a choice nor a number
+
+    @property
+    def snr_db(self) -> float | None:
+        """Signal-to-noise ratio that `noise` states, dB; None where it is not a number."""
+        if self.noise in ("reported", "auto"):
+            return None
+        try:
+            value = float(self.noise)
+        except ValueError:
+            value = math.nan
+        if not -LIMITS.decibels <= value <= LIMITS.decibels:
+            raise InputError(
+                f'solver.noise = "{self.noise}" is unknown',
+                'use "reported", "auto" or a number of decibels',
+                key="solver.noise",
+                value=self.noise,
+            )
+        return value
