@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from fdcal.acoustics.box_field import point_source_pressures as box_field
-from fdcal.assessment.cross_validation import expansions, report
+from fdcal.assessment.cross_validation import cross_validate, expansions
 from fdcal.model.power import mode_power
 from fdcal.model.scene_file import load_scene
 
@@ -39,14 +39,14 @@ def _found(name: str, snr: int, drawn: list[Draw]) -> Iterator[Figure]:
     outcomes = [solve(d.measurement, "all", MODES[name]) for d in drawn]
     reports = [_report(d, o.positions) for d, o in zip(drawn, outcomes, strict=True)]
     words, limit = f"{name}, {snr} dB", TARGETS.get((name, snr))
-    whole = _mean_db([r.whole for r in reports])
+    whole = _mean_db([r.overall for r in reports])
     target = ("", None) if limit is None else (f"at most {limit:g}", whole <= limit)
     yield Figure(f"{words}: left-out error, {len(drawn)} draws pooled", whole, "dB", *target)
-    yield Figure(f"{words}: of the worst draw", max(r.whole for r in reports), "dB")
+    yield Figure(f"{words}: of the worst draw", max(r.overall for r in reports), "dB")
     yield Figure(f"{words}: of the worst frequency of any", max(r.modes.max() for r in reports), "dB")
     yield Figure(f"{words}: of the worst microphone of any", max(r.microphones.max() for r in reports), "dB")
     truths = [_report(d, d.measurement.positions) for d in drawn]
-    yield Figure(f"{words}: at the true positions", _mean_db([r.whole for r in truths]), "dB")
+    yield Figure(f"{words}: at the true positions", _mean_db([r.overall for r in truths]), "dB")
     inside = [_inside(name, seed, d, o) for seed, (d, o) in enumerate(zip(drawn, outcomes, strict=True))]
     yield Figure(f"{words}: field inside against the room's own", _mean_db(inside), "dB")
     yield Figure(f"{words}: RMS position error", 1e3 * pooled([o.rms for o in outcomes]), "mm")
@@ -54,7 +54,7 @@ def _found(name: str, snr: int, drawn: list[Draw]) -> Iterator[Figure]:
 
 def _report(drawn: Draw, positions):
     problem = drawn.measurement.problem()
-    return report(problem, positions, slice(0, len(problem.frequencies)), problem.noise_power)
+    return cross_validate(problem, positions, slice(0, len(problem.frequencies)), problem.noise_power)
 
 
 def _mean_db(values) -> float:

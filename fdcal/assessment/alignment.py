@@ -33,7 +33,7 @@ def in_frame(positions, frame: str) -> np.ndarray:
     return _minimal(positions) if frame == "minimal" else _axes(positions)
 
 
-def placed_in(result: Calibration, frame: str | None) -> MicrophonePositions:
+def placed_in_frame(result: Calibration, frame: str | None) -> MicrophonePositions:
     """Return the microphones of a calibration in a frame.
 
     Parameters
@@ -79,16 +79,16 @@ def _axes(positions: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Check:
+class PositionCheck:
     """Positions as said and as found: `errors` (N,) float64, metres, after the best rigid motion; `swapped` pairs of
-    channels whose places are exchanged; `moved`, chains of more than two that are in each other's places."""
+    channels whose places are exchanged; `permuted`, chains of more than two that are in each other's places."""
 
     errors: np.ndarray
     swapped: tuple[tuple[int, int], ...]
-    moved: tuple[tuple[int, ...], ...]
+    permuted: tuple[tuple[int, ...], ...]
 
 
-def check(found, said, known=()) -> Check:
+def compare_positions(found, said, known=()) -> PositionCheck:
     """Compare positions found (N, D) with those said to be (N, D), metres.
 
     A swap is named where the array as a whole fits better with it, each microphone concerned by half at least. The
@@ -104,7 +104,7 @@ def check(found, said, known=()) -> Check:
         order = _exchanged(placed, said)
     cycles = _cycles(order)
     errors = np.linalg.norm(placed - said, axis=1)
-    return Check(errors, tuple(c for c in cycles if len(c) == 2), tuple(c for c in cycles if len(c) > 2))
+    return PositionCheck(errors, tuple(c for c in cycles if len(c) == 2), tuple(c for c in cycles if len(c) > 2))
 
 
 def _trusted(found: np.ndarray, said: np.ndarray) -> np.ndarray:
@@ -139,7 +139,7 @@ def _cycles(order: np.ndarray) -> list[tuple[int, ...]]:
     return cycles
 
 
-def told(result: Check, names, verdict: str = "good", known: bool = True) -> str:
+def describe(result: PositionCheck, names, verdict: str = "good", known: bool = True) -> str:
     """The check in words: every swap, then the error of every microphone, the greatest first.
 
     Unless the `verdict` (`fdcal.assessment.verdict`, `fdcal.assessment.room_verdict`) trusts the positions, no swap
@@ -147,7 +147,9 @@ def told(result: Check, names, verdict: str = "good", known: bool = True) -> str
     `known`: whether known microphones held the positions.
     """
     lines = [f"channels {names[a]} and {names[b]} are swapped" for a, b in result.swapped]
-    lines += [f"channels {', '.join(names[n] for n in chain)} stand in each other's places" for chain in result.moved]
+    lines += [
+        f"channels {', '.join(names[n] for n in chain)} stand in each other's places" for chain in result.permuted
+    ]
     if not lines and verdict not in TRUSTED:
         advice = "; try --known none" if known else ""
         lines = [f"swaps cannot be told from positions that are not to be trusted ({verdict}){advice}"]

@@ -28,7 +28,7 @@ from ..cost.low_rank_covariance import AMPLE, circular, spherical
 from ..model.measurement import Problem
 from ..model.power import mode_power
 from ..model.validation import frozen_array
-from .uncertainty import field_of
+from .uncertainty import pressures_and_field
 
 LESS = 3.0  # less noise is supposed than there is: a room's field is less isotropic than this prior
 BLOCK = 4096  # points at a time
@@ -81,7 +81,7 @@ def expansions(problem: Problem, positions, modes: slice, noise: np.ndarray | No
     noise : (M,) float64 of all measured modes, in the unit of abs(problem.pressures)**2; estimated unless given
     """
     positions = np.asarray(positions, float)
-    pressures, field = field_of(problem, positions, modes, noise)
+    pressures, field = pressures_and_field(problem, positions, modes, noise)
     centre = frozen_array(positions.mean(axis=0), float)
     every = zip(problem.wavenumbers[modes], _orders(field, positions), pressures, field.power, field.noise, strict=True)
     return [_fit(positions, complex(k), order, centre, p, v, s, problem.dimension) for k, order, p, s, v in every]
@@ -96,13 +96,13 @@ def _fit(positions, k: complex, order: int, centre, p, v: float, s: float, dimen
     return Expansion(k, order, centre, alpha, G, float(v), dimension)
 
 
-def left_out(problem: Problem, positions, modes: slice, noise: np.ndarray | None = None) -> np.ndarray:
+def leave_one_out_errors(problem: Problem, positions, modes: slice, noise: np.ndarray | None = None) -> np.ndarray:
     """Pressure of each microphone less what all the others foretell there : (modes, N) complex128.
 
     Arguments as of `expansions`; the unit is that of problem.pressures.
     """
     positions = np.asarray(positions, float)
-    pressures, field = field_of(problem, positions, modes, noise)
+    pressures, field = pressures_and_field(problem, positions, modes, noise)
     errors = np.empty_like(pressures)
     every = zip(problem.wavenumbers[modes], _orders(field, positions), pressures, field.power, field.noise, strict=True)
     for error, (k, order, p, s, v) in zip(errors, every, strict=True):
@@ -125,32 +125,32 @@ def _orders(field: DiffuseField, positions) -> list[int]:
 
 
 @dataclass(frozen=True)
-class Report:
+class CrossValidation:
     """How well microphones are foretold by the others: error over pressure, in decibels.
 
     Attributes
     ----------
-    whole : float, power of the error over power of the pressures, every mode counting alike
+    overall : float, power of the error over power of the pressures, every mode counting alike
     microphones : (N,) float64, likewise of each microphone
     modes : (modes in use,) float64, of each frequency
     """
 
-    whole: float
+    overall: float
     microphones: np.ndarray
     modes: np.ndarray
 
 
-def report(problem: Problem, positions, modes: slice, noise: np.ndarray | None = None) -> Report:
+def cross_validate(problem: Problem, positions, modes: slice, noise: np.ndarray | None = None) -> CrossValidation:
     """Normalised leave-one-out error; arguments as of `expansions`."""
-    return report_of(problem.pressures[modes], left_out(problem, positions, modes, noise))
+    return summarise(problem.pressures[modes], leave_one_out_errors(problem, positions, modes, noise))
 
 
-def report_of(p: np.ndarray, errors: np.ndarray) -> Report:
+def summarise(p: np.ndarray, errors: np.ndarray) -> CrossValidation:
     """Report on errors (modes, N) of pressures, in the same unit."""
     power = mode_power(p)[:, None]
     heard, missed = np.abs(p) ** 2 / power, np.abs(errors) ** 2 / power
-    return Report(
-        whole=float(_decibels(missed.sum() / heard.sum())),
+    return CrossValidation(
+        overall=float(_decibels(missed.sum() / heard.sum())),
         microphones=frozen_array(_decibels(missed.sum(axis=0) / heard.sum(axis=0)), float),
         modes=frozen_array(_decibels(missed.mean(axis=1)), float),
     )

@@ -18,13 +18,13 @@ from ..cost.noise_model import NOISE, estimate_noise
 from ..model.gauge import fixes_gauge
 from ..model.measurement import Problem
 from ..model.power import mode_power
-from .uncertainty import Spread, covariance, field_of, freed, scale_sigma, spread
+from .uncertainty import Information, information, pressures_and_field, robust_covariance, scale_sigma, step_along
 
 STRAIN_MODES = 24  # at most
 
 
 @dataclass(frozen=True)
-class Evidence:
+class Diagnostics:
     """Figures of an array found.
 
     Attributes
@@ -60,19 +60,19 @@ class Evidence:
     known_chance: np.ndarray
 
 
-def collect(problem: Problem, positions, modes: slice, noise: np.ndarray | None) -> Evidence:
+def diagnose(problem: Problem, positions, modes: slice, noise: np.ndarray | None) -> Diagnostics:
     """Evidence on `positions` (N, D), metres, from the modes in use.
 
     noise : (M,) float64, that the solver supposed of all measured modes, or None to estimate it here
     """
     positions = np.asarray(positions, float)
-    p, field = field_of(problem, positions, modes, noise)
-    found = spread(positions, p, field, problem.known)
+    p, field = pressures_and_field(problem, positions, modes, noise)
+    found = information(positions, p, field, problem.known)
     sound_speed, sigma = _sound_speed(found, positions, problem.known)
     shift, chance = _known(found, positions, problem.known)
     power = mode_power(p)
-    return Evidence(
-        covariance=covariance(found),
+    return Diagnostics(
+        covariance=robust_covariance(found),
         scale=scale_sigma(found, positions) if len(problem.known) < 2 else 0.0,
         noise_share=float(np.exp(np.mean(np.log(field.noise / power)))),
         **_residuals(positions, p, field, found.basis.shape[1]),
@@ -85,7 +85,7 @@ def collect(problem: Problem, positions, modes: slice, noise: np.ndarray | None)
 
 
 def _residuals(positions, p, field: DiffuseField, coordinates: int) -> dict:
-    """residual_to_noise, surprise, unforetold and alone of `Evidence`."""
+    """residual_to_noise, surprise, unforetold and alone of `Diagnostics`."""
     u, d = precision_terms(positions, p, field)
     v = field.noise[:, None]
     freedom = np.sum(v * d) - coordinates / 2  # in complex numbers
@@ -100,7 +100,7 @@ def _residuals(positions, p, field: DiffuseField, coordinates: int) -> dict:
 
 
 def _strain(problem: Problem, positions, modes: slice, noise: np.ndarray | None) -> float:
-    """`Evidence.strain`, of a part of the modes, evenly taken."""
+    """`Diagnostics.strain`, of a part of the modes, evenly taken."""
     p, k = problem.pressures[modes], problem.wavenumbers[modes]
     told = problem.noise_power if noise is None else noise
     if told is None:
@@ -112,24 +112,24 @@ def _strain(problem: Problem, positions, modes: slice, noise: np.ndarray | None)
     return estimate_noise(positions, p[some], k[some], problem.dimension, True, share).chi_square
 
 
-def _sound_speed(found: Spread, positions, known) -> tuple[float, float]:
+def _sound_speed(found: Information, positions, known) -> tuple[float, float]:
     """Relative error of the sound speed told: wavenumbers times 1 + e are distances times 1 + e."""
     N, D = found.shape
     if len(known) < 2:
         return np.nan, np.nan
     larger = np.zeros((N, D))
     larger[known] = positions[known] - positions[known].mean(axis=0)
-    e, variance = freed(found, larger.reshape(-1, 1))
+    e, variance = step_along(found, larger.reshape(-1, 1))
     return float(-e[0]), float(np.sqrt(variance[0, 0]))
 
 
-def _known(found: Spread, positions, known) -> tuple[np.ndarray, np.ndarray]:
-    """known_shift and known_chance of `Evidence`."""
+def _known(found: Information, positions, known) -> tuple[np.ndarray, np.ndarray]:
+    """known_shift and known_chance of `Diagnostics`."""
     N, D = found.shape
     shift, chance = np.full(len(known), np.nan), np.full(len(known), np.nan)
     if len(known) > D and fixes_gauge(positions[known]):
         for i, n in enumerate(known):
-            step, variance = freed(found, np.eye(N * D)[:, D * n : D * (n + 1)])
+            step, variance = step_along(found, np.eye(N * D)[:, D * n : D * (n + 1)])
             shift[i] = np.linalg.norm(step)
             chance[i] = np.sqrt(step @ np.linalg.solve(variance, step))
     return shift, chance

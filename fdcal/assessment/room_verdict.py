@@ -34,26 +34,27 @@ RESIZING_STEPS = 12
 
 
 @dataclass(frozen=True)
-class Found:
+class RoomVerdict:
     """Verdict, and what else a known room tells.
 
     Attributes
     ----------
     verdict : fdcal.assessment.verdict.Verdict
-    left_out : (modes, N) complex128, pressure of each microphone less what the others foretell, modes of unit RMS
+    leave_one_out_errors : (modes, N) complex128, pressure of each microphone less its prediction by the others, with
+        every mode scaled to unit RMS
     source : (D,) float64, metres
     admittance : complex, of the walls
     images : symmetries of the room, the identity first
     """
 
     verdict: Verdict
-    left_out: np.ndarray
+    leave_one_out_errors: np.ndarray
     source: np.ndarray
     admittance: complex
     images: list[RoomSymmetry]
 
 
-def judge(problem: Problem, state, names: Sequence[str]) -> Found:
+def judge(problem: Problem, state, names: Sequence[str]) -> RoomVerdict:
     """Verdict on the end of solver "room"."""
     size, (N, D) = state.settings.room, state.positions.shape
     p, noise, k = scaled(problem, state, state.modes)
@@ -64,7 +65,7 @@ def judge(problem: Problem, state, names: Sequence[str]) -> Found:
     covariance = _inverse(curvature) * max(1.0, left)
     blocks = np.array([covariance[D * n : D * n + D, D * n : D * n + D] for n in range(N)])
     sigma = np.sqrt(np.maximum(np.trace(blocks, axis1=1, axis2=2), 0.0))
-    lengths = resized(state.theta, p, noise, k, size, left)
+    lengths = fitted_size(state.theta, p, noise, k, size, left)
     share = float(np.exp(np.mean(np.log(noise)))) * (left if state.noise_told else 1.0)
     findings = (
         ("odd_channel", _odd(fit, names)),
@@ -79,17 +80,17 @@ def judge(problem: Problem, state, names: Sequence[str]) -> Found:
     code, text = next(finding for finding in findings if finding[1])
     verdict = Verdict(code, text, frozen_array(sigma, float), frozen_array(blocks, float), left)
     place, walls = state.walls[:D], complex(*state.walls[D:])
-    return Found(verdict, left_out(fit, p), place, walls, room_symmetries(size))
+    return RoomVerdict(verdict, leave_one_out_errors(fit, p), place, walls, room_symmetries(size))
 
 
-def left_out(fit: Exact, pressures) -> np.ndarray:
+def leave_one_out_errors(fit: Exact, pressures) -> np.ndarray:
     """Pressure of each microphone less what the others foretell there : (modes, N) complex128."""
     part = np.abs(fit.fitted) ** 2
     leverage = part / part.sum(axis=1, keepdims=True)
     return (pressures - fit.fitted) / np.maximum(1 - leverage, 1e-9)
 
 
-def resized(theta, pressures, noise, wavenumbers, size, left: float) -> tuple[np.ndarray, np.ndarray, float]:
+def fitted_size(theta, pressures, noise, wavenumbers, size, left: float) -> tuple[np.ndarray, np.ndarray, float]:
     """Relative lengths of the room that fit best, (D,) beyond 1, one sigma (D,), and what they leave of the residual.
 
     left : what the size told leaves; with little, one step tells.

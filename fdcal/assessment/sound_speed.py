@@ -13,14 +13,14 @@ import numpy as np
 from ..model.measurement import Problem
 from ..model.validation import InputError, frozen_array
 from ..solvers.levenberg_marquardt import FIRST_DAMPING, damped_step
-from .uncertainty import field_of
+from .uncertainty import pressures_and_field
 
 STEPS = 60
 SETTLED = 1e-6  # metres
 
 
 @dataclass(frozen=True)
-class Estimate:
+class SoundSpeedEstimate:
     """A sound speed and the array that goes with it.
 
     Attributes
@@ -35,7 +35,7 @@ class Estimate:
     problem: Problem
 
 
-def from_known(problem: Problem, positions, modes: slice, noise: np.ndarray | None) -> Estimate:
+def from_known(problem: Problem, positions, modes: slice, noise: np.ndarray | None) -> SoundSpeedEstimate:
     """Sound speed of greatest likelihood together with the positions, from the solution (N, D) at the speed told.
 
     Raises InputError with fewer than two known microphones.
@@ -45,7 +45,7 @@ def from_known(problem: Problem, positions, modes: slice, noise: np.ndarray | No
         raise InputError(
             "--estimate-sound-speed needs a length: two known microphones at least, or --distance I,J,METRES"
         )
-    p, field = field_of(problem, positions, modes, noise)
+    p, field = pressures_and_field(problem, positions, modes, noise)
     N, D = positions.shape
     centre = problem.known_positions.mean(axis=0)
     larger = np.zeros((N, D))
@@ -64,7 +64,7 @@ def from_known(problem: Problem, positions, modes: slice, noise: np.ndarray | No
     return _corrected(problem, problem.sound_speed / scale, found)
 
 
-def from_distance(problem: Problem, positions, pair: tuple[int, int], metres: float) -> Estimate:
+def from_distance(problem: Problem, positions, pair: tuple[int, int], metres: float) -> SoundSpeedEstimate:
     """Sound speed that makes microphones `pair` of the blind solution (N, D) stand `metres` apart."""
     positions = np.asarray(positions, float)
     apart = float(np.linalg.norm(positions[pair[0]] - positions[pair[1]]))
@@ -74,9 +74,9 @@ def from_distance(problem: Problem, positions, pair: tuple[int, int], metres: fl
     return _corrected(problem, problem.sound_speed * metres / apart, centre + (positions - centre) * (metres / apart))
 
 
-def _corrected(problem: Problem, sound_speed: float, positions) -> Estimate:
+def _corrected(problem: Problem, sound_speed: float, positions) -> SoundSpeedEstimate:
     slower = problem.sound_speed / sound_speed
     corrected = replace(
         problem, wavenumbers=frozen_array(problem.wavenumbers * slower, complex), sound_speed=float(sound_speed)
     )
-    return Estimate(float(sound_speed), frozen_array(positions, float), corrected)
+    return SoundSpeedEstimate(float(sound_speed), frozen_array(positions, float), corrected)

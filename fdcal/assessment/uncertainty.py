@@ -31,7 +31,7 @@ SINGULAR = 1e-12  # likewise of the curvature; a direction below it is as good a
 
 
 @dataclass(frozen=True)
-class Spread:
+class Information:
     """What is left uncertain of N microphones in D dimensions.
 
     Attributes
@@ -52,22 +52,22 @@ class Spread:
     @property
     def votes(self) -> tuple[np.ndarray, np.ndarray]:
         """How far each mode, and each group of neighbours, alone would move the array : (G, N D) float64, metres."""
-        alone, together = (about_zero(votes) for votes in (self.slopes, grouped(self.slopes)))
+        alone, together = (small_sample_corrected(votes) for votes in (self.slopes, grouped_gradients(self.slopes)))
         return tuple(-votes @ self.basis @ self.newton @ self.basis.T for votes in (alone, together))
 
 
-def grouped(slopes: np.ndarray) -> np.ndarray:
+def grouped_gradients(slopes: np.ndarray) -> np.ndarray:
     """Sums of the slopes (M, F) of neighbouring modes : (G, F)."""
     count = max(1, len(slopes) // max(1, min(NEIGHBOURS, len(slopes) // GROUPS)))
     return np.array([part.sum(axis=0) for part in np.array_split(slopes, count)])
 
 
-def about_zero(votes: np.ndarray) -> np.ndarray:
+def small_sample_corrected(votes: np.ndarray) -> np.ndarray:
     """Votes (G, F) whose mean is zero because they decided it, enlarged by what their squares lack for that."""
     return votes * np.sqrt(len(votes) / max(len(votes) - 1, 1))
 
 
-def visible_moves(positions, known) -> np.ndarray:
+def observable_moves(positions, known) -> np.ndarray:
     """Orthonormal moves of the free microphones, less the rigid motions that leave all known ones : (N D, F)."""
     N, D = positions.shape
     free = np.isin(np.arange(N), known, invert=True).repeat(D)
@@ -82,7 +82,9 @@ def visible_moves(positions, known) -> np.ndarray:
     return basis
 
 
-def field_of(problem: Problem, positions, modes: slice, noise: np.ndarray | None) -> tuple[np.ndarray, DiffuseField]:
+def pressures_and_field(
+    problem: Problem, positions, modes: slice, noise: np.ndarray | None
+) -> tuple[np.ndarray, DiffuseField]:
     """Pressures of the modes in use and what is supposed of field and noise; without noise told, it is estimated.
 
     noise : (M,) float64 of all measured modes, in the unit of abs(problem.pressures)**2, or None; no less than the
@@ -97,27 +99,27 @@ def field_of(problem: Problem, positions, modes: slice, noise: np.ndarray | None
     return p, diffuse_field(p, np.real(k), v, problem.dimension)
 
 
-def spread(positions, pressures, field: DiffuseField, known) -> Spread:
+def information(positions, pressures, field: DiffuseField, known) -> Information:
     """What the modes (see `field_of`) leave uncertain at `positions` (N, D), metres, where the cost is least."""
-    basis = visible_moves(positions, known)
+    basis = observable_moves(positions, known)
     size = positions.size
     H = newton_terms(positions, pressures, field)[2].reshape(size, size)
     values, vectors = np.linalg.eigh(basis.T @ H @ basis)
     newton = (vectors / np.maximum(values, SINGULAR * values[-1])) @ vectors.T
     each = mode_gradients(positions, pressures, field).reshape(len(pressures), size)
-    return Spread(basis, newton, H, each, positions.shape)
+    return Information(basis, newton, H, each, positions.shape)
 
 
-def newton_covariance(found: Spread) -> np.ndarray:
+def model_covariance(found: Information) -> np.ndarray:
     """Covariance of each microphone in a field that is as diffuse as supposed : (N, D, D) float64, metres^2."""
     N, D = found.shape
     left, right = (found.basis @ found.newton).reshape(N, D, -1), found.basis.reshape(N, D, -1)
     return np.einsum("naf,nbf->nab", left, right)
 
 
-def covariance(found: Spread) -> np.ndarray:
+def robust_covariance(found: Information) -> np.ndarray:
     """Covariance of each microphone, enlarged where the modes disagree : (N, D, D) float64, metres^2."""
-    blocks = newton_covariance(found)
+    blocks = model_covariance(found)
     votes = np.max([np.sum(v.reshape(-1, *found.shape) ** 2, axis=(0, 2)) for v in found.votes], axis=0)
     size = np.trace(blocks, axis1=1, axis2=2)
     factor = np.maximum(1.0, votes / np.maximum(size, np.finfo(float).tiny))
@@ -139,7 +141,7 @@ def ellipse_axes(blocks: np.ndarray, sigmas: float = 1.0) -> np.ndarray:
     return sigmas * np.sqrt(np.maximum(values, 0.0))[:, :, None] * vectors.swapaxes(1, 2)
 
 
-def scale_sigma(found: Spread, positions) -> float:
+def scale_sigma(found: Information, positions) -> float:
     """One sigma of the array's size, relative : the uncertainty along `positions` about their centre."""
     centred = (positions - positions.mean(axis=0)).ravel()
     along = found.basis.T @ centred / np.sum(centred**2)
@@ -147,7 +149,7 @@ def scale_sigma(found: Spread, positions) -> float:
     return float(np.sqrt(max(along @ found.newton @ along, *votes)))
 
 
-def freed(found: Spread, moves) -> tuple[np.ndarray, np.ndarray]:
+def step_along(found: Information, moves) -> tuple[np.ndarray, np.ndarray]:
     """Where the least cost would be if the array might move along `moves` (N D, Q), too: a Newton step.
 
     Returns
@@ -157,8 +159,8 @@ def freed(found: Spread, moves) -> tuple[np.ndarray, np.ndarray]:
     H, B = found.curvature, found.basis
     along = moves - B @ (found.newton @ (B.T @ H @ moves))  # the free microphones follow
     inverse = np.linalg.pinv(along.T @ H @ along)
-    groupings = [-slopes @ along @ inverse for slopes in (found.slopes, grouped(found.slopes))]
+    groupings = [-slopes @ along @ inverse for slopes in (found.slopes, grouped_gradients(found.slopes))]
     # They agree on a step, and differ about it.
-    apart = max(float(np.sum(about_zero(votes - votes.mean(axis=0)) ** 2)) for votes in groupings)
+    apart = max(float(np.sum(small_sample_corrected(votes - votes.mean(axis=0)) ** 2)) for votes in groupings)
     factor = max(1.0, apart / max(np.trace(inverse), np.finfo(float).tiny))
     return groupings[0].sum(axis=0), factor * inverse

@@ -27,8 +27,8 @@ from ..model.gauge import align, position_errors
 from ..model.measurement import Problem
 from ..model.validation import frozen_array
 from ..solvers.levenberg_marquardt import FIRST_DAMPING, damped_step
-from .diagnostics import Evidence, collect
-from .uncertainty import field_of, one_sigma
+from .diagnostics import Diagnostics, diagnose
+from .uncertainty import one_sigma, pressures_and_field
 
 # Part of a channel's power that the others do not foretell; the same over the median channel's, and over what they
 # cannot foretell where it was put: far out in a sparse array that is much.
@@ -84,7 +84,7 @@ def judge(
     """
     positions = np.asarray(positions, float)
     names = [str(n) for n in range(len(positions))] if names is None else list(names)
-    evidence = collect(problem, positions, modes, noise)
+    evidence = diagnose(problem, positions, modes, noise)
     others = [*rivals, *_mirrored(problem, positions, modes, noise, evidence)]
     findings = (
         ("odd_channel", _odd(problem, evidence, names)),
@@ -117,7 +117,7 @@ def _undersampled(problem: Problem, positions, modes: slice) -> str:
     )
 
 
-def _odd(problem: Problem, evidence: Evidence, names) -> str:
+def _odd(problem: Problem, evidence: Diagnostics, names) -> str:
     share, alone = evidence.unforetold, evidence.alone
     odd = _strange(evidence) | (alone > max(FLED[0], FLED[1] * np.median(alone)))
     odd[problem.known] = False
@@ -132,13 +132,13 @@ def _odd(problem: Problem, evidence: Evidence, names) -> str:
     )
 
 
-def _strange(evidence: Evidence) -> np.ndarray:
+def _strange(evidence: Diagnostics) -> np.ndarray:
     """(N,) bool, whether a channel holds much that the others do not foretell."""
     share = evidence.unforetold
     return (share > max(ODD[0], ODD[1] * np.median(share))) & (share > ODD[2] * evidence.alone)
 
 
-def _known(problem: Problem, evidence: Evidence, names, wide: bool = False) -> str:
+def _known(problem: Problem, evidence: Diagnostics, names, wide: bool = False) -> str:
     """Known microphones out of place; with `wide` only those that cannot be a sound speed told a little wrong."""
     out = _strange(evidence)[problem.known]
     if not wide:
@@ -152,14 +152,14 @@ def _known(problem: Problem, evidence: Evidence, names, wide: bool = False) -> s
     )
 
 
-def _noisy(evidence: Evidence) -> str:
+def _noisy(evidence: Diagnostics) -> str:
     if evidence.noise_share <= NOISY:
         return ""
     share = 100 * evidence.noise_share
     return f"about {share:.0f} % of the power is noise or unexplained; measure longer, louder, or use fewer --modes"
 
 
-def _sound_speed(problem: Problem, evidence: Evidence) -> str:
+def _sound_speed(problem: Problem, evidence: Diagnostics) -> str:
     wrong, sigma = evidence.sound_speed, evidence.sound_speed_sigma
     if not (SPEED[0] < abs(wrong) < SPEED[1] and abs(wrong) > SPEED[2] * sigma):
         return ""
@@ -169,7 +169,7 @@ def _sound_speed(problem: Problem, evidence: Evidence) -> str:
     )
 
 
-def _mismatch(problem: Problem, evidence: Evidence, names, modes: slice) -> str:
+def _mismatch(problem: Problem, evidence: Diagnostics, names, modes: slice) -> str:
     told = problem.noise_power
     cause = "a source or an obstacle inside the array, odd channels, or positions not found yet (try another solver)"
     if np.isfinite(evidence.strain):  # the real kernel, of which the rest speaks, leaves more than there is noise
@@ -191,7 +191,7 @@ def _mismatch(problem: Problem, evidence: Evidence, names, modes: slice) -> str:
     return f"no sound field without sources explains microphone {_list([names[n] for n in worst])}: {cause}"
 
 
-def _ambiguous(problem: Problem, positions, evidence: Evidence, others) -> str:
+def _ambiguous(problem: Problem, positions, evidence: Diagnostics, others) -> str:
     size = np.sqrt(np.mean(np.sum((positions - positions.mean(axis=0)) ** 2, axis=1)))
     sigma = one_sigma(evidence.covariance)
     if np.sqrt(np.mean(sigma**2)) > LOOSE * size and not _unscaled(problem, evidence):
@@ -211,19 +211,19 @@ def _ambiguous(problem: Problem, positions, evidence: Evidence, others) -> str:
     return ""
 
 
-def _unscaled(problem: Problem, evidence: Evidence) -> bool:
+def _unscaled(problem: Problem, evidence: Diagnostics) -> bool:
     """Whether only an uncertain wavenumber tells the size: always so for a plane in space, blind."""
     flat = problem.array_dimension < problem.dimension
     return len(problem.known) < 2 and (flat or evidence.scale > SCALE)
 
 
-def _scale(problem: Problem, evidence: Evidence) -> str:
+def _scale(problem: Problem, evidence: Diagnostics) -> str:
     if not _unscaled(problem, evidence):
         return ""
     return "the shape is found but its scale is not determined; name known microphones, or give one --distance"
 
 
-def _good(problem: Problem, evidence: Evidence) -> str:
+def _good(problem: Problem, evidence: Diagnostics) -> str:
     sigma = one_sigma(evidence.covariance)
     told = problem.noise_power is not None and np.any(problem.noise_power > 0)
     return (
@@ -241,7 +241,7 @@ def _mirrored(problem: Problem, positions, modes: slice, noise, evidence) -> lis
     known = problem.known
     if len(known) < 2 or not len(problem.free):
         return []
-    p, field = field_of(problem, positions, modes, noise)
+    p, field = pressures_and_field(problem, positions, modes, noise)
     centre = positions[known].mean(axis=0)
     normal = np.linalg.svd(positions[known] - centre)[2][-1]
     if np.abs((positions[known] - centre) @ normal).max() > AWAY * one_sigma(evidence.covariance).max():

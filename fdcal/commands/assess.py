@@ -68,7 +68,9 @@ def distance_pair(inputs: CalibrationInput) -> tuple[int, int]:
 
 
 def _assess_array(inputs: CalibrationInput, problem: Problem, state) -> Assessment:
-    from ..assessment.cross_validation import report  # these load the compiler, which other commands do not need
+    from ..assessment.cross_validation import (
+        cross_validate,  # these load the compiler, which other commands do not need
+    )
     from ..assessment.verdict import judge
 
     # Where hardly any noise is left, the real-valued kernel of the verdict has its own limit, which it finds itself.
@@ -77,7 +79,7 @@ def _assess_array(inputs: CalibrationInput, problem: Problem, state) -> Assessme
     if inputs.estimate_sound_speed:
         positions, problem = _at_estimated_sound_speed(inputs, problem, state, noise)
     verdict = judge(problem, positions, state.modes, noise, inputs.measurement.names, state.converged)
-    evidence = _evidence(verdict, report(problem, positions, state.modes, noise))
+    evidence = _evidence(verdict, cross_validate(problem, positions, state.modes, noise))
     return Assessment(positions, problem, verdict.code, verdict.text, verdict.uncertainty, verdict.covariance, evidence)
 
 
@@ -94,12 +96,12 @@ def _at_estimated_sound_speed(inputs: CalibrationInput, problem: Problem, state,
 
 
 def _assess_in_room(inputs: CalibrationInput, problem: Problem, state) -> Assessment:
-    from ..assessment.cross_validation import report_of  # these load the compiler, which other commands do not need
+    from ..assessment.cross_validation import summarise  # these load the compiler, which other commands do not need
     from ..assessment.room_verdict import judge
 
     found = judge(problem, state, inputs.measurement.names)
     pressures = problem.pressures[state.modes]
-    prediction = report_of(pressures / np.sqrt(mode_power(pressures))[:, None], found.left_out)
+    prediction = summarise(pressures / np.sqrt(mode_power(pressures))[:, None], found.leave_one_out_errors)
     verdict, positions = found.verdict, np.asarray(state.positions)
     size = tuple(map(float, inputs.settings.room or ()))
     symmetries = tuple((str(image), image.of(positions)) for image in found.images)
@@ -110,4 +112,4 @@ def _assess_in_room(inputs: CalibrationInput, problem: Problem, state) -> Assess
 
 
 def _evidence(verdict, prediction) -> Evidence:
-    return Evidence(verdict.residual_to_noise, prediction.whole, prediction.microphones, prediction.modes)
+    return Evidence(verdict.residual_to_noise, prediction.overall, prediction.microphones, prediction.modes)

@@ -198,14 +198,14 @@ def calibrate(
 @force_option
 def export(result, output, frame, original, force):
     """Write the positions of a result for other programs: the suffix tells the format."""
-    from ..assessment.alignment import placed_in
+    from ..assessment.alignment import placed_in_frame
     from ..model.storage import write_atomically
     from ..recordings import formats
 
     path = parameter_types.output_path(output, formats.suffixes("write"), force, result, original)
     if original is not None and path.suffix.lower() != ".sofa":
         raise InputError(f"--original {original} is for -o FILE.sofa; leave it out for {path.suffix}")
-    placed = placed_in(result_of(result), frame)
+    placed = placed_in_frame(result_of(result), frame)
     write_atomically(path, lambda file: formats.write(file, path, placed, original), force)
     print(f"{path}: {len(placed.names)} microphones, frame: {placed.frame}")
 

@@ -76,10 +76,12 @@ def comparison(inputs: CalibrationInput, result: Calibration) -> str:
     InputError
         The measurement has no positions.
     """
-    from ..assessment.alignment import check, told
+    from ..assessment.alignment import compare_positions, describe
 
     measurement = inputs.measurement
     require_positions(measurement)
     positions = result.positions if result.room is None else result.positions_for(measurement)
     known = measurement.known if inputs.settings.known == "all" else ()
-    return told(check(positions, measurement.positions, known), measurement.names, result.verdict, len(known) > 0)
+    return describe(
+        compare_positions(positions, measurement.positions, known), measurement.names, result.verdict, len(known) > 0
+    )

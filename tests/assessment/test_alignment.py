@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial.distance import pdist
 
 from fdcal.assessment import room_verdict, verdict
-from fdcal.assessment.alignment import FRAMES, check, in_frame, placed_in, told
+from fdcal.assessment.alignment import FRAMES, compare_positions, describe, in_frame, placed_in_frame
 from fdcal.assessment.calibration import Calibration
 from fdcal.model.validation import InputError
 
@@ -73,11 +73,11 @@ def test_swapped_channels_are_named(seed, dimension, data):
     rng = np.random.default_rng(seed)
     found = said @ turn(seed, dimension) + 1.0 + 0.003 * rng.normal(size=said.shape)
     found[[a, b, c, d]] = found[[b, a, d, c]]
-    result = check(found, said)
+    result = compare_positions(found, said)
     assert set(result.swapped) == {tuple(sorted((a, b))), tuple(sorted((c, d)))}
-    assert result.moved == ()
+    assert result.permuted == ()
     names = [f"m{n}" for n in range(20)]
-    assert f"channels m{min(a, b)} and m{max(a, b)} are swapped" in told(result, names)
+    assert f"channels m{min(a, b)} and m{max(a, b)} are swapped" in describe(result, names)
 
 
 @settings(deadline=None, max_examples=50)
@@ -85,37 +85,37 @@ def test_swapped_channels_are_named(seed, dimension, data):
 def test_nothing_is_named_that_is_merely_off(seed):
     said = array(seed, 3)
     found = said + 0.02 * np.random.default_rng(seed).normal(size=said.shape)
-    result = check(found, said)
-    assert (result.swapped, result.moved) == ((), ())
-    assert np.allclose(check(found, said, [0, 1, 2, 3]).errors, np.linalg.norm(found - said, axis=1))
-    assert "no channels are swapped" in told(result, range(20))
+    result = compare_positions(found, said)
+    assert (result.swapped, result.permuted) == ((), ())
+    assert np.allclose(compare_positions(found, said, [0, 1, 2, 3]).errors, np.linalg.norm(found - said, axis=1))
+    assert "no channels are swapped" in describe(result, range(20))
 
 
 def test_three_channels_in_each_others_places():
     said = array(0, 3)
     found = said.copy()
     found[[4, 9, 15]] = said[[9, 15, 4]]
-    assert check(found, said).moved == ((4, 9, 15),)
+    assert compare_positions(found, said).permuted == ((4, 9, 15),)
 
 
 def test_a_result_is_placed_in_its_frame():
     names = tuple("abcdefghijklmnopqrst")
     result = Calibration(array(0, 2), names, "joint", 0, np.array([50.0]), 0.1, 3, 1.5, True, known=("a",))
-    assert np.array_equal(placed_in(result, None).positions[:, :2], result.positions)
-    assert placed_in(replace(result, known=()), None).frame == "axes"
+    assert np.array_equal(placed_in_frame(result, None).positions[:, :2], result.positions)
+    assert placed_in_frame(replace(result, known=()), None).frame == "axes"
     with pytest.raises(InputError, match="no microphone was known; use frame minimal or axes"):
-        placed_in(replace(result, known=()), "known")
-    assert placed_in(replace(result, known=None), None).frame == "known"
+        placed_in_frame(replace(result, known=()), "known")
+    assert placed_in_frame(replace(result, known=None), None).frame == "known"
 
 
 def test_no_swap_found_among_lost_positions_is_no_all_clear():
     places = np.random.default_rng(0).uniform(size=(8, 3))
-    nothing = check(places, places)
-    assert told(nothing, range(8)).startswith("no channels are swapped")
+    nothing = compare_positions(places, places)
+    assert describe(nothing, range(8)).startswith("no channels are swapped")
     codes = set(re.findall(r"^(\w+)  ", verdict.__doc__ + room_verdict.__doc__, re.MULTILINE))
     assert {"good", "scale_undetermined", "undersampled", "room_size", "sound_speed", "odd_channel"} <= codes
     for code in codes - {"good", "scale_undetermined"}:
-        assert told(nothing, range(8), code).startswith("swaps cannot be told"), code
-        assert "--known none" in told(nothing, range(8), code)
-        assert "--known" not in told(nothing, range(8), code, known=False)
-    assert told(nothing, range(8), "scale_undetermined").startswith("no channels are swapped")
+        assert describe(nothing, range(8), code).startswith("swaps cannot be told"), code
+        assert "--known none" in describe(nothing, range(8), code)
+        assert "--known" not in describe(nothing, range(8), code, known=False)
+    assert describe(nothing, range(8), "scale_undetermined").startswith("no channels are swapped")

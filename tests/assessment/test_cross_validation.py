@@ -12,7 +12,7 @@ from PIL import Image
 from scipy.linalg import solve
 
 from fdcal.acoustics.box_field import point_source_pressures as box_field
-from fdcal.assessment.cross_validation import dictionary, expansions, left_out, report
+from fdcal.assessment.cross_validation import cross_validate, dictionary, expansions, leave_one_out_errors
 from fdcal.assessment.field_map import field_map
 from fdcal.commands.cli import main
 from fdcal.graphics import field_files
@@ -58,7 +58,7 @@ def ratio(errors, pressures) -> np.ndarray:
 def test_leaving_out_is_fitting_anew_without_the_microphone(measurement):
     problem = measurement.problem()
     modes = slice(2, 3)
-    errors = left_out(problem, measurement.positions, modes, problem.noise_power)
+    errors = leave_one_out_errors(problem, measurement.positions, modes, problem.noise_power)
     (fit,) = expansions(problem, measurement.positions, modes, problem.noise_power)
     W = dictionary(measurement.positions, fit.wavenumber, fit.order, fit.centre, fit.dimension)
     mu = np.real(fit.factor @ fit.factor.conj().T - W.conj().T @ W)[0, 0]
@@ -100,7 +100,8 @@ def test_errors_grow_with_the_square_of_what_microphones_are_aside():
     problem = measurement.problem()
     moved = np.random.default_rng(3).normal(size=PLANE.shape) / np.sqrt(2)
     small, large = (
-        report(problem, PLANE + d * moved, every(measurement), problem.noise_power).whole for d in (0.005, 0.02)
+        cross_validate(problem, PLANE + d * moved, every(measurement), problem.noise_power).overall
+        for d in (0.005, 0.02)
     )
     assert large - small == pytest.approx(20 * np.log10(4), abs=2.0)
 
@@ -110,9 +111,9 @@ def test_a_microphone_aside_is_the_worst_foretold():
     problem, aside = measurement.problem(), PLANE.copy()
     inner = int(np.argmin(np.linalg.norm(PLANE - PLANE.mean(axis=0), axis=1)))
     aside[inner] += [0.05, -0.05]
-    found = report(problem, aside, every(measurement), problem.noise_power)
+    found = cross_validate(problem, aside, every(measurement), problem.noise_power)
     assert int(found.microphones.argmax()) == inner
-    power = 10 ** (np.array([found.modes, [found.whole] * len(found.modes)]) / 10)
+    power = 10 ** (np.array([found.modes, [found.overall] * len(found.modes)]) / 10)
     assert power[0].mean() == pytest.approx(power[1, 0])
 
 

@@ -6,16 +6,16 @@ from fields import measured
 
 from fdcal.assessment.uncertainty import (
     NEIGHBOURS,
-    Spread,
-    covariance,
+    Information,
     ellipse_axes,
-    freed,
-    grouped,
-    newton_covariance,
+    grouped_gradients,
+    information,
+    model_covariance,
+    observable_moves,
     one_sigma,
+    robust_covariance,
     scale_sigma,
-    spread,
-    visible_moves,
+    step_along,
 )
 from fdcal.cost.likelihood import DiffuseField, diffuse_field, kernel
 from fdcal.model.gauge import align, rigid_motions
@@ -29,7 +29,7 @@ NOISE = 1e-3
 
 
 def settle(p, field, known, start=TRUTH):
-    x, damping, basis = start, FIRST_DAMPING, visible_moves(TRUTH, known)
+    x, damping, basis = start, FIRST_DAMPING, observable_moves(TRUTH, known)
     for _ in range(8):
         trial = damped_step(x, p, field, basis, damping)
         x, damping = trial.positions, trial.damping
@@ -55,10 +55,10 @@ def test_95_percent_ellipses_cover_95_percent_of_200_draws(known):
     for _ in range(200):
         p, field = diffuse(rng)
         x = settle(p, field, known)
-        found = spread(x, p, field, known)
+        found = information(x, p, field, known)
         error = (x if len(known) else align(x, TRUTH)) - TRUTH
         free = np.setdiff1d(np.arange(len(TRUTH)), known)
-        for kept, blocks in ((covered, newton_covariance(found)), (votes, covariance(found))):
+        for kept, blocks in ((covered, model_covariance(found)), (votes, robust_covariance(found))):
             along = np.linalg.solve(blocks[free], error[free][..., None])[..., 0]
             kept.append(np.mean(np.sum(error[free] * along, axis=1) < -2 * np.log(0.05)))
     for kept in (covered, votes):
@@ -74,9 +74,9 @@ def test_standing_waves_of_a_room_enlarge_the_ellipses():
         p = problem.pressures
         field = diffuse_field(p, problem.wavenumbers, problem.noise_power, 2)
         x = settle(p, field, KNOWN)
-        found = spread(x, p, field, KNOWN)
-        plain.append(np.mean(one_sigma(newton_covariance(found)) ** 2))
-        told.append(np.mean(one_sigma(covariance(found)) ** 2))
+        found = information(x, p, field, KNOWN)
+        plain.append(np.mean(one_sigma(model_covariance(found)) ** 2))
+        told.append(np.mean(one_sigma(robust_covariance(found)) ** 2))
         error.append(np.mean(np.sum((x - TRUTH) ** 2, axis=1)))
     plain, told, error = (np.sqrt(np.mean(values)) for values in (plain, told, error))
     assert error > 2 * plain
@@ -85,22 +85,22 @@ def test_standing_waves_of_a_room_enlarge_the_ellipses():
 
 def test_moves_leave_the_gauge_and_the_known_microphones_alone():
     for known, count in ((NONE, 18 - 3), (KNOWN[:1], 16 - 1), (KNOWN[:2], 14), (KNOWN, 12)):
-        basis = visible_moves(TRUTH, known)
+        basis = observable_moves(TRUTH, known)
         assert basis.shape == (18, count)
         np.testing.assert_allclose(basis.T @ basis, np.eye(count), atol=1e-12)
         assert not basis.reshape(9, 2, count)[known].any()
-    np.testing.assert_allclose(visible_moves(TRUTH, NONE).T @ rigid_motions(TRUTH), 0, atol=1e-12)
+    np.testing.assert_allclose(observable_moves(TRUTH, NONE).T @ rigid_motions(TRUTH), 0, atol=1e-12)
     space = np.random.default_rng(0).normal(size=(9, 3))
-    assert visible_moves(space, NONE).shape == (27, 21)
-    assert visible_moves(space, np.array([0])).shape == (27, 21)
+    assert observable_moves(space, NONE).shape == (27, 21)
+    assert observable_moves(space, np.array([0])).shape == (27, 21)
 
 
 def test_known_microphones_have_no_uncertainty_and_noise_adds_to_it():
     p, field = diffuse(np.random.default_rng(0))
-    blocks = newton_covariance(spread(TRUTH, p, field, KNOWN))
+    blocks = model_covariance(information(TRUTH, p, field, KNOWN))
     assert not one_sigma(blocks)[KNOWN].any() and np.all(one_sigma(blocks)[1:4] > 0)
     noisier = diffuse_field(p, K, 100 * field.noise, 2)
-    assert np.all(one_sigma(newton_covariance(spread(TRUTH, p, noisier, KNOWN)))[1:4] > one_sigma(blocks)[1:4])
+    assert np.all(one_sigma(model_covariance(information(TRUTH, p, noisier, KNOWN)))[1:4] > one_sigma(blocks)[1:4])
 
 
 def test_ellipse_axes_are_those_of_the_covariance():
@@ -117,12 +117,12 @@ def test_a_wrong_scale_of_the_known_microphones_is_told_back():
     wrong = TRUTH.copy()
     wrong[KNOWN] = centre + 0.98 * (TRUTH[KNOWN] - centre)
     x = settle(p, field, KNOWN, wrong)
-    found = spread(x, p, field, KNOWN)
+    found = information(x, p, field, KNOWN)
     along = np.zeros_like(x)
     along[KNOWN] = x[KNOWN] - centre
-    step, variance = freed(found, along.reshape(-1, 1))
+    step, variance = step_along(found, along.reshape(-1, 1))
     assert abs(step[0] - 1 / 0.98 + 1) < 3 * np.sqrt(variance[0, 0]) < 0.03
-    assert 0 < scale_sigma(spread(TRUTH, p, field, NONE), TRUTH) < 0.05
+    assert 0 < scale_sigma(information(TRUTH, p, field, NONE), TRUTH) < 0.05
 
 
 def test_neighbouring_modes_that_err_alike_count_as_one():
@@ -133,10 +133,10 @@ def test_neighbouring_modes_that_err_alike_count_as_one():
     basis = np.eye(12)
     size = {}
     for name, slopes in (("alone", alone), ("alike", alike)):
-        blocks = covariance(Spread(basis, np.eye(12) / modes, modes * np.eye(12), slopes, shape))
+        blocks = robust_covariance(Information(basis, np.eye(12) / modes, modes * np.eye(12), slopes, shape))
         size[name] = np.trace(blocks, axis1=1, axis2=2).mean()
     assert size["alone"] == pytest.approx(2 / modes, rel=0.4)
     assert size["alike"] == pytest.approx(2 * NEIGHBOURS / modes, rel=0.4)
-    assert len(grouped(np.ones((57, 3)))) == 57 // NEIGHBOURS
-    assert np.allclose(grouped(alone).sum(axis=0), alone.sum(axis=0))
-    assert len(grouped(np.ones((5, 3)))) == 5, "few modes stand alone"
+    assert len(grouped_gradients(np.ones((57, 3)))) == 57 // NEIGHBOURS
+    assert np.allclose(grouped_gradients(alone).sum(axis=0), alone.sum(axis=0))
+    assert len(grouped_gradients(np.ones((5, 3)))) == 5, "few modes stand alone"

@@ -8,7 +8,7 @@ from fields import measured
 
 from fdcal.acoustics.fourier_bessel import array_f_max
 from fdcal.assessment import sound_speed
-from fdcal.assessment.uncertainty import field_of
+from fdcal.assessment.uncertainty import pressures_and_field
 from fdcal.assessment.verdict import judge
 from fdcal.commands.assess import assess
 from fdcal.commands.calibrate import solve
@@ -30,7 +30,7 @@ ALL = slice(0, None)
 def settled(measurement: Measurement, start=TRUTH):
     """Problem and least cost near the truth, as a solver that starts well finds it."""
     problem = measurement.problem()
-    p, field = field_of(problem, start, ALL, problem.noise_power)
+    p, field = pressures_and_field(problem, start, ALL, problem.noise_power)
     D = 2
     basis = np.eye(start.size)[:, (D * problem.free[:, None] + np.arange(D)).ravel()]
     x, damping = start, FIRST_DAMPING

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...assessment.uncertainty import covariance, ellipse_axes, field_of, one_sigma, spread
+from ...assessment.uncertainty import ellipse_axes, information, one_sigma, pressures_and_field, robust_covariance
 from ...session.worker import LatestWorker
 from .prepare import PreparedRun
 
@@ -70,9 +70,9 @@ class UncertaintyWorker:
         if run.scene.solver.name == "room":  # its model has more parameters than this covariance takes into account
             return None
         modes = slice(state.first - 1, state.last)
-        p, field = field_of(run.problem, positions, modes, None)
+        p, field = pressures_and_field(run.problem, positions, modes, None)
         try:
-            blocks = covariance(spread(positions, p, field, run.problem.known))
+            blocks = robust_covariance(information(positions, p, field, run.problem.known))
         except np.linalg.LinAlgError:  # the field does not determine these positions
             return None
         if not np.isfinite(blocks).all():
