@@ -19,7 +19,7 @@ from fdcal.cost.likelihood_maps import likelihood_maps
 from fdcal.cost.mode_limits import search_lattice
 from fdcal.model.power import mode_power
 from fdcal.model.scene_file import load_scene
-from fdcal.solvers import descent
+from fdcal.solvers.descent import solver as descent
 
 MICROPHONE = 7
 

@@ -146,6 +146,34 @@ def test_cost_and_solvers_never_see_the_truth(path):
         assert not names & {"Measurement", "Scene", "truth", "load_measurement", "load_scene"}
 
 
+SOLVERS = {path.name for path in (PACKAGE / "solvers").iterdir() if (path / "solver.py").exists()}
+SOLVERS |= {"descent+joint"}
+# Comparisons of other things that are called like a solver: a part of a picture, a key of a file.
+NO_SOLVER = {("graphics.camera", "room"), ("assessment.calibration", "room"), ("assessment.result_schema", "room")}
+
+
+def compared_texts(node: ast.AST) -> set[str]:
+    """Text constants that a comparison, or a call of startswith or endswith, compares with."""
+    if isinstance(node, ast.Compare):
+        parts = [node.left, *node.comparators]
+    elif isinstance(node, ast.Call) and getattr(node.func, "attr", "") in ("startswith", "endswith"):
+        parts = node.args
+    elif isinstance(node, ast.MatchValue):
+        parts = [node.value]
+    else:
+        return set()
+    inside = [inner for part in parts for inner in (getattr(part, "elts", None) or [part])]
+    return {one.value for one in inside if isinstance(one, ast.Constant) and isinstance(one.value, str)}
+
+
+@pytest.mark.parametrize("path", [p for p in INSIDE if package_of(name_of(p)) != "solvers"], ids=name_of)
+def test_no_decision_depends_on_the_name_of_a_solver(path):
+    """Others ask for the traits of a solver (`fdcal.solvers.interface.Traits`), so that one can be added."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for name in compared_texts(node) & SOLVERS:
+            assert (name_of(path), name) in NO_SOLVER, f"{name_of(path)}:{node.lineno} compares with {name!r}"
+
+
 def test_app_stays_small():
     assert len((ROOT / "app.py").read_text(encoding="utf-8").splitlines()) < 60
 

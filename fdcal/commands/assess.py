@@ -12,6 +12,8 @@ from ..model.gauge import move_to_frame
 from ..model.measurement import Problem
 from ..model.power import mode_power
 from ..model.validation import InputError
+from ..solvers import load
+from ..solvers.interface import AssessmentMethod
 from .sources import CalibrationInput
 
 
@@ -47,7 +49,8 @@ class Assessment:
 
 def assess(inputs: CalibrationInput, problem: Problem, state) -> Assessment:
     """Judge the last state of a run, with the sound speed estimated where `inputs` ask for it."""
-    return (_assess_in_room if inputs.settings.name == "room" else _assess_array)(inputs, problem, state)
+    in_room = load(inputs.settings.name).TRAITS.assessment is AssessmentMethod.KNOWN_ROOM
+    return (_assess_in_room if in_room else _assess_array)(inputs, problem, state)
 
 
 def distance_pair(inputs: CalibrationInput) -> tuple[int, int]:
@@ -74,7 +77,7 @@ def _assess_array(inputs: CalibrationInput, problem: Problem, state) -> Assessme
     from ..assessment.verdict import judge
 
     # Where hardly any noise is left, the real-valued kernel of the verdict has its own limit, which it finds itself.
-    noise = None if getattr(state, "near", False) else getattr(state, "noise_power", None)
+    noise = state.assessment_noise
     positions = state.positions
     if inputs.estimate_sound_speed:
         positions, problem = _at_estimated_sound_speed(inputs, problem, state, noise)

@@ -13,6 +13,7 @@ from ..model.channels import check_channels
 from ..model.measurement import Measurement, Problem
 from ..model.settings import SolverSettings
 from ..model.validation import InputError, require_positive
+from ..solvers import load
 from ..solvers.identifiability import check_solvable
 from .assess import assess, distance_pair
 from .sources import CalibrationInput, Progress
@@ -44,7 +45,7 @@ def states_of(inputs: CalibrationInput, progress: Progress | None = None, proble
     _require_inside_search(inputs)
     problem, last = problem_of(inputs) if problem is None else problem, inputs.settings.modes
     check_channels(inputs.measurement.pressures, inputs.measurement.names)
-    if inputs.settings.name == "room":
+    if load(inputs.settings.name).TRAITS.needs_room:
         _require_room_for_array(inputs.measurement, inputs.settings)
     else:
         check_solvable(problem, last, inputs.measurement.names)
@@ -90,7 +91,7 @@ def solve(inputs: CalibrationInput, progress: Progress | None = None) -> Calibra
         sweeps=int(state.sweep),
         elapsed=time.perf_counter() - start,
         converged=bool(state.converged),
-        aligned=problem.frame is None and not len(problem.known) and inputs.settings.name != "room",
+        aligned=problem.frame is None and not len(problem.known) and found.room is None,
         sound_speed=found.problem.sound_speed,
         verdict=found.verdict,
         verdict_text=found.verdict_text,
@@ -103,7 +104,8 @@ def solve(inputs: CalibrationInput, progress: Progress | None = None) -> Calibra
 
 def _require_length(inputs: CalibrationInput, problem: Problem) -> None:
     """Raise InputError where the sound speed is asked for without a known length, or with two."""
-    if inputs.settings.name == "room" and (inputs.estimate_sound_speed or inputs.settings.known == "minimal"):
+    needs_room = load(inputs.settings.name).TRAITS.needs_room
+    if needs_room and (inputs.estimate_sound_speed or inputs.settings.known == "minimal"):
         raise InputError(
             "a known room fixes size and place", "leave out <estimate_sound_speed> and <known> minimal", key="room"
         )
@@ -131,9 +133,9 @@ def _require_length(inputs: CalibrationInput, problem: Problem) -> None:
 
 
 def _require_inside_search(inputs: CalibrationInput) -> None:
-    """Raise InputError where a true position lies outside the search domain: descent could never find it."""
-    measurement = inputs.measurement
-    if measurement.positions is None or measurement.search is None or not inputs.settings.name.startswith("descent"):
+    """Raise InputError if the solver searches a lattice and a true position lies outside the search domain."""
+    measurement, traits = inputs.measurement, load(inputs.settings.name).TRAITS
+    if measurement.positions is None or measurement.search is None or not traits.needs_search:
         return
     search, free = measurement.search, np.setdiff1d(np.arange(measurement.count), measurement.known)
     low, high = np.array(search.origin) - search.step, np.add(search.origin, search.size) + search.step

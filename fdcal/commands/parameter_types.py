@@ -14,7 +14,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from ..model.settings import Search
+from ..model.settings import KNOWN_ROOM_SOLVERS, Search
 from ..model.validation import InputError, StorageError, require_positive
 
 
@@ -70,7 +70,7 @@ def known_room(text: str | None, solver: str | None) -> tuple[str | None, tuple[
     """Solver and size of the room, metres, from --solver and --room, as "6x5" or "6x5x2.7"."""
     if text is None:
         return solver, None
-    if solver not in (None, "room"):
+    if solver not in (None, *KNOWN_ROOM_SOLVERS):
         raise InputError(f"--room is for --solver room, which knows the room; leave out --solver {solver}")
     try:
         size = tuple(float(part) for part in text.lower().split("x"))
@@ -80,7 +80,7 @@ def known_room(text: str | None, solver: str | None) -> tuple[str | None, tuple[
         raise InputError(f'--room "{text}" is no size of a room; write LENGTHxWIDTH or LENGTHxWIDTHxHEIGHT, as 6x5x2.7')
     for length in size:
         require_positive("--room", length, "m")
-    return "room", size
+    return KNOWN_ROOM_SOLVERS[0], size
 
 
 def mode_numbers(text: str | None, measured: int) -> list[int]:

@@ -15,6 +15,7 @@ from ..model.scene import Scene, require_rectangle
 from ..model.scene_file import load_scene
 from ..model.settings import SolverSettings
 from ..model.validation import InputError
+from ..solvers import load
 
 Progress = Callable[[float, str], None]  # fraction done, 0 to 1, and a note
 
@@ -157,15 +158,16 @@ def with_settings(
             raise InputError(f"modes = {modes} must be at least 1", f"use 1 to {count}", key="modes", value=modes)
         settings = replace(settings, modes=modes, first_modes=min(settings.first_modes, modes))
     settings = replace(settings, name=solver or settings.name)
-    unused = [key for key in ("noise", "cost") if key in given]
-    if settings.name == "descent" and unused:
+    traits = load(settings.name).TRAITS
+    unused = [key for key in ("noise", "cost") if key in given and traits.ignores(key)]
+    if unused:
         raise InputError(
-            f'{unused[0]} = "{given[unused[0]]}" does nothing with solver.name = "descent"',
+            f'{unused[0]} = "{given[unused[0]]}" does nothing with solver.name = "{settings.name}"',
             f"leave out <{unused[0]}>, or use <solver> joint",
             key=unused[0],
             value=given[unused[0]],
         )
-    if settings.name == "room" and inputs.scene is not None:
+    if traits.needs_room and inputs.scene is not None:
         require_rectangle(inputs.scene)
         settings = replace(settings, room=settings.room or inputs.scene.room.size)
     return replace(inputs, settings=settings, seed=inputs.seed if seed is None else seed)

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 
 from .array_layout import Array, Gauge
 from .room import Room, Source, is_no_pair
-from .settings import Search, Sensing, SolverSettings
+from .settings import KNOWN_ROOM_SOLVERS, Search, Sensing, SolverSettings
 from .validation import InputError, require_point
 
 
@@ -67,7 +67,7 @@ class Scene:
         self._check_search()
         if self.room.dimension == 2:
             self._check_band()
-        if self.solver.name == "room":
+        if self.solver.name in KNOWN_ROOM_SOLVERS:
             require_rectangle(self)
             object.__setattr__(self, "solver", replace(self.solver, room=self.solver.room or self.room.size))
 

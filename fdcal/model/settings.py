@@ -144,6 +144,10 @@ class Sensing:
         require_choice("measurement.wavenumber", self.wavenumber, ("discrete", "continuous"))
 
 
+# Solvers that need the size of a rectangular room; the traits of the solvers say the same (`fdcal.solvers.interface`).
+KNOWN_ROOM_SOLVERS = ("room",)
+
+
 @dataclass(frozen=True)
 class SolverSettings:
     """Which solver, and its settings.

@@ -104,13 +104,13 @@ def same_start(problem: Problem, settings: SolverSettings, names, seed: int) -> 
     half a step of the lattice; at random it is put exactly where they are.
     """
     states: dict[str, object] = {}
-    for name in sorted(names, key=lambda name: not name.startswith("descent")):  # the lattice decides
-        own = replace(settings, name=name)
+    for name in sorted(names, key=lambda name: not solvers.load(name).TRAITS.needs_search):  # the lattice decides
+        own, solver = replace(settings, name=name), solvers.load(name)
         other = next(iter(states.values()), None)
-        if name == "joint" and settings.start == "random" and other is not None:
-            states[name] = solvers.load(name).init(problem, own, seed, positions=other.positions)
+        if solver.TRAITS.takes_positions and settings.start == "random" and other is not None:
+            states[name] = solver.init(problem, own, seed, positions=other.positions)
         else:
-            states[name] = solvers.load(name).init(problem, own, seed)
+            states[name] = solver.init(problem, own, seed)
     return {name: states[name] for name in names}
 
 

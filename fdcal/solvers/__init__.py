@@ -1,9 +1,9 @@
-"""Solvers: `init` and `step` over frozen states, found by their module's or package's name.
+"""Solvers: `init` and `step` over frozen states, found by the name of their package.
 
 May import: model, acoustics and cost.
 
-A solver is a module here, or a subpackage with a module `solver`, that has `init` and `step`. A name with "+" is a
-chain of solvers (`fdcal.solvers.chain`).
+Every package inside this one is a solver: its module `solver` is a `fdcal.solvers.interface.Solver`. The modules beside
+them are shared by the solvers. A name with "+" is a chain of solvers (`fdcal.solvers.chain`).
 """
 
 from __future__ import annotations
@@ -12,47 +12,55 @@ import importlib
 import pkgutil
 from collections.abc import Iterator
 from functools import cache
+from typing import TYPE_CHECKING, cast
 
+from ..model.measurement import Problem
+from ..model.settings import SolverSettings
 from ..model.validation import require_choice
 
-# Modules here that are no solvers.
-HELPERS = (
-    "chain",
-    "identifiability",
-    "initial_positions",
-    "joint_state",
-    "levenberg_marquardt",
-    "noise_schedule",
-    "warmup",
-)
+if TYPE_CHECKING:
+    from .interface import RunState, Solver
+
 CHAINS = ("descent+joint",)
 
 
 def names() -> list[str]:
-    """Names of the solvers, chains among them."""
-    modules = [module.name for module in pkgutil.iter_modules(__path__) if module.name not in HELPERS]
-    return sorted([*modules, *CHAINS])
+    """Return the names of the solvers and of the chains, without importing any."""
+    return sorted([*(module.name for module in pkgutil.iter_modules(__path__) if module.ispkg), *CHAINS])
 
 
 @cache
-def _member(name: str):
-    module = importlib.import_module(f"{__name__}.{name}")
-    return importlib.import_module(f"{module.__name__}.solver") if hasattr(module, "__path__") else module
+def load(name: str) -> Solver:
+    """Return the solver or the chain called `name`.
 
-
-def load(name: str):
-    """Solver `name`, a module or a chain of them; InputError if there is none."""
+    Raises
+    ------
+    InputError
+        If there is none of this name.
+    """
     require_choice("solver.name", name, names())
-    members = tuple(_member(part) for part in name.split("+"))
+    members = tuple(importlib.import_module(f"{__name__}.{part}.solver") for part in name.split("+"))
     if len(members) == 1:
-        return members[0]
+        return cast("Solver", members[0])
     from .chain import Chain
 
     return Chain(members)
 
 
-def run(problem, settings, seed: int) -> Iterator:
-    """States of the solver `settings.name` from the start to the end."""
+def run(problem: Problem, settings: SolverSettings, seed: int) -> Iterator[RunState]:
+    """Yield the states of the solver `settings.name` from the start to the end.
+
+    Parameters
+    ----------
+    problem : Problem
+    settings : SolverSettings
+    seed : int, of whatever the solver draws
+
+    Raises
+    ------
+    InputError
+        For a problem that the solver cannot work on.
+    """
     solver = load(settings.name)
     state = solver.init(problem, settings, seed)
     yield state

@@ -17,6 +17,7 @@ from ..cost.likelihood import diffuse_field, newton_terms
 from ..cost.noise_model import estimate_noise
 from ..cost.watershed import prominent_minima
 from ..model.validation import frozen_array
+from . import load
 
 COUNT = 5  # microphones, enough for every kernel
 
@@ -25,9 +26,9 @@ def pieces(dimension: int, solver: str) -> tuple[list[Callable], list[Callable]]
     """Functions without arguments: what a solver needs to begin with, and what it needs in the end.
 
     dimension : 2 or 3, of the sound field
-    solver : the solver's name; one without "joint" needs nothing that takes long
+    solver : the solver's name; one that does not use the likelihood compiles nothing that takes long
     """
-    if "joint" not in solver:
+    if not load(solver).TRAITS.uses_likelihood:
         return [], []
     x = np.random.default_rng(0).uniform(-0.3, 0.3, (COUNT, dimension))
     waves = frozen_array(np.exp(1j * 3.0 * x[:, 0])[None], complex)  # read-only, as a problem's pressures are

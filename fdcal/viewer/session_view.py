@@ -15,7 +15,6 @@ from dataclasses import replace
 import numpy as np
 import viser
 
-from ..cost.mode_limits import usable_modes
 from ..graphics.framing import framed
 from ..graphics.picture import (
     Floor,
@@ -47,10 +46,8 @@ log = logging.getLogger(__name__)
 
 
 def most_modes(work: PreparedRun) -> int:
-    """How many modes can be in use: descent needs an expansion that the microphones carry."""
-    if work.scene.solver.name.startswith("descent"):
-        return usable_modes(work.problem, work.scene.solver.order_offset)
-    return len(work.problem.frequencies)
+    """Return how many modes can be in use."""
+    return work.solver.usable_modes(work.problem, work.scene.solver)
 
 
 class Viewer:

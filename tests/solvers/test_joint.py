@@ -16,7 +16,8 @@ from fdcal.model.gauge import align, position_errors
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
 from fdcal.model.validation import InputError
-from fdcal.solvers import initial_positions, joint
+from fdcal.solvers import initial_positions
+from fdcal.solvers.joint import solver as joint
 
 TRUTH = np.random.default_rng(7).uniform(-0.5, 0.5, (40, 2)) + [2.61, 2.31]
 KNOWN = [0, 1, 2]

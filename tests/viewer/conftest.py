@@ -65,7 +65,6 @@ def controls(server, work):
 @pytest.fixture
 def viewer(server, work, monkeypatch):
     """A page without a browser, ticked by the test."""
-    monkeypatch.setattr(session_view, "usable_modes", lambda *_: 6)
     monkeypatch.setattr(cost_maps, "IDLE_TIME", np.inf)  # no fine maps, which would go through the gate, too
     made = session_view.Viewer(server, work, SessionFolders(Panels(server.gui)), SceneNodes(server))
     yield made

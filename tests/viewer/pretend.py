@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from browsing import WAIT
 
+from fdcal import solvers
 from fdcal.session.history import History, SessionView
 
 JUNK = [1e9, -1e9, float("nan"), float("inf"), "many", "", None, [1, 2], {"a": 1}, 10**400, b"\x00"]
@@ -67,6 +68,10 @@ class Solver:
 
     def __init__(self, measurement):
         self.gate, self.shape = threading.Semaphore(0), measurement.search.shape[::-1]
+        self.TRAITS = solvers.load("joint").TRAITS
+
+    def usable_modes(self, problem, settings):
+        return len(problem.frequencies)
 
     def landscape(self, problem, state, n, modes, search=None):
         assert self.gate.acquire(timeout=WAIT)

@@ -23,8 +23,6 @@ from ...solvers import load
 
 # Only these packages decide where a solver goes: what it is given is part of the key by itself.
 NUMERICS = ("fdcal.acoustics.", "fdcal.cost.", "fdcal.solvers.")
-# The settings that descent reads.
-SETTINGS = ("modes", "first_modes", "order_offset", "ample_modes", "known_weight", "max_sweeps", "start", "known")
 DIGITS = 6
 
 
@@ -71,8 +69,8 @@ def trail(
     seen = [None if field is None else _digest(np.asarray(field)) for field in fields]
     search = None if problem.search is None else asdict(problem.search)
     told = asdict(settings)
-    if settings.name == "descent":
-        told = {key: told[key] for key in ("name", *SETTINGS)}
+    ignores = load(settings.name).TRAITS.ignores
+    told = {key: value for key, value in told.items() if key == "name" or not ignores(key)}
     parts = [seen, search, told, seed, start, _code(settings.name)]
     return Trail(**cached_arrays("trail", parts, lambda: asdict(_made(problem, settings, seed, progress, positions))))
 

@@ -28,10 +28,24 @@ from ...acoustics.room_modes import diffuse_model
 from ...model.measurement import Problem
 from ...model.settings import Search, SolverSettings
 from ...model.validation import InputError, frozen_array
+from ..interface import AssessmentMethod, Traits
 from . import array_search, source_search
 from .fit import FIRST_DAMPING, damped, diffuse_terms, exact
 from .multistart import EXACT, NEW_DAMPING, begin, end, from_source, hopeless
 from .state import ROUGH, State, freedom, noise_of, require_enough, require_room, scaled
+
+TRAITS = Traits(
+    moves_all=True,
+    needs_search=False,
+    needs_room=True,
+    adds_modes=False,
+    starts=(),
+    draws_order=False,
+    takes_positions=True,
+    settings=None,
+    assessment=AssessmentMethod.KNOWN_ROOM,
+    uses_likelihood=False,
+)
 
 SPREADS = (0.3, 0.1, 0.03)  # lattice steps, of the stages "near"
 SETTLED = {"near": 3e-3, "rough": 1e-3, "again": 1e-3, "exact": 1e-6}  # metres
@@ -104,6 +118,11 @@ def landscape(problem: Problem, state: State, n: int, modes: slice, search: Sear
     costs = array_search.Places(points.reshape(-1, points.shape[-1]), p, noise + ROUGH, model).costs(state.positions, n)
     costs -= np.minimum(costs.min(axis=1, keepdims=True), 0.0)
     return costs.reshape(len(p), *points.shape[:2])
+
+
+def usable_modes(problem: Problem, settings: SolverSettings) -> int:
+    """Return the number of modes measured."""
+    return len(problem.frequencies)
 
 
 def _inside(positions, size) -> np.ndarray:

@@ -11,6 +11,7 @@ from ...model.measurement import Problem
 from ...model.power import mode_power
 from ...model.settings import SolverSettings
 from ...model.validation import InputError
+from ..interface import RunState
 
 GUESS = 1e-4  # noise's share of the power where none is told
 LEAST_NOISE = 1e-6  # likewise where it is told that there is none
@@ -20,7 +21,7 @@ HIGHEST = 26.0, 19.0  # rad/m, about where its sum ends, in 2-D and 3-D
 
 
 @dataclass(frozen=True)
-class State:
+class State(RunState):
     """Everything `step` needs to go on.
 
     Attributes
@@ -51,16 +52,6 @@ class State:
 
     solver: ClassVar[str] = "room"
 
-    positions: np.ndarray
-    settings: SolverSettings
-    seed: int
-    step: int
-    sweep: int
-    stage: int
-    moved: int
-    first: int
-    last: int
-    automatic: bool
     phase: str
     arrays: tuple
     sources: tuple
@@ -73,14 +64,6 @@ class State:
     hopeless: tuple | None
     noise_power: np.ndarray
     noise_told: bool
-    cost: float
-    finished: bool
-    converged: bool
-
-    @property
-    def modes(self) -> slice:
-        """Indices of the modes in use."""
-        return slice(self.first - 1, self.last)
 
     @property
     def theta(self) -> np.ndarray:

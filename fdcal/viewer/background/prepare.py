@@ -7,7 +7,6 @@ from types import ModuleType
 
 from ... import solvers
 from ...acoustics.measurement_cache import cached_measurement
-from ...cost.mode_limits import usable_modes
 from ...model.measured_scene import MeasuredScene
 from ...model.measurement import Measurement, Problem
 from ...model.scene import Scene
@@ -127,10 +126,9 @@ def _prepare(opening: OpenRequest, progress: PreparationProgress, warmup: Warmup
 
 
 def _with_available_modes(scene: Scene, problem: Problem) -> Scene:
-    """Limit the modes of the scene to those measured and, by descent, to those that the microphones can resolve."""
-    settings, count = scene.solver, len(problem.frequencies)
-    if settings.name.startswith("descent"):
-        count = usable_modes(problem, settings.order_offset)
+    """Limit the modes of the scene to those that its solver can use."""
+    settings = scene.solver
+    count = solvers.load(settings.name).usable_modes(problem, settings)
     if not 0 < count < settings.modes:
         return scene
     return replace(scene, solver=replace(settings, modes=count, first_modes=min(settings.first_modes, count)))

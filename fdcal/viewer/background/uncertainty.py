@@ -11,6 +11,7 @@ import numpy as np
 
 from ...assessment.uncertainty import ellipse_axes, information, one_sigma, pressures_and_field, robust_covariance
 from ...session.worker import LatestWorker
+from ...solvers.interface import AssessmentMethod
 from .prepare import PreparedRun
 
 SIGMAS = 2.4477  # half axes of the ellipse that holds 95 % of a bivariate Gaussian, in standard deviations
@@ -67,7 +68,7 @@ class UncertaintyWorker:
 
     def _compute(self, state) -> PositionUncertainty | None:
         run, positions = self._run, np.asarray(state.positions)
-        if run.scene.solver.name == "room":  # its model has more parameters than this covariance takes into account
+        if run.solver.TRAITS.assessment is not AssessmentMethod.LIKELIHOOD:  # of which this covariance is
             return None
         modes = slice(state.first - 1, state.last)
         p, field = pressures_and_field(run.problem, positions, modes, None)

@@ -40,9 +40,7 @@ class MapTab:
         self.follow = gui.add_checkbox(
             "Follow solver", choices.follow, hint="Show the microphone that a step has moved"
         )
-        self.follow.visible = binding.work.scene.solver.name.startswith(
-            "descent"
-        )  # others move all microphones at once
+        self.follow.visible = not binding.work.solver.TRAITS.moves_all
         self._possible = binding.work.problem.search is not None
         kind, modes = _kind_of(choices), choices.modes or (1,)
         self.which = gui.add_dropdown(

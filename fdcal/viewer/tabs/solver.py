@@ -21,8 +21,8 @@ KEPT = ("microphone", "follow", "shown", "modes")  # choices that outlive a chan
 
 
 def usual_start(name: str) -> str:
-    """Where a solver starts unless it is told."""
-    return "random" if name.startswith("descent") else "affine"
+    """Return the start of a solver unless another one is given."""
+    return solvers.load(name).TRAITS.default_start or STARTS[0]
 
 
 class SolverTab:
@@ -59,7 +59,7 @@ class SolverTab:
         self.speed = gui.add_slider(
             "Steps a second", 1, FASTEST, 1, FASTEST, hint=f"{FASTEST} is as fast as the machine can"
         )
-        self.automatic.visible = settings.name != "room"  # which uses all modes at once
+        self.automatic.visible = binding.work.solver.TRAITS.adds_modes
         self._show_what_counts()
         self._listen()
 
@@ -75,12 +75,17 @@ class SolverTab:
         binding.on(self.speed, self.pace)
 
     def _names(self) -> tuple[str, ...]:
-        """Those that can solve this: descent needs a lattice, room a rectangle whose size the scene tells."""
+        """Return the names of the solvers that can solve this problem."""
         scene, problem = self._binding.work.scene, self._binding.work.problem
-        plane = problem.dimension == 2 and problem.search is not None
-        known = not isinstance(scene, MeasuredScene) and problem.array_dimension == problem.dimension
-        names = [name for name in solvers.names() if plane or name in ("joint", "room")]
-        return tuple(name for name in names if name != "room" or (known and not no_rectangle(scene)))
+        searchable = problem.dimension == 2 and problem.search is not None
+        room_known = not isinstance(scene, MeasuredScene) and problem.array_dimension == problem.dimension
+        room_known = room_known and not no_rectangle(scene)
+
+        def can_solve(name: str) -> bool:
+            traits = solvers.load(name).TRAITS
+            return (searchable or not traits.needs_search) and (room_known or not traits.needs_room)
+
+        return tuple(filter(can_solve, solvers.names()))
 
     def _choose_solver(self, value) -> None:
         name = one_of(value, self._names(), self._binding.work.scene.solver.name)
@@ -88,10 +93,10 @@ class SolverTab:
         self._show_what_counts()
 
     def _show_what_counts(self) -> None:
-        """A seed draws nothing where all microphones move at once from a start in closed form; room has its own."""
-        name = self.name.value
-        self.start.visible = name != "room"
-        self.seed.visible = name != "room" and (self.start.value == "random" or name != "joint")
+        """Hide the controls that do not matter to the chosen solver."""
+        traits = solvers.load(one_of(self.name.value, self._names(), self._binding.work.scene.solver.name)).TRAITS
+        self.start.visible = bool(traits.starts)
+        self.seed.visible = traits.uses_seed(self.start.value)
 
     def start_anew(self) -> None:
         """From the beginning: with the same solver at once, with another as soon as it is ready."""

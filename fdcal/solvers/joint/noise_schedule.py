@@ -12,14 +12,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..cost.likelihood import DiffuseField, diffuse_field
-from ..cost.noise_model import NOISE, NoiseEstimate
-from ..model.measurement import Problem
-from ..model.power import mode_power
-from ..model.settings import SolverSettings
-from ..model.validation import frozen_array
-from . import initial_positions
-from .joint_state import State
+from ...cost.likelihood import DiffuseField, diffuse_field
+from ...cost.noise_model import NOISE, NoiseEstimate
+from ...model.measurement import Problem
+from ...model.power import mode_power
+from ...model.settings import SolverSettings
+from ...model.validation import frozen_array
+from .. import initial_positions
+from .state import State
 
 NOISY_ENOUGH = 3e-3  # noise's share of the power from which it pays to learn
 UNEXPLAINED = 3.0  # times the noise told: more of it and what is told is not believed

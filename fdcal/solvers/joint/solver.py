@@ -25,16 +25,31 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..cost.likelihood import diffuse_field
-from ..cost.noise_model import NOISE, NoiseEstimate
-from ..model.gauge import move_to_frame
-from ..model.measurement import Problem
-from ..model.power import mode_power
-from ..model.settings import Search, SolverSettings
-from ..model.validation import InputError, frozen_array
-from . import initial_positions, noise_schedule
-from .joint_state import State
-from .levenberg_marquardt import FIRST_DAMPING, damped_step, finite_cost
+from ...cost.likelihood import diffuse_field
+from ...cost.noise_model import NOISE, NoiseEstimate
+from ...model.gauge import move_to_frame
+from ...model.measurement import Problem
+from ...model.power import mode_power
+from ...model.settings import Search, SolverSettings
+from ...model.validation import InputError, frozen_array
+from .. import initial_positions
+from ..interface import AssessmentMethod, Traits
+from ..levenberg_marquardt import FIRST_DAMPING, damped_step, finite_cost
+from . import noise_schedule
+from .state import State
+
+TRAITS = Traits(
+    moves_all=True,
+    needs_search=False,
+    needs_room=False,
+    adds_modes=True,
+    starts=("affine", "random"),
+    draws_order=False,
+    takes_positions=True,
+    settings=None,
+    assessment=AssessmentMethod.LIKELIHOOD,
+    uses_likelihood=True,
+)
 
 FIRST_MODES = 28  # of the first bend
 LOW_DAMPING = 1e-7  # with which a stage begins that is near its end: damping holds back what the pressures hardly tell
@@ -150,12 +165,17 @@ def landscape(problem: Problem, state: State, n: int, modes: slice, search: Sear
     """
     if problem.search is None:
         raise InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
-    from ..cost.likelihood_maps import likelihood_maps  # compiled code is loaded with the first map
+    from ...cost.likelihood_maps import likelihood_maps  # compiled code is loaded with the first map
 
     power = mode_power(problem.pressures[modes])
     least = NOISE.diffuse_floor * power  # with less, as the near-field model has it, the kernel is singular
     noise = np.maximum(state.noise[modes], least)
     return likelihood_maps(problem, state.positions, n, modes, noise, search)
+
+
+def usable_modes(problem: Problem, settings: SolverSettings) -> int:
+    """Return the number of modes measured: the likelihood takes all of them."""
+    return len(problem.frequencies)
 
 
 def _require_modes(problem: Problem, count: int) -> None:
@@ -241,7 +261,7 @@ def _begin_free(problem: Problem, state: State, rest: NoiseEstimate | None = Non
 
 def _learn(problem: Problem, state: State) -> State:
     """A stage of phase "learned", the directions learned at the positions reached."""
-    from ..cost.angular_prior import diffuse_prior, learned_prior
+    from ...cost.angular_prior import diffuse_prior, learned_prior
 
     p, k = problem.pressures[state.modes], problem.wavenumbers[state.modes]
     field = diffuse_field(p, k, state.noise_power[state.modes], 2)

@@ -7,11 +7,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..model.settings import SolverSettings
+from ..interface import RunState
 
 
 @dataclass(frozen=True)
-class State:
+class State(RunState):
     """Everything `step` needs to go on, so that any state can be gone on from.
 
     Attributes
@@ -47,16 +47,6 @@ class State:
 
     solver: ClassVar[str] = "joint"
 
-    positions: np.ndarray
-    settings: SolverSettings
-    seed: int
-    step: int
-    sweep: int
-    stage: int
-    moved: int
-    first: int
-    last: int
-    automatic: bool
     phase: str
     prior: np.ndarray | None
     lessons: int
@@ -72,11 +62,8 @@ class State:
     noise_power: np.ndarray
     noise_told: bool
     spread: float
-    cost: float
-    finished: bool
-    converged: bool
 
     @property
-    def modes(self) -> slice:
-        """Indices of the modes in use."""
-        return slice(self.first - 1, self.last)
+    def assessment_noise(self) -> np.ndarray | None:
+        """The noise power of the measurement; None in the near field, whose residual is the real kernel's own."""
+        return None if self.near else self.noise_power

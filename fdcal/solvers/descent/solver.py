@@ -10,76 +10,35 @@ serves every step (`fdcal.acoustics.fourier_bessel.Lattice`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import ClassVar
+from dataclasses import replace
 
 import numpy as np
 
-from ..cost.eq7 import known_weights, leave_one_out_fits
-from ..cost.mode_limits import require_modes, search_lattice
-from ..model.gauge import fixes_gauge
-from ..model.measurement import Problem
-from ..model.settings import SolverSettings
-from ..model.validation import InputError, frozen_array
-from . import initial_positions
+from ...cost import mode_limits
+from ...cost.eq7 import known_weights, leave_one_out_fits
+from ...cost.mode_limits import require_modes, search_lattice
+from ...model.gauge import fixes_gauge
+from ...model.measurement import Problem
+from ...model.settings import SolverSettings
+from ...model.validation import InputError, frozen_array
+from .. import initial_positions
+from ..interface import AssessmentMethod, Traits
+from .state import State
 
-
-@dataclass(frozen=True)
-class State:
-    """Everything `step` needs to go on, so that any state can be gone on from.
-
-    Attributes
-    ----------
-    positions : (N, D) float64, metres, read-only
-    centre : (D,) float64, metres, of the expansion
-    settings : SolverSettings
-    seed : int, of the start and of every sweep's order
-    step, sweep, stage : steps taken, sweeps completed, stages completed
-    turn : place in the present sweep, 0 to the number of free microphones less 1
-    moved : microphone of the last step, -1 at the start
-    first, last : modes in use, counted from 1, both included
-    automatic : whether modes are added when trapped
-    stage_sweeps : sweeps completed in the present stage
-    changed : whether a microphone has changed place in the present sweep
-    cost : sum over the modes in use (Eq. 7), about the centre that the last step used
-    finished : nothing is left to do
-    converged : finished because no microphone moved any more, not because sweeps ran out
-    """
-
-    solver: ClassVar[str] = "descent"
-
-    positions: np.ndarray
-    centre: np.ndarray
-    settings: SolverSettings
-    seed: int
-    step: int
-    sweep: int
-    stage: int
-    turn: int
-    moved: int
-    first: int
-    last: int
-    automatic: bool
-    stage_sweeps: int
-    changed: bool
-    cost: float
-    finished: bool
-    converged: bool
-
-    @property
-    def order_offset(self) -> int:
-        """Added to ceil(kR), see `order_offset_of`."""
-        return order_offset_of(self.settings, self.last)
-
-    @property
-    def modes(self) -> slice:
-        """Indices of the modes in use."""
-        return slice(self.first - 1, self.last)
-
-
-def order_offset_of(settings: SolverSettings, modes: int) -> int:
-    """Added to ceil(kR): nothing while few modes are in use, which a richer expansion fits at any positions."""
-    return settings.order_offset if modes >= settings.ample_modes else 0
+TRAITS = Traits(
+    moves_all=False,
+    needs_search=True,
+    needs_room=False,
+    adds_modes=True,
+    starts=("random", "affine"),
+    draws_order=True,
+    takes_positions=False,
+    settings=frozenset(
+        {"modes", "first_modes", "order_offset", "ample_modes", "known_weight", "max_sweeps", "start", "known"}
+    ),
+    assessment=AssessmentMethod.LIKELIHOOD,
+    uses_likelihood=False,
+)
 
 
 def init(problem: Problem, settings: SolverSettings, seed: int) -> State:
@@ -123,7 +82,7 @@ def step(problem: Problem, state: State) -> State:
     """`state` with the next microphone moved to its best place; unchanged if finished."""
     if state.finished:
         return state
-    from ..cost.lattice_search import best_candidate  # compiled code is loaded with the first step
+    from ...cost.lattice_search import best_candidate  # compiled code is loaded with the first step
 
     n = int(_turns(problem, state)[state.turn])
     lattice, _, fits = _fits(problem, state, n)
@@ -168,11 +127,16 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
 
 def landscape(problem: Problem, state: State, n: int, modes: slice) -> np.ndarray:
     """What a step on microphone `n` would minimise, over the whole lattice, mode by mode : (modes, ny, nx) float64."""
-    from ..cost.lattice_search import lattice_landscape
+    from ...cost.lattice_search import lattice_landscape
 
     lattice = search_lattice(problem, state.order_offset)
     weight = state.settings.known_weight
     return lattice_landscape(problem, lattice, state.positions, n, state.centre, modes, weight)
+
+
+def usable_modes(problem: Problem, settings: SolverSettings) -> int:
+    """Return how many of the lowest modes have an expansion with fewer functions than there are microphones."""
+    return mode_limits.usable_modes(problem, settings.order_offset)
 
 
 def _require_solvable(problem: Problem, settings: SolverSettings) -> None:

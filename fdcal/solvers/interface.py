@@ -1,0 +1,152 @@
+"""What every solver offers and what every state holds, for all that runs, shows or saves a calibration.
+
+RunState    base class of the solvers' states
+Traits      properties of a solver that others ask for
+Solver      protocol of a solver: a module with these functions, or a chain of such modules
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+
+from ..model.measurement import Problem
+from ..model.settings import SolverSettings
+
+
+@dataclass(frozen=True)
+class RunState:
+    """The part of a solver's state that page, history, session files and exports read.
+
+    A subclass adds what its `step` needs. A state is never changed: `step` returns another one.
+
+    Attributes
+    ----------
+    solver : str, name of the solver that goes on from this state; of a chain, of the member at work
+    positions : (N, D) float64, metres, read-only
+    settings : SolverSettings
+    seed : int, of whatever the solver draws
+    step, sweep, stage : int, steps taken, sweeps completed, stages completed
+    moved : int, microphone that the last step moved; -1 at the start and if a step moves all of them
+    first, last : int, modes in use, counted from 1, both included
+    automatic : bool, whether the solver adds modes and begins other stages by itself
+    cost : float, of the modes in use; the solver defines it
+    finished : bool, whether nothing is left to do
+    converged : bool, whether it finished because no microphone moved any more, not because steps ran out
+    """
+
+    solver: ClassVar[str]
+
+    positions: np.ndarray
+    settings: SolverSettings
+    seed: int
+    step: int
+    sweep: int
+    stage: int
+    moved: int
+    first: int
+    last: int
+    automatic: bool
+    cost: float
+    finished: bool
+    converged: bool
+
+    @property
+    def modes(self) -> slice:
+        """Indices of the modes in use."""
+        return slice(self.first - 1, self.last)
+
+    @property
+    def order_offset(self) -> int:
+        """The number added to ceil(kR) in the order rule of the paper; 0 if the solver expands no field."""
+        return 0
+
+    @property
+    def assessment_noise(self) -> np.ndarray | None:
+        """Noise power (M,) with which the result is assessed, in the unit of abs(pressures)**2; None: estimate it."""
+        return None
+
+
+class AssessmentMethod(enum.Enum):
+    """How the result of a solver is assessed."""
+
+    LIKELIHOOD = "likelihood"  # `fdcal.assessment.verdict`: positions up to what the known microphones fix
+    KNOWN_ROOM = "known room"  # `fdcal.assessment.room_verdict`: positions up to the symmetries of the room
+
+
+@dataclass(frozen=True)
+class Traits:
+    """Properties of a solver.
+
+    Attributes
+    ----------
+    moves_all : whether a step moves all free microphones; otherwise one
+    needs_search : whether it works only in the plane and with a search domain, whose lattice it searches
+    needs_room : whether it needs the size of a rectangular room (`SolverSettings.room`)
+    adds_modes : whether it adds modes by itself while it runs
+    starts : values of `SolverSettings.start` that it takes, the default first; empty if it has a start of its own
+    draws_order : whether the seed matters beyond a random start
+    takes_positions : whether `init` takes the keyword `positions`
+    settings : fields of `SolverSettings` that change what it does; None stands for all of them
+    assessment : how its result is assessed
+    uses_likelihood : whether it calls the compiled kernels of the likelihood
+    """
+
+    moves_all: bool
+    needs_search: bool
+    needs_room: bool
+    adds_modes: bool
+    starts: tuple[str, ...]
+    draws_order: bool
+    takes_positions: bool
+    settings: frozenset[str] | None
+    assessment: AssessmentMethod
+    uses_likelihood: bool
+
+    @property
+    def default_start(self) -> str | None:
+        """Start that is used unless another one is given; None if the solver has a start of its own."""
+        return self.starts[0] if self.starts else None
+
+    def uses_seed(self, start: str | None) -> bool:
+        """Return whether the seed changes a run from `start`."""
+        return self.draws_order or ("random" in self.starts and (start or self.default_start) == "random")
+
+    def ignores(self, key: str) -> bool:
+        """Return whether the field `key` of `SolverSettings` does nothing."""
+        return self.settings is not None and key not in self.settings
+
+
+class Solver(Protocol):
+    """A solver: a module with these functions, or a chain of such modules."""
+
+    @property
+    def TRAITS(self) -> Traits:
+        """Properties of the solver."""
+        ...
+
+    def init(self, problem: Problem, settings: SolverSettings, seed: int) -> Any:
+        """Return the first state. Raises InputError for what the solver cannot work on."""
+        ...
+
+    def step(self, problem: Problem, state: Any) -> Any:
+        """Return the state after one step; the same state if it is finished."""
+        ...
+
+    def use_modes(self, problem: Problem, state: Any, first: int, last: int, automatic: bool) -> Any:
+        """Return `state` with modes `first` to `last` in use, counted from 1; the solver goes on from it."""
+        ...
+
+    def landscape(self, problem: Problem, state: Any, n: int, modes: slice) -> np.ndarray:
+        """Return the cost of microphone `n` over the search lattice, mode by mode : (modes, ny, nx) float64.
+
+        Solvers whose states have no `centre` also take another `Search` as a fifth argument.
+        """
+        ...
+
+    def usable_modes(self, problem: Problem, settings: SolverSettings) -> int:
+        """Return how many of the lowest modes of `problem` can be in use."""
+        ...
