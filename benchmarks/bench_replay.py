@@ -7,7 +7,7 @@ import functools
 
 import numpy as np
 
-from fdcal.graphics.replay import replay
+from fdcal.graphics.replay import replay_html
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene_file import load_scene
 
@@ -33,8 +33,8 @@ def run() -> list[Figure]:
     for name, count, states, dimension in (("array 1", 65, 500, 2), ("1000 microphones in space", 1000, 500, 3)):
         measurement, moved = run_of(count, states, dimension)
         title = f"replay of {states} states of {name}"
-        size = len(replay(scene, measurement, moved, title)) / 1e6
+        size = len(replay_html(scene, measurement, moved, title)) / 1e6
         figures.append(Figure(title, size, "MB", "below 5", size < 5))
-        write = functools.partial(replay, scene, measurement, moved, title)
+        write = functools.partial(replay_html, scene, measurement, moved, title)
         figures.append(Figure(f"{title}, to write", best_time(write, 2), "s"))
     return figures

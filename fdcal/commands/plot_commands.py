@@ -49,7 +49,7 @@ def landscape(source, microphone, mode_numbers, result, output, search, radius, 
     panels = landscape_panels(problem, positions, n, modes, inputs.settings.order_offset)
     content = _landscape_bytes(path.suffix.lower(), panels, measurement)
     write_atomically(path, lambda file: file.write_bytes(content), force)
-    x, y = panels.found[-1]
+    x, y = panels.minima[-1]
     print(f"{path}: microphone {n}, least cost {panels.maps[-1].min():.3g} at ({x:.4g}, {y:.4g}) m")
 
 
@@ -101,20 +101,21 @@ def snapshot(scene, result, microphone, view, size, output, force):
     path = parameter_types.output_path(output, ".png", force)
     shape = parameter_types.pixels(size)
     inputs, found = simulated(scene), result_of(result)
-    from ..graphics.heatmap import paint
-    from ..graphics.picture import compose, headline
+    from ..graphics.heatmap import cost_floor
+    from ..graphics.picture import compose
     from ..graphics.snapshot import render
+    from ..graphics.units import error_summary
     from .plotting import shown_positions, summed_landscape
 
     positions, title, floor = None, inputs.scene.title, None
     if found is not None:
         positions = shown_positions(inputs.measurement, found)
-        title += f": {headline(inputs.measurement, positions)}"
+        title += f": {error_summary(inputs.measurement, positions)}"
     if microphone is not None:
         n = parameter_types.microphone_number(microphone, inputs.measurement.count)
         modes = inputs.settings.modes if found is None else len(found.frequencies)
         others = inputs.measurement.positions if found is None else positions
-        floor = paint(summed_landscape(inputs, others, n, modes), inputs.measurement.search, log=True)
+        floor = cost_floor(summed_landscape(inputs, others, n, modes), inputs.measurement.search, log=True)
     picture = compose(inputs.scene, inputs.measurement, positions, microphone, floor, title)
     render(picture, path, shape, view, force)
     print(path)
@@ -132,7 +133,7 @@ def snapshot(scene, result, microphone, view, size, output, force):
 def replay(source, solver, modes, seed, output, search, radius, force):
     """Calibrate, and write the whole run as one page that plays offline in any browser."""
     path = parameter_types.output_path(output, ".html", force)
-    from ..graphics.replay import replay
+    from ..graphics.replay import replay_html
     from ..model.storage import write_atomically
     from ..session.history import recorded
     from .calibrate import states_of
@@ -142,7 +143,7 @@ def replay(source, solver, modes, seed, output, search, radius, force):
     with progress_bar("calibrating") as progress:
         states = recorded(states_of(inputs, progress))
     title = inputs.name if inputs.scene is None else inputs.scene.title
-    text = replay(inputs.scene, inputs.measurement, states, title, inputs.settings.weights)
+    text = replay_html(inputs.scene, inputs.measurement, states, title, inputs.settings.weights)
     write_atomically(path, lambda file: file.write_text(text, encoding="utf-8"), force)
     print(f"{path}: {len(states)} states of {inputs.settings.name}, {len(text) / 1e6:.2g} MB")
 

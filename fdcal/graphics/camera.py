@@ -43,7 +43,7 @@ def camera_for(picture: Picture, size, view: str, margins=(0, 0, 0, 0), fov: flo
     width, height = (max(int(length), 1) for length in size)
     left, bottom, right, top = margins
     free = max(width - left - right, 0.2 * width), max(height - bottom - top, 0.2 * height)
-    (x0, y0, x1, y1), heights = picture.focus, picture.heights
+    (x0, y0, x1, y1), heights = picture.focus, picture.z_range
     centre = np.array([(x0 + x1) / 2, (y0 + y1) / 2, sum(heights) / 2])
     if view == "top":
         scale = max((x1 - x0) / free[0], (y1 - y0) / free[1])  # metres a pixel
@@ -67,7 +67,7 @@ def camera_for(picture: Picture, size, view: str, margins=(0, 0, 0, 0), fov: flo
 def _corners(picture: Picture, view: str) -> np.ndarray:
     """Corners (8, 3), metres, of the box that a 3-D view shows."""
     x0, y0, x1, y1 = picture.bounds if view == "3d" else picture.focus
-    low, high = (0.0, picture.heights[1]) if view == "3d" else picture.heights
+    low, high = (0.0, picture.z_range[1]) if view == "3d" else picture.z_range
     if view == "3d":
         room = [
             part.segments[..., 2].max() for part in picture.lines if part.name.startswith("room") and part.segments.size

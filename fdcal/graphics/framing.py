@@ -13,7 +13,7 @@ BESIDE, STEPS = 0.25, 40  # of the longest edge of the box: left free on all sid
 SMALLEST = 0.4  # m, longest edge at least
 
 
-def framed(measurement: Measurement, positions) -> Measurement:
+def with_display_domain(measurement: Measurement, positions) -> Measurement:
     """The measurement as it is to be drawn : with a search domain about `positions` (N, D), metres, if it has none.
 
     For pictures alone: no solver may take what is drawn for what is known.

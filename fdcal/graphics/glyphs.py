@@ -127,7 +127,7 @@ def _inside(vertices: np.ndarray, axis: int, level: float) -> list[tuple[float, 
     return list(zip(met[::2], met[1::2], strict=True))
 
 
-def round_values(low: float, high: float, count: int) -> np.ndarray:
+def round_ticks(low: float, high: float, count: int) -> np.ndarray:
     """About `count` round numbers from `low` to `high`."""
     values = MaxNLocator(nbins=count, steps=[1, 2, 5, 10]).tick_values(low, high)
     slack = 1e-9 * (high - low)
@@ -136,7 +136,7 @@ def round_values(low: float, high: float, count: int) -> np.ndarray:
 
 def ruler(low: float, high: float, across: float, axis: int, length: float, z: float):
     """Ticks along an edge of a box: their segments (T, 2, 3), label positions (T, 3) and texts ("1.2")."""
-    values = round_values(low, high, 8)
+    values = round_ticks(low, high, 8)
     ends = np.full((len(values), 2, 3), z)
     ends[:, :, axis] = values[:, None]
     ends[:, 0, 1 - axis], ends[:, 1, 1 - axis] = across, across - length

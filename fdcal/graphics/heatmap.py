@@ -9,13 +9,13 @@ import numpy as np
 
 from ..model.settings import Search
 from ..model.validation import frozen_array
-from .primitives import COLOUR_MAP, TWO_SIDED, ColourBar, Floor
+from .primitives import COLOUR_MAP, DIVERGING_COLOUR_MAP, ColourBar, Floor
 
 DECADES = 4  # of cost that a logarithmic map shows below its highest value
 RELIEF = 0.3  # height of a map in relief, of the longer edge of the search domain
 
 
-def paint(
+def cost_floor(
     cost,
     search: Search,
     log: bool = False,
@@ -39,10 +39,10 @@ def paint(
     cost = np.asarray(cost, float)
     iy, ix = np.unravel_index(cost.argmin(), cost.shape)
     minimum = (float(search.origin[0] + ix * search.step), float(search.origin[1] + iy * search.step))
-    low, high, clipped = ends(cost, log)
+    low, high, clipped = colour_limits(cost, log)
     log = log and low > 0
-    share = shares(cost, low, high, log)
-    rgb = colours(share)
+    share = normalise(cost, low, high, log)
+    rgb = to_rgb(share)
     half = search.step / 2
     size = (cost.shape[1] * search.step, cost.shape[0] * search.step)
     heights = frozen_array(RELIEF * max(size) * share, np.float32) if relief else None
@@ -58,7 +58,7 @@ def paint(
     )
 
 
-def ends(cost: np.ndarray, log: bool) -> tuple[float, float, bool]:
+def colour_limits(cost: np.ndarray, log: bool) -> tuple[float, float, bool]:
     """Lowest and highest value of the scale of a map or of several, and whether lower costs share its first colour."""
     low, high, clipped = float(cost.min()), float(cost.max()), False
     if log and high > 0 <= low:
@@ -69,7 +69,7 @@ def ends(cost: np.ndarray, log: bool) -> tuple[float, float, bool]:
     return low, high, clipped
 
 
-def shares(cost: np.ndarray, low: float, high: float, log: bool) -> np.ndarray:
+def normalise(cost: np.ndarray, low: float, high: float, log: bool) -> np.ndarray:
     """Where on the scale each cost lies, 0 to 1."""
     cost = np.clip(cost, low, high)
     if log and low > 0:
@@ -77,7 +77,7 @@ def shares(cost: np.ndarray, low: float, high: float, log: bool) -> np.ndarray:
     return (cost - low) / (high - low)
 
 
-def colours(share: np.ndarray, name: str = COLOUR_MAP) -> np.ndarray:
+def to_rgb(share: np.ndarray, name: str = COLOUR_MAP) -> np.ndarray:
     """Colours (..., 3) uint8 of shares of the scale, 0 to 1."""
     return _table(name)[np.rint(255 * share).astype(np.uint8)]
 
@@ -87,18 +87,18 @@ def _table(name: str) -> np.ndarray:
     return matplotlib.colormaps[name](np.arange(256), bytes=True)[:, :3].copy()
 
 
-def paint_field(field, search: Search, label: str, height: float = 0.0) -> Floor:
-    """A field of both signs, -1 to 1, as `paint`: white where it is nothing."""
+def field_floor(field, search: Search, label: str, height: float = 0.0) -> Floor:
+    """A field of both signs, -1 to 1, as `cost_floor`: white where it is nothing."""
     field, half = np.asarray(field, float), search.step / 2
     row, column = np.unravel_index(np.abs(field).argmin(), field.shape)
     return Floor(
-        rgb=frozen_array(colours((1 + np.clip(field, -1, 1)) / 2, TWO_SIDED), np.uint8),
+        rgb=frozen_array(to_rgb((1 + np.clip(field, -1, 1)) / 2, DIVERGING_COLOUR_MAP), np.uint8),
         origin=(search.origin[0] - half, search.origin[1] - half),
         size=(field.shape[1] * search.step, field.shape[0] * search.step),
-        bar=ColourBar(-1.0, 1.0, False, label, colours=TWO_SIDED),
+        bar=ColourBar(-1.0, 1.0, False, label, colour_map=DIVERGING_COLOUR_MAP),
         minimum=(float(search.origin[0] + column * search.step), float(search.origin[1] + row * search.step)),
         height=height,
-        marked=False,
+        show_minima=False,
     )
 
 

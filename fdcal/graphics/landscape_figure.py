@@ -1,6 +1,6 @@
 """The paper's figures: Fig. 1, the cost landscape of one microphone, mode by mode and summed.
 
-What is computed (`landscape_panels`, or `few_panels` of maps that are there) is separate from how it is drawn
+What is computed (`landscape_panels`, or `select_panels` of maps that are there) is separate from how it is drawn
 (`draw_landscape`) and written (`figure_bytes`).
 """
 
@@ -22,7 +22,7 @@ from .primitives import COLOUR_MAP
 
 
 @dataclass(frozen=True)
-class Panels:
+class LandscapePanels:
     """Landscapes of one microphone.
 
     Attributes
@@ -31,21 +31,21 @@ class Panels:
     modes : (P,) int64, counted from 1
     frequencies : (P,) float64, Hz
     maps : (P + 1, ny, nx) float64, dimensionless; one a mode, the last their sum; row 0 at low y
-    found : (P + 1, 2) float64, metres, the minimum of each map
+    minima : (P + 1, 2) float64, metres, the minimum of each map
     search : Search
-    summed : int, modes in the sum, of which a few alone may have a map here
+    mode_count : int, modes in the sum, of which a few alone may have a map here
     """
 
     microphone: int
     modes: np.ndarray
     frequencies: np.ndarray
     maps: np.ndarray
-    found: np.ndarray
+    minima: np.ndarray
     search: Search
-    summed: int
+    mode_count: int
 
 
-def landscape_panels(problem: Problem, positions, n: int, modes: Sequence[int], order_offset: int) -> Panels:
+def landscape_panels(problem: Problem, positions, n: int, modes: Sequence[int], order_offset: int) -> LandscapePanels:
     """Cost of Eq. 7 over the search lattice with microphone `n` moved and the others at `positions`.
 
     Parameters
@@ -67,18 +67,18 @@ def landscape_panels(problem: Problem, positions, n: int, modes: Sequence[int], 
     maps = lattice_landscape(few, lattice, positions, n, centre, slice(0, len(index)))
     maps = np.concatenate([maps, maps.sum(axis=0, keepdims=True)])
     found = lattice.points[maps.reshape(len(maps), -1).argmin(axis=1)]
-    return Panels(
+    return LandscapePanels(
         microphone=n,
         modes=frozen_array(modes, np.int64),
         frequencies=frozen_array(few.frequencies, float),
         maps=frozen_array(maps, float),
-        found=frozen_array(found, float),
+        minima=frozen_array(found, float),
         search=problem.search,
-        summed=len(index),
+        mode_count=len(index),
     )
 
 
-def few_panels(maps, modes: Sequence[int], frequencies, n: int, search: Search, most: int = 8) -> Panels:
+def select_panels(maps, modes: Sequence[int], frequencies, n: int, search: Search, most: int = 8) -> LandscapePanels:
     """Panels of maps (P, ny, nx) of `modes`, counted from 1: `most` of them, evenly taken, and the sum over all.
 
     frequencies : (M,), Hz, of all modes measured
@@ -87,18 +87,18 @@ def few_panels(maps, modes: Sequence[int], frequencies, n: int, search: Search, 
     chosen = np.unique(np.linspace(0, len(maps) - 1, min(len(maps), most)).round().astype(int))
     drawn = np.concatenate([maps[chosen], maps.sum(axis=0, keepdims=True)])
     row, column = np.divmod(drawn.reshape(len(drawn), -1).argmin(axis=1), maps.shape[2])
-    return Panels(
+    return LandscapePanels(
         microphone=n,
         modes=frozen_array(modes[chosen], np.int64),
         frequencies=frozen_array(np.asarray(frequencies)[modes[chosen] - 1], float),
         maps=frozen_array(drawn, float),
-        found=frozen_array(np.asarray(search.origin)[:2] + search.step * np.column_stack([column, row]), float),
+        minima=frozen_array(np.asarray(search.origin)[:2] + search.step * np.column_stack([column, row]), float),
         search=search,
-        summed=len(maps),
+        mode_count=len(maps),
     )
 
 
-def draw_landscape(panels: Panels, truth=None, label: str = "cost (dimensionless)", heading: str = ""):
+def draw_landscape(panels: LandscapePanels, truth=None, label: str = "cost (dimensionless)", heading: str = ""):
     """matplotlib Figure of the panels, a circle at `truth` (2,), metres, where given, a cross at each minimum.
 
     label : of the scales
@@ -112,8 +112,8 @@ def draw_landscape(panels: Panels, truth=None, label: str = "cost (dimensionless
     figure = Figure(figsize=(4.4 * columns, 3.7 * rows), dpi=120, layout="constrained")
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     titles = [f"mode {m}, {f:.1f} Hz" for m, f in zip(panels.modes, panels.frequencies, strict=True)]
-    titles.append(f"sum of the {panels.summed} modes" if panels.summed > 1 else "sum (one mode)")
-    for panel, title, cost, found in zip(axes, titles, panels.maps, panels.found, strict=False):
+    titles.append(f"sum of the {panels.mode_count} modes" if panels.mode_count > 1 else "sum (one mode)")
+    for panel, title, cost, found in zip(axes, titles, panels.maps, panels.minima, strict=False):
         image = _draw_map(panel, cost, panels.search)
         panel.plot(*found, "x", color="#d61828", markersize=11, markeredgewidth=2.5, label="minimum")
         if truth is not None:

@@ -11,7 +11,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from ..model.settings import Search
-from .heatmap import colours, ends, shares
+from .heatmap import colour_limits, normalise, to_rgb
 from .primitives import DARK, Theme
 
 CELL, GAP, CAPTION = 252, 18, 34  # pixels: edge of a map, between maps, above each
@@ -25,7 +25,7 @@ class Marks:
     """Where on every map to put marks, metres: the true position, the supposed one; None for none."""
 
     true: tuple[float, float] | None = None
-    here: tuple[float, float] | None = None
+    estimate: tuple[float, float] | None = None
 
 
 def mosaic(
@@ -49,12 +49,12 @@ def mosaic(
     size = columns * (width + GAP) - GAP, rows * (height + CAPTION + GAP) - GAP
     image = Image.new("RGB", size, DARK_PANEL if theme is DARK else theme.background)
     draw, font = ImageDraw.Draw(image), _font(POINTS * columns / 2)  # the panel shrinks all columns to its width
-    scale = ends(np.stack(maps), log) if shared else None
+    scale = colour_limits(np.stack(maps), log) if shared else None
     for i, (cost, caption) in enumerate(zip(maps, captions, strict=True)):
         left, top = (i % columns) * (width + GAP), (i // columns) * (height + CAPTION + GAP)
-        draw.text((left, top), caption, fill=theme.ink, font=font)
-        low, high, _ = scale or ends(cost, log)
-        rgb = colours(shares(cost, low, high, log))[::-1]  # an image's first row is its highest
+        draw.text((left, top), caption, fill=theme.foreground, font=font)
+        low, high, _ = scale or colour_limits(cost, log)
+        rgb = to_rgb(normalise(cost, low, high, log))[::-1]  # an image's first row is its highest
         tile = Image.fromarray(rgb).resize((width, height), Image.Resampling.NEAREST)
         image.paste(tile, (left, top + CAPTION))
         row, column = np.unravel_index(cost.argmin(), cost.shape)
@@ -77,7 +77,7 @@ def _mark(draw, corner, size, search: Search, shape, marks: Marks, lowest) -> No
     for place, name, colour, reach in (
         (marks.true, "circle", (0, 0, 0), 9),
         (lowest, "diamond", LOWEST, 13),
-        (marks.here, "cross", ESTIMATE, 8),
+        (marks.estimate, "cross", ESTIMATE, 8),
     ):
         if place is None or not inside(place):
             continue

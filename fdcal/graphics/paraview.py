@@ -10,12 +10,12 @@ import numpy as np
 
 from ..model.measurement import Measurement
 from . import vtk_xml
-from .landscape_figure import Panels
+from .landscape_figure import LandscapePanels
 
 ESTIMATED, TRUE, KNOWN = 0, 1, 2  # `kind` of a point
 
 
-def landscape(panels: Panels, height: float = 0.0) -> str:
+def landscape(panels: LandscapePanels, height: float = 0.0) -> str:
     """The text of a .vti file; `height` is that of the map, metres."""
     fields = {
         f"mode {m}, {f:.2f} Hz": map_
@@ -27,7 +27,7 @@ def landscape(panels: Panels, height: float = 0.0) -> str:
     return vtk_xml.image((nx, ny, 1), (*search.origin[:2], height), (search.step, search.step, search.step), fields)
 
 
-def cloud(measurement: Measurement, positions, sigma=None, height: float = 0.0) -> str:
+def point_cloud(measurement: Measurement, positions, sigma=None, height: float = 0.0) -> str:
     """The text of a .vtp file: estimated, true and known microphones, a line from each true place to the estimate.
 
     Fields of every point: `kind` (0 estimated, 1 true, 2 known), `microphone` (its number), `name`, `error` (3,),

@@ -11,10 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.ticker import LogLocator
 
-from .glyphs import round_values
+from .glyphs import round_ticks
 
-COLOUR_MAP, TWO_SIDED = "viridis", "RdBu_r"  # any name of matplotlib.colormaps; of costs, and of signed fields
-RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+COLOUR_MAP, DIVERGING_COLOUR_MAP = (
+    "viridis",
+    "RdBu_r",
+)  # any name of matplotlib.colormaps; of costs, and of signed fields
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 LETTERS = 44  # that find room along a colour bar
 
 Colour = tuple[int, int, int]
@@ -25,12 +28,12 @@ class Theme:
     """Colours that depend on the background."""
 
     background: Colour
-    ink: Colour  # texts, rulers, walls
-    faint: Colour  # the grid on the floor
+    foreground: Colour  # texts, rulers, walls
+    grid: Colour  # the grid on the floor
 
 
-LIGHT = Theme(background=(255, 255, 255), ink=(40, 44, 52), faint=(222, 225, 230))
-DARK = Theme(background=(26, 27, 30), ink=(222, 225, 230), faint=(58, 61, 68))
+LIGHT = Theme(background=(255, 255, 255), foreground=(40, 44, 52), grid=(222, 225, 230))
+DARK = Theme(background=(26, 27, 30), foreground=(222, 225, 230), grid=(58, 61, 68))
 
 
 @dataclass(frozen=True)
@@ -44,7 +47,7 @@ class Lines:
 
 
 @dataclass(frozen=True)
-class Solid:
+class Mesh:
     """Triangles of one colour, without shading: vertices (V, 3) float32, metres, faces (F, 3) int32."""
 
     name: str
@@ -74,31 +77,33 @@ class ColourBar:
     log: bool
     label: str
     clipped: bool = False  # lower values than `low` exist and share its colour
-    colours: str = COLOUR_MAP
+    colour_map: str = COLOUR_MAP
 
     @property
     def ticks(self) -> tuple[tuple[float, str], ...]:
         """Share of the bar from 0 to 1, and text, of about five round values."""
         if not self.log:
-            values = round_values(self.low, self.high, 5)
-            return _few((float((v - self.low) / (self.high - self.low)), number(v, 4)) for v in values)
+            values = round_ticks(self.low, self.high, 5)
+            return _few((float((v - self.low) / (self.high - self.low)), format_number(v, 4)) for v in values)
         decades = np.log10(self.high / self.low)
         values = LogLocator(subs=(1.0,) if decades > 3 else (1.0, 2.0, 5.0)).tick_values(self.low, self.high)
         values = values[(values >= self.low * (1 - 1e-9)) & (values <= self.high * (1 + 1e-9))]
         if not 3 <= len(values) <= 6:  # within a decade the locator may give as many as ten
-            even = round_values(self.low, self.high, 4)
+            even = round_ticks(self.low, self.high, 4)
             values = even[even >= self.low] if decades < 3 else values
-        return _few((float(np.log10(v / self.low) / decades), number(v, 3 if decades > 0.05 else 5)) for v in values)
+        return _few(
+            (float(np.log10(v / self.low) / decades), format_number(v, 3 if decades > 0.05 else 5)) for v in values
+        )
 
 
-def number(value: float, digits: int) -> str:
+def format_number(value: float, digits: int) -> str:
     """A number with so many digits that count: whole ones up to a million are written out, others as in 2·10⁷."""
     if 10.0**digits <= abs(value) < 1e6:
         return f"{value:.0f}"
     mantissa, _, power = f"{value:.{digits}g}".partition("e")
     if not power:
         return mantissa
-    return ("" if mantissa == "1" else f"{mantissa}·") + f"10{str(int(power)).translate(RAISED)}"
+    return ("" if mantissa == "1" else f"{mantissa}·") + f"10{str(int(power)).translate(SUPERSCRIPTS)}"
 
 
 def _few(ticks: Iterable[tuple[float, str]]) -> tuple[tuple[float, str], ...]:
@@ -126,7 +131,7 @@ class Floor:
     height: float = 0.0
     minima: tuple[tuple[float, float], ...] = ()
     opacity: float = 1.0
-    marked: bool = True  # with diamonds
+    show_minima: bool = True  # with diamonds
     heights: np.ndarray | None = None
 
 
@@ -141,10 +146,10 @@ class Picture:
     theme: Theme
     focus: tuple[float, float, float, float]
     bounds: tuple[float, float, float, float]
-    marker: float  # radius of a microphone's circle, metres
+    marker_radius: float  # radius of a microphone's circle, metres
     lines: tuple[Lines, ...] = ()
-    solids: tuple[Solid, ...] = ()
+    meshes: tuple[Mesh, ...] = ()
     labels: tuple[Label, ...] = ()
     floor: Floor | None = None
     title: str = ""
-    heights: tuple[float, float] = (0.0, 0.0)
+    z_range: tuple[float, float] = (0.0, 0.0)

@@ -19,21 +19,23 @@ from ..model.gauge import align
 from ..model.measurement import Measurement
 from ..model.scene import Scene
 from .heatmap import cost_label
-from .picture import backdrop
+from .picture import static_picture
 
-MOST_BYTES = 4_500_000  # of a file; longer runs are told by fewer states, evenly taken
+MAX_BYTES = 4_500_000  # of a file; longer runs are told by fewer states, evenly taken
 NUMBERS = ("step", "sweep", "stage", "moved", "first", "last")
 TEMPLATE = Path(__file__).with_name("replay.html")
 
 
-def replay(scene: Scene | None, measurement: Measurement, states: Sequence, title: str, weights: str = "unit") -> str:
+def replay_html(
+    scene: Scene | None, measurement: Measurement, states: Sequence, title: str, weights: str = "unit"
+) -> str:
     """The HTML of a run.
 
     Parameters
     ----------
     scene : Scene or None, for the walls and the source
     measurement : Measurement, of microphones' names, the truth and the known ones
-    states : of any solver, oldest first, one at least; beyond MOST_BYTES fewer of them, evenly taken, the first and
+    states : of any solver, oldest first, one at least; beyond MAX_BYTES fewer of them, evenly taken, the first and
         the last among them
     title : str
     weights : of the modes, which give the cost its unit
@@ -49,13 +51,13 @@ def replay(scene: Scene | None, measurement: Measurement, states: Sequence, titl
 def _chosen(count: int, told: bool, shape: tuple[int, int]) -> np.ndarray:
     """Numbers of the states to be kept of `count`, positions of which have `shape`."""
     each = (4 * shape[0] * shape[1] + 4 * len(NUMBERS) + 8 * (3 if told else 1)) * 4 / 3
-    most = max(2, int((MOST_BYTES - 60 * shape[0] - 100_000) / each))
+    most = max(2, int((MAX_BYTES - 60 * shape[0] - 100_000) / each))
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
 
 
 def _still(scene: Scene | None, measurement: Measurement) -> dict:
     """What stays: names, known microphones, the room."""
-    picture, D = backdrop(scene, measurement), measurement.array_dimension
+    picture, D = static_picture(scene, measurement), measurement.array_dimension
     table = {
         "names": list(measurement.names),
         "known": measurement.known.tolist(),
@@ -63,7 +65,7 @@ def _still(scene: Scene | None, measurement: Measurement) -> dict:
         "dimension": D,
         "frequencies": np.round(measurement.frequencies, 3).tolist(),
         "focus": picture.focus,
-        "heights": picture.heights,
+        "heights": picture.z_range,
         "outline": None,
         "source": None,
         "tall": 0.0,

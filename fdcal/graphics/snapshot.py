@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from ..model.validation import InputError, require_choice
-from .annotations import letter, margins, unit
+from .annotations import annotate, margins, text_scale
 from .camera import VIEWS, Camera, camera_for, project
-from .primitives import Picture, Solid
+from .primitives import Mesh, Picture
 from .snapshot_process import check_size, render_png
 
 
@@ -59,17 +59,17 @@ def draw(picture: Picture, size, view: str) -> np.ndarray:
     camera = camera_of(picture, size, view)
     if picture.floor is not None:
         _add_floor(plotter, pyvista, picture.floor)
-    for solid in picture.solids:
+    for solid in picture.meshes:
         _add_solid(plotter, pyvista, solid)
     for lines in picture.lines:
         if len(lines.segments):
             mesh = pyvista.line_segments_from_points(lines.segments.reshape(-1, 3))
-            width = max(lines.width * unit(size), 0.75)
+            width = max(lines.width * text_scale(size), 0.75)
             plotter.add_mesh(mesh, color=lines.colour, line_width=width, lighting=False)
     _aim(plotter, camera)
     pixels = plotter.screenshot(return_img=True)
     plotter.close()
-    return letter(np.ascontiguousarray(pixels[..., :3]), picture, camera)
+    return annotate(np.ascontiguousarray(pixels[..., :3]), picture, camera)
 
 
 def _add_floor(plotter, pyvista, floor) -> None:
@@ -87,7 +87,7 @@ def _add_floor(plotter, pyvista, floor) -> None:
     plotter.add_mesh(grid, scalars="rgb", rgb=True, lighting=False, opacity=floor.opacity)
 
 
-def _add_solid(plotter, pyvista, solid: Solid) -> None:
+def _add_solid(plotter, pyvista, solid: Mesh) -> None:
     mesh = pyvista.PolyData.from_regular_faces(solid.vertices, solid.faces)
     plotter.add_mesh(mesh, color=solid.colour, opacity=solid.opacity, lighting=False)
 

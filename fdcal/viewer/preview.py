@@ -6,7 +6,7 @@ Loaded before the solvers are, so that there is something to be seen within the 
 from __future__ import annotations
 
 from ..acoustics.measurement_cache import load_cached_measurement
-from ..graphics.picture import backdrop
+from ..graphics.picture import static_picture
 from ..model.measured_scene import MeasuredScene
 from ..model.measurement import Measurement
 from ..session.request import OpenRequest, as_given
@@ -23,6 +23,6 @@ def look_at_once(nodes: SceneNodes, opening: OpenRequest) -> None:
 def first_look(nodes: SceneNodes, opening: OpenRequest, measurement: Measurement) -> None:
     """Show the room, without a scene the microphones alone."""
     known_scene = None if isinstance(opening.scene, MeasuredScene) else opening.scene
-    picture = backdrop(known_scene, measurement, opening.choices.get("dark") is True)
+    picture = static_picture(known_scene, measurement, opening.choices.get("dark") is True)
     nodes.cameras.open_at(picture)
     nodes.show(picture)

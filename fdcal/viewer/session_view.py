@@ -15,17 +15,10 @@ from dataclasses import replace
 import numpy as np
 import viser
 
-from ..graphics.framing import framed
-from ..graphics.picture import (
-    Floor,
-    Picture,
-    backdrop,
-    with_ellipses,
-    with_estimate,
-    with_floor,
-    with_racers,
-    with_trails,
-)
+from ..graphics.framing import with_display_domain
+from ..graphics.overlays import with_comparison, with_ellipses, with_trails
+from ..graphics.picture import static_picture, with_estimate, with_floor
+from ..graphics.primitives import Floor, Picture
 from ..session.request import OpenRequest
 from .background.comparison import ComparisonWorker
 from .background.cost_maps import CostMap, CostMapRequest, CostMapWorker
@@ -72,7 +65,7 @@ class Viewer:
         self._followed = self.binding.choices.microphone
         self._revision, self._state = 0, work.session.view.state
         self._key: tuple = ()  # of what is drawn
-        self._drawable = framed(work.measurement, np.asarray(work.session.view.history[0].positions))
+        self._drawable = with_display_domain(work.measurement, np.asarray(work.session.view.history[0].positions))
         picture = self._compose(self._state, self.binding.choices, self._followed, None)
         self.snapshot = ViewSnapshot(work, picture, work.session.view, self.binding.choices, self._followed, None)
         self.main_panel = MainPanel(self._folders, self.binding, nodes.cameras.ask, self._export)
@@ -152,7 +145,7 @@ class Viewer:
             picture = self._compose(view.state, choices, self._followed, floor)
             picture = self._trace(picture, view, choices, floor, errors)
             placed = {runner.name: runner.positions for runner in marked}
-            picture = with_racers(picture, placed, self._work.problem.free, floor)
+            picture = with_comparison(picture, placed, self._work.problem.free, floor)
             sigma = None if errors is None else errors.sigma
             self.snapshot = ViewSnapshot(self._work, picture, view, choices, self._followed, sigma)
             self._nodes.show(self.snapshot.picture)
@@ -185,10 +178,10 @@ class Viewer:
     def _compose(self, state, choices: Choices, microphone: int, floor: Floor | None) -> Picture:
         dark, measurement = choices.look.dark, self._drawable
         if floor is not None and floor.heights is not None:
-            still = backdrop(self._work.known_scene, measurement, dark, floor)
+            still = static_picture(self._work.known_scene, measurement, dark, floor)
         else:
             if dark not in self._still:
-                self._still[dark] = backdrop(self._work.known_scene, measurement, dark)
+                self._still[dark] = static_picture(self._work.known_scene, measurement, dark)
             still = self._still[dark]
         return with_floor(with_estimate(still, measurement, state.positions, microphone, floor), floor)
 

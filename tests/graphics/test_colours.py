@@ -6,8 +6,8 @@ import matplotlib
 import numpy as np
 import pytest
 
-from fdcal.graphics import picture
-from fdcal.graphics.primitives import COLOUR_MAP, DARK, LIGHT, TWO_SIDED
+from fdcal.graphics import markers
+from fdcal.graphics.primitives import COLOUR_MAP, DARK, DIVERGING_COLOUR_MAP, LIGHT
 from fdcal.viewer.gui import plots
 from fdcal.viewer.tabs import modes
 
@@ -35,13 +35,13 @@ def rgb(text):
 
 
 MARKS = {
-    "true": picture.TRUE,
-    "estimate": picture.ESTIMATE,
-    "known": picture.KNOWN,
-    "lowest": picture.LOWEST,
-    "halo": picture.HALO,
+    "true": markers.TRUE,
+    "estimate": markers.ESTIMATE,
+    "known": markers.KNOWN,
+    "lowest": markers.LOWEST,
+    "halo": markers.HALO,
 }
-TRACES = {"trail": picture.TRAIL, "ellipse": picture.ERROR, "estimate": picture.ESTIMATE, "known": picture.KNOWN}
+TRACES = {"trail": markers.TRAIL, "ellipse": markers.ELLIPSE, "estimate": markers.ESTIMATE, "known": markers.KNOWN}
 CURVES = {"mean": rgb(plots.RED), "largest": rgb(plots.ORANGE), "cost": rgb(plots.BLUE)}
 MODES = {"in": rgb(modes.BLUE), "out": rgb(modes.ORANGE), "spectrum": rgb(modes.GREY)}
 
@@ -65,7 +65,7 @@ def test_the_simulation_is_what_it_should_be():
 def test_a_map_grows_lighter_with_the_cost_for_every_eye(eye):
     colours = 255 * matplotlib.colormaps[COLOUR_MAP](np.linspace(0, 1, 64))[:, :3]
     assert (np.diff(lab(colours, eye)[:, 0]) > 0).all()
-    low, middle, high = lab(255 * matplotlib.colormaps[TWO_SIDED]([0.0, 0.5, 1.0])[:, :3], eye)
+    low, middle, high = lab(255 * matplotlib.colormaps[DIVERGING_COLOUR_MAP]([0.0, 0.5, 1.0])[:, :3], eye)
     assert min(np.linalg.norm(low - high), np.linalg.norm(low - middle), np.linalg.norm(high - middle)) > APART
 
 
@@ -78,7 +78,7 @@ def test_texts_stand_out_from_their_ground(theme):
         linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
         return linear @ [0.2126, 0.7152, 0.0722]
 
-    dark, light = sorted([luminance(theme.background), luminance(theme.ink)])
+    dark, light = sorted([luminance(theme.background), luminance(theme.foreground)])
     assert (light + 0.05) / (dark + 0.05) > 7
 
 

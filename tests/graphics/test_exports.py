@@ -15,7 +15,7 @@ from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.assessment import position_table
 from fdcal.commands.cli import main
 from fdcal.graphics import paraview
-from fdcal.graphics.landscape_figure import draw_landscape, few_panels, figure_bytes, landscape_panels
+from fdcal.graphics.landscape_figure import draw_landscape, figure_bytes, landscape_panels, select_panels
 from fdcal.model.gauge import position_errors
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene_file import load_scene
@@ -67,7 +67,7 @@ def test_microphones_for_paraview(measured, told, tmp_path):
         measurement.frequencies, measurement.pressures, 343.0, known=measurement.known,
         known_positions=measurement.known_positions,
     )  # fmt: skip
-    cloud = opened(paraview.cloud(given, estimate, sigma, 0.5), "mics.vtp", tmp_path)
+    cloud = opened(paraview.point_cloud(given, estimate, sigma, 0.5), "mics.vtp", tmp_path)
     kinds = cloud["kind"]
     assert np.allclose(cloud.points[kinds == 0], np.column_stack([estimate, np.full(16, 0.5)]))
     assert np.allclose(cloud.points[kinds == 2][:, :2], measurement.known_positions)
@@ -83,7 +83,7 @@ def test_microphones_for_paraview(measured, told, tmp_path):
 
 
 def test_names_of_microphones_pass_through_paraview(solid, tmp_path):
-    cloud = opened(paraview.cloud(solid, solid.positions), "mics.vtp", tmp_path)
+    cloud = opened(paraview.point_cloud(solid, solid.positions), "mics.vtp", tmp_path)
     assert list(cloud["name"][:9]) == list(solid.names)
     assert np.array_equal(cloud.points[9:18], solid.positions) and np.isnan(cloud["uncertainty"]).all()
 
@@ -124,10 +124,10 @@ def test_few_panels_of_many_maps(measured):
     joint = solvers.load("joint")
     state = joint.init(problem, load_scene("tiny").solver, 0)
     maps = joint.landscape(problem, state, 9, slice(0, 12))
-    panels = few_panels(maps, range(1, 13), problem.frequencies, 9, problem.search, most=4)
-    assert panels.modes.tolist() == [1, 5, 8, 12] and panels.summed == 12
+    panels = select_panels(maps, range(1, 13), problem.frequencies, 9, problem.search, most=4)
+    assert panels.modes.tolist() == [1, 5, 8, 12] and panels.mode_count == 12
     assert np.allclose(panels.maps[-1], maps.sum(axis=0)) and np.array_equal(panels.maps[1], maps[4])
-    for cost, found in zip(panels.maps, panels.found, strict=True):
+    for cost, found in zip(panels.maps, panels.minima, strict=True):
         column, row = np.rint((found - problem.search.origin) / problem.search.step).astype(int)
         assert cost[row, column] == cost.min()
 

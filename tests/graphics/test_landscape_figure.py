@@ -39,7 +39,7 @@ def test_the_joint_minimum_is_the_true_place(measured):
     measurement, problem = measured
     for n in (1, 9, 15):
         panels = landscape_panels(problem, measurement.positions, n, range(1, 9), 2)
-        assert np.allclose(panels.found[-1], measurement.positions[n])
+        assert np.allclose(panels.minima[-1], measurement.positions[n])
 
 
 def test_a_mode_of_too_high_an_order_is_refused(measured):
@@ -60,7 +60,7 @@ def test_figure_says_what_it_shows(measured):
     ]
     assert {axes.get_ylabel() for axes in bars} == {"cost (dimensionless)"}
     assert (maps[-1].get_xlabel(), maps[0].get_ylabel()) == ("x (m)", "y (m)")
-    for axes, found in zip(maps, panels.found, strict=True):
+    for axes, found in zip(maps, panels.minima, strict=True):
         marks = {line.get_label(): line.get_xydata()[0] for line in axes.lines}
         assert np.allclose(marks["minimum"], found)
         assert np.allclose(marks["true"], measurement.positions[9])

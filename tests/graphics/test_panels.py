@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from PIL import ImageColor
 
-from fdcal.graphics.heatmap import colours, ends, paint, paint_field, shares
+from fdcal.graphics.heatmap import colour_limits, cost_floor, field_floor, normalise, to_rgb
+from fdcal.graphics.markers import drape
 from fdcal.graphics.panels import CAPTION, CELL, GAP, Marks, mosaic
-from fdcal.graphics.picture import drape
-from fdcal.graphics.primitives import DARK, LIGHT, TWO_SIDED, ColourBar
+from fdcal.graphics.primitives import DARK, DIVERGING_COLOUR_MAP, LIGHT, ColourBar
 from fdcal.model.settings import Search
 
 SEARCH = Search(origin=(0.0, 0.0), size=(1.0, 1.0), step=0.05, radius=1.0)
@@ -21,18 +21,18 @@ def bowl(x, y, least=0.1):
 
 
 def test_heights_rise_with_colours_and_microphones_stand_on_them():
-    floor = paint(bowl(0.3, 0.8), SEARCH, relief=True)
+    floor = cost_floor(bowl(0.3, 0.8), SEARCH, relief=True)
     assert floor.heights.min() == 0 and floor.heights[16, 6] == 0
     order = np.argsort(bowl(0.3, 0.8).ravel())
     assert (np.diff(floor.heights.ravel()[order]) >= 0).all() and floor.heights.max() > 0.2
     assert drape([[0.3, 0.8]], floor)[0, 2] == 0
     assert drape([[1.0, 0.0]], floor)[0, 2] == pytest.approx(floor.heights[0, 20])
-    flat = paint(bowl(0.3, 0.8), SEARCH)
+    flat = cost_floor(bowl(0.3, 0.8), SEARCH)
     assert flat.heights is None and drape([[0.3, 0.8]], flat).shape == (1, 2)
 
 
 def test_a_cost_of_both_signs_has_a_linear_scale():
-    floor = paint(-bowl(0.3, 0.8), SEARCH, log=True)
+    floor = cost_floor(-bowl(0.3, 0.8), SEARCH, log=True)
     assert not floor.bar.log and floor.bar.low < floor.bar.high < 0
     assert np.isfinite([share for share, _ in floor.bar.ticks]).all()
 
@@ -70,7 +70,7 @@ def test_each_map_stands_in_its_place_with_its_marks():
     for i, lowest in enumerate([(0.2, 0.2), (0.8, 0.4), (0.5, 0.9)]):
         tile = cell(image, i, 2)
         assert np.abs(at(tile, *here) - (214, 24, 40)).max() < 30, "the red cross"
-        dark = colours(np.zeros(1))[0].astype(int)
+        dark = to_rgb(np.zeros(1))[0].astype(int)
         assert np.abs(at(tile, *lowest) - dark).max() < 12, "darkest in the middle of the diamond"
         reach = 13 / CELL * 1.05
         rim = [
@@ -84,8 +84,8 @@ def test_one_scale_for_all_or_each_its_own():
     own = mosaic(maps, ["", ""], SEARCH, Marks(), LIGHT, log=False, shared=False)
     shared = mosaic(maps, ["", ""], SEARCH, Marks(), LIGHT, log=False, shared=True)
     np.testing.assert_array_equal(at(cell(own, 0, 2), 0.0, 0.0), at(cell(own, 1, 2), 0.0, 0.0))
-    low, high, _ = ends(np.stack(maps), False)
-    wanted = colours(shares(maps[1][:1, :1], low, high, False))[0, 0]
+    low, high, _ = colour_limits(np.stack(maps), False)
+    wanted = to_rgb(normalise(maps[1][:1, :1], low, high, False))[0, 0]
     np.testing.assert_array_equal(at(cell(shared, 1, 2), 0.0, 0.0), wanted)
     assert (at(cell(shared, 0, 2), 0.0, 0.0) != wanted).any()
 
@@ -97,7 +97,7 @@ def test_a_dark_page_gets_dark_ground():
 
 def test_a_field_is_white_where_it_is_nothing_and_has_its_own_scale():
     field = np.add.outer(np.zeros(21), np.linspace(-1, 1, 21))
-    floor = paint_field(field, SEARCH, "pressure")
-    assert floor.rgb[5, 10].min() > 235 and not floor.marked and floor.bar.colours == TWO_SIDED
+    floor = field_floor(field, SEARCH, "pressure")
+    assert floor.rgb[5, 10].min() > 235 and not floor.show_minima and floor.bar.colour_map == DIVERGING_COLOUR_MAP
     red, blue = floor.rgb[5, 20].astype(int), floor.rgb[5, 0].astype(int)
     assert red[0] > red[2] + 40 and blue[2] > blue[0] + 40

@@ -7,24 +7,14 @@ import numpy as np
 import pytest
 import trimesh
 
-from fdcal.graphics import glyphs, picture
-from fdcal.graphics.heatmap import paint
-from fdcal.graphics.picture import (
-    ESTIMATE,
-    HALO,
-    KNOWN,
-    RACERS,
-    TRUE,
-    backdrop,
-    compose,
-    headline,
-    with_ellipses,
-    with_estimate,
-    with_floor,
-    with_racers,
-    with_trails,
-)
-from fdcal.graphics.primitives import COLOUR_MAP, LIGHT, RAISED, ColourBar, Picture, number
+from fdcal.graphics import glyphs
+from fdcal.graphics.heatmap import cost_floor
+from fdcal.graphics.markers import ESTIMATE, HALO, KNOWN, SOLVER_MARKS, TRUE
+from fdcal.graphics.overlays import with_comparison, with_ellipses, with_trails
+from fdcal.graphics.picture import compose, static_picture, with_estimate, with_floor
+from fdcal.graphics.primitives import COLOUR_MAP, LIGHT, SUPERSCRIPTS, ColourBar, Mesh, Picture, format_number
+from fdcal.graphics.surroundings import z_range_of
+from fdcal.graphics.units import error_summary
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.model.settings import Search
@@ -62,7 +52,7 @@ def measurement(scene):
 
 
 def parts(drawn):
-    return (*drawn.lines, *drawn.solids, *drawn.labels)
+    return (*drawn.lines, *drawn.meshes, *drawn.labels)
 
 
 def part(drawn, name):
@@ -122,25 +112,25 @@ def test_a_known_microphone_that_a_hand_has_moved_is_drawn_where_it_is_supposed_
 def test_the_microphone_looked_at_stands_out(scene, measurement, microphone):
     drawn = compose(scene, measurement, measurement.positions, microphone=microphone)
     if microphone != 4:
-        assert not any(name.startswith("looked_at") for name in names(drawn))
+        assert not any(name.startswith("selected") for name in names(drawn))
         return
-    large = np.ptp(part(drawn, "looked_at/estimate").vertices, axis=0)
+    large = np.ptp(part(drawn, "selected/estimate").vertices, axis=0)
     others = part(drawn, "microphones/estimate").vertices.reshape(-1, 8, 3)
     assert (large[:2] > 1.5 * np.ptp(others, axis=1)[:, :2]).all()
-    assert part(drawn, "looked_at/name").text == "microphone 4"
+    assert part(drawn, "selected/name").text == "microphone 4"
 
 
 def test_without_truth_nothing_is_drawn_at_it(scene, measurement):
     blind = dataclasses.replace(measurement, positions=None)
     drawn = compose(scene, blind, measurement.positions, microphone=4)
-    assert not names(drawn) & {"microphones/true", "microphones/error", "looked_at/true"}
+    assert not names(drawn) & {"microphones/true", "microphones/error", "selected/true"}
     assert "microphones/estimate" in names(drawn)
-    assert headline(blind, measurement.positions) == "true positions unknown"
+    assert error_summary(blind, measurement.positions) == "true positions unknown"
 
 
 def test_halos_are_white_wider_and_below(scene, measurement):
     drawn = compose(scene, measurement, measurement.positions + 0.02, microphone=4)
-    halos = [solid for solid in drawn.solids if solid.name.endswith("_halo")]
+    halos = [solid for solid in drawn.meshes if solid.name.endswith("_halo")]
     assert len(halos) >= 5
     for halo in halos:
         over = part(drawn, halo.name.removesuffix("_halo"))
@@ -162,7 +152,7 @@ def test_areas_of_markers():
         (glyphs.squares(centres, 0.3), 2 * 0.09),
         (glyphs.strokes(centres[None], 0.1, longer=0.5), 0.1 * (np.sqrt(10) + 1.0)),
     ):
-        solid = picture.Solid("x", *triangles, (0, 0, 0))
+        solid = Mesh("x", *triangles, (0, 0, 0))
         assert area(solid) == pytest.approx(expected, rel=1e-3)
 
 
@@ -174,7 +164,7 @@ def test_a_bar_of_no_length_is_drawn_without_a_fault():
 def test_the_map_fills_the_search_domain_and_its_row_0_is_low_y():
     search = Search(origin=(1.0, 2.0), size=(0.4, 0.2), step=0.1)
     cost = np.arange(15.0).reshape(3, 5)
-    floor = paint(cost, search)
+    floor = cost_floor(cost, search)
     np.testing.assert_allclose(floor.origin, (0.95, 1.95))
     np.testing.assert_allclose(floor.size, (0.5, 0.3))
     ends = matplotlib.colormaps[COLOUR_MAP]([0.0, 1.0], bytes=True)[:, :3]
@@ -188,33 +178,33 @@ def test_a_diamond_stands_where_the_cost_is_lowest():
     search = Search(origin=(1.0, 2.0), size=(0.4, 0.2), step=0.1)
     cost = np.ones((3, 5))
     cost[1, 3] = 0.5
-    floor = paint(cost, search)
+    floor = cost_floor(cost, search)
     np.testing.assert_allclose(floor.minimum, (1.3, 2.1))
     bare = Picture(LIGHT, (1.0, 2.0, 1.4, 2.2), (1.0, 2.0, 1.4, 2.2), 0.01)
-    diamond = next(solid for solid in with_floor(bare, floor).solids if solid.name == "lowest")
+    diamond = next(solid for solid in with_floor(bare, floor).meshes if solid.name == "lowest")
     np.testing.assert_allclose(diamond.vertices.mean(axis=0)[:2], floor.minimum, atol=1e-6)
-    assert with_floor(bare, None).solids == ()
+    assert with_floor(bare, None).meshes == ()
     # In the browser a name is a path, and what lies below the map's node is drawn relative to it.
-    assert not any(solid.name.startswith("map") for solid in with_floor(bare, floor).solids)
+    assert not any(solid.name.startswith("map") for solid in with_floor(bare, floor).meshes)
 
 
 def test_a_logarithmic_map_keeps_its_order_and_owns_up_to_clipping():
     search = Search(origin=(0.0, 0.0), size=(0.3, 0.1), step=0.1)
     cost = np.array([[1e-12, 1e-3, 1e-2, 1e-1], [1.0, 2.0, 5.0, 10.0]])
-    bar = paint(cost, search, log=True).bar
+    bar = cost_floor(cost, search, log=True).bar
     assert bar.clipped and bar.high == 10.0 and bar.low == pytest.approx(1e-3)
     assert [text for _, text in bar.ticks][:2] == ["0.001", "0.01"]
-    two_decades = paint(cost.clip(0.24) * 10, search, log=True).bar
+    two_decades = cost_floor(cost.clip(0.24) * 10, search, log=True).bar
     shares = [share for share, _ in two_decades.ticks]
     assert len(shares) >= 3 and min(shares) < 0.35 and max(shares) > 0.6
-    unclipped = paint(cost + 1.0, search, log=True).bar
+    unclipped = cost_floor(cost + 1.0, search, log=True).bar
     assert not unclipped.clipped and unclipped.low == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("log", [False, True])
 @pytest.mark.parametrize("value", [0.0, 3.0])
 def test_a_flat_map_is_drawn_too(value, log):
-    floor = paint(np.full((2, 4), value), Search(origin=(0.0, 0.0), size=(0.3, 0.1), step=0.1), log=log)
+    floor = cost_floor(np.full((2, 4), value), Search(origin=(0.0, 0.0), size=(0.3, 0.1), step=0.1), log=log)
     assert np.isfinite([share for share, _ in floor.bar.ticks]).all() and floor.bar.low < floor.bar.high
 
 
@@ -228,7 +218,7 @@ def test_ticks_say_where_their_value_lies(ends, log):
         assert read(text) == pytest.approx(value, rel=1e-2)
 
 
-PLAIN = {chr(high): chr(low) for low, high in RAISED.items()}
+PLAIN = {chr(high): chr(low) for low, high in SUPERSCRIPTS.items()}
 
 
 def read(text: str) -> float:
@@ -241,13 +231,13 @@ def read(text: str) -> float:
 
 @pytest.mark.parametrize("value", [3.14159e7, 1e6, 2e-9, -4e12, 123456.0, 28338.2, 0.25, 1e-5, 0.0, 999999.9])
 def test_numbers_are_written_as_one_writes_them(value):
-    text = number(value, 3)
+    text = format_number(value, 3)
     assert read(text) == pytest.approx(value, rel=6e-3) and "e" not in text and len(text) <= 8
 
 
 def test_pictures_are_frozen(scene, measurement):
-    drawn = compose(scene, measurement, measurement.positions, 4, paint(np.ones((25, 25)), scene.search, True))
-    arrays = [lines.segments for lines in drawn.lines] + [solid.vertices for solid in drawn.solids] + [drawn.floor.rgb]
+    drawn = compose(scene, measurement, measurement.positions, 4, cost_floor(np.ones((25, 25)), scene.search, True))
+    arrays = [lines.segments for lines in drawn.lines] + [solid.vertices for solid in drawn.meshes] + [drawn.floor.rgb]
     assert not any(array.flags.writeable for array in arrays)
     with pytest.raises(dataclasses.FrozenInstanceError):
         drawn.title = "another"
@@ -255,7 +245,7 @@ def test_pictures_are_frozen(scene, measurement):
 
 def test_what_stays_is_shared_between_pictures(scene, measurement):
     """A renderer tells by identity that a primitive needs no second sending."""
-    still = backdrop(scene, measurement)
+    still = static_picture(scene, measurement)
     first = with_estimate(still, measurement, measurement.positions, 3)
     second = with_estimate(still, measurement, measurement.positions + 0.01, 4)
     for name in ("microphones/true", "room/walls", "frame", "room/grid"):
@@ -270,13 +260,13 @@ def test_ink_is_legible_on_its_background(scene, measurement, dark):
         c = np.array(colour) / 255
         return np.where(c <= 0.03928, c / 12.92, ((c + 0.055) / 1.055) ** 2.4) @ [0.2126, 0.7152, 0.0722]
 
-    theme = backdrop(scene, measurement, dark).theme
-    low, high = sorted([luminance(theme.ink), luminance(theme.background)])
+    theme = static_picture(scene, measurement, dark).theme
+    low, high = sorted([luminance(theme.foreground), luminance(theme.background)])
     assert (high + 0.05) / (low + 0.05) >= 7
 
 
-def test_headline_measures_in_millimetres(measurement):
-    text = headline(measurement, measurement.positions + np.array([0.003, 0.004]))
+def test_the_error_summary_is_in_millimetres(measurement):
+    text = error_summary(measurement, measurement.positions + np.array([0.003, 0.004]))
     assert text == "mean error 5 mm, largest 5 mm"
 
 
@@ -310,7 +300,7 @@ def test_a_measurement_without_search_domain_is_framed_by_its_microphones(measur
     x0, y0, x1, y1 = drawn.focus
     inside = (measurement.positions > [x0, y0]) & (measurement.positions < [x1, y1])
     assert inside.all() and "room/walls" not in names(drawn)
-    assert picture.backdrop(None, bare).bounds == drawn.focus
+    assert static_picture(None, bare).bounds == drawn.focus
 
 
 @pytest.fixture(scope="module")
@@ -330,11 +320,11 @@ def test_in_space_every_marker_is_at_its_own_height(ball):
         ("microphones/true", measurement.positions, 80),
         ("microphones/known", measurement.positions[:4], 4),
         ("microphones/estimate", estimate[4:], 8),
-        ("looked_at/true", measurement.positions[[5]], 80),
-        ("looked_at/estimate", estimate[[5]], 8),
+        ("selected/true", measurement.positions[[5]], 80),
+        ("selected/estimate", estimate[[5]], 8),
     ):
         centres = part(drawn, name).vertices.reshape(len(expected), corners, 3).mean(axis=1)
-        np.testing.assert_allclose(centres, expected, atol=drawn.marker)
+        np.testing.assert_allclose(centres, expected, atol=drawn.marker_radius)
         np.testing.assert_allclose(centres[:, :2], expected[:, :2], atol=1e-5)
         assert np.ptp(centres[:, 2] - expected[:, 2]) < 1e-5, "one layer for all"
     stems = part(drawn, "microphones/stems").segments
@@ -348,16 +338,16 @@ def test_in_space_every_marker_is_at_its_own_height(ball):
 
 def test_in_space_the_room_is_a_box_and_the_map_lies_under_the_array(ball):
     scene, measurement = ball
-    floor = paint(np.ones((51, 51)), scene.search, height=picture.heights_of(scene, measurement)[0])
+    floor = cost_floor(np.ones((51, 51)), scene.search, height=z_range_of(scene, measurement)[0])
     drawn = compose(scene, measurement, measurement.positions, 5, floor)
-    assert drawn.heights == (0.8, 1.8) and drawn.floor.height == 0.8
+    assert drawn.z_range == (0.8, 1.8) and drawn.floor.height == 0.8
     edges = np.concatenate([part(drawn, name).segments for name in ("room/edges", "room/box")])
     np.testing.assert_allclose(np.ptp(edges.reshape(-1, 3), axis=0), scene.room.size, atol=0.01)
     upright = np.abs(edges[:, 1] - edges[:, 0])[:, 2] > 2.4
     assert upright.sum() == 5, "four edges and the stem of the source"
     assert "room/walls" not in names(drawn)
     diamond = part(drawn, "lowest").vertices
-    assert np.all((diamond[:, 2] > 0.8) & (diamond[:, 2] < 0.8 + drawn.marker))
+    assert np.all((diamond[:, 2] > 0.8) & (diamond[:, 2] < 0.8 + drawn.marker_radius))
 
 
 def test_a_plane_array_is_drawn_at_its_height_in_the_room():
@@ -365,12 +355,12 @@ def test_a_plane_array_is_drawn_at_its_height_in_the_room():
     positions = np.random.default_rng(1).uniform([1.5, 1.2], [2.3, 2.0], (12, 2))
     measurement = listen(positions, search=scene.search, dimension=3, array_dimension=2)
     drawn = compose(scene, measurement, positions, 5)
-    assert drawn.heights == (1.2, 1.2)
+    assert drawn.z_range == (1.2, 1.2)
     for name in ("microphones/true", "microphones/estimate", "microphones/known", "frame"):
         each = part(drawn, name)
         z = (each.segments if hasattr(each, "segments") else each.vertices)[..., 2]
-        np.testing.assert_allclose(z, 1.2, atol=drawn.marker)
-    assert compose(None, measurement, positions).heights == (0.0, 0.0)
+        np.testing.assert_allclose(z, 1.2, atol=drawn.marker_radius)
+    assert compose(None, measurement, positions).z_range == (0.0, 0.0)
 
 
 def test_bars_in_space_keep_their_width_and_length():
@@ -406,11 +396,11 @@ def test_ellipses_have_the_half_axes_given(scene, measurement):
 
 
 def test_racers_are_told_apart_by_shape_and_colour_where_they_suppose_the_microphones(measurement):
-    picture = backdrop(None, measurement)
-    placed = {name: measurement.positions + 0.01 * i for i, name in enumerate(RACERS)}
-    drawn = with_racers(picture, placed, np.array([3, 4]))
+    picture = static_picture(None, measurement)
+    placed = {name: measurement.positions + 0.01 * i for i, name in enumerate(SOLVER_MARKS)}
+    drawn = with_comparison(picture, placed, np.array([3, 4]))
     marks = {
-        solid.name: solid for solid in drawn.solids if solid.name.startswith("racers/") and "halo" not in solid.name
+        solid.name: solid for solid in drawn.meshes if solid.name.startswith("comparison/") and "halo" not in solid.name
     }
     assert len(marks) == 3 and len({mark.colour for mark in marks.values()}) == 3
     assert len({len(mark.faces) for mark in marks.values()}) == 3, "shapes differ, too"

@@ -14,7 +14,7 @@ import pytest
 from fdcal import solvers
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.commands.cli import main
-from fdcal.graphics.replay import MOST_BYTES, replay
+from fdcal.graphics.replay import MAX_BYTES, replay_html
 from fdcal.model.gauge import position_errors
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene_file import load_scene
@@ -61,7 +61,7 @@ def run():
 
 def test_the_numbers_are_those_of_the_run(run):
     scene, measurement, states = run
-    page = Reader(replay(scene, measurement, states, "Tiny"))
+    page = Reader(replay_html(scene, measurement, states, "Tiny"))
     data = json.loads(page.texts["data"])
     positions = numbers(data["positions"], "<f4").reshape(60, 16, 2) + np.array(data["origin"])
     expected = np.array([state.positions for state in states])
@@ -79,7 +79,7 @@ def test_the_numbers_are_those_of_the_run(run):
 
 
 def test_the_page_asks_for_nothing(run):
-    text = replay(*run, "Tiny")
+    text = replay_html(*run, "Tiny")
     page = Reader(text)
     assert not {"link", "img", "iframe", "object", "embed"} & set(page.tags)
     assert not {"src", "href", "action"} & {name for name, _ in page.given}
@@ -91,7 +91,7 @@ def test_the_page_asks_for_nothing(run):
 def test_names_and_title_stay_texts(run):
     scene, measurement, states = run
     named = dataclasses.replace(measurement, names=(EVIL, *measurement.names[1:]))
-    text = replay(scene, named, states, EVIL)
+    text = replay_html(scene, named, states, EVIL)
     page = Reader(text)
     assert page.tags.count("script") == 2 and "img" not in page.tags
     assert page.texts["title"] == EVIL and json.loads(page.texts["data"])["names"][0] == EVIL
@@ -101,7 +101,7 @@ def test_names_and_title_stay_texts(run):
 def test_without_truth_and_room(run):
     _, measurement, states = run
     blind = dataclasses.replace(measurement, positions=None)
-    data = json.loads(Reader(replay(None, blind, states, "Blind")).texts["data"])
+    data = json.loads(Reader(replay_html(None, blind, states, "Blind")).texts["data"])
     assert data["truth"] is data["mean"] is data["outline"] is None
 
 
@@ -114,17 +114,17 @@ def test_no_run_is_larger_than_a_letter_may_be():
     fields = ("positions", "cost", "step", "sweep", "stage", "moved", "first", "last")
     State = dataclasses.make_dataclass("State", fields)
     states = [State(truth + rng.normal(size=truth.shape), 1.0, i, i, 0, -1, 1, 2) for i in range(3000)]
-    text = replay(None, measurement, states, "Large")
+    text = replay_html(None, measurement, states, "Large")
     data = json.loads(Reader(text).texts["data"])
     steps = numbers(data["step"], "<i4")
-    assert 0.8 * MOST_BYTES < len(text) < 5e6 and data["taken"] == 3000
+    assert 0.8 * MAX_BYTES < len(text) < 5e6 and data["taken"] == 3000
     assert (steps[0], steps[-1]) == (0, 2999) and data["count"] == len(steps) > 400 and (np.diff(steps) > 0).all()
 
 
 def test_it_plays_in_a_browser_without_a_network(run, require_browser, tmp_path):
     scene, measurement, states = run
     path = tmp_path / "replay.html"
-    path.write_text(replay(scene, measurement, states, EVIL), encoding="utf-8")
+    path.write_text(replay_html(scene, measurement, states, EVIL), encoding="utf-8")
     from playwright.sync_api import sync_playwright
 
     faults = []

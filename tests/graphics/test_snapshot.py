@@ -10,8 +10,9 @@ from PIL import Image
 
 from fdcal.graphics import snapshot, snapshot_process
 from fdcal.graphics.camera import camera_for, project
-from fdcal.graphics.heatmap import paint
-from fdcal.graphics.picture import ESTIMATE, KNOWN, LAYERS, TRUE, compose
+from fdcal.graphics.heatmap import cost_floor
+from fdcal.graphics.markers import ESTIMATE, KNOWN, LAYERS_PER_RADIUS, TRUE
+from fdcal.graphics.picture import compose
 from fdcal.graphics.primitives import COLOUR_MAP
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene_file import load_scene
@@ -53,7 +54,7 @@ def estimate(measurement):
 def floor(scene):
     """A map whose low corner is the lowest and whose high corner is the highest value."""
     ny, nx = scene.search.shape[::-1]
-    return paint(np.add.outer(np.arange(ny), np.arange(nx)).astype(float), scene.search)
+    return cost_floor(np.add.outer(np.arange(ny), np.arange(nx)).astype(float), scene.search)
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +87,7 @@ def nearest(image, pixel, colour, reach=1) -> float:
 def test_each_cross_is_red_at_its_estimate(drawn, measurement, estimate, view):
     picture, image = drawn(view)
     free = [n for n in range(12) if n not in measurement.known]
-    places = np.column_stack([estimate[free], np.full(len(free), 8 * picture.marker / LAYERS)])
+    places = np.column_stack([estimate[free], np.full(len(free), 8 * picture.marker_radius / LAYERS_PER_RADIUS)])
     for n, pixel in zip(free, snapshot.pixels_of(picture, SIZE, view, places), strict=True):
         assert nearest(image, pixel, ESTIMATE) < 40, f"no red at microphone {n}"
 
@@ -95,8 +96,8 @@ def test_each_cross_is_red_at_its_estimate(drawn, measurement, estimate, view):
 def test_each_circle_is_black_around_its_truth(drawn, measurement, view):
     picture, image = drawn(view)
     for angle in np.pi * np.array([0.75, 1.0, 1.25, 1.5]):  # the error lines leave towards the other side
-        rim = measurement.positions + picture.marker * np.array([np.cos(angle), np.sin(angle)])
-        places = np.column_stack([rim, np.full(12, 4 * picture.marker / LAYERS)])
+        rim = measurement.positions + picture.marker_radius * np.array([np.cos(angle), np.sin(angle)])
+        places = np.column_stack([rim, np.full(12, 4 * picture.marker_radius / LAYERS_PER_RADIUS)])
         for n, pixel in enumerate(snapshot.pixels_of(picture, SIZE, view, places)):
             assert nearest(image, pixel, TRUE) < 110, f"no black rim at microphone {n}"
 
@@ -104,7 +105,7 @@ def test_each_circle_is_black_around_its_truth(drawn, measurement, view):
 @pytest.mark.parametrize("view", VIEWS)
 def test_each_known_microphone_is_a_blue_square(drawn, measurement, view):
     picture, image = drawn(view)
-    places = np.column_stack([measurement.known_positions, np.full(3, 6 * picture.marker / LAYERS)])
+    places = np.column_stack([measurement.known_positions, np.full(3, 6 * picture.marker_radius / LAYERS_PER_RADIUS)])
     for pixel in snapshot.pixels_of(picture, SIZE, view, places):
         assert nearest(image, pixel, KNOWN, reach=0) < 10
 
@@ -142,7 +143,7 @@ def test_in_space_each_known_microphone_is_a_blue_square_at_its_height(require_g
     )
     picture = compose(scene, heard)
     image = decode(snapshot_process.render_png(picture, SIZE, view))
-    above = places[:4] + [0, 0, 6 * picture.marker / LAYERS]
+    above = places[:4] + [0, 0, 6 * picture.marker_radius / LAYERS_PER_RADIUS]
     for pixel in snapshot.pixels_of(picture, SIZE, view, above):
         assert nearest(image, pixel, KNOWN, reach=0) < 10
 
@@ -176,14 +177,14 @@ def test_background_and_title(drawn, dark):
     picture, image = drawn("top", dark)
     assert nearest(image, np.array([SIZE[0] - 8.0, SIZE[1] - 8.0]), picture.theme.background, reach=2) == 0
     title = image[5:45, 10:120]
-    assert np.abs(title - picture.theme.ink).max(axis=-1).min() < 20, "the title is not written"
+    assert np.abs(title - picture.theme.foreground).max(axis=-1).min() < 20, "the title is not written"
 
 
 def test_the_microphone_looked_at_is_larger(drawn, measurement, estimate):
     picture, image = drawn("top", True)
-    arm = 1.7 * picture.marker * np.array([np.cos(np.pi / 4), np.sin(np.pi / 4)])
+    arm = 1.7 * picture.marker_radius * np.array([np.cos(np.pi / 4), np.sin(np.pi / 4)])
     tips = np.column_stack([[estimate[5] + arm, estimate[5] - arm], [0.0, 0.0]])
-    rim = np.append(measurement.positions[5] + 1.9 * picture.marker * np.array([-1.0, 0.0]), 0.0)
+    rim = np.append(measurement.positions[5] + 1.9 * picture.marker_radius * np.array([-1.0, 0.0]), 0.0)
     for pixel in snapshot.pixels_of(picture, SIZE, "top", tips):
         assert nearest(image, pixel, ESTIMATE) < 40
     assert nearest(image, snapshot.pixels_of(picture, SIZE, "top", rim)[0], TRUE) < 60

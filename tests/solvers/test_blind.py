@@ -18,8 +18,9 @@ import pytest
 
 from fdcal.assessment import position_table as positions
 from fdcal.graphics import paraview
-from fdcal.graphics.picture import backdrop, headline, with_estimate
-from fdcal.graphics.replay import replay
+from fdcal.graphics.picture import static_picture, with_estimate
+from fdcal.graphics.replay import replay_html
+from fdcal.graphics.units import error_summary
 from fdcal.model.gauge import align
 from fdcal.model.measurement import Measurement
 from fdcal.viewer.gui import html
@@ -69,17 +70,17 @@ def test_errors_do_not_count_where_the_whole_stands(blind, estimate):
 
 def test_the_page_says_so(blind, estimate):
     largest = f"{1e3 * best(estimate).max():.3g}"
-    for text in (html.error_text(blind, estimate), headline(blind, estimate)):
+    for text in (html.error_text(blind, estimate), error_summary(blind, estimate)):
         assert f"{largest} mm" in text and "once aligned" in text
     assert f"<td>{largest}</td>" in html.table(blind, estimate, None, 0)
     known = dataclasses.replace(blind, known=[0, 1, 2], known_positions=None)
-    assert "aligned" not in html.error_text(known, estimate) + headline(known, estimate)
+    assert "aligned" not in html.error_text(known, estimate) + error_summary(known, estimate)
 
 
 def test_the_truth_is_drawn_beside_the_estimate(blind, estimate):
-    drawn = with_estimate(backdrop(None, blind), blind, estimate, 4)
-    by_name = {solid.name: solid for solid in drawn.solids}
-    assert len(by_name) == len(drawn.solids)
+    drawn = with_estimate(static_picture(None, blind), blind, estimate, 4)
+    by_name = {solid.name: solid for solid in drawn.meshes}
+    assert len(by_name) == len(drawn.meshes)
     ring = np.asarray(by_name["microphones/true"].vertices).reshape(12, -1, 3).mean(axis=1)[:, :2]
     np.testing.assert_allclose(np.linalg.norm(ring - estimate, axis=1), best(estimate), atol=1e-6)
 
@@ -89,12 +90,12 @@ def test_files_say_so(blind, estimate):
     told = [float(row["error_once_aligned_m"]) for row in rows]
     np.testing.assert_allclose(told, best(estimate), atol=1e-12)
     assert np.array_equal([[float(row["x_m"]), float(row["y_m"])] for row in rows], estimate)
-    lengths = re.search(r'Name="error_length".*?>(.*?)<', paraview.cloud(blind, estimate), re.S)
+    lengths = re.search(r'Name="error_length".*?>(.*?)<', paraview.point_cloud(blind, estimate), re.S)
     assert lengths, "the cloud has the lengths of the errors"
 
 
 def test_a_replay_is_laid_onto_the_truth(blind, estimate):
-    text = replay(None, blind, [State(estimate), State(align(estimate, TRUTH))], "Blind")
+    text = replay_html(None, blind, [State(estimate), State(align(estimate, TRUTH))], "Blind")
     data = json.loads(re.search(r'id="data">(.*?)</script>', text).group(1))
     places = np.frombuffer(base64.b64decode(data["positions"]), "<f4").reshape(2, 12, 2) + np.array(data["origin"])
     assert data["aligned"] and np.abs(places - align(estimate, TRUTH)).max() < 1e-5

@@ -172,7 +172,7 @@ def test_a_microphone_is_dragged_and_the_map_stays_that_of_the_one_looked_at(pag
     page.mouse.up()
     page.get_by_text("microphone 5, ").first.wait_for()
     pick(page, scene, target, "microphone 7, ")  # it is there now
-    np.testing.assert_allclose(middle(page, "/looked_at/estimate"), target, atol=0.004)
+    np.testing.assert_allclose(middle(page, "/selected/estimate"), target, atol=0.004)
 
 
 def test_a_mode_is_switched_on_and_off(page):

@@ -30,7 +30,7 @@ def test_a_map_stands_under_its_own_microphone_only(viewer):
     say(viewer.main_panel.map.microphone, 7)
     viewer.tick(0.0)
     assert shown(viewer) is None, "the map of microphone 3 stands under microphone 7"
-    assert not any("map" in solid.name for solid in viewer.snapshot.picture.solids), "its diamond, too"
+    assert not any("map" in solid.name for solid in viewer.snapshot.picture.meshes), "its diamond, too"
     assert mapped(viewer) == 7
     viewer.main_panel.map.choose_modes([2])
     viewer.tick(0.0)

@@ -9,7 +9,7 @@ import pytest
 
 from fdcal.commands.options import opening_of
 from fdcal.commands.sources import scene_input
-from fdcal.graphics.picture import backdrop, with_estimate
+from fdcal.graphics.picture import static_picture, with_estimate
 from fdcal.model.measured_scene import MeasuredScene, placeholder_scene
 from fdcal.model.measurement import Measurement
 from fdcal.model.measurement_file import save_measurement
@@ -32,11 +32,11 @@ def test_a_measurement_is_shown_without_walls(told, tiny, tmp_path):
         assert work.scene.title == "hall, as measured"
         assert np.array_equal(work.measurement.pressures, tiny.pressures)
         state = work.session.view.state
-        still = backdrop(work.known_scene, work.measurement)
-        assert not [part.name for part in (*still.solids, *still.lines) if part.name.startswith(("room", "source"))]
+        still = static_picture(work.known_scene, work.measurement)
+        assert not [part.name for part in (*still.meshes, *still.lines) if part.name.startswith(("room", "source"))]
         picture = with_estimate(still, work.measurement, state.positions, 0, None)
-        assert any(solid.name == "microphones/estimate" for solid in picture.solids)
-        assert any(solid.name == "microphones/true" for solid in picture.solids) == told
+        assert any(solid.name == "microphones/estimate" for solid in picture.meshes)
+        assert any(solid.name == "microphones/true" for solid in picture.meshes) == told
     finally:
         work.session.close(2.0)
 

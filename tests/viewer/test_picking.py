@@ -20,7 +20,7 @@ def hands():
     binding = SimpleNamespace(session=session, measurement=SimpleNamespace(count=5, search=SEARCH))
     disc = SimpleNamespace(on_click=lambda call: call, on_drag=lambda _: lambda call: call)
     server = SimpleNamespace(scene=SimpleNamespace(add_batched_meshes_simple=lambda *_, **__: disc))
-    picture = SimpleNamespace(marker=0.01, heights=(0.0, 0.0), focus=(0.95, 1.95, 1.45, 2.45))
+    picture = SimpleNamespace(marker_radius=0.01, z_range=(0.0, 0.0), focus=(0.95, 1.95, 1.45, 2.45))
     made = MicrophonePicker(server, binding, picture, picked.append)
     return made, placed
 

@@ -167,13 +167,13 @@ def test_what_the_next_picture_lacks_is_removed(sent_scene, scene, measurement):
     assert nodes.is_empty
     nodes.show(with_estimate(static, measurement, measurement.positions, 4))
     nodes.show(static)
-    assert made.nodes.keys() == nodes.parts.keys() and not any("looked_at" in name for name in made.nodes)
+    assert made.nodes.keys() == nodes.parts.keys() and not any("selected" in name for name in made.nodes)
 
 
 def test_the_numbers_of_a_ruler_have_the_size_that_the_scene_asks_for(sent_scene, scene, measurement):
     made, nodes = sent_scene
     small = compose(scene, measurement)
-    for picture in (small, dataclasses.replace(small, marker=4 * small.marker)):
+    for picture in (small, dataclasses.replace(small, marker_radius=4 * small.marker_radius)):
         nodes.show(picture)
         heights = {made.nodes[label.name].font_scene_height for label in picture.labels}
-        assert len(heights) == 1 and heights.pop() == pytest.approx(1.5 * picture.marker)
+        assert len(heights) == 1 and heights.pop() == pytest.approx(1.5 * picture.marker_radius)

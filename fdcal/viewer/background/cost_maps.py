@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from ...cost import landscapes
-from ...graphics.heatmap import cost_label, paint, paint_field
-from ...graphics.picture import heights_of
+from ...graphics.heatmap import cost_floor, cost_label, field_floor
 from ...graphics.primitives import Floor
+from ...graphics.surroundings import z_range_of
 from ...model.settings import Search
 from ...session.worker import LatestWorker
 from .prepare import PreparedRun
@@ -215,8 +215,8 @@ class CostMapWorker:
         shape = landscapes.mode_shape(run.problem, request.state.positions, mode, offset)
         frequency = run.measurement.frequencies[mode - 1]
         label = f"pressure of mode {mode}, {frequency:.1f} Hz (normalised to a peak of 1)"
-        height = heights_of(run.known_scene, run.measurement)[0]
-        return CostMap(request, paint_field(shape, self._search(), label, height), None, 0, 0.0, 0.0)
+        height = z_range_of(run.known_scene, run.measurement)[0]
+        return CostMap(request, field_floor(shape, self._search(), label, height), None, 0, 0.0, 0.0)
 
     def _compute_fine(self, request: CostMapRequest) -> CostMap | None:
         """On the slow thread: the finer map, mode by mode; None as soon as another one is requested."""
@@ -247,9 +247,9 @@ class CostMapWorker:
         label = cost_label(run.scene.solver.weights)
         if run.measurement.array_dimension == 3:
             label += f" at z = {request.state.positions[n, 2]:.2f} m"
-        floor = paint(
+        floor = cost_floor(
             total, search, style.log, label, minima=landscapes.map_positions(minima, search),
-            relief=style.relief, height=heights_of(run.known_scene, run.measurement)[0],
+            relief=style.relief, height=z_range_of(run.known_scene, run.measurement)[0],
         )  # fmt: skip
         here = landscapes.interpolate(total, search, request.state.positions[n])
         return CostMap(request, floor, maps, len(minima), here, float(total.min()))

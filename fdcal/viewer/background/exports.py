@@ -17,10 +17,12 @@ from ...assessment import position_table
 from ...cost import landscapes
 from ...graphics import paraview
 from ...graphics.heatmap import cost_label
-from ...graphics.landscape_figure import Panels, draw_landscape, few_panels, figure_bytes
-from ...graphics.picture import Picture, headline, heights_of
-from ...graphics.replay import replay
+from ...graphics.landscape_figure import LandscapePanels, draw_landscape, figure_bytes, select_panels
+from ...graphics.primitives import Picture
+from ...graphics.replay import replay_html
 from ...graphics.snapshot_process import render_png
+from ...graphics.surroundings import z_range_of
+from ...graphics.units import error_summary
 from ...model.validation import InputError
 from ...session import session_file
 from ...session.history import SessionView
@@ -68,24 +70,24 @@ class ViewSnapshot:
     @property
     def height(self) -> float:
         """Height of a plane array, metres."""
-        return heights_of(self.run.known_scene, self.run.measurement)[0]
+        return z_range_of(self.run.known_scene, self.run.measurement)[0]
 
 
 def _picture(snapshot: ViewSnapshot) -> bytes:
     """Rendered again in a child process."""
-    title = f"{snapshot.caption}\n{headline(snapshot.run.measurement, snapshot.view.state.positions)}"
+    title = f"{snapshot.caption}\n{error_summary(snapshot.run.measurement, snapshot.view.state.positions)}"
     choices = snapshot.choices
     return render_png(replace(snapshot.picture, title=title), choices.export_size, choices.export_view)
 
 
-def _panels(snapshot: ViewSnapshot, count: int) -> Panels:
+def _panels(snapshot: ViewSnapshot, count: int) -> LandscapePanels:
     """Maps of the selected microphone, of the modes of the map on the page, `count` of them at most."""
     run, state, n = snapshot.run, snapshot.view.state, snapshot.microphone
     if run.problem.search is None:
         raise InputError("there is no map without a search domain", "give <search> and <radius>", key="search")
     modes = snapshot.choices.modes or tuple(range(state.first, state.last + 1))
     maps = landscapes.mode_landscapes(run.problem, run.solver, state, n, modes)
-    return few_panels(maps, modes, run.measurement.frequencies, n, run.problem.search, count)
+    return select_panels(maps, modes, run.measurement.frequencies, n, run.problem.search, count)
 
 
 def _figure(file_format: str) -> Callable[[ViewSnapshot], bytes]:
@@ -112,12 +114,12 @@ def _table(snapshot: ViewSnapshot) -> bytes:
 
 def _points(snapshot: ViewSnapshot) -> bytes:
     positions = snapshot.view.state.positions
-    return paraview.cloud(snapshot.run.measurement, positions, snapshot.sigma, snapshot.height).encode()
+    return paraview.point_cloud(snapshot.run.measurement, positions, snapshot.sigma, snapshot.height).encode()
 
 
 def _replay(snapshot: ViewSnapshot) -> bytes:
     run, history = snapshot.run, snapshot.view.history
-    return replay(run.known_scene, run.measurement, history, run.scene.title, run.scene.solver.weights).encode()
+    return replay_html(run.known_scene, run.measurement, history, run.scene.title, run.scene.solver.weights).encode()
 
 
 def _session(snapshot: ViewSnapshot) -> bytes:

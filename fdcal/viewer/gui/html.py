@@ -6,9 +6,10 @@ from html import escape
 
 import numpy as np
 
-from ...graphics.heatmap import colours, cost_label
-from ...graphics.picture import ESTIMATE, KNOWN, LOWEST, in_millimetres, millimetres
-from ...graphics.primitives import ColourBar, number
+from ...graphics.heatmap import cost_label, to_rgb
+from ...graphics.markers import ESTIMATE, KNOWN, LOWEST
+from ...graphics.primitives import ColourBar, format_number
+from ...graphics.units import format_mm, mm_text
 from ...model.measurement import Measurement
 from ...session.history import SessionView
 from ..server.error_log import log_location
@@ -42,20 +43,17 @@ def error_text(measurement: Measurement, positions) -> str:
         return "unknown (no true positions)"
     errors = measurement.errors(positions)
     aligned = ", once aligned" if measurement.blind else ""
-    return f"mean <b>{millimetres(errors.mean())}</b>, largest {millimetres(errors.max())}{aligned}"
+    return f"mean <b>{format_mm(errors.mean())}</b>, largest {format_mm(errors.max())}{aligned}"
 
 
 def status(view: SessionView, measurement: Measurement, weights: str = "unit", fault: str = "", note: str = "") -> str:
     """The lines at the top of the panel; `fault` is one of the page itself, `note` what it does beside."""
-    state = view.state
+    state, unit = view.state, cost_label(weights).removeprefix("cost ")
     rows = [
         ("Progress", f"step {state.step}, sweep {state.sweep}, stage {state.stage + 1}"),
         ("In use", escape(modes_text(measurement, state.first, state.last))),
         ("Error", error_text(measurement, state.positions)),
-        (
-            "Cost",
-            f"{number(state.cost, 4)} <span style='opacity: 0.65'>{cost_label(weights).removeprefix('cost ')}</span>",
-        ),
+        ("Cost", f"{format_number(state.cost, 4)} <span style='opacity: 0.65'>{unit}</span>"),
     ]
     cells = "".join(
         f"<tr><td style='opacity: 0.65; padding-right: 0.9em; vertical-align: top'>{name}</td><td>{text}</td></tr>"
@@ -120,14 +118,14 @@ def colour_bar(bar: ColourBar | None, trouble: str = "") -> str:
     """The scale of the map, with ticks and unit, or why there is none."""
     if bar is None:
         return f"<div style='{CARD} opacity: 0.65'>{escape(trouble[:400]) or 'no map'}</div>"
-    gradient = ", ".join(_css(colour) for colour in colours(np.linspace(0, 1, 17), bar.colours))
+    gradient = ", ".join(_css(colour) for colour in to_rgb(np.linspace(0, 1, 17), bar.colour_map))
     ticks = "".join(
         f"<div style='position: absolute; left: {100 * share:.2f}%; transform: translateX(-50%); text-align: center;"
         " line-height: 1.1'><div style='width: 1px; height: 5px; margin: 0 auto; background: currentColor'></div>"
         f"{text}</div>"
         for share, text in bar.ticks
     )
-    note = f"; lower values share the darkest colour ({number(bar.low, 2)})" if bar.clipped else ""
+    note = f"; lower values share the darkest colour ({format_number(bar.low, 2)})" if bar.clipped else ""
     return (
         f"<div style='{CARD}'><div style='margin: 0.3em 1em 0 1em'>"
         f"<div style='height: 12px; border-radius: 2px; background: linear-gradient(to right, {gradient})'></div>"
@@ -159,7 +157,7 @@ def map_lines(drawn) -> str:
     what = f"sum of {modes} modes" if modes > 1 else f"mode {drawn.request.modes[0]} alone"
     return (
         f"<div style='{CARD}'>microphone {drawn.request.microphone}, {what}: <b>{minima}</b> inside<br>"
-        f"cost at the cross <b>{number(drawn.cost_here, 4)}</b>, lowest {number(drawn.lowest, 4)}</div>"
+        f"cost at the cross <b>{format_number(drawn.cost_here, 4)}</b>, lowest {format_number(drawn.lowest, 4)}</div>"
     )
 
 
@@ -185,8 +183,8 @@ def table(measurement: Measurement, positions, sigma, looked_at: int) -> str:
     for n in sorted(range(len(positions)), key=lambda n: (n in known, -float(order[n]), n))[:MOST_ROWS]:
         name = escape(str(measurement.names[n])) + (" known" if n in known else "")
         place = ", ".join(f"{x:.3f}" for x in positions[n])
-        error = "" if errors is None else f"<td>{in_millimetres(errors[n])}</td>"
-        spread = "" if sigma is None or n in known else in_millimetres(float(sigma[n]))
+        error = "" if errors is None else f"<td>{mm_text(errors[n])}</td>"
+        spread = "" if sigma is None or n in known else mm_text(float(sigma[n]))
         bold = " style='font-weight: 700; background: rgba(31,120,200,0.15)'" if n == looked_at else ""
         rows.append(f"<tr{bold}><td>{name}</td><td>{place}</td>{error}<td>{spread}</td></tr>")
     columns = (

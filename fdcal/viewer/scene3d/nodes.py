@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import viser
 
-from ...graphics.primitives import Floor, Label, Lines, Picture, Solid
+from ...graphics.primitives import Floor, Label, Lines, Mesh, Picture
 from .cameras import Cameras
 from .heatmap_node import image_of, same_extent, surface_of
 
 RULER_TEXT = 1.5  # height of a ruler's numbers, in radii of a marker
 
-Part = Lines | Solid | Label | Floor
+Part = Lines | Mesh | Label | Floor
 
 
 class SceneNodes:
@@ -48,13 +48,13 @@ class SceneNodes:
 
     def show(self, picture: Picture) -> None:
         """Make the scene look like `picture`."""
-        parts: dict[str, Part] = {part.name: part for part in (*picture.lines, *picture.solids, *picture.labels)}
+        parts: dict[str, Part] = {part.name: part for part in (*picture.lines, *picture.meshes, *picture.labels)}
         if picture.floor is not None:
             # No other name may lie below it: viser would move that node along. And a page keeps the position of a name
             # for the next node of that name, so a relief, which has none, needs a name of its own.
             parts["floor" if picture.floor.heights is None else "relief"] = picture.floor
-        rescaled = self._marker is not None and self._marker != picture.marker
-        self._marker = picture.marker
+        rescaled = self._marker is not None and self._marker != picture.marker_radius
+        self._marker = picture.marker_radius
         self.cameras.picture = picture
         with self._server.atomic():
             for name in sorted(self._handles.keys() - parts.keys(), reverse=True):  # a child before its parent
@@ -109,8 +109,8 @@ class SceneNodes:
             handle.font_scene_height = height
         return handle
 
-    def _send_solid(self, name: str, old: Part | None, handle, solid: Solid):
-        if isinstance(old, Solid) and old.colour == solid.colour and np.array_equal(old.faces, solid.faces):
+    def _send_solid(self, name: str, old: Part | None, handle, solid: Mesh):
+        if isinstance(old, Mesh) and old.colour == solid.colour and np.array_equal(old.faces, solid.faces):
             handle.vertices = solid.vertices
             return handle
         opacity = solid.opacity if solid.opacity < 1 else None
@@ -124,7 +124,7 @@ def _looks_same(old: Part, new: Part) -> bool:
     """Whether two primitives look the same though they are not one object."""
     if isinstance(new, Lines) and isinstance(old, Lines):
         return (old.colour, old.width) == (new.colour, new.width) and np.array_equal(old.segments, new.segments)
-    if isinstance(new, Solid) and isinstance(old, Solid):
+    if isinstance(new, Mesh) and isinstance(old, Mesh):
         same_style = (old.colour, old.opacity) == (new.colour, new.opacity)
         return same_style and np.array_equal(old.vertices, new.vertices) and np.array_equal(old.faces, new.faces)
     return isinstance(new, Label) and old == new

@@ -13,7 +13,7 @@ import numpy as np
 import viser
 
 from ...graphics.glyphs import annuli
-from ...graphics.picture import drape
+from ...graphics.markers import drape
 from ...graphics.primitives import Floor, Picture
 from ..gui.binding import Binding
 
@@ -41,14 +41,19 @@ class MicrophonePicker:
         select: Callable[[int], None],
         name: str = "/picking",
     ):
-        self._binding, self._select, self._marker, self._base = binding, select, picture.marker, picture.heights[0]
+        self._binding, self._select, self._marker, self._base = (
+            binding,
+            select,
+            picture.marker_radius,
+            picture.z_range[0],
+        )
         self._shown: np.ndarray | None = None
         self._gestures = itertools.count()
         self._gesture: dict[int, int] = {}  # number of the gesture of each page that drags
         x0, y0, x1, y1 = picture.focus
         edge = 0.0 if binding.measurement.search is None else binding.measurement.search.step / 2
         self._low, self._high = np.array([x0 + edge, y0 + edge]), np.array([x1 - edge, y1 - edge])
-        self._corners = np.array([(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in picture.heights])
+        self._corners = np.array([(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in picture.z_range])
         self._discs = self._add_discs(server, name)
 
     def _add_discs(self, server: viser.ViserServer, name: str):

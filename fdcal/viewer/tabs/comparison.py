@@ -8,7 +8,7 @@ import numpy as np
 import viser
 from viser import uplot
 
-from ...graphics.picture import RACERS
+from ...graphics.markers import SOLVER_MARKS
 from ..background.comparison import ComparisonSetup, ComparisonWorker, RunSummary
 from ..gui import html
 from ..gui.binding import Binding
@@ -107,7 +107,9 @@ class ComparisonTab:
 
     def _plot(self, title: str, names) -> Plot:
         drawn = [
-            uplot.Series(label=name, stroke=RACERS[name][0], width=2.5, dash=DASHES[name], points={"show": False})
+            uplot.Series(
+                label=name, stroke=SOLVER_MARKS[name].colour, width=2.5, dash=DASHES[name], points={"show": False}
+            )
             for name in names
         ]
         series = (uplot.Series(label="s"), *drawn)
@@ -130,11 +132,11 @@ def table(runners: tuple[RunSummary, ...]) -> str:
         return ""
     rows = []
     for runner in runners:
-        colour = RACERS[runner.name][0]
+        colour = SOLVER_MARKS[runner.name].colour
         dashes = ",".join(map(str, DASHES[runner.name]))
         line = (
             f"<svg width='30' height='10'><line x1='0' y1='5' x2='30' y2='5' stroke='{colour}' stroke-width='3'"
-            f" stroke-dasharray='{dashes}'/></svg> {RACERS[runner.name][1]}"
+            f" stroke-dasharray='{dashes}'/></svg> {SOLVER_MARKS[runner.name].shape}"
         )
         error = (
             ""

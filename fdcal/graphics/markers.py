@@ -1,0 +1,188 @@
+"""The marks of a picture: their colours, the order in which they cover each other, and their shapes.
+
+True microphones are black circles, estimates red crosses, known microphones blue squares, the lowest cost of the map an
+amber diamond. The shapes differ first; the colours differ for colour-blind eyes, too. A white halo around each keeps it
+legible on the map and on any background.
+
+Marks are flat and have a size in the room, not on the screen: lengths are metres, colours RGB from 0 to 255.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..model.validation import frozen_array
+from . import glyphs
+from .primitives import Colour, Floor, Lines, Mesh, Theme
+
+TRUE, ESTIMATE, KNOWN, HALO = (0, 0, 0), (214, 24, 40), (0, 90, 181), (255, 255, 255)
+LOWEST = (255, 176, 0)
+TRAIL, ELLIPSE = (240, 130, 200), (255, 110, 60)
+HALO_WIDTH = 0.34  # of a mark of microphones, in radii of a marker, on both sides together
+
+
+class Layer(enum.IntEnum):
+    """Height of each mark over the floor, in layers: what is higher covers what is lower."""
+
+    GRID = -4
+    WALLS = 1
+    FRAME = 2
+    ERROR = 2
+    TRAIL = 3
+    TRUE = 4
+    SOURCE = 4
+    KNOWN = 6
+    ELLIPSE = 7
+    ESTIMATE = 8
+    MINIMUM = 9
+    SELECTED_TRUE = 10
+    SELECTED = 12
+    COMPARISON = 14
+
+
+LAYERS_PER_RADIUS = 24  # layers in the height of one radius of a marker
+
+
+@dataclass(frozen=True)
+class SolverMark:
+    """How the positions of one solver of a comparison are marked; marks at one position do not hide each other.
+
+    Attributes
+    ----------
+    colour : as in CSS, of the palette of Okabe and Ito, which colour-blind eyes tell apart
+    shape : in words
+    corners : of the polygon; 0 for a plus
+    radius : in radii of a marker
+    """
+
+    colour: str
+    shape: str
+    corners: int
+    radius: float
+
+    @property
+    def rgb(self) -> Colour:
+        """The colour, RGB from 0 to 255."""
+        red, green, blue = bytes.fromhex(self.colour[1:])
+        return red, green, blue
+
+
+SOLVER_MARKS = {
+    "joint": SolverMark("#009e73", "plus", 0, 0.8),
+    "descent": SolverMark("#d55e00", "triangle", 3, 1.3),
+    "descent+joint": SolverMark("#cc79a7", "square", 4, 1.9),
+}
+
+
+def layer_height(layer: int, marker_radius: float) -> float:
+    """Return the height of a layer over the floor, metres."""
+    return layer * marker_radius / LAYERS_PER_RADIUS
+
+
+def on_layer(points, base: float, marker_radius: float, layer: int) -> np.ndarray:
+    """Return points raised to a layer.
+
+    Parameters
+    ----------
+    points : (P, 2) on the floor or (P, 3) in space, metres
+    base : height of the floor, metres
+    marker_radius : metres
+    layer : one of Layer
+
+    Returns
+    -------
+    (P, 3) float64, metres
+    """
+    return glyphs.lift(points, layer_height(layer, marker_radius) + (base if np.shape(points)[1] == 2 else 0.0))
+
+
+def drape(points, floor: Floor | None) -> np.ndarray:
+    """Return points with the height that a map in relief has there.
+
+    Parameters
+    ----------
+    points : (P, 2) or (P, 3), metres
+    floor : the map, or None
+
+    Returns
+    -------
+    (P, 3) float64, metres; the points unchanged where the map is flat or missing, or where they have a height
+    """
+    points = np.atleast_2d(np.asarray(points, float))
+    if floor is None or floor.heights is None or points.shape[1] == 3:
+        return points
+    place = (points - floor.origin) / np.divide(floor.size, floor.heights.shape[::-1]) - 0.5
+    column, row = np.clip(np.rint(place), 0, np.array(floor.heights.shape[::-1]) - 1).astype(int).T
+    return np.column_stack([points, floor.height + floor.heights[row, column]])
+
+
+def lines(name: str, segments, colour: Colour, width: float) -> Lines:
+    """Return frozen line segments (S, 2, 3), metres, `width` pixels wide."""
+    return Lines(name, frozen_array(segments, np.float32), colour, width)
+
+
+def mesh(name: str, triangles: tuple[np.ndarray, np.ndarray], colour: Colour, opacity: float = 1.0) -> Mesh:
+    """Return a frozen mesh of vertices (V, 3), metres, and faces (F, 3)."""
+    vertices, faces = triangles
+    return Mesh(name, frozen_array(vertices, np.float32), frozen_array(faces, np.int32), colour, opacity)
+
+
+def strokes(
+    name: str, segments: np.ndarray, marker_radius: float, colour: Colour, width: float, halo: float = HALO_WIDTH
+) -> tuple[Mesh, Mesh]:
+    """Return bars and their halo, one layer below.
+
+    Parameters
+    ----------
+    segments : (S, 2, 3), metres
+    marker_radius : metres
+    width, halo : of the bars, and by how much the halo is wider, in radii of a marker
+    """
+    below = segments - [0, 0, layer_height(1, marker_radius)]
+    outer, extension = (width + halo) * marker_radius, halo / 2 * marker_radius
+    return (
+        mesh(f"{name}_halo", glyphs.strokes(below, outer, extension), HALO),
+        mesh(name, glyphs.strokes(segments, width * marker_radius), colour),
+    )
+
+
+def circles(
+    name: str, centres: np.ndarray, marker_radius: float, width: float, radius: float = 1.0
+) -> tuple[Mesh, Mesh]:
+    """Return black circles and their halo, one layer below.
+
+    Parameters
+    ----------
+    centres : (P, 3), metres
+    marker_radius : metres
+    width, radius : of the circles, in radii of a marker
+    """
+    below = centres - [0, 0, layer_height(1, marker_radius)]
+    outer = (width + HALO_WIDTH) * marker_radius
+    return (
+        mesh(f"{name}_halo", glyphs.annuli(below, radius * marker_radius, outer), HALO),
+        mesh(name, glyphs.annuli(centres, radius * marker_radius, width * marker_radius), TRUE),
+    )
+
+
+def known_microphones(positions, base: float, marker_radius: float) -> tuple[Mesh, Mesh]:
+    """Return squares at the known microphones (K, 2 or 3), metres, and their halo."""
+    centres = on_layer(positions, base, marker_radius, Layer.KNOWN)
+    below = centres - [0, 0, layer_height(1, marker_radius)]
+    return (
+        mesh("microphones/known_halo", glyphs.squares(below, 1.3 * marker_radius), HALO),
+        mesh("microphones/known", glyphs.squares(centres, marker_radius), KNOWN),
+    )
+
+
+def true_microphones(
+    positions, z_range: tuple[float, float], marker_radius: float, theme: Theme
+) -> tuple[tuple[Mesh, ...], tuple[Lines, ...]]:
+    """Return circles at the true positions (N, 2 or 3), metres; in space with stems down to the floor."""
+    base, top = z_range
+    centres = on_layer(positions, base, marker_radius, Layer.TRUE)
+    stems = (lines("microphones/stems", glyphs.stems(centres, base), theme.grid, 1.0),)
+    return circles("microphones/true", centres, marker_radius, 0.28), stems if top > base else ()

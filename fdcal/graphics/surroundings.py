@@ -1,0 +1,112 @@
+"""What surrounds the microphones in a picture: room and source, the search domain with its rulers.
+
+Lengths are metres.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..model.measurement import Measurement
+from ..model.scene import Scene
+from . import glyphs
+from .markers import TRUE, Layer, layer_height, lines, mesh, strokes
+from .primitives import Label, Lines, Mesh, Theme
+
+Box = tuple[float, float, float, float]
+
+WALL_HEIGHT = 0.12  # of the walls of a plane room, of its longer side
+EMPTY_MARGIN = 0.1  # m around the microphones where there is no search domain
+
+
+def focus_of(measurement: Measurement) -> Box:
+    """Return the box (x0, y0, x1, y1) that a picture shows, metres: the search domain, or all known positions."""
+    search = measurement.search
+    if search is not None:
+        low = np.array(search.origin[:2], float) - search.step / 2  # a candidate stands in the middle of its cell
+        high = low + np.array(search.shape[:2]) * search.step
+    else:
+        points = measurement.positions if measurement.positions is not None else measurement.known_positions
+        points = np.asarray(points, float)[:, :2] if len(points) else np.array([[0.0, 0.0], [1.0, 1.0]])
+        low, high = points.min(axis=0) - EMPTY_MARGIN, points.max(axis=0) + EMPTY_MARGIN
+    return float(low[0]), float(low[1]), float(high[0]), float(high[1])
+
+
+def z_range_of(scene: Scene | None, measurement: Measurement) -> tuple[float, float]:
+    """Return the lowest and the highest z that a picture shows, metres; for a plane array its height, twice."""
+    search = measurement.search
+    if measurement.array_dimension == 2:
+        height = float(scene.array.center[2]) if scene is not None and scene.room.dimension == 3 else 0.0
+        return height, height
+    if search is not None:
+        return float(search.origin[2]), float(search.origin[2] + search.size[2])
+    points = measurement.positions if measurement.positions is not None else measurement.known_positions
+    z = np.asarray(points, float)[:, 2] if len(points) else np.array([0.0, 1.0])
+    return float(z.min() - EMPTY_MARGIN), float(z.max() + EMPTY_MARGIN)
+
+
+def frame(focus: Box, base: float, marker_radius: float, theme: Theme) -> tuple[tuple[Lines, ...], tuple[Label, ...]]:
+    """Return the outline of the search domain at height `base`, metres, with its rulers."""
+    x0, y0, x1, y1 = focus
+    level = base + layer_height(Layer.FRAME, marker_radius)
+    pieces = [glyphs.loop([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], level)]
+    labels = []
+    for axis, (low, high, across, anchor) in enumerate([(x0, x1, y0, "top-center"), (y0, y1, x0, "center-right")]):
+        ticks, places, texts = glyphs.ruler(low, high, across, axis, 1.2 * marker_radius, level)
+        pieces.append(ticks)
+        for i, ((x, y, z), text) in enumerate(zip(places.tolist(), texts, strict=True)):
+            label = f"{text} m" if i == 0 else text
+            labels.append(Label(f"frame/{'xy'[axis]}{i}", label, (x, y, z), theme.foreground, anchor))
+    labels.append(Label("frame/x", "x", (x1 + 2.5 * marker_radius, y0, level), theme.foreground, "center-left"))
+    labels.append(Label("frame/y", "y", (x0, y1 + 2.0 * marker_radius, level), theme.foreground, "bottom-center"))
+    return (lines("frame", np.concatenate(pieces), theme.foreground, 1.5),), tuple(labels)
+
+
+def upper_frame(
+    focus: Box, z_range: tuple[float, float], marker_radius: float, theme: Theme
+) -> tuple[tuple[Lines, ...], tuple[Label, ...]]:
+    """Return the edges of a search domain in space above its base.
+
+    From the top they coincide, so that one label gives the whole range of heights.
+    """
+    x0, y0, x1, y1 = focus
+    low, high = z_range
+    corners = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
+    uprights = glyphs.stems(glyphs.lift(corners, low), high)
+    text = f"z {low:.2f} to {high:.2f} m"
+    label = Label("frame/z", text, (x1, y1 + marker_radius, high), theme.foreground, "bottom-right")
+    return (
+        lines("frame_uprights", uprights, theme.grid, 1.5),
+        lines("frame_top", glyphs.loop(corners, high), theme.foreground, 1.0),
+    ), (label,)
+
+
+def room_and_source(
+    scene: Scene, marker_radius: float, theme: Theme
+) -> tuple[tuple[Lines, ...], tuple[Label, ...], tuple[Mesh, ...]]:
+    """Return the walls, the grid on the floor and the source of a scene."""
+    room_lines, meshes = _room(scene, marker_radius, theme)
+    place = glyphs.lift(np.array([scene.source.position], float), layer_height(Layer.SOURCE, marker_radius))
+    meshes += strokes("source", glyphs.stars(place, 2 * marker_radius, arms=4), marker_radius, TRUE, 0.4)
+    x, y, z = place[0].tolist()
+    label = Label("source/name", "source", (x, y - 3 * marker_radius, z), theme.foreground, "top-center")
+    return room_lines, (label,), meshes
+
+
+def _room(scene: Scene, marker_radius: float, theme: Theme) -> tuple[tuple[Lines, ...], tuple[Mesh, ...]]:
+    """Walls and floor grid; a box by its edges alone, for walls of full height would veil what is in the room."""
+    room, vertices = scene.room, scene.room.vertices
+    extent = float(np.ptp(vertices, axis=0).max())
+    edges = glyphs.loop(vertices, layer_height(Layer.WALLS, marker_radius))
+    grid = glyphs.floor_grid(vertices, 1.0 if extent > 3.0 else 0.2, layer_height(Layer.GRID, marker_radius))
+    if room.dimension == 3 and room.size is not None:
+        height = room.size[2]
+        feet = np.concatenate([glyphs.lift(vertices, height), np.array([scene.source.position], float)])
+        box = np.concatenate([glyphs.loop(vertices, height), glyphs.stems(feet, 0.0)])
+        meshes, before = (), (lines("room/box", box, theme.grid, 2.0),)
+    else:
+        height = WALL_HEIGHT * extent
+        edges = np.concatenate([edges, glyphs.loop(vertices, height)])
+        meshes, before = (mesh("room/walls", glyphs.walls(vertices, height), theme.foreground, opacity=0.12),), ()
+    grid_lines = lines("room/grid", grid, theme.grid, 1.0)
+    return (*before, grid_lines, lines("room/edges", edges, theme.foreground, 2.0)), meshes

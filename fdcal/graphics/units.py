@@ -1,0 +1,34 @@
+"""Lengths and position errors as texts."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..model.measurement import Measurement
+
+
+def error_summary(measurement: Measurement, positions: np.ndarray) -> str:
+    """Return the mean and the largest position error in words, or that the true positions are unknown.
+
+    Parameters
+    ----------
+    measurement : Measurement
+    positions : (N, D) float64, metres, the estimate
+    """
+    errors = measurement.errors(positions)
+    if errors is None:
+        return "true positions unknown"
+    aligned = ", once aligned" if measurement.blind else ""
+    return f"mean error {format_mm(errors.mean())}, largest {format_mm(errors.max())}{aligned}"
+
+
+def format_mm(length: float) -> str:
+    """Return a length in metres as a text in millimetres: "4.13 mm", "535 mm"."""
+    return f"{mm_text(length)} mm"
+
+
+def mm_text(length: float) -> str:
+    """Return the number of millimetres of a length in metres, with three digits below a decimetre."""
+    if length < 1e-6:
+        return "0"
+    return f"{1e3 * length:.3g}" if length < 0.1 else f"{1e3 * length:.0f}"
