@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..model.arrays import in_polygon
+from ..model.polygons import in_polygon
 from ..model.room import Room, Source
 from ..model.validation import InputError
 

@@ -25,8 +25,8 @@ from ..acoustics.fourier_bessel import fourier_bessel, max_order
 from ..acoustics.spherical_harmonics import spherical_bessel
 from ..cost.likelihood import DiffuseField
 from ..cost.low_rank_covariance import AMPLE, circular, spherical
-from ..model.measurement import Problem
 from ..model.power import mode_power
+from ..model.problem import Problem
 from ..model.validation import frozen_array
 from .uncertainty import pressures_and_field
 

@@ -16,8 +16,8 @@ from ..cost.leave_one_out import precision_terms
 from ..cost.likelihood import DiffuseField
 from ..cost.noise_model import NOISE, estimate_noise
 from ..model.gauge import fixes_gauge
-from ..model.measurement import Problem
 from ..model.power import mode_power
+from ..model.problem import Problem
 from .uncertainty import Information, information, pressures_and_field, robust_covariance, scale_sigma, step_along
 
 STRAIN_MODES = 24  # at most

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..acoustics.room_modes import RoomSymmetry, room_symmetries
-from ..model.measurement import Problem
+from ..model.problem import Problem
 from ..model.validation import frozen_array
 from ..solvers.room.fit import FIRST_DAMPING, Exact, damped, exact
 from ..solvers.room.state import freedom, scaled

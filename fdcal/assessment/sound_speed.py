@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..model.measurement import Problem
+from ..model.problem import Problem
 from ..model.validation import InputError, frozen_array
 from ..solvers.levenberg_marquardt import FIRST_DAMPING, damped_step
 from .uncertainty import pressures_and_field

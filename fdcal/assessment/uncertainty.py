@@ -22,8 +22,8 @@ import numpy as np
 from ..cost.likelihood import DiffuseField, diffuse_field, mode_gradients, newton_terms
 from ..cost.noise_model import NOISE, estimate_noise_share
 from ..model.gauge import rigid_motions
-from ..model.measurement import Problem
 from ..model.power import mode_power
+from ..model.problem import Problem
 
 SAME = 1e-9  # of the largest: a singular value this small is none
 NEIGHBOURS, GROUPS = 8, 6  # modes in a group, and how many groups there must be for that

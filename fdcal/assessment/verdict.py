@@ -24,7 +24,7 @@ from ..acoustics.fourier_bessel import array_f_max
 from ..cost.likelihood import newton_terms
 from ..cost.noise_model import NOISE
 from ..model.gauge import align, position_errors
-from ..model.measurement import Problem
+from ..model.problem import Problem
 from ..model.validation import frozen_array
 from ..solvers.levenberg_marquardt import FIRST_DAMPING, damped_step
 from .diagnostics import Diagnostics, diagnose

@@ -9,8 +9,8 @@ import numpy as np
 from ..assessment.calibration import Evidence, KnownRoom
 from ..model.channels import microphone_index
 from ..model.gauge import move_to_frame
-from ..model.measurement import Problem
 from ..model.power import mode_power
+from ..model.problem import Problem
 from ..model.validation import InputError
 from ..solvers import load
 from ..solvers.interface import AssessmentMethod
@@ -64,7 +64,7 @@ def distance_pair(inputs: CalibrationInput) -> tuple[int, int]:
     if inputs.distance is None:
         raise InputError("no distance is given", "give <distance>", key="distance")
     names = inputs.measurement.names
-    first, second = (microphone_index(text, names, "--distance") for text in inputs.distance[:2])
+    first, second = (microphone_index(text, names, "distance") for text in inputs.distance[:2])
     if first == second:
         raise InputError(f"distance names microphone {names[first]} twice", "name two", key="distance")
     return first, second

@@ -10,7 +10,8 @@ import numpy as np
 
 from ..assessment.calibration import Calibration
 from ..model.channels import check_channels
-from ..model.measurement import Measurement, Problem
+from ..model.measurement import Measurement
+from ..model.problem import Problem
 from ..model.settings import SolverSettings
 from ..model.validation import InputError, require_positive
 from ..solvers import load

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..acoustics.fourier_bessel import fourier_bessel
-from ..model.measurement import Problem
+from ..model.problem import Problem
 from ..model.validation import InputError
 
 RANK_TOLERANCE = 1e-12  # singular values below this fraction of the largest count as zero

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..acoustics.fourier_bessel import bessel_orders, fourier_bessel, max_order
-from ..model.measurement import Problem
+from ..model.problem import Problem
 from ..model.settings import Search
 from ..model.validation import InputError
 from .eq7 import coefficients, known_weights, leave_one_out_fits

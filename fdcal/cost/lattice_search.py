@@ -11,7 +11,7 @@ import numpy as np
 
 from ..acoustics.compiled import compiled, parallel_map
 from ..acoustics.fourier_bessel import Lattice
-from ..model.measurement import Problem
+from ..model.problem import Problem
 from .eq7 import LeaveOneOutFit, known_weights, leave_one_out_fits
 
 BLOCK = 32  # neighbouring candidates evaluated together, so that the compiler can use vector instructions

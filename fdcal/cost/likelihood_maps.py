@@ -32,7 +32,7 @@ from scipy.special import jv
 
 from ..acoustics.compiled import compiled
 from ..acoustics.fourier_bessel import max_order
-from ..model.measurement import Problem
+from ..model.problem import Problem
 from ..model.settings import Search
 from .likelihood import DiffuseField, diffuse_field, kernel
 from .low_rank_covariance import bessel_orders_of

@@ -7,7 +7,7 @@ import functools
 import numpy as np
 
 from ..acoustics.fourier_bessel import Lattice, max_order
-from ..model.measurement import Problem
+from ..model.problem import Problem
 from ..model.validation import InputError
 
 

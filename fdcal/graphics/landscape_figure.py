@@ -14,7 +14,7 @@ import numpy as np
 
 from ..cost.lattice_search import lattice_landscape
 from ..cost.mode_limits import require_modes, search_lattice
-from ..model.measurement import Problem
+from ..model.problem import Problem
 from ..model.settings import Search
 from ..model.validation import frozen_array
 from .heatmap import DECADES

@@ -1,4 +1,4 @@
-"""Which microphones take part: some left out, dead or doubled channels refused by name."""
+"""Which microphones take part: some are left out; channels without signal and duplicates are refused by name."""
 
 from __future__ import annotations
 
@@ -8,15 +8,24 @@ import numpy as np
 
 from .validation import InputError
 
-ALIKE = 1e-9  # of a channel's norm: two that differ less, a factor apart, are one recording
+DUPLICATE = 1e-9  # relative to a channel's norm: two that differ less, up to a factor, are one recording
+NEARLY_PARALLEL = 1e-6  # 1 - abs(correlation) of the pairs that are examined more closely
 
 
 def exclude_microphones(table: dict, chosen: Sequence[str]) -> dict:
-    """The keys of a measurement (see `fdcal.model.measurement.Measurement`) less the microphones `chosen`, by name
-    or number.
+    """Return the keys of a measurement without some microphones.
 
-    A name goes before a number. Those that stay keep their names, or their old numbers as names. Keys not there or
-    None stay so. Raises InputError for one that is not there.
+    Parameters
+    ----------
+    table : dict
+        Keys of `fdcal.model.measurement.Measurement`. Those that are missing or None stay so.
+    chosen : sequence of str
+        Names or numbers; a name takes precedence. The others keep their names, or their old numbers as names.
+
+    Raises
+    ------
+    InputError
+        For a microphone that does not exist.
     """
     pressures = np.asarray(table["pressures"])
     if not chosen or pressures.ndim != 2:
@@ -24,7 +33,7 @@ def exclude_microphones(table: dict, chosen: Sequence[str]) -> dict:
     count = pressures.shape[1]
     names = table.get("names")
     names = [str(n) for n in range(count)] if names is None else [str(name) for name in names]
-    left_out = {microphone_index(text, names, "--exclude") for text in chosen}
+    left_out = {microphone_index(text, names, "exclude") for text in chosen}
     kept = np.array([n for n in range(count) if n not in left_out], dtype=np.int64)
     changed = dict(table, pressures=pressures[:, kept], names=tuple(names[n] for n in kept))
     if table.get("positions") is not None:
@@ -38,36 +47,52 @@ def exclude_microphones(table: dict, chosen: Sequence[str]) -> dict:
     return changed
 
 
-def microphone_index(text: str, names: Sequence[str], option: str) -> int:
-    """Number of the microphone that `text` names, or counts from 0; InputError naming `option` if there is none."""
+def microphone_index(text: str, names: Sequence[str], key: str) -> int:
+    """Return the number of the microphone whose name or number, counted from 0, is `text`.
+
+    Raises
+    ------
+    InputError
+        If there is none; it names the argument `key`.
+    """
     names = list(names)
     if text in names:
         return names.index(text)
     if text.isascii() and text.isdigit() and int(text) < len(names):
         return int(text)
-    raise InputError(f"{option} {text} names no microphone; give names, or numbers from 0 to {len(names) - 1}")
+    remedy = f"give <{key}> names, or numbers from 0 to {len(names) - 1}"
+    raise InputError(f'"{text}" names no microphone', remedy, key=key, value=text)
 
 
 def check_channels(pressures: np.ndarray, names: Sequence[str]) -> None:
-    """Raise InputError naming the channels that hold nothing or the same as another, and the option to leave them out.
+    """Refuse channels that hold no signal, or the same as another up to a factor.
 
+    Parameters
+    ----------
     pressures : (M, N) complex128
+    names : (N,) sequence of str
+
+    Raises
+    ------
+    InputError
+        Names the channels, and how to leave one out.
     """
-    dead = [name for name, column in zip(names, pressures.T, strict=True) if np.all(column == column[0])]
-    if dead and len(pressures) > 1:
-        raise InputError(
-            f'microphone "{dead[0]}" has one and the same pressure at every frequency; --exclude {dead[0]}'
-        )
     if len(pressures) < 2:
         return
+    for name, column in zip(names, pressures.T, strict=True):
+        if np.all(column == column[0]):
+            problem = f'microphone "{name}" has one and the same pressure at every frequency'
+            raise InputError(problem, f"leave it out: <exclude> {name}", key="pressures")
     scale = np.abs(pressures).max(axis=0)
     unit = pressures / scale
     unit = unit / np.linalg.norm(unit, axis=0)
-    alike = np.abs(unit.conj().T @ unit)
-    for a, b in np.argwhere(np.triu(alike > 1 - 1e-6, 1)):
-        rest = unit[:, b] - unit[:, a] * (unit[:, a].conj() @ unit[:, b])
-        if np.linalg.norm(rest) < ALIKE:
+    correlation = np.abs(unit.conj().T @ unit)
+    for a, b in np.argwhere(np.triu(correlation > 1 - NEARLY_PARALLEL, 1)):
+        difference = unit[:, b] - unit[:, a] * (unit[:, a].conj() @ unit[:, b])
+        if np.linalg.norm(difference) < DUPLICATE:
             raise InputError(
-                f'microphones "{names[a]}" and "{names[b]}" heard the same at every frequency: one recording, or one'
-                f" place; leave one out with --exclude {names[b]}"
+                f'microphones "{names[a]}" and "{names[b]}" recorded the same at every frequency: one recording, or one'
+                " place",
+                f"leave one out: <exclude> {names[b]}",
+                key="pressures",
             )

@@ -149,3 +149,8 @@ def require_point(key: str, values, lengths: tuple[int, ...]) -> None:
     if max(map(abs, values)) > LIMITS.coordinate:
         remedy = f"use coordinates up to {LIMITS.coordinate:g} m"
         raise InputError(f"{key} = {list(values)} is too far away", remedy, key=key, value=values)
+
+
+def point_text(point) -> str:
+    """Return the coordinates of a point for a message: "(1.25, 0.5) m"."""
+    return f"({', '.join(f'{coordinate:.4g}' for coordinate in point)}) m"

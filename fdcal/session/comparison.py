@@ -18,7 +18,7 @@ from .. import solvers
 from ..acoustics.fourier_bessel import fourier_bessel, max_order
 from ..cost.eq7 import leave_one_out_fits
 from ..cost.mode_limits import require_modes
-from ..model.measurement import Problem
+from ..model.problem import Problem
 from ..model.settings import SolverSettings
 from ..model.validation import InputError
 from .session import Session

@@ -17,7 +17,7 @@ import numpy as np
 from .. import solvers
 from ..model.from_table import build
 from ..model.limits import LIMITS
-from ..model.measurement import Problem
+from ..model.problem import Problem
 from ..model.settings import SolverSettings
 from ..model.validation import InputError, frozen_array
 from .request import plain

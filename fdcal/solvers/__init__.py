@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from functools import cache
 from typing import TYPE_CHECKING, cast
 
-from ..model.measurement import Problem
+from ..model.problem import Problem
 from ..model.settings import SolverSettings
 from ..model.validation import require_choice
 

@@ -11,7 +11,7 @@ from types import ModuleType
 
 import numpy as np
 
-from ..model.measurement import Problem
+from ..model.problem import Problem
 from ..model.settings import SolverSettings
 from .interface import RunState, Traits
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..model.gauge import fixes_gauge
-from ..model.measurement import Problem
+from ..model.problem import Problem
 from ..model.validation import InputError
 from .initial_positions import singular_vectors
 

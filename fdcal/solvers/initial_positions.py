@@ -19,8 +19,8 @@ from ..cost.leave_one_out import leave_one_out_chi_square, likelihood_landscapes
 from ..cost.likelihood import diffuse_field, total_cost
 from ..cost.noise_model import NoiseEstimate, estimate_noise
 from ..model.gauge import fixes_gauge
-from ..model.measurement import Problem
 from ..model.power import mode_power
+from ..model.problem import Problem
 from ..model.validation import InputError
 from .levenberg_marquardt import minimise
 

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from ..model.measurement import Problem
+from ..model.problem import Problem
 from ..model.settings import SolverSettings
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..model.measurement import Problem
+from ..model.problem import Problem
 from ..session.history import SessionView
 from .background.comparison import ComparisonWorker
 from .background.cost_maps import CostMap

@@ -11,7 +11,7 @@ from fdcal.cost.leave_one_out import likelihood_landscape
 from fdcal.cost.likelihood import diffuse_field
 from fdcal.cost.likelihood_maps import likelihood_maps
 from fdcal.cost.noise_model import NOISE
-from fdcal.model.measurement import Problem
+from fdcal.model.problem import Problem
 from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.solvers.joint import solver as joint

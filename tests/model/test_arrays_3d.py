@@ -11,8 +11,9 @@ from fdcal.cost.mode_limits import usable_modes
 from fdcal.graphics.landscape_figure import landscape_panels
 from fdcal.model.array_layout import Array
 from fdcal.model.arrays import positions_of
-from fdcal.model.arrays_3d import ball, box, encloses_3d, plane, positions_3d
+from fdcal.model.arrays_3d import encloses_3d, positions_3d
 from fdcal.model.gauge import position_errors
+from fdcal.model.geometries import ball, box, plane
 from fdcal.model.scene_file import load_scene
 from fdcal.model.settings import Sensing
 from fdcal.model.validation import InputError

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...model.measurement import Measurement, Problem
+from ...model.measurement import Measurement
+from ...model.problem import Problem
 from ...model.settings import Search
 from ...model.validation import InputError
 from ..sources import CalibrationInput

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...model.measurement import Problem
+from ...model.problem import Problem
 from ...model.settings import SolverSettings
 from ...model.storage import cached_arrays
 from ...solvers import load

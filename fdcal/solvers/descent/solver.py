@@ -18,7 +18,7 @@ from ...cost import mode_limits
 from ...cost.eq7 import known_weights, leave_one_out_fits
 from ...cost.mode_limits import require_modes, search_lattice
 from ...model.gauge import fixes_gauge
-from ...model.measurement import Problem
+from ...model.problem import Problem
 from ...model.settings import SolverSettings
 from ...model.validation import InputError, frozen_array
 from .. import initial_positions

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...model.scene import SolverSettings
+from ...model.settings import SolverSettings
 from ..interface import RunState
 
 

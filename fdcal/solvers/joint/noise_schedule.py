@@ -14,8 +14,8 @@ import numpy as np
 
 from ...cost.likelihood import DiffuseField, diffuse_field
 from ...cost.noise_model import NOISE, NoiseEstimate
-from ...model.measurement import Problem
 from ...model.power import mode_power
+from ...model.problem import Problem
 from ...model.settings import SolverSettings
 from ...model.validation import frozen_array
 from .. import initial_positions

@@ -28,8 +28,8 @@ import numpy as np
 from ...cost.likelihood import diffuse_field
 from ...cost.noise_model import NOISE, NoiseEstimate
 from ...model.gauge import move_to_frame
-from ...model.measurement import Problem
 from ...model.power import mode_power
+from ...model.problem import Problem
 from ...model.settings import Search, SolverSettings
 from ...model.validation import InputError, frozen_array
 from .. import initial_positions

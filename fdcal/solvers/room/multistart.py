@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...acoustics.room_modes import nearest_symmetry, room_symmetries
-from ...model.measurement import Problem
+from ...model.problem import Problem
 from ...model.validation import frozen_array
 from .fit import FIRST_DAMPING
 from .state import GUESS, ROUGH, State, freedom

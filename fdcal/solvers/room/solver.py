@@ -25,7 +25,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...acoustics.room_modes import diffuse_model
-from ...model.measurement import Problem
+from ...model.problem import Problem
 from ...model.settings import Search, SolverSettings
 from ...model.validation import InputError, frozen_array
 from ..interface import AssessmentMethod, Traits

@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...model.measurement import Problem
 from ...model.power import mode_power
+from ...model.problem import Problem
 from ...model.settings import SolverSettings
 from ...model.validation import InputError
 from ..interface import RunState

@@ -8,7 +8,8 @@ from types import ModuleType
 from ... import solvers
 from ...acoustics.measurement_cache import cached_measurement
 from ...model.measured_scene import MeasuredScene
-from ...model.measurement import Measurement, Problem
+from ...model.measurement import Measurement
+from ...model.problem import Problem
 from ...model.scene import Scene
 from ...model.validation import InputError
 from ...session.request import OpenRequest, as_given

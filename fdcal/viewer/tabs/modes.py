@@ -6,8 +6,9 @@ import numpy as np
 from viser import uplot
 
 from ...acoustics.fourier_bessel import array_f_max, max_order
-from ...model.measurement import Measurement, Problem
+from ...model.measurement import Measurement
 from ...model.power import mode_power
+from ...model.problem import Problem
 from ...session.history import SessionView
 from ..gui import html
 from ..gui.binding import FLOOR, Binding

@@ -1,0 +1,157 @@
+"""Checks of a measurement: each returns the value as a read-only array, or raises InputError with key and remedy."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from .settings import Search
+from .validation import InputError, frozen_array, require_array, require_choice, require_positive
+
+ROUNDING = 1e-9  # relative to a wavenumber: an imaginary part this small may have either sign
+
+
+def sound_speed(value) -> float:
+    """Return a positive number, m/s."""
+    speed = float(require_array("sound_speed", value, "real", ()).item())
+    require_positive("sound_speed", speed, "m/s")
+    return speed
+
+
+def dimension(key: str, value, choices: Iterable[int]) -> int:
+    """Return a number of dimensions, one of `choices`."""
+    number = int(require_array(key, value, "index", ()).item())
+    require_choice(key, number, choices)
+    return number
+
+
+def real(key: str, values, shape: tuple[int | None, ...], unit: str) -> np.ndarray:
+    """Return real numbers of the given shape : float64."""
+    return require_array(key, values, "real", shape, unit)
+
+
+def pressures(values, modes: int, labels: Sequence[str] | np.ndarray | None) -> np.ndarray:
+    """Return the pressures : (M, N) complex128; `labels` are the names of the microphones, if there are any."""
+    _name_microphone_not_finite(values, labels)
+    what = "the transform at each of the frequencies, one column a microphone"
+    return require_array("pressures", values, "complex", (modes, None), what)
+
+
+def _name_microphone_not_finite(values, labels) -> None:
+    """Raise InputError with the name of the first microphone with NaN or infinity, unless all have it."""
+    array = np.asarray(values)
+    if array.ndim != 2 or array.dtype.kind not in "fc":
+        return
+    bad = np.flatnonzero(~np.all(np.isfinite(array), axis=0))
+    labels = np.arange(array.shape[1]) if labels is None else labels
+    if 0 < len(bad) < array.shape[1] and len(labels) == array.shape[1]:
+        name = labels[bad[0]]
+        raise InputError(
+            f'pressures of microphone "{name}" are not all finite numbers',
+            f"correct them, or leave the microphone out: <exclude> {name}",
+            key="pressures",
+        )
+
+
+def wavenumbers(values, frequencies: np.ndarray, speed: float) -> np.ndarray:
+    """Return the wavenumbers, 2 pi f / c unless given : (M,) complex128, rad/m."""
+    given = 2 * np.pi * frequencies / speed if values is None else values
+    return require_array("wavenumbers", given, "number", (len(frequencies),), "rad/m")
+
+
+def names(values: Sequence[str] | np.ndarray | None, count: int) -> tuple[str, ...]:
+    """Return the names of the microphones, their numbers unless given."""
+    given = [str(n) for n in range(count)] if values is None else values
+    found = tuple(require_array("names", given, "text", (None,)).tolist())
+    if not len(found) == len(set(found)) == count:
+        raise InputError(f"names must be {count} different texts", "give one for each microphone", key="names")
+    return found
+
+
+def spectrum(values) -> np.ndarray:
+    """Return frequencies and mean power : (2, F) float64."""
+    array = require_array("spectrum", values, "real", (2, None), "Hz and mean power")
+    if array.shape[1] < 2 or np.any(np.diff(array[0]) <= 0) or np.any(array[1] < 0):
+        problem = "spectrum must hold ascending frequencies and powers that are not negative"
+        raise InputError(problem, "leave it out", key="spectrum")
+    return array
+
+
+def known(indices, places, truth: np.ndarray | None, count: int, D: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the known microphones (A,) int64, ascending, and their positions (A, D) float64, metres.
+
+    Parameters
+    ----------
+    indices : (A,) int
+    places : (A, D) float64 or None
+        Metres; those of `truth` unless given.
+    truth : (N, D) float64 or None
+        True positions, metres.
+    count, D : int
+        Number of microphones and of coordinates.
+    """
+    numbers = require_array("known", indices, "index", (None,), "microphones counted from 0")
+    listed = numbers.tolist()
+    if listed and not (min(listed) >= 0 and max(listed) < count and len(set(listed)) == len(listed)):
+        remedy = f"name each microphone of 0 to {count - 1} at most once"
+        raise InputError(f"known = {listed} names a microphone twice or one that does not exist", remedy, key="known")
+    if len(listed) == count:
+        problem = f"known names all {count} microphones, which leaves no microphone to be found"
+        raise InputError(problem, "leave some out", key="known", value=listed)
+    if places is None:
+        if listed and truth is None:
+            problem = "known names microphones but known_positions is missing"
+            raise InputError(problem, "add it, shape (A, D)", key="known_positions")
+        places = np.zeros((0, D)) if truth is None else truth[numbers]
+    places = require_array("known_positions", places, "real", (len(listed), D), "m, one row for each of known")
+    order = np.argsort(numbers)
+    return frozen_array(numbers[order], np.int64), frozen_array(places[order], float)
+
+
+def require_search_dimension(search: Search | None, D: int) -> None:
+    """Raise InputError unless the search domain has as many lengths as a position has coordinates."""
+    if search is not None and len(search.size) != D:
+        raise InputError(
+            f"search_size has {len(search.size)} lengths and the positions have {D} coordinates",
+            f"give {D} lengths",
+            key="search_size",
+            value=search.size,
+        )
+
+
+def require_usable(frequencies, values, k, noise_power, labels: tuple[str, ...]) -> None:
+    """Raise InputError for too few pressures, a wrong order or sign, or a microphone or mode without pressure."""
+    modes, count = values.shape
+    if modes == 0 or count < 2:
+        problem = f"pressures of shape {values.shape} are too few"
+        raise InputError(problem, "give at least one frequency and two microphones", key="pressures")
+    if np.any(frequencies <= 0) or np.any(np.diff(frequencies) <= 0):
+        problem = "frequencies must be above zero and ascending, each once"
+        raise InputError(problem, "sort them (and the pressures)", key="frequencies")
+    _require_time_sign(k)
+    silent = np.flatnonzero(~np.any(values, axis=0))
+    if len(silent):
+        name = labels[silent[0]]
+        problem = f'microphone "{name}" has zero pressure at every frequency'
+        raise InputError(problem, f"leave it out: <exclude> {name}", key="pressures")
+    silent = np.flatnonzero(~np.any(values, axis=1))
+    if len(silent):
+        problem = f"pressures at {frequencies[silent[0]]:g} Hz are zero at every microphone"
+        raise InputError(problem, "leave that frequency out", key="pressures")
+    if noise_power is not None and np.any(noise_power < 0):
+        problem = f"noise_power = {noise_power.min():g} is negative"
+        raise InputError(problem, "use 0 for no noise", key="noise_power", value=noise_power.min())
+
+
+def _require_time_sign(k: np.ndarray) -> None:
+    """Raise InputError for wavenumbers of waves that run backwards, or grow with time."""
+    wrong = np.flatnonzero((np.real(k) <= 0) | (np.imag(k) > ROUNDING * np.real(k)))
+    if len(wrong):
+        raise InputError(
+            f"wavenumbers[{wrong[0]}] = {k[wrong[0]]:.6g} rad/m must have a real part above zero and, of a wave that"
+            " decays, an imaginary part below it: the time sign is exp(+j w t)",
+            "with the other sign take the conjugate of wavenumbers and pressures",
+            key="wavenumbers",
+            value=k[wrong[0]],
+        )

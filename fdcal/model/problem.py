@@ -1,0 +1,56 @@
+"""What a solver sees of a measurement: pressures and known positions, never the true ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .gauge import GaugeFrame
+from .settings import Search
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """All that a solver may see: no true positions. Compared by identity, so that tables of one can be cached.
+
+    Attributes
+    ----------
+    pressures : (M, N) complex128
+        Dimensionless with `weights = "unit"` (each mode of unit RMS).
+    wavenumbers : (M,) complex128
+        k, rad/m, time sign exp(+j w t).
+    frequencies : (M,) float64
+        Hz.
+    known : (A,) int64
+        Known microphones, ascending.
+    known_positions : (A, D) float64
+        Metres.
+    search : Search or None
+        Lattice of candidates and expansion radius.
+    noise_power : (M,) float64 or None
+        In the unit of abs(pressures)**2.
+    sound_speed : float
+        c, m/s.
+    dimension, array_dimension : int
+        Of the sound field and of the positions (D), 2 or 3.
+    frame : GaugeFrame or None
+        The minimal gauge; no microphone is `known` then.
+    """
+
+    pressures: np.ndarray
+    wavenumbers: np.ndarray
+    frequencies: np.ndarray
+    known: np.ndarray
+    known_positions: np.ndarray
+    search: Search | None
+    noise_power: np.ndarray | None
+    sound_speed: float
+    dimension: int
+    array_dimension: int
+    frame: GaugeFrame | None = None
+
+    @property
+    def free(self) -> np.ndarray:
+        """(N - A,) int64, the microphones to be found, ascending."""
+        return np.setdiff1d(np.arange(self.pressures.shape[1]), self.known)
