@@ -140,3 +140,16 @@ def test_neighbouring_modes_that_err_alike_count_as_one():
     assert len(grouped_gradients(np.ones((57, 3)))) == 57 // NEIGHBOURS
     assert np.allclose(grouped_gradients(alone).sum(axis=0), alone.sum(axis=0))
     assert len(grouped_gradients(np.ones((5, 3)))) == 5, "few modes stand alone"
+
+
+@pytest.mark.parametrize("modes", [3, 5])
+def test_the_disagreement_of_few_modes_is_estimated_without_bias(modes):
+    """The gradients sum to zero at the solution, which takes a share 1 / modes off their squares; it is put back."""
+    rng, sigma, found = np.random.default_rng(1), 10.0, []  # far more than the model's own covariance
+    for _ in range(400):
+        gradients = sigma * rng.normal(size=(modes, 12))
+        gradients -= gradients.mean(axis=0)
+        inverse, H = np.eye(12) / modes, modes * np.eye(12)
+        found.append(robust_covariance(Information(np.eye(12), inverse, H, gradients, (6, 2))))
+    size = np.trace(np.mean(found, axis=0), axis1=1, axis2=2).mean()
+    assert size == pytest.approx(2 * sigma**2 / modes, rel=0.06)

@@ -7,7 +7,7 @@ import pytest
 from fields import measured
 
 from fdcal.acoustics.fourier_bessel import fourier_bessel, max_order
-from fdcal.cost.eq7 import cost, landscape, leave_one_out_fits, residual
+from fdcal.cost.eq7 import cost, known_weights, landscape, leave_one_out_fits, residual
 from fdcal.cost.lattice_search import best_candidate, lattice_landscape
 from fdcal.cost.mode_limits import require_modes, search_lattice
 from fdcal.model.validation import InputError
@@ -114,3 +114,22 @@ def test_modes_that_the_microphones_cannot_carry_are_refused():
         require_modes(problem, 2, 30)
     with pytest.raises(InputError, match="were measured; use at most"):
         require_modes(problem, 2, 1000)
+
+
+@pytest.mark.parametrize("known_weight", [1.0, 50.0])
+def test_known_weight_multiplies_the_squared_residual_of_the_known_microphones(known_weight):
+    """The fit without microphone n, weighted, is the minimum of sum_i w_i |residual_i|^2, found by brute force."""
+    n, m = 7, 3
+    W = fourier_bessel(GUESS, PROBLEM.wavenumbers[m], ORDERS[m], CENTRE)
+    rows = fourier_bessel(CANDIDATES, PROBLEM.wavenumbers[m], ORDERS[m], CENTRE)
+    fit = leave_one_out_fits([W], PROBLEM.pressures[m : m + 1], n, weights=known_weights(PROBLEM, known_weight))[0]
+    weights = np.ones(len(GUESS))
+    weights[[0, 1, 2]] = known_weight
+    expected = []
+    for row in rows:
+        moved = W.copy()
+        moved[n] = row
+        A, b = np.sqrt(weights)[:, None] * moved, np.sqrt(weights) * PROBLEM.pressures[m]
+        error = moved @ (np.linalg.pinv(A) @ b) - PROBLEM.pressures[m]
+        expected.append(np.sum(weights * np.abs(error) ** 2))
+    np.testing.assert_allclose(fit.cost_of(rows), expected, rtol=1e-7)

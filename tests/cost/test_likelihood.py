@@ -155,3 +155,17 @@ def test_what_is_not_a_number_is_not_taken_for_one_place():
     guess[4] = np.nan
     with pytest.raises(np.linalg.LinAlgError):
         total_cost(guess, PROBLEM.pressures, field)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9])
+def test_power_of_the_field_and_of_the_noise_add_up_to_that_of_the_pressures(dimension, share):
+    power = np.mean(np.abs(PROBLEM.pressures) ** 2, axis=1)
+    field = diffuse_field(PROBLEM.pressures, PROBLEM.wavenumbers, share * power, dimension)
+    np.testing.assert_allclose(field.power + field.noise, power, rtol=1e-12)
+
+
+def test_pressures_of_pure_noise_still_have_a_field_of_little_power():
+    power = np.mean(np.abs(PROBLEM.pressures) ** 2, axis=1)
+    field = diffuse_field(PROBLEM.pressures, PROBLEM.wavenumbers, 2 * power, 2)
+    assert np.all((field.power > 0) & (field.power < 0.01 * power))

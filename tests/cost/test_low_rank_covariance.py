@@ -163,3 +163,16 @@ def test_spherical_bessel_functions_and_their_slopes_are_scipy_s(top):
         spherical_orders(z, k, J, dJ)
         np.testing.assert_allclose(J, spherical_jn(orders, z), rtol=1e-9, atol=1e-13)
         np.testing.assert_allclose(dJ, k * spherical_jn(orders, z, derivative=True), rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize(("dimension", "D"), [(2, 2), (3, 3), (3, 2)])
+def test_the_reference_positions_set_the_centre_of_a_near_field_expansion(dimension, D):
+    """With a near source the cost depends on the centre and the extent, which are those of the reference alone."""
+    x, p = drawn(D, seed=5)
+    reference = 1.5 * x - 0.2
+    own, shared = field(dimension, 0.2, True, True), field(dimension, 0.2, True, True, reference)
+    assert total_cost(x, p, shared) != pytest.approx(total_cost(x, p, own), rel=1e-6)
+    moved = x + 0.3
+    away = field(dimension, 0.2, True, True, reference + 0.3)
+    assert total_cost(moved, p, away) == pytest.approx(total_cost(x, p, shared), rel=1e-9)
+    assert total_cost(moved, p, shared) != pytest.approx(total_cost(x, p, shared), rel=1e-6)

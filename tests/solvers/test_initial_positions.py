@@ -8,6 +8,10 @@ import numpy as np
 import pytest
 from fields import measured
 
+from fdcal import solvers
+from fdcal.model.gauge import position_errors
+from fdcal.model.measurement import Measurement
+from fdcal.model.settings import SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.solvers import initial_positions
 
@@ -145,3 +149,34 @@ def test_a_direction_that_the_source_hardly_excites_is_found_behind_a_curvature(
         np.array_equal(initial_positions.redirected(hidden, 40), initial_positions.affine(hidden, 40, None, last))
         for last in range(D, D + 5)
     )
+
+
+def test_an_array_is_found_though_the_source_hardly_excites_one_direction():
+    """Waves along x in all but the high modes: the second strongest direction is the curvature along x, not y."""
+    rng = np.random.default_rng([2, 24])
+    truth = rng.uniform(-0.5, 0.5, (24, 2))
+    frequencies = np.linspace(30, 250, 40)
+    k = 2 * np.pi * frequencies / 343.0
+    pressures = np.empty((40, 24), complex)
+    for m in range(40):
+        if m < 28:
+            x, y = k[m] * truth.T
+            a = rng.normal(size=4) + 1j * rng.normal(size=4)
+            pressures[m] = a[0] * np.cos(x) + a[1] * np.sin(x) + 0.03 * (a[2] * np.cos(y) + a[3] * np.sin(y))
+        else:
+            angles = 2 * np.pi * rng.random(30)
+            a = rng.normal(size=30) + 1j * rng.normal(size=30)
+            pressures[m] = np.exp(-1j * k[m] * truth @ np.array([np.cos(angles), np.sin(angles)])) @ a
+    noise = np.mean(np.abs(pressures) ** 2, axis=1) * 1e-4
+    draws = rng.normal(size=pressures.shape) + 1j * rng.normal(size=pressures.shape)
+    measurement = Measurement(
+        frequencies=frequencies,
+        pressures=pressures + np.sqrt(noise / 2)[:, None] * draws,
+        sound_speed=343.0,
+        wavenumbers=k.astype(complex),
+        noise_power=noise,
+        positions=truth,
+        known=KNOWN,
+    )
+    last = list(solvers.run(measurement.problem(), SolverSettings(name="joint", modes=40), 0))[-1]
+    assert last.converged and position_errors(last.positions, truth).max() < 0.02
