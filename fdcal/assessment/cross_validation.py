@@ -1,17 +1,17 @@
-"""Listening back: what the microphones, where they were found, tell of the sound field between them.
+"""The sound field between the microphones, and the prediction of each microphone by the others.
 
-Of each frequency the expansion of Eq. 2 is fitted to the pressures with the weight that its coefficients deserve as
-those of a diffuse field in noise, so that an order too many does no harm. In other words the conditional mean of a
-Gaussian process whose covariance is s W W^H + v I; k may be complex.
+The expansion of Eq. 2 is fitted to the pressures of each frequency with a prior: the coefficients are those of a
+diffuse field in noise, so that a high order does no harm. This is the conditional mean of a Gaussian process with the
+covariance s W W^H + v I; k may be complex.
 
     alpha = A^-1 W^H p,    A = W^H W + mu I,    mu = v / s,    p(x) = w(x)^T alpha,    sigma(x)^2 = v w^T A^-1 w*
 
     W, w     dictionary at the microphones and at x, about the centre of the array (Eq. 4, or its like in space)
     s, v     power of the field and of the noise
-    C        W W^H + mu I; leaving microphone n out, the others foretell p_n but for (C^-1 p)_n / (C^-1)_nn
+    C        W W^H + mu I; the others predict p_n up to the leave-one-out error (C^-1 p)_n / (C^-1)_nn
 
-Nothing of it needs the true positions, so `left_out` checks a calibration in the field. It is a little optimistic: the
-microphone left out stands where its own pressures, among others, have put it.
+Neither needs the true positions, so that cross-validation checks a calibration in the field. It is a little optimistic:
+the pressures of a microphone also helped to estimate its own position.
 """
 
 from __future__ import annotations
@@ -21,17 +21,18 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
-from ..acoustics.fourier_bessel import fourier_bessel, max_order
-from ..acoustics.spherical_harmonics import spherical_bessel
+from ..acoustics.dictionary import dictionary
+from ..acoustics.fourier_bessel import max_order
 from ..cost.likelihood import DiffuseField
-from ..cost.low_rank_covariance import AMPLE, circular, spherical
+from ..cost.low_rank_covariance import EXTRA_ORDERS, circular_dictionary
+from ..cost.spherical_covariance import spherical_gram
 from ..model.power import mode_power
 from ..model.problem import Problem
 from ..model.validation import frozen_array
 from .uncertainty import pressures_and_field
 
-LESS = 3.0  # less noise is supposed than there is: a room's field is less isotropic than this prior
-BLOCK = 4096  # points at a time
+NOISE_DEFLATION = 3.0  # times less noise is assumed: a room's field is less isotropic than this prior
+BLOCK = 4096  # points evaluated at a time
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ class Expansion:
     centre : (D,) float64, metres
     coefficients : (K,) complex128, alpha, in the unit of the pressures
     factor : (K, K) complex128, lower triangular, A = factor factor^H
-    noise : float, v
+    noise : float, v, in the unit of abs(pressures)**2
     dimension : 2 or 3, of the sound field
     """
 
@@ -58,27 +59,35 @@ class Expansion:
     dimension: int
 
     def at(self, points) -> tuple[np.ndarray, np.ndarray]:
-        """Pressure (C,) complex128 and its one sigma (C,) float64 at `points` (C, D), metres."""
+        """Return the pressure at some points and its standard deviation.
+
+        Parameters
+        ----------
+        points : (C, D) float64, metres
+
+        Returns
+        -------
+        pressure : (C,) complex128
+        sigma : (C,) float64, one standard deviation, in the unit of the pressure
+        """
         pressure, sigma = np.empty(len(points), complex), np.empty(len(points))
         for start in range(0, len(points), BLOCK):
             block = slice(start, start + BLOCK)
             w = dictionary(points[block], self.wavenumber, self.order, self.centre, self.dimension)
-            spread = solve_triangular(self.factor, w.conj().T, lower=True)
+            whitened = solve_triangular(self.factor, w.conj().T, lower=True)
             pressure[block] = w @ self.coefficients
-            sigma[block] = np.sqrt(self.noise * np.sum(np.abs(spread) ** 2, axis=0))
+            sigma[block] = np.sqrt(self.noise * np.sum(np.abs(whitened) ** 2, axis=0))
         return pressure, sigma
 
 
-def dictionary(points, wavenumber: complex, order: int, centre, dimension: int) -> np.ndarray:
-    """W of a sound field of two or three dimensions at `points` (C, D), metres : (C, K) complex128."""
-    functions = fourier_bessel if dimension == 2 else spherical_bessel
-    return functions(np.asarray(points, float), complex(wavenumber), order, centre)
-
-
 def expansions(problem: Problem, positions, modes: slice, noise: np.ndarray | None = None) -> list[Expansion]:
-    """The field of every one of `modes`, about microphones at `positions` (N, D), metres.
+    """Return the field of each mode, fitted to the microphones.
 
-    noise : (M,) float64 of all measured modes, in the unit of abs(problem.pressures)**2; estimated unless given
+    Parameters
+    ----------
+    positions : (N, D) float64, metres
+    modes : the modes to fit
+    noise : (M,) float64, of all measured modes, in the unit of abs(problem.pressures)**2; None to estimate it
     """
     positions = np.asarray(positions, float)
     pressures, field = pressures_and_field(problem, positions, modes, noise)
@@ -90,43 +99,47 @@ def expansions(problem: Problem, positions, modes: slice, noise: np.ndarray | No
 def _fit(positions, k: complex, order: int, centre, p, v: float, s: float, dimension: int) -> Expansion:
     W = dictionary(positions, k, order, centre, dimension)
     A = W.conj().T @ W
-    A[np.diag_indices(len(A))] += v / (LESS * s)
+    A[np.diag_indices(len(A))] += v / (NOISE_DEFLATION * s)
     G = cholesky(A, lower=True)
     alpha = solve_triangular(G, solve_triangular(G, W.conj().T @ p, lower=True), lower=True, trans="C")
     return Expansion(k, order, centre, alpha, G, float(v), dimension)
 
 
 def leave_one_out_errors(problem: Problem, positions, modes: slice, noise: np.ndarray | None = None) -> np.ndarray:
-    """Pressure of each microphone less what all the others foretell there : (modes, N) complex128.
+    """Return the pressure of each microphone less its prediction by all the others.
 
-    Arguments as of `expansions`; the unit is that of problem.pressures.
+    Parameters as of `expansions`.
+
+    Returns
+    -------
+    (modes, N) complex128, in the unit of problem.pressures
     """
     positions = np.asarray(positions, float)
     pressures, field = pressures_and_field(problem, positions, modes, noise)
-    errors = np.empty_like(pressures)
+    centre, errors = positions.mean(axis=0), np.empty_like(pressures)
     every = zip(problem.wavenumbers[modes], _orders(field, positions), pressures, field.power, field.noise, strict=True)
     for error, (k, order, p, s, v) in zip(errors, every, strict=True):
-        mu = v / (LESS * s)
+        mu = v / (NOISE_DEFLATION * s)
         if problem.dimension == 2:  # C^-1 = (I - W A^-1 W^H) / mu
-            W = circular(positions, complex(k), order, positions.mean(axis=0))
+            W = circular_dictionary(positions, complex(k), order, centre)
             WH = W.conj().T
             B = np.linalg.solve(WH @ W + mu * np.eye(len(WH)), WH)
             error[:] = (p - W @ (B @ p)) / (1 - np.sum(W.T * B, axis=0))
         else:
-            inverse = np.linalg.inv(spherical(positions, k, order, positions.mean(axis=0)) + mu * np.eye(len(p)))
+            inverse = np.linalg.inv(spherical_gram(positions, k, order, centre) + mu * np.eye(len(p)))
             error[:] = inverse @ p / np.diag(inverse)
     return errors
 
 
 def _orders(field: DiffuseField, positions) -> list[int]:
-    """L of every mode, about the centre of mass."""
-    reach = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
-    return max_order(field.wavenumbers, reach, AMPLE).tolist()
+    """Return L of every mode, about the centre of mass."""
+    radius = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
+    return max_order(field.wavenumbers, radius, EXTRA_ORDERS).tolist()
 
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """How well microphones are foretold by the others: error over pressure, in decibels.
+    """Leave-one-out prediction error over pressure, in decibels.
 
     Attributes
     ----------
@@ -141,18 +154,24 @@ class CrossValidation:
 
 
 def cross_validate(problem: Problem, positions, modes: slice, noise: np.ndarray | None = None) -> CrossValidation:
-    """Normalised leave-one-out error; arguments as of `expansions`."""
+    """Return the normalised leave-one-out errors; parameters as of `expansions`."""
     return summarise(problem.pressures[modes], leave_one_out_errors(problem, positions, modes, noise))
 
 
-def summarise(p: np.ndarray, errors: np.ndarray) -> CrossValidation:
-    """Report on errors (modes, N) of pressures, in the same unit."""
-    power = mode_power(p)[:, None]
-    heard, missed = np.abs(p) ** 2 / power, np.abs(errors) ** 2 / power
+def summarise(pressures: np.ndarray, errors: np.ndarray) -> CrossValidation:
+    """Return the normalised powers of leave-one-out errors.
+
+    Parameters
+    ----------
+    pressures : (M, N) complex128
+    errors : (M, N) complex128, in the same unit
+    """
+    power = mode_power(pressures)[:, None]
+    signal, error = np.abs(pressures) ** 2 / power, np.abs(errors) ** 2 / power
     return CrossValidation(
-        overall=float(_decibels(missed.sum() / heard.sum())),
-        microphones=frozen_array(_decibels(missed.sum(axis=0) / heard.sum(axis=0)), float),
-        modes=frozen_array(_decibels(missed.mean(axis=1)), float),
+        overall=float(_decibels(error.sum() / signal.sum())),
+        microphones=frozen_array(_decibels(error.sum(axis=0) / signal.sum(axis=0)), float),
+        modes=frozen_array(_decibels(error.mean(axis=1)), float),
     )
 
 

@@ -1,15 +1,15 @@
-"""A prior of the field whose angular shape is learned from the pressures, in two dimensions.
+"""A prior of the field whose power by direction is learned from the pressures, in two dimensions.
 
     C = s W W^H + v I,    W[n, q] = sqrt(S_q / Q) exp(-j k (x_n cos t_q + y_n sin t_q)),
     t_q = 2 pi q / Q
 
-S_q is the power that comes from direction t_q, mean 1. All equal it is the diffuse field, J_0. In a room a mode is few
-plane waves, and supposing it to come from everywhere pulls at the positions. With alpha = A^-1 W^H p the coefficients
-and mu A^-1 their variance (`fdcal.cost.low_rank_covariance`), one step of expectation and maximisation is
+S_q is the power that comes from direction t_q, mean 1. With all S_q equal this is the diffuse field, J_0. In a room a
+mode is a few plane waves, and assuming a diffuse field biases the positions. With alpha = A^-1 W^H p the coefficients
+and mu A^-1 their variance (`fdcal.cost.newton_kernels`), one step of expectation and maximisation is
 
     S_q <- S_q (|alpha_q|^2 / s + mu (A^-1)_qq)
 
-From all equal, a few such steps sharpen the prior where the pressures say so, and a weak pull remains.
+Starting from a diffuse field, a few such steps sharpen the prior where the pressures support it; a weak bias remains.
 """
 
 from __future__ import annotations
@@ -17,28 +17,55 @@ from __future__ import annotations
 import numpy as np
 
 from ..acoustics.compiled import adjoint, compiled, lower_inverse, sum_over_modes, writable
-from .low_rank_covariance import LEAST_WEIGHT, add_mode
+from .low_rank_covariance import LEAST_WEIGHT
+from .newton_kernels import add_mode
 
-AMPLE = 6  # orders beyond ceil(k R) that the directions must tell apart
+EXTRA_ORDERS = 6  # beyond ceil(k R), that the directions must resolve
 
 
 def diffuse_prior(positions, wavenumbers) -> np.ndarray:
-    """S of a diffuse field : (M, Q) float64, ones, with directions enough for the array."""
+    """Return the prior of a diffuse field, with enough directions for the array.
+
+    Parameters
+    ----------
+    positions : (N, 2) float64, metres
+    wavenumbers : (M,) complex128 or float64, rad/m
+
+    Returns
+    -------
+    (M, Q) float64, S, all 1
+    """
     reach = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
-    return np.ones((len(wavenumbers), 2 * (int(np.ceil(np.real(wavenumbers).max() * reach)) + AMPLE)))
+    return np.ones((len(wavenumbers), 2 * (int(np.ceil(np.real(wavenumbers).max() * reach)) + EXTRA_ORDERS)))
 
 
-def learned_prior(positions, pressures, wavenumbers, power, noise, prior, rounds: int) -> np.ndarray:
-    """`prior` (M, Q) after so many rounds of expectation and maximisation at `positions` (N, 2), metres."""
+def learned_prior(positions, pressures, wavenumbers, power, noise, prior, iterations: int) -> np.ndarray:
+    """Return the prior after a number of iterations of expectation and maximisation.
+
+    Parameters
+    ----------
+    positions : (N, 2) float64, metres
+    pressures : (M, N) complex128
+    wavenumbers : (M,) complex128 or float64, rad/m; the real parts count
+    power, noise : (M,) float64, s and v, in the unit of abs(pressures)**2
+    prior : (M, Q) float64, S to start from
+
+    Returns
+    -------
+    (M, Q) float64
+    """
     x = writable(positions, float)
     S = np.array(prior, float)
     k = writable(np.real(wavenumbers))
-    _learn(x - x.mean(axis=0), writable(pressures, complex), k, writable(power), writable(noise), S, rounds)
+    _learn(x - x.mean(axis=0), writable(pressures, complex), k, writable(power), writable(noise), S, iterations)
     return S
 
 
 def learned_terms(positions, pressures, wavenumbers, power, noise, prior, log_det: bool, derivatives=2):
-    """Cost, gradient and curvature as of `fdcal.cost.low_rank_covariance.expansion_terms`."""
+    """Return cost, gradient and curvature with the prior `prior` (M, Q) float64.
+
+    The other parameters, and what is returned, are those of `fdcal.cost.low_rank_covariance.expansion_terms`.
+    """
     x = writable(positions, float)
     noise = np.maximum(noise, LEAST_WEIGHT * power)
     scale = 1 / noise if log_det else np.ones_like(noise)
@@ -69,12 +96,12 @@ def _plane_waves(x, k, S, W, dW):
 
 
 @compiled
-def _learn(x, p, k, power, noise, prior, rounds):
+def _learn(x, p, k, power, noise, prior, iterations):
     Q = prior.shape[1]
     W, dW = np.empty((len(x), Q), np.complex128), np.empty((2, len(x), Q), np.complex128)
     for m in range(len(k)):
         mu = noise[m] / power[m]
-        for _ in range(rounds):
+        for _ in range(iterations):
             _plane_waves(x, k[m], prior[m], W, dW)
             WH = adjoint(W)
             A = WH @ W

@@ -1,8 +1,7 @@
 """The covariance through its kernel, sin(z) / z: cost, gradient and Gauss-Newton matrix of all positions, compiled.
 
-The formulas of `fdcal.cost.likelihood` with dense matrices. In three dimensions the expansion has more functions
-than there
-are microphones, so this is the shorter way.
+The formulas of `fdcal.cost.likelihood` with dense matrices. In three dimensions the expansion has more functions than
+there are microphones, so this takes fewer operations.
 """
 
 from __future__ import annotations
@@ -14,8 +13,24 @@ from ..acoustics.sinc import sinc_rows
 
 
 def dense_terms(positions, pressures, wavenumbers, power, noise, log_det: bool, derivatives=2):
-    """Cost, gradient and curvature as of `fdcal.cost.low_rank_covariance.expansion_terms`; wavenumbers (M,) float64,
-    rad/m."""
+    """Return cost, gradient and curvature with real wavenumbers.
+
+    Parameters
+    ----------
+    positions : (N, 3) or, in a plane of the field, (N, 2) float64, metres
+    pressures : (M, N) complex128
+    wavenumbers : (M,) float64, rad/m
+    power, noise, log_det, derivatives : as of `fdcal.cost.low_rank_covariance.expansion_terms`
+
+    Returns
+    -------
+    As `fdcal.cost.low_rank_covariance.expansion_terms`.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        A position is not finite, or C is singular.
+    """
     x = writable(positions, float)
     pairs = np.tril_indices(len(x), -1)
     apart = np.linalg.norm(x[pairs[0]] - x[pairs[1]], axis=1)
@@ -28,7 +43,7 @@ def dense_terms(positions, pressures, wavenumbers, power, noise, log_det: bool, 
 
 @compiled
 def _modes(x, apart, p, k, power, noise, scale, log_det, derivatives, cost, gradient, H):
-    """`apart` (N (N - 1) / 2,), metres: distances of the pairs i > j, row by row."""
+    """Add every mode; `apart` (N (N - 1) / 2,), metres, has the distances of the pairs i > j, row by row."""
     N, D = x.shape
     C, g = np.empty((N, N)), np.empty((2, D, N))
     kappa, slope = np.empty(len(apart)), np.empty(len(apart))

@@ -1,24 +1,24 @@
-"""The likelihood of one microphone over the search lattice, mode by mode, as fast as the eye asks for it.
+"""The likelihood of one microphone over the search lattice, mode by mode, fast enough for interactive display.
 
-What `fdcal.cost.leave_one_out.likelihood_landscape` reckons, for real wavenumbers and a diffuse field: with microphone
+The cost of `fdcal.cost.leave_one_out.likelihood_landscape`, for real wavenumbers and a diffuse field: with microphone
 n at x
 
     cost(x) = log det (C_-n / v) + p_-n^H C_-n^-1 p_-n + log V + |p_n - f|^2 / (v V)
 
-    f       what the others predict for x
+    f       prediction of the pressure at x by the others
     V       1 + h, the variance of the prediction's error, over v
     in two dimensions, with A = W^T W + mu I = G G^T over the other microphones, mu = v / s and the order ample,
-            f = w A^-1 W^T p_-n, h = |G^-1 w|^2, w the dictionary's row at x: O(L^2) a point
-    in three, and for microphones far out, with C_-n = G G^T and t = G^-1 c: f = t^T G^-1 p_-n, v V = s + v - |t|^2
+            f = w A^-1 W^T p_-n, h = |G^-1 w|^2, w the dictionary's row at x: O(L^2) per point
+    in three, and for a very wide array, with C_-n = G G^T and t = G^-1 c: f = t^T G^-1 p_-n, v V = s + v - |t|^2
 
-A lattice is far finer than the field. f holds no wavenumber above k and h none above 2 k, so both are reckoned where
-Chebyshev's polynomials of a few dozen degrees need them, and those give them on the lattice, to rounding errors; of
-V the logarithm and the quotient are taken after that.
+A lattice is far finer than the field. f has no wavenumber above k and h none above 2 k, so that both are computed at
+the Chebyshev nodes of a few dozen degrees and interpolated onto the lattice, exact to rounding errors. The logarithm
+and the quotient of V are taken after that.
 
 s, v      power of the field and of the noise
-W         as in `fdcal.cost.low_rank_covariance`, about the middle of the search domain: real, hence one table a mode
-for all maps
-nodes     Chebyshev's, of the horizontal layer that the map shows
+W         `fdcal.cost.low_rank_covariance.circular_dictionary` about the middle of the search domain: real, one table
+          per mode for all maps
+nodes     Chebyshev nodes of the horizontal layer that the map shows
 """
 
 from __future__ import annotations
@@ -30,20 +30,19 @@ from numpy.polynomial.chebyshev import chebvander
 from scipy.linalg import solve_triangular
 from scipy.special import jv
 
-from ..acoustics.compiled import compiled
 from ..acoustics.fourier_bessel import max_order
 from ..model.problem import Problem
 from ..model.settings import Search
 from .likelihood import DiffuseField, diffuse_field, kernel
-from .low_rank_covariance import bessel_orders_of
+from .low_rank_covariance import circular_dictionary
 
-MARGIN = 12  # orders beyond ceil(k R): what is left of the kernel is below 1e-13
-NEGLIGIBLE = 1e-15  # Chebyshev coefficient of a plane wave of wavenumber 2 k
-MOST_FUNCTIONS = 4  # times the microphones: with more the kernel is shorter
+EXTRA_ORDERS = 12  # beyond ceil(k R): the rest of the kernel is below 1e-13
+NEGLIGIBLE = 1e-15  # Chebyshev coefficient of a plane wave of wavenumber 2 k that is left out
+MOST_FUNCTIONS = 4  # times the number of microphones: with more functions the kernel is cheaper
 
 
 def likelihood_maps(problem: Problem, positions, n: int, modes: slice, noise, search: Search | None = None):
-    """Cost of every mode with microphone `n` moved over the horizontal layer at its own height.
+    """Return the cost of every mode with microphone `n` moved over the horizontal layer at its own height.
 
     Parameters
     ----------
@@ -55,7 +54,10 @@ def likelihood_maps(problem: Problem, positions, n: int, modes: slice, noise, se
     -------
     (modes, ny, nx) float64
 
-    Raises numpy.linalg.LinAlgError where the positions are not finite.
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        A position is not finite.
     """
     x = np.ascontiguousarray(positions, float)
     domain, search = problem.search, problem.search if search is None else search
@@ -73,21 +75,21 @@ def likelihood_maps(problem: Problem, positions, n: int, modes: slice, noise, se
 
 
 def _predictions(problem: Problem, x, n: int, modes: slice, p, field: DiffuseField):
-    """Of every mode the cost's constant, the nodes' numbers (in x, in y), and h and f (nodes,), x fastest."""
+    """Yield of every mode the constant of the cost, the numbers of nodes along x and y, and h and f at the nodes."""
     others = np.arange(len(x)) != n
     reach = _reach(problem.search, x[others])
     if not np.isfinite(reach):
         raise np.linalg.LinAlgError("positions are not finite")
-    furthest = float(field.wavenumbers.max(initial=0.0)) * reach  # in radians
-    few = problem.dimension == 2 and 2 * (furthest + MARGIN) + 1 <= MOST_FUNCTIONS * len(x)
-    orders = max_order(field.wavenumbers, reach, MARGIN) if few else None
+    furthest = float(field.wavenumbers.max(initial=0.0)) * reach  # k r in radians
+    few = problem.dimension == 2 and 2 * (furthest + EXTRA_ORDERS) + 1 <= MOST_FUNCTIONS * len(x)
+    orders = max_order(field.wavenumbers, reach, EXTRA_ORDERS) if few else None
     tables, near = _tables(problem), _Distances(problem.search, x[others], x[n])
     for m, mode in enumerate(range(len(problem.pressures))[modes]):
         k, s, v = field.wavenumbers[m], field.power[m], field.noise[m]
         counts = node_counts(problem.search, float(k))
         if few:
             rows = _kept_rows(tables, problem.search, mode, float(k), int(orders[m]))
-            W = dictionary(x[others], _middle(problem.search), k, orders[m])
+            W = circular_dictionary(x[others], float(k), int(orders[m]), _middle(problem.search))
             constant, h, f = _expansion_fit(W, rows, p[m, others], s, v)
         else:
             constant, h, f = _kernel_fit(near.between, near.to_nodes(counts), p[m, others], k, s, v, problem.dimension)
@@ -95,7 +97,7 @@ def _predictions(problem: Problem, x, n: int, modes: slice, p, field: DiffuseFie
 
 
 def _expansion_fit(W, rows, p, s: float, v: float):
-    """Constant, h and f at the candidates whose rows of the dictionary are `rows` (C, K)."""
+    """Return the constant, h and f at the candidates whose rows of the dictionary are `rows` (C, K)."""
     mu = v / s
     G = np.linalg.cholesky(W.T @ W + mu * np.eye(W.shape[1]))
     inverse = solve_triangular(G, np.eye(len(G)), lower=True, check_finite=False)
@@ -107,25 +109,25 @@ def _expansion_fit(W, rows, p, s: float, v: float):
     return constant, np.einsum("ij,ij->i", t, t), rows @ alpha
 
 
-def _kernel_fit(between, away, p, k: float, s: float, v: float, dimension: int):
-    """The same from distances, metres: `between` the others and `away` from the candidates, (N - 1, C)."""
+def _kernel_fit(between, to_candidates, p, k: float, s: float, v: float, dimension: int):
+    """Return the same from distances, metres: `between` the others, and (N - 1, C) from them to the candidates."""
     G = np.linalg.cholesky(s * kernel(k * between, dimension) + v * np.eye(len(p)))
     inverse = solve_triangular(G, np.eye(len(G)), lower=True, check_finite=False)
     y = inverse @ p
-    t = (s * inverse) @ kernel(k * away, dimension)
+    t = (s * inverse) @ kernel(k * to_candidates, dimension)
     constant = 2 * np.log(np.diagonal(G)).sum() - len(p) * np.log(v) + np.vdot(y, y).real
     return constant, (s - np.einsum("ij,ij->j", t, t)) / v, y @ t
 
 
 class _Distances:
-    """Between the other microphones, and from them to the nodes at the height of the one that is moved, metres."""
+    """Distances between the other microphones, and from them to the nodes at the moved one's height, metres."""
 
     def __init__(self, search: Search, others, moved):
         self._search, self._others, self._height, self._known = search, others, moved[2:], {}
         self.between = _distances(others, others)
 
     def to_nodes(self, counts) -> np.ndarray:
-        """(N - 1, C) float64 for `counts` nodes along x and y."""
+        """Return (N - 1, C) float64 for `counts` nodes along x and y."""
         if counts not in self._known:
             x = _points(self._search, counts)
             x = np.concatenate([x, np.tile(self._height, (len(x), 1))], axis=1)
@@ -138,19 +140,19 @@ def _distances(a, b) -> np.ndarray:
 
 
 def _area(search: Search) -> np.ndarray:
-    """Lowest and highest x and y, (2, 2) metres, the cells at the edge included."""
+    """Return lowest and highest x and y, (2, 2) metres, the cells at the edge included."""
     low = np.asarray(search.origin)[:2] - search.step / 2
     return np.stack([low, low + search.step * np.array(search.shape[:2])])
 
 
 def _middle(search: Search) -> np.ndarray:
-    """Centre of the expansion : (2,) metres; where no node lies, nor a microphone of a regular array."""
+    """Return the centre of the expansion, (2,) metres, off every node and every microphone of a regular array."""
     low, high = _area(search)
     return (low + high) / 2 + 1e-3 * search.step * np.array([0.61, 0.37])
 
 
 def _reach(search: Search, others) -> float:
-    """Distance from the middle to the furthest corner or microphone, metres."""
+    """Return the distance from the middle to the furthest corner or microphone, metres."""
     low, high = _area(search)
     away = np.linalg.norm(others[:, :2] - _middle(search), axis=1)
     return float(np.maximum(away.max(initial=0.0), np.linalg.norm(high - low) / 2 + search.step))
@@ -158,23 +160,30 @@ def _reach(search: Search, others) -> float:
 
 @functools.lru_cache(maxsize=1024)
 def node_counts(search: Search, wavenumber: float) -> tuple[int, int]:
-    """Nodes along x and y that a function with wavenumbers up to 2 k takes; multiples of 4, so that they recur."""
+    """Return the numbers of nodes along x and y that resolve wavenumbers up to 2 k.
+
+    They are multiples of 4, so that modes share their tables.
+
+    Parameters
+    ----------
+    wavenumber : k, rad/m
+    """
     low, high = _area(search)
     counts = []
     for half in (high - low) / 2:
         z = 2 * wavenumber * half
-        degrees = np.arange(int(z) + 1, int(1.5 * z) + 60)  # from z on the coefficients J_l(z) only fall
+        degrees = np.arange(int(z) + 1, int(1.5 * z) + 60)  # beyond l = z the coefficients J_l(z) decrease
         counts.append(4 * (int(degrees[np.argmax(jv(degrees, z) < NEGLIGIBLE)]) // 4 + 1))
     return counts[0], counts[1]
 
 
 def _nodes(count: int) -> np.ndarray:
-    """Chebyshev's nodes between -1 and 1 : (count,) float64."""
+    """Return the Chebyshev nodes between -1 and 1 : (count,) float64."""
     return np.cos(np.pi * (np.arange(count) + 0.5) / count)
 
 
 def _points(search: Search, counts) -> np.ndarray:
-    """The nodes of the domain : (C, 2) metres, x fastest."""
+    """Return the nodes of the domain : (C, 2) metres, x fastest."""
     low, high = _area(search)
     x, y = (a + (b - a) * (1 + _nodes(count)) / 2 for a, b, count in zip(low, high, counts, strict=True))
     return np.stack([np.tile(x, len(y)), np.repeat(y, len(x))], axis=1)
@@ -182,7 +191,7 @@ def _points(search: Search, counts) -> np.ndarray:
 
 @functools.lru_cache(maxsize=128)
 def _from_nodes(domain: Search, search: Search, axis: int, count: int) -> np.ndarray:
-    """Matrix (points, nodes) from values at the nodes of `domain` to those on the lattice `search`, along one axis."""
+    """Return the matrix (points, nodes) that interpolates from the nodes of `domain` to the lattice, on one axis."""
     low, high = _area(domain)[:, axis]
     places = search.origin[axis] + search.step * np.arange(search.shape[axis])
     weight = np.full(count, 2.0 / count)
@@ -193,32 +202,14 @@ def _from_nodes(domain: Search, search: Search, axis: int, count: int) -> np.nda
 
 @functools.lru_cache(maxsize=2)
 def _tables(problem: Problem) -> dict[int, np.ndarray]:
-    """Of every mode seen the rows of the dictionary at its nodes, kept for one problem. Filled by `_kept_rows`."""
+    """Return the cache of one problem: rows of the dictionary at the nodes, by mode. Filled by `_kept_rows`."""
     return {}
 
 
 def _kept_rows(tables, search: Search, mode: int, k: float, order: int) -> np.ndarray:
-    """Rows (C, 2L + 1) of the dictionary at the nodes; anew when a microphone so far out asks for a higher order."""
+    """Return the rows (C, 2L + 1) of the dictionary at the nodes; computed again only for a higher order."""
     rows = tables.get(mode)
     if rows is None or rows.shape[1] < 2 * order + 1:
-        rows = dictionary(_points(search, node_counts(search, k)), _middle(search), k, order)
+        rows = circular_dictionary(_points(search, node_counts(search, k)), k, order, _middle(search))
         tables[mode] = rows
     return rows[:, : 2 * order + 1]
-
-
-@compiled
-def dictionary(x, centre, k, L):
-    """J_0, sqrt(2) J_l cos(l theta), sqrt(2) J_l sin(l theta), l = 1..L, at x (C, 2), metres : (C, 2L + 1) float64."""
-    W, J = np.empty((len(x), 2 * L + 1)), np.empty(L + 1)
-    root = np.sqrt(2.0)
-    for n in range(len(x)):
-        dx, dy = x[n, 0] - centre[0], x[n, 1] - centre[1]
-        r = np.hypot(dx, dy)
-        bessel_orders_of(k * r, L, J)
-        unit = complex(dx / r, dy / r) if r > 0 else 1.0 + 0.0j
-        phase = unit
-        W[n, 0] = J[0]
-        for l in range(1, L + 1):  # noqa: E741
-            W[n, 2 * l - 1], W[n, 2 * l] = root * J[l] * phase.real, root * J[l] * phase.imag
-            phase *= unit
-    return W

@@ -1,20 +1,15 @@
 """The covariance through the dictionary: cost, gradient and Gauss-Newton matrix of all positions, compiled.
 
-With C = s W W^H + v I, mu = v / s and the order ample,
+C = s W W^H + v I with an order so high that W W^H is the kernel of a diffuse field; the formulas are those of
+`fdcal.cost.newton_kernels`. The rank is 2L + 1 only, so that a step costs O(M N L^2 + M N^2 (L + D^2)). Real and
+complex wavenumbers are supported. In three dimensions W W^H comes as a series, `fdcal.cost.spherical_covariance`.
 
-    A = W^H W + mu I = G G^H,    Q = W G^-H,    P = I - Q Q^H = v C^-1,    alpha = A^-1 W^H p,    r = P p = p - W alpha
-
-    cost          sum_m p^H P p / v + log det (A / mu)        (the second term in a likelihood alone)
-    gradient      -2 Re [conj(g_a) r] / v + 2 Re diag(D_a W A^-1 W^H),    g_a = D_a W alpha, slope of the fitted field
-    curvature     2 Re [conj(g_a,i) P_ij g_b,j] / v           (Gauss-Newton; Kaufman's in a projection)
-
-Of rank 2L + 1 only, so a step costs O(M N L^2 + M N^2 (L + D^2)). Complex wavenumbers are served as well as real ones.
 A source close to the array excites high orders more than a diffuse field does, by |H_l(k rho)|, rho its distance.
 With `near_field` the columns of W are multiplied by that factor, for rho = 1.5 R, where it is above 1: a prior that
 allows for such a source, needed where the noise is so low that its field counts.
 
 In two dimensions W has the columns J_0, sqrt(2) J_l cos(l theta), sqrt(2) J_l sin(l theta): those of Eq. 4 after a
-unitary map, which changes no W W^H, and real for a real k.
+unitary map, which leaves W W^H unchanged, and real for a real k.
 """
 
 from __future__ import annotations
@@ -22,20 +17,22 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import hankel1, spherical_jn, spherical_yn
 
-from ..acoustics.compiled import add_curvature, adjoint, compiled, lower_inverse, parallel_map, sum_over_modes, writable
+from ..acoustics.compiled import compiled, parallel_map, sum_over_modes, writable
 from ..acoustics.fourier_bessel import max_order
-from .spherical_covariance import directions, series, series_modes
+from .bessel_kernels import fill_bessel
+from .newton_kernels import add_mode
+from .spherical_covariance import series_modes, spherical_gram
 
-AMPLE = 8  # orders beyond ceil(k R) about the centre of mass: the rest of W W^H is below 1e-9
-NEAR_ORDERS = 16  # the same where sources are near: at 1.75 R what is left of their power is below 1e-10
-NEAREST = 1.5  # times R: how near
-LEAST_WEIGHT = 1e-11  # of mu; below it rounding errors of A are no longer small beside it
+EXTRA_ORDERS = 8  # beyond ceil(k R) about the centre of mass: the rest of W W^H is below 1e-9
+NEAR_FIELD_ORDERS = 16  # the same with near sources: the rest of the power of one at 1.75 R is below 1e-10
+SOURCE_DISTANCE = 1.5  # times R: nearest source that the near-field prior allows for
+LEAST_WEIGHT = 1e-11  # least mu = v / s; below it rounding errors of A are not small beside it
 
 
 def expansion_terms(
-    positions, pressures, wavenumbers, power, noise, dimension, log_det, near_field=False, about=None, derivatives=2
+    positions, pressures, wavenumbers, power, noise, dimension, log_det, near_field=False, reference=None, derivatives=2
 ):
-    """Cost summed over modes, its gradient and its Gauss-Newton matrix.
+    """Return the cost summed over modes, its gradient and its Gauss-Newton matrix.
 
     Parameters
     ----------
@@ -55,10 +52,13 @@ def expansion_terms(
     gradient : (N, D) float64, 1/m
     curvature : (N, D, N, D) float64, 1/m^2
 
-    Raises numpy.linalg.LinAlgError where the positions are not finite.
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        A position is not finite.
     """
     x, k, p = writable(positions, float), writable(wavenumbers), writable(pressures, complex)
-    centre, orders, gains = _about_centre(x, k, dimension, near_field, about)
+    centre, orders, gains = _about_centre(x, k, dimension, near_field, reference)
     noise = np.maximum(noise, LEAST_WEIGHT * power)
     scale = np.ones_like(noise) if log_det else noise
     if dimension == 2:
@@ -68,22 +68,22 @@ def expansion_terms(
     return sum_over_modes(series_modes, (x, centre), modes, (float(log_det), derivatives), derivatives)
 
 
-def _about_centre(x, k, dimension: int, near_field: bool, about=None):
-    """Centre (D,), orders (M,) and the gain of every order (M, L + 1).
+def _about_centre(x, k, dimension: int, near_field: bool, reference=None):
+    """Return the centre (D,), the orders (M,) and the gain of every order (M, L + 1).
 
-    The centre is the centre of mass and a little aside, where no microphone stands: there is no direction at it.
+    The centre is a little off the centre of mass, so that no microphone stands on it: directions are undefined there.
     """
-    about = x if about is None else about
-    centre = about.mean(axis=0)
-    reach = float(np.linalg.norm(about - centre, axis=1).max())
+    reference = x if reference is None else reference
+    centre = reference.mean(axis=0)
+    reach = float(np.linalg.norm(reference - centre, axis=1).max())
     centre = centre + 1e-3 * reach * np.array([0.61, 0.37, 0.7])[: len(centre)]
     furthest = float(np.linalg.norm(x - centre, axis=1).max())
     if not np.isfinite(furthest):
         raise np.linalg.LinAlgError("positions are not finite")
-    orders = max_order(k, furthest, NEAR_ORDERS if near_field else AMPLE)
+    orders = max_order(k, furthest, NEAR_FIELD_ORDERS if near_field else EXTRA_ORDERS)
     gains = np.ones((len(k), int(orders.max()) + 1))
     if near_field and reach > 0:
-        l, z = np.arange(gains.shape[1]), np.real(k)[:, None] * NEAREST * reach  # noqa: E741
+        l, z = np.arange(gains.shape[1]), np.real(k)[:, None] * SOURCE_DISTANCE * reach  # noqa: E741
         loud = np.abs(hankel1(l, z)) if dimension == 2 else np.hypot(spherical_jn(l, z), spherical_yn(l, z))
         gains = np.clip(loud, 1.0, 1e100)
     return centre, orders, gains
@@ -94,19 +94,19 @@ def _circular_modes(x, centre, p, k, orders, gains, mu, scale, log_det, derivati
     for m in range(len(k)):
         r = 2 * orders[m] + 1
         W, dW = np.empty((len(x), r), k.dtype), np.empty((2, len(x), r), k.dtype)
-        _circular(x, centre, k[m], orders[m], gains[m], derivatives > 0, W, dW)
+        _fill_circular(x, centre, k[m], orders[m], gains[m], derivatives > 0, W, dW)
         add_mode(W, dW, p[m], mu[m], scale[m], log_det, derivatives, cost, gradient, H)
 
 
 @compiled
-def _circular(x, centre, k, L, gain, slopes, W, dW):
-    """W (N, 2L + 1) and its derivatives (2, N, 2L + 1), if wanted; d/dx and d/dy as in `fourier_bessel_gradient`."""
+def _fill_circular(x, centre, k, L, gain, slopes, W, dW):
+    """Fill W (N, 2L + 1) and, if `slopes`, dW (2, N, 2L + 1), its derivatives along x and y, 1/m."""
     J = np.empty(L + 2, W.dtype)
     root = np.sqrt(2.0)
     for n in range(len(x)):
         dx, dy = x[n, 0] - centre[0], x[n, 1] - centre[1]
         r = np.hypot(dx, dy)
-        bessel_orders_of(k * r, L + 1, J)
+        fill_bessel(k * r, L + 1, J)
         c, s = (dx / r, dy / r) if r > 0 else (1.0, 0.0)
         W[n, 0] = gain[0] * J[0]
         if slopes:
@@ -125,107 +125,22 @@ def _circular(x, centre, k, L, gain, slopes, W, dW):
             c_below, s_below, c_here, s_here = c_here, s_here, c_above, s_above
 
 
-@compiled
-def bessel_orders_of(z, top, J):
-    """J_0..J_top of one number into J (top + 1,): Miller's recurrence down, normalised by J_0 + 2 (J_2 + ...) = 1."""
-    if abs(z) < 0.2:
-        _bessel_series(z, top, J)
-        return
-    start = top + int(abs(z)) + 24
-    start += start % 2
-    above, here, total, twice = 0 * z, 1e-290 + 0 * z, 0 * z, 2 / z
-    for l in range(start, 0, -1):  # noqa: E741
-        if l <= top:
-            J[l] = here
-        if l % 2 == 0:
-            total += 2 * here
-        above, here = here, l * twice * here - above
-        if abs(here.real) > 1e250 or abs(here.imag) > 1e250:
-            here, above, total = here * 1e-250, above * 1e-250, total * 1e-250
-            for i in range(l, top + 1):
-                J[i] *= 1e-250
-    J[0] = here
-    total += here
-    for i in range(top + 1):
-        J[i] /= total
-
-
-@compiled
-def _bessel_series(z, top, J):
-    half = z / 2
-    lead = 1.0 + 0 * z
-    for l in range(top + 1):  # noqa: E741
-        term, total = lead, lead
-        for t in range(1, 7):
-            term = -term * half * half / (t * (t + l))
-            total = total + term
-        J[l] = total
-        lead = lead * half / (l + 1)
-
-
-@compiled
-def add_mode(W, dW, p, mu, scale, log_det, derivatives, cost, gradient, H):
-    """Add one mode to `cost` (1,), `gradient` (N, D) and `H` (D, D, N, N), a <= b, as many as `derivatives` tells."""
-    N, r = W.shape
-    P = np.empty((N, 2), W.dtype)  # BLAS takes no mixture of types
-    for i in range(N):
-        P[i, 0], P[i, 1] = p[i].real, p[i].imag
-    WH = adjoint(W)
-    A = WH @ W
-    for i in range(r):
-        A[i, i] += mu
-    G = np.linalg.cholesky(A)
-    if log_det != 0:
-        for i in range(r):
-            cost[0] += log_det * np.log(G[i, i].real ** 2 / mu)
-    X = lower_inverse(G)
-    XH = adjoint(X)
-    parts = XH @ (X @ (WH @ P))
-    fit = W @ parts
-    alpha, residual = parts[:, 0] + 1j * parts[:, 1], p - (fit[:, 0] + 1j * fit[:, 1])
-    cost[0] += scale * _misfit(residual, alpha, mu)
-    if derivatives == 0:
-        return
-    Q = W @ XH
-    T = Q @ X
-    D = len(dW)
-    g = np.empty((2, D, N))
-    for a in range(D):
-        for i in range(N):
-            slope, widening = 0j, 0.0
-            for q in range(r):
-                slope += dW[a, i, q] * alpha[q]
-                widening += (dW[a, i, q] * np.conj(T[i, q])).real
-            g[0, a, i], g[1, a, i] = slope.real, slope.imag
-            gradient[i, a] += 2 * log_det * widening - 2 * scale * (np.conj(slope) * residual[i]).real
-    if derivatives < 2:
-        return
-    add_curvature(H, g, Q @ adjoint(Q), -2 * scale)
-    for a in range(D):
-        for b in range(a, D):
-            for i in range(N):
-                H[a, b, i, i] += 2 * scale * (g[0, a, i] * g[0, b, i] + g[1, a, i] * g[1, b, i])
-
-
-@compiled
-def _misfit(residual, alpha, mu):
-    """p^H P p = |p - W alpha|^2 + mu |alpha|^2, which small errors of alpha do not change."""
-    total = 0.0
-    for value in residual:
-        total += abs(value) ** 2
-    for value in alpha:
-        total += mu * abs(value) ** 2
-    return total
-
-
 def expansion_spectra(
     positions, pressures, wavenumbers, dimension: int, near_field=False
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Of every mode the N eigenvalues of C for s = 1, v = 0, and |u^H p|^2 along its eigenvectors u.
+    """Return the eigenvalues of W W^H of every mode, and |u^H p|^2 along its eigenvectors u.
+
+    Parameters
+    ----------
+    positions : (N, D) float64, metres
+    pressures : (M, N) complex128
+    wavenumbers : (M,) float64 or complex128, rad/m
+    dimension : 2 or 3, of the sound field
+    near_field : whether a source may be close to the array
 
     Returns
     -------
-    list of two (N,) float64 arrays a mode; eigenvalues of zero may share what is left of p equally
+    list of two (N,) float64 arrays per mode; where eigenvalues are zero, the rest of |p|^2 is spread evenly over them
     """
     x, k = writable(positions, float), writable(wavenumbers)
     centre, orders, gains = _about_centre(x, k, dimension, near_field)
@@ -233,36 +148,43 @@ def expansion_spectra(
     def of_mode(mode) -> tuple[np.ndarray, np.ndarray]:
         kk, order, gain, p = mode
         if dimension == 2:
-            return _along(circular(x, kk, order, centre, gain), p)
-        values, vectors = np.linalg.eigh(spherical(x, kk, order, centre, gain))
+            return _along(circular_dictionary(x, kk, order, centre, gain), p)
+        values, vectors = np.linalg.eigh(spherical_gram(x, kk, order, centre, gain))
         return np.maximum(values, 0.0), np.abs(vectors.conj().T @ p) ** 2
 
     return parallel_map(of_mode, zip(k, orders.tolist(), gains, pressures, strict=True))
 
 
-def circular(points, k, order: int, centre, gain=None) -> np.ndarray:
-    """W of one mode in two dimensions : (N, 2L + 1), real for a real k; `gain` (L + 1,) of every order."""
+def circular_dictionary(points, k, order: int, centre, gain=None) -> np.ndarray:
+    """Return W of one mode in two dimensions, real for a real k; W W^H is that of Eq. 4.
+
+    Parameters
+    ----------
+    points : (N, 2) float64, metres
+    k : float or complex, rad/m
+    order : L
+    centre : (2,) float64, metres
+    gain : (L + 1,) float64 or None, factor of each order
+
+    Returns
+    -------
+    (N, 2L + 1) float64 or complex128, as `k`
+    """
     x, centre = writable(points, float), writable(centre, float)
     W = np.empty((len(x), 2 * order + 1), np.asarray(k).dtype)
-    _circular(x, centre, k, order, np.ones(order + 1) if gain is None else gain, False, W, np.empty((2, 0, 0), W.dtype))
+    _fill_circular(
+        x, centre, k, order, np.ones(order + 1) if gain is None else gain, False, W, np.empty((2, 0, 0), W.dtype)
+    )
     return W
 
 
-def spherical(points, k, order: int, centre, gain=None) -> np.ndarray:
-    """W W^H of one mode in three dimensions : (N, N) complex128; `gain` (L + 1,) of every order."""
-    x, centre = writable(points, float), writable(centre, float)
-    C = np.empty((len(x), len(x)), complex)
-    gain = np.ones(order + 1) if gain is None else gain
-    series(*directions(x, centre), complex(k), order, gain, False, C, C.copy(), C.copy())
-    return C
-
-
 def _along(W: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the eigenvalues of W W^H and the power of p along its eigenvectors, from the small W^H W."""
     WH = W.conj().T
     values, vectors = np.linalg.eigh(WH @ W)
-    some = max(int(np.argmax(values > 1e-13 * values[-1])), len(values) - len(p))  # the first of those that count
-    values = values[some:]
-    along = np.abs(vectors[:, some:].conj().T @ (WH @ p)) ** 2 / values
+    first = max(int(np.argmax(values > 1e-13 * values[-1])), len(values) - len(p))  # the rest is numerically zero
+    values = values[first:]
+    along = np.abs(vectors[:, first:].conj().T @ (WH @ p)) ** 2 / values
     rest = max(float(np.sum(np.abs(p) ** 2) - along.sum()), 0.0)
     zeros = len(p) - len(values)
     return np.append(values, np.zeros(zeros)), np.append(along, np.full(zeros, rest / max(zeros, 1)))

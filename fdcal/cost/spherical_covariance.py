@@ -2,14 +2,12 @@
 
     C_ij = s sum_l (2l + 1) h_l^2 j_l(k a_i) conj(j_l(k a_j)) P_l(cos gamma_ij) + v delta_ij
 
-a, gamma   distance from the centre of the expansion, angle between two microphones seen from there
-h_l        gain of order l, `fdcal.cost.low_rank_covariance`; where it is 1 and k real, the series is sin(k d) / (k d)
+a, gamma   distance from the centre of the expansion; angle between two microphones as seen from the centre
+h_l        gain of order l, `fdcal.cost.low_rank_covariance`; with gain 1 and real k the series is sin(k d) / (k d)
 
-It is s W W^H + v I of the spherical dictionary (`fdcal.acoustics.spherical_harmonics`), summed over m by the
-addition theorem: N^2 L terms
-and not N^2 L^2. Microphones in a plane need nothing else. Cost, gradient and curvature are those of
-`fdcal.cost.low_rank_covariance`
-with D_a[i,j] = dC_ij / dx_ia of the first microphone alone:
+It is s W W^H + v I of the spherical dictionary (`fdcal.acoustics.spherical_harmonics`), with the sum over m in closed
+form (addition theorem): N^2 L terms and not N^2 L^2. Microphones in a plane need no special case. Cost, gradient and
+curvature are those of `fdcal.cost.newton_kernels`, with D_a[i,j] = dC_ij / dx_ia of the first microphone alone:
 
     gradient   2 Re sum_j D_a[i,j] (C^-1)_ji - 2 Re conj(u_i) g_a,i,    g_a = D_a u,  u = C^-1 p
     curvature  2 Re conj(g_a,i) (C^-1)_ij g_b,j
@@ -19,12 +17,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..acoustics.compiled import add_curvature, compiled, lower_inverse
+from ..acoustics.compiled import add_curvature, compiled, lower_inverse, writable
+from .bessel_kernels import fill_spherical_bessel
 
 
 @compiled
 def series_modes(x, centre, p, k, orders, gains, power, noise, scale, log_det, derivatives, cost, gradient, H):
-    """Add every mode to `cost` (1,), `gradient` (N, D) and `H` (D, D, N, N), blocks a <= b."""
+    """Add every mode to `cost` (1,), `gradient` (N, D) and `H` (D, D, N, N), blocks a <= b.
+
+    Parameters as of `fdcal.cost.low_rank_covariance.expansion_terms`, `gains` (M, L + 1) float64.
+    """
     N, D = x.shape
     e, a = directions(x, centre)
     C, R, A = np.empty((N, N), np.complex128), np.empty((N, N), np.complex128), np.empty((N, N), np.complex128)
@@ -60,7 +62,7 @@ def series_modes(x, centre, p, k, orders, gains, power, noise, scale, log_det, d
 
 @compiled
 def directions(x, centre):
-    """Unit vectors (N, D) from the centre to the microphones and their distances (N,)."""
+    """Return unit vectors (N, D) from the centre to the microphones and their distances (N,), metres."""
     N, D = x.shape
     e, a = np.empty((N, D)), np.empty(N)
     for i in range(N):
@@ -76,7 +78,7 @@ def directions(x, centre):
 
 @compiled
 def cosine(e, i, j):
-    """cos gamma of microphones i and j."""
+    """Return cos gamma of microphones i and j from the unit vectors e (N, D)."""
     total = 0.0
     for b in range(e.shape[1]):
         total += e[i, b] * e[j, b]
@@ -85,14 +87,14 @@ def cosine(e, i, j):
 
 @compiled
 def series(e, a, k, L, gain, slopes, C, R, A):
-    """Of one mode C, without power and noise; R its derivative along a_i and A that along cos gamma : (N, N)."""
+    """Fill C (N, N) of one mode for s = 1, v = 0; if `slopes`, R = dC / da_i and A = dC / d cos gamma."""
     N = len(a)
     J, dJ = np.empty((N, L + 1), np.complex128), np.empty((N, L + 1), np.complex128)
     weight = np.empty(L + 1)
     for l in range(L + 1):  # noqa: E741
         weight[l] = (2 * l + 1) * gain[l] ** 2
     for i in range(N):
-        spherical_orders(k * a[i], k, J[i], dJ[i])
+        fill_spherical_bessel(k * a[i], k, J[i], dJ[i])
     for i in range(N):
         for j in range(i + 1):
             c = cosine(e, i, j)
@@ -113,34 +115,23 @@ def series(e, a, k, L, gain, slopes, C, R, A):
             A[i, j], A[j, i] = angular, np.conj(angular)
 
 
-@compiled
-def spherical_orders(z, k, J, dJ):
-    """j_l(z) into J (L + 1,) and k j_l'(z) into dJ, l = 0..L: the recurrence downward, normalised by j_0 or j_1."""
-    top = len(J) - 1
-    if abs(z) < 1e-3:
-        lead = 1.0 + 0j
-        for l in range(top + 1):  # noqa: E741
-            J[l] = lead * (1 - z * z / (2 * (2 * l + 3)))
-            dJ[l] = k * (0j if l == 0 else l * lead / z) - k * lead * z * (l + 2) / (2 * (2 * l + 3))
-            lead = lead * z / (2 * l + 3)
-        return
-    start = top + int(abs(z)) + 24
-    above, here = 0j, 1e-290 + 0j
-    last = 0j
-    for l in range(start, -1, -1):  # noqa: E741
-        if l <= top:
-            J[l] = here
-        last = above
-        above, here = here, (2 * l + 1) / z * here - above
-        if abs(here) > 1e250:
-            here, above, last = here * 1e-250, above * 1e-250, last * 1e-250
-            for i in range(l, top + 1):
-                J[i] *= 1e-250
-    zero, one = np.sin(z) / z, (np.sin(z) / z - np.cos(z)) / z
-    factor = zero / above if abs(zero) > abs(one) else one / last
-    for l in range(top + 1):  # noqa: E741
-        J[l] *= factor
-    first = J[1] if top >= 1 else one
-    dJ[0] = -k * first
-    for l in range(1, top + 1):  # noqa: E741
-        dJ[l] = k * (J[l - 1] - (l + 1) / z * J[l])
+def spherical_gram(points, k, order: int, centre, gain=None) -> np.ndarray:
+    """Return W W^H of one mode in three dimensions.
+
+    Parameters
+    ----------
+    points : (N, 3) or, in a plane, (N, 2) float64, metres
+    k : float or complex, rad/m
+    order : L
+    centre : as one of `points`, metres
+    gain : (L + 1,) float64 or None, factor of each order
+
+    Returns
+    -------
+    (N, N) complex128
+    """
+    x, centre = writable(points, float), writable(centre, float)
+    C = np.empty((len(x), len(x)), complex)
+    gain = np.ones(order + 1) if gain is None else gain
+    series(*directions(x, centre), complex(k), order, gain, False, C, C.copy(), C.copy())
+    return C

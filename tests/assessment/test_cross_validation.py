@@ -1,4 +1,4 @@
-"""The field between the microphones, and each of them foretold by the others."""
+"""The field between the microphones, and the prediction of each of them by the others."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from PIL import Image
 from scipy.linalg import solve
 
 from fdcal.acoustics.box_field import point_source_pressures as box_field
-from fdcal.assessment.cross_validation import cross_validate, dictionary, expansions, leave_one_out_errors
+from fdcal.acoustics.dictionary import dictionary
+from fdcal.assessment.cross_validation import cross_validate, expansions, leave_one_out_errors
 from fdcal.assessment.field_map import field_map
 from fdcal.commands.cli import main
 from fdcal.graphics import field_files
@@ -55,7 +56,7 @@ def ratio(errors, pressures) -> np.ndarray:
 
 
 @pytest.mark.parametrize("measurement", [plane(40.0), space()], ids=["plane", "space"])
-def test_leaving_out_is_fitting_anew_without_the_microphone(measurement):
+def test_leave_one_out_errors_are_those_of_a_fit_without_the_microphone(measurement):
     problem = measurement.problem()
     modes = slice(2, 3)
     errors = leave_one_out_errors(problem, measurement.positions, modes, problem.noise_power)
@@ -66,11 +67,11 @@ def test_leaving_out_is_fitting_anew_without_the_microphone(measurement):
     for n in (0, 7, 19):
         rest = np.arange(len(p)) != n
         A = W[rest].conj().T @ W[rest] + mu * np.eye(W.shape[1])
-        foretold = W[n] @ solve(A, W[rest].conj().T @ p[rest], assume_a="pos")
-        assert errors[0, n] == pytest.approx(p[n] - foretold, rel=1e-5, abs=1e-8)
+        predicted = W[n] @ solve(A, W[rest].conj().T @ p[rest], assume_a="pos")
+        assert errors[0, n] == pytest.approx(p[n] - predicted, rel=1e-5, abs=1e-8)
 
 
-def test_the_field_of_a_plane_is_the_rooms_own():
+def test_the_expansion_in_a_plane_matches_the_field_of_the_room():
     measurement = plane()
     points = between(PLANE)
     truth = rigid_room(points, SOURCE, measurement.wavenumbers)
@@ -78,7 +79,7 @@ def test_the_field_of_a_plane_is_the_rooms_own():
     assert ratio(np.array([fit.at(points)[0] for fit in fits]) - truth, truth).max() < -45
 
 
-def test_the_field_of_a_space_is_the_rooms_own():
+def test_the_expansion_in_space_matches_the_field_of_the_room():
     measurement = space()
     points = between(SPACE)
     truth = box_field(BOX, BOX_SOURCE, points, measurement.wavenumbers)
@@ -86,7 +87,7 @@ def test_the_field_of_a_space_is_the_rooms_own():
     assert ratio(np.array([fit.at(points)[0] for fit in fits]) - truth, truth).max() < -40
 
 
-def test_one_sigma_covers_the_errors_that_noise_makes():
+def test_one_sigma_covers_the_errors_due_to_noise():
     measurement = plane(30.0)
     points = between(PLANE, 200)
     truth = rigid_room(points, SOURCE, measurement.wavenumbers)
@@ -95,7 +96,7 @@ def test_one_sigma_covers_the_errors_that_noise_makes():
     assert 0.2 < np.mean(np.abs(pressure - truth) ** 2) / np.mean(sigma**2) < 1.5
 
 
-def test_errors_grow_with_the_square_of_what_microphones_are_aside():
+def test_errors_grow_with_the_square_of_the_position_errors():
     measurement = plane(60.0)
     problem = measurement.problem()
     moved = np.random.default_rng(3).normal(size=PLANE.shape) / np.sqrt(2)
@@ -106,18 +107,18 @@ def test_errors_grow_with_the_square_of_what_microphones_are_aside():
     assert large - small == pytest.approx(20 * np.log10(4), abs=2.0)
 
 
-def test_a_microphone_aside_is_the_worst_foretold():
+def test_a_displaced_microphone_is_predicted_worst():
     measurement = plane(40.0)
-    problem, aside = measurement.problem(), PLANE.copy()
+    problem, displaced = measurement.problem(), PLANE.copy()
     inner = int(np.argmin(np.linalg.norm(PLANE - PLANE.mean(axis=0), axis=1)))
-    aside[inner] += [0.05, -0.05]
-    found = cross_validate(problem, aside, every(measurement), problem.noise_power)
+    displaced[inner] += [0.05, -0.05]
+    found = cross_validate(problem, displaced, every(measurement), problem.noise_power)
     assert int(found.microphones.argmax()) == inner
     power = 10 ** (np.array([found.modes, [found.overall] * len(found.modes)]) / 10)
     assert power[0].mean() == pytest.approx(power[1, 0])
 
 
-def test_the_map_has_the_unit_of_the_measurement_and_ends_where_the_array_does():
+def test_the_map_has_the_unit_of_the_measurement_and_ends_at_the_hull_of_the_array():
     measurement = plane(60.0)
     loud = replace(measurement, pressures=1e6 * measurement.pressures, noise_power=1e12 * measurement.noise_power)
     one, two = (field_map(m, PLANE, [100.0], 0.05) for m in (measurement, loud))
@@ -191,7 +192,7 @@ OTHER = {
         (["--step", "0"], "above zero"),
         (["--step", "nan"], "above zero"),
         (["--step", "1e-5"], "use a larger one"),
-        (["--result", "other.json"], "use its own result"),
+        (["--result", "other.json"], "use the result of this measurement"),
         (["-o", "map.xlsx"], "must end in"),
     ],
 )

@@ -11,10 +11,10 @@ from scipy.special import jv, spherical_jn
 from fdcal.acoustics.fourier_bessel import fourier_bessel, max_order
 from fdcal.acoustics.spherical_harmonics import spherical_bessel
 from fdcal.cost import eq7 as paper
+from fdcal.cost.bessel_kernels import fill_bessel, fill_spherical_bessel
 from fdcal.cost.dense_covariance import dense_terms
 from fdcal.cost.likelihood import DiffuseField, newton_terms, total_cost
-from fdcal.cost.low_rank_covariance import AMPLE, bessel_orders_of, expansion_terms
-from fdcal.cost.spherical_covariance import spherical_orders
+from fdcal.cost.low_rank_covariance import EXTRA_ORDERS, expansion_terms
 
 N, M = 9, 3
 K = np.array([1.3, 3.1, 7.4])
@@ -44,7 +44,7 @@ def field(dimension, damped, log_det=True, near=False, about=None):
 
 
 def dictionary(x, k, dimension, centre):
-    order = int(max_order(np.array([k]), 1.0, AMPLE)[0])
+    order = int(max_order(np.array([k]), 1.0, EXTRA_ORDERS)[0])
     build = fourier_bessel if dimension == 2 else spherical_bessel
     return build(x, k, order, centre)
 
@@ -109,7 +109,7 @@ def test_the_projection_is_the_paper_s_cost_with_a_tikhonov_weight():
     x, p = drawn(2, seed=3)
     for damped in (0.0, 0.2):
         k = K - 1j * damped
-        orders, centre = max_order(K, 1.0, AMPLE), x.mean(axis=0)
+        orders, centre = max_order(K, 1.0, EXTRA_ORDERS), x.mean(axis=0)
         weights = NOISE / POWER
         expected = sum(
             float(paper.cost(x, p[m : m + 1], k[m : m + 1], orders[m : m + 1], centre, tikhonov=weights[m])[0])
@@ -150,7 +150,7 @@ def test_bessel_functions_of_all_orders_are_scipy_s(damped, top):
             continue  # the orders in use always reach beyond the argument
         z = complex(z, -damped) if damped else float(z)
         J = np.empty(top + 1, type(z))
-        bessel_orders_of(z, top, J)
+        fill_bessel(z, top, J)
         np.testing.assert_allclose(J, jv(np.arange(top + 1), z), rtol=1e-10, atol=1e-14)
 
 
@@ -160,7 +160,7 @@ def test_spherical_bessel_functions_and_their_slopes_are_scipy_s(top):
     arguments = [complex(z, -loss) for z in ARGUMENTS[1:] if z <= top + 25 for loss in (0.0, 0.3)]
     for z in arguments:
         J, dJ = np.empty(top + 1, complex), np.empty(top + 1, complex)
-        spherical_orders(z, k, J, dJ)
+        fill_spherical_bessel(z, k, J, dJ)
         np.testing.assert_allclose(J, spherical_jn(orders, z), rtol=1e-9, atol=1e-13)
         np.testing.assert_allclose(dJ, k * spherical_jn(orders, z, derivative=True), rtol=1e-6, atol=1e-9)
 

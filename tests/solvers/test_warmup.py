@@ -16,14 +16,15 @@ CALIBRATION = """
 import sys
 from numba.core.registry import CPUDispatcher
 from fdcal import solvers
-from fdcal.cost import angular_prior, dense_covariance, likelihood, low_rank_covariance, spherical_covariance
+from fdcal.cost import angular_prior, bessel_kernels, dense_covariance, low_rank_covariance
+from fdcal.cost import newton_kernels, spherical_covariance
 from fdcal.solvers import warmup
 from fdcal.model.scene_file import load_scene
 from fdcal.acoustics.measurement_cache import cached_measurement
 
 def signatures():
-    values = [value for module in (dense_covariance, low_rank_covariance, angular_prior, spherical_covariance) for
-    value in vars(module).values()]
+    modules = dense_covariance, low_rank_covariance, newton_kernels, bessel_kernels, angular_prior, spherical_covariance
+    values = [value for module in modules for value in vars(module).values()]
     return {value.py_func: list(value.signatures) for value in values if isinstance(value, CPUDispatcher)}
 
 for piece in sum(warmup.pieces(2, "joint"), []):
