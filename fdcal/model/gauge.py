@@ -1,6 +1,6 @@
 """Known microphones, rigid alignment and position errors.
 
-Pressures alone leave the array free to move, turn and flip as a whole: the gauge. Known microphones fix it.
+Pressures alone determine the array up to a rigid motion and a mirror image: the gauge. Known microphones fix it.
 """
 
 from __future__ import annotations
@@ -11,16 +11,20 @@ import numpy as np
 
 from .validation import InputError, frozen_array
 
+FLAT = 1e-3  # of the largest extent of an array: a smaller extent counts as none
+
 
 @dataclass(frozen=True, eq=False)
 class GaugeFrame:
-    """The least gauge: one position, one direction, one sign (section 5 of the paper); in space a plane as well.
+    """The minimal gauge: one position, one direction, one sign (section 5 of the paper); in space a plane as well.
 
     Attributes
     ----------
-    microphones : (D + 1,) int64; the first one's position is known, the second's direction from it, and on which side
-        of what is fixed by then each of the others stands
-    positions : (D + 1, D) float64, metres; of the others than the first only what is said above counts
+    microphones : (D + 1,) int64
+        The position of the first is known, the direction of the second from it, and of each of the others the side
+        of the line, or plane, through those before.
+    positions : (D + 1, D) float64
+        Metres. Of all but the first only the directions and sides matter.
     """
 
     microphones: np.ndarray
@@ -28,9 +32,18 @@ class GaugeFrame:
 
 
 def minimal_frame(known, known_positions) -> GaugeFrame:
-    """The frame of the first D + 1 of `known` (A,), at `known_positions` (A, D), metres, that span D directions.
+    """Return the frame of the first D + 1 known microphones that span D directions.
 
-    Raises InputError where no such are known.
+    Parameters
+    ----------
+    known : (A,) int
+    known_positions : (A, D) float64
+        Metres.
+
+    Raises
+    ------
+    InputError
+        If there are no such microphones.
     """
     places = np.asarray(known_positions, float)
     D = places.shape[1]
@@ -40,33 +53,35 @@ def minimal_frame(known, known_positions) -> GaugeFrame:
             chosen.append(candidate)
     if len(chosen) != D + 1:
         raise InputError(
-            f"known = {np.asarray(known).tolist()} fixes no frame; the least gauge needs {D + 1} known microphones that"
-            " span the array: a position, a direction and a side"
+            f"known = {np.asarray(known).tolist()} does not fix the gauge",
+            f"the minimal gauge needs {D + 1} known microphones that span the array: a position, a direction, a side",
+            key="known",
+            value=np.asarray(known).tolist(),
         )
     return GaugeFrame(frozen_array(np.asarray(known)[chosen], np.int64), frozen_array(places[chosen], float))
 
 
 def move_to_frame(positions, frame: GaugeFrame) -> np.ndarray:
-    """`positions` (N, D), metres, moved, turned and flipped as a whole into `frame`."""
+    """Return `positions` (N, D), metres, moved into `frame` by a rigid motion, a mirror image allowed."""
     origin = positions[frame.microphones[0]]
     turn = _axes(positions[frame.microphones]) @ _axes(frame.positions).T
     return (positions - origin) @ turn + frame.positions[0]
 
 
 def _axes(points: np.ndarray) -> np.ndarray:
-    """Orthonormal axes (D, D), columns: towards the second point, then by Gram and Schmidt towards the others."""
+    """Return orthonormal axes (D, D), columns: towards the second point, then, by Gram-Schmidt, the others."""
     Q, R = np.linalg.qr((points[1:] - points[0]).T)
     return Q * np.where(np.diag(R) < 0, -1.0, 1.0)
 
 
 def _spans(points: np.ndarray) -> bool:
-    """Whether A points span A - 1 directions."""
+    """Return whether A points span A - 1 directions."""
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(spread[len(points) - 2] > 1e-3 * spread[0])
+    return bool(spread[len(points) - 2] > FLAT * spread[0])
 
 
 def rigid_motions(positions) -> np.ndarray:
-    """Translations and infinitesimal rotations of `positions` (N, D) : (N D, D (D + 1) / 2) float64."""
+    """Return the translations and infinitesimal rotations of `positions` (N, D) : (N D, D (D + 1) / 2) float64."""
     N, D = positions.shape
     centred = positions - positions.mean(axis=0)
     moves = [np.tile(row, N) for row in np.eye(D)]
@@ -79,15 +94,38 @@ def rigid_motions(positions) -> np.ndarray:
 
 
 def position_errors(estimate, truth) -> np.ndarray:
-    """Distance of each microphone from its true place : (N,) float64, metres; both (N, D), metres."""
+    """Return the distance of each microphone from its true position.
+
+    Parameters
+    ----------
+    estimate, truth : (N, D) float64
+        Metres.
+
+    Returns
+    -------
+    (N,) float64
+        Metres.
+    """
     return np.linalg.norm(np.asarray(estimate) - np.asarray(truth), axis=1)
 
 
 def align(estimate, truth, by=slice(None)) -> np.ndarray:
-    """`estimate` moved, turned and flipped as a whole onto `truth`, least squares : (N, D) float64, metres.
+    """Return `estimate` moved onto `truth` by the best rigid motion in the least-squares sense.
 
-    Both (N, D), metres. Kabsch's method without the condition on the determinant: a mirror image is allowed, since
-    pressures cannot tell it from the array. `by` numbers the microphones that decide; all unless given.
+    Kabsch's method without the condition on the determinant: a mirror image is allowed, since it has the same
+    pressures.
+
+    Parameters
+    ----------
+    estimate, truth : (N, D) float64
+        Metres.
+    by : slice or index array
+        Microphones that determine the motion; all unless given.
+
+    Returns
+    -------
+    (N, D) float64
+        Metres.
     """
     estimate, truth = np.asarray(estimate, float), np.asarray(truth, float)
     centre, goal = estimate[by].mean(axis=0), truth[by].mean(axis=0)
@@ -96,12 +134,12 @@ def align(estimate, truth, by=slice(None)) -> np.ndarray:
 
 
 def fixes_gauge(positions) -> bool:
-    """Whether microphones at `positions` (A, D), metres, fix translation, rotation and mirror.
+    """Return whether microphones at `positions` (A, D), metres, fix translation, rotation and mirror image.
 
-    They do if they span all D directions, counted with a tolerance of a thousandth of their extent.
+    They do if they span all D directions, each by more than FLAT times their largest extent.
     """
     positions = np.asarray(positions, float)
     if len(positions) <= positions.shape[1]:
         return False
     spread = np.linalg.svd(positions - positions.mean(axis=0), compute_uv=False)
-    return bool(spread[-1] > 1e-3 * spread[0])
+    return bool(spread[-1] > FLAT * spread[0])

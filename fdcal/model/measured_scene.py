@@ -1,4 +1,7 @@
-"""A stand-in for the scene of a measurement, whose room nobody has told: the page wants one, and draws none of it."""
+"""A placeholder scene of a measurement, whose room is unknown.
+
+The page and session files work with a scene. Of a placeholder they show title, solver, seed and gauge alone.
+"""
 
 from __future__ import annotations
 
@@ -12,21 +15,30 @@ from .room import Room, Source
 from .scene import Scene
 from .settings import Search, Sensing, SolverSettings
 
-CELLS = 50  # of the lattice that stands in
-AROUND = 1.0  # metres, by which the room that stands in is larger than what is known of the array
+CELLS = 50  # steps along the search domain of a placeholder
+MARGIN = 1.0  # metres around the known positions of the array
 
 
 @dataclass(frozen=True)
 class MeasuredScene(Scene):
-    """A scene of which title, solver, seed and gauge are true, room, source and array only stand in."""
+    """A scene whose title, solver, seed and gauge are real; room, source and array are placeholders."""
 
 
 def placeholder_scene(measurement: Measurement, name: str, solver: SolverSettings, seed: int = 0) -> MeasuredScene:
-    """The scene of a measurement that has none."""
+    """Return a scene for a measurement that has none.
+
+    Parameters
+    ----------
+    measurement : Measurement
+    name : str
+        Name of its file.
+    solver : SolverSettings
+    seed : int
+    """
     D, d = measurement.dimension, measurement.array_dimension
     places = measurement.positions if measurement.positions is not None else measurement.known_positions
     low, high = (np.min(places, axis=0), np.max(places, axis=0)) if len(places) else (np.zeros(d), np.ones(d))
-    low, size = low - AROUND, np.maximum(high - low, 0.1) + 2 * AROUND
+    low, size = low - MARGIN, np.maximum(high - low, 0.1) + 2 * MARGIN
     boxed, step = D == 3, float(size.max()) / CELLS
     search = measurement.search or (None if boxed else Search(tuple(low.tolist()), (CELLS * step,) * 2, step))
     corners = low + size * np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) if not boxed else None
@@ -46,7 +58,7 @@ def placeholder_scene(measurement: Measurement, name: str, solver: SolverSetting
 
 
 def _array(measurement: Measurement, boxed: bool, d: int) -> Array:
-    """As many microphones, of as many coordinates."""
+    """Return an array with as many microphones and coordinates as the measurement."""
     if boxed and d == 2:
         return Array("plane", center=(4.5, 4.0, 3.5), shape=(measurement.count, 1), size=(1.0, 0.1))
     places = measurement.positions

@@ -1,6 +1,6 @@
-"""The .npz file of a measurement: a public contract (README, "The measurement file").
+"""The .npz file of a measurement, a public format (README, "The measurement file").
 
-save_measurement, load_measurement    the keys, which are those of `fdcal.model.measurement.Measurement`
+Its keys are the fields of `fdcal.model.measurement.Measurement`, and those of the search domain.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -31,11 +32,16 @@ OPTIONAL = (
 
 
 def save_measurement(measurement: Measurement, file, others: Mapping[str, np.ndarray] | None = None) -> None:
-    """Write `measurement` to an open binary `file` or a path, as .npz (see `load_measurement` for the keys).
+    """Write a measurement as .npz; `load_measurement` lists the keys.
 
-    `others` are arrays under keys of their own, which `load_measurement` passes over.
+    Parameters
+    ----------
+    measurement : Measurement
+    file : str, Path or open binary file
+    others : mapping of str to arrays, optional
+        Stored under keys of their own, which `load_measurement` ignores.
     """
-    table = {key: getattr(measurement, key) for key in REQUIRED + OPTIONAL}
+    table: dict[str, Any] = {key: getattr(measurement, key) for key in REQUIRED + OPTIONAL}
     table["names"] = np.array(measurement.names)
     if measurement.search is not None:
         s = measurement.search
@@ -49,25 +55,37 @@ def save_measurement(measurement: Measurement, file, others: Mapping[str, np.nda
 
 
 def load_measurement(path, excluded: Sequence[str] = (), called: str = "") -> Measurement:
-    """Measurement from an .npz file, or an open binary one, which messages call `called`.
+    """Return the measurement of an .npz file.
 
     Keys: `frequencies` (M,) Hz, `pressures` (M, N) complex, `sound_speed` m/s, `dimension`; optionally
     `array_dimension`, `wavenumbers` (M,) complex rad/m, `noise_power` (M,), `names` (N,), `positions` (N, D) m,
     `known` (A,) with `known_positions` (A, D) m, and all or none of `search_origin`, `search_size`,
     `search_step`, `radius`, m.
 
-    The microphones `excluded`, by name or number, are left out before anything is checked.
+    Parameters
+    ----------
+    path : str, Path or open binary file
+    excluded : sequence of str
+        Names or numbers of microphones that are left out before anything is checked.
+    called : str
+        What messages call the file; its path unless given.
 
-    Raises StorageError if the file cannot be read, InputError if it does not hold a measurement.
+    Raises
+    ------
+    StorageError
+        If the file cannot be read.
+    InputError
+        If it does not hold a measurement.
     """
     table = _read_arrays(path)
     path = called or path
     for key in REQUIRED:
         if key not in table:
-            raise InputError(f'{path} has no "{key}"; a measurement needs {", ".join(REQUIRED)}')
+            raise InputError(f'{path} has no "{key}"', f"a measurement needs {', '.join(REQUIRED)}", key=key)
     given = [key for key in SEARCH if key in table]
     if given and len(given) < len(SEARCH):
-        raise InputError(f"{path} has {', '.join(given)} alone; a search domain needs {', '.join(SEARCH)}")
+        remedy = f"a search domain needs {', '.join(SEARCH)}"
+        raise InputError(f"{path} has {', '.join(given)} alone", remedy, key=given[0])
     try:
         search = None
         if given:
@@ -77,14 +95,14 @@ def load_measurement(path, excluded: Sequence[str] = (), called: str = "") -> Me
         table = exclude_microphones({key: table[key] for key in OPTIONAL + REQUIRED if key in table}, excluded)
         return Measurement(**table, search=search)
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise error.within(path) from None
 
 
 def _read_arrays(path: str | Path) -> dict[str, np.ndarray]:
-    """The arrays of an .npz file whose keys are a measurement's; no pickled objects."""
+    """Return the arrays of an .npz file whose keys are those of a measurement; no pickled objects are read."""
     key = ""
     try:
-        # Opened here, for NumPy leaves open what it finds damaged.
+        # Opened here, since NumPy does not close a file that it finds damaged.
         with (
             open(path, "rb") if isinstance(path, (str, Path)) else nullcontext(path) as file,
             np.load(file, allow_pickle=False) as archive,
@@ -98,7 +116,7 @@ def _read_arrays(path: str | Path) -> dict[str, np.ndarray]:
         raise StorageError(f"cannot read {path}: {error.strerror}") from error
     except Exception as error:  # a damaged archive raises anything from zipfile, zlib or NumPy
         if key:
-            raise InputError(
-                f'{path}: "{key}" is damaged or no plain array of numbers ({error}); write it anew'
-            ) from error
-        raise InputError(f"{path} is not an .npz file that can be read ({type(error).__name__})") from error
+            problem = f'{path}: "{key}" is damaged or not a plain array of numbers ({error})'
+            raise InputError(problem, "write it again", key=key) from error
+        problem = f"{path} is not an .npz file that can be read ({type(error).__name__})"
+        raise InputError(problem, "write it with numpy.savez") from error

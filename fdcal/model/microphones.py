@@ -1,4 +1,4 @@
-"""Where the microphones are, with their names: what is handed on to other programs."""
+"""Positions of named microphones, as files of positions for other programs hold them."""
 
 from __future__ import annotations
 
@@ -11,14 +11,18 @@ from .validation import InputError, frozen_array, require_array
 
 @dataclass(frozen=True)
 class MicrophonePositions:
-    """Named microphones in space.
+    """Positions of named microphones in space.
 
     Attributes
     ----------
-    names : (N,) tuple of str, each different
-    positions : (N, 3) float64, metres; (N, 2) is taken as the plane z = 0
-    uncertainty : (N,) float64, metres, one standard deviation of the position, or None
-    frame : str, what the axes are
+    names : (N,) tuple of str
+        Each different.
+    positions : (N, 3) float64
+        Metres; (N, 2) is taken as the plane z = 0.
+    uncertainty : (N,) float64 or None
+        One standard deviation of the position, metres.
+    frame : str
+        Name of the coordinate system.
     """
 
     names: tuple[str, ...]
@@ -29,7 +33,8 @@ class MicrophonePositions:
     def __post_init__(self):
         positions = require_array("positions", self.positions, "real", (len(self.names), None), "m")
         if positions.shape[1] not in (2, 3):
-            raise InputError(f"positions of shape {positions.shape} must be (N, 2) or (N, 3), metres")
+            problem = f"positions have shape {positions.shape}"
+            raise InputError(problem, "give shape (N, 2) or (N, 3), metres", key="positions")
         space = np.zeros((len(positions), 3))
         space[:, : positions.shape[1]] = positions
         object.__setattr__(self, "positions", frozen_array(space, float))
@@ -37,4 +42,4 @@ class MicrophonePositions:
             spread = require_array("uncertainty_m", self.uncertainty, "real", (len(self.names),), "m")
             object.__setattr__(self, "uncertainty", spread)
         if len(set(self.names)) < len(self.names):
-            raise InputError("microphones must have different names; rename those that have the same")
+            raise InputError("two microphones have the same name", "rename one of them", key="names")

@@ -1,4 +1,4 @@
-"""Sets of modes as a hand writes them: "1-9, 12"."""
+"""Sets of modes as text: "1-9, 12"."""
 
 from __future__ import annotations
 
@@ -6,25 +6,44 @@ import re
 
 from .validation import InputError
 
-LONGEST = 200  # characters
+LONGEST = 200  # characters that are read of a text
 
 
 def parse(text: str, count: int) -> tuple[int, ...]:
-    """Modes, counted from 1 and ascending, of a text such as "1-9, 12"; InputError for what `count` modes lack."""
+    """Return the modes that a text lists, counted from 1, ascending.
+
+    Parameters
+    ----------
+    text : str
+        Numbers and ranges with commas between.
+    count : int
+        Number of modes that exist.
+
+    Raises
+    ------
+    InputError
+        For a text that lists no mode, or one that does not exist.
+
+    Examples
+    --------
+    >>> parse("1-3, 5", 20)
+    (1, 2, 3, 5)
+    """
+    remedy = f"write numbers from 1 to {count}, as in 1-3, 5"
     found: set[int] = set()
     for part in filter(None, (part.strip() for part in str(text)[:LONGEST].split(","))):
         match = re.fullmatch(r"(\d{1,6})(?:\s*-\s*(\d{1,6}))?", part)
         low, high = (int(match[1]), int(match[2] or match[1])) if match else (0, 0)
         if not 1 <= low <= high <= count:
-            raise InputError(f'"{part}" names no modes; write numbers from 1 to {count}, as in 1-3, 5')
+            raise InputError(f'"{part}" names no modes', remedy, key="modes", value=part)
         found |= set(range(low, high + 1))
     if not found:
-        raise InputError(f"no mode is named; write numbers from 1 to {count}, as in 1-3, 5")
+        raise InputError("no mode is named", remedy, key="modes", value=text)
     return tuple(sorted(found))
 
 
 def to_text(modes) -> str:
-    """The shortest text that `read` takes back to `modes`."""
+    """Return the shortest text that `parse` reads as `modes`, an iterable of int."""
     modes, parts = sorted(set(modes)), []
     while modes:
         end = 0

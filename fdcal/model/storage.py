@@ -1,12 +1,13 @@
-"""Files: writing without leaving a half, the disk cache, and the result of a calibration.
+"""Files: writing without leaving an incomplete one, and the disk cache.
 
     write_atomically        every output of fdcal: to a temporary name, then moved into place
-    cached_recordings       of a scene's simulation    cached_measurement   of a whole scene
-    cached_arrays           of anything else             kept_measurement   where it is in the cache
-    save_result, load_result    the JSON file of `fdcal calibrate`
+    load_or_make            a value of the cache, made and stored where it is missing
+    load_cached             a value of the cache, None where it is missing
+    cached_arrays           arrays of the cache, by name
 
-The cache is a folder of .npy and .npz files, named by a hash of all that produced them and ending in a checksum of
-their own. FDCAL_CACHE names the folder. It may be deleted at any time; a damaged file in it is made anew.
+The cache is a folder of .npy and .npz files. Each is named by a hash of all that determines its content and ends in a
+checksum. FDCAL_CACHE names the folder. It may be deleted at any time; a damaged file is made again.
+`fdcal.acoustics.measurement_cache` keeps recordings and measurements in it.
 """
 
 from __future__ import annotations
@@ -27,25 +28,34 @@ import platformdirs
 
 from .validation import InputError, StorageError
 
-SCHEME = 1  # raise it with every change to what simulation or spectrum compute: older cache files are then ignored
-CACHE_BYTES = 2_000_000_000  # the files used longest ago are dropped beyond this
+SCHEME = 1  # increase it with every change to what simulation or spectrum compute: older cache files are ignored
+CACHE_BYTES = 2_000_000_000  # beyond this the least recently used files are deleted
 CHECKSUM = 32  # bytes of BLAKE2 at the end of a cache file
-TEMPORARY = ".fdcal-"  # what the name of an unfinished file begins with
+TEMPORARY = ".fdcal-"  # prefix of the name of an unfinished file
+ABANDONED = 86_400.0  # seconds, age of an unfinished file that is deleted
 
 log = logging.getLogger(__name__)
 
 
 def write_atomically(path: str | Path, write: Callable[[Path], object], force: bool = False) -> None:
-    """Have `write(temporary)` write a file, and move it to `path` once it is whole.
+    """Write a file under a temporary name and move it to `path` once it is complete.
 
-    The temporary file lies in the same folder and is gone whatever ends the writing, Ctrl-C included.
+    The temporary file lies in the same folder and is deleted if writing fails or is interrupted.
+
+    Parameters
+    ----------
+    path : str or Path
+    write : callable(Path)
+        Writes the file of the given name.
+    force : bool
+        Overwrite an existing file.
 
     Raises
     ------
     InputError
-        `path` exists and `force` is not set.
+        If `path` exists and `force` is not set.
     StorageError
-        The folder is missing, or the system refuses.
+        If the folder is missing, or the system refuses.
     """
     path = Path(path)
     if not force and path.exists():
@@ -65,7 +75,7 @@ def write_atomically(path: str | Path, write: Callable[[Path], object], force: b
 
 
 def _move(temporary: Path, path: Path, force: bool) -> None:
-    """Give the file its name; without `force` it does not replace one that appeared meanwhile."""
+    """Rename the file; without `force` it does not replace one that has appeared in the meantime."""
     if force:
         os.replace(temporary, path)
         return
@@ -78,9 +88,15 @@ def _move(temporary: Path, path: Path, force: bool) -> None:
 
 
 def cached_arrays(kind: str, parts: list, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """Arrays by name from the cache, or those of `make()`, which are put there.
+    """Return arrays by name from the cache, or those of `make()`, which are then stored.
 
-    `parts` is all that decides them, of what JSON holds; `kind` keeps them apart from others.
+    Parameters
+    ----------
+    kind : str
+        Keeps them apart from others.
+    parts : list
+        All that determines them, of types that JSON has.
+    make : callable() -> dict
     """
 
     def read(file) -> dict[str, np.ndarray]:
@@ -91,16 +107,28 @@ def cached_arrays(kind: str, parts: list, make: Callable[[], dict[str, np.ndarra
 
 
 def cache_key(*parts) -> str:
+    """Return the hash of all that determines a cached value, of types that JSON has."""
     return hashlib.sha256(json.dumps([SCHEME, *parts], sort_keys=True).encode()).hexdigest()
 
 
 def cache_folder() -> Path:
-    """Folder of the cache: FDCAL_CACHE, or where the system keeps such files."""
+    """Return the folder of the cache: FDCAL_CACHE, or the system's usual one."""
     return Path(os.environ.get("FDCAL_CACHE") or platformdirs.user_cache_dir("fdcal"))
 
 
 def load_or_make(name: str, make, read, write):
-    """Value of a cache file, or of `make()`, which is then written. The cache never stops a run: it only warns."""
+    """Return the value of a cache file, or that of `make()`, which is then stored.
+
+    A cache that cannot be read or written never stops a run: it only logs a warning.
+
+    Parameters
+    ----------
+    name : str
+        Name of the file in the cache.
+    make : callable() -> value
+    read : callable(file) -> value
+    write : callable(file, value)
+    """
     value = load_cached(name, read)
     if value is not None:
         return value
@@ -108,14 +136,14 @@ def load_or_make(name: str, make, read, write):
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(path, lambda temporary: _write_checked(temporary, value, write), force=True)
-        _bound(path.parent)
+        _delete_least_recently_used(path.parent)
     except OSError as error:
-        log.warning("nothing is kept in the cache: %s", error)
+        log.warning("nothing is stored in the cache: %s", error)
     return value
 
 
 def load_cached(name: str, read):
-    """Value of a cache file; None where there is none that can be read."""
+    """Return the value of a cache file; None where there is none that can be read."""
     path = cache_folder() / name
     try:
         content = path.read_bytes()
@@ -123,16 +151,16 @@ def load_cached(name: str, read):
             value = read(io.BytesIO(content))
             os.utime(path)
             return value
-        log.warning("the cache file %s is damaged and is made anew", path)
+        log.warning("the cache file %s is damaged and is made again", path)
     except (FileNotFoundError, NotADirectoryError):
         pass
     except Exception as error:
-        log.warning("the cache file %s cannot be read (%s) and is made anew", path, error)
+        log.warning("the cache file %s cannot be read (%s) and is made again", path, error)
     return None
 
 
 def _write_checked(path: Path, value, write) -> None:
-    """Write a cache file: the value, then the checksum of what was written."""
+    """Write a cache file: the value, then the checksum of its bytes."""
     buffer = io.BytesIO()
     write(buffer, value)
     with open(path, "wb") as file:
@@ -144,10 +172,10 @@ def _checksum(content) -> bytes:
     return hashlib.blake2b(content, digest_size=CHECKSUM).digest()
 
 
-def _bound(folder: Path) -> None:
-    """Drop the cache files used longest ago until the rest fits in CACHE_BYTES, and what a killed run once left."""
+def _delete_least_recently_used(folder: Path) -> None:
+    """Delete cache files until the rest fits in CACHE_BYTES, and temporary files that a killed run has left."""
     files = sorted((f for f in folder.glob("*.np[yz]") if len(f.stem) == 64), key=lambda f: -f.stat().st_mtime_ns)
     totals = np.cumsum([f.stat().st_size for f in files])
-    old = [f for f in folder.glob(f"{TEMPORARY}*") if f.stat().st_mtime < time.time() - 86_400]
+    old = [f for f in folder.glob(f"{TEMPORARY}*") if f.stat().st_mtime < time.time() - ABANDONED]
     for file in [f for f, total in zip(files[1:], totals[1:], strict=True) if total > CACHE_BYTES] + old:
         file.unlink(missing_ok=True)

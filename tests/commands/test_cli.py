@@ -200,9 +200,9 @@ def test_known_microphones_that_do_not_span_the_array_are_refused(altered, refus
     path = altered(known=table.known[:2], known_positions=table.known_positions[:2])
     assert "name at least 3 known microphones that span the array, or none" in refused("calibrate", path)
     line = refused("calibrate", path, "--known", "minimal")
-    assert "known = [0, 5] fixes no frame" in line and "3 known microphones" in line
+    assert "known = [0, 5] does not fix the gauge" in line and "3 known microphones" in line
     bare = altered(known=None, known_positions=None)
-    assert "known = [] fixes no frame" in refused("calibrate", bare, "--known", "minimal")
+    assert "known = [] does not fix the gauge" in refused("calibrate", bare, "--known", "minimal")
 
 
 def test_a_blind_result_is_laid_onto_the_truth_before_it_is_drawn(calibrated, made):

@@ -83,7 +83,7 @@ def test_a_required_key_is_asked_for(written, key):
         ({"search_step": 0.01 + 1j}, ["search_step is complex", "real numbers"]),
         ({"search_origin": [[0.0, 0.0]]}, ["search_origin has shape (1, 2)"]),
         ({"radius": "wide"}, ["radius is text"]),
-        ({"known": np.array([None, 1])}, ['"known" is damaged or no plain array']),
+        ({"known": np.array([None, 1])}, ['"known" is damaged or not a plain array']),
     ],
 )
 def test_a_value_of_another_kind_is_refused_with_its_key(written, changes, words):

@@ -133,7 +133,7 @@ def test_the_least_gauge_places_every_state_as_promised():
 
 
 def test_the_least_gauge_needs_microphones_that_span_the_array():
-    with pytest.raises(InputError, match=r"known = \[0, 1\] fixes no frame; the least gauge needs 3"):
+    with pytest.raises(InputError, match=r"known = \[0, 1\] does not fix the gauge; the minimal gauge needs 3"):
         measured(TRUTH, [0, 1]).problem("unit", "minimal")
 
 
