@@ -112,7 +112,7 @@ def simulate(scene: str, output: str, force: bool):
 @click.option("--kind", default="auto", show_default=True, help="response (from silence to silence) or work.")
 @click.option("--window", default="auto", show_default=True, metavar="auto|none|RATE", help="Exponential window, 1/s.")
 @click.option("--temperature", type=float, metavar="C", help="Of the air, degrees Celsius; gives the speed of sound.")
-@click.option("--sound-speed", "speed", type=float, metavar="M/S", help="In place of a temperature.")
+@click.option("--sound-speed", type=float, metavar="M/S", help="In place of a temperature.")
 @click.option("--source", "number", type=int, metavar="I", help="Which of several sources, from 0.")
 @click.option("--dimension", type=int, default=3, show_default=True, help="2 or 3, of the sound field.")
 @click.option("--plane", metavar="z=Z", help="Take the microphones in a plane, by the positions in the file.")
@@ -121,24 +121,24 @@ def simulate(scene: str, output: str, force: bool):
 @click.option("--leave-out", metavar="NAMES|bad", help="Leave out these channels, or all that are found bad.")
 @click.option("--known", metavar="NAMES|corners|FILE.csv", help="Known microphones; a table tells name,x,y[,z].")
 @click.option("--reference", metavar="FILE.wav", help="The signal that the source was given: deconvolve with it.")
-@click.option("--reference-microphone", "against", metavar="NAME", help="Take cross-spectra against this channel.")
-@click.option("--array-radius", "radius", type=float, metavar="R", help="Metres; gives the highest usable frequency.")
+@click.option("--reference-microphone", metavar="NAME", help="Take cross-spectra against this channel.")
+@click.option("--array-radius", type=float, metavar="R", help="Metres; gives the highest usable frequency.")
 @force_option
-def import_(source, output, number, force, **wishes):
+def import_(source, output, number, force, **options):
     """Turn recordings or impulse responses into a measurement.
 
     INPUT is a WAV or FLAC file, a SOFA file, a folder of MeshRIR, an HDF5 file of Acoular, or an .npz file.
     """
-    path = parameter_types.output_path(output, ".npz", force, source, wishes["reference"])
+    path = parameter_types.output_path(output, ".npz", force, source, options["reference"])
     from ..model.measurement_file import save_measurement
     from ..model.storage import write_atomically
     from ..recordings.import_options import ImportOptions
     from ..recordings.import_report import import_summary
     from ..recordings.importer import import_recording
 
-    measurement, told = import_recording(source, ImportOptions(source=number, **wishes))
+    measurement, report = import_recording(source, ImportOptions(source=number, **options))
     write_atomically(path, lambda file: save_measurement(measurement, file), force)
-    print(import_summary(measurement, told))
+    print(import_summary(measurement, report))
     print(path)
 
 

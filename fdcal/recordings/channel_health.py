@@ -1,7 +1,7 @@
-"""What is wrong with the channels of a recording: silence, clipping, one recorded twice.
+"""Faulty channels of a recording: silent, clipped, or recorded twice.
 
-inspect          every channel, all of its samples
-require_usable_channels   refuse what cannot be used, by name
+inspect_channels         look at every channel, all of its samples
+require_usable_channels  refuse a recording with faulty channels, by name
 """
 
 from __future__ import annotations
@@ -14,15 +14,56 @@ import numpy as np
 from ..model.validation import InputError
 from .recording import Recording, time_blocks
 
-CLIPPED_RUN = 3  # neighbouring samples at the greatest value that a channel reaches: no wave does that
-AT_FULL = 3  # samples at full scale, wherever they are: a recording that was scaled to it has one
-AT_EDGE = 8, 4  # samples at the greatest value of all, and how many times those at the next
+
+@dataclass(frozen=True)
+class ClippingThresholds:
+    """When a channel counts as silent or clipped.
+
+    Attributes
+    ----------
+    silent : float
+        Level relative to the loudest channel at which a channel is silent.
+    run : int
+        Neighbouring samples at the greatest magnitude of a channel: no wave stays there for so long.
+    full_scale : float
+        Share of full scale from which a sample counts as being there.
+    full_scale_run : int
+        Neighbouring samples at full scale.
+    full_scale_count : int
+        Samples at full scale anywhere; a recording that was normalised has one.
+    edge_count, edge_ratio : int
+        Samples at the greatest value, and how many times more they are than those at the next smaller value.
+    full_scale_ratio : int
+        The same ratio for a recording that reaches full scale.
+    """
+
+    silent: float = 1e-7
+    run: int = 3
+    full_scale: float = 0.999
+    full_scale_run: int = 2
+    full_scale_count: int = 3
+    edge_count: int = 8
+    edge_ratio: int = 4
+    full_scale_ratio: int = 2
+
+
+LIMITS = ClippingThresholds()
 
 
 @dataclass(frozen=True)
 class ChannelHealth:
-    """Of every channel (N,): `level`, root mean square; `peak`; `silent`, `clipped` bool; `copy_of`, the number of the
-    earlier channel that holds the same samples, or -1."""
+    """State of every channel of a recording.
+
+    Attributes
+    ----------
+    level : (N,) float64
+        Root mean square.
+    peak : (N,) float64
+        Greatest magnitude.
+    silent, clipped : (N,) bool
+    copy_of : (N,) int64
+        The earlier channel with the same samples, or -1.
+    """
 
     level: np.ndarray
     peak: np.ndarray
@@ -32,21 +73,27 @@ class ChannelHealth:
 
     @property
     def bad(self) -> np.ndarray:
-        """(n,) int64, the channels that cannot be used."""
+        """Indices (n,) int64 of the channels that cannot be used."""
         return np.flatnonzero(self.silent | self.clipped | (self.copy_of >= 0))
 
     def fault(self, n: int, names) -> str:
-        """What is wrong with a bad channel."""
+        """Return what is wrong with a bad channel."""
         if self.silent[n]:
             return "silent"
         return "clipped" if self.clipped[n] else f"a copy of {names[self.copy_of[n]]}"
 
 
 def inspect_channels(recording: Recording) -> ChannelHealth:
-    """Go through all samples once, a stretch at a time. Raises InputError for one that is not finite."""
+    """Return the state of every channel, after one pass over all samples, a block at a time.
+
+    Raises
+    ------
+    InputError
+        A sample is not finite.
+    """
     count = recording.count
-    square, peak, longest, digests = np.zeros(count), np.zeros(count), np.zeros(count, int), [None] * count
-    edges = [(Extremes(), Extremes()) for _ in range(count)]  # above and below
+    square, peak, longest = np.zeros(count), np.zeros(count), np.zeros(count, int)
+    edges = [(Extremes(), Extremes()) for _ in range(count)]  # greatest and least values
     hashes = [hashlib.blake2b(digest_size=16) for _ in range(count)]
     for block in time_blocks(recording):
         square += np.sum(block**2, axis=1)
@@ -60,17 +107,17 @@ def inspect_channels(recording: Recording) -> ChannelHealth:
     level = np.sqrt(square / recording.samples)
     digests = [h.digest() for h in hashes]
     first = {digest: n for n, digest in reversed(list(enumerate(digests)))}
-    silent = level <= 1e-7 * level.max() if level.max() > 0 else np.ones(count, bool)
+    silent = level <= LIMITS.silent * level.max() if level.max() > 0 else np.ones(count, bool)
     copies = np.array([first[digest] if first[digest] < n else -1 for n, digest in enumerate(digests)])
-    full = (peak >= 0.999 * recording.full_scale) if recording.full_scale else np.zeros(count, bool)
-    cut = np.array([_cut(pair, recording.full_scale) for pair in edges])
-    clipped = ((longest >= CLIPPED_RUN) | full & (longest >= 2) | cut) & ~silent
+    full = (peak >= LIMITS.full_scale * recording.full_scale) if recording.full_scale else np.zeros(count, bool)
+    cut = np.array([_is_clipped(pair, recording.full_scale) for pair in edges])
+    clipped = ((longest >= LIMITS.run) | full & (longest >= LIMITS.full_scale_run) | cut) & ~silent
     return ChannelHealth(level, peak, silent, clipped, np.where(silent, -1, copies))
 
 
 @dataclass(frozen=True)
 class Extremes:
-    """The greatest two values of some samples and how often each is there."""
+    """The two greatest values of some samples, and how often each occurs."""
 
     top: float = -np.inf
     times: int = 0
@@ -87,42 +134,47 @@ class Extremes:
 
 
 def extremes_of(samples: np.ndarray) -> Extremes:
-    """Extremes of samples (t,)."""
+    """Return the extremes of samples (t,)."""
     top = samples.max()
     below = samples[samples < top]
     second = below.max(initial=-np.inf)
     return Extremes(float(top), len(samples) - len(below), float(second), int(np.sum(below == second)))
 
 
-def _cut(pair: tuple[Extremes, Extremes], full_scale: float | None) -> bool:
-    """Whether a channel stops at a value again and again, and hardly ever just before it.
+def _is_clipped(pair: tuple[Extremes, Extremes], full_scale: float | None) -> bool:
+    """Return whether many samples of a channel have its greatest (or least) value, and few the next one to it.
 
-    Sound thins out towards its greatest value, however coarsely it is told; where it has been cut, it gathers there.
+    The values of sound become rarer towards the greatest one, however coarse the quantisation; clipping collects them
+    there.
     """
     if full_scale:
-        at_full = [edge for edge in pair if edge.top >= 0.999 * full_scale]
-        if sum(edge.times for edge in at_full) >= AT_FULL and all(e.times >= 2 * e.next_times for e in at_full):
+        at_full = [edge for edge in pair if edge.top >= LIMITS.full_scale * full_scale]
+        if sum(edge.times for edge in at_full) >= LIMITS.full_scale_count and all(
+            edge.times >= LIMITS.full_scale_ratio * edge.next_times for edge in at_full
+        ):
             return True
-    return any(edge.times >= AT_EDGE[0] and edge.times >= AT_EDGE[1] * edge.next_times for edge in pair)
+    return any(e.times >= LIMITS.edge_count and e.times >= LIMITS.edge_ratio * e.next_times for e in pair)
 
 
 def _longest_run(flags: np.ndarray) -> int:
-    """Length of the longest run of True."""
+    """Return the length of the longest run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]])))
     return int(np.max(edges[1::2] - edges[::2], initial=0))
 
 
 def require_usable_channels(recording: Recording, health: ChannelHealth) -> None:
-    """Raise InputError for a channel that is silent, clipped or the copy of another."""
+    """Raise InputError if a channel is silent, clipped or a copy of another."""
     for words, flags in (("silent", health.silent), ("clipped", health.clipped), ("copied", health.copy_of >= 0)):
         if not np.any(flags):
             continue
         names = [recording.names[n] for n in np.flatnonzero(flags)]
-        told = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
+        listed = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
         if words == "copied":
             n = int(np.flatnonzero(flags)[0])
-            told += f" (the first is the same as channel {recording.names[health.copy_of[n]]})"
+            listed += f" (the first is the same as channel {recording.names[health.copy_of[n]]})"
         raise InputError(
-            f"{recording.path}: {'channel' if len(names) == 1 else 'channels'} {told}"
-            f" {'is' if len(names) == 1 else 'are'} {words}; record again, or leave out what is bad: --leave-out bad"
+            f"{recording.path}: {'channel' if len(names) == 1 else 'channels'} {listed}"
+            f" {'is' if len(names) == 1 else 'are'} {words}",
+            "record again, or leave out the faulty channels: <leave_out> bad",
+            key="leave_out",
         )

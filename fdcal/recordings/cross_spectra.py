@@ -1,13 +1,14 @@
-"""Pressures from a source at work: noise, music, speech, a machine, known to nobody.
+"""Pressures from a stationary source: noise, music, speech or a machine, whose signal is unknown.
 
-Over one stretch T of the recording, under a smooth window, the transforms of all channels at one frequency are the
-field there times what the source happened to say: p s + noise. Their cross-spectral matrix over K stretches is
+Over one segment T of the recording, under a smooth window, the transforms of all channels at one frequency are the
+field there times the spectrum of what the source emitted: p s + noise. Their cross-spectral matrix over K segments is
 
     C = |s|^2 p p^H + v I,
 
-and its dominant eigenvector is p, up to a factor, with a noise of v / K left. A window sees about 2 / T of bandwidth,
-though, and a resonance narrower than that rings at its own frequency, not at the window's. So the frequency of p, and
-with it k, is the mean of what the window saw. With w' the window's slope, and X and X' the transforms under w and w',
+and its dominant eigenvector is p, up to a factor, with a noise power of v / K. A window has a bandwidth of about 2 / T,
+though, and a resonance narrower than that rings at its own frequency, not at that of the window. So the frequency of p,
+and with it k, is the mean frequency within the window. With w' the slope of the window, and X and X' the transforms
+under w and w',
 
     f_p = f + Re sum(j X' conj X) / (2 pi sum |X|^2).
 
@@ -17,10 +18,11 @@ with it k, is the mean of what the window saw. With w' the window's slope, and X
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.fft import next_fast_len, rfft
 
+from ..acoustics.fft import fast_length, rfft
 from ..model.power import mode_power
 from ..model.validation import InputError
 from . import frequency_selection
@@ -28,75 +30,115 @@ from .decimation import decimate
 from .impulse_response import Pressures
 from .recording import Recording, in_memory, read_samples
 
-STRETCHES = 15  # at least, from which a mean is taken
-SHORTEST, LONGEST = 0.5, 8.0  # s, of a stretch
-MOST_SAMPLES = 20_000_000  # of all channels in one stretch
-MOST_MATRIX = 10_000_000  # numbers of all cross-spectral matrices
-MOST_STRETCHES = 600  # read of a long recording, evenly spread
+
+@dataclass(frozen=True)
+class SegmentSettings:
+    """How a recording is divided into segments over which cross-spectra are averaged.
+
+    Attributes
+    ----------
+    min_count : int
+        Least number of segments of which a mean is taken.
+    min_duration, max_duration : float
+        Of a segment, seconds.
+    max_samples : int
+        Of all channels in one segment.
+    max_matrix : int
+        Numbers in all cross-spectral matrices together.
+    max_count : int
+        Segments read from a long recording, evenly spread.
+    independence : float
+        Independent segments per segment: Hann's windows that overlap by half are nearly independent.
+    """
+
+    min_count: int = 15
+    min_duration: float = 0.5
+    max_duration: float = 8.0
+    max_samples: int = 20_000_000
+    max_matrix: int = 10_000_000
+    max_count: int = 600
+    independence: float = 0.95
+
+
+SEGMENTS = SegmentSettings()
 
 
 def stationary_pressures(
     recording: Recording,
     band: tuple[float, float],
     sound_speed: float,
-    most: int = frequency_selection.MOST,
+    most: int = frequency_selection.DEFAULT_COUNT,
     reference: int | None = None,
 ) -> Pressures:
-    """Pressures of a recording of a source at work.
+    """Return the pressures of a recording of a stationary source.
 
     Parameters
     ----------
     recording : Recording
-    band : Hz
-    sound_speed : m/s
-    most : greatest number of frequencies
-    reference : channel against which cross-spectra are taken; without one, the dominant eigenvector
+    band : (float, float)
+        Hz.
+    sound_speed : float
+        m/s.
+    most : int
+        Greatest number of frequencies.
+    reference : int, optional
+        Channel against which cross-spectra are taken; without one, the dominant eigenvector is.
 
-    Raises InputError for a recording too short, and where nothing rises above the noise.
+    Raises
+    ------
+    InputError
+        The recording is too short, or no frequency rises above the noise.
     """
     recording = in_memory(decimate(recording, band[1]))
-    length, starts = stretches(recording, band)
+    length, starts = segments(recording, band)
     grid, power = mean_power(recording, band, length, starts)
     resolution = 2 * recording.sample_rate / length
-    spare = max(20, min(2 * most, MOST_MATRIX // recording.count**2))  # some will prove too noisy
+    spare = max(20, min(2 * most, SEGMENTS.max_matrix // recording.count**2))  # some will prove too noisy
     chosen = frequency_selection.choose_frequencies(grid, power, np.zeros(len(grid)), resolution, spare)
     number = np.round(grid[chosen] * length / recording.sample_rate).astype(int)
     C, seen = cross_spectra(recording, number, length, starts)
-    independent = 0.95 * len(starts)  # Hann's stretches that overlap by half are nearly so
+    independent = SEGMENTS.independence * len(starts)
     p, noise, snr = dominant(C) if reference is None else against(C, reference)
-    keep = np.flatnonzero(snr * independent >= 10 ** (frequency_selection.LEAST_SNR / 10))
+    keep = np.flatnonzero(snr * independent >= 10 ** (frequency_selection.THRESHOLDS.min_snr / 10))
     if not len(keep):
         raise InputError(
-            f"{recording.path}: no frequency between {band[0]:g} and {band[1]:g} Hz is heard alike by the microphones;"
-            " one source alone may sound, and it must be louder than the noise"
+            f"{recording.path}: the microphones are not coherent at any frequency between {band[0]:g} and"
+            f" {band[1]:g} Hz",
+            "record one source only, louder than the noise",
         )
     keep = keep[np.argsort(-snr[keep], kind="stable")]
     keep = keep[frequency_selection.spread_over_band(seen[keep], band, most)]
     keep = keep[np.concatenate([[True], np.diff(seen[keep]) > 0.25 * resolution])]
-    how = f"{len(starts)} stretches of {length / recording.sample_rate:.3g} s"
+    how = f"{len(starts)} segments of {length / recording.sample_rate:.3g} s"
     how += ", dominant eigenvector" if reference is None else f", against microphone {recording.names[reference]}"
     k = 2 * np.pi * seen[keep] / sound_speed
     return Pressures(seen[keep], k.astype(complex), p[keep], noise[keep] / independent, how)
 
 
-def stretches(recording: Recording, band: tuple[float, float]) -> tuple[int, np.ndarray]:
-    """Length of a stretch and the samples where they start, half overlapping. Raises InputError for too short a one."""
+def segments(recording: Recording, band: tuple[float, float]) -> tuple[int, np.ndarray]:
+    """Return the length of a segment and the samples at which the segments start, half overlapping.
+
+    Raises
+    ------
+    InputError
+        The recording is too short.
+    """
     fs = recording.sample_rate
-    wanted = np.clip(2 * recording.duration / (STRETCHES + 1), SHORTEST, LONGEST)
-    length = next_fast_len(int(min(wanted * fs, MOST_SAMPLES / recording.count)), real=True)
+    wanted = np.clip(2 * recording.duration / (SEGMENTS.min_count + 1), SEGMENTS.min_duration, SEGMENTS.max_duration)
+    length = fast_length(int(min(wanted * fs, SEGMENTS.max_samples / recording.count)))
     if length / fs < 4 / band[0] or recording.samples < 4 * length:
         raise InputError(
-            f"{recording.path} lasts {recording.duration:.3g} s: too short to take means at {band[0]:g} Hz; record"
-            f" {max(8 / band[0], SHORTEST) * STRETCHES:.0f} s or more"
+            f"{recording.path} lasts {recording.duration:.3g} s, too short for a mean at {band[0]:g} Hz",
+            f"record {max(8 / band[0], SEGMENTS.min_duration) * SEGMENTS.min_count:.0f} s or more",
         )
     starts = np.arange(0, recording.samples - length + 1, length // 2)
-    if len(starts) > MOST_STRETCHES:
-        starts = starts[np.linspace(0, len(starts) - 1, MOST_STRETCHES).astype(int)]
+    if len(starts) > SEGMENTS.max_count:
+        starts = starts[np.linspace(0, len(starts) - 1, SEGMENTS.max_count).astype(int)]
     return length, starts
 
 
 def mean_power(recording: Recording, band, length: int, starts) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (B,), Hz, and the power (B,) there, mean over stretches and microphones."""
+    """Return frequencies (B,), Hz, and the power (B,) there, mean over segments and microphones."""
     fs = recording.sample_rate
     first, last = max(2, int(np.ceil(band[0] * length / fs))), int(np.floor(band[1] * length / fs))
     total = np.zeros(last - first + 1)
@@ -106,7 +148,23 @@ def mean_power(recording: Recording, band, length: int, starts) -> tuple[np.ndar
 
 
 def cross_spectra(recording: Recording, number, length: int, starts) -> tuple[np.ndarray, np.ndarray]:
-    """Mean of X X^H at the bins `number` (M,), and the mean frequency seen : (M, N, N) complex128, (M,) Hz."""
+    """Return the mean cross-spectral matrices and the mean frequencies within the window.
+
+    Parameters
+    ----------
+    recording : Recording
+    number : (M,) int
+        Bins of the transform of one segment.
+    length : int
+        Samples of a segment.
+    starts : (K,) int
+        First samples of the segments.
+
+    Returns
+    -------
+    (M, N, N) complex128, (M,) float64
+        Mean of X X^H; frequencies, Hz.
+    """
     count, fs = recording.count, recording.sample_rate
     C = np.zeros((len(number), count, count), dtype=complex)
     moment, total = np.zeros(len(number)), np.zeros(len(number))
@@ -116,7 +174,7 @@ def cross_spectra(recording: Recording, number, length: int, starts) -> tuple[np
         before, here, after = bare[:, at - 1].T, bare[:, at].T, bare[:, at + 1].T
         X = here / 2 - (before + after) / 4
         slope = np.pi / (2j * length) * (before - after)
-        for m, row in enumerate(X):  # all at once would take the memory twice
+        for m, row in enumerate(X):  # all at once would need twice the memory
             C[m] += np.outer(row, row.conj())
         moment += np.sum((1j * slope * X.conj()).real, axis=1)
         total += np.sum(np.abs(X) ** 2, axis=1)
@@ -125,7 +183,7 @@ def cross_spectra(recording: Recording, number, length: int, starts) -> tuple[np
 
 
 def _bare_spectra(recording: Recording, length: int, starts, first: int, last: int) -> Iterator[np.ndarray]:
-    """Of each stretch, the bins `first` to `last` of every channel without a window : (N, last - first + 1)."""
+    """Yield the bins `first` to `last` of every channel of each segment, without a window : (N, last - first + 1)."""
     bare = np.empty((recording.count, last - first + 1), dtype=complex)
     for start in starts:
         values = read_samples(recording, int(start), int(start) + length).astype(np.float32)
@@ -135,7 +193,10 @@ def _bare_spectra(recording: Recording, length: int, starts, first: int, last: i
 
 
 def dominant(C: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Dominant eigenvector with its power (M, N), the noise power v of one stretch (M,), and their ratio (M,)."""
+    """Return the scaled dominant eigenvector (M, N), the noise power v of one segment (M,) and their ratio (M,).
+
+    The power of the eigenvector is that of the source.
+    """
     values, vectors = np.linalg.eigh(C)
     count = C.shape[1]
     noise = np.maximum(values[:, :-1], 0).mean(axis=1)
@@ -144,7 +205,7 @@ def dominant(C: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def against(C: np.ndarray, reference: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """As `dominant`, by cross-spectra against one microphone; the noise is what is not coherent with it."""
+    """Return the same as `dominant`, by cross-spectra against one microphone; noise is what is not coherent with it."""
     diagonal = np.maximum(np.einsum("mii->mi", C).real, 1e-300)
     own = diagonal[:, reference]
     p = C[:, :, reference] / np.sqrt(own)[:, None]

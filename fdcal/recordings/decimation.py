@@ -1,40 +1,75 @@
-"""A recording at a lower sampling rate: what lies above the band in use is taken off, and with it most of the work."""
+"""A recording at a lower sampling rate: frequencies above the band in use are filtered out, which saves most work."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from .recording import Recording
 
-ROOM = 4.0  # times the highest frequency, the least new sampling rate
-STOP_DB = 110.0  # by which what would fold into the band is held down
-SLOWEST = 200.0  # Hz
-AT_ONCE = 8_000_000  # samples of all channels that are filtered at a time
+
+@dataclass(frozen=True)
+class DecimationSettings:
+    """Of the filter before the sampling rate is reduced.
+
+    Attributes
+    ----------
+    oversampling : float
+        Least new sampling rate over the highest frequency.
+    stop_db : float
+        Attenuation of what would alias into the band, decibels.
+    min_sample_rate : float
+        Hz.
+    block_samples : int
+        Samples of all channels that are filtered at a time.
+    """
+
+    oversampling: float = 4.0
+    stop_db: float = 110.0
+    min_sample_rate: float = 200.0
+    block_samples: int = 8_000_000
 
 
-def decimate(recording: Recording, highest: float) -> Recording:
-    """The recording at a fraction of its rate, right up to `highest` Hz; filtered whenever a block is read."""
+DEFAULTS = DecimationSettings()
+
+
+def decimate(recording: Recording, highest: float, settings: DecimationSettings = DEFAULTS) -> Recording:
+    """Return the recording at a fraction of its sampling rate, unchanged up to a highest frequency.
+
+    Parameters
+    ----------
+    recording : Recording
+    highest : float
+        Hz.
+    settings : DecimationSettings
+
+    Returns
+    -------
+    Recording
+        Filtered whenever a block of it is read; `recording` itself where its rate is low already.
+    """
     from scipy.signal import firwin, kaiserord, upfirdn
 
     fs = recording.sample_rate
-    factor = int(fs / max(ROOM * highest, SLOWEST))
+    factor = int(fs / max(settings.oversampling * highest, settings.min_sample_rate))
     if factor < 2:
         return recording
     stop = fs / factor - highest
-    taps, beta = kaiserord(STOP_DB, (stop - highest) / (fs / 2))
-    half = factor * (taps // (2 * factor) + 1)  # so that the filter is full at a sample that is kept
-    taps = firwin(2 * half + 1, (highest + stop) / 2, window=("kaiser", beta), fs=fs).astype(np.float32)
+    taps, beta = kaiserord(settings.stop_db, (stop - highest) / (fs / 2))
+    half = factor * (taps // (2 * factor) + 1)  # a multiple of the factor: centred on samples that are kept
+    window: Any = ("kaiser", beta)  # SciPy's annotation allows names of windows only
+    taps = np.asarray(firwin(2 * half + 1, (highest + stop) / 2, window=window, fs=fs), dtype=np.float32)
 
     def block(start: int, end: int, channels: np.ndarray) -> np.ndarray:
         out = np.empty((len(channels), end - start), dtype=np.float32)
-        step = max(1, AT_ONCE // (factor * len(channels)))
+        step = max(1, settings.block_samples // (factor * len(channels)))
         for begin in range(start, end, step):
-            piece(out[:, begin - start :][:, : min(step, end - begin)], begin, channels)
+            filter_into(out[:, begin - start :][:, : min(step, end - begin)], begin, channels)
         return out
 
-    def piece(out: np.ndarray, begin: int, channels: np.ndarray) -> None:
+    def filter_into(out: np.ndarray, begin: int, channels: np.ndarray) -> None:
         end = begin + out.shape[1]
         first, last = begin * factor - half, (end - 1) * factor + half + 1
         inside = max(first, 0), min(last, recording.samples)

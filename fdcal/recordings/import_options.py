@@ -1,10 +1,11 @@
-"""What the user of `fdcal import` may say, and what follows of it for a recording: sound speed and band.
+"""The options of an import, and what follows from them for a recording: sound speed, highest frequency and band.
 
-ImportOptions      plain data, checked
-sound_speed_of    the speed of sound, m/s
-coordinate_count     number of coordinates of a microphone
-usable_limit   the highest usable frequency
-frequency_band     where to take frequencies
+ImportOptions       plain data
+check_options       refuse values that are out of range
+sound_speed_of      the sound speed, m/s
+coordinate_count    number of coordinates of a microphone
+highest_frequency   the highest frequency that the array can interpolate
+frequency_band      the band from which frequencies are chosen
 """
 
 from __future__ import annotations
@@ -15,39 +16,85 @@ import numpy as np
 
 from ..acoustics.fourier_bessel import f_max
 from ..model.validation import InputError, require_choice, require_positive
-from .frequency_selection import MOST
-from .recording import KINDS, Recording, sound_speed
+from .frequency_selection import DEFAULT_COUNT
+from .recording import KINDS, OLD_KINDS, Recording, sound_speed
 
-LOWEST, HIGHEST = 20.0, 500.0  # Hz, unless told
-ROOM_CELSIUS = 20.0  # where neither file nor user says
-AROUND_KNOWN = 1.2  # times the radius of the known microphones, that of all
+
+@dataclass(frozen=True)
+class ImportLimits:
+    """What is assumed where nothing is given, and what may be given.
+
+    Attributes
+    ----------
+    low, high : float
+        Default band, Hz.
+    min_periods : float
+        Periods of the lowest frequency in a recording, by default.
+    max_frequency : float
+        Relative to the sampling rate.
+    celsius : float
+        Default temperature.
+    min_celsius, max_celsius : float
+    known_radius_factor : float
+        Radius of an array relative to that of its known microphones.
+    max_count : int
+        Number of frequencies.
+    """
+
+    low: float = 20.0
+    high: float = 500.0
+    min_periods: float = 4.0
+    max_frequency: float = 0.45
+    celsius: float = 20.0
+    min_celsius: float = -60.0
+    max_celsius: float = 80.0
+    known_radius_factor: float = 1.2
+    max_count: int = 2000
+
+
+LIMITS = ImportLimits()
 
 
 @dataclass(frozen=True)
 class ImportOptions:
-    """What the user may say; None is for what the file or fdcal decides.
+    """How a recording is imported; None leaves a choice to the file or to fdcal.
 
     Attributes
     ----------
-    frequencies : "auto" or "LO:HI", Hz
-    window : "auto", "none" or the rate of the exponential window, 1/s
-    kind : "auto", "response" or "work"
-    most : greatest number of frequencies
-    temperature : degrees Celsius, or `speed`, m/s
-    source : which of several, from 0
-    dimension : 2 or 3, of the sound field
-    plane, subset, leave_out, known : see `fdcal.recordings.channel_selection`
-    reference : file with the signal that the source was given
-    against : name of the microphone against which cross-spectra are taken
-    radius : of the array, metres
+    frequencies : str
+        "auto" or "LO:HI", Hz.
+    window : str
+        "auto", "none" or the rate of the exponential window, 1/s.
+    kind : str
+        "auto", or one of `fdcal.recordings.recording.KINDS`.
+    most : int
+        Greatest number of frequencies.
+    temperature : float or None
+        Degrees Celsius; gives the sound speed.
+    sound_speed : float or None
+        m/s, instead of a temperature.
+    source : int or None
+        Which of several sources in a file, from 0.
+    dimension : int
+        2 or 3, of the sound field.
+    plane, subset, leave_out, known : str or None
+        See `fdcal.recordings.channel_selection`.
+    seed : int
+        Of a random `subset`.
+    reference : str or None
+        File with the signal that the source emitted.
+    reference_microphone : str or None
+        Name of the channel against which cross-spectra are taken.
+    array_radius : float or None
+        Metres.
     """
 
     frequencies: str = "auto"
     window: str = "auto"
     kind: str = "auto"
-    most: int = MOST
+    most: int = DEFAULT_COUNT
     temperature: float | None = None
-    speed: float | None = None
+    sound_speed: float | None = None
     source: int | None = None
     dimension: int = 3
     plane: str | None = None
@@ -56,86 +103,146 @@ class ImportOptions:
     leave_out: str | None = None
     known: str | None = None
     reference: str | None = None
-    against: str | None = None
-    radius: float | None = None
+    reference_microphone: str | None = None
+    array_radius: float | None = None
+
+    def __post_init__(self):
+        object.__setattr__(self, "kind", OLD_KINDS.get(self.kind, self.kind))
 
 
-def check(options: ImportOptions) -> None:
-    require_choice("--kind", options.kind, ("auto", *KINDS))
-    require_choice("--dimension", options.dimension, (2, 3))
-    if not 1 <= options.most <= 2000:
-        raise InputError(f"--most {options.most} frequencies cannot be; use 1 to 2000")
-    if options.temperature is not None and options.speed is not None:
-        raise InputError("--temperature and --sound-speed say the same; give one of them")
-    if options.temperature is not None and not -60 <= options.temperature <= 80:
-        raise InputError(f"--temperature {options.temperature:g} must be in degrees Celsius, -60 to 80")
-    if options.speed is not None:
-        require_positive("--sound-speed", options.speed, "m/s")
-    if options.reference is not None and options.against is not None:
-        raise InputError("--reference is a signal and --reference-microphone a channel; give one of them")
+def check_options(options: ImportOptions) -> None:
+    """Raise InputError for options that are out of range or contradict each other."""
+    require_choice("kind", options.kind, ("auto", *KINDS))
+    if options.dimension not in (2, 3):
+        raise InputError(f"dimension = {options.dimension} is unknown", "use one of 2, 3", key="dimension")
+    if not 1 <= options.most <= LIMITS.max_count:
+        raise InputError(
+            f"most = {options.most} is out of range", f"use 1 to {LIMITS.max_count}", key="most", value=options.most
+        )
+    if options.temperature is not None and options.sound_speed is not None:
+        raise InputError(
+            "a temperature and a sound speed say the same",
+            "give one of <temperature> and <sound_speed>",
+            key="sound_speed",
+        )
+    if options.temperature is not None and not LIMITS.min_celsius <= options.temperature <= LIMITS.max_celsius:
+        raise InputError(
+            f"temperature = {options.temperature:g} must be in degrees Celsius, {LIMITS.min_celsius:g} to"
+            f" {LIMITS.max_celsius:g}",
+            key="temperature",
+            value=options.temperature,
+        )
+    if options.sound_speed is not None:
+        require_positive("sound_speed", options.sound_speed, "m/s")
+    if options.reference is not None and options.reference_microphone is not None:
+        raise InputError(
+            "a reference signal and a reference microphone exclude each other",
+            "give one of <reference> and <reference_microphone>",
+            key="reference",
+        )
 
 
 def sound_speed_of(recording: Recording, options: ImportOptions) -> tuple[float, str]:
-    if options.speed is not None:
-        return options.speed, "as given"
+    """Return the sound speed, m/s, and where it is from, in words."""
+    if options.sound_speed is not None:
+        return options.sound_speed, "as given"
     if options.temperature is not None:
         return sound_speed(options.temperature), f"at {options.temperature:g} degrees Celsius"
     if recording.sound_speed is not None:
-        return recording.sound_speed, "as the file says"
-    return sound_speed(ROOM_CELSIUS), f"at {ROOM_CELSIUS:g} degrees Celsius, which was supposed; give --temperature"
+        return recording.sound_speed, "according to the file"
+    return sound_speed(LIMITS.celsius), f"at an assumed temperature of {LIMITS.celsius:g} degrees Celsius"
 
 
-def usable_limit(recording: Recording, options: ImportOptions, places, speed: float) -> tuple[float | None, str]:
-    """The highest usable frequency, Hz, and by what radius: as told, of the positions in the file, or the known ones.
+def highest_frequency(
+    recording: Recording, options: ImportOptions, known_positions: np.ndarray | None, speed: float
+) -> tuple[float | None, str]:
+    """Return the highest frequency that the array can interpolate (Eq. 9), and which radius it follows from.
 
-    None where nothing tells the radius.
+    Parameters
+    ----------
+    recording : Recording
+    options : ImportOptions
+    known_positions : (A, D) float64 or None
+        Of the known microphones, metres.
+    speed : float
+        Sound speed, m/s.
+
+    Returns
+    -------
+    float or None, str
+        Hz, None where the radius is unknown; and the radius in words.
     """
-    if options.radius is not None:
-        require_positive("--array-radius", options.radius, "m")
-        radius, words = options.radius, "for the radius given"
+    if options.array_radius is not None:
+        require_positive("array_radius", options.array_radius, "m")
+        radius, words = options.array_radius, "for the radius given"
     else:
-        told = recording.positions is not None
-        some = recording.positions if told else places
-        radius = 0.0 if some is None else float(np.linalg.norm(some - some.mean(axis=0), axis=1).max())
-        radius *= 1.0 if told else AROUND_KNOWN
-        who = "that of the positions in the file" if told else "a fifth more than that of the known microphones"
-        words = f"for a radius of {radius:.2g} m, {who}"
+        complete = recording.positions is not None
+        positions = recording.positions if complete else known_positions
+        radius = 0.0
+        if positions is not None:
+            radius = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
+        radius *= 1.0 if complete else LIMITS.known_radius_factor
+        share = f"{100 * (LIMITS.known_radius_factor - 1):.0f} % more than that of the known microphones"
+        words = f"for a radius of {radius:.2g} m, {'that of the positions in the file' if complete else share}"
     if radius <= 0:
-        return None, "unknown without the array's radius; give --array-radius R"
-    planar = coordinate_count(recording, options, places) == 2
+        return None, "unknown without the radius of the array"
+    planar = coordinate_count(recording, options, known_positions) == 2
     return f_max(recording.count, radius, speed, options.dimension, planar), words
 
 
-def coordinate_count(recording: Recording, options: ImportOptions, places) -> int:
-    """Number of coordinates of a microphone."""
-    told = recording.positions if recording.positions is not None else places
-    return options.dimension if told is None else told.shape[1]
+def coordinate_count(recording: Recording, options: ImportOptions, known_positions: np.ndarray | None) -> int:
+    """Return the number of coordinates of a microphone."""
+    positions = known_positions if recording.positions is None else recording.positions
+    return options.dimension if positions is None else positions.shape[1]
 
 
 def frequency_band(
-    recording: Recording, options: ImportOptions, usable: float | None, usable_from: str
+    recording: Recording, options: ImportOptions, limit: float | None, limit_from: str
 ) -> tuple[float, float]:
-    """The lowest and highest frequency, Hz."""
-    top = 0.45 * recording.sample_rate
+    """Return the lowest and the highest frequency, Hz.
+
+    Parameters
+    ----------
+    recording : Recording
+    options : ImportOptions
+    limit, limit_from
+        As of `highest_frequency`.
+
+    Raises
+    ------
+    InputError
+        The band is empty, or beyond what the recording or the array can hold.
+    """
+    top = LIMITS.max_frequency * recording.sample_rate
     if options.frequencies == "auto":
-        low, high = max(LOWEST, 4 / recording.duration), HIGHEST
-        if usable is not None:  # a radius that was given may raise it, too
-            high = usable if options.radius is not None else min(usable, HIGHEST)
+        low, high = max(LIMITS.low, LIMITS.min_periods / recording.duration), LIMITS.high
+        if limit is not None:  # a radius that was given may also raise it
+            high = limit if options.array_radius is not None else min(limit, LIMITS.high)
         high = min(high, top)
     else:
-        try:
-            low, high = (float(part) for part in options.frequencies.split(":"))
-        except ValueError:
-            raise InputError(
-                f'--frequencies "{options.frequencies}" is no band; write auto or LO:HI, as 20:300'
-            ) from None
-    if usable is not None and usable <= low:
+        low, high = _given_band(options.frequencies)
+    if limit is not None and limit <= low:
         raise InputError(
-            f"{recording.path}: {recording.count} microphones interpolate up to {usable:.3g} Hz {usable_from}, and the"
-            f" band begins at {low:g} Hz; tell positions in metres, neither in degrees nor in millimetres"
+            f"{recording.path}: {recording.count} microphones interpolate up to {limit:.3g} Hz {limit_from}, and the"
+            f" band begins at {low:g} Hz",
+            "give positions in metres, neither in degrees nor in millimetres",
+            key="frequencies",
         )
     if not 0 < low < high <= top:
         raise InputError(
-            f"--frequencies {low:g}:{high:g} is no band that {recording.path} can hold; use 0 < LO < HI <= {top:g} Hz"
+            f"frequencies = {low:g}:{high:g} is no band that {recording.path} can hold",
+            f"use 0 < LO < HI <= {top:g} Hz",
+            key="frequencies",
+            value=options.frequencies,
         )
+    return low, high
+
+
+def _given_band(text: str) -> tuple[float, float]:
+    try:
+        low, high = (float(part) for part in text.split(":"))
+    except ValueError:
+        raise InputError(
+            f'frequencies = "{text}" is no band', "write auto or LO:HI, as 20:300", key="frequencies", value=text
+        ) from None
     return low, high

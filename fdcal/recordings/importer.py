@@ -1,11 +1,8 @@
-"""From a file of somebody's to a measurement: what `fdcal import` does, without a command line.
-
-import_recording     path and options (`fdcal.recordings.import_options`) to a measurement and a report
-(`fdcal.recordings.import_report`)
-"""
+"""From a file with recordings to a measurement: what `fdcal import` does, without its command line."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,49 +13,70 @@ from ..model.validation import InputError
 from . import channel_selection, formats
 from .channel_health import inspect_channels, require_usable_channels
 from .cross_spectra import stationary_pressures
-from .import_options import ImportOptions, check, coordinate_count, frequency_band, sound_speed_of, usable_limit
+from .import_options import (
+    ImportOptions,
+    check_options,
+    coordinate_count,
+    frequency_band,
+    highest_frequency,
+    sound_speed_of,
+)
 from .import_report import ImportReport
-from .impulse_response import Pressures, impulse_response_pressures
+from .impulse_response import MAX_SAMPLES, Pressures, impulse_response_pressures
 from .recording import Recording
+from .reverberation import segment_levels
 
-COMPLETE_DB = 20.0  # by which a complete recording falls towards its end
+DECAYED_DB = 20.0  # by how much the level of an impulse response falls towards its end
+MAX_WINDOW_NEPERS = 50.0  # by how much an exponential window may attenuate the end of a recording
 DEFAULTS = ImportOptions()
+
+Noise = Callable[[np.ndarray], np.ndarray]
 
 
 def import_recording(path: str | Path, options: ImportOptions = DEFAULTS) -> tuple[Measurement, ImportReport]:
-    """The measurement in a file or folder. Raises InputError and StorageError."""
-    check(options)
+    """Return the measurement in a file or folder, and a report on how it was taken.
+
+    Parameters
+    ----------
+    path : str or Path
+    options : ImportOptions
+
+    Raises
+    ------
+    InputError, StorageError
+        The recording cannot be used, or cannot be read.
+    """
+    check_options(options)
     recording = formats.read(path, options.source)
-    recording, left_out = _chosen(recording, options)
+    recording, left_out = _selected(recording, options)
     if recording.count < 2:
-        raise InputError(f"{path} gives one channel; an array needs two microphones at least")
+        raise InputError(f"{path} gives one channel, and an array needs two microphones at least")
     recording = _flattened(recording, options)
-    numbers, places = (
-        (np.zeros(0, int), None)
-        if options.known is None
-        else channel_selection.known_microphones(recording, options.known)
-    )
+    known, known_positions = np.zeros(0, int), None
+    if options.known is not None:
+        known, known_positions = channel_selection.known_microphones(recording, options.known)
     speed, speed_from = sound_speed_of(recording, options)
-    usable, usable_from = usable_limit(recording, options, places, speed)
-    band = frequency_band(recording, options, usable, usable_from)
-    recording, kind, noise = _complete(recording, options, band)
+    limit, limit_from = highest_frequency(recording, options, known_positions, speed)
+    band = frequency_band(recording, options, limit, limit_from)
+    recording, kind, noise = _classified(recording, options, band)
     pressures = _pressures(recording, kind, options, band, speed, noise)
-    measurement = _measurement(recording, options, numbers, places, pressures, speed)
-    return measurement, ImportReport(recording, kind, left_out, pressures, speed, speed_from, usable, usable_from)
+    measurement = _measurement(recording, options, known, known_positions, pressures, speed)
+    return measurement, ImportReport(recording, kind, left_out, pressures, speed, speed_from, limit, limit_from)
 
 
-def _chosen(recording: Recording, options: ImportOptions) -> tuple[Recording, dict[str, str]]:
-    """The channels that the user wants, each found sound, and why each of those left out is."""
+def _selected(recording: Recording, options: ImportOptions) -> tuple[Recording, dict[str, str]]:
+    """Return the channels that are wanted, all of them usable, and why each of those left out is."""
     if options.plane is not None:
         recording = channel_selection.select_plane(recording, options.plane)
     if options.subset is not None:
         recording = channel_selection.select_subset(recording, options.subset, options.seed)
-    listed = [name for name in (options.leave_out or "").split(",") if name.strip() not in ("", "bad")]
-    left_out = dict.fromkeys((name.strip() for name in listed), "as asked")
-    if listed:  # before they are looked at: they may hold what cannot be read
+    parts = [part.strip() for part in (options.leave_out or "").split(",")]
+    listed = [name for name in parts if name not in ("", "bad")]
+    left_out = dict.fromkeys(listed, "as asked")
+    if listed:  # before the samples are read, since these channels may hold what cannot be read
         recording = channel_selection.exclude_channels(recording, ",".join(listed), np.zeros(0, int))
     health = inspect_channels(recording)
-    if "bad" in [part.strip() for part in (options.leave_out or "").split(",")]:
+    if "bad" in parts:
         left_out |= {recording.names[n]: health.fault(n, recording.names) for n in health.bad}
         recording = channel_selection.exclude_channels(recording, "bad", health.bad)
     else:
@@ -67,63 +85,110 @@ def _chosen(recording: Recording, options: ImportOptions) -> tuple[Recording, di
 
 
 def _flattened(recording: Recording, options: ImportOptions) -> Recording:
-    """Without heights where the field has none. Raises InputError where they differ."""
+    """Return the recording without heights where the field is two-dimensional."""
     positions = recording.positions
     if positions is None or positions.shape[1] <= options.dimension:
         return recording
-    if np.ptp(positions[:, 2]) > channel_selection.LEVEL:
-        raise InputError("--dimension 2 needs microphones of one height; choose them: --plane z=HEIGHT")
+    if np.ptp(positions[:, 2]) > channel_selection.PLANE_TOLERANCE:
+        raise InputError(
+            "dimension = 2 needs microphones of one height",
+            "choose them with <plane> z=HEIGHT",
+            key="dimension",
+            value=options.dimension,
+        )
     return replace(recording, positions=positions[:, :2])
 
 
-def _complete(recording: Recording, options: ImportOptions, band):
-    """The recording, deconvolve where a reference is given, its kind, and the noise if that is known already."""
+def _classified(
+    recording: Recording, options: ImportOptions, band: tuple[float, float]
+) -> tuple[Recording, str, Noise | None]:
+    """Return the recording, deconvolved where a reference is given, its kind, and its noise power where known."""
     if options.reference is not None:
         from .deconvolution import deconvolve
 
         responses, noise = deconvolve(recording, formats.read(options.reference), band)
-        return responses, "response", noise
-    kind = "work" if options.against is not None else options.kind if options.kind != "auto" else recording.kind
-    return recording, kind or ("response" if _falls(recording, band) else "work"), None
+        return responses, "impulse", noise
+    if options.reference_microphone is not None:
+        return recording, "stationary", None
+    kind = recording.kind if options.kind == "auto" else options.kind
+    return recording, kind or ("impulse" if _decays(recording, band) else "stationary"), None
 
 
-def _falls(recording: Recording, band) -> bool:
-    """Whether the sound is gone, or nearly, at the end: then the recording is complete."""
-    from .impulse_response import LONGEST
-    from .reverberation import segment_levels
-
-    if recording.samples > LONGEST:
+def _decays(recording: Recording, band: tuple[float, float]) -> bool:
+    """Return whether the sound is gone, or nearly so, at the end, as in an impulse response."""
+    if recording.samples > MAX_SAMPLES:
         return False
     level = segment_levels(recording, band)
-    return bool(level[-2:].mean() <= level.max() * 10 ** (-COMPLETE_DB / 10))
+    return bool(level[-2:].mean() <= level.max() * 10 ** (-DECAYED_DB / 10))
 
 
-def _pressures(recording: Recording, kind: str, options: ImportOptions, band, speed: float, noise) -> Pressures:
-    if kind == "work":
-        if options.window != "auto":
-            raise InputError(f"--window {options.window} is for --kind response; a source at work needs none")
-        if options.against is not None and options.against not in recording.names:
-            raise InputError(f'--reference-microphone "{options.against}" is no channel; use a name or number of one')
-        reference = None if options.against is None else recording.names.index(options.against)
-        return stationary_pressures(recording, band, speed, options.most, reference)
-    rate = {"auto": None, "none": 0.0}.get(options.window, options.window)
+def _pressures(
+    recording: Recording,
+    kind: str,
+    options: ImportOptions,
+    band: tuple[float, float],
+    speed: float,
+    noise: Noise | None,
+) -> Pressures:
+    if kind == "stationary":
+        return stationary_pressures(recording, band, speed, options.most, _reference_channel(recording, options))
+    return impulse_response_pressures(recording, band, speed, _window_rate(recording, options), options.most, noise)
+
+
+def _reference_channel(recording: Recording, options: ImportOptions) -> int | None:
+    """Return the index of the reference microphone, None without one."""
+    if options.window != "auto":
+        raise InputError(
+            f"window = {options.window} is for impulse responses; a stationary source needs none",
+            "leave out <window>, or give <kind> impulse",
+            key="window",
+            value=options.window,
+        )
+    name = options.reference_microphone
+    if name is not None and name not in recording.names:
+        raise InputError(
+            f'reference_microphone = "{name}" is no channel',
+            "use a name or number of one",
+            key="reference_microphone",
+            value=name,
+        )
+    return None if name is None else recording.names.index(name)
+
+
+def _window_rate(recording: Recording, options: ImportOptions) -> float | None:
+    """Return the rate of the exponential window, 1/s; None where it is chosen automatically."""
+    if options.window in ("auto", "none"):
+        return None if options.window == "auto" else 0.0
     try:
-        rate = None if rate is None else float(rate)
+        rate = float(options.window)
     except ValueError:
         rate = -1.0
-    if rate is not None and not 0 <= rate * recording.duration <= 50:
+    if not 0 <= rate * recording.duration <= MAX_WINDOW_NEPERS:
         raise InputError(
-            f'--window "{options.window}" must be auto, none or a rate up to {50 / recording.duration:.3g} per second'
+            f'window = "{options.window}" must be auto, none or a rate up to'
+            f" {MAX_WINDOW_NEPERS / recording.duration:.3g} per second",
+            key="window",
+            value=options.window,
         )
-    return impulse_response_pressures(recording, band, speed, rate, options.most, noise)
+    return rate
 
 
 def _measurement(
-    recording: Recording, options: ImportOptions, numbers, places, taken: Pressures, speed: float
+    recording: Recording,
+    options: ImportOptions,
+    known: np.ndarray,
+    known_positions: np.ndarray | None,
+    taken: Pressures,
+    speed: float,
 ) -> Measurement:
-    axes = coordinate_count(recording, options, places)
-    if places is not None and places.shape[1] != axes:
-        raise InputError(f"--known {options.known} gives {places.shape[1]} coordinates where the file has {axes}")
+    axes = coordinate_count(recording, options, known_positions)
+    if known_positions is not None and known_positions.shape[1] != axes:
+        raise InputError(
+            f"known = {options.known} gives {known_positions.shape[1]} coordinates where the file has {axes}",
+            f"give {axes} coordinates",
+            key="known",
+            value=options.known,
+        )
     return Measurement(
         frequencies=taken.frequencies,
         pressures=taken.pressures,
@@ -134,6 +199,6 @@ def _measurement(
         noise_power=taken.noise_power,
         names=recording.names,
         positions=recording.positions,
-        known=numbers,
-        known_positions=places,
+        known=known,
+        known_positions=known_positions,
     )

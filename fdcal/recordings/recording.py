@@ -1,11 +1,10 @@
-"""What N microphones recorded, read when it is needed: what every format is turned into.
+"""What N microphones recorded, with samples read only when they are needed: the common form of every file format.
 
-Recording   channels of samples and what the file tells of them
-select      some of its channels
-groups      all samples of a few channels at a time
+A recording is of one of two kinds:
 
-A `response` is complete: it starts in silence and lasts until the sound is gone or is cut off while the room rings on,
-as an impulse response, a clap or a whole sweep does. A recording at `work` is a piece out of a sound that goes on.
+impulse      an impulse response, a clap or a whole sweep: it starts in silence and lasts until the sound is gone, or is
+             cut off while the room still rings
+stationary   a part of a sound that goes on, such as noise, music, speech or a machine
 """
 
 from __future__ import annotations
@@ -18,12 +17,24 @@ import numpy as np
 
 from ..model.validation import InputError, frozen_array, require_array, require_positive
 
-KINDS = ("response", "work")
+KINDS = ("impulse", "stationary")
+OLD_KINDS = {"response": "impulse", "work": "stationary"}  # spellings that older files and scripts contain
 ZERO_CELSIUS = 273.15  # K
-GROUP_SAMPLES = 16_000_000  # samples held at a time: 128 MB as float64
-PIECE_SAMPLES = 500_000  # likewise, of a file where channels lie side by side: what a processor keeps at hand
-MOST_CHANNELS = 10_000
-RATES = 100.0, 1e7  # Hz, what a sampling rate may be
+GROUP_SAMPLES = 16_000_000  # samples held in memory at a time: 128 MB as float64
+RANGE_SAMPLES = 500_000  # samples read at a time from a file with interleaved channels, so that they fit a CPU cache
+
+
+@dataclass(frozen=True)
+class RecordingLimits:
+    """What a recording may be: sampling rate, Hz; number of channels; samples of each channel."""
+
+    min_sample_rate: float = 100.0
+    max_sample_rate: float = 1e7
+    max_channels: int = 10_000
+    min_samples: int = 16
+
+
+LIMITS = RecordingLimits()
 
 
 @dataclass(frozen=True)
@@ -32,17 +43,29 @@ class Recording:
 
     Attributes
     ----------
-    path : str, what messages call it
-    kind : "response", "work", or None where the file does not say
-    sample_rate : Hz
-    count, samples : N and T
-    block : callable(start, stop, channels) -> (len(channels), stop - start) float array; `channels` (n,) int64
-    names : (N,) tuple of str, each different; "0", "1", ... unless given
-    positions : (N, D) float64, metres, or None; where the file says that the microphones are
-    sound_speed : m/s, or None
-    full_scale : greatest value that a sample can take, or None where there is none
+    path : str
+        What messages call it.
+    kind : str or None
+        One of KINDS; None where the file does not say.
+    sample_rate : float
+        Hz.
+    count, samples : int
+        N and T.
+    block : callable(start, stop, channels) -> (len(channels), stop - start) float array
+        Reads samples of the channels (n,) int64.
+    names : tuple of N str
+        Each different; "0", "1", ... unless given.
+    positions : (N, D) float64 or None
+        Of the microphones according to the file, metres.
+    sound_speed : float or None
+        According to the file, m/s.
+    full_scale : float or None
+        Greatest value that a sample can take.
 
-    Raises InputError for a number that cannot be.
+    Raises
+    ------
+    InputError
+        A value is out of range.
     """
 
     path: str
@@ -51,29 +74,43 @@ class Recording:
     count: int
     samples: int
     block: Callable[[int, int, np.ndarray], np.ndarray]
-    names: tuple[str, ...] | None = None
+    names: tuple[str, ...] = ()
     positions: np.ndarray | None = None
     sound_speed: float | None = None
     full_scale: float | None = None
 
     def __post_init__(self):
-        if not RATES[0] <= self.sample_rate <= RATES[1]:
-            raise InputError(
-                f"{self.path}: sampling rate = {self.sample_rate:g} Hz cannot be; {RATES[0]:g} to {RATES[1]:g} Hz can"
-            )
-        if not 1 <= self.count <= MOST_CHANNELS:
-            raise InputError(f"{self.path}: {self.count} channels cannot be used; give 1 to {MOST_CHANNELS}")
-        if self.samples < 16:
-            raise InputError(f"{self.path} holds {self.samples} samples a channel, which is no recording; give more")
+        object.__setattr__(self, "kind", OLD_KINDS.get(self.kind or "", self.kind))
+        self._require_size()
         if self.sound_speed is not None:
             require_positive(f"{self.path}: sound speed", self.sound_speed, "m/s")
-        names = tuple(str(n) for n in range(self.count)) if self.names is None else tuple(self.names)
+        names = tuple(self.names) or tuple(str(n) for n in range(self.count))
         if len(names) != self.count or len(set(names)) < len(names):
-            raise InputError(f"{self.path}: its channels must have {self.count} different names")
+            raise InputError(f"{self.path}: its channels must have {self.count} different names", key="names")
         object.__setattr__(self, "names", names)
         if self.positions is not None:
             places = require_array(f"{self.path}: positions", self.positions, "real", (self.count, None), "m")
             object.__setattr__(self, "positions", places)
+
+    def _require_size(self) -> None:
+        if not LIMITS.min_sample_rate <= self.sample_rate <= LIMITS.max_sample_rate:
+            raise InputError(
+                f"{self.path}: sampling rate = {self.sample_rate:g} Hz must be between {LIMITS.min_sample_rate:g} Hz"
+                f" and {LIMITS.max_sample_rate / 1e6:g} MHz",
+                key="sample_rate",
+                value=self.sample_rate,
+            )
+        if not 1 <= self.count <= LIMITS.max_channels:
+            raise InputError(
+                f"{self.path}: {self.count} channels cannot be used", f"give 1 to {LIMITS.max_channels}", key="count"
+            )
+        if self.samples < LIMITS.min_samples:
+            raise InputError(
+                f"{self.path} holds {self.samples} samples per channel, which is too short for a recording",
+                f"give {LIMITS.min_samples} or more",
+                key="samples",
+                value=self.samples,
+            )
 
     @property
     def duration(self) -> float:
@@ -82,21 +119,29 @@ class Recording:
 
 
 def sound_speed(celsius: float) -> float:
-    """Speed of sound in dry air, m/s; it goes with the square root of the temperature (ISO 9613-1)."""
+    """Return the speed of sound in dry air, m/s: proportional to the square root of the temperature (ISO 9613-1)."""
     return 343.2 * math.sqrt((celsius + ZERO_CELSIUS) / 293.15)
 
 
-def recording_of(path: str, kind: str | None, sample_rate: float, values, **told) -> Recording:
-    """Recording of an array (N, T) that is in memory, or mapped into it."""
+def recording_of(path: str, kind: str | None, sample_rate: float, values, **others) -> Recording:
+    """Return a recording of an array (N, T) that is in memory or memory-mapped.
+
+    Parameters
+    ----------
+    path, kind, sample_rate, **others
+        Attributes of `Recording`.
+    values : (N, T) array
+        Samples.
+    """
 
     def block(start: int, stop: int, channels: np.ndarray) -> np.ndarray:
         return values[channels, start:stop]
 
-    return Recording(path, kind, float(sample_rate), *map(int, values.shape), block, **told)
+    return Recording(path, kind, float(sample_rate), int(values.shape[0]), int(values.shape[1]), block, **others)
 
 
 def select_channels(recording: Recording, channels) -> Recording:
-    """The recording of some channels (n,), in the order given."""
+    """Return the recording of some channels (n,) only, in the order given."""
     channels = frozen_array(channels, np.int64)
 
     def block(start: int, stop: int, chosen: np.ndarray) -> np.ndarray:
@@ -112,36 +157,53 @@ def select_channels(recording: Recording, channels) -> Recording:
 
 
 def read_samples(recording: Recording, start: int, stop: int, channels=None) -> np.ndarray:
-    """Samples `start` to `stop` of some channels, all unless given : (n, stop - start) float64.
+    """Return the samples of a recording from one sample to another.
 
-    Raises InputError for a sample that is no finite number, or samples that are missing.
+    Parameters
+    ----------
+    recording : Recording
+    start, stop : int
+        First sample, and the one after the last.
+    channels : (n,) int, optional
+        All channels unless given.
+
+    Returns
+    -------
+    (n, stop - start) float64
+
+    Raises
+    ------
+    InputError
+        A sample is not finite, or samples are missing.
     """
     channels = np.arange(recording.count) if channels is None else np.asarray(channels, np.int64)
     values = np.asarray(recording.block(start, stop, channels))
     if values.shape != (len(channels), stop - start):
         raise InputError(
-            f"{recording.path} is truncated: samples {start} to {stop} are not all there; copy the file again"
+            f"{recording.path} is truncated: some of the samples {start} to {stop} are missing", "copy the file again"
         )
     values = values.astype(float)
     bad = np.argwhere(~np.isfinite(values))
     if len(bad):
         name, sample = recording.names[channels[bad[0][0]]], start + int(bad[0][1])
         raise InputError(
-            f'{recording.path}: sample {sample} of channel "{name}" is not a finite number; mend it, or leave the'
-            f" channel out: --leave-out {name}"
+            f'{recording.path}: sample {sample} of channel "{name}" is not a finite number',
+            f"repair the file, or leave out the channel: <leave_out> {name}",
+            key="leave_out",
+            value=name,
         )
     return values
 
 
 def sample_ranges(samples: int, channels: int) -> Iterator[tuple[int, int]]:
-    """First and last of the stretches in which to read `samples` of a file where channels lie side by side."""
-    step = max(1, PIECE_SAMPLES // channels)
+    """Yield the ranges in which to read a number of samples from a file with interleaved channels."""
+    step = max(1, RANGE_SAMPLES // channels)
     for first in range(0, samples, step):
         yield first, min(first + step, samples)
 
 
 def in_memory(recording: Recording, most: int = 4 * GROUP_SAMPLES) -> Recording:
-    """The recording in memory, as float32, if its samples are not too many; else as it is."""
+    """Return the recording held in memory as float32 if it has at most `most` samples, else as it is."""
     if recording.count * recording.samples > most:
         return recording
     values = np.empty((recording.count, recording.samples), dtype=np.float32)
@@ -157,7 +219,7 @@ def in_memory(recording: Recording, most: int = 4 * GROUP_SAMPLES) -> Recording:
 
 
 def channel_groups(recording: Recording, most: int = GROUP_SAMPLES) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Channels (n,) and all of their samples (n, T), a few channels at a time."""
+    """Yield channels (n,) and all of their samples (n, T), a few channels at a time."""
     step = max(1, most // recording.samples)
     for first in range(0, recording.count, step):
         channels = np.arange(first, min(first + step, recording.count))
@@ -165,7 +227,7 @@ def channel_groups(recording: Recording, most: int = GROUP_SAMPLES) -> Iterator[
 
 
 def time_blocks(recording: Recording, most: int = GROUP_SAMPLES // 4) -> Iterator[np.ndarray]:
-    """All channels, a stretch of samples (N, t) at a time, in order."""
+    """Yield the samples of all channels, a block (N, t) at a time, in order."""
     step = max(1, most // recording.count)
     for start in range(0, recording.samples, step):
         yield read_samples(recording, start, min(start + step, recording.samples))

@@ -1,10 +1,10 @@
-"""How the sound of a recording decays, by its level in pieces of time.
+"""How the sound of a recording decays, from its level in successive segments.
 
-The band in use alone tells it, for noise at other frequencies lasts to the end of a recording and says nothing of the
-room. The mean level of the band says when most of it is gone; a mode that decays more slowly than the others rings on.
-So the sound ends where what follows is at no frequency louder than the end of the recording.
+Only the band in use counts, since noise at other frequencies lasts to the end of a recording and says nothing about the
+room. The mean level of the band shows when most of the sound is gone; a mode that decays more slowly than the others
+rings on. So the sound ends where what follows is at no frequency louder than the end of the recording.
 
-    c    s, where the sound may be over; what follows is looked at as long again, and so is the end of the recording
+    c    s, where the sound may be over; an equally long part after it is compared with the end of the recording
 """
 
 from __future__ import annotations
@@ -13,29 +13,71 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
 from scipy.special import fdtri
 
+from ..acoustics.fft import fast_length, irfft, rfft
 from ..acoustics.spectrum import PADDING
 from ..model.validation import InputError
 from .recording import GROUP_SAMPLES, Recording, read_samples
 
-DECAY_CHANNELS = 24  # channels by which the decay is told
-PIECES = 48  # of the recording, in each of which the level is told
-ABOVE_FLOOR = 2.0  # nepers of power above the last tenth: nearer to it a level is noise
-FAINTEST = 1e-6  # of the greatest power: what is below tells nothing of the decay
-NEARER = 0.25  # of a recording: a sound that fills less of it is looked at again, in shorter pieces
-LATER = 1.2  # factor by which the end of the sound is set later until no mode rings on
-LONGEST_RING = 4.0  # s, of what follows the sound, in which modes are looked for that ring on
-HARMLESS = 0.5  # of the noise of a pressure: what the cut may leave out
-CHANCE = 0.05  # that noise alone is taken for a mode that rings on
-LEAST_TAIL = 0.1, 0.25  # of the recording, or in seconds if that is less, that noise must fill to be told
+
+@dataclass(frozen=True)
+class DecaySettings:
+    """How the decay is measured.
+
+    Attributes
+    ----------
+    channels : int
+        Number of channels of which the decay is measured.
+    segments : int
+        Of the recording, in each of which the level is measured.
+    above_floor : float
+        Nepers of power above the last tenth of the recording; a level nearer to it is noise.
+    min_power : float
+        Relative to the greatest power; what is below says nothing about the decay.
+    zoom : float
+        Share of the recording; a sound that fills less of it is measured again, in shorter segments.
+    extension : float
+        Factor by which the end of the sound is moved until no mode rings on.
+    max_ringing : float
+        Length of the part after the sound in which modes are sought that ring on, seconds.
+    max_loss : float
+        Power that the cut may leave out, relative to the noise of a pressure.
+    false_alarm : float
+        Probability that noise alone is taken for a mode that rings on.
+    min_tail_share, min_tail : float
+        Share of the recording, or seconds if that is less, that noise must fill to be estimated.
+    """
+
+    channels: int = 24
+    segments: int = 48
+    above_floor: float = 2.0
+    min_power: float = 1e-6
+    zoom: float = 0.25
+    extension: float = 1.2
+    max_ringing: float = 4.0
+    max_loss: float = 0.5
+    false_alarm: float = 0.05
+    min_tail_share: float = 0.1
+    min_tail: float = 0.25
+
+
+SETTINGS = DecaySettings()
 
 
 @dataclass(frozen=True)
 class Decay:
-    """Of a sound: `rate` d, 1/s; `tail`, s from which on there is noise alone, or None where the sound lasts; `noisy`,
-    whether that noise is what ends the sound, and not the precision of what is looked at."""
+    """The decay of a sound.
+
+    Attributes
+    ----------
+    rate : float
+        d, nepers per second.
+    tail : float or None
+        From where on there is noise only, seconds; None where the sound lasts.
+    noisy : bool
+        Whether the sound ends in noise, and not at the numerical floor of the level.
+    """
 
     rate: float
     tail: float | None
@@ -43,14 +85,24 @@ class Decay:
 
 
 def estimate_decay(recording: Recording, band: tuple[float, float]) -> Decay:
-    """How the sound in a band (Hz, Hz) decays, by the level of a few channels in pieces of the part that sounds.
+    """Return how the sound in a band decays, from the level of a few channels.
 
-    Raises InputError for a recording that is silent in the band.
+    Parameters
+    ----------
+    recording : Recording
+    band : (float, float)
+        Hz.
+
+    Raises
+    ------
+    InputError
+        The recording is silent in the band.
     """
-    decay = _by_level(recording, band)
-    while decay.tail is not None and decay.tail < NEARER * recording.duration:
+    decay = _decay_by_level(recording, band)
+    while decay.tail is not None and decay.tail < SETTINGS.zoom * recording.duration:
         recording = replace(recording, samples=int(2 * decay.tail * recording.sample_rate) + 1)
-        nearer = _by_level(recording, band) if recording.samples > 4 * PIECES else decay
+        enough = recording.samples > 4 * SETTINGS.segments
+        nearer = _decay_by_level(recording, band) if enough else decay
         if nearer.tail is None or nearer.tail >= decay.tail:
             break
         decay = nearer
@@ -60,28 +112,44 @@ def estimate_decay(recording: Recording, band: tuple[float, float]) -> Decay:
 def extend_to_last_mode(
     recording: Recording, band: tuple[float, float], decay: Decay, noise: Callable[[np.ndarray], np.ndarray] | None
 ) -> Decay:
-    """`decay` with its tail set so late that no mode of the band rings on in it, or as late as tells the noise.
+    """Return `decay` with its tail moved until no mode of the band rings on in it, as far as noise can be estimated.
 
-    `noise`, a function of (B,) Hz, is the power (B,) of one sample of the transform where that is known already: noise
-    that is not the same at all times is then no mode.
+    Parameters
+    ----------
+    recording : Recording
+    band : (float, float)
+        Hz.
+    decay : Decay
+    noise : callable((B,) Hz) -> (B,) float64 or None
+        Noise power of one sample of the transform where it is known: noise that varies in time is then no mode.
     """
     if decay.tail is None:
         return decay
     c, fs = decay.tail, recording.sample_rate
-    last = recording.duration - min(LEAST_TAIL[0] * recording.duration, LEAST_TAIL[1])
+    last = recording.duration - _min_tail(recording)
     while c < last and _rings_on(recording, band, int(c * fs) + 1, noise):
-        c *= LATER
+        c *= SETTINGS.extension
     if c > decay.tail:
-        c = min(LATER**2 * c, max(last, decay.tail))  # a mode not told from noise any more is not yet below it
+        # A mode that can no longer be distinguished from noise is not yet below it.
+        c = min(SETTINGS.extension**2 * c, max(last, decay.tail))
     return replace(decay, tail=c)
 
 
+def _min_tail(recording: Recording) -> float:
+    """Return how much noise is needed to estimate its power, seconds."""
+    return min(SETTINGS.min_tail_share * recording.duration, SETTINGS.min_tail)
+
+
+def _measured_channels(recording: Recording) -> np.ndarray:
+    return np.unique(np.linspace(0, recording.count - 1, SETTINGS.channels).astype(int))
+
+
 def _rings_on(recording: Recording, band: tuple[float, float], start: int, noise) -> bool:
-    """Whether a mode is heard after the sample `start` that is not heard any more at the end."""
+    """Return whether a mode is audible after the sample `start` that is no longer audible at the end."""
     fs = recording.sample_rate
-    length = min(start, (recording.samples - start) // 2, int(LONGEST_RING * fs))
-    channels = np.unique(np.linspace(0, recording.count - 1, DECAY_CHANNELS).astype(int))
-    padded = next_fast_len(PADDING * length, real=True)
+    length = min(start, (recording.samples - start) // 2, int(SETTINGS.max_ringing * fs))
+    channels = _measured_channels(recording)
+    padded = fast_length(PADDING * length)
     f = np.arange(padded // 2 + 1) * fs / padded
     inside = (f >= band[0]) & (f <= band[1])
     first, end = (
@@ -90,58 +158,66 @@ def _rings_on(recording: Recording, band: tuple[float, float], start: int, noise
     )
     if noise is not None:
         end = np.maximum(end, noise(f[inside]) * length)
-    chance = CHANCE / max(1, np.sum(inside))
+    chance = SETTINGS.false_alarm / max(1, np.sum(inside))
     by_chance = fdtri(2 * len(channels), 2 * len(channels), 1 - chance) - 1
-    return bool(np.any(first - end > end * max(HARMLESS * start / length, by_chance)))
+    return bool(np.any(first - end > end * max(SETTINGS.max_loss * start / length, by_chance)))
 
 
-def _by_level(recording: Recording, band: tuple[float, float]) -> Decay:
-    """The decay in a band by the level of a few channels in equal pieces of the recording."""
+def _decay_by_level(recording: Recording, band: tuple[float, float]) -> Decay:
+    """Return the decay in a band by the level of a few channels in equal segments of the recording."""
     level = segment_levels(recording, band)
     if not level.max() > 0:
-        raise InputError(f"{recording.path} is silent between {band[0]:g} and {band[1]:g} Hz; name another band")
+        raise InputError(
+            f"{recording.path} is silent between {band[0]:g} and {band[1]:g} Hz",
+            "choose another band: <frequencies>",
+            key="frequencies",
+        )
     nepers = np.log(np.maximum(level, 1e-30 * level.max()))
-    last = [np.mean(level[-pieces:]) for pieces in (PIECES // 10 + 1, 2)]
-    quiet = last[1] if last[1] < np.exp(-ABOVE_FLOOR) * last[0] else last[0]  # the sound may have ended only just now
-    noisy = bool(quiet > FAINTEST * level.max())
-    floor = np.log(max(quiet, FAINTEST * level.max()))
-    top, above = int(np.argmax(level)), nepers > floor + ABOVE_FLOOR
+    quiet = _floor_level(level)
+    noisy = bool(quiet > SETTINGS.min_power * level.max())
+    floor = np.log(max(quiet, SETTINGS.min_power * level.max()))
+    top, above = int(np.argmax(level)), nepers > floor + SETTINGS.above_floor
     end = int(np.flatnonzero(above)[-1]) + 1 if np.any(above) else top
-    high = int(np.flatnonzero(nepers >= (nepers[top] + floor) / 2)[-1])  # a sweep only falls when it is over
-    piece = recording.duration / PIECES
-    if end - high < 3:  # too quick to be followed, or none at all
-        quick = nepers[top] - nepers[-1] > 2 * ABOVE_FLOOR
-        tail = _told(recording, (end + 1) * piece) if quick else None
-        return Decay(ABOVE_FLOOR / piece if quick else 0.0, tail, noisy)
-    slope = np.polyfit(piece * np.arange(high, end), nepers[high:end], 1)[0]
+    high = int(np.flatnonzero(nepers >= (nepers[top] + floor) / 2)[-1])  # a sweep decays only after its end
+    segment = recording.duration / SETTINGS.segments
+    if end - high < 3:  # too fast to be measured, or no decay at all
+        fast = nepers[top] - nepers[-1] > 2 * SETTINGS.above_floor
+        tail = _tail_at(recording, (end + 1) * segment) if fast else None
+        return Decay(SETTINGS.above_floor / segment if fast else 0.0, tail, noisy)
+    slope = np.polyfit(segment * np.arange(high, end), nepers[high:end], 1)[0]
     rate = max(0.0, -float(slope) / 2)
-    reached = (end + 1) * piece + ABOVE_FLOOR / max(2 * rate, 1e-9)
-    return Decay(rate, _told(recording, reached), noisy)
+    reached = (end + 1) * segment + SETTINGS.above_floor / max(2 * rate, 1e-9)
+    return Decay(rate, _tail_at(recording, reached), noisy)
 
 
-def _told(recording: Recording, reached: float) -> float | None:
-    """`reached`, s, if what follows is long enough to tell the noise."""
-    least = min(LEAST_TAIL[0] * recording.duration, LEAST_TAIL[1])
-    return reached if recording.duration - reached >= least else None
+def _floor_level(level: np.ndarray) -> float:
+    """Return the level of the last tenth, or of the last two segments where the sound has ended only just before."""
+    tenth, two = (float(np.mean(level[-count:])) for count in (SETTINGS.segments // 10 + 1, 2))
+    return two if two < np.exp(-SETTINGS.above_floor) * tenth else tenth
+
+
+def _tail_at(recording: Recording, reached: float) -> float | None:
+    """Return `reached`, s, if what follows is long enough to estimate the noise."""
+    return reached if recording.duration - reached >= _min_tail(recording) else None
 
 
 def segment_levels(recording: Recording, band: tuple[float, float]) -> np.ndarray:
-    """Power in the band, mean over a few channels, in each of PIECES pieces : (PIECES,) float64."""
-    channels = np.unique(np.linspace(0, recording.count - 1, DECAY_CHANNELS).astype(int))
-    slow, fs = _slow(recording, channels, 16 * band[1])
-    samples = slow.shape[1]
-    padded = next_fast_len(PADDING * samples, real=True)  # so that nothing of the start wraps round to the end
+    """Return the power in the band in each segment, mean over a few channels : (segments,) float64."""
+    reduced, fs = _reduced(recording, _measured_channels(recording), 16 * band[1])
+    samples = reduced.shape[1]
+    padded = fast_length(PADDING * samples)  # so that nothing of the start wraps round to the end
     f = np.arange(padded // 2 + 1) * fs / padded
     smooth = np.sin(np.pi / 2 * np.clip(2 - f / band[1], 0, 1) * np.clip(f / band[0], 0, 1)) ** 2
-    total = np.zeros(PIECES)
-    for row in slow:
+    total = np.zeros(SETTINGS.segments)
+    for row in reduced:
         kept = irfft(rfft(row, padded) * smooth, padded)[:samples]
-        total += [np.mean(piece**2) if len(piece) else 0.0 for piece in np.array_split(kept, PIECES)]
-    return total / len(channels)
+        parts = np.array_split(kept, SETTINGS.segments)
+        total += np.array([np.mean(part**2) if len(part) else 0.0 for part in parts])
+    return total / len(reduced)
 
 
-def _slow(recording: Recording, channels: np.ndarray, least: float) -> tuple[np.ndarray, float]:
-    """Channels (n, t), each sample the mean of some, and their sampling rate, at least `least` Hz if may be."""
+def _reduced(recording: Recording, channels: np.ndarray, least: float) -> tuple[np.ndarray, float]:
+    """Return channels (n, t) averaged over neighbouring samples, at a rate of at least `least` Hz if possible."""
     factor = max(1, int(recording.sample_rate / least))
     step = factor * max(1, GROUP_SAMPLES // (4 * factor * len(channels)))
     rows = []

@@ -24,7 +24,7 @@ from fdcal.model.validation import InputError
 from fdcal.recordings import frequency_selection
 from fdcal.recordings.channel_selection import exclude_channels, known_microphones, select_plane, select_subset
 from fdcal.recordings.cross_spectra import stationary_pressures
-from fdcal.recordings.decimation import decimate
+from fdcal.recordings.decimation import DecimationSettings, decimate
 from fdcal.recordings.deconvolution import deconvolve
 from fdcal.recordings.import_options import ImportOptions
 from fdcal.recordings.import_report import import_summary
@@ -36,7 +36,7 @@ from fdcal.recordings.reverberation import estimate_decay
 BAND = 20.0, 400.0
 
 
-def recorded(samples, kind="response", **told) -> Recording:
+def recorded(samples, kind="impulse", **told) -> Recording:
     return recording_of("file", kind, FS, samples, **told)
 
 
@@ -91,7 +91,7 @@ def test_a_sweep_only_decays_when_it_is_over():
 
 def test_a_source_at_work_gives_what_its_responses_give():
     heard, _ = at_work(30, 60)
-    taken = stationary_pressures(recorded(heard, "work"), BAND, SPEED)
+    taken = stationary_pressures(recorded(heard, "stationary"), BAND, SPEED)
     assert len(taken.frequencies) > 40
     assert np.median(mismatch_db(taken.pressures, exact(taken.frequencies))) < -60
     assert np.max(mismatch_db(taken.pressures, exact(taken.frequencies))) < -45
@@ -100,7 +100,7 @@ def test_a_source_at_work_gives_what_its_responses_give():
 def test_the_noise_beside_a_source_at_work_is_told_as_it_is():
     heard, _ = at_work(30, 20)
     for reference in (None, 3):
-        taken = stationary_pressures(recorded(heard, "work"), BAND, SPEED, reference=reference)
+        taken = stationary_pressures(recorded(heard, "stationary"), BAND, SPEED, reference=reference)
         truth = exact(taken.frequencies)
         factor = np.sum(truth.conj() * taken.pressures, axis=1) / np.sum(np.abs(truth) ** 2, axis=1)
         error = np.mean(np.abs(taken.pressures - factor[:, None] * truth) ** 2, axis=1)
@@ -111,7 +111,7 @@ def test_the_noise_beside_a_source_at_work_is_told_as_it_is():
 def test_a_lower_rate_changes_nothing_in_the_band():
     fs, t = 48_000, np.arange(48_000) / 48_000
     tones = np.array([np.cos(2 * np.pi * f * t + 0.3) for f in (25.0, 300.0, 499.0, 1700.0, 5000.0)])
-    slow = decimate(recording_of("file", "work", fs, tones), 500.0)
+    slow = decimate(recording_of("file", "stationary", fs, tones), 500.0)
     assert slow.sample_rate == 2000
     kept = read_samples(slow, 0, slow.samples)
     at = np.arange(slow.samples) / slow.sample_rate
@@ -121,12 +121,14 @@ def test_a_lower_rate_changes_nothing_in_the_band():
     assert np.array_equal(read_samples(slow, 700, 900, [1]), kept[[1], 700:900])
 
 
-def test_a_lower_rate_is_the_same_whole_or_in_pieces(monkeypatch):
+def test_a_lower_rate_is_the_same_whole_or_in_pieces():
     samples = np.random.default_rng(0).standard_normal((2, 30_000))
-    slow = decimate(recording_of("file", "work", 8000.0, samples), 500.0)
-    whole = slow.block(3, slow.samples - 5, np.array([1, 0]))
-    monkeypatch.setattr("fdcal.recordings.decimation.AT_ONCE", 1000)
-    assert np.array_equal(slow.block(3, slow.samples - 5, np.array([1, 0])), whole)
+    recording = recording_of("file", "stationary", 8000.0, samples)
+    whole, pieces = (
+        decimate(recording, 500.0, s) for s in (DecimationSettings(), DecimationSettings(block_samples=1000))
+    )
+    chosen = (3, whole.samples - 5, np.array([1, 0]))
+    assert np.array_equal(pieces.block(*chosen), whole.block(*chosen))
 
 
 def test_a_narrow_resonance_keeps_its_own_frequency():
@@ -135,7 +137,7 @@ def test_a_narrow_resonance_keeps_its_own_frequency():
     rng = np.random.default_rng(0)
     ring = fftconvolve(rng.standard_normal(len(t)), np.exp((2j * np.pi * f - 0.5) * t[: 8 * FS]))[: len(t)].real
     heard = np.outer(rng.standard_normal(6), ring) + 0.01 * rng.standard_normal((6, len(t)))
-    taken = stationary_pressures(recorded(heard, "work"), (80.0, 120.0), SPEED, most=3)
+    taken = stationary_pressures(recorded(heard, "stationary"), (80.0, 120.0), SPEED, most=3)
     assert np.min(np.abs(taken.frequencies - f)) < 0.05
     assert np.allclose(taken.wavenumbers, 2 * np.pi * taken.frequencies / SPEED)
 
@@ -276,7 +278,7 @@ def test_planes_subsets_and_corners_are_taken_by_position():
         (lambda r: select_subset(r, "a", 0), "no number and no list"),
         (lambda r: exclude_channels(r, "18", np.zeros(0, int)), 'no channel "18"'),
         (lambda r: known_microphones(r, "0,x"), 'no channel "x"'),
-        (lambda r: known_microphones(recorded(np.ones((3, 50))), "0,1"), "tells no positions"),
+        (lambda r: known_microphones(recorded(np.ones((3, 50))), "0,1"), "contains no positions"),
     ],
 )
 def test_a_choice_that_cannot_be_is_refused(call, words):
@@ -306,7 +308,7 @@ def run(*arguments, code: int = 0) -> None:
     assert (ended.value.code or 0) == code
 
 
-@pytest.mark.parametrize(("name", "kind"), [("responses.wav", "complete"), ("work.wav", "a source at work")])
+@pytest.mark.parametrize(("name", "kind"), [("responses.wav", "impulse response"), ("work.wav", "stationary source")])
 def test_from_a_recording_to_a_table_of_positions(name, kind, folder, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     before = (folder / name).read_bytes()
@@ -331,7 +333,9 @@ def test_from_a_recording_to_a_table_of_positions(name, kind, folder, tmp_path, 
 def test_few_microphones_in_a_room_are_not_said_to_be_better_than_they_are(name, folder, tmp_path):
     heard = at_work(20, 30)[0] if name == "noise" else swept(5, 30)[0]
     soundfile.write(tmp_path / "a.wav", heard.T / np.abs(heard).max() * 0.9, FS, subtype="PCM_24")
-    measurement, _ = import_recording(tmp_path / "a.wav", ImportOptions(known=str(folder / "known.csv"), speed=SPEED))
+    measurement, _ = import_recording(
+        tmp_path / "a.wav", ImportOptions(known=str(folder / "known.csv"), sound_speed=SPEED)
+    )
     result = solve(replace(load_input(str(tmp_path / "a.wav")), measurement=measurement))
     error = np.sqrt(np.mean(np.sum((result.positions - places()) ** 2, axis=1)))
     assert error < 1.8 * np.sqrt(np.mean(np.square(result.uncertainty)))
@@ -364,15 +368,15 @@ def test_a_wide_array_of_few_microphones_is_taken_no_higher_than_it_can_use(fold
     limit = f_max(24, radius, SPEED, 3)
     for name, wishes, words in (
         ("told.npz", {}, "positions in the file"),
-        ("bare.npz", {"radius": radius}, "radius given"),
+        ("bare.npz", {"array_radius": radius}, "radius given"),
         ("bare.npz", {"known": str(folder / "known.csv")}, "known microphones"),
     ):
-        measurement, told = import_recording(tmp_path / name, ImportOptions(speed=SPEED, **wishes))
+        measurement, told = import_recording(tmp_path / name, ImportOptions(sound_speed=SPEED, **wishes))
         assert words in import_summary(measurement, told)
-        assert measurement.frequencies[-1] <= told.usable < 500
-        assert told.usable == pytest.approx(limit) or name == "bare.npz"
-    measurement, told = import_recording(tmp_path / "bare.npz", ImportOptions(speed=SPEED))
-    assert told.usable is None and measurement.frequencies[-1] > limit
+        assert measurement.frequencies[-1] <= told.highest_frequency < 500
+        assert told.highest_frequency == pytest.approx(limit) or name == "bare.npz"
+    measurement, told = import_recording(tmp_path / "bare.npz", ImportOptions(sound_speed=SPEED))
+    assert told.highest_frequency is None and measurement.frequencies[-1] > limit
     assert "highest usable frequency  unknown" in import_summary(measurement, told)
 
 
@@ -381,7 +385,7 @@ def test_bad_channels_are_left_out_when_asked(tmp_path):
     samples[3] = 0
     samples[8] = samples[2]
     np.savez(tmp_path / "a.npz", recordings=samples, sample_rate=FS, kind="response")
-    with pytest.raises(InputError, match=r"channel 3 is silent; .*--leave-out bad"):
+    with pytest.raises(InputError, match=r"channel 3 is silent; .*leave_out bad"):
         import_recording(tmp_path / "a.npz")
     measurement, told = import_recording(tmp_path / "a.npz", ImportOptions(leave_out="bad"))
     assert told.left_out == {"3": "silent", "8": "a copy of 2"}
@@ -402,7 +406,7 @@ def test_a_plane_of_microphones_in_space(tmp_path):
         (["--frequencies", "300:20"], "is no band", 2),
         (["--frequencies", "low"], "write auto or LO:HI", 2),
         (["--window", "wide"], "auto, none or a rate", 2),
-        (["--kind", "music"], "auto, response, work", 2),
+        (["--kind", "music"], "auto, impulse, stationary", 2),
         (["--temperature", "300"], "degrees Celsius", 2),
         (["--temperature", "20", "--sound-speed", "343"], "say the same", 2),
         (["--dimension", "4"], "2, 3", 2),
@@ -411,9 +415,9 @@ def test_a_plane_of_microphones_in_space(tmp_path):
         (["--array-radius", "-1"], "above zero", 2),
         (["--reference", "nothing.wav"], "no such file", 3),
         (["--reference-microphone", "99"], "is no channel", 2),
-        (["--known", "0,1"], "tells no positions", 2),
+        (["--known", "0,1"], "contains no positions", 2),
         (["--known", "nothing.csv"], "cannot read nothing.csv", 3),
-        (["--source", "1"], "one source alone", 2),
+        (["--source", "1"], "one source only", 2),
     ],
 )
 def test_a_wish_that_cannot_be_is_refused(options, words, code, folder, tmp_path, monkeypatch, capsys):
@@ -432,7 +436,7 @@ def test_positions_in_degrees_are_refused(folder, tmp_path):
     rows = [f"{n},{x},{y},{z}" for n, (x, y, z) in enumerate(angles[:5].tolist())]
     (tmp_path / "known.csv").write_text("\n".join(["name,x,y,z", *rows]) + "\n")
     for path, table in ((tmp_path / "a.npz", None), (folder / "responses.wav", str(tmp_path / "known.csv"))):
-        with pytest.raises(InputError, match=r"the band begins at 20 Hz; tell positions in metres, neither in degrees"):
+        with pytest.raises(InputError, match=r"the band begins at 20 Hz; give positions in metres, neither in degrees"):
             import_recording(path, ImportOptions(known=table))
 
 

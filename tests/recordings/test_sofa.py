@@ -10,6 +10,8 @@ import pytest
 import sofar
 from sofar.io import _write_sofa
 
+from fdcal.assessment.calibration import Calibration
+from fdcal.assessment.result_file import save_result
 from fdcal.commands.cli import main
 from fdcal.model.microphones import MicrophonePositions
 from fdcal.model.validation import InputError, StorageError
@@ -122,7 +124,7 @@ def test_positions_of_one_source_s_measurements_are_given_to_another_s_only_in_t
     sofar.write_sofa(str(path), sofa)
     placed = MicrophonePositions(tuple("01234"), FOUND)
     if order < 0:
-        with pytest.raises(InputError, match="in different orders; leave out --original"):
+        with pytest.raises(InputError, match="in different orders; leave out original"):
             formats.write(tmp_path / "b.sofa", "b.sofa", placed, str(path))
         return
     formats.write(tmp_path / "b.sofa", "b.sofa", placed, str(path))
@@ -146,17 +148,18 @@ def test_a_delay_is_applied_and_one_that_is_no_sample_is_refused(tmp_path):
     ("suffix", "original", "words", "code"),
     [
         ("csv", "a.sofa", "--original a.sofa is for -o FILE.sofa", 2),
-        ("sofa", "a.wav", "--original a.wav is no SOFA file", 2),
+        ("sofa", "a.wav", "original = a.wav is no SOFA file", 2),
         ("sofa", "nothing.sofa", "cannot read nothing.sofa", 3),
-        ("sofa", "junk.sofa", "--original junk.sofa cannot be read", 2),
-        ("sofa", "a.sofa", "5 places of receivers, the result 4 microphones", 2),
+        ("sofa", "junk.sofa", "original = junk.sofa cannot be read", 2),
+        ("sofa", "a.sofa", "5 receiver positions, the result 4 microphones", 2),
     ],
 )
 def test_an_original_that_cannot_be_is_refused(suffix, original, words, code, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     written(Path("a.sofa"), "SingleRoomSRIR")
     Path("junk.sofa").write_text("junk")
-    monkeypatch.setattr("fdcal.commands.cli.result_of", lambda _: {"positions": FOUND[:4], "known": []})
+    result = Calibration(FOUND[:4], tuple("0123"), "joint", 0, np.array([50.0]), 0.1, 3, 1.5, True, known=())
+    save_result(result, "r.json")
     with pytest.raises(SystemExit) as ended:
         main(["export", "r.json", "-o", f"p.{suffix}", "--original", original])
     assert ended.value.code == code

@@ -1,10 +1,10 @@
-"""Other people's files: every module here that can read recordings or write positions is a format.
+"""File formats: every module here that can read recordings or write positions is a format.
 
 A format has a `NAME` and `SUFFIXES`, `SEVERAL` if a file of it may hold several sources, and
 
-    read(path, source) -> Recording         if it holds recordings; `source` is the one wanted of several, or None
-    recognises(path) -> bool                 optional: where the suffix alone does not tell
-    write(path, placed, original)            if it can hold positions; see `fdcal.model.microphones.Placed`
+    read(path, source) -> Recording         if it holds recordings; `source` selects one of several, or is None
+    recognises(path) -> bool                optional: where the suffix alone does not identify the format
+    write(path, placed, original)           if it can hold positions; see `fdcal.model.microphones.MicrophonePositions`
 
 To add a format, add its module.
 """
@@ -21,23 +21,23 @@ from ...model.microphones import MicrophonePositions
 from ...model.validation import InputError, StorageError
 from ..recording import Recording
 
-MOST_IN_A_BYTE = 2000  # samples: what no compression of sound reaches; a header that says more would be read for ever
+MAX_SAMPLES_PER_BYTE = 2000  # no compression of sound reaches this: a header that announces more is damaged
 
 
 @cache
 def modules() -> tuple[ModuleType, ...]:
-    """Every format: what has SUFFIXES; any other module of the folder is a helper of formats."""
+    """Return every format: the modules that have SUFFIXES; any other module of the folder is a helper of formats."""
     found = (importlib.import_module(f"{__name__}.{module.name}") for module in pkgutil.iter_modules(__path__))
     return tuple(module for module in found if hasattr(module, "SUFFIXES"))
 
 
 def suffixes(what: str) -> list[str]:
-    """Suffixes of the formats that can `what`: "read" or "write"."""
+    """Return the suffixes of the formats that can `what`: "read" or "write"."""
     return sorted(suffix for module in modules() if hasattr(module, what) for suffix in module.SUFFIXES)
 
 
 def reader_of(path: str | Path) -> ModuleType | None:
-    """The format that `path` is in, by folder or suffix; None if there is none."""
+    """Return the format that can read `path`, by its suffix or the files in a folder; None if there is none."""
     path = Path(path)
     for module in modules():
         if hasattr(module, "read") and path.suffix.lower() in module.SUFFIXES and not path.is_dir():
@@ -48,14 +48,20 @@ def reader_of(path: str | Path) -> ModuleType | None:
 
 
 def read(path: str | Path, source: int | None = None) -> Recording:
-    """The recording in a file or folder.
+    """Return the recording in a file or folder.
+
+    Parameters
+    ----------
+    path : str or Path
+    source : int, optional
+        Which of several sources, from 0.
 
     Raises
     ------
     InputError
-        No format reads it, or its reader finds it damaged.
+        No format can read it, or it is damaged.
     StorageError
-        The system refuses.
+        The file cannot be opened.
     """
     path = Path(path)
     try:
@@ -63,17 +69,22 @@ def read(path: str | Path, source: int | None = None) -> Recording:
             raise StorageError(f"cannot read {path}: there is no such file or folder")
         module = reader_of(path)
         if module is None:
-            raise InputError(f"{path} is in no format that can be read; give {', '.join(suffixes('read'))} or a folder")
+            raise InputError(
+                f"{path} has no format that can be read", f"give {', '.join(suffixes('read'))} or a folder"
+            )
         if source and not getattr(module, "SEVERAL", False):
-            raise InputError(f"--source {source} is not there; {path} holds one source alone, number 0")
+            raise InputError(
+                f"source = {source} does not exist; {path} holds one source only, number 0", key="source", value=source
+            )
         if path.is_file():
-            with open(path, "rb"):  # libraries report a refusal as anything
+            with open(path, "rb"):  # a missing permission is reported here: libraries raise anything for it
                 pass
         recording = module.read(path, source)
-        if path.is_file() and recording.count * recording.samples > MOST_IN_A_BYTE * path.stat().st_size:
+        if path.is_file() and recording.count * recording.samples > MAX_SAMPLES_PER_BYTE * path.stat().st_size:
             raise InputError(
                 f"{path} announces {recording.count} channels of {recording.samples} samples and holds"
-                f" {path.stat().st_size} bytes; it is damaged or empty: copy or write it again"
+                f" {path.stat().st_size} bytes: it is damaged or empty",
+                "copy or write it again",
             )
         return recording
     except StorageError:
@@ -83,18 +94,41 @@ def read(path: str | Path, source: int | None = None) -> Recording:
 
 
 def write(path: str | Path, target: str | Path, placed: MicrophonePositions, original: str | None = None) -> None:
-    """Write positions to `path` in the format that the suffix of `target` names, the file's name to be."""
+    """Write positions in the format that a suffix selects.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file to write, possibly a temporary one.
+    target : str or Path
+        The final name of the file, whose suffix selects the format.
+    placed : MicrophonePositions
+    original : str, optional
+        A file into a copy of which the positions are written, where the format can do so.
+
+    Raises
+    ------
+    InputError
+        No format has this suffix, or the format cannot hold these positions.
+    """
     suffix = Path(target).suffix.lower()
     for module in modules():
         if hasattr(module, "write") and suffix in module.SUFFIXES:
             module.write(Path(path), placed, original)
             return
-    raise InputError(f'-o "{target}" ends in no suffix of positions; use one of {", ".join(suffixes("write"))}')
+    raise InputError(
+        f'"{target}" ends in no suffix of a format for positions',
+        f"use one of {', '.join(suffixes('write'))}",
+        key="output",
+        value=str(target),
+    )
 
 
 def needs(name: str, extra: str = "formats") -> ModuleType:
-    """A library that comes with an extra. Raises InputError that tells how to get it."""
+    """Return a library that comes with an extra; raise InputError with the way to install it where it is missing."""
     try:
         return importlib.import_module(name)
     except ImportError:
-        raise InputError(f'this format needs the library "{name}"; install it: pip install "fdcal[{extra}]"') from None
+        raise InputError(
+            f'this format needs the library "{name}"', f'install it: pip install "fdcal[{extra}]"'
+        ) from None

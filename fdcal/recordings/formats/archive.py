@@ -1,4 +1,4 @@
-"""NumPy's .npz with `recordings` (N, T) and `sample_rate`; optionally `kind`, `names`, `positions` and `sound_speed`.
+"""NumPy's .npz with `recordings` (N, T) and `sample_rate`, Hz; optionally `kind`, `names`, `positions`, `sound_speed`.
 
 A measurement, which has pressures instead, is read by `fdcal.model.measurement_file`.
 """
@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ...model.validation import InputError, require_array, require_choice
-from ..recording import KINDS, Recording, recording_of
+from ..recording import KINDS, OLD_KINDS, Recording, recording_of
 
 NAME = "NumPy archive"
 SUFFIXES = (".npz",)
@@ -25,7 +25,7 @@ KEYS = {
 
 
 def keys_of(path: Path) -> list[str]:
-    """Names of the arrays in an archive; none where it cannot be read."""
+    """Return the names of the arrays in an archive; none where it cannot be read."""
     try:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
             return list(archive.files)
@@ -34,7 +34,7 @@ def keys_of(path: Path) -> list[str]:
 
 
 def read(path: Path, source: int | None = None) -> Recording:
-    """Recording of an archive. Raises InputError for one that is damaged or has no recordings."""
+    """Return the recording of an archive; raise InputError for one that is damaged or has no recordings."""
     try:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
             table = {key: archive[key] for key in KEYS if key in archive.files}
@@ -42,22 +42,26 @@ def read(path: Path, source: int | None = None) -> Recording:
         raise error if error.strerror else InputError(f"{path} is no .npz file: {error}") from error
     except MemoryError:
         raise InputError(
-            f"{path} holds more than fits into memory, and an .npz file is read whole; give WAV, W64, FLAC or HDF5"
+            f"{path} holds more than fits into memory, and an .npz file is read as a whole",
+            "give WAV, W64, FLAC or HDF5",
         ) from None
     except Exception as error:
         raise InputError(
-            f"{path} is not an .npz file that can be read ({type(error).__name__}); write it anew"
+            f"{path} is not an .npz file that can be read ({type(error).__name__})", "write it again"
         ) from error
     if "pressures" in keys_of(path):
-        raise InputError(f"{path} is a measurement already; give it to `fdcal calibrate`")
+        raise InputError(f"{path} is a measurement already", "give it to `fdcal calibrate`")
     for key in ("recordings", "sample_rate"):
         if key not in table:
-            raise InputError(f'{path} has no "{key}"; give recordings (N, T) and sample_rate, or a measurement')
+            raise InputError(
+                f'{path} has no "{key}"', "give recordings (N, T) and sample_rate, or a measurement", key=key
+            )
     value = {key: require_array(f"{path}: {key}", table[key], *KEYS[key]) for key in table if key != "recordings"}
     data = table["recordings"]
     if data.ndim != 2 or data.dtype.kind not in "fiu":
-        raise InputError(f"{path}: recordings is {data.dtype} of shape {data.shape}; give real numbers (N, T)")
+        raise InputError(f"{path}: recordings is {data.dtype} of shape {data.shape}", "give real numbers (N, T)")
     kind = value["kind"].item() if "kind" in value else None
+    kind = OLD_KINDS.get(kind or "", kind)
     if kind is not None:
         require_choice(f"{path}: kind", kind, KINDS)
     return recording_of(
@@ -65,7 +69,7 @@ def read(path: Path, source: int | None = None) -> Recording:
         kind,
         value["sample_rate"].item(),
         data,
-        names=tuple(value["names"].tolist()) if "names" in value else None,
+        names=tuple(value["names"].tolist()) if "names" in value else (),
         positions=value.get("positions"),
         sound_speed=value["sound_speed"].item() if "sound_speed" in value else None,
     )

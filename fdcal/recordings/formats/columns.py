@@ -1,4 +1,4 @@
-"""NumPy's .npy as pyroomacoustics takes it: an array (3, N), metres, one column a microphone."""
+"""NumPy's .npy as pyroomacoustics reads it: an array (3, N), metres, one column per microphone."""
 
 from __future__ import annotations
 
@@ -13,6 +13,6 @@ SUFFIXES = (".npy",)
 
 
 def write(path: Path, placed: MicrophonePositions, original: str | None = None) -> None:
-    """Write `placed`."""
+    """Write `placed`; there is no original to fill in."""
     with open(path, "wb") as file:
         np.save(file, np.ascontiguousarray(placed.positions.T))

@@ -19,24 +19,26 @@ from ..recording import Recording
 NAME = "MeshRIR folder"
 SUFFIXES = ()
 SEVERAL = True
-SAMPLE_RATE = 48_000.0  # Hz, of the whole data set; no file tells it
+SAMPLE_RATE = 48_000.0  # Hz, of the whole data set; no file contains it
 
 
 def recognises(path: Path) -> bool:
-    """Whether `path` is a folder with microphone positions."""
+    """Return whether `path` is a folder with microphone positions."""
     return path.is_dir() and ((path / "pos_mic.npy").exists() or (path / "ir_0.npy").exists())
 
 
 def read(path: Path, source: int | None = None) -> Recording:
-    """The responses to one source, the first unless told, memory-mapped. Raises InputError for a damaged folder."""
+    """Return the responses to one source, the first by default; raise InputError for a damaged folder."""
     places, sources = (_positions(path / name) for name in ("pos_mic.npy", "pos_src.npy"))
     source = 0 if source is None else source
     if not 0 <= source < len(sources):
-        raise InputError(f"--source {source} is not there; {path} has sources 0 to {len(sources) - 1}")
+        raise InputError(
+            f"source = {source} does not exist; {path} has sources 0 to {len(sources) - 1}", key="source", value=source
+        )
     missing = [n for n in range(len(places)) if not (path / f"ir_{n}.npy").exists()]
     if missing:
         raise InputError(
-            f"{path} has {len(places)} positions but no ir_{missing[0]}.npy ({len(missing)} missing); copy it again"
+            f"{path} has {len(places)} positions but no ir_{missing[0]}.npy ({len(missing)} missing)", "copy it again"
         )
     samples = _mapped(path / "ir_0.npy").shape[-1]
 
@@ -47,7 +49,9 @@ def read(path: Path, source: int | None = None) -> Recording:
             data = _mapped(file)
             if data.shape != (len(sources), samples):
                 wanted = (len(sources), samples)
-                raise InputError(f"{file} has shape {data.shape}, but pos_src.npy and ir_0.npy say {wanted}; mend it")
+                raise InputError(
+                    f"{file} has shape {data.shape}, but pos_src.npy and ir_0.npy call for {wanted}", "copy it again"
+                )
             values[row] = data[source, start:stop]
         return values
 
@@ -59,18 +63,18 @@ def _positions(path: Path) -> np.ndarray:
     if values.ndim != 2 or values.shape[1] != 3 or not len(values):
         raise InputError(f"{path} has shape {values.shape}; it must be (number, 3), metres")
     if not np.all(np.isfinite(values)):
-        raise InputError(f"{path} holds a number that is not finite; mend it")
+        raise InputError(f"{path} holds a number that is not finite", "repair it")
     return np.array(values, dtype=float)
 
 
 def _mapped(path: Path) -> np.ndarray:
-    """An .npy file of real numbers, mapped and not read."""
+    """Return an .npy file of real numbers, memory-mapped."""
     try:
         values = np.load(path, mmap_mode="r", allow_pickle=False)
     except OSError as error:
         raise StorageError(f"cannot read {path}: {error.strerror or error}") from error
     except Exception as error:  # a damaged header raises anything
-        raise InputError(f"{path} is damaged or truncated ({error}); copy it again") from error
+        raise InputError(f"{path} is damaged or truncated ({error})", "copy it again") from error
     if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiu" or values.ndim == 0:
-        raise InputError(f"{path} holds no array of real numbers; copy it again")
+        raise InputError(f"{path} holds no array of real numbers", "copy it again")
     return values

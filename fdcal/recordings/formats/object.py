@@ -12,7 +12,7 @@ SUFFIXES = (".json",)
 
 
 def write(path: Path, placed: MicrophonePositions, original: str | None = None) -> None:
-    """Write `placed`, metres; an uncertainty that is not known is null."""
+    """Write `placed`, metres; an unknown uncertainty is null."""
     microphones = [
         {
             "name": name,

@@ -1,76 +1,101 @@
-"""What stands in a SOFA file: its variables as numbers, places in metres, and which responses are of one source.
+"""The variables of a SOFA file: numbers, positions in metres, and which responses belong to one source.
 
-opened         the file, a reader's fault told in one line
-values_of      a variable, complete and finite
-responses      Data.IR and the order of its axes
-receivers_of   where each receiver stood in each measurement
-source_of      the measurements and the emitter of one source
-delays_of      whole samples by which each response begins late
+open_sofa             the file; any error of its reader becomes an InputError
+values_of             a variable, complete and finite
+impulse_responses     Data.IR and the order of its axes
+receiver_positions    where each receiver stood in each measurement
+measurements_of       the measurements and the emitter of one source
+delays_of             whole samples by which each response begins late
 """
 
 from __future__ import annotations
 
 import contextlib
 import warnings
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from ...model.validation import InputError
 
-SAME = 1e-6  # m: sources closer than this are one
-WHOLE = 1e-3  # samples: a delay this close to a whole number is one
-MOST_DELAY = 10_000_000  # samples
 AXES = "MRNE"  # measurements, receivers, samples, emitters
 
 
+@dataclass(frozen=True)
+class SofaTolerances:
+    """What counts as equal in a SOFA file.
+
+    Attributes
+    ----------
+    same_position : float
+        Distance of two sources that are one, metres.
+    whole_delay : float
+        Distance of a delay from a whole number, samples.
+    max_delay : int
+        Samples.
+    """
+
+    same_position: float = 1e-6
+    whole_delay: float = 1e-3
+    max_delay: int = 10_000_000
+
+
+TOLERANCES = SofaTolerances()
+
+
 @contextlib.contextmanager
-def opened(path: Path):
-    """The file by its variables; a reader's fault becomes an InputError."""
+def open_sofa(path: Path):
+    """Yield the open file with its `variables`; any error of its reader becomes an InputError."""
     from . import needs
 
     sofar = needs("sofar")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of conventions that have been replaced: they are read all the same
+            warnings.simplefilter("ignore")  # about conventions that have been replaced, which are read all the same
             with sofar.SofaStream(str(path)) as stream:
                 yield stream._file
     except InputError:
         raise
     except Exception as error:  # a damaged file raises anything
-        raise InputError(f"{path} is no SOFA file that can be read: {error}") from error
+        raise InputError(f"{path} is not a SOFA file that can be read: {error}") from error
 
 
 def values_of(file, path: Path, name: str) -> np.ndarray:
-    """A variable as real numbers. Raises InputError where it is missing, empty or not finite."""
+    """Return a variable as real numbers; raise InputError where it is missing, empty or not finite."""
     if name not in file.variables:
-        raise InputError(f'{path} has no "{name}"; write it with the format\'s own library')
+        raise InputError(f'{path} has no "{name}"', "write it with the library of the format", key=name)
     values = np.ma.filled(np.ma.asarray(file.variables[name][:]).astype(float), np.nan)
     if not values.size or not np.all(np.isfinite(values)):
-        raise InputError(f'{path}: "{name}" is empty or not finite; fill it in')
+        raise InputError(f'{path}: "{name}" is empty or not finite', "fill it in", key=name)
     return values
 
 
 def number_of(file, path: Path, name: str) -> float:
+    """Return a variable that has one value; raise InputError where it has several."""
     values = np.unique(values_of(file, path, name))
     if len(values) > 1:
-        raise InputError(f'{path}: "{name}" has different values, {values[0]:g} and {values[-1]:g}; use one for all')
+        raise InputError(
+            f'{path}: "{name}" has different values, {values[0]:g} and {values[-1]:g}', "use one for all", key=name
+        )
     return float(values[0])
 
 
 def cartesian(file, path: Path, name: str) -> np.ndarray:
-    """A place or direction as x, y, z along axis 1 : (I or M or R, 3, ...) float64, metres."""
+    """Return a position or direction as x, y, z along axis 1 : (I or M or R, 3, ...) float64, metres."""
     values = values_of(file, path, name)
     if values.ndim < 2 or values.shape[1] != 3:
-        raise InputError(f'{path}: "{name}" has shape {values.shape}; each place must have three coordinates')
+        raise InputError(
+            f'{path}: "{name}" has shape {values.shape}; each position must have three coordinates', key=name
+        )
     variable = file.variables[name]
     kind, units = (str(getattr(variable, key, "")).strip().lower() for key in ("Type", "Units"))
     if kind in ("", "cartesian"):
         if "deg" in units:
-            raise InputError(f'{path}: "{name}" is cartesian but in degrees; its Type should be "spherical"')
+            raise InputError(f'{path}: "{name}" is cartesian but in degrees', 'make its Type "spherical"', key=name)
         return values
     if kind != "spherical":
-        raise InputError(f'{path}: "{name}" is of Type "{kind}"; use cartesian or spherical')
+        raise InputError(f'{path}: "{name}" is of Type "{kind}"', "use cartesian or spherical", key=name)
     azimuth, elevation, radius = np.moveaxis(values, 1, 0)
     if "rad" not in units:
         azimuth, elevation = np.radians(azimuth), np.radians(elevation)
@@ -78,8 +103,8 @@ def cartesian(file, path: Path, name: str) -> np.ndarray:
     return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), radius * np.sin(elevation)], axis=1)
 
 
-def receivers_of(file, path: Path, measurements: int, receivers: int) -> np.ndarray:
-    """Where each receiver stood in each measurement : (M, R, 3) float64, metres."""
+def receiver_positions(file, path: Path, measurements: int, receivers: int) -> np.ndarray:
+    """Return where each receiver stood in each measurement : (M, R, 3) float64, metres."""
     listener = each_of(cartesian(file, path, "ListenerPosition"), path, "ListenerPosition", measurements)
     local = cartesian(file, path, "ReceiverPosition")
     if local.ndim == 2:
@@ -93,51 +118,62 @@ def receivers_of(file, path: Path, measurements: int, receivers: int) -> np.ndar
         axes = np.stack([view, side, np.cross(view, side)], axis=1)
         length = np.linalg.norm(axes, axis=2, keepdims=True)
         if np.any(length < 1e-9):
-            raise InputError(f"{path}: ListenerView and ListenerUp are no two directions; mend them")
+            raise InputError(f"{path}: ListenerView and ListenerUp are not two directions", "correct them")
         local = np.einsum("mri,mij->mrj", local, axes / length)
     return listener[:, None] + local
 
 
 def each_of(values: np.ndarray, path: Path, name: str, count: int) -> np.ndarray:
-    """Values for each of `count`, one for all repeated."""
+    """Return values for each of `count`; one for all is repeated."""
     if len(values) not in (1, count):
-        raise InputError(f'{path}: "{name}" has {len(values)} rows where 1 or {count} fit; mend it')
+        raise InputError(f'{path}: "{name}" has {len(values)} rows', f"give 1 or {count}", key=name)
     return np.broadcast_to(values, (count, *values.shape[1:])) if len(values) == 1 else values
 
 
-def source_of(file, path: Path, measurements: int, emitters: int, wanted: int | None) -> tuple[np.ndarray, int]:
-    """Measurements of one source, and its emitter."""
+def measurements_of(file, path: Path, measurements: int, emitters: int, wanted: int | None) -> tuple[np.ndarray, int]:
+    """Return the measurements of one source, and its emitter; sources are counted in the order of the file."""
     places = each_of(cartesian(file, path, "SourcePosition"), path, "SourcePosition", measurements)
     firsts: list[int] = []
     member = np.zeros(measurements, int)
     for m in range(measurements):
-        near = [g for g, f in enumerate(firsts) if np.linalg.norm(places[m] - places[f]) < SAME]
+        near = [g for g, f in enumerate(firsts) if np.linalg.norm(places[m] - places[f]) < TOLERANCES.same_position]
         member[m] = near[0] if near else len(firsts)
         if not near:
             firsts.append(m)
     count = len(firsts) * emitters
     wanted = 0 if wanted is None else wanted
     if not 0 <= wanted < count:
-        raise InputError(f"--source {wanted} is not there; {path} has sources 0 to {count - 1}")
+        raise InputError(
+            f"source = {wanted} does not exist; {path} has sources 0 to {count - 1}", key="source", value=wanted
+        )
     return np.flatnonzero(member == wanted // emitters), wanted % emitters
 
 
-def responses(file, path: Path):
-    """The variable Data.IR and its shape as a dict of AXES. Raises InputError where there are no responses."""
+def impulse_responses(file, path: Path):
+    """Return the variable Data.IR, its shape as a dict of AXES, and the order of its axes.
+
+    Raises
+    ------
+    InputError
+        The file has no impulse responses.
+    """
     ir = file.variables.get("Data.IR")
     if ir is None or ir.ndim not in (3, 4) or not all(ir.shape):
         kind = getattr(file, "DataType", "unknown")
-        raise InputError(f'{path} (DataType {kind}) has no impulse responses in "Data.IR"; give one of type FIR')
+        raise InputError(f'{path} (DataType {kind}) has no impulse responses in "Data.IR"', "give one of type FIR")
     named = tuple(ir.dimensions)
-    if sorted(named) != sorted(AXES[: ir.ndim]):  # names of somebody's own: the order of the format
+    if sorted(named) != sorted(AXES[: ir.ndim]):  # other names: the order of the format is assumed
         named = tuple(AXES[: ir.ndim])
     return ir, {"E": 1} | dict(zip(named, ir.shape, strict=True)), named
 
 
 def delays_of(file, path: Path, shape: dict[str, int], emitter: int) -> np.ndarray:
-    """Samples by which each response begins later than the first of all : (M, R) int64.
+    """Return the number of samples by which each response begins later than the first of all : (M, R) int64.
 
-    Raises InputError for a delay that is no whole number of samples, or without end.
+    Raises
+    ------
+    InputError
+        A delay is not a whole number of samples, or too long.
     """
     count = shape["M"], shape["R"]
     if "Data.Delay" not in file.variables:
@@ -146,11 +182,12 @@ def delays_of(file, path: Path, shape: dict[str, int], emitter: int) -> np.ndarr
     if delay.ndim == 3:
         delay = delay[:, :, min(emitter, delay.shape[2] - 1)]
     if delay.ndim != 2 or delay.shape[0] not in (1, count[0]) or delay.shape[1] not in (1, count[1]):
-        raise InputError(f'{path}: "Data.Delay" has shape {delay.shape} where {count} fits; mend it')
+        raise InputError(f'{path}: "Data.Delay" has shape {delay.shape}', f"give shape {count}", key="Data.Delay")
     delay = np.broadcast_to(delay - delay.min(), count)
-    if np.abs(delay - np.round(delay)).max() > WHOLE or delay.max() > MOST_DELAY:
+    if np.abs(delay - np.round(delay)).max() > TOLERANCES.whole_delay or delay.max() > TOLERANCES.max_delay:
         raise InputError(
-            f'{path}: "Data.Delay" differs by {delay.max():g} samples, which is no whole number that could be'
-            " applied; write the responses with their delays in them"
+            f'{path}: "Data.Delay" differs by {delay.max():g} samples, which is not a whole number that can be applied',
+            "write the responses with their delays included",
+            key="Data.Delay",
         )
     return np.round(delay).astype(np.int64)

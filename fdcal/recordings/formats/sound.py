@@ -1,4 +1,4 @@
-"""WAV, FLAC and what else libsndfile reads: one channel a microphone."""
+"""WAV, FLAC and other files that libsndfile reads: one channel per microphone."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from ...model.validation import InputError
 from ..recording import Recording, sample_ranges
 
 NAME = "multichannel sound"
-# What libsndfile notes of a chunk that should be as long as the file: of WAV, AIFF, AU, W64 and RF64.
+# What libsndfile logs about a chunk longer than the file: of WAV, AIFF, AU, W64 and RF64.
 LENGTH = re.compile(
     r"^\s*(?:data|SSND|data\s*chunk|Data Size|riff|Riff size)\s*:\s*(\d+)\s*\(should be (\d+)\)", re.MULTILINE
 )
-UNTOLD = 0xFFFFFFFF  # length of an .au file written to a pipe
+UNKNOWN_LENGTH = 0xFFFFFFFF  # of an .au file written to a pipe
 SUFFIXES = (".wav", ".flac", ".w64", ".rf64", ".aiff", ".aif", ".caf", ".au")
 
 
 def read(path: Path, source: int | None = None) -> Recording:
-    """Recording of a sound file, streamed. Raises InputError for a file that is damaged or holds no sound."""
+    """Return the recording of a sound file, read in pieces; raise InputError for a file that is damaged."""
     import soundfile
 
     try:
@@ -34,28 +34,29 @@ def read(path: Path, source: int | None = None) -> Recording:
     except (soundfile.LibsndfileError, RuntimeError, ValueError) as error:
         raise InputError(f"{path} is not a sound file that can be read: {error}") from error
     if not seekable or samples >= 2**62:
-        raise InputError(f"{path} does not say how long it is; convert it to WAV or FLAC")
+        raise InputError(f"the length of {path} is unknown", "convert it to WAV or FLAC")
     _require_whole(path, log)
 
     def block(start: int, stop: int, chosen: np.ndarray) -> np.ndarray:
-        values = np.empty((len(chosen), stop - start), dtype="float32" if whole else "float64")
+        dtype = "float32" if whole else "float64"
+        values = np.empty((len(chosen), stop - start), dtype=dtype)
         try:
             with soundfile.SoundFile(path) as file:
                 file.seek(start)
                 for first, last in sample_ranges(stop - start, channels):
-                    part = file.read(last - first, dtype=values.dtype.name, always_2d=True)
-                    values[:, first:last] = part.T[chosen]  # fewer where the file ends too soon: an error, too
+                    part = file.read(last - first, dtype=dtype, always_2d=True)
+                    values[:, first:last] = part.T[chosen]  # raises where the file ends too soon
         except (soundfile.LibsndfileError, RuntimeError, ValueError, IndexError) as error:
-            raise InputError(f"{path} is truncated near sample {start}: {error}; copy the file again") from error
+            raise InputError(f"{path} is truncated near sample {start}: {error}", "copy the file again") from error
         return values
 
     return Recording(str(path), None, float(rate), channels, samples, block, full_scale=1.0 if whole else None)
 
 
 def _require_whole(path: Path, log: str) -> None:
-    """Raise InputError where the header announces more samples than there are: libsndfile only notes it."""
+    """Raise InputError where the header announces more samples than there are: libsndfile only logs it."""
     note = LENGTH.search(log)
-    if note and int(note[2]) < int(note[1]) != UNTOLD:
+    if note and int(note[2]) < int(note[1]) != UNKNOWN_LENGTH:
         raise InputError(
-            f"{path} is truncated: its header announces {note[1]} bytes of sound, {note[2]} are there; copy it again"
+            f"{path} is truncated: its header announces {note[1]} bytes of sound, {note[2]} are there", "copy it again"
         )

@@ -1,4 +1,4 @@
-"""CSV: `name,x,y,z,uncertainty`, metres; one line a microphone. Known positions may be read from one, too."""
+"""CSV: `name,x,y,z,uncertainty`, metres, one line per microphone. Known positions can be read from one as well."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ HEADER = ["name", "x", "y", "z", "uncertainty"]
 
 
 def write(path: Path, placed: MicrophonePositions, original: str | None = None) -> None:
-    """Write `placed`; an uncertainty that is not known is left empty. Numbers are written so that they come back."""
+    """Write `placed`; an unknown uncertainty is left empty. Numbers are written with all their digits."""
     with open(path, "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(HEADER)
@@ -26,9 +26,19 @@ def write(path: Path, placed: MicrophonePositions, original: str | None = None) 
 
 
 def read_positions(path: str | Path) -> tuple[list[str], np.ndarray]:
-    """Names and positions (A, 2 or 3), metres, of a table with the columns name,x,y and perhaps z.
+    """Return the microphones of a table with the columns name,x,y and optionally z.
 
-    Raises InputError for what is no such table, StorageError.
+    Returns
+    -------
+    list of A str, (A, 2 or 3) float64
+        Names; positions, metres.
+
+    Raises
+    ------
+    InputError
+        The file is no such table.
+    StorageError
+        The file cannot be read.
     """
     try:
         with open(path, encoding="utf-8-sig", newline="") as file:
@@ -36,10 +46,10 @@ def read_positions(path: str | Path) -> tuple[list[str], np.ndarray]:
     except OSError as error:
         raise StorageError(f"cannot read {path}: {error.strerror}") from error
     except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path} is no table of text: {error}") from error
+        raise InputError(f"{path} is not a table in text form: {error}") from error
     head = [cell.strip().lower() for cell in rows[0]] if rows else []
     if head[:3] != ["name", "x", "y"] or len(rows) < 2:
-        raise InputError(f"{path} must begin with the line name,x,y or name,x,y,z and hold one line a microphone")
+        raise InputError(f"{path} must begin with the line name,x,y or name,x,y,z and hold one line per microphone")
     axes = 3 if head[3:4] == ["z"] else 2
     names, places = [], []
     for number, row in enumerate(rows[1:], 2):
@@ -51,5 +61,5 @@ def read_positions(path: str | Path) -> tuple[list[str], np.ndarray]:
             raise InputError(f"{path}, line {number}: {','.join(row)!r} must be a name and {axes} numbers, metres")
         names.append(row[0].strip())
     if len(set(names)) < len(names):
-        raise InputError(f"{path} names a microphone twice; keep one line of each")
+        raise InputError(f"{path} names a microphone twice", "keep one line of each")
     return names, np.array(places)

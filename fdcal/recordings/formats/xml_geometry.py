@@ -13,13 +13,14 @@ SUFFIXES = (".xml",)
 
 
 def write(path: Path, placed: MicrophonePositions, original: str | None = None) -> None:
-    """Write `placed`. Raises InputError for a name that XML cannot hold."""
+    """Write `placed`; raise InputError for a name that XML cannot hold."""
     root = tree.Element("MicArray", name="fdcal")
     for name, place in zip(placed.names, placed.positions.tolist(), strict=True):
         if any(
             ord(letter) < 32 or 0xD800 <= ord(letter) < 0xE000 or ord(letter) in (0xFFFE, 0xFFFF) for letter in name
         ):
-            raise InputError(f"the name {name!r} cannot stand in XML; rename that microphone")
-        tree.SubElement(root, "pos", Name=name, **{axis: repr(value) for axis, value in zip("xyz", place, strict=True)})
+            raise InputError(f"the name {name!r} cannot be written in XML", "rename that microphone")
+        coordinates = {axis: repr(value) for axis, value in zip("xyz", place, strict=True)}
+        tree.SubElement(root, "pos", {"Name": name} | coordinates)
     tree.indent(root)
     tree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
