@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.report import Figure, best_time
-from fdcal.acoustics.fourier_bessel import Lattice
+from fdcal.acoustics.fourier_bessel import LatticeDictionary
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.cost.eq7 import leave_one_out_fits
 from fdcal.cost.lattice_search import best_candidate, candidate_costs, lattice_landscape
@@ -45,8 +45,8 @@ def run() -> list[Figure]:
 def _one_mode(problem, lattice, guess, centre) -> list[Figure]:
     """A landscape at 300 Hz and the brute-force one, `pinv` of the whole dictionary for each candidate."""
     mode = int(np.argmin(np.abs(problem.frequencies - 300)))
-    rows = lattice.microphones(lattice.points, centre, [mode])[0]
-    W = lattice.microphones(guess, centre, [mode])[0]
+    rows = lattice.dictionary(lattice.points, centre, [mode])[0]
+    W = lattice.dictionary(guess, centre, [mode])[0]
     p, alone = problem.pressures[mode], slice(mode, mode + 1)
 
     def closed_form():
@@ -74,13 +74,13 @@ def _many_modes(problem, lattice, guess, centre) -> list[Figure]:
     three, modes = slice(10, 31, 10), slice(0, 57)
     panels = best_time(lambda: lattice_landscape(problem, lattice, guess, MICROPHONE, centre, three).sum(axis=0))
     summed = best_time(lambda: lattice_landscape(problem, lattice, guess, MICROPHONE, centre, modes).sum(axis=0))
-    fits = leave_one_out_fits(lattice.microphones(guess, centre, range(57)), problem.pressures[modes], MICROPHONE)
+    fits = leave_one_out_fits(lattice.dictionary(guess, centre, range(57)), problem.pressures[modes], MICROPHONE)
     here = lattice.index(guess[MICROPHONE])
     whole = best_time(lambda: candidate_costs(lattice, centre, modes, fits).sum(axis=0))
     short = best_time(lambda: best_candidate(lattice, centre, modes, fits, here), 20)
     least = int(candidate_costs(lattice, centre, modes, fits).sum(axis=0).argmin())
     agree = least == best_candidate(lattice, centre, modes, fits, here)[0]
-    build = best_time(lambda: Lattice(problem.search, problem.wavenumbers, lattice.orders), 2)
+    build = best_time(lambda: LatticeDictionary(problem.search, problem.wavenumbers, lattice.orders), 2)
     return [
         Figure("Fig. 1: three modes and their sum", 1e3 * panels, "ms", "at most 30", panels <= 0.03),
         Figure("57 modes summed, table of radii in memory", 1e3 * summed, "ms", "at most 150", summed <= 0.15),

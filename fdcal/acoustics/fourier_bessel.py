@@ -127,7 +127,7 @@ def _join_orders(J: np.ndarray, phase: np.ndarray) -> np.ndarray:
     return np.concatenate([sign * (J * phase.conj())[..., :0:-1], J * phase], axis=-1)
 
 
-class Lattice:
+class LatticeDictionary:
     """The dictionary of every candidate of a search lattice, from one table of radial functions.
 
     Every `centre` below is a point of the lattice, so that the offsets of all candidates are multiples of the
@@ -190,7 +190,7 @@ class Lattice:
         unit[squared == 0] = 1.0
         return unit, self.row[squared]
 
-    def microphones(self, positions, centre, modes) -> list[np.ndarray]:
+    def dictionary(self, positions, centre, modes) -> list[np.ndarray]:
         """W of microphones, on the lattice or off it, about `centre` : (N, 2L + 1) complex128 for each of `modes`."""
         steps = (np.asarray(positions) - self.nearest(centre)) / self.search.step
         offset = np.rint(steps).astype(np.int64)

@@ -174,7 +174,7 @@ def _radial(k: complex, L: int, longest: float) -> Callable[[np.ndarray], np.nda
 
 
 class _OneMode:
-    """A lattice with the table of one mode, with the attributes of `Lattice` that `candidate_costs` reads."""
+    """A lattice with the table of one mode, with the attributes of `LatticeDictionary` that `candidate_costs` reads."""
 
     def __init__(self, search: Search, rings: _Rings, radial: np.ndarray, orders: np.ndarray):
         self._search, self._rings, self.radial, self.orders = search, rings, radial, orders

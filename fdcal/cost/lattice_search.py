@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..acoustics.compiled import compiled, parallel_map
-from ..acoustics.fourier_bessel import Lattice
+from ..acoustics.fourier_bessel import LatticeDictionary
 from ..model.problem import Problem
 from .eq7 import LeaveOneOutFit, known_weights, leave_one_out_fits
 
@@ -18,7 +18,9 @@ BLOCK = 32  # neighbouring candidates evaluated together, so that the compiler c
 STRIP = 64 * BLOCK  # candidates that one core evaluates at a time
 
 
-def lattice_landscape(problem: Problem, lattice: Lattice, positions, n: int, centre, modes: slice, known_weight=1.0):
+def lattice_landscape(
+    problem: Problem, lattice: LatticeDictionary, positions, n: int, centre, modes: slice, known_weight=1.0
+):
     """Return the cost of every mode over the lattice with microphone `n` there (Eq. 7).
 
     Parameters
@@ -32,12 +34,12 @@ def lattice_landscape(problem: Problem, lattice: Lattice, positions, n: int, cen
     -------
     (modes, ny, nx) float64, as `fdcal.cost.eq7.landscape`
     """
-    W = lattice.microphones(positions, centre, range(len(lattice.orders))[modes])
+    W = lattice.dictionary(positions, centre, range(len(lattice.orders))[modes])
     fits = leave_one_out_fits(W, problem.pressures[modes], n, weights=known_weights(problem, known_weight))
     return candidate_costs(lattice, centre, modes, fits).reshape(-1, *lattice.shape)
 
 
-def candidate_costs(lattice: Lattice, centre, modes: slice, fits: list[LeaveOneOutFit]) -> np.ndarray:
+def candidate_costs(lattice: LatticeDictionary, centre, modes: slice, fits: list[LeaveOneOutFit]) -> np.ndarray:
     """Return the cost of every candidate and mode; parameters as of `best_candidate`.
 
     Returns
@@ -50,7 +52,9 @@ def candidate_costs(lattice: Lattice, centre, modes: slice, fits: list[LeaveOneO
     return np.concatenate(strips, axis=1)
 
 
-def best_candidate(lattice: Lattice, centre, modes: slice, fits: list[LeaveOneOutFit], start: int) -> tuple[int, float]:
+def best_candidate(
+    lattice: LatticeDictionary, centre, modes: slice, fits: list[LeaveOneOutFit], start: int
+) -> tuple[int, float]:
     """Return the index of the candidate of least cost and that cost, summed over `modes`.
 
     Parameters
@@ -63,7 +67,7 @@ def best_candidate(lattice: Lattice, centre, modes: slice, fits: list[LeaveOneOu
     return _pruned_search(*_tables(lattice, centre, modes, fits), start)
 
 
-def _tables(lattice: Lattice, centre, modes: slice, fits: list[LeaveOneOutFit]) -> tuple:
+def _tables(lattice: LatticeDictionary, centre, modes: slice, fits: list[LeaveOneOutFit]) -> tuple:
     """Return the arguments of the compiled loops: candidates about the centre, radii, orders and fits of the modes."""
     unit, row = lattice.phases(centre)
     width = max(len(fit.alpha) for fit in fits)

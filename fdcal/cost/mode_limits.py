@@ -6,13 +6,13 @@ import functools
 
 import numpy as np
 
-from ..acoustics.fourier_bessel import Lattice, max_order
+from ..acoustics.fourier_bessel import LatticeDictionary, max_order
 from ..model.problem import Problem
 from ..model.validation import InputError
 
 
 @functools.lru_cache(maxsize=3)
-def search_lattice(problem: Problem, order_offset: int) -> Lattice:
+def search_lattice(problem: Problem, order_offset: int) -> LatticeDictionary:
     """Return the lattice of the search domain, with every mode that the microphones can carry.
 
     Parameters
@@ -29,7 +29,7 @@ def search_lattice(problem: Problem, order_offset: int) -> Lattice:
     require_modes(problem, order_offset, 1)
     orders = max_order(problem.wavenumbers, problem.search.radius, order_offset)
     usable = usable_modes(problem, order_offset)
-    return Lattice(problem.search, problem.wavenumbers[:usable], orders[:usable])
+    return LatticeDictionary(problem.search, problem.wavenumbers[:usable], orders[:usable])
 
 
 def usable_modes(problem: Problem, order_offset: int) -> int:

@@ -6,7 +6,7 @@ from fields import bessel_kernel, plane_wave, plane_wave_coefficients
 from scipy.special import jv
 
 from fdcal.acoustics.fourier_bessel import (
-    Lattice,
+    LatticeDictionary,
     array_f_max,
     bessel_orders,
     f_max,
@@ -88,11 +88,11 @@ def test_lattice_table_is_the_dictionary_of_its_points():
     search = Search((1.5, 0.4), (1.0, 0.8), 0.1, 0.7)
     k = np.array([0.5, 6.0 - 0.05j])
     orders = max_order(k, search.radius, 2)
-    lattice = Lattice(search, k, orders)
+    lattice = LatticeDictionary(search, k, orders)
     assert lattice.points.shape == (11 * 9, 2)
     for centre in (lattice.points[0], lattice.nearest([2.03, 0.77]), lattice.points[-1]):
-        for m, W in enumerate(lattice.microphones(lattice.points, centre, [0, 1])):
+        for m, W in enumerate(lattice.dictionary(lattice.points, centre, [0, 1])):
             np.testing.assert_allclose(W, fourier_bessel(lattice.points, k[m], orders[m], centre), atol=1e-13)
         mixed = np.concatenate([lattice.points[[3, 50]], [[1.77, 0.66], [0.0, 5.0]]])
-        for m, W in zip([1, 0], lattice.microphones(mixed, centre, [1, 0]), strict=True):
+        for m, W in zip([1, 0], lattice.dictionary(mixed, centre, [1, 0]), strict=True):
             np.testing.assert_allclose(W, fourier_bessel(mixed, k[m], orders[m], centre), rtol=1e-10, atol=1e-13)

@@ -95,7 +95,7 @@ def test_lattice_landscape_and_pruned_search_agree_with_the_landscape():
     maps = lattice_landscape(PROBLEM, lattice, GUESS, 7, centre, modes)
     assert maps.shape == (8, *lattice.shape)
     np.testing.assert_allclose(maps.reshape(8, -1), expected, atol=1e-10)
-    fits = leave_one_out_fits(lattice.microphones(GUESS, centre, range(1, 9)), PROBLEM.pressures[modes], 7)
+    fits = leave_one_out_fits(lattice.dictionary(GUESS, centre, range(1, 9)), PROBLEM.pressures[modes], 7)
     for start in (0, 400, len(lattice.points) - 1):
         best, least = best_candidate(lattice, centre, modes, fits, start)
         assert best == expected.sum(axis=0).argmin()

@@ -5,7 +5,7 @@
     stage  sweeps with one set of modes, until no microphone moves; then the next mode is added
 
 The centre of the expansion is the centre of mass rounded to the search lattice, so that one table of radial functions
-serves every step (`fdcal.acoustics.fourier_bessel.Lattice`).
+serves every step (`fdcal.acoustics.fourier_bessel.LatticeDictionary`).
 """
 
 from __future__ import annotations
@@ -184,7 +184,7 @@ def _cost(problem: Problem, state: State) -> float:
 def _fits(problem: Problem, state: State, n: int):
     """The lattice, W of every mode in use and its fit without microphone `n`."""
     lattice = search_lattice(problem, state.order_offset)
-    W = lattice.microphones(state.positions, state.centre, range(len(lattice.orders))[state.modes])
+    W = lattice.dictionary(state.positions, state.centre, range(len(lattice.orders))[state.modes])
     weights = known_weights(problem, state.settings.known_weight)
     return lattice, W, leave_one_out_fits(W, problem.pressures[state.modes], n, weights=weights)
 
