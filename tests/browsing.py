@@ -17,6 +17,7 @@ ARGUMENTS = [
     "--no-first-run",
 ]
 ARGUMENTS += ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
+ARGUMENTS += ["--host-resolver-rules=MAP evil.example 127.0.0.1"]  # a foreign name that leads to this machine
 
 
 def press(page, name):

@@ -9,11 +9,14 @@ import sys
 from pathlib import Path
 
 import pytest
+from browsing import ARGUMENTS
+from xdist.scheduler import LoadFileScheduling
 
 from fdcal.model.scene_file import scene_folder
 from fdcal.solvers.warmup import pieces
 
 ROOT = Path(__file__).parent.parent
+BROWSER_FILES = ("test_browser.py", "test_fault.py", "test_page.py", "test_replay.py")
 CHROMIUM = ("/usr/bin/chromium", "/usr/bin/chromium-browser", "/usr/bin/google-chrome")
 
 
@@ -76,6 +79,25 @@ def _edit(text: str, changes: dict[str, str | None]) -> str:
     return "\n".join(lines) + "\n"
 
 
+class OneBrowser(LoadFileScheduling):
+    """Each file's tests on one worker, and those of all files that need a browser on the same one."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        scope = super()._split_scope(nodeid)
+        return "browser" if scope.rpartition("/")[2] in BROWSER_FILES else scope
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Share the files out to the workers."""
+    return OneBrowser(config, log)
+
+
+def pytest_collection_modifyitems(items) -> None:
+    """Begin with the browser tests, which take the longest together; the other files follow in their order."""
+    items.sort(key=lambda item: item.path.name not in BROWSER_FILES)
+
+
 def _missing(reason: str) -> None:
     """Skip, but fail where CI is set: there a test that cannot run is a fault."""
     if os.environ.get("CI"):
@@ -90,6 +112,17 @@ def require_browser() -> str:
         if path and Path(path).exists():
             return path
     _missing("no Chromium: apt-get install -y --no-install-recommends chromium")
+
+
+@pytest.fixture(scope="session")
+def browser(require_browser):
+    """One Chromium for all browser tests of a worker; every module opens and closes its own pages."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(executable_path=require_browser, headless=True, args=ARGUMENTS)
+        yield chromium
+        chromium.close()
 
 
 @pytest.fixture(scope="session")

@@ -121,39 +121,35 @@ def test_no_run_is_larger_than_a_letter_may_be():
     assert (steps[0], steps[-1]) == (0, 2999) and data["count"] == len(steps) > 400 and (np.diff(steps) > 0).all()
 
 
-def test_it_plays_in_a_browser_without_a_network(run, require_browser, tmp_path):
+def test_it_plays_in_a_browser_without_a_network(run, browser, tmp_path):
     scene, measurement, states = run
     path = tmp_path / "replay.html"
     path.write_text(replay_html(scene, measurement, states, EVIL), encoding="utf-8")
-    from playwright.sync_api import sync_playwright
-
     faults = []
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=require_browser, args=["--no-sandbox", "--disable-gpu"])
-        page = browser.new_context(offline=True, viewport={"width": 1280, "height": 720}).new_page()
-        page.on("pageerror", lambda error: faults.append(str(error)))
-        page.on("console", lambda message: faults.append(message.text))
-        page.on("dialog", lambda dialog: (faults.append(dialog.message), dialog.dismiss()))
-        page.goto(path.as_uri())
-        page.get_by_text("step 0, sweep 0, stage 1; modes 1 to ").wait_for()
-        page.keyboard.press("End")
-        last = states[-1]
-        page.get_by_text(f"step {last.step}, sweep {last.sweep}, stage {last.stage + 1}; ").wait_for()
-        mean = 1e3 * position_errors(last.positions, measurement.positions).mean()
-        assert f"mean {mean:.3g} mm" in page.locator("#errors").inner_text()
-        drawn = [page.locator("#view").screenshot() for _ in range(2)]
-        page.get_by_role("button", name="3-D").click()
-        drawn.append(page.locator("#view").screenshot())
-        page.get_by_role("button", name="Dark").click()
-        drawn.append(page.locator("#view").screenshot())
-        assert drawn[0] == drawn[1] and len(set(drawn)) == 3, "turned, then dark"
-        page.keyboard.press("Home")
-        page.get_by_label("Speed").select_option("50")
-        page.get_by_role("button", name="Play").click()
-        page.get_by_role("button", name="Pause").wait_for()
-        page.get_by_text(f"step {last.step}, sweep {last.sweep}, ").wait_for()
-        page.get_by_role("button", name="Play").wait_for()
-        browser.close()
+    page = browser.new_context(offline=True, viewport={"width": 1280, "height": 720}).new_page()
+    page.on("pageerror", lambda error: faults.append(str(error)))
+    page.on("console", lambda message: faults.append(message.text))
+    page.on("dialog", lambda dialog: (faults.append(dialog.message), dialog.dismiss()))
+    page.goto(path.as_uri())
+    page.get_by_text("step 0, sweep 0, stage 1; modes 1 to ").wait_for()
+    page.keyboard.press("End")
+    last = states[-1]
+    page.get_by_text(f"step {last.step}, sweep {last.sweep}, stage {last.stage + 1}; ").wait_for()
+    mean = 1e3 * position_errors(last.positions, measurement.positions).mean()
+    assert f"mean {mean:.3g} mm" in page.locator("#errors").inner_text()
+    drawn = [page.locator("#view").screenshot() for _ in range(2)]
+    page.get_by_role("button", name="3-D").click()
+    drawn.append(page.locator("#view").screenshot())
+    page.get_by_role("button", name="Dark").click()
+    drawn.append(page.locator("#view").screenshot())
+    assert drawn[0] == drawn[1] and len(set(drawn)) == 3, "turned, then dark"
+    page.keyboard.press("Home")
+    page.get_by_label("Speed").select_option("50")
+    page.get_by_role("button", name="Play").click()
+    page.get_by_role("button", name="Pause").wait_for()
+    page.get_by_text(f"step {last.step}, sweep {last.sweep}, ").wait_for()
+    page.get_by_role("button", name="Play").wait_for()
+    page.context.close()
     assert not faults
 
 

@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import websockets
-from browsing import ARGUMENTS, WAIT, choose, hover, middle, on_screen, pick, press, slider, stands, tab
+from browsing import WAIT, choose, hover, middle, on_screen, pick, press, slider, stands, tab
 from PIL import Image
 from websockets.sync.client import connect
 
@@ -48,16 +48,6 @@ def address(tmp_path_factory, kernels):
 
 
 @pytest.fixture(scope="module")
-def browser(require_browser):
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=require_browser, headless=True, args=ARGUMENTS)
-        yield chromium
-        chromium.close()
-
-
-@pytest.fixture(scope="module")
 def open_page(address, browser):
     """Function that opens one more page and waits for its picture."""
 
@@ -74,7 +64,9 @@ def open_page(address, browser):
 
 @pytest.fixture(scope="module")
 def page(open_page):
-    return open_page()
+    page = open_page()
+    yield page
+    page.close()
 
 
 def test_step_advances_the_state(page):

@@ -10,8 +10,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from browsing import ARGUMENTS
-from playwright.sync_api import sync_playwright
 
 WAIT = 60.0  # s, bound of every wait
 FAILING = """
@@ -31,20 +29,18 @@ cli.main(sys.argv[1:])
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory, require_browser, kernels, edited_descent):
+def page(tmp_path_factory, browser, kernels, edited_descent):
     """`fdcal view` with a solver that fails at its fifth step, in a browser; ends in good order."""
     command = [sys.executable, "-c", FAILING, "view", str(edited_descent), "--port", "0", "--no-browser"]
     server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ)
     try:
         url = server.stdout.readline().strip()
         assert re.fullmatch(r"http://127\.0\.0\.1:\d+", url), server.stderr.read()
-        with sync_playwright() as playwright:
-            browser = playwright.chromium.launch(executable_path=require_browser, headless=True, args=ARGUMENTS)
-            page = browser.new_page(viewport={"width": 1280, "height": 720})
-            page.set_default_timeout(WAIT * 1e3)
-            page.goto(f"{url}/?fixedDpr=1")
-            yield page
-            browser.close()
+        page = browser.new_page(viewport={"width": 1280, "height": 720})
+        page.set_default_timeout(WAIT * 1e3)
+        page.goto(f"{url}/?fixedDpr=1")
+        yield page
+        page.close()
         server.send_signal(signal.SIGINT)
         _, errors = server.communicate(timeout=WAIT)
         assert server.returncode == 0 and "the solver stopped at state 4" in errors, errors

@@ -15,8 +15,6 @@ import msgspec
 import numpy as np
 import pytest
 import viser
-from browsing import ARGUMENTS
-from playwright.sync_api import sync_playwright
 from viser import _messages
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
@@ -25,7 +23,6 @@ from fdcal.viewer.gui import html as words
 from fdcal.viewer.server import error_log
 
 WAIT = 60.0  # s, bound of every wait
-EVIL = "--host-resolver-rules=MAP evil.example 127.0.0.1"
 
 
 def start(port=0):
@@ -54,20 +51,13 @@ def served():
 
 
 @pytest.fixture(scope="module")
-def browser(require_browser):
-    with sync_playwright() as playwright:
-        chromium = playwright.chromium.launch(executable_path=require_browser, headless=True, args=[*ARGUMENTS, EVIL])
-        yield chromium
-        chromium.close()
-
-
-@pytest.fixture(scope="module")
 def page(served, browser):
     page = browser.new_page(viewport={"width": 1280, "height": 720})
     page.set_default_timeout(WAIT * 1e3)
     page.goto(f"{served[1]}/?fixedDpr=1")
     page.get_by_text("step 0, sweep 0").wait_for()
-    return page
+    yield page
+    page.close()
 
 
 def press(page, name):
