@@ -1,13 +1,14 @@
-"""Axes to give positions in, and what stands elsewhere than it was said to stand.
+"""Coordinate frames of a result, and microphones that stand elsewhere than given.
 
 known     as they are: the axes of the known microphones
 minimal   the first microphone is the origin, the second lies on the positive x axis, the third in the x-y plane
-          with y > 0, the fourth of a space has z > 0; one that is in line with those before is passed over
+          with y > 0, the fourth of an array in space has z > 0; a microphone in line with those before is skipped
 axes      the centre of the array is the origin, x its longest axis, then y; the sum of cubes is positive on each
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,18 +16,34 @@ from scipy.optimize import linear_sum_assignment
 
 from ..model.gauge import align
 from ..model.microphones import MicrophonePositions
-from ..model.validation import InputError, require_choice
+from ..model.validation import InputError, require_choice, word_arguments
 from .calibration import Calibration
 
 FRAMES = ("known", "minimal", "axes")
-IN_LINE = 1e-6  # of the array's extent: microphones this close to a line or plane through others lie in it
-TRUSTED = ("good", "scale_undetermined")  # verdicts; with others no swap found is no all-clear
-CLEARLY = 0.5  # of the distance as named: a swap explains what is this much closer after it
+COLLINEAR = 1e-6  # of the array's extent: microphones this close to a line or plane through others lie in it
+INDEPENDENT = 0.1  # least part of a coordinate axis outside the axes found so far, to complete them
+TRUSTED = ("good", "scale_undetermined")  # verdicts; with others, finding no swap does not mean that there is none
+SWAP_RATIO = 0.5  # a swap must reduce the distance of each microphone concerned to less than this share
 
 
 def in_frame(positions, frame: str) -> np.ndarray:
-    """`positions` (N, D), metres, moved, turned and maybe mirrored as a whole into a frame : (N, D) float64."""
-    require_choice("--frame", frame, FRAMES)
+    """Return positions moved, rotated and maybe mirrored as a whole into a frame.
+
+    Parameters
+    ----------
+    positions : (N, D) float64, metres
+    frame : one of FRAMES
+
+    Returns
+    -------
+    (N, D) float64, metres
+
+    Raises
+    ------
+    InputError
+        The frame is unknown.
+    """
+    require_choice("frame", frame, FRAMES)
     positions = np.asarray(positions, dtype=float)
     if frame == "known":
         return positions.copy()
@@ -34,24 +51,23 @@ def in_frame(positions, frame: str) -> np.ndarray:
 
 
 def placed_in_frame(result: Calibration, frame: str | None) -> MicrophonePositions:
-    """Return the microphones of a calibration in a frame.
+    """Return the microphones of a result in a frame.
 
     Parameters
     ----------
-    result : Calibration
-    frame : str or None
-        One of FRAMES; None takes that of the known microphones, or "axes" without any.
+    frame : one of FRAMES; None for that of the known microphones, or "axes" without any
 
     Raises
     ------
     InputError
         The frame of the known microphones is asked for and there is none.
     """
+    blind = result.known == ()
     if frame is None:
-        frame = "axes" if result.known == () else "known"
-    if frame == "known" and result.known == ():
+        frame = "axes" if blind else "known"
+    if frame == "known" and blind:
         raise InputError(
-            "frame = known: no microphone was known", "use <frame> minimal or axes", key="frame", value=frame
+            "frame = known, but no microphone was known", "use <frame> minimal or axes", key="frame", value="known"
         )
     return MicrophonePositions(result.names, in_frame(result.positions, frame), result.uncertainty, frame)
 
@@ -62,12 +78,12 @@ def _minimal(positions: np.ndarray) -> np.ndarray:
     basis: list[np.ndarray] = []
     for vector in apart[1:]:
         rest = vector - sum((np.dot(vector, axis) * axis for axis in basis), np.zeros_like(vector))
-        rest = rest - sum((np.dot(rest, axis) * axis for axis in basis), np.zeros_like(vector))  # rounding, once more
-        if len(basis) < positions.shape[1] and np.linalg.norm(rest) > IN_LINE * extent:
+        rest = rest - sum((np.dot(rest, axis) * axis for axis in basis), np.zeros_like(vector))  # removes rounding
+        if len(basis) < positions.shape[1] and np.linalg.norm(rest) > COLLINEAR * extent:
             basis.append(rest / np.linalg.norm(rest))
-    for axis in np.eye(positions.shape[1]):  # an array in a line or a plane leaves some open
+    for axis in np.eye(positions.shape[1]):  # an array in a line or a plane leaves some axes open
         rest = axis - sum((np.dot(axis, b) * b for b in basis), np.zeros_like(axis))
-        if len(basis) < positions.shape[1] and np.linalg.norm(rest) > 0.1:
+        if len(basis) < positions.shape[1] and np.linalg.norm(rest) > INDEPENDENT:
             basis.append(rest / np.linalg.norm(rest))
     return apart @ np.array(basis).T
 
@@ -80,53 +96,73 @@ def _axes(positions: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class PositionCheck:
-    """Positions as said and as found: `errors` (N,) float64, metres, after the best rigid motion; `swapped` pairs of
-    channels whose places are exchanged; `permuted`, chains of more than two that are in each other's places."""
+    """Estimated positions compared with those given.
+
+    Attributes
+    ----------
+    errors : (N,) float64, metres, distance from the given position after the best rigid motion
+    swapped : pairs of channels whose positions are exchanged
+    permuted : cycles of more than two channels that stand at each other's positions
+    """
 
     errors: np.ndarray
     swapped: tuple[tuple[int, int], ...]
     permuted: tuple[tuple[int, ...], ...]
 
 
-def compare_positions(found, said, known=()) -> PositionCheck:
-    """Compare positions found (N, D) with those said to be (N, D), metres.
+def compare_positions(found, given, known=()) -> PositionCheck:
+    """Compare estimated positions with those given.
 
-    A swap is named where the array as a whole fits better with it, each microphone concerned by half at least. The
-    positions are first moved onto each other as a whole, unless `known` microphones hold them.
+    A swap is reported where the array as a whole fits better with it and each microphone concerned by half at least.
+
+    Parameters
+    ----------
+    found, given : (N, D) float64, metres
+    known : numbers of known microphones; without any, the positions are first moved onto each other as a whole
+
+    Raises
+    ------
+    InputError
+        The two have different shapes.
     """
-    found, said = np.asarray(found, float), np.asarray(said, float)
-    if found.shape != said.shape:
-        raise InputError(f"{found.shape} positions were found where the file tells {said.shape}; use its own result")
-    placed = found if len(known) else align(found, said, _trusted(found, said))
-    order = _exchanged(placed, said)
+    found, given = np.asarray(found, float), np.asarray(given, float)
+    if found.shape != given.shape:
+        raise InputError(
+            f"the result has positions of shape {found.shape}, the measurement {given.shape}",
+            "use the result of this measurement",
+            key="result",
+        )
+    placed = found if len(known) else align(found, given, _consistent(found, given))
+    order = _assignment(placed, given)
     if not len(known):
-        placed = align(found, said[order])
-        order = _exchanged(placed, said)
+        placed = align(found, given[order])
+        order = _assignment(placed, given)
     cycles = _cycles(order)
-    errors = np.linalg.norm(placed - said, axis=1)
-    return PositionCheck(errors, tuple(c for c in cycles if len(c) == 2), tuple(c for c in cycles if len(c) > 2))
+    errors = np.linalg.norm(placed - given, axis=1)
+    pairs = tuple((c[0], c[1]) for c in cycles if len(c) == 2)
+    return PositionCheck(errors, pairs, tuple(c for c in cycles if len(c) > 2))
 
 
-def _trusted(found: np.ndarray, said: np.ndarray) -> np.ndarray:
-    """The half of the microphones whose distances to most of the others are as said: none of them is swapped."""
-    off = [np.median(np.abs(np.linalg.norm(f - found, axis=1) - np.linalg.norm(s - said, axis=1)))
-           for f, s in zip(found, said, strict=True)]  # fmt: skip
+def _consistent(found: np.ndarray, given: np.ndarray) -> np.ndarray:
+    """Return the half of the microphones whose distances to the others agree best: none of them is swapped."""
+    off = [np.median(np.abs(np.linalg.norm(f - found, axis=1) - np.linalg.norm(g - given, axis=1)))
+           for f, g in zip(found, given, strict=True)]  # fmt: skip
     return np.argsort(off, kind="stable")[: max(found.shape[1] + 2, (len(found) + 1) // 2)]
 
 
-def _exchanged(placed: np.ndarray, said: np.ndarray) -> np.ndarray:
-    """Whose place each microphone is in : (N,) int64, its own unless another one is clearly nearer, all in turn."""
-    distance = np.linalg.norm(placed[:, None] - said[None], axis=2)
+def _assignment(placed: np.ndarray, given: np.ndarray) -> np.ndarray:
+    """Return whose given position each microphone is at : (N,) int64, its own unless a whole cycle is nearer."""
+    distance = np.linalg.norm(placed[:, None] - given[None], axis=2)
     order = linear_sum_assignment(distance**2)[1]
     kept = np.arange(len(order))
     for cycle in _cycles(order):
-        if all(distance[n, order[n]] < CLEARLY * distance[n, n] for n in cycle):
+        if all(distance[n, order[n]] < SWAP_RATIO * distance[n, n] for n in cycle):
             kept[list(cycle)] = order[list(cycle)]
     return kept
 
 
 def _cycles(order: np.ndarray) -> list[tuple[int, ...]]:
-    """Cycles of a permutation that move something, each from its lowest number."""
+    """Return the cycles of a permutation that move something, each from its lowest number."""
     seen, cycles = set(), []
     for start in range(len(order)):
         cycle, n = [], start
@@ -139,21 +175,30 @@ def _cycles(order: np.ndarray) -> list[tuple[int, ...]]:
     return cycles
 
 
-def describe(result: PositionCheck, names, verdict: str = "good", known: bool = True) -> str:
-    """The check in words: every swap, then the error of every microphone, the greatest first.
+def describe(
+    check: PositionCheck,
+    names: Sequence[object],
+    verdict: str = "good",
+    known: bool = True,
+    arguments: Mapping[str, str] | None = None,
+) -> str:
+    """Return a comparison in words: every swap, then the error of every microphone, the largest first.
 
-    Unless the `verdict` (`fdcal.assessment.verdict`, `fdcal.assessment.room_verdict`) trusts the positions, no swap
-    found is no all-clear.
-    `known`: whether known microphones held the positions.
+    Parameters
+    ----------
+    names : (N,) names of the microphones
+    verdict : code of `fdcal.assessment.verdict` or `fdcal.assessment.room_verdict`; unless it trusts the positions,
+        finding no swap does not mean that there is none
+    known : whether known microphones fixed the positions
+    arguments : how the reader calls the arguments, as of `fdcal.model.validation.word_arguments`
     """
-    lines = [f"channels {names[a]} and {names[b]} are swapped" for a, b in result.swapped]
-    lines += [
-        f"channels {', '.join(names[n] for n in chain)} stand in each other's places" for chain in result.permuted
-    ]
+    lines = [f"channels {names[a]} and {names[b]} are swapped" for a, b in check.swapped]
+    for cycle in check.permuted:
+        lines.append(f"channels {', '.join(str(names[n]) for n in cycle)} stand in each other's places")
     if not lines and verdict not in TRUSTED:
-        advice = "; try --known none" if known else ""
-        lines = [f"swaps cannot be told from positions that are not to be trusted ({verdict}){advice}"]
+        advice = word_arguments("; try <known> none", arguments or {}) if known else ""
+        lines = [f"swaps cannot be detected from positions that are not to be trusted ({verdict}){advice}"]
     lines = lines or ["no channels are swapped"]
-    order = np.argsort(-result.errors, kind="stable")
-    lines += [f"{names[n]:>12}  {1e3 * result.errors[n]:8.1f} mm" for n in order]
+    order = np.argsort(-check.errors, kind="stable")
+    lines += [f"{names[n]!s:>12}  {1e3 * check.errors[n]:8.1f} mm" for n in order]
     return "\n".join(lines)

@@ -14,6 +14,7 @@ from ..model.problem import Problem
 from ..model.validation import InputError
 from ..solvers import load
 from ..solvers.interface import AssessmentMethod
+from .options import OPTIONS
 from .sources import CalibrationInput
 
 
@@ -83,7 +84,9 @@ def _assess_array(inputs: CalibrationInput, problem: Problem, state) -> Assessme
         positions, problem = _at_estimated_sound_speed(inputs, problem, state, noise)
     verdict = judge(problem, positions, state.modes, noise, inputs.measurement.names, state.converged)
     evidence = _evidence(verdict, cross_validate(problem, positions, state.modes, noise))
-    return Assessment(positions, problem, verdict.code, verdict.text, verdict.uncertainty, verdict.covariance, evidence)
+    return Assessment(
+        positions, problem, verdict.code, verdict.worded(OPTIONS), verdict.uncertainty, verdict.covariance, evidence
+    )
 
 
 def _at_estimated_sound_speed(inputs: CalibrationInput, problem: Problem, state, noise) -> tuple[np.ndarray, Problem]:
@@ -109,7 +112,7 @@ def _assess_in_room(inputs: CalibrationInput, problem: Problem, state) -> Assess
     size = tuple(map(float, inputs.settings.room or ()))
     symmetries = tuple((str(image), image.of(positions)) for image in found.images)
     return Assessment(
-        positions, problem, verdict.code, verdict.text, verdict.uncertainty, verdict.covariance,
+        positions, problem, verdict.code, verdict.worded(OPTIONS), verdict.uncertainty, verdict.covariance,
         _evidence(verdict, prediction), KnownRoom(size, found.source, found.admittance, symmetries),
     )  # fmt: skip
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from ..assessment.calibration import Calibration, Evidence
 from ..model.measurement import Measurement
 from ..model.validation import InputError
+from .options import OPTIONS
 from .sources import CalibrationInput
 
 
@@ -83,5 +84,9 @@ def comparison(inputs: CalibrationInput, result: Calibration) -> str:
     positions = result.positions if result.room is None else result.positions_for(measurement)
     known = measurement.known if inputs.settings.known == "all" else ()
     return describe(
-        compare_positions(positions, measurement.positions, known), measurement.names, result.verdict, len(known) > 0
+        compare_positions(positions, measurement.positions, known),
+        measurement.names,
+        result.verdict,
+        len(known) > 0,
+        OPTIONS,
     )

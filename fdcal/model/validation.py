@@ -45,12 +45,23 @@ class InputError(ValueError):
 
     def worded(self, names: Mapping[str, str]) -> str:
         """Return the message with the arguments that its remedy mentions called as in `names`."""
-        remedy = re.sub(r"<([a-z_]+)>", lambda match: names.get(match[1], match[1]), self.remedy)
+        remedy = word_arguments(self.remedy, names)
         return f"{self.problem}; {remedy}" if remedy else self.problem
 
     def within(self, place: object) -> InputError:
         """Return the same error with the file or table that it occurred in before the problem."""
         return InputError(f"{place}: {self.problem}", self.remedy, key=self.key, value=self.value)
+
+
+def word_arguments(text: str, names: Mapping[str, str]) -> str:
+    """Return a text with the arguments in angle brackets called as in `names`, or by their own name.
+
+    Examples
+    --------
+    >>> word_arguments("use fewer <modes>", {"modes": "--modes"})
+    'use fewer --modes'
+    """
+    return re.sub(r"<([a-z_]+)>", lambda match: names.get(match[1], match[1]), text)
 
 
 class StorageError(OSError):

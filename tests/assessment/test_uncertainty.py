@@ -5,7 +5,7 @@ import pytest
 from fields import measured
 
 from fdcal.assessment.uncertainty import (
-    NEIGHBOURS,
+    GROUP_SIZE,
     Information,
     ellipse_axes,
     grouped_gradients,
@@ -129,15 +129,15 @@ def test_neighbouring_modes_that_err_alike_count_as_one():
     rng = np.random.default_rng(0)
     shape, modes = (6, 2), 240
     alone = rng.normal(size=(modes, 12))
-    alike = np.repeat(rng.normal(size=(modes // NEIGHBOURS, 12)), NEIGHBOURS, axis=0)
+    alike = np.repeat(rng.normal(size=(modes // GROUP_SIZE, 12)), GROUP_SIZE, axis=0)
     basis = np.eye(12)
     size = {}
     for name, slopes in (("alone", alone), ("alike", alike)):
         blocks = robust_covariance(Information(basis, np.eye(12) / modes, modes * np.eye(12), slopes, shape))
         size[name] = np.trace(blocks, axis1=1, axis2=2).mean()
     assert size["alone"] == pytest.approx(2 / modes, rel=0.4)
-    assert size["alike"] == pytest.approx(2 * NEIGHBOURS / modes, rel=0.4)
-    assert len(grouped_gradients(np.ones((57, 3)))) == 57 // NEIGHBOURS
+    assert size["alike"] == pytest.approx(2 * GROUP_SIZE / modes, rel=0.4)
+    assert len(grouped_gradients(np.ones((57, 3)))) == 57 // GROUP_SIZE
     assert np.allclose(grouped_gradients(alone).sum(axis=0), alone.sum(axis=0))
     assert len(grouped_gradients(np.ones((5, 3)))) == 5, "few modes stand alone"
 

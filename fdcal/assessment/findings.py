@@ -1,0 +1,194 @@
+"""The single checks of a verdict. Each returns a message, or "" where there is nothing to report.
+
+The arguments of a remedy stand in angle brackets, as in `fdcal.model.validation.InputError`. In every function
+`figures` are the `Diagnostics` of the array and `names` the (N,) names of its microphones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..acoustics.fourier_bessel import array_f_max
+from ..cost.noise_model import NOISE
+from ..model.problem import Problem
+from .diagnostics import Diagnostics
+from .thresholds import LIMITS
+from .uncertainty import one_sigma
+
+FEWEST_MODES = 8  # with fewer modes below the limit, fewer modes are no remedy
+CAUSES = "a source or an obstacle inside the array, odd channels, or positions not found yet (try another solver)"
+
+
+def undersampled(problem: Problem, positions: np.ndarray, modes: slice) -> str:
+    """Report modes above f_max (Eq. 9) that are in use.
+
+    Parameters
+    ----------
+    positions : (N, D) float64, metres
+    modes : slice, the modes in use
+    """
+    limit = array_f_max(positions, problem.sound_speed, problem.dimension)
+    used = problem.frequencies[modes]
+    if used[-1] <= limit:
+        return ""
+    below = int(np.sum(problem.frequencies <= limit))
+    remedy = f"use <modes> {below}, or" if below >= FEWEST_MODES else "use"
+    return (
+        f"{len(positions)} microphones so far apart interpolate up to {limit:.0f} Hz (Eq. 9), but modes up to"
+        f" {used[-1]:.0f} Hz are in use; {remedy} more microphones closer together"
+    )
+
+
+def odd_channel(problem: Problem, figures: Diagnostics, names: Sequence[str]) -> str:
+    """Report free microphones that recorded what the others cannot predict, unless these are many."""
+    share, far = figures.unpredicted_share, figures.unpredictable_share
+    odd = _unpredicted(figures)
+    odd |= far > max(LIMITS.unpredictable_share, LIMITS.unpredictable_to_median * np.median(far))
+    odd[problem.known] = False
+    worst = np.flatnonzero(odd)
+    worst = worst[np.argsort(-share[worst])]
+    if not len(worst) or len(worst) > max(LIMITS.odd_channels, len(names) // LIMITS.odd_one_in):
+        return ""
+    named = [names[n] for n in worst]
+    return (
+        f"microphone {_enumerated(named)}: the others do not predict what it recorded; another kind of channel, gain,"
+        f" phase, or position; leave it out with <exclude> {','.join(named)}"
+    )
+
+
+def _unpredicted(figures: Diagnostics) -> np.ndarray:
+    """Return whether the others fail to predict each channel : (N,) bool."""
+    share = figures.unpredicted_share
+    large = share > max(LIMITS.unpredicted_share, LIMITS.unpredicted_to_median * np.median(share))
+    return large & (share > LIMITS.unpredicted_to_unpredictable * figures.unpredictable_share)
+
+
+def known_position(problem: Problem, figures: Diagnostics, names: Sequence[str], clear_only: bool = False) -> str:
+    """Report known microphones that are elsewhere than given.
+
+    Parameters
+    ----------
+    clear_only : whether to leave out shifts that a small error of the sound speed could cause
+    """
+    out = _unpredicted(figures)[problem.known]
+    if not clear_only:
+        out |= (figures.known_shift > LIMITS.known_shift) & (figures.known_mahalanobis > LIMITS.known_sigmas)
+    if not np.any(out):
+        return ""
+    named = [names[n] for n in problem.known[out]]
+    return (
+        f"known microphone {_enumerated(named)}: the position given contradicts the recordings; it is wrong, or the"
+        " channel is swapped with another; check the positions and the cables of the known microphones"
+    )
+
+
+def too_noisy(figures: Diagnostics) -> str:
+    """Report that most of the power is noise."""
+    if figures.noise_share <= LIMITS.noise_share:
+        return ""
+    share = 100 * figures.noise_share
+    return f"about {share:.0f} % of the power is noise or unexplained; measure longer, louder, or use fewer <modes>"
+
+
+def sound_speed(problem: Problem, figures: Diagnostics) -> str:
+    """Report that the known microphones contradict the sound speed."""
+    error, sigma = figures.sound_speed_error, figures.sound_speed_sigma
+    plausible = LIMITS.sound_speed_least < abs(error) < LIMITS.sound_speed_most
+    if not (plausible and abs(error) > LIMITS.sound_speed_sigmas * sigma):
+        return ""
+    return (
+        f"the known microphones indicate a sound speed of about {problem.sound_speed * (1 + error):.0f} m/s, not"
+        f" {problem.sound_speed:.0f} m/s; correct it, or add <estimate_sound_speed>"
+    )
+
+
+def model_mismatch(problem: Problem, figures: Diagnostics, names: Sequence[str], modes: slice) -> str:
+    """Report that no sound field without sources fits the pressures.
+
+    Parameters
+    ----------
+    modes : slice, the modes in use
+    """
+    if np.isfinite(figures.chi_square):
+        # Where this figure exists, the others show the limits of the real kernel rather than of the positions.
+        if figures.chi_square > NOISE.chi_square:
+            return (
+                "no sound field without sources explains the pressures"
+                f" (misfit {figures.chi_square:.2g}, 1 is expected): {CAUSES}"
+            )
+        if figures.noise_share <= LIMITS.unexplained_share:
+            return ""
+    if figures.noise_share < LIMITS.kernel_share and figures.residual_to_noise < LIMITS.residual_to_noise:
+        return ""
+    return _excess_residual(problem, figures, modes) or _unfitted_channels(figures, names, modes, problem)
+
+
+def _excess_residual(problem: Problem, figures: Diagnostics, modes: slice) -> str:
+    """Report that the residual exceeds the given noise."""
+    given = problem.noise_power
+    if given is None:
+        return ""
+    if np.all(given[modes] > 0) and figures.residual_to_noise > LIMITS.residual_to_noise:
+        return f"the residual is {figures.residual_to_noise:.2g} times what the noise explains: {CAUSES}"
+    if not np.any(given[modes]) and figures.noise_share > LIMITS.unexplained_share:
+        share = f"{100 * figures.noise_share:.1g} % of the power"
+        return f"{share} is left unexplained, though the measurement is said to be free of noise: {CAUSES}"
+    return ""
+
+
+def _unfitted_channels(figures: Diagnostics, names: Sequence[str], modes: slice, problem: Problem) -> str:
+    """Report the channels, three at most, with a studentised residual far above the median."""
+    ratio = figures.studentised_residual / np.median(figures.studentised_residual)
+    count = len(problem.frequencies[modes])
+    limit = LIMITS.studentised_to_median * (1 + LIMITS.studentised_modes / np.sqrt(count))
+    worst = [names[n] for n in np.argsort(-ratio) if ratio[n] > limit][:3]
+    return f"no sound field without sources explains microphone {_enumerated(worst)}: {CAUSES}" if worst else ""
+
+
+def only_wavenumber_scales(problem: Problem, figures: Diagnostics) -> bool:
+    """Return whether the size of the array follows from the wavenumber alone, and that hardly.
+
+    It is always so for an array in a plane of a field of three dimensions without known microphones.
+    """
+    flat = problem.array_dimension < problem.dimension
+    return len(problem.known) < 2 and (flat or figures.scale_sigma > LIMITS.scale_sigma)
+
+
+def scale_undetermined(problem: Problem, figures: Diagnostics) -> str:
+    """Report that the size of the array is hardly determined."""
+    if not only_wavenumber_scales(problem, figures):
+        return ""
+    return "the shape is found but its scale is not determined; name known microphones, or give one <distance>"
+
+
+def good(problem: Problem, figures: Diagnostics) -> str:
+    """Return the message of an array that no check contradicts."""
+    given = problem.noise_power is not None and np.any(problem.noise_power > 0)
+    return "nothing speaks against these positions; " + precision(
+        one_sigma(figures.covariance), figures.residual_to_noise, bool(given)
+    )
+
+
+def precision(sigma: np.ndarray, residual_to_noise: float, given: bool) -> str:
+    """Return the uncertainty and the reduced chi-square in words.
+
+    Parameters
+    ----------
+    sigma : (N,) float64, metres
+    given : whether the noise is given, and not estimated
+    """
+    return (
+        f"one sigma {1e3 * root_mean_square(sigma):.2g} mm, residual {residual_to_noise:.2g} times the noise"
+        f" {'given' if given else 'estimated from the residual itself'}"
+    )
+
+
+def root_mean_square(values: np.ndarray) -> float:
+    """Return the root mean square of some values."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _enumerated(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
