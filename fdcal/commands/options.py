@@ -48,6 +48,7 @@ OPTIONS = {
     "result": "--result RESULT.json",
     "room": "--room",
     "search": "--search ORIGIN,SIZE,STEP",
+    "size": "--size WxH",
     "seed": "--seed",
     "solver": "--solver",
     "sound_speed": "--sound-speed",

@@ -1,4 +1,4 @@
-"""Title, labels and colour bar of a picture, written over an image of its scene."""
+"""Title, labels and colour bar of a picture, written over the image of its scene."""
 
 from __future__ import annotations
 
@@ -9,39 +9,57 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from .camera import Camera, project
-from .primitives import ColourBar, Label, Picture
+from .primitives import Colour, ColourBar, Label, Picture, Theme
 
-ANCHORS = {"left": "l", "center": "m", "right": "r", "top": "a", "bottom": "d"}  # of a label to Pillow's
+ANCHORS = {"left": "l", "center": "m", "right": "r", "top": "a", "bottom": "d"}  # of a label, to Pillow's
+WHITE = (255, 255, 255)
+SMALLEST_FONT = 6  # pixels
 
 
-def text_scale(size) -> float:
-    """Pixels of one point of text: an image 800 pixels high has a 16-pixel font."""
+def text_scale(size: tuple[int, int]) -> float:
+    """Return the pixels of one point of text: an image 800 pixels high has a 16-pixel font."""
     return min(size[0] / 1000, size[1] / 800)
 
 
-def margins(size, has_bar: bool) -> tuple[float, float, float, float]:
-    """Pixels that rulers, colour bar and title take: left, bottom, right, top."""
+def font(points: float) -> ImageFont.FreeTypeFont:
+    """Return the font of all texts in a size in pixels."""
+    folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
+    return ImageFont.truetype(folder / "DejaVuSans.ttf", max(points, SMALLEST_FONT))
+
+
+def margins(size: tuple[int, int], has_bar: bool) -> tuple[float, float, float, float]:
+    """Return the pixels that rulers, colour bar and title take: left, bottom, right, top.
+
+    Parameters
+    ----------
+    size : (width, height), pixels
+    has_bar : whether there is a colour bar
+    """
     scale = text_scale(size)
     return 90 * scale, 62 * scale, (160 if has_bar else 40) * scale, 104 * scale
 
 
 def annotate(pixels: np.ndarray, picture: Picture, camera: Camera) -> np.ndarray:
-    """A copy of the image (H, W, 3) uint8 with all that is written."""
+    """Return a copy of the image with all texts and the colour bar.
+
+    Parameters
+    ----------
+    pixels : (H, W, 3) uint8
+    picture : Picture
+    camera : that the image was made with
+    """
     image = Image.fromarray(pixels)
     size, scale = image.size, text_scale(image.size)
     draw = ImageDraw.Draw(image)
-    font = _font(16 * scale)
-    for label, (x, y) in zip(picture.labels, _places(picture, camera, size), strict=True):
-        _write(draw, (x, y), label.text, font, label.colour, _anchor(label), _ground(label, picture), scale)
-    _title(draw, picture, scale)
+    letters = font(16 * scale)
+    positions = np.array([label.position for label in picture.labels]).reshape(-1, 3)
+    for label, (x, y) in zip(picture.labels, project(camera, size, positions), strict=True):
+        outline = _outline(label.colour, picture.theme)
+        _write(draw, (float(x), float(y)), label.text, letters, label.colour, _anchor(label), outline, scale)
+    _draw_title(draw, picture, scale)
     if picture.floor is not None:
-        _bar(draw, picture.floor.bar, picture, font, _bar_place(picture, camera, size))
+        _draw_bar(draw, picture.floor.bar, picture.theme, letters, _bar_place(picture, camera, size))
     return np.asarray(image)
-
-
-def _places(picture: Picture, camera: Camera, size) -> np.ndarray:
-    points = np.array([label.position for label in picture.labels]).reshape(-1, 3)
-    return project(camera, size, points)
 
 
 def _anchor(label: Label) -> str:
@@ -49,29 +67,29 @@ def _anchor(label: Label) -> str:
     return ANCHORS[horizontal] + ANCHORS[vertical]
 
 
-def _ground(label: Label, picture: Picture):
-    """Halo of a text: the background's colour, or white where the ink is black whatever the background."""
-    return picture.theme.background if label.colour == picture.theme.foreground else (255, 255, 255)
+def _outline(colour: Colour, theme: Theme) -> Colour:
+    """Colour around the letters of a text: the background's, or white where the text is black on any background."""
+    return theme.background if colour == theme.foreground else WHITE
 
 
-def _write(draw, place, text: str, font, colour, anchor: str, ground, scale: float) -> None:
+def _write(draw, place: tuple[float, float], text: str, letters, colour, anchor: str, outline, scale: float) -> None:
     width = max(round(2.5 * scale), 1)
-    draw.text(tuple(place), text, fill=colour, font=font, anchor=anchor, stroke_width=width, stroke_fill=ground)
+    draw.text(place, text, fill=colour, font=letters, anchor=anchor, stroke_width=width, stroke_fill=outline)
 
 
-def _title(draw, picture: Picture, scale: float) -> None:
-    """Title in the upper left corner, on a plate of the background's colour."""
+def _draw_title(draw, picture: Picture, scale: float) -> None:
+    """The title in the upper left corner, on a rectangle of the background's colour."""
     if not picture.title:
         return
     place, edge, points = (18 * scale, 13 * scale), 7 * scale, 19 * scale
-    long = draw.multiline_textbbox(place, picture.title, font=_font(points))[2]
-    font = _font(points * min(1.0, (draw.im.size[0] - 2 * place[0]) / (long - place[0])))
-    left, top, right, bottom = draw.multiline_textbbox(place, picture.title, font=font)
+    end = draw.multiline_textbbox(place, picture.title, font=font(points))[2]
+    letters = font(points * min(1.0, (draw.im.size[0] - 2 * place[0]) / (end - place[0])))
+    left, top, right, bottom = draw.multiline_textbbox(place, picture.title, font=letters)
     draw.rectangle([left - edge, top - edge, right + edge, bottom + edge], fill=picture.theme.background)
-    draw.multiline_text(place, picture.title, font=font, fill=picture.theme.foreground)
+    draw.multiline_text(place, picture.title, font=letters, fill=picture.theme.foreground)
 
 
-def _bar_place(picture: Picture, camera: Camera, size) -> tuple[float, float, float]:
+def _bar_place(picture: Picture, camera: Camera, size: tuple[int, int]) -> tuple[float, float, float]:
     """Left, top and bottom edge of the colour bar, pixels: beside the map from the top, at the image's edge in 3-D."""
     scale = text_scale(size)
     edge = size[0] - 126 * scale
@@ -82,25 +100,18 @@ def _bar_place(picture: Picture, camera: Camera, size) -> tuple[float, float, fl
     return min(right + 46 * scale, edge), top + 46 * scale, bottom
 
 
-def _bar(draw, bar: ColourBar, picture: Picture, font, place) -> None:
-    """Colour bar with ticks, its label above it."""
-    scale, theme = font.size / 16, picture.theme
+def _draw_bar(draw, bar: ColourBar, theme: Theme, letters, place: tuple[float, float, float]) -> None:
+    """The colour bar with its ticks, and its label above."""
+    scale = letters.size / 16
     left, top, bottom = place
     right, rows, stroke = left + 22 * scale, np.arange(round(top), round(bottom)), max(round(scale), 1)
     colours = matplotlib.colormaps[bar.colour_map]((bottom - rows) / (bottom - top), bytes=True)[:, :3]
     for row, colour in zip(rows, colours, strict=True):
         draw.line([(left, row), (right, row)], fill=tuple(map(int, colour)))
     draw.rectangle([left, top, right, bottom], outline=theme.foreground, width=stroke)
-    for share, text in bar.ticks:
-        row = bottom + share * (top - bottom)
+    for fraction, text in bar.ticks:
+        row = bottom + fraction * (top - bottom)
         draw.line([(right, row), (right + 6 * scale, row)], fill=theme.foreground, width=stroke)
-        _write(draw, (right + 10 * scale, row), text, font, theme.foreground, "lm", theme.background, scale)
-    small = _font(14 * scale)
-    draw.multiline_text(
-        (left - scale, top - 42 * scale), bar.label.replace(" (", "\n("), fill=theme.foreground, font=small
-    )
-
-
-def _font(points: float) -> ImageFont.FreeTypeFont:
-    folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
-    return ImageFont.truetype(folder / "DejaVuSans.ttf", max(points, 6))
+        _write(draw, (right + 10 * scale, row), text, letters, theme.foreground, "lm", theme.background, scale)
+    label = bar.label.replace(" (", "\n(")
+    draw.multiline_text((left - scale, top - 42 * scale), label, fill=theme.foreground, font=font(14 * scale))

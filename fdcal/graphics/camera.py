@@ -1,4 +1,4 @@
-"""Where a picture is looked at from, and the pixel at which a point of it appears."""
+"""The camera of a picture, and the pixel at which a point of the picture appears."""
 
 from __future__ import annotations
 
@@ -11,15 +11,22 @@ from ..model.validation import require_choice
 from .primitives import Picture
 
 VIEWS = ("top", "3d", "close")
-AROUND = {"3d": 1.06, "close": 1.3}  # of its size: what is shown around the room, and around the search domain
-BIRD = (-0.42, -0.88, 0.78)  # direction from what is looked at to the eye of the 3-D views
+MARGIN = {"3d": 1.06, "close": 1.3}  # size of the view, of the room's and of the search domain's
+OBLIQUE = (-0.42, -0.88, 0.78)  # direction from the centre to the eye of the 3-D views
+FOV_3D = 35.0  # degrees
+REFINEMENTS = 6  # of the 3-D view: perspective makes size and place in the image no simple function of the distance
 
 
 @dataclass(frozen=True)
 class Camera:
-    """An eye at `position` that sees `height` metres from bottom to top of the image at `look_at`.
+    """An eye at a position that looks at a point.
 
-    `fov` is the vertical opening, radians; 0 is parallel projection, and a small one from afar looks like it.
+    Attributes
+    ----------
+    position, look_at : (3,), metres
+    up : (3,)
+    fov : vertical field of view, radians; 0 is parallel projection, and a small one from far away looks like it
+    height : from bottom to top of the image at `look_at`, metres
     """
 
     position: tuple[float, float, float]
@@ -29,38 +36,50 @@ class Camera:
     height: float
 
 
-def camera_for(picture: Picture, size, view: str, margins=(0, 0, 0, 0), fov: float | None = None) -> Camera:
-    """Camera that fills an image with what matters.
+def camera_for(
+    picture: Picture, size: tuple[int, int], view: str, margins=(0, 0, 0, 0), fov: float | None = None
+) -> Camera:
+    """Return the camera that fills an image with a picture.
 
     Parameters
     ----------
+    picture : Picture
     size : (width, height), pixels
     view : "top" (north up, the search domain fills the image), "3d" (the whole room) or "close" (the array alone)
     margins : left, bottom, right, top pixels to be left free
-    fov : radians; by default parallel from the top and 35 degrees in 3-D
+    fov : radians; by default parallel projection from the top and 35 degrees in 3-D
+
+    Raises
+    ------
+    InputError
+        `view` is unknown.
     """
     require_choice("view", view, VIEWS)
     width, height = (max(int(length), 1) for length in size)
     left, bottom, right, top = margins
     free = max(width - left - right, 0.2 * width), max(height - bottom - top, 0.2 * height)
-    (x0, y0, x1, y1), heights = picture.focus, picture.z_range
-    centre = np.array([(x0 + x1) / 2, (y0 + y1) / 2, sum(heights) / 2])
     if view == "top":
-        scale = max((x1 - x0) / free[0], (y1 - y0) / free[1])  # metres a pixel
+        (x0, y0, x1, y1), z_range = picture.focus, picture.z_range
+        centre = np.array([(x0 + x1) / 2, (y0 + y1) / 2, sum(z_range) / 2])
+        scale = max((x1 - x0) / free[0], (y1 - y0) / free[1])  # metres per pixel
         centre[:2] += scale / 2 * np.array([right - left, top - bottom])
         # A hair south of straight down: turning the view from here keeps z upright.
-        return _looking(centre, (0.0, -1e-4, 1.0), scale * height, 0.0 if fov is None else fov)
-    fov = math.radians(35) if fov is None else fov
-    corners = _corners(picture, view)
-    centre = (corners.min(axis=0) + corners.max(axis=0)) / 2
-    camera = _looking(centre, BIRD, float(np.ptp(corners, axis=0).max()), fov)
+        return _camera(centre, (0.0, -1e-4, 1.0), scale * height, 0.0 if fov is None else fov)
     middle = np.array([(left + width - right) / 2, (top + height - bottom) / 2])
-    for _ in range(6):  # perspective makes size and place on the image no simple function of the distance
-        seen = project(camera, (width, height), corners)
-        taken = np.ptp(seen, axis=0) / free
-        off = ((seen.min(axis=0) + seen.max(axis=0)) / 2 - middle) * camera.height / height
-        centre = centre + off @ _image_axes(camera)
-        camera = _looking(centre, BIRD, AROUND[view] * camera.height * float(taken.max()), fov)
+    fov = math.radians(FOV_3D) if fov is None else fov
+    return _oblique(_corners(picture, view), (width, height), free, middle, fov, MARGIN[view])
+
+
+def _oblique(corners: np.ndarray, size, free, middle: np.ndarray, fov: float, margin: float) -> Camera:
+    """Camera of a 3-D view that fits `corners` (8, 3), metres, into `free` pixels around the pixel `middle`."""
+    centre = (corners.min(axis=0) + corners.max(axis=0)) / 2
+    camera = _camera(centre, OBLIQUE, float(np.ptp(corners, axis=0).max()), fov)
+    for _ in range(REFINEMENTS):
+        pixels = project(camera, size, corners)
+        fill = np.ptp(pixels, axis=0) / free
+        offset = ((pixels.min(axis=0) + pixels.max(axis=0)) / 2 - middle) * camera.height / size[1]
+        centre = centre + offset @ _image_axes(camera)
+        camera = _camera(centre, OBLIQUE, margin * camera.height * float(fill.max()), fov)
     return camera
 
 
@@ -87,16 +106,28 @@ def _image_axes(camera: Camera) -> np.ndarray:
     return np.stack([right, down / np.linalg.norm(down)])
 
 
-def _looking(centre: np.ndarray, direction, height: float, fov: float) -> Camera:
+def _camera(centre: np.ndarray, direction, height: float, fov: float) -> Camera:
+    """A camera that looks at `centre` (3,) from `direction` (3,) and sees `height` metres there."""
     distance = height / 2 / math.tan(fov / 2) if fov else 2 * height
     towards = np.array(direction) / np.linalg.norm(direction)
-    return Camera(
-        tuple(map(float, centre + distance * towards)), tuple(map(float, centre)), (0.0, 0.0, 1.0), fov, height
-    )
+    x, y, z = (centre + distance * towards).tolist()
+    look_at = float(centre[0]), float(centre[1]), float(centre[2])
+    return Camera((x, y, z), look_at, (0.0, 0.0, 1.0), fov, height)
 
 
-def project(camera: Camera, size, points) -> np.ndarray:
-    """Pixels (column, row), counted from the upper left corner of the image, of points (P, 3), metres : (P, 2)."""
+def project(camera: Camera, size: tuple[int, int], points) -> np.ndarray:
+    """Return the pixels at which points appear.
+
+    Parameters
+    ----------
+    camera : Camera
+    size : (width, height) of the image, pixels
+    points : (P, 3), metres
+
+    Returns
+    -------
+    (P, 2) float64, column and row, counted from the upper left corner of the image
+    """
     width, height = size
     eye, look_at = np.array(camera.position), np.array(camera.look_at)
     forward = (look_at - eye) / np.linalg.norm(look_at - eye)
@@ -104,6 +135,6 @@ def project(camera: Camera, size, points) -> np.ndarray:
     right /= np.linalg.norm(right)
     offset = np.atleast_2d(np.asarray(points, float)) - eye
     across, upward, depth = offset @ right, offset @ np.cross(right, forward), offset @ forward
-    seen = camera.height if not camera.fov else 2 * depth * math.tan(camera.fov / 2)
-    pixels = height / seen
+    visible = camera.height if not camera.fov else 2 * depth * math.tan(camera.fov / 2)  # metres in the image's height
+    pixels = height / visible
     return np.stack([width / 2 + across * pixels, height / 2 - upward * pixels], axis=1)

@@ -1,6 +1,7 @@
-"""Markers, walls and rulers as plain arrays of triangles and line segments.
+"""Shapes of markers, walls and rulers as plain arrays of triangles and line segments.
 
-Segments are (S, 2, 3) float64, metres: S pieces from [:, 0] to [:, 1]. Markers are flat and parallel to the floor.
+Segments are (S, 2, 3) float64, metres: S pieces from [:, 0] to [:, 1]. Triangles are a pair: vertices (V, 3) float64,
+metres, and faces (F, 3) int, indices of vertices. Markers are flat and parallel to the floor.
 """
 
 from __future__ import annotations
@@ -8,93 +9,138 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
+Triangles = tuple[np.ndarray, np.ndarray]
+
 
 def lift(points, z: float) -> np.ndarray:
-    """Points of the plane at height `z`, raised above their own height where they have one : (P, 3), metres."""
+    """Return points raised by `z`, metres; points of a plane are at height 0.
+
+    Parameters
+    ----------
+    points : (P, 2) or (P, 3), metres
+    z : metres
+
+    Returns
+    -------
+    (P, 3) float64, metres
+    """
     points = np.atleast_2d(np.asarray(points, float))
     heights = points[:, 2] if points.shape[1] == 3 else np.zeros(len(points))
     return np.column_stack([points[:, :2], heights + z])
 
 
-def annuli(centres: np.ndarray, radius: float, width: float, corners: int = 40) -> tuple[np.ndarray, np.ndarray]:
-    """A flat ring about each of the (P, 3) `centres` : (2 corners P, 3) vertices, metres, and int triangles.
+def annuli(centres: np.ndarray, radius: float, width: float, corners: int = 40) -> Triangles:
+    """Return a flat ring around each centre: 2 `corners` vertices each, inner and outer in turn.
 
-    The middle of its `width` lies at `radius`. The vertices of one ring follow one another, inside and outside in turn.
+    Parameters
+    ----------
+    centres : (P, 3), metres
+    radius : of the middle of the ring, metres
+    width : of the ring, metres
+    corners : of its outline
     """
     angles = np.repeat(2 * np.pi * np.arange(corners) / corners, 2)
     reach = np.tile([radius - width / 2, radius + width / 2], corners)
     circle = np.stack([reach * np.cos(angles), reach * np.sin(angles), 0 * angles], axis=1)
     inner = 2 * np.arange(corners)
-    further = (inner + 2) % (2 * corners)
-    faces = np.stack([inner, inner + 1, further + 1, inner, further + 1, further], axis=1).reshape(-1, 3)
-    return _each(centres, circle, faces)
+    following = (inner + 2) % (2 * corners)
+    faces = np.stack([inner, inner + 1, following + 1, inner, following + 1, following], axis=1).reshape(-1, 3)
+    return _repeat(centres, circle, faces)
 
 
-def strokes(segments: np.ndarray, width: float, longer: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Flat bars along segments (S, 2, 3) : (4 S, 3) vertices, metres, and (2 S, 3) int triangles.
+def strokes(segments: np.ndarray, width: float, extension: float = 0.0) -> Triangles:
+    """Return a flat bar along each segment, four vertices each.
 
-    Each is `width` wide, horizontally, and extends by `longer` beyond both ends.
+    Parameters
+    ----------
+    segments : (S, 2, 3), metres
+    width : horizontal, metres
+    extension : beyond both ends, metres
     """
     along = _unit(segments[:, 1] - segments[:, 0])
     level = _unit(along * [1.0, 1.0, 0.0])
     side = width / 2 * np.stack([-level[:, 1], level[:, 0], 0 * level[:, 0]], axis=1)
-    start, end = segments[:, 0] - longer * along, segments[:, 1] + longer * along
+    start, end = segments[:, 0] - extension * along, segments[:, 1] + extension * along
     vertices = np.stack([start - side, end - side, end + side, start + side], axis=1)
     return vertices.reshape(-1, 3), _quads(len(segments))
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
-    """Vectors (S, 3) at length 1; that of none points along x."""
+    """Vectors (S, 3) at length 1; those of length 0 point along x."""
     length = np.linalg.norm(vectors, axis=1)[:, None]
     return np.divide(vectors, length, out=np.tile([1.0, 0.0, 0.0], (len(vectors), 1)), where=length > 0)
 
 
 def stars(centres: np.ndarray, radius: float, arms: int = 2, turn: float = np.pi / 4) -> np.ndarray:
-    """`arms` strokes through each of the (P, 3) `centres`; two of them, turned by 45 degrees, are a cross."""
+    """Return `arms` segments through each centre; two of them, turned by 45 degrees, are a cross.
+
+    Parameters
+    ----------
+    centres : (P, 3), metres
+    radius : half the length of an arm, metres
+    arms : number of arms
+    turn : angle of the first, radians
+
+    Returns
+    -------
+    (P arms, 2, 3) float64, metres
+    """
     angles = turn + np.pi * np.arange(arms) / arms
     arm = radius * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
     return (centres[:, None, None, :] + np.stack([-arm, arm], axis=1)).reshape(-1, 2, 3)
 
 
 def polygons(centres: np.ndarray, radius: float, corners: int) -> np.ndarray:
-    """The sides of a regular polygon about each of the (P, 3) `centres`, one side level below : (corners P, 2, 3)."""
+    """Return the sides of a regular polygon around each centre, one side horizontal at the bottom.
+
+    Parameters
+    ----------
+    centres : (P, 3), metres
+    radius : of the circumscribed circle, metres
+    corners : of the polygon
+
+    Returns
+    -------
+    (P corners, 2, 3) float64, metres
+    """
     angles = -np.pi / 2 + np.pi / corners + 2 * np.pi * np.arange(corners) / corners
     rim = radius * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
     sides = np.stack([rim, np.roll(rim, -1, axis=0)], axis=1)
     return (centres[:, None, None, :] + sides).reshape(-1, 2, 3)
 
 
-def squares(centres: np.ndarray, edge: float) -> tuple[np.ndarray, np.ndarray]:
-    """A filled square about each of the (P, 3) `centres` : (4 P, 3) vertices, metres, and (2 P, 3) int triangles."""
+def squares(centres: np.ndarray, edge: float) -> Triangles:
+    """Return a filled square of side `edge`, metres, around each of the (P, 3) `centres`, four vertices each."""
     corner = edge / 2 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
-    return _each(centres, corner, _quads(1))
+    return _repeat(centres, corner, _quads(1))
 
 
-def _each(centres: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """One shape repeated about every centre."""
+def _repeat(centres: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> Triangles:
+    """One shape, repeated around every centre."""
     first = len(vertices) * np.arange(len(centres))[:, None, None]
     return (centres[:, None, :] + vertices).reshape(-1, 3), (first + faces).reshape(-1, 3)
 
 
 def _quads(count: int) -> np.ndarray:
+    """Faces of `count` quadrilaterals of four vertices each."""
     return (4 * np.arange(count)[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
 
 
 def loop(vertices, z: float) -> np.ndarray:
-    """Closed line through (V, 2) `vertices` at height `z`, metres."""
+    """Return the closed line (V, 2, 3) through (V, 2) `vertices` at height `z`, metres."""
     vertices = lift(vertices, z)
     return np.stack([vertices, np.roll(vertices, -1, axis=0)], axis=1)
 
 
 def stems(points: np.ndarray, z: float) -> np.ndarray:
-    """Vertical segments from the (P, 3) `points` down, or up, to height `z` : (P, 2, 3), metres."""
+    """Return vertical segments (P, 2, 3) from the (P, 3) `points` down, or up, to height `z`, metres."""
     feet = np.array(points, float)
     feet[:, 2] = z
     return np.stack([points, feet], axis=1)
 
 
-def walls(vertices, height: float) -> tuple[np.ndarray, np.ndarray]:
-    """The outline (V, 2), metres, extruded upwards, two triangles a wall: (2 V, 3), metres, and (2 V, 3) int."""
+def walls(vertices, height: float) -> Triangles:
+    """Return the outline (V, 2), metres, extruded upwards to `height`, metres, two triangles for each wall."""
     count = len(vertices)
     here, there = np.arange(count), np.roll(np.arange(count), -1)
     faces = np.concatenate(
@@ -104,38 +150,64 @@ def walls(vertices, height: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def floor_grid(vertices, spacing: float, z: float) -> np.ndarray:
-    """Lines every `spacing` metres, clipped to the outline (V, 2); a line that meets a corner is clipped too."""
+    """Return grid lines clipped to an outline.
+
+    Parameters
+    ----------
+    vertices : (V, 2), metres, corners of the outline; a line through a corner is clipped, too
+    spacing : between lines, metres
+    z : height, metres
+
+    Returns
+    -------
+    (S, 2, 3) float64, metres
+    """
     vertices = np.asarray(vertices, float)
     pieces = []
     for axis in (0, 1):
         low, high = vertices[:, axis].min(), vertices[:, axis].max()
         for level in np.arange(np.floor(low / spacing) + 1, np.ceil(high / spacing)) * spacing:
-            for start, end in _inside(vertices, axis, level):
+            for start, end in _clip(vertices, axis, level):
                 ends = np.full((2, 3), z)
                 ends[:, axis], ends[:, 1 - axis] = level, (start, end)
                 pieces.append(ends)
     return np.array(pieces).reshape(-1, 2, 3)
 
 
-def _inside(vertices: np.ndarray, axis: int, level: float) -> list[tuple[float, float]]:
-    """Stretches of the line `coordinate[axis] = level` inside the outline."""
+def _clip(vertices: np.ndarray, axis: int, level: float) -> list[tuple[float, float]]:
+    """Intervals of the line `coordinate[axis] = level` inside the outline."""
     a, b = vertices, np.roll(vertices, -1, axis=0)
     crossing = (a[:, axis] > level) != (b[:, axis] > level)
     a, b = a[crossing], b[crossing]
-    share = (level - a[:, axis]) / (b[:, axis] - a[:, axis])
-    met = np.sort(a[:, 1 - axis] + share * (b[:, 1 - axis] - a[:, 1 - axis]))
-    return list(zip(met[::2], met[1::2], strict=True))
+    fraction = (level - a[:, axis]) / (b[:, axis] - a[:, axis])
+    crossings = np.sort(a[:, 1 - axis] + fraction * (b[:, 1 - axis] - a[:, 1 - axis]))
+    return list(zip(crossings[::2], crossings[1::2], strict=True))
 
 
 def round_ticks(low: float, high: float, count: int) -> np.ndarray:
-    """About `count` round numbers from `low` to `high`."""
+    """Return about `count` round numbers from `low` to `high`, ascending."""
     values = MaxNLocator(nbins=count, steps=[1, 2, 5, 10]).tick_values(low, high)
     slack = 1e-9 * (high - low)
     return values[(values >= low - slack) & (values <= high + slack)]
 
 
-def ruler(low: float, high: float, across: float, axis: int, length: float, z: float):
-    """Ticks along an edge of a box: their segments (T, 2, 3), label positions (T, 3) and texts ("1.2")."""
+def ruler(
+    low: float, high: float, across: float, axis: int, length: float, z: float
+) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Return the ticks along an edge of a box.
+
+    Parameters
+    ----------
+    low, high : ends of the edge, metres
+    across : its other coordinate, metres
+    axis : that the edge runs along
+    length : of a tick, metres
+    z : height, metres
+
+    Returns
+    -------
+    segments (T, 2, 3) and label positions (T, 3), both float64, metres; texts such as "1.2"
+    """
     values = round_ticks(low, high, 8)
     ends = np.full((len(values), 2, 3), z)
     ends[:, :, axis] = values[:, None]

@@ -1,4 +1,4 @@
-"""Costs over the search lattice as colours, heights and a scale: the map that a picture lays on the floor."""
+"""Costs over the search lattice as colours, heights and a scale: the map that a picture shows on the floor."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..model.validation import frozen_array
 from .primitives import COLOUR_MAP, DIVERGING_COLOUR_MAP, ColourBar, Floor
 
 DECADES = 4  # of cost that a logarithmic map shows below its highest value
-RELIEF = 0.3  # height of a map in relief, of the longer edge of the search domain
+RELIEF_HEIGHT = 0.3  # of a map in relief, of the longer side of the search domain
 
 
 def cost_floor(
@@ -25,29 +25,29 @@ def cost_floor(
     relief: bool = False,
     height: float = 0.0,
 ) -> Floor:
-    """Costs (ny, nx) float64 over the search lattice, or one layer of it, as a floor; a pixel is one lattice cell.
-
-    Row 0 is at low y.
+    """Return a map of costs over the search lattice, or over one layer of it; a pixel is one lattice cell.
 
     Parameters
     ----------
-    log : decades of cost, DECADES of them at most; a cost that is not positive anywhere is drawn linear
+    cost : (ny, nx) float64, row 0 at low y
+    search : Search
+    log : whether the scale is logarithmic, over DECADES decades at most; linear if no cost is positive
+    label : name and unit of the cost
     minima : (K, 2) float64, metres, to be marked
-    relief : whether the map has heights, too, which rise with its colours
-    height : metres, at which the map lies
+    relief : whether the map has heights, which rise with its colours
+    height : of the map, metres
     """
     cost = np.asarray(cost, float)
     iy, ix = np.unravel_index(cost.argmin(), cost.shape)
     minimum = (float(search.origin[0] + ix * search.step), float(search.origin[1] + iy * search.step))
     low, high, clipped = colour_limits(cost, log)
     log = log and low > 0
-    share = normalise(cost, low, high, log)
-    rgb = to_rgb(share)
+    fractions = normalise(cost, low, high, log)
     half = search.step / 2
     size = (cost.shape[1] * search.step, cost.shape[0] * search.step)
-    heights = frozen_array(RELIEF * max(size) * share, np.float32) if relief else None
+    heights = frozen_array(RELIEF_HEIGHT * max(size) * fractions, np.float32) if relief else None
     return Floor(
-        rgb=frozen_array(rgb, np.uint8),
+        rgb=frozen_array(to_rgb(fractions), np.uint8),
         origin=(search.origin[0] - half, search.origin[1] - half),
         size=size,
         bar=ColourBar(low, high, log, label, clipped),
@@ -59,27 +59,33 @@ def cost_floor(
 
 
 def colour_limits(cost: np.ndarray, log: bool) -> tuple[float, float, bool]:
-    """Lowest and highest value of the scale of a map or of several, and whether lower costs share its first colour."""
+    """Return the lowest and the highest value of a scale, and whether lower costs share its first colour.
+
+    Parameters
+    ----------
+    cost : float64, of one map or of several
+    log : whether the scale is logarithmic
+    """
     low, high, clipped = float(cost.min()), float(cost.max()), False
     if log and high > 0 <= low:
-        floor = high * 10.0**-DECADES
-        low, clipped = max(low, floor), low < floor
+        threshold = high * 10.0**-DECADES
+        low, clipped = max(low, threshold), low < threshold
     if high <= low:
-        high = low + 1e-6 * abs(low) + 1e-12  # a flat map still needs a scale
+        high = low + 1e-6 * abs(low) + 1e-12  # a constant map needs a scale, too
     return low, high, clipped
 
 
 def normalise(cost: np.ndarray, low: float, high: float, log: bool) -> np.ndarray:
-    """Where on the scale each cost lies, 0 to 1."""
+    """Return where on a scale from `low` to `high` each cost lies, 0 to 1."""
     cost = np.clip(cost, low, high)
     if log and low > 0:
         return np.log10(cost / low) / np.log10(high / low)
     return (cost - low) / (high - low)
 
 
-def to_rgb(share: np.ndarray, name: str = COLOUR_MAP) -> np.ndarray:
-    """Colours (..., 3) uint8 of shares of the scale, 0 to 1."""
-    return _table(name)[np.rint(255 * share).astype(np.uint8)]
+def to_rgb(fractions: np.ndarray, name: str = COLOUR_MAP) -> np.ndarray:
+    """Return the colours (..., 3) uint8 of fractions of the scale, 0 to 1, in a map of matplotlib.colormaps."""
+    return _table(name)[np.rint(255 * fractions).astype(np.uint8)]
 
 
 @functools.cache
@@ -88,7 +94,15 @@ def _table(name: str) -> np.ndarray:
 
 
 def field_floor(field, search: Search, label: str, height: float = 0.0) -> Floor:
-    """A field of both signs, -1 to 1, as `cost_floor`: white where it is nothing."""
+    """Return a map of a sound field, white where the pressure is zero.
+
+    Parameters
+    ----------
+    field : (ny, nx) float64, -1 to 1, row 0 at low y
+    search : Search
+    label : name and unit
+    height : of the map, metres
+    """
     field, half = np.asarray(field, float), search.step / 2
     row, column = np.unravel_index(np.abs(field).argmin(), field.shape)
     return Floor(
@@ -103,5 +117,10 @@ def field_floor(field, search: Search, label: str, height: float = 0.0) -> Floor
 
 
 def cost_label(weights: str) -> str:
-    """Name and unit of a solver's cost; `weights` as in scene.SolverSettings: raw pressures keep their unit."""
+    """Return name and unit of a solver's cost; raw pressures keep their unit.
+
+    Parameters
+    ----------
+    weights : "unit" or "raw", as in settings.SolverSettings
+    """
     return "cost (dimensionless)" if weights == "unit" else "cost (pressure squared)"

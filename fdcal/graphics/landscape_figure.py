@@ -1,7 +1,9 @@
-"""The paper's figures: Fig. 1, the cost landscape of one microphone, mode by mode and summed.
+"""The paper's Fig. 1: the cost landscape of one microphone, mode by mode and summed.
 
-What is computed (`landscape_panels`, or `select_panels` of maps that are there) is separate from how it is drawn
-(`draw_landscape`) and written (`figure_bytes`).
+landscape_panels  computes the landscapes
+select_panels     takes a few of landscapes that exist
+draw_landscape    draws them
+figure_bytes      the figure as a file
 """
 
 from __future__ import annotations
@@ -9,6 +11,7 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +23,9 @@ from ..model.validation import frozen_array
 from .heatmap import DECADES
 from .primitives import COLOUR_MAP
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 
 @dataclass(frozen=True)
 class LandscapePanels:
@@ -30,10 +36,10 @@ class LandscapePanels:
     microphone : int, counted from 0
     modes : (P,) int64, counted from 1
     frequencies : (P,) float64, Hz
-    maps : (P + 1, ny, nx) float64, dimensionless; one a mode, the last their sum; row 0 at low y
+    maps : (P + 1, ny, nx) float64, dimensionless; one for each mode, the last their sum; row 0 at low y
     minima : (P + 1, 2) float64, metres, the minimum of each map
     search : Search
-    mode_count : int, modes in the sum, of which a few alone may have a map here
+    mode_count : int, modes in the sum, not all of which need a map here
     """
 
     microphone: int
@@ -46,63 +52,82 @@ class LandscapePanels:
 
 
 def landscape_panels(problem: Problem, positions, n: int, modes: Sequence[int], order_offset: int) -> LandscapePanels:
-    """Cost of Eq. 7 over the search lattice with microphone `n` moved and the others at `positions`.
+    """Return the cost of Eq. 7 over the search lattice with microphone `n` moved and the others at `positions`.
 
     Parameters
     ----------
+    problem : Problem
     positions : (N, 2) float64, metres
     n : microphone, counted from 0
     modes : P modes, counted from 1
     order_offset : added to the order of Eq. 3
 
-    Raises InputError for a field that is not 2-D, a mode whose order the microphones cannot carry, or no search domain.
+    Raises
+    ------
+    InputError
+        The field is not two-dimensional, there is no search domain, or the microphones are too few for the order of a
+        mode.
     """
     if problem.search is not None or problem.dimension != 2:
         require_modes(problem, order_offset, max(modes))
     index = np.asarray(modes) - 1
     names = ("pressures", "wavenumbers", "frequencies")
-    few = replace(problem, noise_power=None, **{name: getattr(problem, name)[index] for name in names})
-    lattice = search_lattice(few, order_offset)
+    selected = replace(problem, noise_power=None, **{name: getattr(problem, name)[index] for name in names})
+    lattice = search_lattice(selected, order_offset)
     centre = lattice.nearest(np.mean(positions, axis=0))
-    maps = lattice_landscape(few, lattice, positions, n, centre, slice(0, len(index)))
+    maps = lattice_landscape(selected, lattice, positions, n, centre, slice(0, len(index)))
     maps = np.concatenate([maps, maps.sum(axis=0, keepdims=True)])
-    found = lattice.points[maps.reshape(len(maps), -1).argmin(axis=1)]
+    minima = lattice.points[maps.reshape(len(maps), -1).argmin(axis=1)]
     return LandscapePanels(
         microphone=n,
         modes=frozen_array(modes, np.int64),
-        frequencies=frozen_array(few.frequencies, float),
+        frequencies=frozen_array(selected.frequencies, float),
         maps=frozen_array(maps, float),
-        minima=frozen_array(found, float),
-        search=problem.search,
+        minima=frozen_array(minima, float),
+        search=lattice.search,
         mode_count=len(index),
     )
 
 
-def select_panels(maps, modes: Sequence[int], frequencies, n: int, search: Search, most: int = 8) -> LandscapePanels:
-    """Panels of maps (P, ny, nx) of `modes`, counted from 1: `most` of them, evenly taken, and the sum over all.
+def select_panels(maps, modes: Sequence[int], frequencies, n: int, search: Search, count: int = 8) -> LandscapePanels:
+    """Return panels of some of the modes, evenly spaced, and of the sum over all.
 
-    frequencies : (M,), Hz, of all modes measured
+    Parameters
+    ----------
+    maps : (P, ny, nx) float64, of `modes`
+    modes : P modes, counted from 1
+    frequencies : (M,) Hz, of all modes measured
+    n : microphone, counted from 0
+    search : lattice of the maps
+    count : of panels of single modes, at most
     """
     maps, modes = np.asarray(maps, float), np.asarray(modes)
-    chosen = np.unique(np.linspace(0, len(maps) - 1, min(len(maps), most)).round().astype(int))
+    chosen = np.unique(np.linspace(0, len(maps) - 1, min(len(maps), count)).round().astype(int))
     drawn = np.concatenate([maps[chosen], maps.sum(axis=0, keepdims=True)])
     row, column = np.divmod(drawn.reshape(len(drawn), -1).argmin(axis=1), maps.shape[2])
+    minima = np.asarray(search.origin)[:2] + search.step * np.column_stack([column, row])
     return LandscapePanels(
         microphone=n,
         modes=frozen_array(modes[chosen], np.int64),
         frequencies=frozen_array(np.asarray(frequencies)[modes[chosen] - 1], float),
         maps=frozen_array(drawn, float),
-        minima=frozen_array(np.asarray(search.origin)[:2] + search.step * np.column_stack([column, row]), float),
+        minima=frozen_array(minima, float),
         search=search,
         mode_count=len(maps),
     )
 
 
-def draw_landscape(panels: LandscapePanels, truth=None, label: str = "cost (dimensionless)", heading: str = ""):
-    """matplotlib Figure of the panels, a circle at `truth` (2,), metres, where given, a cross at each minimum.
+def draw_landscape(
+    panels: LandscapePanels, truth=None, label: str = "cost (dimensionless)", heading: str = ""
+) -> Figure:
+    """Return a figure of the panels with a cross at each minimum.
 
-    label : of the scales
-    heading : "" says which microphone is moved
+    Parameters
+    ----------
+    panels : LandscapePanels
+    truth : (2,) metres, the true position, drawn as a circle; or None
+    label : of the colour bars
+    heading : of the figure; by default it names the microphone
     """
     from matplotlib.figure import Figure
 
@@ -113,45 +138,45 @@ def draw_landscape(panels: LandscapePanels, truth=None, label: str = "cost (dime
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     titles = [f"mode {m}, {f:.1f} Hz" for m, f in zip(panels.modes, panels.frequencies, strict=True)]
     titles.append(f"sum of the {panels.mode_count} modes" if panels.mode_count > 1 else "sum (one mode)")
-    for panel, title, cost, found in zip(axes, titles, panels.maps, panels.minima, strict=False):
+    for panel, title, cost, minimum in zip(axes, titles, panels.maps, panels.minima, strict=False):
         image = _draw_map(panel, cost, panels.search)
-        panel.plot(*found, "x", color="#d61828", markersize=11, markeredgewidth=2.5, label="minimum")
+        panel.plot(*minimum, "x", color="#d61828", markersize=11, markeredgewidth=2.5, label="minimum")
         if truth is not None:
             panel.plot(*truth, "o", color="black", fillstyle="none", markersize=15, markeredgewidth=2, label="true")
         panel.set_title(title)
         figure.colorbar(image, ax=panel, label=label)
-    _name_axes(axes, count, columns)
+    _label_axes(axes, count, columns)
     heading = heading or f"Cost of moving microphone {panels.microphone}"
     figure.suptitle(heading, x=0.02, ha="left", parse_math=False)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=2, frameon=False)
     return figure
 
 
-def figure_bytes(figure, kind: str) -> bytes:
-    """The figure as a "png" or "svg" file; texts of an SVG stay texts."""
+def figure_bytes(figure: Figure, file_format: str) -> bytes:
+    """Return the figure as a "png" or "svg" file; texts of an SVG remain texts."""
     import matplotlib
 
     file = io.BytesIO()
     with matplotlib.rc_context({"svg.fonttype": "none"}):
-        figure.savefig(file, format=kind)
+        figure.savefig(file, format=file_format)
     return file.getvalue()
 
 
-def _draw_map(panel, cost: np.ndarray, search: Search):
-    """One map in decades of cost, as on the screen; a pixel is one cell of the lattice."""
+def _draw_map(panel: Any, cost: np.ndarray, search: Search) -> Any:
+    """Draw one map in decades of cost, as on the page; a pixel is one cell of the lattice."""
     from matplotlib.colors import LogNorm
 
-    high = max(float(cost.max()), np.finfo(float).tiny)
+    high = max(float(cost.max()), float(np.finfo(float).tiny))
     low = max(float(cost.min()), high * 10.0**-DECADES)
     half = search.step / 2
-    (x, y), (ny, nx) = search.origin, cost.shape
+    (x, y), (ny, nx) = search.origin[:2], cost.shape
     extent = (x - half, x + nx * search.step - half, y - half, y + ny * search.step - half)
     norm = LogNorm(low, high if high > low else 2 * low, clip=True)
     return panel.imshow(cost, origin="lower", extent=extent, cmap=COLOUR_MAP, norm=norm, interpolation="nearest")
 
 
-def _name_axes(axes, count: int, columns: int) -> None:
-    """Metres along the outer panels; no frame where there is no panel."""
+def _label_axes(axes, count: int, columns: int) -> None:
+    """Label the outer panels in metres, and hide the frames without a panel."""
     for i, panel in enumerate(axes):
         if i >= count:
             panel.set_visible(False)

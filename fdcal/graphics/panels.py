@@ -4,28 +4,36 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
-import matplotlib
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 
 from ..model.settings import Search
+from .annotations import font
 from .heatmap import colour_limits, normalise, to_rgb
-from .primitives import DARK, Theme
+from .markers import ESTIMATE, HALO, LOWEST, TRUE
+from .primitives import DARK, Colour, Theme
 
-CELL, GAP, CAPTION = 252, 18, 34  # pixels: edge of a map, between maps, above each
-POINTS = 21  # of the letters above two columns
+CELL, GAP, CAPTION = 252, 18, 34  # pixels: longer edge of a map, between maps, above each
+FONT_SIZE = 21  # pixels, of the captions over two columns
 DARK_PANEL = (36, 36, 36)  # behind the controls of a dark page
-ESTIMATE, LOWEST = (214, 24, 40), (255, 176, 0)
+HALO_STROKE, STROKE = 7, 3  # pixels, widths of a mark and its halo
+
+Point = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class Marks:
-    """Where on every map to put marks, metres: the true position, the supposed one; None for none."""
+    """Positions to be marked on every map, metres; None for no mark.
 
-    true: tuple[float, float] | None = None
-    estimate: tuple[float, float] | None = None
+    Attributes
+    ----------
+    true : of the microphone
+    estimate : its estimated position
+    """
+
+    true: Point | None = None
+    estimate: Point | None = None
 
 
 def mosaic(
@@ -39,64 +47,89 @@ def mosaic(
     shared: bool = False,
     columns: int = 2,
 ) -> np.ndarray:
-    """The maps (ny, nx) side by side, each with its caption, its lowest point and the marks : (H, W, 3) uint8.
+    """Return the maps side by side, each with its caption, a diamond at its lowest cost, and the marks.
 
-    With `shared` all have one scale, otherwise each its own.
+    Parameters
+    ----------
+    maps : each (ny, nx) float64, row 0 at low y
+    captions : one for each map
+    search : the lattice of the maps
+    marks : Marks
+    theme : Theme
+    log : whether the scales are logarithmic
+    shared : one scale for all maps instead of one for each
+    columns : of maps
+
+    Returns
+    -------
+    (H, W, 3) uint8
     """
     count, largest = len(maps), max(maps[0].shape)
     height, width = (round(CELL * n / largest) for n in maps[0].shape)
     rows = -(-count // columns)
     size = columns * (width + GAP) - GAP, rows * (height + CAPTION + GAP) - GAP
     image = Image.new("RGB", size, DARK_PANEL if theme is DARK else theme.background)
-    draw, font = ImageDraw.Draw(image), _font(POINTS * columns / 2)  # the panel shrinks all columns to its width
-    scale = colour_limits(np.stack(maps), log) if shared else None
+    draw, letters = ImageDraw.Draw(image), font(FONT_SIZE * columns / 2)  # the panel shrinks all columns to its width
+    limits = colour_limits(np.stack(maps), log) if shared else None
     for i, (cost, caption) in enumerate(zip(maps, captions, strict=True)):
         left, top = (i % columns) * (width + GAP), (i // columns) * (height + CAPTION + GAP)
-        draw.text((left, top), caption, fill=theme.foreground, font=font)
-        low, high, _ = scale or colour_limits(cost, log)
+        draw.text((left, top), caption, fill=theme.foreground, font=letters)
+        low, high, _ = limits or colour_limits(cost, log)
         rgb = to_rgb(normalise(cost, low, high, log))[::-1]  # an image's first row is its highest
         tile = Image.fromarray(rgb).resize((width, height), Image.Resampling.NEAREST)
         image.paste(tile, (left, top + CAPTION))
-        row, column = np.unravel_index(cost.argmin(), cost.shape)
-        lowest = (search.origin[0] + column * search.step, search.origin[1] + row * search.step)
-        _mark(draw, (left, top + CAPTION), (width, height), search, cost.shape, marks, lowest)
+        _draw_marks(_Tile(draw, (left, top + CAPTION), (width, height), search, cost), marks)
     return np.asarray(image)
 
 
-def _mark(draw, corner, size, search: Search, shape, marks: Marks, lowest) -> None:
-    """Circle at the truth, diamond at the lowest point, cross at the supposed position: black or colour on white."""
+@dataclass(frozen=True)
+class _Tile:
+    """One map in the image: its corner and size in pixels."""
 
-    def pixel(place):
-        x, y = ((place[a] - search.origin[a]) / search.step + 0.5 for a in (0, 1))
-        return corner[0] + x * size[0] / shape[1], corner[1] + size[1] * (1 - y / shape[0])
+    draw: ImageDraw.ImageDraw
+    corner: tuple[int, int]
+    size: tuple[int, int]
+    search: Search
+    cost: np.ndarray
 
-    def inside(place):
-        x, y = pixel(place)
-        return corner[0] <= x <= corner[0] + size[0] and corner[1] <= y <= corner[1] + size[1]
+    @property
+    def lowest(self) -> Point:
+        """Where the cost is lowest, metres."""
+        row, column = np.unravel_index(self.cost.argmin(), self.cost.shape)
+        x, y = self.search.origin[:2]
+        return float(x + column * self.search.step), float(y + row * self.search.step)
 
-    for place, name, colour, reach in (
-        (marks.true, "circle", (0, 0, 0), 9),
-        (lowest, "diamond", LOWEST, 13),
-        (marks.estimate, "cross", ESTIMATE, 8),
+    def pixel(self, place: Point) -> Point | None:
+        """The pixel of a place, metres; None outside the map."""
+        across, up = ((place[a] - self.search.origin[a]) / self.search.step + 0.5 for a in (0, 1))
+        (ny, nx), (left, top), (width, height) = self.cost.shape, self.corner, self.size
+        x, y = left + across * width / nx, top + height * (1 - up / ny)
+        return (x, y) if left <= x <= left + width and top <= y <= top + height else None
+
+
+def _draw_marks(tile: _Tile, marks: Marks) -> None:
+    """Draw a circle at the truth, a diamond at the lowest cost and a cross at the estimate, each with a halo."""
+    for place, shape, colour, radius in (
+        (marks.true, _circle, TRUE, 9),
+        (tile.lowest, _diamond, LOWEST, 13),
+        (marks.estimate, _cross, ESTIMATE, 8),
     ):
-        if place is None or not inside(place):
-            continue
-        x, y = pixel(place)
-        for ink, width in (((255, 255, 255), 7), (colour, 3)):
-            _draw_mark(draw, name, x, y, reach, ink, width)
+        pixel = None if place is None else tile.pixel(place)
+        if pixel is not None:
+            shape(tile.draw, *pixel, radius, HALO, HALO_STROKE)
+            shape(tile.draw, *pixel, radius, colour, STROKE)
 
 
-def _draw_mark(draw, name: str, x: float, y: float, reach: float, ink, width: int) -> None:
-    if name == "circle":
-        edge = reach + width / 2
-        draw.ellipse([x - edge, y - edge, x + edge, y + edge], outline=ink, width=width)
-    elif name == "diamond":
-        corners = [(x + reach, y), (x, y + reach), (x - reach, y), (x, y - reach)]
-        draw.line([*corners, *corners[:2]], fill=ink, width=width, joint="curve")
-    else:
-        draw.line([x - reach, y - reach, x + reach, y + reach], fill=ink, width=width + 1)
-        draw.line([x - reach, y + reach, x + reach, y - reach], fill=ink, width=width + 1)
+def _circle(draw: ImageDraw.ImageDraw, x: float, y: float, radius: float, colour: Colour, width: int) -> None:
+    edge = radius + width / 2
+    draw.ellipse([x - edge, y - edge, x + edge, y + edge], outline=colour, width=width)
 
 
-def _font(points: float) -> ImageFont.FreeTypeFont:
-    return ImageFont.truetype(Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf", points)
+def _diamond(draw: ImageDraw.ImageDraw, x: float, y: float, radius: float, colour: Colour, width: int) -> None:
+    corners = [(x + radius, y), (x, y + radius), (x - radius, y), (x, y - radius)]
+    draw.line([*corners, *corners[:2]], fill=colour, width=width, joint="curve")
+
+
+def _cross(draw: ImageDraw.ImageDraw, x: float, y: float, radius: float, colour: Colour, width: int) -> None:
+    draw.line([x - radius, y - radius, x + radius, y + radius], fill=colour, width=width + 1)
+    draw.line([x - radius, y + radius, x + radius, y - radius], fill=colour, width=width + 1)

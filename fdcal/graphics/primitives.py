@@ -1,6 +1,6 @@
 """The primitives of a picture: lines, triangles, texts, a map on the floor with its colour bar.
 
-Lengths are metres, colours RGB from 0 to 255. Frozen, arrays included; no renderer in sight.
+Lengths are metres, colours RGB from 0 to 255. Everything is frozen, the arrays included, and independent of a renderer.
 """
 
 from __future__ import annotations
@@ -13,23 +13,28 @@ from matplotlib.ticker import LogLocator
 
 from .glyphs import round_ticks
 
-COLOUR_MAP, DIVERGING_COLOUR_MAP = (
-    "viridis",
-    "RdBu_r",
-)  # any name of matplotlib.colormaps; of costs, and of signed fields
+COLOUR_MAP = "viridis"  # of matplotlib.colormaps, for costs
+DIVERGING_COLOUR_MAP = "RdBu_r"  # likewise, for fields of both signs
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-LETTERS = 44  # that find room along a colour bar
+BAR_LENGTH = 44  # characters that fit along a colour bar
 
 Colour = tuple[int, int, int]
 
 
 @dataclass(frozen=True)
 class Theme:
-    """Colours that depend on the background."""
+    """Colours that depend on the background.
+
+    Attributes
+    ----------
+    background : Colour
+    foreground : of texts, rulers and walls
+    grid : of the grid on the floor
+    """
 
     background: Colour
-    foreground: Colour  # texts, rulers, walls
-    grid: Colour  # the grid on the floor
+    foreground: Colour
+    grid: Colour
 
 
 LIGHT = Theme(background=(255, 255, 255), foreground=(40, 44, 52), grid=(222, 225, 230))
@@ -38,7 +43,15 @@ DARK = Theme(background=(26, 27, 30), foreground=(222, 225, 230), grid=(58, 61, 
 
 @dataclass(frozen=True)
 class Lines:
-    """Segments (S, 2, 3) float32, metres, of one colour, `width` pixels wide."""
+    """Line segments of one colour.
+
+    Attributes
+    ----------
+    name : unique in a picture
+    segments : (S, 2, 3) float32, metres
+    colour : Colour
+    width : pixels
+    """
 
     name: str
     segments: np.ndarray
@@ -48,7 +61,16 @@ class Lines:
 
 @dataclass(frozen=True)
 class Mesh:
-    """Triangles of one colour, without shading: vertices (V, 3) float32, metres, faces (F, 3) int32."""
+    """Triangles of one colour, without shading.
+
+    Attributes
+    ----------
+    name : unique in a picture
+    vertices : (V, 3) float32, metres
+    faces : (F, 3) int32, indices of vertices
+    colour : Colour
+    opacity : 0 to 1
+    """
 
     name: str
     vertices: np.ndarray
@@ -59,7 +81,16 @@ class Mesh:
 
 @dataclass(frozen=True)
 class Label:
-    """A text at a point (3,), metres; `anchor` is the part of the text that lies there, as in "center-left"."""
+    """A text at a point.
+
+    Attributes
+    ----------
+    name : unique in a picture
+    text : str
+    position : (3,), metres
+    colour : Colour
+    anchor : the part of the text that lies at the point, as in "center-left"
+    """
 
     name: str
     text: str
@@ -70,34 +101,46 @@ class Label:
 
 @dataclass(frozen=True)
 class ColourBar:
-    """Scale of a map: `low` at the first colour, `high` at the last, logarithmic or linear."""
+    """The scale of a map.
+
+    Attributes
+    ----------
+    low, high : values of the first and of the last colour
+    log : whether the scale is logarithmic
+    label : name and unit
+    clipped : whether lower values than `low` exist, which share its colour
+    colour_map : of matplotlib.colormaps
+    """
 
     low: float
     high: float
     log: bool
     label: str
-    clipped: bool = False  # lower values than `low` exist and share its colour
+    clipped: bool = False
     colour_map: str = COLOUR_MAP
 
     @property
     def ticks(self) -> tuple[tuple[float, str], ...]:
-        """Share of the bar from 0 to 1, and text, of about five round values."""
+        """Fraction of the bar's length, 0 to 1, and text of about five round values."""
         if not self.log:
             values = round_ticks(self.low, self.high, 5)
-            return _few((float((v - self.low) / (self.high - self.low)), format_number(v, 4)) for v in values)
+            span = self.high - self.low
+            return _without_overlaps((float((v - self.low) / span), format_number(v, 4)) for v in values)
         decades = np.log10(self.high / self.low)
         values = LogLocator(subs=(1.0,) if decades > 3 else (1.0, 2.0, 5.0)).tick_values(self.low, self.high)
         values = values[(values >= self.low * (1 - 1e-9)) & (values <= self.high * (1 + 1e-9))]
-        if not 3 <= len(values) <= 6:  # within a decade the locator may give as many as ten
+        if not 3 <= len(values) <= 6:  # within a decade the locator may return as many as ten
             even = round_ticks(self.low, self.high, 4)
             values = even[even >= self.low] if decades < 3 else values
-        return _few(
-            (float(np.log10(v / self.low) / decades), format_number(v, 3 if decades > 0.05 else 5)) for v in values
-        )
+        digits = 3 if decades > 0.05 else 5
+        return _without_overlaps((float(np.log10(v / self.low) / decades), format_number(v, digits)) for v in values)
 
 
 def format_number(value: float, digits: int) -> str:
-    """A number with so many digits that count: whole ones up to a million are written out, others as in 2·10⁷."""
+    """Return a number with so many significant digits.
+
+    Whole numbers up to a million are written in full, very large and very small numbers as in "2·10⁷".
+    """
     if 10.0**digits <= abs(value) < 1e6:
         return f"{value:.0f}"
     mantissa, _, power = f"{value:.{digits}g}".partition("e")
@@ -106,21 +149,30 @@ def format_number(value: float, digits: int) -> str:
     return ("" if mantissa == "1" else f"{mantissa}·") + f"10{str(int(power)).translate(SUPERSCRIPTS)}"
 
 
-def _few(ticks: Iterable[tuple[float, str]]) -> tuple[tuple[float, str], ...]:
-    """Those that find room: each is left out whose text would touch that of the one before it."""
+def _without_overlaps(ticks: Iterable[tuple[float, str]]) -> tuple[tuple[float, str], ...]:
+    """The ticks without those whose text would touch the text before."""
     kept: list[tuple[float, str]] = []
-    for share, text in ticks:
-        if not kept or (share - kept[-1][0]) * LETTERS >= (len(text) + len(kept[-1][1])) / 2 + 2:
-            kept.append((share, text))
+    for fraction, text in ticks:
+        if not kept or (fraction - kept[-1][0]) * BAR_LENGTH >= (len(text) + len(kept[-1][1])) / 2 + 2:
+            kept.append((fraction, text))
     return tuple(kept)
 
 
 @dataclass(frozen=True)
 class Floor:
-    """A map on the floor: `rgb` (ny, nx, 3) uint8 with row 0 at low y, its lowest corner and size, metres.
+    """A map on the floor.
 
-    `minimum` is where its lowest cost stands, `minima` where its local minima do, metres; `height` is that of the map,
-    metres. `heights` (ny, nx) float32, metres above that, makes it a relief.
+    Attributes
+    ----------
+    rgb : (ny, nx, 3) uint8, row 0 at low y
+    origin, size : lowest corner and extent in x and y, metres
+    bar : ColourBar
+    minimum : where the cost is lowest, metres
+    height : of the map, metres
+    minima : where the other local minima are, metres
+    opacity : 0 to 1
+    show_minima : whether diamonds mark the minima
+    heights : (ny, nx) float32, metres above `height`, of a map in relief; None of a flat one
     """
 
     rgb: np.ndarray
@@ -131,22 +183,30 @@ class Floor:
     height: float = 0.0
     minima: tuple[tuple[float, float], ...] = ()
     opacity: float = 1.0
-    show_minima: bool = True  # with diamonds
+    show_minima: bool = True
     heights: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
 class Picture:
-    """Everything to draw, in no renderer's terms.
+    """Everything to draw, independent of a renderer.
 
-    `focus` is the box (x0, y0, x1, y1), metres, to be filled, `heights` its lowest and highest z, which differ where
-    the microphones stand in space. What is flat, as the map, lies at the lowest.
+    Attributes
+    ----------
+    theme : Theme
+    focus : box (x0, y0, x1, y1), metres, that fills the image from the top
+    bounds : box (x0, y0, x1, y1) of the room, metres
+    marker_radius : radius of a microphone's circle, metres
+    lines, meshes, labels : of which each name is unique
+    floor : the map, or None
+    title : str
+    z_range : lowest and highest z, metres, which differ where the microphones are in space; the map lies at the lowest
     """
 
     theme: Theme
     focus: tuple[float, float, float, float]
     bounds: tuple[float, float, float, float]
-    marker_radius: float  # radius of a microphone's circle, metres
+    marker_radius: float
     lines: tuple[Lines, ...] = ()
     meshes: tuple[Mesh, ...] = ()
     labels: tuple[Label, ...] = ()

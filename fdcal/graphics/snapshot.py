@@ -1,8 +1,8 @@
 """A picture drawn off-screen by pyvista, to a PNG file.
 
 render     writes the file; a child process draws (fdcal.graphics.snapshot_process)
-draw       draws; for that child, whose main thread is the only one to touch GL
-pixels_of  where points of the picture appear in it
+draw       draws; for that child, whose main thread is the only one to use GL
+camera_of  the camera of a snapshot
 """
 
 from __future__ import annotations
@@ -12,44 +12,60 @@ import os
 import pickle
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..model.validation import InputError, require_choice
 from .annotations import annotate, margins, text_scale
-from .camera import VIEWS, Camera, camera_for, project
-from .primitives import Mesh, Picture
-from .snapshot_process import check_size, render_png
+from .camera import VIEWS, Camera, camera_for
+from .primitives import Floor, Mesh, Picture
+from .snapshot_process import render_png, require_size
+
+MIN_LINE_WIDTH = 0.75  # pixels
 
 
-def render(picture: Picture, path, size=(1280, 800), view: str = "top", force: bool = False) -> None:
-    """Write the picture to a PNG file of `size` (width, height) pixels, seen from the "top", in "3d" or "close".
+def render(
+    picture: Picture, path: str | Path, size: tuple[int, int] = (1280, 800), view: str = "top", force: bool = False
+) -> None:
+    """Write the picture to a PNG file.
 
-    Raises InputError (bad size or view, file exists without `force`) and StorageError (no GL library, cannot write).
+    Parameters
+    ----------
+    picture : Picture
+    path : of the file
+    size : (width, height), pixels
+    view : "top", "3d" or "close"
+    force : whether to overwrite an existing file
+
+    Raises
+    ------
+    InputError
+        The size or the view is unusable, or the file exists.
+    StorageError
+        There is no GL library, or the file cannot be written.
     """
     from ..model.storage import write_atomically
 
-    check_size(size)
+    require_size(size)
     require_choice("view", view, VIEWS)
     path = Path(path)
     if path.exists() and not force:
-        raise InputError(f"{path} exists; give --force to overwrite it or another name")
+        raise InputError(f"{path} exists", "use <force> to overwrite it, or another name", key="path", value=path)
     png = render_png(picture, size, view)
     write_atomically(path, lambda temporary: Path(temporary).write_bytes(png), force=force)
 
 
-def camera_of(picture: Picture, size, view: str) -> Camera:
-    """Camera of a snapshot: `camera_for` with room for rulers, title and colour bar."""
+def camera_of(picture: Picture, size: tuple[int, int], view: str) -> Camera:
+    """Return the camera of a snapshot: `camera_for` with margins for rulers, title and colour bar."""
     return camera_for(picture, size, view, margins(size, picture.floor is not None))
 
 
-def pixels_of(picture: Picture, size, view: str, points) -> np.ndarray:
-    """Pixels (column, row) of a snapshot at which the points (P, 3), metres, appear : (P, 2) float64."""
-    return project(camera_of(picture, size, view), size, points)
+def draw(picture: Picture, size: tuple[int, int], view: str) -> np.ndarray:
+    """Return the image (H, W, 3) uint8.
 
-
-def draw(picture: Picture, size, view: str) -> np.ndarray:
-    """The image (H, W, 3) uint8; to be called on the main thread of a process with a GL library."""
+    To be called on the main thread of a process with a GL library. Parameters as of `render`.
+    """
     os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = "vtkEGLRenderWindow"
     import pyvista
 
@@ -59,20 +75,20 @@ def draw(picture: Picture, size, view: str) -> np.ndarray:
     camera = camera_of(picture, size, view)
     if picture.floor is not None:
         _add_floor(plotter, pyvista, picture.floor)
-    for solid in picture.meshes:
-        _add_solid(plotter, pyvista, solid)
+    for mesh in picture.meshes:
+        _add_mesh(plotter, pyvista, mesh)
     for lines in picture.lines:
         if len(lines.segments):
-            mesh = pyvista.line_segments_from_points(lines.segments.reshape(-1, 3))
-            width = max(lines.width * text_scale(size), 0.75)
-            plotter.add_mesh(mesh, color=lines.colour, line_width=width, lighting=False)
-    _aim(plotter, camera)
-    pixels = plotter.screenshot(return_img=True)
+            polylines = pyvista.line_segments_from_points(lines.segments.reshape(-1, 3))
+            width = max(lines.width * text_scale(size), MIN_LINE_WIDTH)
+            plotter.add_mesh(polylines, color=lines.colour, line_width=width, lighting=False)
+    _place_camera(plotter, camera)
+    pixels = np.asarray(plotter.screenshot(return_img=True))
     plotter.close()
     return annotate(np.ascontiguousarray(pixels[..., :3]), picture, camera)
 
 
-def _add_floor(plotter, pyvista, floor) -> None:
+def _add_floor(plotter: Any, pyvista: Any, floor: Floor) -> None:
     rows, columns = floor.rgb.shape[:2]
     step = floor.size[0] / columns, floor.size[1] / rows
     if floor.heights is not None:
@@ -87,12 +103,12 @@ def _add_floor(plotter, pyvista, floor) -> None:
     plotter.add_mesh(grid, scalars="rgb", rgb=True, lighting=False, opacity=floor.opacity)
 
 
-def _add_solid(plotter, pyvista, solid: Mesh) -> None:
-    mesh = pyvista.PolyData.from_regular_faces(solid.vertices, solid.faces)
-    plotter.add_mesh(mesh, color=solid.colour, opacity=solid.opacity, lighting=False)
+def _add_mesh(plotter: Any, pyvista: Any, mesh: Mesh) -> None:
+    surface = pyvista.PolyData.from_regular_faces(mesh.vertices, mesh.faces)
+    plotter.add_mesh(surface, color=mesh.colour, opacity=mesh.opacity, lighting=False)
 
 
-def _aim(plotter, camera: Camera) -> None:
+def _place_camera(plotter: Any, camera: Camera) -> None:
     eye = plotter.camera
     eye.position, eye.focal_point, eye.up = camera.position, camera.look_at, camera.up
     if camera.fov:
@@ -103,7 +119,7 @@ def _aim(plotter, camera: Camera) -> None:
 
 
 def main() -> None:
-    """Picture, size and view as a pickle on standard input, PNG on standard output."""
+    """Read picture, size and view as a pickle from standard input, and write the PNG to standard output."""
     from PIL import Image
 
     picture, size, view = pickle.load(sys.stdin.buffer)

@@ -1,6 +1,7 @@
-"""VTK's XML files, which ParaView reads: images (.vti) and points (.vtp), as texts. The library itself is not needed.
+"""Texts of VTK's XML files, which ParaView reads: images (.vti) and points (.vtp). VTK itself is not needed.
 
-Numbers are little-endian, in base64, behind their length as 64 bits.
+Numbers are little-endian, in base64, after their length in bytes as a 64-bit number. Format: "VTK File Formats",
+https://docs.vtk.org/en/latest/design_documents/VTKFileFormats.html.
 """
 
 from __future__ import annotations
@@ -11,41 +12,42 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+# By the kind of a dtype: VTK's name of the type, and the dtype in the file; None for texts.
 TYPES = {"f": ("Float64", "<f8"), "i": ("Int64", "<i8"), "u": ("UInt8", "u1"), "U": ("String", None)}
 
 
 def image(
     shape: Sequence[int], origin: Sequence[float], spacing: Sequence[float], fields: Mapping[str, np.ndarray]
 ) -> str:
-    """An image of nx, ny, nz points.
+    """Return the text of an image file (.vti).
 
     Parameters
     ----------
-    shape : nx, ny, nz
+    shape : points along x, y and z
     origin, spacing : (3,), metres, of the first point and between points
-    fields : a value of each point, x fastest, then y, by name
+    fields : by name, a value for each point, x fastest, then y
     """
     extent = " ".join(f"0 {n - 1}" for n in shape)
-    place, steps = (" ".join(repr(float(x)) for x in values) for values in (origin, spacing))
+    first, steps = (" ".join(repr(float(x)) for x in values) for values in (origin, spacing))
     body = "".join(_array(name, np.ravel(values)) for name, values in fields.items())
-    whole = f'<ImageData WholeExtent="{extent}" Origin="{place}" Spacing="{steps}"><Piece Extent="{extent}">'
+    whole = f'<ImageData WholeExtent="{extent}" Origin="{first}" Spacing="{steps}"><Piece Extent="{extent}">'
     return _file("ImageData", f"{whole}\n<PointData>\n{body}</PointData>\n</Piece></ImageData>")
 
 
-def points(places: np.ndarray, lines: np.ndarray, fields: Mapping[str, np.ndarray]) -> str:
-    """Points with lines between some of them.
+def points(positions: np.ndarray, lines: np.ndarray, fields: Mapping[str, np.ndarray]) -> str:
+    """Return the text of a file of points with lines between some of them (.vtp).
 
     Parameters
     ----------
-    places : (P, 3), metres
-    lines : (S, 2) numbers of points
-    fields : (P,) or (P, 3) of numbers, or (P,) of texts, by name
+    positions : (P, 3), metres
+    lines : (S, 2), indices of points
+    fields : by name, (P,) or (P, 3) numbers or (P,) texts
     """
-    count, lines = len(places), np.reshape(lines, (-1, 2)).astype(int)
+    count, lines = len(positions), np.reshape(lines, (-1, 2)).astype(int)
     body = "".join(_array(name, values) for name, values in fields.items())
     cells = _cells("Verts", np.arange(count)[:, None]) + _cells("Lines", lines)
     piece = f'<PolyData><Piece NumberOfPoints="{count}" NumberOfVerts="{count}" NumberOfLines="{len(lines)}">'
-    where = f"<Points>\n{_array('Points', np.asarray(places, float))}</Points>\n"
+    where = f"<Points>\n{_array('Points', np.asarray(positions, float))}</Points>\n"
     return _file("PolyData", f"{piece}\n<PointData>\n{body}</PointData>\n{where}{cells}</Piece></PolyData>")
 
 
@@ -62,7 +64,7 @@ def _cells(name: str, members: np.ndarray) -> str:
 
 def _array(name: str, values: np.ndarray) -> str:
     values = np.asarray(values)
-    word, dtype = TYPES["u" if values.dtype.kind == "b" else values.dtype.kind]
+    vtk_type, dtype = TYPES["u" if values.dtype.kind == "b" else values.dtype.kind]
     if dtype is None:
         data = b"".join(text.encode() + b"\0" for text in values.tolist())
     else:
@@ -70,4 +72,4 @@ def _array(name: str, values: np.ndarray) -> str:
     text = base64.b64encode(len(data).to_bytes(8, "little") + data).decode("ascii")
     size = f'NumberOfTuples="{len(values)}"' if dtype is None else ""
     size += f' NumberOfComponents="{values.shape[1]}"' if values.ndim == 2 else ""
-    return f'<DataArray type="{word}" Name={quoteattr(name)} {size} format="binary">{text}</DataArray>\n'
+    return f'<DataArray type="{vtk_type}" Name={quoteattr(name)} {size} format="binary">{text}</DataArray>\n'

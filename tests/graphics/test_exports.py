@@ -124,7 +124,7 @@ def test_few_panels_of_many_maps(measured):
     joint = solvers.load("joint")
     state = joint.init(problem, load_scene("tiny").solver, 0)
     maps = joint.landscape(problem, state, 9, slice(0, 12))
-    panels = select_panels(maps, range(1, 13), problem.frequencies, 9, problem.search, most=4)
+    panels = select_panels(maps, range(1, 13), problem.frequencies, 9, problem.search, count=4)
     assert panels.modes.tolist() == [1, 5, 8, 12] and panels.mode_count == 12
     assert np.allclose(panels.maps[-1], maps.sum(axis=0)) and np.array_equal(panels.maps[1], maps[4])
     for cost, found in zip(panels.maps, panels.minima, strict=True):

@@ -150,7 +150,7 @@ def test_areas_of_markers():
     for triangles, expected in (
         (glyphs.annuli(centres, 2.0, 0.2, corners=400), 2 * np.pi * (2.1**2 - 1.9**2)),
         (glyphs.squares(centres, 0.3), 2 * 0.09),
-        (glyphs.strokes(centres[None], 0.1, longer=0.5), 0.1 * (np.sqrt(10) + 1.0)),
+        (glyphs.strokes(centres[None], 0.1, extension=0.5), 0.1 * (np.sqrt(10) + 1.0)),
     ):
         solid = Mesh("x", *triangles, (0, 0, 0))
         assert area(solid) == pytest.approx(expected, rel=1e-3)
@@ -365,7 +365,7 @@ def test_a_plane_array_is_drawn_at_its_height_in_the_room():
 
 def test_bars_in_space_keep_their_width_and_length():
     ends = np.array([[[0, 0, 0], [1, 2, 2]], [[0, 0, 0], [0, 0, 1]], [[0, 0, 0], [1, 0, 0]]], float)
-    vertices, _ = glyphs.strokes(ends, 0.1, longer=0.5)
+    vertices, _ = glyphs.strokes(ends, 0.1, extension=0.5)
     corners = vertices.reshape(3, 4, 3)
     np.testing.assert_allclose(np.linalg.norm(corners[:, 0] - corners[:, 3], axis=1), 0.1)
     np.testing.assert_allclose(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1), [4, 2, 2])

@@ -1,4 +1,4 @@
-"""The PNG shows what the picture says, where the projection says: each microphone's colour at its pixel."""
+"""The PNG shows the picture at the projected pixels: each microphone's colour at its pixel."""
 
 import io
 import sys
@@ -11,7 +11,7 @@ from PIL import Image
 from fdcal.graphics import snapshot, snapshot_process
 from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.heatmap import cost_floor
-from fdcal.graphics.markers import ESTIMATE, KNOWN, LAYERS_PER_RADIUS, TRUE
+from fdcal.graphics.markers import ESTIMATE, KNOWN, TRUE, Layer, layer_height
 from fdcal.graphics.picture import compose
 from fdcal.graphics.primitives import COLOUR_MAP
 from fdcal.model.measurement import Measurement
@@ -64,12 +64,17 @@ def drawn(require_gl, scene, measurement, estimate, floor):
 
     def draw(view, dark=False):
         if (view, dark) not in images:
-            looked_at = 5 if dark else None  # its name may cover a neighbour
-            picture = compose(scene, measurement, estimate, looked_at, floor, "Tiny", dark)
+            selected = 5 if dark else None  # its name may cover a neighbour
+            picture = compose(scene, measurement, estimate, selected, floor, "Tiny", dark)
             images[view, dark] = picture, decode(snapshot_process.render_png(picture, SIZE, view))
         return images[view, dark]
 
     return draw
+
+
+def pixels_of(picture, size, view, points):
+    """Pixels (P, 2) of a snapshot at which the points (P, 3), metres, appear."""
+    return project(snapshot.camera_of(picture, size, view), size, points)
 
 
 def decode(png: bytes) -> np.ndarray:
@@ -87,8 +92,8 @@ def nearest(image, pixel, colour, reach=1) -> float:
 def test_each_cross_is_red_at_its_estimate(drawn, measurement, estimate, view):
     picture, image = drawn(view)
     free = [n for n in range(12) if n not in measurement.known]
-    places = np.column_stack([estimate[free], np.full(len(free), 8 * picture.marker_radius / LAYERS_PER_RADIUS)])
-    for n, pixel in zip(free, snapshot.pixels_of(picture, SIZE, view, places), strict=True):
+    places = np.column_stack([estimate[free], np.full(len(free), layer_height(Layer.ESTIMATE, picture.marker_radius))])
+    for n, pixel in zip(free, pixels_of(picture, SIZE, view, places), strict=True):
         assert nearest(image, pixel, ESTIMATE) < 40, f"no red at microphone {n}"
 
 
@@ -97,16 +102,18 @@ def test_each_circle_is_black_around_its_truth(drawn, measurement, view):
     picture, image = drawn(view)
     for angle in np.pi * np.array([0.75, 1.0, 1.25, 1.5]):  # the error lines leave towards the other side
         rim = measurement.positions + picture.marker_radius * np.array([np.cos(angle), np.sin(angle)])
-        places = np.column_stack([rim, np.full(12, 4 * picture.marker_radius / LAYERS_PER_RADIUS)])
-        for n, pixel in enumerate(snapshot.pixels_of(picture, SIZE, view, places)):
+        places = np.column_stack([rim, np.full(12, layer_height(Layer.TRUE, picture.marker_radius))])
+        for n, pixel in enumerate(pixels_of(picture, SIZE, view, places)):
             assert nearest(image, pixel, TRUE) < 110, f"no black rim at microphone {n}"
 
 
 @pytest.mark.parametrize("view", VIEWS)
 def test_each_known_microphone_is_a_blue_square(drawn, measurement, view):
     picture, image = drawn(view)
-    places = np.column_stack([measurement.known_positions, np.full(3, 6 * picture.marker_radius / LAYERS_PER_RADIUS)])
-    for pixel in snapshot.pixels_of(picture, SIZE, view, places):
+    places = np.column_stack(
+        [measurement.known_positions, np.full(3, layer_height(Layer.KNOWN, picture.marker_radius))]
+    )
+    for pixel in pixels_of(picture, SIZE, view, places):
         assert nearest(image, pixel, KNOWN, reach=0) < 10
 
 
@@ -117,7 +124,7 @@ def test_the_map_lies_the_right_way_round(drawn, floor, view):
     x0, y0 = floor.origin[0] + inset, floor.origin[1] + inset
     x1, y1 = floor.origin[0] + floor.size[0] - inset, floor.origin[1] + floor.size[1] - inset
     low, high, middle = matplotlib.colormaps[COLOUR_MAP]([0.0, 1.0, 0.5], bytes=True)[:, :3]
-    corners = snapshot.pixels_of(picture, SIZE, view, [(x0, y0, 0), (x1, y1, 0), (x0, y1, 0), (x1, y0, 0)])
+    corners = pixels_of(picture, SIZE, view, [(x0, y0, 0), (x1, y1, 0), (x0, y1, 0), (x1, y0, 0)])
     for pixel, colour in zip(corners, (low, high, middle, middle), strict=True):
         assert nearest(image, pixel, colour, reach=3) < 12
 
@@ -128,29 +135,31 @@ def test_in_space_the_whole_search_domain_is_in_the_image(view, size):
     scene = load_scene("ball3d")
     x, y, z = (np.array([o, o + s]) for o, s in zip(scene.search.origin, scene.search.size, strict=True))
     corners = np.array([(a, b, c) for a in x for b in y for c in z])
-    heard = Measurement(np.array([100.0]), np.ones((1, 8), complex), 343.0, 3, positions=corners, search=scene.search)
-    pixels = snapshot.pixels_of(compose(scene, heard), size, view, corners)
+    measurement = Measurement(
+        np.array([100.0]), np.ones((1, 8), complex), 343.0, 3, positions=corners, search=scene.search
+    )
+    pixels = pixels_of(compose(scene, measurement), size, view, corners)
     assert (pixels >= 0).all() and (pixels <= size).all()
-    assert np.ptp(pixels, axis=0).max() > 0.35 * min(size), "nor is it lost in it"
+    assert np.ptp(pixels, axis=0).max() > 0.35 * min(size), "it fills a good part of the image"
 
 
 @pytest.mark.parametrize("view", VIEWS)
 def test_in_space_each_known_microphone_is_a_blue_square_at_its_height(require_gl, view):
     scene = load_scene("ball3d")
     places = np.array([[1.6, 1.3, 0.9], [2.2, 1.3, 1.2], [1.9, 1.9, 1.4], [1.6, 1.75, 1.7], [2.25, 1.8, 1.0]])
-    heard = Measurement(
+    measurement = Measurement(
         np.array([100.0]), np.ones((1, 5), complex), 343.0, 3, positions=places, known=np.arange(4), search=scene.search
     )
-    picture = compose(scene, heard)
+    picture = compose(scene, measurement)
     image = decode(snapshot_process.render_png(picture, SIZE, view))
-    above = places[:4] + [0, 0, 6 * picture.marker_radius / LAYERS_PER_RADIUS]
-    for pixel in snapshot.pixels_of(picture, SIZE, view, above):
+    above = places[:4] + [0, 0, layer_height(Layer.KNOWN, picture.marker_radius)]
+    for pixel in pixels_of(picture, SIZE, view, above):
         assert nearest(image, pixel, KNOWN, reach=0) < 10
 
 
 def test_from_the_top_east_is_right_and_north_is_up(drawn):
     picture, _ = drawn("top")
-    origin, east, north = snapshot.pixels_of(picture, SIZE, "top", [(0, 0, 0), (1, 0, 0), (0, 1, 0)])
+    origin, east, north = pixels_of(picture, SIZE, "top", [(0, 0, 0), (1, 0, 0), (0, 1, 0)])
     assert east[0] > origin[0] and east[1] == pytest.approx(origin[1])
     assert north[1] < origin[1] and north[0] == pytest.approx(origin[0])
     assert east[0] - origin[0] == pytest.approx(origin[1] - north[1], rel=1e-6), "a metre is a metre both ways"
@@ -161,11 +170,11 @@ def test_from_the_top_east_is_right_and_north_is_up(drawn):
 def test_the_whole_search_domain_is_in_the_image(drawn, view, size):
     picture, _ = drawn("top")
     x0, y0, x1, y1 = picture.focus
-    pixels = snapshot.pixels_of(picture, size, view, [(x, y, 0) for x in (x0, x1) for y in (y0, y1)])
+    pixels = pixels_of(picture, size, view, [(x, y, 0) for x in (x0, x1) for y in (y0, y1)])
     assert (pixels >= 0).all() and (pixels <= size).all()
 
 
-def test_a_small_opening_from_afar_looks_parallel(drawn):
+def test_a_small_field_of_view_from_far_away_looks_parallel(drawn):
     picture, _ = drawn("top")
     points = np.random.default_rng(0).uniform([0.4, 0.3, 0], [0.9, 0.8, 0.02], (20, 3))
     flat, far = (project(camera_for(picture, SIZE, "top", fov=fov), SIZE, points) for fov in (None, 0.05))
@@ -180,14 +189,14 @@ def test_background_and_title(drawn, dark):
     assert np.abs(title - picture.theme.foreground).max(axis=-1).min() < 20, "the title is not written"
 
 
-def test_the_microphone_looked_at_is_larger(drawn, measurement, estimate):
+def test_the_selected_microphone_is_larger(drawn, measurement, estimate):
     picture, image = drawn("top", True)
     arm = 1.7 * picture.marker_radius * np.array([np.cos(np.pi / 4), np.sin(np.pi / 4)])
     tips = np.column_stack([[estimate[5] + arm, estimate[5] - arm], [0.0, 0.0]])
     rim = np.append(measurement.positions[5] + 1.9 * picture.marker_radius * np.array([-1.0, 0.0]), 0.0)
-    for pixel in snapshot.pixels_of(picture, SIZE, "top", tips):
+    for pixel in pixels_of(picture, SIZE, "top", tips):
         assert nearest(image, pixel, ESTIMATE) < 40
-    assert nearest(image, snapshot.pixels_of(picture, SIZE, "top", rim)[0], TRUE) < 60
+    assert nearest(image, pixels_of(picture, SIZE, "top", rim)[0], TRUE) < 60
 
 
 def test_colour_bar_shows_the_whole_map(drawn):
@@ -227,8 +236,8 @@ def test_an_unknown_view_is_refused(scene, measurement):
         snapshot_process.render_png(compose(scene, measurement), SIZE, "below")
 
 
-def test_a_fault_of_the_gl_library_is_one_line(scene, measurement, monkeypatch, tmp_path):
-    """A child that dies, as VTK's does without a GL library, costs its parent an error and no file."""
+def test_a_crash_of_the_gl_library_is_reported_in_one_line(scene, measurement, monkeypatch, tmp_path):
+    """A child process that dies, as VTK's does without a GL library, leaves an error and no file."""
     dying = tmp_path / "python"
     dying.write_text("#!/bin/sh\nkill -SEGV $$\n")
     dying.chmod(0o755)
