@@ -6,12 +6,12 @@ import contextlib
 import io
 import json
 import os
+import re
 import select
 import signal
 import socket
 import subprocess
 import sys
-import time
 import urllib.request
 from pathlib import Path
 
@@ -446,9 +446,12 @@ def test_interrupt_leaves_nothing_half_written(edited, cache, tmp_path):
     command = [*FDCAL, "simulate", str(scene), "-o", "long.npz"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=folder, env=os.environ) as run:
         try:
-            ready, _, _ = select.select([run.stderr], [], [], 60)
-            assert ready, "no progress within a minute"
-            time.sleep(0.3)
+            shown = b""
+            while not re.search(rb"[1-9]\d*%", shown):  # the simulation is under way, everything compiled
+                ready, _, _ = select.select([run.stderr], [], [], 60)
+                assert ready, "no progress within a minute"
+                shown += os.read(run.stderr.fileno(), 4096)
+                assert run.poll() is None, shown
             run.send_signal(signal.SIGINT)
             _, errors = run.communicate(timeout=30)
         finally:
