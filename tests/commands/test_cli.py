@@ -447,7 +447,7 @@ def test_interrupt_leaves_nothing_half_written(edited, cache, tmp_path):
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, cwd=folder, env=os.environ) as run:
         try:
             shown = b""
-            while not re.search(rb"[1-9]\d*%", shown):  # the simulation is under way, everything compiled
+            while not re.search(rb"[1-9]\d* %", shown):  # the simulation is under way, everything compiled
                 ready, _, _ = select.select([run.stderr], [], [], 60)
                 assert ready, "no progress within a minute"
                 shown += os.read(run.stderr.fileno(), 4096)
