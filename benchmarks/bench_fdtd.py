@@ -7,8 +7,8 @@ import time
 import numpy as np
 
 from benchmarks.report import Figure
-from fdcal.acoustics import fdtd
-from fdcal.acoustics.fdtd import make_grid, simulate
+from fdcal.acoustics.fdtd import simulate
+from fdcal.acoustics.fdtd_grid import make_grid, padded, padded_width, stencil_tables
 from fdcal.acoustics.fdtd_kernels import march
 from fdcal.model.arrays import positions_of
 from fdcal.model.scene_file import load_scene
@@ -56,8 +56,8 @@ def _best_times(*functions) -> list[float]:
 def _update(grid, fields):
     """Function that takes STEPS steps, as `fdcal.acoustics.fdtd.advance` does, the tables of the grid being made
     beforehand."""
-    state = np.stack([fdtd._framed(field, fdtd._width(grid)) for field in fields])
-    tables = fdtd._tables(grid, ((0, 0), np.zeros(0)), (np.zeros((0, 2), int), np.zeros((0, 0))))
+    state = np.stack([padded(field, padded_width(grid)) for field in fields])
+    tables = stencil_tables(grid, ((0, 0), np.zeros(0)), (np.zeros((0, 2), int), np.zeros((0, 0))))
     return lambda: march(state, 0, STEPS, tables)
 
 

@@ -1,7 +1,7 @@
-"""How fdcal compiles, and linear algebra that the costs of all positions share (`expansion`, `dense`, `series`).
+"""Compilation and threads, and linear algebra that the likelihoods of all covariance models share.
 
-numba keeps machine code beside the source, or in the user's cache folder where it may not write there. An installation
-that is read-only keeps it under FDCAL_CACHE, if that is told; where there is no place at all every run compiles anew.
+numba stores machine code beside the source, or in the user's cache folder if the source is read-only. A read-only
+installation stores it under FDCAL_CACHE if that is set. If no folder can be written to, every run compiles again.
 """
 
 from __future__ import annotations
@@ -14,19 +14,31 @@ from pathlib import Path
 
 import numba
 import numpy as np
+from numba.core import config
 
-# The modes are summed in so many parts on any machine: the same sums, to the last bit, with any number of cores.
+# The modes are summed in this many parts on any machine, so that the sums do not depend on the number of cores.
 PARTS = 4
-WORTH = 2e5  # M N^2 from which threads pay
+WORTH_THREADS = 2e5  # M N^2 from which threads are faster
 
-if "FDCAL_CACHE" in os.environ and not numba.config.CACHE_DIR and not os.access(Path(__file__).parent, os.W_OK):
-    numba.config.CACHE_DIR = str(Path(os.environ["FDCAL_CACHE"]) / "compiled")
+if (
+    "FDCAL_CACHE" in os.environ
+    and not getattr(config, "CACHE_DIR", "")
+    and not os.access(Path(__file__).parent, os.W_OK)
+):
+    config.CACHE_DIR = str(Path(os.environ["FDCAL_CACHE"]) / "compiled")  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def compiled(function: Callable, **options) -> Callable:
-    """Decorator: compiled at the first call with arguments of each type, without the interpreter's lock, kept on disk.
+    """Decorate a function to be compiled at its first call with arguments of each type, and cached on disk.
 
-    A read-only array is of another type than one that may be written to.
+    It runs without the interpreter's lock. A read-only array is of another type than a writable one.
+
+    Parameters
+    ----------
+    function : callable
+        Of numbers and arrays, in the subset of Python that numba compiles.
+    options
+        Of `numba.njit`.
     """
     options = {"nogil": True, "error_model": "numpy", **options}
     try:
@@ -36,12 +48,12 @@ def compiled(function: Callable, **options) -> Callable:
 
 
 def compiled_parallel(function: Callable) -> Callable:
-    """As `compiled`, its `numba.prange` shared out between threads."""
+    """Decorate as `compiled` does, with the iterations of `numba.prange` distributed over threads."""
     return compiled(function, parallel=True)
 
 
 def writable(values, dtype=None) -> np.ndarray:
-    """A copy, row by row: what may not be written to is another type to the compiler, which would compile twice."""
+    """Return a writable copy in C order: a read-only array is another type, for which numba would compile again."""
     return np.array(values, dtype, order="C")
 
 
@@ -51,31 +63,52 @@ def _pool() -> ThreadPoolExecutor:
 
 
 def shut_down_threads() -> None:
-    """End the threads of `parallel_map` after what they are at; who needs them again gets new ones."""
+    """End the threads of `parallel_map` after their current work; a later call starts new ones."""
     pool = _pool()
     _pool.cache_clear()
     pool.shutdown()
 
 
 def parallel_map(function: Callable, items: Iterable, worth: bool = True) -> list:
-    """`function` of every one of the items, in their order, on all cores where that is `worth` it.
+    """Return the values of a function for all items, in their order, computed on all cores.
 
-    Not for a function that calls this itself: its parts would wait for the cores that wait for them.
+    Parameters
+    ----------
+    function : callable
+        It must not call `parallel_map` itself, which would deadlock.
+    items : iterable
+    worth : bool
+        False for so little work that one core is faster.
     """
     items = list(items)
     try:
         results = _pool().map(function, items) if worth else map(function, items)
-    except RuntimeError:  # the interpreter is ending, and the pool takes no more
+    except RuntimeError:  # the interpreter is exiting, and the pool takes no more work
         results = map(function, items)
     return list(results)
 
 
 def sum_over_modes(kernel, before: tuple, modes: tuple, after: tuple, derivatives: int):
-    """Cost (float), gradient (N, D) and curvature (N, D, N, D) that a compiled kernel sums over the modes.
+    """Sum cost, gradient and Hessian of a compiled kernel over the modes, parts of which run concurrently.
 
-    It is called as `kernel(*before, *modes, *after, cost (1,), gradient (N, D), H (D, D, N, N))`, and adds to the last
-    three; `before` begins with the positions (N, D), each of `modes` has a row a mode. Parts of the modes run at once.
-    With fewer than 2 `derivatives` the curvature is empty.
+    Parameters
+    ----------
+    kernel : callable
+        Called as `kernel(*before, *modes, *after, cost (1,), gradient (N, D), H (D, D, N, N))`; adds to the last three.
+    before : tuple
+        Its first entry are the positions (N, D), metres.
+    modes : tuple of arrays
+        Each has one row a mode.
+    after : tuple
+    derivatives : int
+        The Hessian is computed if it is 2.
+
+    Returns
+    -------
+    cost : float
+    gradient : (N, D) float64
+    hessian : (N, D, N, D) float64
+        Empty unless `derivatives` is 2.
     """
     N, D = before[0].shape
     M, columns = len(modes[0]), N if derivatives == 2 else 0
@@ -85,13 +118,13 @@ def sum_over_modes(kernel, before: tuple, modes: tuple, after: tuple, derivative
         kernel(*before, *(writable(values[first::PARTS]) for values in modes), *after, *sums)
         return sums
 
-    done = parallel_map(part, range(min(PARTS, M)), M * N * N > WORTH)
-    cost, gradient, H = (sum(values[1:], values[0]) for values in zip(*done, strict=True))
+    parts = parallel_map(part, range(min(PARTS, M)), M * N * N > WORTH_THREADS)
+    cost, gradient, H = (functools.reduce(np.add, values) for values in zip(*parts, strict=True))
     return float(cost[0]), gradient, symmetric_hessian(H)
 
 
 def symmetric_hessian(H: np.ndarray) -> np.ndarray:
-    """Blocks (D, D, N, N), of which only those with a <= b are filled, as the matrix (N, D, N, D)."""
+    """Return blocks (D, D, N, N), of which only those with a <= b are filled, as the Hessian (N, D, N, D)."""
     for a in range(len(H)):
         for b in range(a):
             H[a, b] = H[b, a].T
@@ -100,7 +133,7 @@ def symmetric_hessian(H: np.ndarray) -> np.ndarray:
 
 @compiled
 def lower_inverse(G):
-    """Inverse of a lower triangular matrix, row by row."""
+    """Return the inverse of a lower triangular matrix, row by row."""
     X = np.zeros(G.shape, G.dtype)
     for i in range(len(G)):
         for q in range(i):
@@ -134,7 +167,7 @@ def add_curvature(H, g, K, factor):
 
 @compiled
 def adjoint(A):
-    """Conjugate transpose, row by row."""
+    """Return the conjugate transpose in C order."""
     out = np.empty((A.shape[1], A.shape[0]), A.dtype)
     for i in range(A.shape[0]):
         for j in range(A.shape[1]):

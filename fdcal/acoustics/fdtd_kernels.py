@@ -2,32 +2,33 @@
 
     update_span   one row's cells with four inner neighbours, eight at a time
     sweep         several steps of a strip of rows: spans, wall cells, source, microphones
-    march         many steps of the grid, its strips shared out among the threads
+    march         many steps of the grid, its strips distributed over the threads
 
 Steps are taken in blocks of BLOCK (split tiling in time): each thread advances its strip of rows by the whole block,
-giving up one row a step at every border with another strip; the triangles left out are filled in afterwards. So the
-threads meet twice a block instead of once a step, and a busy machine slows them down little. Within a strip the rows
-are visited as a wave front of DEPTH steps. Both orders compute the same numbers as one step after another.
+one row fewer a step at every border with another strip; the triangles left out are filled in afterwards. So the threads
+synchronise twice a block instead of once a step, and other load on the machine delays them little. Within a strip the
+rows are visited as a wave front of DEPTH steps. Both orders compute the same numbers as one step after another.
 """
 
 from __future__ import annotations
 
 import os
+from typing import NamedTuple
 
 # Threads that wait for each other spin for some 50 us and then sleep. GNU OpenMP, which reads this when it is loaded,
-# would spin for milliseconds: on a busy machine that takes the time of the very thread that is waited for.
+# would spin for milliseconds: on a busy machine that takes time from the thread that is waited for.
 os.environ.setdefault("GOMP_SPINCOUNT", "1000")
 
 import numba
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
+from numba.core import cgutils, config
 from numba.extending import intrinsic
 
 from .compiled import compiled, compiled_parallel
 
-BLOCK = 24  # steps between two meetings of the threads
+BLOCK = 24  # steps between two synchronisations of the threads
 DEPTH = 3  # steps of a wave front: 5 rows of 2 arrays fit in the first-level cache
 LANES = 8  # cells of one vector
 WORD = 8  # bytes of a float64
@@ -38,8 +39,8 @@ CONTRACT = ("contract",)  # a multiplication and an addition may be fused
 def update_span(context, old, now, row, count, centre, around):
     """old[i] = centre now[i] - old[i] + around (sum of the four neighbours of now[i]), `count` cells on.
 
-    Written in vectors because the compiler's own vectorising of the plain loop comes and goes with how it is called
-    (it cannot know that `old` and `now` do not overlap). `old`, `now`: addresses; `row`: bytes from a row to the next.
+    Written with vector instructions, since the compiler vectorises the plain loop in some calls only (it cannot know
+    that `old` and `now` do not overlap). `old`, `now`: addresses; `row`: bytes from a row to the next.
     """
     signature = types.void(types.intp, types.intp, types.intp, types.intp, types.float64, types.float64)
 
@@ -55,7 +56,7 @@ def update_span(context, old, now, row, count, centre, around):
 
 
 def _emit_update(builder, width, offset, arguments):
-    """Instructions that update `width` cells, `offset` bytes into the span."""
+    """Emit the instructions that update `width` cells, `offset` bytes into the span."""
     old, now, row, _, centre, around = arguments
     number, integer = ir.DoubleType(), row.type
     kind = ir.VectorType(number, width) if width > 1 else number
@@ -94,8 +95,8 @@ def sweep(state, step, steps, low, high, low_slope, high_slope, width, lam2, spa
           recordings):  # fmt: skip
     """Advance the rows low + low_slope t to high + high_slope t (without the last) at t = 0 ... steps - 1.
 
-    The other arguments: see `march`. One function, because arrays handed to another one are counted in and out at
-    every row, which takes as long as the row. Unsigned indices spare the test for negative ones.
+    The other arguments are those of `StencilTables`. One function, since passing arrays to another one changes their
+    reference counts at every row, which takes as long as the row. Unsigned indices need no test for negative ones.
     """
     address, half, wide, one = state.ctypes.data, state.size // 2, np.uint64(width), np.uint64(1)
     for group in range(0, steps, DEPTH):
@@ -112,7 +113,9 @@ def sweep(state, step, steps, low, high, low_slope, high_slope, width, lam2, spa
                 old = half - now
                 for i in range(spans[row], spans[row + 1]):
                     at = address + span_start[i] * WORD
-                    update_span(at + old * WORD, at + now * WORD, width * WORD, span_count[i], 2 - 4 * lam2, lam2)
+                    # The intrinsic's first argument, the typing context, is added by numba.
+                    update_span(  # pyright: ignore[reportCallIssue]
+                        at + old * WORD, at + now * WORD, width * WORD, span_count[i], 2 - 4 * lam2, lam2)  # fmt: skip
                 for i in range(walls[row], walls[row + 1]):
                     j, k = np.uint64(now + wall_cell[i]), np.uint64(old + wall_cell[i])
                     around = (state[j - one] + state[j + one]) + (state[j - wide] + state[j + wide])
@@ -127,7 +130,7 @@ def sweep(state, step, steps, low, high, low_slope, high_slope, width, lam2, spa
 @compiled_parallel
 def march_together(state, step, stop, strips, width, lam2, spans, span_start, span_count, walls, wall_cell, wall_centre,
            wall_before, wall_around, source, pulse, ends, end_cell, end_number, recordings):  # fmt: skip
-    """Advance the whole grid from `step` to `stop` in `strips` strips of rows. Arguments: see `march`."""
+    """Advance the whole grid from `step` to `stop` in `strips` strips of rows; arguments as of `sweep`."""
     height = state.size // 2 // width - 2
     while step < stop:
         n = min(BLOCK, stop - step)
@@ -144,22 +147,64 @@ def march_together(state, step, stop, strips, width, lam2, spans, span_start, sp
         step += n
 
 
-def march(state, step, stop, tables):
-    """Advance the grid from `step` to `stop`, with all threads where it is large enough and that is safe.
+class StencilTables(NamedTuple):
+    """The grid as the compiled loops use it. Cells are numbered along the rows of one padded field.
+
+    Attributes
+    ----------
+    width : int
+        Cells of a padded row.
+    lam2 : float
+        lam^2.
+    spans : (rows + 1,) int64
+        First span of each row.
+    span_start, span_count : (S,) int64
+        Spans: runs of cells with four inner neighbours.
+    walls : (rows + 1,) int64
+        First wall cell of each row.
+    wall_cell : (W,) int64
+        The other cells inside.
+    wall_centre, wall_before, wall_around : (W,) float64
+        Their coefficients of p, of p_old and of the sum of the neighbours.
+    source : int
+        Cell of the source.
+    pulse : (P,) float64
+        Added to that cell, one sample a step.
+    ends : (rows + 1,) int64
+        First microphone of each row.
+    end_cell, end_number : (N,) int64
+        Cells of the microphones, ascending, and their rows in `recordings`.
+    recordings : (N, T) float64
+        Written at [:, step + 1].
+    """
+
+    width: int
+    lam2: float
+    spans: np.ndarray
+    span_start: np.ndarray
+    span_count: np.ndarray
+    walls: np.ndarray
+    wall_cell: np.ndarray
+    wall_centre: np.ndarray
+    wall_before: np.ndarray
+    wall_around: np.ndarray
+    source: int
+    pulse: np.ndarray
+    ends: np.ndarray
+    end_cell: np.ndarray
+    end_number: np.ndarray
+    recordings: np.ndarray
+
+
+def march(state: np.ndarray, step: int, stop: int, tables: StencilTables) -> None:
+    """Advance the grid from `step` to `stop`, with all threads if it is large enough and that is safe.
 
     Parameters
     ----------
-    state : (2, rows, width) float64, the fields at even and at odd steps, zero outside the room and in a border of one
+    state : (2, rows, width) float64
+        The fields at even and at odd steps, zero outside the room and in a border of one cell; changed in place.
     step, stop : int
-    tables : tuple, cells being numbered along the rows of one field
-        width, lam2 : int, float
-        spans (rows + 1,), span_start (S,), span_count (S,) : runs of cells with four inner neighbours;
-            spans[row] is the row's first
-        walls (rows + 1,), wall_cell, wall_centre, wall_before, wall_around (W,) : the other cells, with coefficients
-            of the cell's p, of its p_old and of its neighbours' sum
-        source, pulse (P,) : the source's cell, and what is added to it at each step
-        ends (rows + 1,), end_cell (N,), end_number (N,) : microphones sorted by cell, and their rows in recordings
-        recordings (N, T) : written at [:, step + 1]
+    tables : StencilTables
     """
     rows, flat = state.shape[1] - 2, state.reshape(-1)
     strips = min(numba.get_num_threads(), rows // (2 * BLOCK))
@@ -170,11 +215,11 @@ def march(state, step, stop, tables):
 
 
 def _threads_are_safe() -> bool:
-    """Whether numba has a threading layer that survives two callers at once; its workqueue layer ends the process."""
+    """Return whether numba has a threading layer that allows concurrent callers; workqueue ends the process."""
     try:
-        return numba.threading_layer() != "workqueue"
-    except ValueError:  # no layer is loaded yet: the one asked for is
-        numba.config.THREADING_LAYER = "threadsafe"
+        return numba.threading_layer() != "workqueue"  # pyright: ignore[reportPrivateImportUsage]
+    except ValueError:  # no layer is loaded yet: the one configured here will be
+        config.THREADING_LAYER = "threadsafe"  # pyright: ignore[reportAttributeAccessIssue]
     for layer in ("tbbpool", "omppool"):
         try:
             __import__(f"numba.np.ufunc.{layer}")

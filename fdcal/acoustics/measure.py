@@ -1,4 +1,4 @@
-"""Measure a scene: simulate its room, pick the modes and read the pressures of its microphones, with noise."""
+"""Measure a scene: simulate its room, pick the modes and compute the pressures at its microphones, with noise."""
 
 from __future__ import annotations
 
@@ -11,10 +11,17 @@ from ..model.arrays_3d import positions_3d
 from ..model.measurement import Measurement
 from ..model.power import mode_power
 from ..model.scene import Scene
+from .modal import ModalPressures
 
 
 def require_measurable(scene: Scene) -> None:
-    """Raise InputError for what can be told without simulating: a recording too short, too high a band."""
+    """Check what can be checked without simulating: the duration of the recording and the band.
+
+    Raises
+    ------
+    InputError
+        For a recording that is too short, or a band that is too high.
+    """
     source, sensing = scene.source, scene.measurement
     if scene.room.dimension == 3:
         from .box_field import require_resolved
@@ -23,69 +30,75 @@ def require_measurable(scene: Scene) -> None:
         return
     from .spectrum import check_band
 
-    check_band(source.duration, source.sample_rate, sensing.highest, sensing.resolution)
+    check_band(source.duration, source.band.sample_rate, sensing.highest, sensing.resolution)
 
 
 def measure(scene: Scene, recordings: np.ndarray | None = None, progress=None) -> Measurement:
-    """What the microphones of a scene measure: simulation or closed form, modes, complex pressures, noise.
+    """Return what the microphones of a scene measure: complex pressures of the modes, with noise.
 
     Parameters
     ----------
     scene : Scene
-    recordings : (N, T) float64, as `fdcal.acoustics.fdtd.simulate` returns them; simulated unless given. A room of
-        three
-        dimensions has none: its field is known in closed form (`fdcal.acoustics.box_field`)
-    progress : callable(float) or None, told the fraction done of the simulation
+    recordings : (N, T) float64, optional
+        As `fdcal.acoustics.fdtd.simulate` returns them; simulated unless given. A room of three dimensions has none,
+        since its field has a closed form (`fdcal.acoustics.box_field`).
+    progress : callable(float), optional
+        Called with the fraction of the simulation that is done.
 
     Returns
     -------
-    Measurement of every mode picked, with the truth, the known microphones and the search domain. Its wavenumbers are
-    complex where the room rings (see `fdcal.acoustics.spectrum`). `noise_power` is zero without noise.
+    Measurement
+        All modes that were picked, the true positions, the known microphones and the search domain. Its wavenumbers
+        are complex where the room rings (see `fdcal.acoustics.spectrum`). `noise_power` is zero without noise.
 
-    Raises InputError for whatever the scene does not allow.
+    Raises
+    ------
+    InputError
+        For anything that the scene does not allow.
     """
     require_measurable(scene)
     positions, dimension = positions_of(scene), scene.room.dimension
     if dimension == 3:
         from .box_field import modal_pressures
 
-        heard = modal_pressures(scene.room, scene.source, positions_3d(scene), scene.measurement, progress)
+        modes = modal_pressures(scene.room, scene.source, positions_3d(scene), scene.measurement, progress)
     else:
-        heard = _from_recordings(scene, positions, recordings, progress)
-    frequencies, wavenumbers, clean, spectrum = heard
+        modes = _from_recordings(scene, positions, recordings, progress)
+    clean = modes.pressures
     noise_power = mode_power(clean) * 10 ** (-scene.measurement.snr_db / 10)
     rng = np.random.default_rng([scene.seed, 1])
-    noise = rng.normal(scale=math.sqrt(0.5), size=(2, *clean.shape))  # of unit power, whatever the SNR
-    wrong = 1 + scene.measurement.sound_speed_error
+    noise = rng.normal(scale=math.sqrt(0.5), size=(2, *clean.shape))  # of unit power, the same draw at any SNR
+    speed_factor = 1 + scene.measurement.sound_speed_error
     return Measurement(
-        frequencies=frequencies,
+        frequencies=modes.frequencies,
         pressures=clean + np.sqrt(noise_power)[:, None] * (noise[0] + 1j * noise[1]),
-        sound_speed=wrong * scene.room.sound_speed,
+        sound_speed=speed_factor * scene.room.sound_speed,
         dimension=dimension,
         array_dimension=positions.shape[1],
-        wavenumbers=wavenumbers / wrong,
+        wavenumbers=modes.wavenumbers / speed_factor,
         noise_power=noise_power,
         positions=positions,
         known=scene.gauge.indices(len(positions)),
         search=scene.search,
-        spectrum=spectrum,
+        spectrum=modes.spectrum,
     )
 
 
-def _from_recordings(scene: Scene, positions, recordings, progress):
-    """Frequencies (M,), wavenumbers (M,), pressures (M, N), mean power (2, F); of recordings simulated unless given."""
-    from . import spectrum  # the signal library, which reading a measurement does without
+def _from_recordings(scene: Scene, positions, recordings, progress) -> ModalPressures:
+    """Return the pressures at the modes of recordings, which are simulated unless given."""
+    from . import spectrum  # loads the signal library, which reading a measurement does not need
 
     if recordings is None:
         from .fdtd import simulate
 
         recordings = simulate(scene.room, scene.source, positions, progress)
-    fs, c, sensing = scene.source.sample_rate, scene.room.sound_speed, scene.measurement
+    fs, c, sensing = scene.source.band.sample_rate, scene.room.sound_speed, scene.measurement
     first, step, power = spectrum.mean_power(recordings, fs, sensing.lowest, sensing.highest, sensing.resolution)
     frequencies = spectrum.pick_peaks(power, first, step, sensing.prominence_db, sensing.resolution)
     s = spectrum.window_rate(recordings, fs)
     wavenumbers = spectrum.wavenumber_continuous(frequencies, s, c)
     if sensing.wavenumber == "discrete":
-        wavenumbers = spectrum.wavenumber_discrete(frequencies, s, c, scene.room.cell, fs)
-    seen = np.stack([first + step * np.arange(len(power)), power])
-    return frequencies, wavenumbers, spectrum.laplace_transform(recordings, fs, s, frequencies), seen
+        wavenumbers = spectrum.wavenumber_discrete(frequencies, s, c, scene.room.cell_size, fs)
+    pressures = spectrum.laplace_transform(recordings, fs, s, frequencies)
+    points = np.stack([first + step * np.arange(len(power)), power])
+    return ModalPressures(frequencies, wavenumbers, pressures, points)

@@ -1,8 +1,8 @@
 """The disk cache of simulated recordings and of whole measurements.
 
-cached_recordings       recordings of a scene's simulation
-cached_measurement      measurement of a whole scene
-load_cached_measurement   the same, only where it is in the cache
+cached_recordings         recordings of a scene's simulation
+cached_measurement        measurement of a scene
+load_cached_measurement   the same, only if it is in the cache
 """
 
 from __future__ import annotations
@@ -20,9 +20,23 @@ from .measure import measure, require_measurable
 
 
 def cached_recordings(scene: Scene, progress=None) -> np.ndarray:
-    """What the scene's microphones record, (N, T) float64: from the cache, or simulated and put there.
+    """Return what the scene's microphones record: from the cache, or simulated and stored there.
 
-    Raises InputError as `fdcal.acoustics.fdtd.simulate` does.
+    Parameters
+    ----------
+    scene : Scene
+        Of two dimensions.
+    progress : callable(float), optional
+        Called with the fraction that is done.
+
+    Returns
+    -------
+    (N, T) float64
+
+    Raises
+    ------
+    InputError
+        As `fdcal.acoustics.fdtd.simulate` does.
     """
     positions = positions_of(scene)
     key = cache_key("recordings", dataclasses.asdict(scene.room), dataclasses.asdict(scene.source), positions.tolist())
@@ -36,9 +50,18 @@ def cached_recordings(scene: Scene, progress=None) -> np.ndarray:
 
 
 def cached_measurement(scene: Scene, progress=None) -> Measurement:
-    """What `measure` gives for the scene: from the cache, or made, with `cached_recordings` if any, and put there.
+    """Return what `measure` returns for the scene: from the cache, or computed and stored there.
 
-    Raises InputError as `measure` does.
+    Parameters
+    ----------
+    scene : Scene
+    progress : callable(float), optional
+        Called with the fraction that is done.
+
+    Raises
+    ------
+    InputError
+        As `measure` does.
     """
     require_measurable(scene)
 
@@ -53,12 +76,12 @@ def cached_measurement(scene: Scene, progress=None) -> Measurement:
 
 
 def load_cached_measurement(scene: Scene) -> Measurement | None:
-    """What `cached_measurement` gives at once; None where it would have to be made."""
+    """Return the measurement of the scene if it is in the cache, else None."""
     return load_cached(_measurement_name(scene), load_measurement)
 
 
 def _measurement_name(scene: Scene) -> str:
     table = dataclasses.asdict(scene)
-    for name in ("name", "title", "solver"):  # these change nothing that is measured
+    for name in ("name", "title", "solver"):  # these do not affect what is measured
         del table[name]
     return f"{cache_key('measurement with its spectrum', table)}.npz"

@@ -1,13 +1,13 @@
 """From recordings to modes: exponential window, peak picking, pressures and wavenumbers.
 
-A room that rings never decays inside a recording, and the plain Fourier transform of a cut-off signal solves no
-Helmholtz equation. Weighted with exp(-s t) it does, up to what is left at the cut, at the complex frequency
+A weakly damped room does not decay within a recording, and the Fourier transform of the truncated signal does not
+satisfy a Helmholtz equation. Weighted with exp(-s t) it does, up to the remainder at the end, at the complex frequency
 
     w = 2 pi f - 1j s    (time sign exp(+1j w t)),    k = w / c,
 
-provided that the source has no mean and the recording starts in silence. Any frequency will do; the modes are where the
-signal is strongest. So modes are picked in a spectrum of high resolution and low side lobes, and the pressures
-are then computed with the exponential window at exactly the frequencies picked.
+provided that the source has zero mean and the recording starts in silence. This holds at any frequency; at the modes
+the signal is strongest. So modes are picked in a spectrum of high resolution and low side lobes, and the pressures are
+then computed with the exponential window at exactly these frequencies.
 """
 
 from __future__ import annotations
@@ -15,55 +15,64 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.fft import next_fast_len, rfft
 from scipy.special import jv
 
 from ..model.validation import InputError
+from .fft import fast_length, rfft
 
-DECAY = 12.0  # nepers from the start to the cut: what the cut leaves is exp(-12) = 6e-6
+DECAY = 12.0  # nepers from the start to the end of a recording: the remainder is exp(-12) = 6e-6
 LINE_WIDTH = 2.72  # width at -6 dB of a line under the Blackman-Harris window, times the duration
-RANGE_DB = 60.0  # peaks this far below the strongest may be side lobes of stronger ones (the window has them at -92 dB)
-PADDING = 2  # the spectrum's points per 1 / duration
+RANGE_DB = 60.0  # dB: peaks further below the strongest may be side lobes (those of the window are at -92 dB)
+PADDING = 2  # points of the spectrum per 1 / duration
 BLOCK = 4096  # samples transformed at a time
-# Power series of 1 - J_0(z) in z^2, highest power first: the difference itself loses half the digits for small z.
+# Power series of 1 - J_0(z) in z^2, highest power first: computed directly, small z would lose half the digits.
 ONE_MINUS_J0 = [-((-0.25) ** m) / math.factorial(m) ** 2 if m else 0.0 for m in range(25, -1, -1)]
 
 
 def window_rate(recordings: np.ndarray, fs: float) -> float:
-    """Rate s of the exponential window that makes up for what the room does not decay by itself.
+    """Return the rate s of the exponential window that complements the decay of the room.
 
     Parameters
     ----------
     recordings : (N, T) float64
-    fs : Hz
+    fs : float
+        Sampling rate, Hz.
 
     Returns
     -------
-    s in 1/s, such that exp(-s t) times the recording has fallen by DECAY nepers at its end: 12 / duration for a room
-    that rings, 0 for one that has decayed, anything in between.
+    float
+        s, 1/s, such that exp(-s t) times the recording has decayed by DECAY nepers at its end: 12 / duration for a
+        room that does not decay, 0 for one that has decayed, or a value between.
 
-    Raises InputError for silence or a number that is not finite.
+    Raises
+    ------
+    InputError
+        For silence or a number that is not finite.
     """
     recordings = np.asarray(recordings)
     level = np.sqrt(np.mean(np.square(recordings, dtype=float)))
     if not np.isfinite(level):
-        raise InputError("recordings hold a number that is not finite; simulate or record them again")
+        raise InputError("recordings contain a number that is not finite", "simulate or record them again")
     if level == 0:
-        raise InputError("recordings are silent; check source.position, source.low and source.high")
+        raise InputError("recordings are silent", "check source.position, source.low and source.high")
     end = np.sqrt(np.mean(recordings[:, -max(1, recordings.shape[1] // 20) :] ** 2))
     decayed = math.log(level / end) if end > 0 else math.inf
     return float(np.clip(DECAY - decayed, 0.0, DECAY)) * fs / recordings.shape[1]
 
 
 def laplace_transform(recordings: np.ndarray, fs: float, s: float, frequencies: np.ndarray) -> np.ndarray:
-    """Sum over t of recordings exp(-(s + 2 pi j f) t), at any frequencies.
+    """Return the sum over t of recordings exp(-(s + 2 pi j f) t), at any frequencies.
 
     Parameters
     ----------
-    recordings : (N, T) float64; sample i at time i / fs
-    fs : Hz
-    s : 1/s
-    frequencies : (M,) Hz
+    recordings : (N, T) float64
+        Sample i at time i / fs.
+    fs : float
+        Sampling rate, Hz.
+    s : float
+        Rate of the exponential window, 1/s.
+    frequencies : (M,) float64
+        Hz.
 
     Returns
     -------
@@ -72,7 +81,7 @@ def laplace_transform(recordings: np.ndarray, fs: float, s: float, frequencies: 
     rates = (s + 2j * np.pi * np.asarray(frequencies, dtype=float)) / fs
     samples = recordings.shape[1]
     phases = np.exp(-rates * np.arange(min(BLOCK, samples))[:, None])  # the same for every block, up to a factor
-    phases = np.concatenate([phases.real, phases.imag], axis=1)
+    phases = np.concatenate([np.real(phases), np.imag(phases)], axis=1)
     total = np.zeros((len(rates), len(recordings)), dtype=complex)
     for start in range(0, samples, BLOCK):
         block = recordings[:, start : start + BLOCK]
@@ -89,26 +98,32 @@ def pick_modes(
     prominence_db: float = 1.0,
     resolution: float = 1.0,
 ) -> np.ndarray:
-    """Frequencies of the peaks of the power spectrum averaged over the microphones.
+    """Return the frequencies of the peaks of the power spectrum averaged over the microphones.
 
-    The recording is weighted with a Blackman-Harris window, raised to a power between 0 and 1 by as much as the room
-    has decayed by itself: a ringing one gets all of it, a decayed one, whose sound is at the start, none.
+    The recording is weighted with a Blackman-Harris window raised to a power between 0 and 1: to 1 for a room that has
+    not decayed, to 0 for one that has, whose sound is at the start.
 
     Parameters
     ----------
     recordings : (N, T) float64
-    fs, lowest, highest : Hz; peaks are sought between lowest and highest
-    prominence_db : dB by which a peak stands out
-    resolution : Hz; of two peaks closer than this, the stronger is kept
+    fs : float
+        Sampling rate, Hz.
+    lowest, highest : float
+        Band of the peaks, Hz.
+    prominence_db : float
+        Prominence of a peak, dB.
+    resolution : float
+        Hz; of two peaks closer than this, the stronger is kept.
 
     Returns
     -------
-    (M,) float64 array, Hz, ascending, finer than the spectrum's points
+    (M,) float64
+        Hz, ascending, interpolated between the points of the spectrum.
 
     Raises
     ------
     InputError
-        Silence, a recording too short for the resolution, no peak.
+        For silence, a recording too short for the resolution, or no peak.
     """
     first, step, power = mean_power(recordings, fs, lowest, highest, resolution)
     return pick_peaks(power, first, step, prominence_db, resolution)
@@ -117,40 +132,73 @@ def pick_modes(
 def mean_power(
     recordings: np.ndarray, fs: float, lowest: float, highest: float, resolution: float = 1.0
 ) -> tuple[float, float, np.ndarray]:
-    """The power spectrum that `pick_modes` looks for peaks in, averaged over the microphones.
+    """Return the power spectrum in which `pick_modes` finds peaks, averaged over the microphones.
+
+    Parameters
+    ----------
+    recordings, fs, lowest, highest, resolution
+        As of `pick_modes`.
 
     Returns
     -------
-    lowest frequency and step, Hz, and (F,) float64, the square of the recordings' unit
+    lowest, step : float
+        First frequency and distance of the points, Hz.
+    power : (F,) float64
+        In the squared unit of the recordings.
 
-    Raises InputError for silence, and a recording too short for the resolution.
+    Raises
+    ------
+    InputError
+        For silence, or a recording too short for the resolution.
     """
-    from scipy.signal import get_window  # a second to load, which a measurement out of the cache does without
+    from scipy.signal import get_window  # takes a second to load, which reading a cached measurement does not need
 
     samples = recordings.shape[1]
     check_band(samples / fs, fs, highest, resolution)
     ringing = window_rate(recordings, fs) * samples / fs / DECAY
     window = get_window("blackmanharris", samples, fftbins=False) ** ringing
-    padded = next_fast_len(PADDING * samples, real=True)
+    padded = fast_length(PADDING * samples)
     step = fs / padded
     first, last = max(1, math.floor(lowest / step)), math.ceil(highest / step)
     power = np.zeros(last - first + 1)
-    for recording in recordings:  # one at a time: all of them padded would take PADDING times the memory
+    for recording in recordings:  # one at a time: all of them, padded, would take PADDING times the memory
         power += np.abs(rfft(recording * window, padded)[first : last + 1]) ** 2
     return first * step, step, power / len(recordings)
 
 
 def pick_peaks(power: np.ndarray, lowest: float, step: float, prominence_db: float, resolution: float) -> np.ndarray:
-    """Frequencies of the peaks of a power spectrum (F,) float64 at lowest, lowest + step, ..., Hz; as `pick_modes`."""
-    from scipy.signal import find_peaks  # a second to load, likewise
+    """Return the frequencies of the peaks of a power spectrum.
+
+    Parameters
+    ----------
+    power : (F,) float64
+        At `lowest`, `lowest` + `step`, ... Hz.
+    lowest, step : float
+        Hz.
+    prominence_db, resolution
+        As of `pick_modes`.
+
+    Returns
+    -------
+    (M,) float64
+        Hz, ascending.
+
+    Raises
+    ------
+    InputError
+        If there is no peak.
+    """
+    from scipy.signal import find_peaks  # takes a second to load, likewise
 
     decibels = 10 * np.log10(power / power.max() + 1e-30)
     peaks = find_peaks(decibels, height=-RANGE_DB, prominence=prominence_db, distance=max(1.0, resolution / step))[0]
     if len(peaks) == 0:
         raise InputError(
             f"no mode stands out by measurement.prominence_db = {prominence_db:g} dB between measurement.lowest ="
-            f" {lowest:g} Hz and measurement.highest = {lowest + step * (len(power) - 1):g} Hz; widen the band or lower"
-            " the prominence"
+            f" {lowest:g} Hz and measurement.highest = {lowest + step * (len(power) - 1):g} Hz",
+            "widen the band or lower the prominence",
+            key="measurement.prominence_db",
+            value=prominence_db,
         )
     left, top, right = decibels[peaks - 1], decibels[peaks], decibels[peaks + 1]
     vertex = 0.5 * (left - right) / np.minimum(left - 2 * top + right, -1e-300)  # of the parabola through three points
@@ -158,31 +206,61 @@ def pick_peaks(power: np.ndarray, lowest: float, step: float, prominence_db: flo
 
 
 def check_band(duration: float, fs: float, highest: float, resolution: float) -> None:
-    """Raise InputError unless `duration` s resolve lines `resolution` Hz apart and fs exceeds twice `highest`."""
+    """Check that a recording resolves the lines of a band and that its sampling rate suffices.
+
+    Parameters
+    ----------
+    duration : float
+        s.
+    fs, highest, resolution : float
+        Sampling rate, upper end of the band and distance of the lines, Hz.
+
+    Raises
+    ------
+    InputError
+    """
     least = LINE_WIDTH / resolution
     if duration < least * (1 - 1e-9):
         raise InputError(
-            f"source.duration = {duration:g} s is too short for measurement.resolution = {resolution:g} Hz;"
-            f" use at least {math.ceil(least * 100) / 100:g} s, or a resolution of"
-            f" {math.ceil(LINE_WIDTH / duration * 100) / 100:g} Hz"
+            f"source.duration = {duration:g} s is too short for measurement.resolution = {resolution:g} Hz",
+            f"use at least {math.ceil(least * 100) / 100:g} s, or a resolution of"
+            f" {math.ceil(LINE_WIDTH / duration * 100) / 100:g} Hz",
+            key="source.duration",
+            value=duration,
         )
     if highest >= fs / 2:
-        raise InputError(f"measurement.highest = {highest:g} Hz must lie below half of source.sample_rate = {fs:g} Hz")
+        problem = f"measurement.highest = {highest:g} Hz must lie below half of source.sample_rate = {fs:g} Hz"
+        raise InputError(problem, "lower it", key="measurement.highest", value=highest)
 
 
 def wavenumber_continuous(frequencies: np.ndarray, s: float, sound_speed: float) -> np.ndarray:
-    """k = (2 pi f - 1j s) / c : (M,) complex128, rad/m, from (M,) Hz, 1/s and m/s."""
+    """Return k = (2 pi f - 1j s) / c.
+
+    Parameters
+    ----------
+    frequencies : (M,) float64
+        f, Hz.
+    s : float
+        Rate of the exponential window, 1/s.
+    sound_speed : float
+        c, m/s.
+
+    Returns
+    -------
+    (M,) complex128
+        rad/m.
+    """
     return (2 * np.pi * np.asarray(frequencies, dtype=float) - 1j * s) / sound_speed
 
 
 def wavenumber_discrete(frequencies: np.ndarray, s: float, sound_speed: float, cell: float, fs: float) -> np.ndarray:
-    """Wavenumber of a wave on the simulation's grid, averaged over its directions.
+    """Return the wavenumber of a wave on the simulation's grid, averaged over its directions.
 
-    Put exp(j (w t - k . x)) into the scheme of `fdcal.acoustics.fdtd`: with lam = c / (fs h),
+    Inserting exp(j (w t - k . x)) into the scheme of `fdcal.acoustics.fdtd` gives, with lam = c / (fs h),
 
         sin^2(w / (2 fs)) = lam^2 [sin^2(k_x h / 2) + sin^2(k_y h / 2)] = lam^2 [1 - (cos k_x h + cos k_y h) / 2].
 
-    The grid is not quite isotropic. With k = |k| (cos t, sin t), cos(|k| h cos t) is J_0(|k| h) on average over t, so
+    The grid is slightly anisotropic. With k = |k| (cos t, sin t), cos(|k| h cos t) is J_0(|k| h) on average over t, so
 
         sin^2(w / (2 fs)) = lam^2 (1 - J_0(k h)),
 
@@ -190,26 +268,34 @@ def wavenumber_discrete(frequencies: np.ndarray, s: float, sound_speed: float, c
 
     Parameters
     ----------
-    frequencies : (M,) Hz
-    s : 1/s, the rate of the exponential window
-    sound_speed, cell, fs : m/s, m, Hz
+    frequencies : (M,) float64
+        f, Hz.
+    s : float
+        Rate of the exponential window, 1/s.
+    sound_speed, cell, fs : float
+        c, m/s; h, m; sampling rate, Hz.
 
     Returns
     -------
-    (M,) complex128, rad/m
+    (M,) complex128
+        rad/m.
 
-    Raises InputError where the grid carries no wave of that frequency.
+    Raises
+    ------
+    InputError
+        If no wave of that frequency propagates on the grid.
     """
     k = wavenumber_continuous(frequencies, s, sound_speed)
     wanted = (np.sin(k * sound_speed / (2 * fs)) * cell * fs / sound_speed) ** 2
     z = k * cell
-    with np.errstate(all="ignore"):  # where there is no solution the numbers run away, and the error below says so
+    with np.errstate(all="ignore"):  # without a solution the iteration diverges, and the error below is raised
         for _ in range(50):
             change = (np.polyval(ONE_MINUS_J0, z * z) - wanted) / jv(1, z)
             z = z - change
             if np.all(np.abs(change) <= 1e-14 * np.abs(z)):
                 return z / cell
     raise InputError(
-        f"measurement.highest is beyond what room.cell = {cell:g} m carries; lower it, use a smaller cell,"
-        ' or set measurement.wavenumber = "continuous"'
+        f"measurement.highest is above the frequencies that propagate with room.cell = {cell:g} m",
+        'lower it, use a smaller cell, or set measurement.wavenumber = "continuous"',
+        key="measurement.highest",
     )

@@ -120,12 +120,12 @@ def check_scene(scene: Scene) -> None:
     ------
     InputError
     """
-    from ..acoustics.fdtd import make_grid
+    from ..acoustics.fdtd_grid import make_grid
 
     positions_of(scene)
     require_measurable(scene)
     if scene.room.dimension == 2:
-        make_grid(scene.room, scene.source.sample_rate)
+        make_grid(scene.room, scene.source.band.sample_rate)
 
 
 def with_settings(

@@ -8,7 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from fdcal.acoustics.fdtd import advance, cell_mask, energy, make_grid, pulse, simulate
+from fdcal.acoustics.fdtd import advance, energy, pulse, simulate
+from fdcal.acoustics.fdtd_grid import cell_mask, make_grid
 from fdcal.model.room import Room, Source
 from fdcal.model.validation import InputError
 
@@ -106,9 +107,7 @@ def test_one_thread_or_several_give_the_same(monkeypatch):
     ears = [(0.5, y) for y in (0.2, 3.9, 4.1, 7.7)]
     together = simulate(room, SOURCE, ears)
     monkeypatch.setattr(fdtd_kernels.numba, "threading_layer", lambda: "workqueue")
-    monkeypatch.setattr(
-        fdtd_kernels, "march_together", None
-    )  # numba's own layer must not be used: it can end the process
+    monkeypatch.setattr(fdtd_kernels, "march_together", None)  # numba's workqueue layer must not run concurrently
     np.testing.assert_allclose(simulate(room, SOURCE, ears), together, rtol=0, atol=1e-15)
 
 
