@@ -16,7 +16,7 @@ from .report import Figure
 ALONE = True  # only when named
 PAGES, SCENE = 4, "tiny"
 ENDED = "() => [...document.querySelectorAll('button')].some(b => b.textContent.trim() === 'Run' && b.disabled)"
-SLIDERS = {"Map": ("Microphone", "Opacity (%)"), "Solve": ("First mode", "Last mode", "Steps a second")}
+SLIDERS = {"Map": ("Microphone", "Opacity (%)"), "Solver": ("First mode", "Last mode", "Steps per second")}
 
 
 def run() -> list[Figure]:

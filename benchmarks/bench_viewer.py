@@ -27,7 +27,7 @@ from .report import Figure
 from .watched import DRAG
 
 SCENE, SECONDS, MOVES, REST = "array1_circle", 8.0, 8, 0.6
-SLIDERS = (("Solve", "Last mode"), ("Map", "Microphone"), ("Map", "Opacity (%)"))
+SLIDERS = (("Solver", "Last mode"), ("Map", "Microphone"), ("Map", "Opacity (%)"))
 MODES, POINTS = 9, 121  # of the map while a hand drags
 
 FRAMES = """seconds => new Promise(resolve => {
@@ -121,7 +121,7 @@ def _drags(page, served: Served) -> float:
     page.get_by_role("tab", name="Map", exact=True).click()
     number = page.get_by_text("Modes shown", exact=True).get_attribute("for")
     page.locator(f"[id='{number}']").click()
-    page.get_by_role("option", name="Chosen here", exact=True).click()
+    page.get_by_role("option", name="Custom", exact=True).click()
     page.locator("//label[.='Mode numbers']/following::input[1]").first.fill(f"1-{MODES}")
     page.keyboard.press("Enter")
     page.get_by_text(f"sum of {MODES} modes").first.wait_for()

@@ -64,7 +64,7 @@ class Watch:
     def _drag(self) -> None:
         binding, gesture = self.page.binding, object()
         state, start = binding.session.view.state, time.perf_counter()
-        moved = next(n for n in binding.work.problem.free if n != binding.choices.microphone)
+        moved = next(n for n in binding.run.problem.free if n != binding.choices.microphone)
         x, y = state.positions[moved][:2]
         self.note("drag")
         while (t := time.perf_counter() - start) < DRAG:
@@ -75,33 +75,33 @@ class Watch:
 
 def watch(log: Watch) -> None:
     """Put the notes between the program's own calls."""
-    before, tick, turn = viser._gui_api.GuiApi._handle_gui_updates, Viewer.tick, Page.turn
+    before, viewer_tick, page_tick = viser._gui_api.GuiApi._handle_gui_updates, Viewer.tick, Page.tick
 
     async def handle(self, client_id, message):
         log.came()
         await before(self, client_id, message)
 
-    def ticked(self, now):
-        tick(self, now)
+    def watched_viewer_tick(self, now):
+        viewer_tick(self, now)
         log.look(self)
 
-    def turned(self, now):
+    def watched_page_tick(self, now):
         log.page = self
-        turn(self, now)
+        page_tick(self, now)
         if self.viewer is not None and self.binding.session.view.running:
             log.note("turn")
 
     viser._gui_api.GuiApi._handle_gui_updates = handle
-    Viewer.tick, Page.turn = ticked, turned
+    Viewer.tick, Page.tick = watched_viewer_tick, watched_page_tick
     _watch_sliders(log)
 
 
 def _watch_sliders(log: Watch) -> None:
-    use, choose, look = SolverTab.use_modes, MapTab.choose_microphone, MapTab._listen
+    use, choose, fade = SolverTab.use_modes, MapTab.choose_microphone, MapTab.fade
 
     def use_modes(self, first=None, last=None, automatic=None):
         if last is not None:
-            log.ask("Last mode", lambda viewer: viewer._state.last == int(last))
+            log.ask("Last mode", lambda viewer: viewer.snapshot.view.state.last == int(last))
         use(self, first, last, automatic)
 
     def choose_microphone(self, value):
@@ -110,13 +110,11 @@ def _watch_sliders(log: Watch) -> None:
         )
         choose(self, value)
 
-    def listen(self):
-        look(self)
-        self._binding.on(
-            self.opacity, lambda value: log.ask("Opacity (%)", lambda viewer: _opacity(viewer) == int(value))
-        )
+    def fade_map(self, value):
+        fade(self, value)
+        log.ask("Opacity (%)", lambda viewer: _opacity(viewer) == int(value))
 
-    SolverTab.use_modes, MapTab.choose_microphone, MapTab._listen = use_modes, choose_microphone, listen
+    SolverTab.use_modes, MapTab.choose_microphone, MapTab.fade = use_modes, choose_microphone, fade_map
 
 
 def _opacity(viewer: Viewer) -> int:

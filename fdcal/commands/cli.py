@@ -83,9 +83,12 @@ def view(scene: str, own: tuple[str, ...], host: str, port: int, no_browser: boo
         if not no_browser:
             parameter_types.open_page(url)
 
+    def on_progress(text: str) -> None:
+        print(f"\r{text:<40}" if text else f"\r{'':<40}\r", end="", file=sys.stderr, flush=True)
+
     from ..viewer import serve
 
-    serve(opening, host, port, on_ready, lessons, lessons[0] if own else None)
+    serve(opening, host, port, on_ready, lessons, lessons[0] if own else None, on_progress)
 
 
 @commands.command()

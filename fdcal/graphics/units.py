@@ -18,7 +18,7 @@ def error_summary(measurement: Measurement, positions: np.ndarray) -> str:
     errors = measurement.errors(positions)
     if errors is None:
         return "true positions unknown"
-    aligned = ", once aligned" if measurement.blind else ""
+    aligned = ", after alignment" if measurement.blind else ""
     return f"mean error {format_mm(errors.mean())}, largest {format_mm(errors.max())}{aligned}"
 
 

@@ -1,18 +1,23 @@
-"""The page: a picture drawn by viser, controls that become commands of a session.
+"""The page: a picture drawn by viser, and controls whose callbacks give commands to a session.
 
 May import: every package below it, from model to graphics.
 
-app       serve(): opens the server and the page
-page      what stays while sessions come and go, and the main loop; `Page.open(opening)` shows something else
-switch    prepares the next session while the present one goes on; preparing does the work
-viewing   one session on the screen
-frame     the panels and their tabs
-binding      the choices made on the page
-controls  buttons and sliders, every value bounded before it is used
-stage     a Picture's primitives as viser's scene nodes
-plots     error and cost curves
-words     status, legend and colour bar as HTML
-safety    who may connect, and what a client may say
+app              serve(): opens the server and the page
+page             what stays while sessions come and go, and the main loop
+preview          what the page shows while the first session is prepared
+session_switch   prepares the next session while the present one runs
+session_view     one session on the screen
+session_picture  its picture
+main_panel       the panel on the right: run bar and tabs
+run_bar          status, Run and single steps
+side_panel       the panel on the left
+hotkeys          keyboard shortcuts
+lesson_step      applies what a lesson's step sets
+gui              panels, controls, texts
+tabs             one module for each tab
+background       work on background threads
+scene3d          the scene: nodes, cameras, picking
+server           who may connect, which values are accepted, the error log
 """
 
 from ..session.request import OpenRequest

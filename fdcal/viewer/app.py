@@ -1,4 +1,4 @@
-"""From an opening to a page that is served until Ctrl-C."""
+"""Serve the page until Ctrl-C."""
 
 from __future__ import annotations
 
@@ -12,37 +12,51 @@ from .server.signals import Interrupt
 
 
 def serve(
-    opening: OpenRequest,
+    request: OpenRequest,
     host: str = "127.0.0.1",
     port: int = 8080,
     on_ready: Callable[[str], None] | None = None,
     lessons: Sequence[Lesson] = (),
     begin: Lesson | None = None,
+    on_progress: Callable[[str], None] = lambda text: None,
 ) -> None:
-    """Show an opening at http://host:port (0 takes a free port) until Ctrl-C.
+    """Serve the page until Ctrl-C.
 
-    `on_ready` is called with the address as soon as a page can be opened; the simulation may still run then.
-    `lessons` are offered in their order; `begin`, one of them, opens its own scene in place of `opening`.
-    Raises InputError (address, scene) and StorageError.
+    Parameters
+    ----------
+    request : OpenRequest, what the page shows first
+    host : address to listen at
+    port : 0 takes a free port
+    on_ready : called with the page's address as soon as it can be opened; the simulation may still be running then
+    lessons : offered in the tab Lessons, in this order
+    begin : the lesson to start with, whose scene is opened in place of `request`
+    on_progress : called with the progress of the first session in words, and with "" when it is ready or refused
+
+    Raises
+    ------
+    InputError
+        The address or the scene cannot be used.
+    StorageError
+        A file of the scene cannot be read.
     """
     with Interrupt() as interrupt, error_log():
         server = open_server(host, port)
         page = None
         try:
             server.gui.configure_theme(show_share_button=False, show_logo=False)
-            server.gui.set_panel_label(f"fdcal · {opening.scene.name}")
+            server.gui.set_panel_label(f"fdcal · {request.scene.name}")
             if on_ready is not None:
                 on_ready(address(host, server.get_port()))
-            from .preview import look_at_once
+            from .preview import show_cached
             from .scene3d.nodes import SceneNodes
 
             nodes = SceneNodes(server)
             if begin is None:
-                look_at_once(nodes, opening)
-            from .page import Page  # seconds of libraries, in which a browser loads its own
+                show_cached(nodes, request)
+            from .page import Page  # imports libraries for seconds, while the browser loads the page
 
-            page = Page(server, nodes, lessons)
-            page.open(opening) if begin is None else page.lessons.take(begin.title)
+            page = Page(server, nodes, lessons, on_progress)
+            page.open(request) if begin is None else page.lessons.start(begin.title)
             page.run(interrupt)
         finally:
             if page is not None:
@@ -51,6 +65,6 @@ def serve(
 
 
 def address(host: str, port: int) -> str:
-    """The address to type into a browser on this machine."""
+    """Return the address to type into a browser on this machine."""
     name = "127.0.0.1" if host in ("", "0.0.0.0") else "[::1]" if host == "::" else f"[{host}]" if ":" in host else host
     return f"http://{name}:{port}"

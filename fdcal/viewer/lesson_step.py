@@ -1,4 +1,4 @@
-"""What a lesson's step sets, done with the page's own controls."""
+"""Applies what a lesson's step sets, through the page's own controls."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from ..model import mode_ranges
 from ..session.lesson import IN_USE, Setting, run_goal
-from .gui.binding import FLOOR, NOTHING, RELIEF, SHAPE
+from .gui.choices import FLOOR, NOTHING, RELIEF, SHAPE
 from .main_panel import MainPanel
 from .tabs.map import LINEAR, LOG
 
@@ -14,37 +14,46 @@ KINDS = {"flat": FLOOR, "relief": RELIEF, "shape": SHAPE, "none": NOTHING}
 SCALES = {"log": LOG, "linear": LINEAR}
 
 
-def carry_out(setting: Setting, controls: MainPanel, place_all: Callable[[str], None], anew: bool) -> None:
+def apply_setting(setting: Setting, panel: MainPanel, place_all: Callable[[str], None], restarted: bool) -> None:
     """Set the controls of a session that shows the scene of `setting` already.
 
-    `anew` says that the session stands at its start, or will when it has done what it was told.
-    Raises InputError for modes that were not measured.
+    Parameters
+    ----------
+    setting : Setting; what it leaves out stays
+    panel : MainPanel of the session
+    place_all : function that moves the cameras of all browsers to a view
+    restarted : bool, whether the session is at its start, or will be when it has executed its queued commands
+
+    Raises
+    ------
+    InputError
+        The setting names modes that were not measured.
     """
-    _drive(setting, controls, anew)
+    _drive(setting, panel, restarted)
     if setting.microphone is not None:
-        controls.map.pick(setting.microphone)
+        panel.map.pick(setting.microphone)
     if setting.follow is not None:
-        controls.map.follow_solver(setting.follow)
+        panel.map.follow_solver(setting.follow)
     if setting.map is not None:
-        controls.map.show_as(KINDS[setting.map])
+        panel.map.show_as(KINDS[setting.map])
     if setting.map_modes is not None:
         text = setting.map_modes
-        controls.map.choose_modes(None if text == IN_USE else mode_ranges.parse(text, controls.binding.modes))
+        panel.map.choose_modes(None if text == IN_USE else mode_ranges.parse(text, panel.binding.modes))
     if setting.scale is not None:
-        controls.map.scale_as(SCALES[setting.scale])
-    wanted = {name: getattr(setting, name) for name in ("trails", "ellipses")}
-    controls.draw(**{name: value for name, value in wanted.items() if value is not None})
+        panel.map.scale_as(SCALES[setting.scale])
+    drawn = {name: getattr(setting, name) for name in ("trails", "ellipses")}
+    panel.view.draw(**{name: value for name, value in drawn.items() if value is not None})
     if setting.view is not None:
         place_all(setting.view)
 
 
-def _drive(setting: Setting, controls: MainPanel, anew: bool) -> None:
-    """What of a setting is the solver's: the modes in use, and how far it runs."""
-    binding, session = controls.binding, controls.binding.session
-    state = session.view.history[0] if anew else session.view.state
+def _drive(setting: Setting, panel: MainPanel, restarted: bool) -> None:
+    """Apply what concerns the solver: the modes in use, and how far it runs."""
+    session = panel.binding.session
+    state = session.view.history[0] if restarted else session.view.state
     modes = range(state.first, state.last + 1)
     if setting.modes is not None:
-        modes = mode_ranges.parse(setting.modes, binding.modes)
+        modes = mode_ranges.parse(setting.modes, panel.binding.modes)
     automatic = state.automatic if setting.automatic is None else setting.automatic
     if setting.modes is not None or setting.automatic is not None:
         session.use_modes(modes[0], modes[-1], automatic)

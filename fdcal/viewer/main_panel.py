@@ -1,4 +1,4 @@
-"""The main panel: the run bar above, the tabs below."""
+"""The main panel on the right: the run bar above, the tabs of one session below."""
 
 from __future__ import annotations
 
@@ -8,19 +8,26 @@ import viser
 
 from ..session.history import SessionView
 from .background.cost_maps import CostMap
-from .gui import html
-from .gui.binding import Binding, Choices
+from .gui.binding import Binding
 from .gui.layout import SessionFolders
-from .server.client_values import one_of
-from .tabs.export import SEEN, ExportTab
+from .run_bar import RunBar
+from .tabs.export import ExportTab
 from .tabs.map import MapTab
-from .tabs.run import RunBar
 from .tabs.scene import SceneTab
 from .tabs.solver import SolverTab
+from .tabs.view import ViewTab
 
 
 class MainPanel:
-    """Owns the parts of the main panel."""
+    """Owns the run bar and the tabs of one session.
+
+    Parameters
+    ----------
+    folders : SessionFolders
+    binding : Binding
+    place : function that moves the camera of one browser to a view
+    export : function that sends a kind of file to one browser
+    """
 
     def __init__(
         self,
@@ -30,68 +37,34 @@ class MainPanel:
         export: Callable[[viser.ClientHandle, str], None],
     ):
         self.binding = binding
-        with folders.at("Solve"):
-            self.solve = SolverTab(binding)
-        with folders.bar():
-            self.bar = RunBar(binding, self.solve.start_anew)
-        with folders.at("Scene"):
+        with folders.tab("Solver"):
+            self.solver = SolverTab(binding)
+        with folders.run_bar():
+            self.run_bar = RunBar(binding, self.solver.restart)
+        with folders.tab("Scene"):
             self.scene = SceneTab(binding)
-        with folders.at("Map"):
+        with folders.tab("Map"):
             self.map = MapTab(binding)
-        with folders.at("View"):
-            self._add_view(place)
-        with folders.at("Export"):
+        with folders.tab("View"):
+            self.view = ViewTab(binding, place)
+        with folders.tab("Export"):
             self.export = ExportTab(binding, export)
 
-    @property
-    def choices(self) -> Choices:
-        return self.binding.choices
-
-    def _add_view(self, place) -> None:
-        gui, binding = self.binding.gui, self.binding
-        self.camera = gui.add_button_group(
-            "Camera", tuple(SEEN), hint="Of this page alone: from above, the whole room, or the array"
-        )
-        self.dark = gui.add_checkbox("Dark page", binding.choices.look.dark)
-        self.trails = gui.add_checkbox(
-            "Trails", binding.choices.trails, hint="The way that each microphone has come, last 200 states"
-        )
-        self.ellipses = gui.add_checkbox(
-            "Error ellipses (95 %)", binding.choices.ellipses, hint="Of a solver that has finished"
-        )
-        self.waits = gui.add_html(html.remark("They come once the solver has finished."), visible=False)
-        binding.on(self.trails, lambda value: self.draw(trails=bool(value)))
-        binding.on(self.ellipses, lambda value: self.draw(ellipses=bool(value)))
-        binding.on_page(self.camera, lambda client, value: place(client, SEEN[one_of(value, SEEN, "Top")]))
-        binding.on(self.dark, self.darken)
-        self._theme()
-
-    def draw(self, **wanted: bool) -> None:
-        """Trails, ellipses: drawn or not."""
-        self.binding.choose(**wanted)
-        for name, value in wanted.items():
-            handle = getattr(self, name)
-            if handle.value != value:
-                handle.value = value
-
-    def darken(self, value) -> None:
-        """Dark page and map, or light ones."""
-        dark = bool(value)
-        self.binding.look(dark=dark)
-        self._theme()
-        if self.dark.value != dark:
-            self.dark.value = dark
-
-    def _theme(self) -> None:
-        dark = self.binding.choices.look.dark
-        self.binding.gui.configure_theme(dark_mode=dark, show_share_button=False, show_logo=False)
-
     def show(
-        self, view: SessionView, microphone: int, drawn: CostMap | None, trouble: str, fault: str = "", note: str = ""
+        self, view: SessionView, microphone: int, drawn: CostMap | None, reason: str, fault: str = "", note: str = ""
     ) -> None:
-        """Bring the panel up to date; called by the main loop."""
-        self.bar.show(view, fault, note)
-        waits = self.binding.choices.ellipses and not view.state.finished
-        self.binding.send("ellipses wait", waits, self.waits, "visible")
-        self.solve.show(view)
-        self.map.show(microphone, drawn, trouble)
+        """Bring the panel up to date; called by the main loop.
+
+        Parameters
+        ----------
+        view : SessionView
+        microphone : int, whose map is shown, counted from 0
+        drawn : CostMap on the floor, or None
+        reason : why there is no map, "" where it is only not ready
+        fault : an exception of the page, as text
+        note : on work in the background
+        """
+        self.run_bar.show(view, fault, note)
+        self.solver.show(view)
+        self.map.show(microphone, drawn, reason)
+        self.view.show(view)

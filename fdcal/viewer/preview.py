@@ -1,6 +1,6 @@
-"""What a page shows before there is a session: the room and its microphones, while the solver is being prepared.
+"""What the page shows while the first session is prepared: the room and its microphones.
 
-Loaded before the solvers are, so that there is something to be seen within the second that those take.
+This module is imported before the solvers, so that the page has a picture within the second that their import takes.
 """
 
 from __future__ import annotations
@@ -13,16 +13,29 @@ from ..session.request import OpenRequest, as_given
 from .scene3d.nodes import SceneNodes
 
 
-def look_at_once(nodes: SceneNodes, opening: OpenRequest) -> None:
-    """Show what needs no simulation; nothing where the scene has to be simulated first."""
-    measurement = opening.measurement or load_cached_measurement(opening.scene)
+def show_cached(nodes: SceneNodes, request: OpenRequest) -> None:
+    """Show a request that needs no simulation; show nothing where the scene has to be simulated first.
+
+    Parameters
+    ----------
+    nodes : SceneNodes
+    request : OpenRequest
+    """
+    measurement = request.measurement or load_cached_measurement(request.scene)
     if measurement is not None:
-        first_look(nodes, opening, as_given(opening.scene, measurement))
+        show_room(nodes, request, as_given(request.scene, measurement))
 
 
-def first_look(nodes: SceneNodes, opening: OpenRequest, measurement: Measurement) -> None:
-    """Show the room, without a scene the microphones alone."""
-    known_scene = None if isinstance(opening.scene, MeasuredScene) else opening.scene
-    picture = static_picture(known_scene, measurement, opening.choices.get("dark") is True)
+def show_room(nodes: SceneNodes, request: OpenRequest, measurement: Measurement) -> None:
+    """Show the room and the microphones; the microphones alone where the room is not known.
+
+    Parameters
+    ----------
+    nodes : SceneNodes
+    request : OpenRequest
+    measurement : Measurement, as it is drawn
+    """
+    known_scene = None if isinstance(request.scene, MeasuredScene) else request.scene
+    picture = static_picture(known_scene, measurement, request.choices.get("dark") is True)
     nodes.cameras.open_at(picture)
     nodes.show(picture)

@@ -1,7 +1,7 @@
-"""From one session to another while the page stays: the next is prepared in the background, the old one goes on.
+"""From one session to the next while the page stays: the next one is prepared in the background.
 
-SessionSwitcher   asked from any thread (`open`, `cancel`); the main loop does what was asked and takes what is ready
-StatusBar   how far it is, with Cancel; or in one line why it cannot be
+SessionSwitcher   takes requests from any thread; the main loop executes them and takes what is ready
+StatusBar         the progress of the preparation, with Cancel, or in one line why a request was refused
 """
 
 from __future__ import annotations
@@ -18,130 +18,129 @@ from ..session.worker import LatestWorker
 from .background.prepare import Cancelled, PreparationProgress, PreparedRun, prepare_run
 from .gui import html
 from .gui.layout import Panels
-from .server.error_log import log_location
 
 log = logging.getLogger(__name__)
 
 
-class Job:
-    """One opening on its way. Its thread sets `work` or `cause`, then `done`."""
+class Preparation:
+    """One request while it is prepared. Its thread sets `run` or `error`, and then `done`."""
 
-    def __init__(self, opening: OpenRequest):
-        self.opening, self.progress = opening, PreparationProgress()
-        self.work: PreparedRun | None = None
-        self.cause: Exception | None = None
+    def __init__(self, request: OpenRequest):
+        self.request, self.progress = request, PreparationProgress()
+        self.run: PreparedRun | None = None
+        self.error: Exception | None = None
         self.done = False
 
-    def run(self) -> None:
+    def execute(self) -> None:
+        """Prepare the run; called on the thread."""
         try:
             self.progress(0.0)
-            self.work = prepare_run(self.opening, self.progress)
+            self.run = prepare_run(self.request, self.progress)
         except Cancelled:
             pass
         except Exception as error:
-            self.cause = error
+            self.error = error
         self.done = True
 
 
 class SessionSwitcher:
-    """Prepares the newest opening asked for, on a thread of its own.
+    """Prepares the newest request on a thread of its own.
 
-    `refusal` says in one line why the last one could not be, "" where it could; `cause` is the exception.
+    Attributes
+    ----------
+    error : exception for which the last request was refused, or None
     """
 
     def __init__(self):
-        self._asked: collections.deque[OpenRequest | None] = collections.deque()  # None: cancel
-        self._worker = LatestWorker(Job.run, "fdcal-prepare")
-        self._job: Job | None = None
-        self._dropped: list[Job] = []  # given up, perhaps still under way
-        self.cause: Exception | None = None
-        self.refusal = ""
+        self._commands: collections.deque[OpenRequest | None] = collections.deque()  # None: cancel
+        self._worker = LatestWorker(Preparation.execute, "fdcal-prepare")
+        self._current: Preparation | None = None
+        self._cancelled: list[Preparation] = []  # some of which may still be in progress
+        self.error: Exception | None = None
 
-    def open(self, opening: OpenRequest) -> None:
-        """Have `opening` prepared; one that is under way is given up. Any thread."""
-        self._asked.append(opening)
+    def open(self, request: OpenRequest) -> None:
+        """Prepare a request, and cancel the one in progress. Any thread."""
+        self._commands.append(request)
 
     def cancel(self) -> None:
-        """Give up what is under way, or take note of why it could not be. Any thread."""
-        self._asked.append(None)
+        """Cancel the request in progress, or dismiss the error of the last one. Any thread."""
+        self._commands.append(None)
 
     # Below: the main loop alone.
 
     @property
     def idle(self) -> bool:
-        """Whether nothing is asked for or under way."""
-        return not self._asked and self._job is None
+        """Whether no request waits or is in progress."""
+        return not self._commands and self._current is None
 
     @property
     def progress(self) -> PreparationProgress | None:
-        """Of what is under way."""
-        return None if self._job is None else self._job.progress
+        """The progress of the preparation; None where nothing is in progress."""
+        return None if self._current is None else self._current.progress
 
     @property
     def measured(self) -> tuple[OpenRequest, Measurement] | None:
-        """What is under way, once it is measured or simulated."""
-        measurement = None if self._job is None else self._job.progress.measurement
-        return None if measurement is None else (self._job.opening, measurement)
+        """The request in progress and its measurement, once that is simulated or read."""
+        if self._current is None or self._current.progress.measurement is None:
+            return None
+        return self._current.request, self._current.progress.measurement
 
     @property
     def title(self) -> str:
-        """Of what is under way."""
-        return "" if self._job is None else self._job.opening.scene.title
+        """The title of the scene in progress, or ""."""
+        return "" if self._current is None else self._current.request.scene.title
 
-    def take(self) -> PreparedRun | None:
-        """Do what was asked; the work that is ready, once, or None."""
-        while self._asked:
-            self._begin(self._asked.popleft())
-        self._tidy()
-        job = self._job
-        if job is None or not job.done:
+    def poll(self) -> PreparedRun | None:
+        """Execute the commands that wait; return the run that is ready, once, or None."""
+        while self._commands:
+            self._begin(self._commands.popleft())
+        self._close_cancelled()
+        finished = self._current
+        if finished is None or not finished.done:
             return None
-        self._job = None
-        if job.cause is not None:
-            self.refuse(job.cause)
-        return job.work
+        self._current = None
+        if finished.error is not None:
+            self.refuse(finished.error)
+        return finished.run
 
     def refuse(self, error: Exception) -> None:
-        """Tell that an opening cannot be."""
-        known = isinstance(error, (InputError, StorageError))
-        if not known:
-            log.error("an opening failed", exc_info=error)
-        self.cause, self.refusal = (
-            error,
-            str(error) if known else f"{type(error).__name__}: {error}; details in {log_location()}",
-        )
+        """Refuse the last request; log an exception that is not the user's."""
+        if not isinstance(error, (InputError, StorageError)):
+            log.error("a request could not be opened", exc_info=error)
+        self.error = error
 
     def close(self, timeout: float = 1.0) -> None:
-        """End the thread, which may be writing the cache, and the sessions that nobody takes; not longer than that, s.
+        """End the thread and close the sessions that were not taken; wait `timeout` at most, s.
 
-        What is written to the cache is moved into place once it is whole: a thread that is left behind harms nothing.
+        The thread may be writing to the cache. A file is moved into its place when it is complete, so a thread that
+        is left behind does no harm.
         """
         self._begin(None)
         self._worker.close(timeout)
-        self._tidy()
+        self._close_cancelled()
 
-    def _begin(self, opening: OpenRequest | None) -> None:
-        if self._job is not None:
-            self._job.progress.stop = True
-            self._dropped.append(self._job)
-        self._job, self.cause, self.refusal = None, None, ""
-        if opening is not None:
-            self._job = Job(opening)
-            self._worker.request(self._job)
+    def _begin(self, request: OpenRequest | None) -> None:
+        if self._current is not None:
+            self._current.progress.stop = True
+            self._cancelled.append(self._current)
+        self._current, self.error = None, None
+        if request is not None:
+            self._current = Preparation(request)
+            self._worker.request(self._current)
 
-    def _tidy(self) -> None:
-        """Close the sessions of what was given up too late to stop it."""
-        for job in self._dropped:
-            if job.done and job.work is not None:
-                job.work.session.close(0.0)
-        self._dropped = [job for job in self._dropped if not job.done]
+    def _close_cancelled(self) -> None:
+        """Close the sessions of preparations that were cancelled too late."""
+        for preparation in self._cancelled:
+            if preparation.done and preparation.run is not None:
+                preparation.run.session.close(0.0)
+        self._cancelled = [preparation for preparation in self._cancelled if not preparation.done]
 
 
 class StatusBar:
-    """What stands above everything while another session is prepared, or could not be."""
+    """Owns the line above the panel while a session is prepared, or after a request was refused."""
 
     def __init__(self, panels: Panels, switcher: SessionSwitcher):
-        self._switcher, self._told, gui = switcher, (), panels.gui
+        self._switcher, self._shown, gui = switcher, (), panels.gui
         with panels.top:
             self.line = gui.add_html("", visible=False)
             self.bar = gui.add_progress_bar(0.0, visible=False)
@@ -153,13 +152,19 @@ class StatusBar:
                 switcher.cancel()
 
     def show(self, first: bool) -> None:
-        """Called by the main loop; `first` where there is no session to go back to."""
-        progress, refusal = self._switcher.progress, self._switcher.refusal
-        text, share = ("", 0) if progress is None else (progress.text, round(100 * progress.done))
-        if (told := (self._switcher.title, text, share, refusal, first)) == self._told:
+        """Bring the line up to date; called by the main loop.
+
+        Parameters
+        ----------
+        first : whether there is no session yet, to which Cancel could return
+        """
+        progress, error, title = self._switcher.progress, self._switcher.error, self._switcher.title
+        text, percent = ("", 0) if progress is None else (progress.text, round(100 * progress.done))
+        shown = title, text, percent, id(error), first
+        if shown == self._shown:
             return
-        self._told, busy = told, progress is not None
-        self.line.content = html.waiting(self._switcher.title, text) if busy else html.complaint(refusal)
-        self.line.visible = busy or bool(refusal)
-        self.bar.value, self.bar.visible = float(share), busy
+        self._shown, busy = shown, progress is not None
+        self.line.content = html.waiting(title, text) if busy else html.complaint(html.error_message(error))
+        self.line.visible = busy or error is not None
+        self.bar.value, self.bar.visible = float(percent), busy
         self.button.label, self.button.visible = "Cancel" if busy else "Close", self.line.visible and not first

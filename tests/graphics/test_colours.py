@@ -9,7 +9,7 @@ import pytest
 from fdcal.graphics import markers
 from fdcal.graphics.primitives import COLOUR_MAP, DARK, DIVERGING_COLOUR_MAP, LIGHT
 from fdcal.viewer.gui import plots
-from fdcal.viewer.tabs import modes
+from fdcal.viewer.tabs import spectrum_plot
 
 # Of linear RGB: Vienot, Brettel and Mollon, Color Res. Appl. 24 (1999), 243. Rows sum to one: white stays white.
 EYES = {
@@ -43,7 +43,7 @@ MARKS = {
 }
 TRACES = {"trail": markers.TRAIL, "ellipse": markers.ELLIPSE, "estimate": markers.ESTIMATE, "known": markers.KNOWN}
 CURVES = {"mean": rgb(plots.RED), "largest": rgb(plots.ORANGE), "cost": rgb(plots.BLUE)}
-MODES = {"in": rgb(modes.BLUE), "out": rgb(modes.ORANGE), "spectrum": rgb(modes.GREY)}
+MODES = {"in": rgb(plots.BLUE), "out": rgb(plots.ORANGE), "spectrum": rgb(spectrum_plot.GREY)}
 
 
 @pytest.mark.parametrize("eye", EYES)
@@ -83,7 +83,7 @@ def test_texts_stand_out_from_their_ground(theme):
 
 
 def test_every_mark_has_a_shape_of_its_own():
-    from fdcal.viewer.gui.html import legend
+    from fdcal.viewer.gui.legend_html import legend
 
     shapes = [part.split("'/>")[0] for part in legend().split("<svg")[1:]]
     kinds = [shape.split(">", 1)[1].split(" stroke")[0].split(" fill")[0] for shape in shapes]

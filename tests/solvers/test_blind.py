@@ -24,6 +24,7 @@ from fdcal.graphics.units import error_summary
 from fdcal.model.gauge import align
 from fdcal.model.measurement import Measurement
 from fdcal.viewer.gui import html
+from fdcal.viewer.tabs import microphones
 
 RNG = np.random.default_rng(2)
 TRUTH = RNG.uniform(0, 1, (12, 2))
@@ -71,8 +72,8 @@ def test_errors_do_not_count_where_the_whole_stands(blind, estimate):
 def test_the_page_says_so(blind, estimate):
     largest = f"{1e3 * best(estimate).max():.3g}"
     for text in (html.error_text(blind, estimate), error_summary(blind, estimate)):
-        assert f"{largest} mm" in text and "once aligned" in text
-    assert f"<td>{largest}</td>" in html.table(blind, estimate, None, 0)
+        assert f"{largest} mm" in text and "after alignment" in text
+    assert f"<td>{largest}</td>" in microphones.table(blind, estimate, None, 0)
     known = dataclasses.replace(blind, known=[0, 1, 2], known_positions=None)
     assert "aligned" not in html.error_text(known, estimate) + error_summary(known, estimate)
 

@@ -75,13 +75,19 @@ def viewer(server, work, monkeypatch):
 
 
 @pytest.fixture
-def page_of(server, scene, kernels):
-    """A page without a browser, turned by the test; and what it takes to be ready."""
-    made = Page(server, SceneNodes(server))
+def progress_texts():
+    """What the page has reported of the progress of its first session."""
+    return []
+
+
+@pytest.fixture
+def page_of(server, scene, kernels, progress_texts):
+    """A page without a browser, and a function that ticks it until something happens."""
+    made = Page(server, SceneNodes(server), on_progress=progress_texts.append)
 
     def turn_until(happened):
         for _ in range(round(WAIT / 0.02)):
-            made.turn(time.perf_counter())
+            made.tick(time.perf_counter())
             if happened():
                 return
             time.sleep(0.02)

@@ -34,6 +34,7 @@ class State:
     finished: bool = False
     converged: bool = False
     seed: int = 0
+    order_offset: int = 0
 
 
 class Recorder:

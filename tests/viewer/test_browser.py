@@ -99,7 +99,7 @@ def test_run_becomes_pause(page):
         }"""
     )
     press(page, "Run")
-    page.get_by_text(re.compile(r"Finished")).first.wait_for()  # tiny is done in seconds
+    page.get_by_text(re.compile(r"Converged|Sweep limit reached")).first.wait_for()  # tiny is done in seconds
     page.get_by_role("button", name="Run", exact=True).wait_for()
     assert page.get_by_role("button", name="Run", exact=True).is_disabled(), "a finished run has nothing to run"
     assert not page.get_by_role("button", name="Step", exact=True).count()
@@ -138,7 +138,7 @@ def test_a_microphone_is_picked_by_a_click(page, scene):
 
 
 def test_the_diamond_stands_where_the_map_is_lowest(page, scene):
-    choose(page, "Modes shown", "Chosen here")
+    choose(page, "Modes shown", "Custom")
     page.locator("//label[.='Mode numbers']/following::input[1]").first.fill("2-4, 6")
     page.keyboard.press("Enter")
     page.get_by_text("microphone 5, sum of 4 modes").wait_for()
@@ -153,8 +153,8 @@ def test_the_diamond_stands_where_the_map_is_lowest(page, scene):
 def test_a_microphone_is_dragged_and_the_map_stays_that_of_the_one_looked_at(page, scene):
     truth = cached_measurement(scene).positions
     target = truth[7] + [0.1, -0.06]
-    page.get_by_text("cost at the cross").first.wait_for()
-    before = page.get_by_text("cost at the cross").first.inner_text()
+    page.get_by_text("cost at the estimate").first.wait_for()
+    before = page.get_by_text("cost at the estimate").first.inner_text()
     start, end = on_screen(page, scene, np.column_stack([[truth[7], target], [0.0, 0.0]]))
     hover(page, start)
     page.mouse.down()
@@ -175,7 +175,7 @@ def test_a_mode_is_switched_on_and_off(page):
     page.get_by_text("sum of 4 modes").first.wait_for()
     page.get_by_text("highest in the map: mode 5").first.wait_for()
     tab(page, "Map")
-    choose(page, "Show", "Shape of the last mode")
+    choose(page, "Show", "Mode shape (last mode)")
     page.get_by_text("pressure of mode 5").first.wait_for()
     choose(page, "Show", "Flat map")
 

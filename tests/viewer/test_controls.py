@@ -5,7 +5,8 @@ import dataclasses
 from pretend import JUNK, State, say, view_of
 
 from fdcal.viewer.background import exports
-from fdcal.viewer.gui.binding import NOTHING, Binding
+from fdcal.viewer.gui.binding import Binding
+from fdcal.viewer.gui.choices import NOTHING
 from fdcal.viewer.tabs import map, modes
 
 
@@ -17,19 +18,19 @@ def test_controls_that_mean_nothing_are_not_shown(controls):
     say(map_.kind, NOTHING)
     assert not any(handle.visible for handle in (map_.which, map_.upto, map_.text, map_.scale, map_.opacity))
     panel.show(session.view, 3, None, "")
-    assert not panel.waits.visible
-    say(panel.ellipses, True)
+    assert not panel.view.ellipses_later.visible
+    say(panel.view.ellipses, True)
     panel.show(session.view, 3, None, "")
-    assert panel.waits.visible, "they come later"
+    assert panel.view.ellipses_later.visible, "they come later"
     session.view = dataclasses.replace(session.view, state=dataclasses.replace(session.view.state, finished=True))
     panel.show(session.view, 3, None, "")
-    assert not panel.waits.visible
+    assert not panel.view.ellipses_later.visible
 
 
 def test_a_mode_that_is_chosen_brings_the_map_back(server, work):
     binding = Binding(server.gui, work, 6)
     map_ = map.MapTab(binding)
-    tab = modes.ModesTab(binding, work.problem, map_)
+    tab = modes.ModesTab(binding, map_)
     for act in (lambda: say(tab.high, 4), lambda: tab.press("○5")):
         say(map_.kind, NOTHING)
         assert not binding.choices.shown
@@ -43,41 +44,41 @@ def test_without_bounds_there_is_no_map_and_no_control_of_one(server, work):
     map_ = map.MapTab(Binding(server.gui, unbounded, 6))
     assert not any(handle.visible for handle in (map_.kind, map_.which, map_.upto, map_.scale, map_.opacity))
     map_.show(3, None, "")
-    assert "search domain" in map_.bar.content
+    assert "search domain" in map_.caption.content
     server.gui.reset()
 
 
 def test_the_mode_sliders_never_cross(controls):
     panel, session = controls
-    say(panel.solve.first, 5)
-    say(panel.solve.first, 1)
-    say(panel.solve.last, 2)
+    say(panel.solver.first, 5)
+    say(panel.solver.first, 1)
+    say(panel.solver.last, 2)
     assert session.commands == [("use_modes", 5, 5, True), ("use_modes", 1, 3, True), ("use_modes", 1, 2, True)]
 
 
 def test_what_the_program_sets_is_no_command(controls):
     panel, session = controls
-    say(panel.solve.last, 5, client=False)
+    say(panel.solver.last, 5, client=False)
     panel.show(view_of([State(session.view.state.positions, last=6)]), 4, None, "")
-    assert panel.solve.last.value == 6 and panel.map.microphone.value == 4
-    assert session.commands == [] and panel.choices.microphone == 3
+    assert panel.solver.last.value == 6 and panel.map.microphone.value == 4
+    assert session.commands == [] and panel.binding.choices.microphone == 3
 
 
 def test_one_button_runs_and_pauses(controls):
     panel, session = controls
-    say(panel.bar.run, True)
+    say(panel.run_bar.run, True)
     session.view = dataclasses.replace(session.view, running=True)
     panel.show(session.view, 3, None, "")
-    assert panel.bar.run.label == "Pause"
-    say(panel.bar.run, True)
+    assert panel.run_bar.run.label == "Pause"
+    say(panel.run_bar.run, True)
     assert session.commands == [("play",), ("pause",)]
 
 
 def test_a_microphone_chosen_by_hand_is_stayed_with(controls):
     panel, _ = controls
-    assert panel.choices.follow
+    assert panel.binding.choices.follow
     say(panel.map.microphone, 7)
-    assert panel.choices.microphone == 7 and not panel.choices.follow and not panel.map.follow.value
+    assert panel.binding.choices.microphone == 7 and not panel.binding.choices.follow and not panel.map.follow.value
 
 
 def test_callbacks_leave_what_the_main_loop_has_sent_alone(controls):
@@ -86,31 +87,33 @@ def test_callbacks_leave_what_the_main_loop_has_sent_alone(controls):
     before = dict(panel.binding.sent)
     say(panel.map.microphone, 7)
     say(panel.map.follow, True)
-    assert panel.binding.sent == before and panel.choices.microphone == 7
+    assert panel.binding.sent == before and panel.binding.choices.microphone == 7
     panel.show(session.view, 5, None, "")
     assert panel.map.microphone.value == 5
 
 
 def test_only_a_picture_has_a_size(controls):
     panel, _ = controls
-    assert panel.export.size.visible and panel.export.seen.visible
+    assert panel.export.size.visible and panel.export.view.visible
     say(panel.export.kind, "Replay (HTML)")
-    assert panel.choices.export_kind == "Replay (HTML)" and "without a server" in panel.export.told.content
-    assert not panel.export.size.visible and not panel.export.seen.visible
+    assert (
+        panel.binding.choices.export_kind == "Replay (HTML)" and "without a server" in panel.export.description.content
+    )
+    assert not panel.export.size.visible and not panel.export.view.visible
     for value in JUNK:
         panel.export.choose(value)
-        assert panel.choices.export_kind == exports.PICTURE
+        assert panel.binding.choices.export_kind == exports.PICTURE
 
 
 def test_the_last_mode_of_the_map_stays(controls):
     panel, _ = controls
     panel.map.choose_modes([3])
     panel.map.toggle_mode(3)
-    assert panel.choices.modes == (3,)
+    assert panel.binding.choices.modes == (3,)
     panel.map.toggle_mode(1)
-    assert panel.choices.modes == (1, 3) and panel.map.text.value == "1, 3"
+    assert panel.binding.choices.modes == (1, 3) and panel.map.text.value == "1, 3"
     panel.map.choose_modes(None)
     panel.map.toggle_mode(2)
-    assert panel.choices.modes == (1, 3), "those in use, 1 to 3, without the second"
+    assert panel.binding.choices.modes == (1, 3), "those in use, 1 to 3, without the second"
     say(panel.map.text, "1-99")
-    assert panel.choices.modes == (1, 3) and "1 to 6" in panel.choices.complaint
+    assert panel.binding.choices.modes == (1, 3) and "1 to 6" in panel.binding.choices.modes_error

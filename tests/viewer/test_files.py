@@ -14,10 +14,10 @@ from fdcal.viewer.background import exports
 
 
 def test_a_file_tells_of_the_picture_drawn(viewer, monkeypatch):
-    asked, session = [], viewer._work.session
+    asked, session = [], viewer.run.session
     monkeypatch.setattr(viewer._exports.worker, "request", lambda *arguments: asked.append(arguments))
     viewer.tick(0.0)
-    session.view = view_of([State(viewer._work.measurement.positions + 0.02, step=9)])
+    session.view = view_of([State(viewer.run.measurement.positions + 0.02, step=9)])
     client = SimpleNamespace(add_notification=lambda *_, **__: None)
     viewer._export(client, exports.PICTURE)
     ((_, kind, moment),) = asked
@@ -26,7 +26,7 @@ def test_a_file_tells_of_the_picture_drawn(viewer, monkeypatch):
 
 @pytest.mark.parametrize("name", ["../../etc/passwd", 'a"b\r\n.exe', "<script>", "", "ü" * 300])
 def test_the_name_of_a_file_is_a_name(viewer, name):
-    run = dataclasses.replace(viewer._work, scene=dataclasses.replace(viewer._work.scene, name=name))
+    run = dataclasses.replace(viewer.run, scene=dataclasses.replace(viewer.run.scene, name=name))
     found = exports.file_name(dataclasses.replace(viewer.snapshot, run=run), exports.KINDS[exports.PICTURE])
     assert re.fullmatch(r"fdcal-[A-Za-z0-9_-]{1,60}-step-0\.png", found)
 

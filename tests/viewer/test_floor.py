@@ -13,14 +13,14 @@ from fdcal.viewer.tabs import map
 
 def mapped(viewer):
     """Let one map be made; the microphone whose map is shown then, None without a map."""
-    viewer._work.solver.gate.release()
+    viewer.run.solver.gate.release()
     assert viewer._maps._worker.wait_for(lambda _: not viewer._maps._worker.busy, WAIT)
     viewer.tick(1e9)
     return shown(viewer)
 
 
 def shown(viewer):
-    floor, search = viewer.snapshot.picture.floor, viewer._work.measurement.search
+    floor, search = viewer.snapshot.picture.floor, viewer.run.measurement.search
     return None if floor is None else round((floor.minimum[0] - search.origin[0]) / search.step)
 
 
@@ -38,7 +38,7 @@ def test_a_map_stands_under_its_own_microphone_only(viewer):
 
 
 def test_maps_stand_side_by_side_and_are_drawn_anew_as_the_look_changes(viewer):
-    side = viewer.side_panel.map_grid
+    side = viewer.side_panel.maps.worker
 
     def drawn():
         return side._worker.wait_for(lambda _: not side._worker.busy, WAIT)
@@ -46,16 +46,16 @@ def test_maps_stand_side_by_side_and_are_drawn_anew_as_the_look_changes(viewer):
     viewer.tick(0.0)
     assert side.of(None, 0.0) is None and mapped(viewer) == 3 and drawn()
     viewer.tick(2e9)
-    first = viewer.side_panel.image
+    first = viewer.side_panel.maps.image
     assert first.visible and first.image.ndim == 3
     light = first.image
-    say(viewer.main_panel.dark, True)
+    say(viewer.main_panel.view.dark, True)
     viewer.tick(3e9)
     mapped(viewer)
     viewer.tick(4e9)
     assert drawn()
     viewer.tick(5e9)
-    assert viewer.side_panel.image.image is not light and viewer.side_panel.image.image.shape == light.shape
+    assert viewer.side_panel.maps.image.image is not light and viewer.side_panel.maps.image.image.shape == light.shape
 
 
 def test_opacity_takes_no_new_map(viewer):
@@ -73,7 +73,7 @@ def test_a_running_solver_draws_the_costs_it_has_in_another_scale(viewer):
     """The gate, which every map of costs has to pass, stays shut."""
     viewer.tick(0.0)
     assert mapped(viewer) == 3
-    session, positions = viewer._work.session, viewer._work.measurement.positions
+    session, positions = viewer.run.session, viewer.run.measurement.positions
     states = [session.view.state, State(positions + 0.01, 1)]
     history = History(states, 2, session.view.history.lineage)
     session.view = dataclasses.replace(session.view, state=states[1], index=1, count=2, history=history, running=True)
@@ -87,7 +87,7 @@ def test_a_running_solver_draws_the_costs_it_has_in_another_scale(viewer):
 
 def test_a_hand_has_the_solver_wait_and_the_page_hurry(server, work):
     rung = []
-    binding = Binding(server.gui, work, 6, hasten=lambda: rung.append(True))
+    binding = Binding(server.gui, work, 6, wake=lambda: rung.append(True))
     tab = map.MapTab(binding)
     say(tab.opacity, 50)
     assert work.session.ways == 1 and rung
@@ -99,7 +99,7 @@ def test_a_hand_has_the_solver_wait_and_the_page_hurry(server, work):
 def test_in_a_drag_the_last_map_stays_until_the_next(viewer):
     viewer.tick(0.0)
     assert mapped(viewer) == 3
-    session, positions = viewer._work.session, np.array(viewer._work.measurement.positions)
+    session, positions = viewer.run.session, np.array(viewer.run.measurement.positions)
     ready = viewer._maps._worker.latest.ended
     positions[7] += 0.03
     session.view = view_of([State(positions)])
@@ -115,7 +115,7 @@ def test_in_a_drag_the_last_map_stays_until_the_next(viewer):
 def test_while_running_the_map_of_an_older_state_stays_but_not_over_a_reset(viewer):
     viewer.tick(0.0)
     assert mapped(viewer) == 3
-    session, positions = viewer._work.session, viewer._work.measurement.positions
+    session, positions = viewer.run.session, viewer.run.measurement.positions
     states = [session.view.state]
     session.view = dataclasses.replace(session.view, history=History(states, 1), running=True)
     viewer.tick(0.0)
@@ -136,8 +136,8 @@ def test_a_fault_of_the_page_is_told_and_it_goes_on(viewer, monkeypatch, caplog)
     monkeypatch.setattr(viewer._nodes, "show", lambda picture: 1 / 0)
     for now in (1.0, 1.1, 1.2):
         viewer.guarded_tick(now)
-    assert len(caplog.records) == 1 and "ZeroDivisionError" in viewer.main_panel.bar.status.content
+    assert len(caplog.records) == 1 and "ZeroDivisionError" in viewer.main_panel.run_bar.status.content
     monkeypatch.undo()
     for now in (2.0, 20.0, 20.1):
         viewer.guarded_tick(now)
-    assert "ZeroDivisionError" not in viewer.main_panel.bar.status.content
+    assert "ZeroDivisionError" not in viewer.main_panel.run_bar.status.content

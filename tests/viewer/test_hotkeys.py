@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 from viser import _messages
 
-from fdcal.viewer.hotkeys import CAMERA, KEYS, add_keys
+from fdcal.viewer.hotkeys import CAMERA_KEYS, KEYS, add_keys
 from fdcal.viewer.tabs import help
 from fdcal.viewer.tabs.map import KINDS, LINEAR, LOG
 
@@ -34,10 +34,10 @@ class Noted:
 def page():
     """A page that notes what is done to it, and its notes."""
     notes = []
-    look = SimpleNamespace(log=True, dark=False)
+    style = SimpleNamespace(log=True, dark=False)
     view = SimpleNamespace(index=4, state=SimpleNamespace(first=1, last=3))
     binding = SimpleNamespace(
-        choices=SimpleNamespace(modes=None, look=look, trails=True), modes=20,
+        choices=SimpleNamespace(modes=None, style=style, trails=True), modes=20,
         measurement=SimpleNamespace(count=16), session=Noted(notes, "session", view=view),
     )  # fmt: skip
     handles = {"microphone": SimpleNamespace(value=15), "kind": SimpleNamespace(value=KINDS[-1])}
@@ -59,20 +59,20 @@ def keyboard(page):
 
 
 def test_no_key_is_the_camera_s_nor_used_twice():
-    faces = [key.face for key in KEYS]
+    faces = [key.name for key in KEYS]
     assert len(set(faces)) == len(faces)
-    assert not {key.key for key in KEYS} & set(CAMERA), "viser moves the camera with these"
+    assert not {key.key for key in KEYS} & set(CAMERA_KEYS), "viser moves the camera with these"
     assert {key.key for key in KEYS} <= set(typing.get_args(_messages.HotkeyKey))
 
 
 @pytest.mark.parametrize(
     ("key", "modifier", "done"),
     [
-        ("R", None, ("bar.toggle",)),
-        ("N", None, ("bar.press", "Step")),
-        ("G", None, ("bar.press", "Sweep")),
-        ("T", None, ("bar.press", "Stage")),
-        ("X", None, ("bar.press", "Reset")),
+        ("R", None, ("run_bar.toggle",)),
+        ("N", None, ("run_bar.press", "Step")),
+        ("G", None, ("run_bar.press", "Sweep")),
+        ("T", None, ("run_bar.press", "Stage")),
+        ("X", None, ("run_bar.press", "Reset")),
         ("B", None, ("session.seek", 3)),
         ("F", None, ("session.seek", 5)),
         ("M", None, ("map.pick", 0)),
@@ -82,8 +82,8 @@ def test_no_key_is_the_camera_s_nor_used_twice():
         ("U", None, ("map.choose_modes", None)),
         ("V", None, ("map.show_as", KINDS[0])),
         ("L", None, ("map.scale_as", LINEAR)),
-        ("Y", None, ("draw", ("trails", False))),
-        ("K", None, ("darken", True)),
+        ("Y", None, ("view.draw", ("trails", False))),
+        ("K", None, ("view.darken", True)),
         ("1", None, ("nodes.cameras.ask", "me", "top")),
         ("2", None, ("nodes.cameras.ask", "me", "3d")),
         ("3", None, ("nodes.cameras.ask", "me", "close")),
@@ -103,7 +103,7 @@ def test_modes_of_the_map_stay_within_those_there_are(page, keyboard):
     choices.modes = (1,)
     keyboard("I")
     assert page[1] == [("map.choose_modes", range(1, 21)), ("map.choose_modes", range(1, 2))]
-    choices.look.log = False
+    choices.style.log = False
     keyboard("L")
     assert page[1][-1] == ("map.scale_as", LOG)
 
@@ -119,7 +119,7 @@ def test_keys_before_there_is_a_session_do_nothing(page, keyboard):
 def test_help_tells_every_key_and_mark():
     html = help.text()
     for key in KEYS:
-        assert f"<b>{key.face}</b>" in html and key.label in html
+        assert f"<b>{key.name}</b>" in html and key.label in html
     for word in ("true", "estimate", "known", "lowest cost", "other minimum", "(mm)", "(Hz)", "--help"):
         assert word in html
     for one, other in itertools.pairwise(["Keys", "Mouse", "Marks", "Numbers", "More"]):

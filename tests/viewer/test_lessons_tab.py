@@ -8,9 +8,9 @@ from fdcal.model.scene_file import load_scene
 from fdcal.session.lesson import Lesson, Setting, Step, load_lesson
 from fdcal.viewer.gui import lesson_html
 from fdcal.viewer.gui.layout import Panels
-from fdcal.viewer.lesson_step import carry_out
+from fdcal.viewer.lesson_step import apply_setting
 from fdcal.viewer.server.hardening import open_server
-from fdcal.viewer.tabs.lessons import AGAIN, BACK, NEXT, NONE, LessonsTab
+from fdcal.viewer.tabs.lessons import BACK, NEXT, NONE, RESTORE, LessonsTab
 
 EVIL = "<script>alert(1)</script>"
 
@@ -41,7 +41,7 @@ def controls():
         **{name: Noted(notes, name) for name in ("reset", "use_modes", "play", "step", "sweep", "stage")},
     )
     binding = SimpleNamespace(session=session, modes=20, work=SimpleNamespace(scene=load_scene("tiny"), opening=None))
-    return SimpleNamespace(binding=binding, map=Noted(notes, "map"), draw=Noted(notes, "draw")), notes
+    return SimpleNamespace(binding=binding, map=Noted(notes, "map"), view=Noted(notes, "view")), notes
 
 
 def test_a_setting_is_carried_out_in_the_order_that_is_told(controls):
@@ -50,7 +50,7 @@ def test_a_setting_is_carried_out_in_the_order_that_is_told(controls):
         modes="1-9", automatic=False, run="2 sweeps", microphone=3, follow=False, map="relief", map_modes="2, 4",
         scale="linear", trails=True, ellipses=False, view="3d",
     )  # fmt: skip
-    carry_out(setting, made, lambda view: notes.append(("view", view)), anew=False)
+    apply_setting(setting, made, lambda view: notes.append(("view", view)), restarted=False)
     assert notes == [
         ("use_modes", 1, 9, False),
         ("sweep", 2),
@@ -59,7 +59,7 @@ def test_a_setting_is_carried_out_in_the_order_that_is_told(controls):
         ("map.show_as", "Relief"),
         ("map.choose_modes", (2, 4)),
         ("map.scale_as", "Linear"),
-        ("draw", ("trails", True), ("ellipses", False)),
+        ("view.draw", ("trails", True), ("ellipses", False)),
         ("view", "3d"),
     ]
 
@@ -79,8 +79,8 @@ def test_a_setting_is_carried_out_in_the_order_that_is_told(controls):
 )
 def test_what_is_left_out_stays(controls, setting, anew, told):
     made, notes = controls
-    carry_out(setting, made, lambda view: notes.append(("view", view)), anew)
-    assert [note for note in notes if note != ("draw",)] == [told]
+    apply_setting(setting, made, lambda view: notes.append(("view", view)), anew)
+    assert [note for note in notes if note != ("view.draw",)] == [told]
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +100,7 @@ def page(server, controls):
     page.switcher = SimpleNamespace(idle=False)
 
     def ready():
-        made.binding.work = SimpleNamespace(scene=opened[-1].scene, opening=opened[-1])
+        made.binding.run = SimpleNamespace(scene=opened[-1].scene, opening=opened[-1])
         page.viewer = SimpleNamespace(binding=made.binding, main_panel=made)
 
     page.ready, page.notes = ready, notes
@@ -114,8 +114,8 @@ def told(lessons):
 
 def test_a_lesson_goes_from_its_start_to_the_reveal(page):
     lessons = LessonsTab(page, [load_lesson("3_too_many_too_soon")])
-    assert not lessons.answers.visible and not lessons.ways.visible
-    lessons.take("3. Too many too soon")
+    assert not lessons.answers.visible and not lessons.navigation.visible
+    lessons.start("3. Too many too soon")
     assert "Step 1 of 3" in told(lessons) and "being prepared" in told(lessons)
     assert not lessons.answers.visible, "nothing is asked about a picture that is not there"
     lessons.show()
@@ -128,23 +128,23 @@ def test_a_lesson_goes_from_its_start_to_the_reveal(page):
     assert "being prepared" not in told(lessons)
     page.notes.clear()
     lessons.answer("A")
-    assert "It is B." in told(lessons) and "After 7 sweeps" in told(lessons) and not lessons.answers.visible
+    assert "The answer is B." in told(lessons) and "After 7 sweeps" in told(lessons) and not lessons.answers.visible
     assert ("play",) in page.notes and len(page.opened) == 1, "the scene is there"
     lessons.answer("B")
-    assert "It is B." in told(lessons), "the first answer counts"
+    assert "The answer is B." in told(lessons), "the first answer counts"
     page.notes.clear()
     lessons.go(NEXT)
     assert page.notes[0] == ("reset", 0) and page.notes[1] == ("use_modes", 1, 20, False)
-    assert lessons.ways.options == (BACK, AGAIN, NEXT) and "Step 2 of 3" in told(lessons)
+    assert lessons.navigation.options == (BACK, RESTORE, NEXT) and "Step 2 of 3" in told(lessons)
     lessons.go(NEXT)
-    assert lessons.ways.options == (BACK, AGAIN)
-    lessons.take(NONE)
-    assert "Step" not in told(lessons) and not lessons.ways.visible
+    assert lessons.navigation.options == (BACK, RESTORE)
+    lessons.start(NONE)
+    assert "Step" not in told(lessons) and not lessons.navigation.visible
 
 
 def test_a_scene_that_is_refused_is_not_waited_for(page):
     lessons = LessonsTab(page, [load_lesson("3_too_many_too_soon")])
-    lessons.take("3. Too many too soon")
+    lessons.start("3. Too many too soon")
     page.switcher.idle = True
     lessons.show()
     assert lessons.answers.visible and "being prepared" not in told(lessons)
@@ -155,7 +155,7 @@ def test_a_scene_that_is_refused_is_not_waited_for(page):
 
 def test_an_answer_before_the_scene_is_there_loses_nothing(page):
     lessons = LessonsTab(page, [load_lesson("5_corner_or_centre")])
-    lessons.take("5. Corner or centre")
+    lessons.start("5. Corner or centre")
     lessons.answer("B")
     page.ready()
     lessons.show()
@@ -165,7 +165,7 @@ def test_an_answer_before_the_scene_is_there_loses_nothing(page):
 
 def test_a_right_answer_is_told_so(page):
     lessons = LessonsTab(page, [load_lesson("3_too_many_too_soon")])
-    lessons.take("3. Too many too soon")
+    lessons.start("3. Too many too soon")
     page.ready()
     lessons.show()
     lessons.answer("B")
@@ -174,10 +174,10 @@ def test_a_right_answer_is_told_so(page):
 
 def test_whoever_changed_the_scene_gets_the_lesson_s_back(page):
     lessons = LessonsTab(page, [load_lesson("4_frozen_grid")])
-    lessons.take("4. Why the grid freezes")
+    lessons.start("4. Why the grid freezes")
     page.ready()
     lessons.show()
-    page.viewer.binding.work = SimpleNamespace(scene=load_scene("tiny"), opening=None)
+    page.viewer.binding.run = SimpleNamespace(scene=load_scene("tiny"), opening=None)
     lessons.go(NEXT)
     assert len(page.opened) == 2 and page.opened[1].scene == page.opened[0].scene
     assert page.opened[1].scene.solver.name == "descent"
@@ -187,27 +187,27 @@ def test_whoever_changed_the_scene_gets_the_lesson_s_back(page):
 def test_junk_moves_nothing(page, junk):
     lessons = LessonsTab(page, [load_lesson("3_too_many_too_soon")])
     lessons.answer(junk), lessons.go(junk)
-    lessons.take("3. Too many too soon")
-    before = lessons.place
+    lessons.start("3. Too many too soon")
+    before = lessons.progress
     lessons.answer(junk), lessons.go(junk)
-    assert lessons.place == before
-    lessons.take(junk)
-    assert lessons.place.lesson is None
+    assert lessons.progress == before
+    lessons.start(junk)
+    assert lessons.progress.lesson is None
 
 
 def test_what_cannot_be_set_is_told_and_the_page_lives(page):
     steps = (Step("Look.", page=Setting(scene="tiny", modes="1-99")),)
     lessons = LessonsTab(page, [Lesson("Mine", steps)])
-    lessons.take("Mine")
+    lessons.start("Mine")
     page.ready()
     lessons.show()
     assert "1 to 20" in told(lessons)
-    lessons.go(AGAIN)
+    lessons.go(RESTORE)
     assert "1 to 20" in told(lessons)
 
 
 def test_texts_of_a_file_are_escaped():
     lesson = Lesson(EVIL, (Step(EVIL, EVIL, (EVIL, EVIL), 1, EVIL),))
     for choice in (-1, 0, 1):
-        html = lesson_html.told(lesson, 0, choice)
+        html = lesson_html.step_html(lesson, 0, choice)
         assert "<script" not in html and "&lt;script" in html

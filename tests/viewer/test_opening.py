@@ -20,11 +20,11 @@ from fdcal.session import session_file
 from fdcal.session.request import OpenRequest, edited
 from fdcal.viewer.background import exports
 from fdcal.viewer.background import prepare as preparing
-from fdcal.viewer.preview import look_at_once
+from fdcal.viewer.preview import show_cached
 from fdcal.viewer.scene3d.nodes import SceneNodes
 
 
-def test_the_page_tells_how_far_the_simulation_is(page_of, scene, monkeypatch, capsys):
+def test_the_page_tells_how_far_the_simulation_is(page_of, scene, monkeypatch, progress_texts):
     """The simulation goes on only once the page has been told."""
     page, turn_until = page_of
 
@@ -39,7 +39,7 @@ def test_the_page_tells_how_far_the_simulation_is(page_of, scene, monkeypatch, c
     page.open(OpenRequest(scene))
     with pytest.raises(InputError, match="mend it"):
         turn_until(lambda: False)
-    assert "40 %" in capsys.readouterr().err
+    assert any("40 %" in text for text in progress_texts)
 
 
 def test_the_room_is_there_while_the_solver_is_being_prepared(page_of, scene, monkeypatch):
@@ -66,18 +66,18 @@ def test_a_solver_that_begins_with_all_microphones_in_one_place_has_a_page(page_
     page.open(OpenRequest(edited(scene, {"solver.name": "room", "solver.start": None})))
     turn_until(lambda: page.viewer is not None)
     for _ in range(3):
-        page.turn(time.perf_counter())
+        page.tick(time.perf_counter())
     assert np.ptp(page.binding.session.view.state.positions, axis=0).max() == 0
-    assert page.viewer._fault == ""
-    assert "all are in one place" in page.viewer.side_panel.modes.text.content
+    assert page.viewer.fault == ""
+    assert "all estimates coincide" in page.viewer.side_panel.modes.text.content
 
 
 def test_what_the_cache_holds_is_shown_at_once(server, scene):
     nodes = SceneNodes(server)
-    look_at_once(nodes, OpenRequest(edited(scene, {"seed": 987654})))
+    show_cached(nodes, OpenRequest(edited(scene, {"seed": 987654})))
     assert nodes.is_empty, "it has to be simulated first"
     cached_measurement(scene)
-    look_at_once(nodes, OpenRequest(scene))
+    show_cached(nodes, OpenRequest(scene))
     assert {"microphones/true", "microphones/known", "room/walls"} <= nodes.parts.keys()
     server.scene.reset()
 
@@ -87,8 +87,8 @@ def test_another_scene_takes_the_place_of_the_first(page_of, scene):
     page, turn_until = page_of
     page.open(OpenRequest(scene))
     turn_until(lambda: page.viewer is not None)
-    first, tabs = page.binding, dict(page.panels._tabs)
-    first.look(dark=True, log=False)
+    first, tabs = page.binding, dict(page.panels.tabs)
+    first.choose_style(dark=True, log=False)
     first.choose(trails=True)
     page.open(
         OpenRequest(edited(scene, {"solver.name": "descent"}), start_seed=5, choices={"microphone": 9, "modes": [2]})
@@ -96,12 +96,12 @@ def test_another_scene_takes_the_place_of_the_first(page_of, scene):
     assert page.binding is first
     turn_until(lambda: page.binding is not first)
     choices, session = page.binding.choices, page.binding.session
-    assert choices.look.dark and not choices.look.log and choices.trails
+    assert choices.style.dark and not choices.style.log and choices.trails
     assert choices.microphone == 9 and choices.modes == (2,) and session.view.state.seed == 5
-    assert page.panels._tabs == tabs and page.viewer.main_panel.map.microphone.value == 9
+    assert page.panels.tabs == tabs and page.viewer.main_panel.map.microphone.value == 9
     assert not first.session._thread.is_alive() and session._thread.is_alive()
     session.step()
-    turn_until(lambda: "step 1," in page.viewer.main_panel.bar.status.content)
+    turn_until(lambda: "step 1," in page.viewer.main_panel.run_bar.status.content)
 
 
 @pytest.mark.parametrize(
@@ -119,13 +119,13 @@ def test_what_cannot_be_opened_is_told_and_the_old_one_stays(page_of, scene, cha
     turn_until(lambda: page.viewer is not None)
     before = page.binding
     page.open(OpenRequest(edited(scene, changes), choices=choices))
-    turn_until(lambda: page.switcher.refusal)
-    page.turn(0.0)
+    turn_until(lambda: page.switcher.error)
+    page.tick(0.0)
     assert page.binding is before and told in page.status_bar.line.content and page.status_bar.button.label == "Close"
     before.session.step()
-    turn_until(lambda: "step 1," in page.viewer.main_panel.bar.status.content)
+    turn_until(lambda: "step 1," in page.viewer.main_panel.run_bar.status.content)
     page.switcher.cancel()
-    page.turn(0.0)
+    page.tick(0.0)
     assert not page.status_bar.line.visible and not page.status_bar.button.visible
 
 
@@ -178,7 +178,7 @@ def test_a_session_saved_is_opened_where_it_was_left(page_of, scene, tmp_path):
     first.session.seek(5)
     assert first.session.wait_for(lambda view: view.index == 5, WAIT)
     first.choose(microphone=9, follow=False, modes=(2, 4), trails=True)
-    first.look(dark=True, log=False, opacity=0.4)
+    first.choose_style(dark=True, log=False, opacity=0.4)
     turn_until(lambda: page.viewer.snapshot.view.index == 5)
     moment = dataclasses.replace(page.viewer.snapshot, choices=first.choices)
     path = tmp_path / "left.zip"
@@ -186,10 +186,10 @@ def test_a_session_saved_is_opened_where_it_was_left(page_of, scene, tmp_path):
     page.open(session_file.read(path))
     turn_until(lambda: page.binding is not first)
     again, view = page.binding, page.binding.session.view
-    assert exports.choices_told(again.choices) == exports.choices_told(first.choices)
+    assert again.choices.to_save() == first.choices.to_save()
     assert (view.index, view.count, again.choices.seed) == (5, 14, 3)
     panel = page.viewer.main_panel
-    assert panel.dark.value and panel.map.microphone.value == 9 and panel.trails.value
+    assert panel.view.dark.value and panel.map.microphone.value == 9 and panel.view.trails.value
     again.session.step()
     assert again.session.wait_for(lambda view: view.index == 6, WAIT)
     made, before = again.session.view.state, moment.view.history[6]

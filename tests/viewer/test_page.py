@@ -88,7 +88,7 @@ def test_keys_do_what_buttons_do(page):
     page.keyboard.press("Shift+M")
     page.get_by_text(re.compile("^microphone 1,")).first.wait_for()
     page.get_by_role("tab", name="Help", exact=True).click()
-    page.get_by_text("One state back").wait_for()
+    page.get_by_text("Previous state").wait_for()
 
 
 def test_a_key_does_nothing_while_a_text_is_typed(page):
@@ -116,7 +116,7 @@ def test_a_lesson_goes_from_its_start_to_the_reveal(page):
     page.get_by_text("Right.", exact=True).wait_for()
     page.get_by_text("After 7 sweeps").wait_for()
     page.get_by_text("sweep 7").wait_for()
-    page.get_by_text("Finished, nothing moves any more").wait_for()
+    page.get_by_text("Converged").wait_for()
     press(page, "Next")
     page.get_by_text("Step 2 of 3").wait_for()
     page.get_by_text("step 0, sweep 0").wait_for()
@@ -273,7 +273,7 @@ def test_the_log_s_place_is_told(tmp_path, monkeypatch, capsys):
         except ValueError:
             log.exception("the solver stopped")
         view = SimpleNamespace(state=state, error="it broke", running=False)
-        measurement = SimpleNamespace(frequencies=[100.0], positions=None)
+        measurement = SimpleNamespace(frequencies=[100.0], positions=None, errors=lambda positions: None)
         html = words.status(view, measurement)
         assert "&lt;b&gt;/view.log" in html and "<b>/" not in html and "it broke" in html
     assert "ValueError: the matrix is singular" in (tmp_path / "<b>" / "view.log").read_text(encoding="utf-8")

@@ -111,12 +111,12 @@ def test_a_control_keeps_its_value_when_junk_arrives(server, junk):
 @pytest.mark.parametrize("value", JUNK, ids=lambda value: repr(value)[:12])
 def test_every_control_survives_junk(controls, value):
     panel, session = controls
-    solve, map_ = panel.solve, panel.map
+    solve, map_ = panel.solver, panel.map
     handles = [solve.first, solve.last, solve.automatic, solve.speed, solve.seed, map_.microphone, map_.follow]
     tab = panel.scene
     handles += [tab.name, tab.microphones, tab.radius, tab.walls, tab.absorption, tab.noise, tab.snr, tab.speed]
     handles += [tab.known, tab.seed, solve.name, solve.start]
-    handles += [map_.which, map_.upto, map_.text, map_.kind, map_.scale, map_.opacity, panel.dark]
+    handles += [map_.which, map_.upto, map_.text, map_.kind, map_.scale, map_.opacity, panel.view.dark]
     for handle in handles:
         before = handle.value
         with contextlib.suppress(TypeError, ValueError, OverflowError):  # viser holds values of the control's type only
@@ -138,6 +138,6 @@ def test_every_control_survives_junk(controls, value):
             and 3 <= parameters.known < parameters.microphones
         )
         assert abs(parameters.sound_speed_error) <= 0.05 and parameters.snr_db >= -10 and 0 <= parameters.seed < 2**31
-    choices = panel.choices
-    assert 0 <= choices.microphone < 10 and 0.1 <= choices.look.opacity <= 1 and choices.seed >= 0
+    choices = panel.binding.choices
+    assert 0 <= choices.microphone < 10 and 0.1 <= choices.style.opacity <= 1 and choices.seed >= 0
     assert choices.modes is None or set(choices.modes) <= set(range(1, 7))

@@ -34,20 +34,20 @@ def test_a_scenario_that_cannot_be_tells_its_line_and_opens_nothing(controls):
     panel, session = controls
     say(panel.scene.radius, 2.5)
     say(panel.scene.apply, True)
-    assert session.opened == [] and "outside the room" in panel.scene.told.content
+    assert session.opened == [] and "outside the room" in panel.scene.message.content
     say(panel.scene.name, "array1_circle")
-    assert panel.scene.microphones.value == 65 and panel.scene.told.content == ""
+    assert panel.scene.microphones.value == 65 and panel.scene.message.content == ""
     say(panel.scene.apply, True)
     assert [opening.scene for opening in session.opened] == [load_scene("array1_circle")]
 
 
 def test_another_solver_starts_anew_and_the_same_one_is_reset(controls):
     panel, session = controls
-    say(panel.bar.steps, "Reset")
-    say(panel.solve.name, "descent")
-    assert panel.solve.start.value == "random" and panel.solve.seed.visible
-    say(panel.solve.seed, 5)
-    say(panel.solve.anew, True)
+    say(panel.run_bar.steps, "Reset")
+    say(panel.solver.name, "descent")
+    assert panel.solver.start.value == "random" and panel.solver.seed.visible
+    say(panel.solver.seed, 5)
+    say(panel.solver.restart_button, True)
     assert session.commands == [("reset", 0)]
     (opening,) = session.opened
     assert (opening.scene.solver.name, opening.scene.solver.start, opening.seed) == ("descent", "random", 5)
@@ -56,13 +56,13 @@ def test_another_solver_starts_anew_and_the_same_one_is_reset(controls):
 
 def test_a_seed_that_draws_nothing_is_not_shown(controls):
     panel, _ = controls
-    assert not panel.solve.seed.visible, "joint from its affine start"
-    say(panel.solve.start, "random")
-    assert panel.solve.seed.visible
-    say(panel.solve.name, "room")
-    assert not panel.solve.seed.visible and not panel.solve.start.visible, "it has a start of its own"
-    say(panel.solve.name, "descent")
-    assert panel.solve.seed.visible and panel.solve.start.visible
+    assert not panel.solver.seed.visible, "joint from its affine start"
+    say(panel.solver.start, "random")
+    assert panel.solver.seed.visible
+    say(panel.solver.name, "room")
+    assert not panel.solver.seed.visible and not panel.solver.start.visible, "it has a start of its own"
+    say(panel.solver.name, "descent")
+    assert panel.solver.seed.visible and panel.solver.start.visible
 
 
 def test_what_was_measured_offers_no_room_to_simulate(server, work):
@@ -70,11 +70,11 @@ def test_what_was_measured_offers_no_room_to_simulate(server, work):
     opened = []
     tab = scenetab.SceneTab(Binding(server.gui, dataclasses.replace(work, scene=measured), 6, opened.append))
     parameters = (tab.microphones, tab.radius, tab.walls, tab.noise, tab.speed, tab.known, tab.seed, tab.apply)
-    assert not any(handle.visible for handle in parameters) and "measured" in tab.told.content
+    assert not any(handle.visible for handle in parameters) and "a measurement" in tab.message.content
     say(tab.apply, True)
     assert opened == [], "a client can press a button that it does not see"
     say(tab.name, "tiny")
-    assert all(handle.visible for handle in parameters) and "measured" not in tab.told.content
+    assert all(handle.visible for handle in parameters) and "a measurement" not in tab.message.content
     say(tab.apply, True)
     assert [one.scene.name for one in opened] == ["tiny"]
     say(tab.name, "hall")

@@ -5,16 +5,17 @@ import re
 from types import SimpleNamespace
 
 import numpy as np
-from browsing import WAIT
 from pretend import State, view_of
 
 from fdcal.viewer.background import uncertainty
 from fdcal.viewer.gui import html as words
+from fdcal.viewer.gui import legend_html
+from fdcal.viewer.tabs import microphones, modes
 
 
 def test_microphones_are_listed_worst_first(measurement):
     offsets = 0.001 * np.array([0, 0, 0, 5, 9, 1, 7, 3, 2, 4])
-    html = words.table(measurement, measurement.positions + offsets[:, None] * [1, 0], None, 6)
+    html = microphones.table(measurement, measurement.positions + offsets[:, None] * [1, 0], None, 6)
     numbers = [int(number) for number in re.findall(r"<tr[^>]*><td>(\d+)(?: known)?</td>", html)]
     assert numbers == [4, 6, 3, 9, 7, 8, 5, 0, 1, 2]
     assert (
@@ -26,15 +27,16 @@ def test_microphones_are_listed_worst_first(measurement):
 
 
 def test_modes_beyond_f_max_are_warned_of(measurement):
-    assert "beyond" not in words.modes_lines(measurement, (1, 2), 500, 3)
-    html = words.modes_lines(measurement, (1, 6), 299, 3)
+    assert "beyond" not in modes.caption(measurement, (1, 2), 500, 3)
+    html = modes.caption(measurement, (1, 6), 299, 3)
     assert "beyond" in html and "300.0 Hz" in html and "299 Hz" in html and "7 functions for 10" in html
 
 
 def test_uncertainty_is_told_of_finished_states_only(measurement, monkeypatch):
-    made, asked = uncertainty.UncertaintyWorker(SimpleNamespace()), []
-    assert made.close(WAIT)
-    monkeypatch.setattr(made._worker, "request", asked.append)
+    asked = []
+    worker = SimpleNamespace(latest=None, request=asked.append)
+    monkeypatch.setattr(uncertainty, "LatestWorker", lambda *_, **__: worker)
+    made = uncertainty.UncertaintyWorker(SimpleNamespace())
     going, done = State(measurement.positions), State(measurement.positions, finished=True)
     for state in (going, done):
         assert made.of(state, False, 0.0) is None and made.of(state, False, 9.0) is None
@@ -47,7 +49,7 @@ def test_words_are_escaped(measurement):
     for html in (
         words.status(view_of([state], error=evil), measurement),
         words.waiting(evil, evil),
-        words.colour_bar(None, evil),
+        legend_html.colour_bar(None, evil),
     ):
         assert "<script" not in html and "&lt;script" in html
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from ...session.comparison import Comparison, ComparisonRun, common_cost
 from ...session.worker import LatestWorker
+from ..gui.html import error_message
 from .prepare import PreparedRun
 
 INTERVAL = 0.2  # s between two looks at the runs
@@ -143,7 +144,8 @@ class ComparisonWorker:
         latest = self._preparation.latest
         if self._pending is None or latest is None or latest.request[0] is not self._pending:
             return
-        self._pending, self._comparison, self._setup, self.error = None, latest.result, latest.request[0], latest.error
+        self._pending, self._comparison, self._setup = None, latest.result, latest.request[0]
+        self.error = error_message(latest.cause)
         if self._comparison is not None:
             self._points = {run.name: {} for run in self._comparison.runs}
             self._comparison.play()

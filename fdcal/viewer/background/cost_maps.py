@@ -18,6 +18,7 @@ from ...graphics.primitives import Floor
 from ...graphics.surroundings import z_range_of
 from ...model.settings import Search
 from ...session.worker import LatestWorker
+from ..gui.html import error_message
 from .prepare import PreparedRun
 
 PAUSE = 0.15  # s at least between two maps while the solver runs, which needs the processor, too
@@ -158,7 +159,7 @@ class CostMapWorker:
         last = latest.request[0]
         dragged = not running and now - latest.ended < DRAG_TIME and last.differs_in_one_position(wanted)
         if dragged or last.stands_for(wanted, running):
-            return latest.result, latest.error
+            return latest.result, error_message(latest.cause)
         return None, ""
 
     def _request(self, wanted: CostMapRequest, running: bool, now: float) -> CostMapRequest:

@@ -29,7 +29,7 @@ from ...session.history import SessionView
 from ...session.request import OpenRequest
 from ...session.worker import LatestWorker
 from ..gui import html
-from ..gui.binding import PICTURE, Choices, choices_told
+from ..gui.choices import PICTURE, Choices
 from .prepare import PreparedRun
 
 MAX_WAITING = 8  # files that may wait to be made
@@ -126,7 +126,7 @@ def _session(snapshot: ViewSnapshot) -> bytes:
     """The session, with the settings and the seed of the states, which a reset may have changed."""
     run, view = snapshot.run, snapshot.view
     scene = replace(run.scene, solver=getattr(view.state, "settings", run.scene.solver))
-    choices = choices_told(snapshot.choices)
+    choices = snapshot.choices.to_save()
     opening = OpenRequest(scene, view.state.seed, run.measurement, tuple(view.history), view.index, choices)
     return session_file.write(opening)
 
@@ -205,7 +205,7 @@ class Exports:
         try:
             content = kind.make(snapshot)
         except (InputError, OSError) as error:
-            client.add_notification("The file could not be made", str(error)[:400], color="red")
+            client.add_notification("The file could not be made", html.error_message(error)[:400], color="red")
             return
         except Exception as error:
             log.exception("a file could not be made")

@@ -1,65 +1,80 @@
-"""The panels and their tabs. They stay for as long as the server does; what is in them comes and goes.
+"""The two panels and their tabs, which stay as long as the server; the contents of one session come and go.
 
-A tab that stays keeps its place on every page: one who looks at it while another scene is opened goes on doing so.
+A tab that stays keeps its place in every browser: a user who looks at a tab while another scene is opened sees the
+same tab afterwards.
 """
 
 from __future__ import annotations
 
 import itertools
-from contextlib import contextmanager
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
 
 import viser
 
 RIGHT_WIDTH, LEFT_WIDTH = 330.0, 300.0  # pixels
-RIGHT = ("Solve", "Scene", "Map", "View", "Export", "Lessons", "Help")  # no icons: they leave too little place
-LEFT = ("Curves", "Maps", "Modes", "Mics", "Race")
+RIGHT = ("Solver", "Scene", "Map", "View", "Export", "Lessons", "Help")  # without icons, which would take too much room
+LEFT = ("Curves", "Maps", "Modes", "Mics", "Compare")
 
 
 class Panels:
-    """Owns the panels' tabs.
+    """Owns the main panel on the right, the panel on the left, and their tabs.
 
-    `tab(name)` is a place for what stays, as lessons do; `SessionFolders` are places for what belongs to one session.
+    Attributes
+    ----------
+    gui : viser.GuiApi
+    top : folder above everything else, for messages about the page as a whole
+    run_bar : folder between `top` and the tabs
+    numbers : counts the sessions
     """
 
     def __init__(self, gui: viser.GuiApi):
         self.gui, self.numbers = gui, itertools.count()
         gui.main_panel.dock_right()
         gui.main_panel.set_width(RIGHT_WIDTH)
-        self.top = gui.add_folder(None)  # for what tells of the page as a whole
-        self.bar = gui.add_folder(None)
+        self.top = gui.add_folder(None)
+        self.run_bar = gui.add_folder(None)
         gui.add_divider()
         group, panel = gui.add_tab_group(), gui.add_panel()
-        self._tabs = {name: group.add_tab(name) for name in RIGHT}
-        self._tabs |= {name: panel.add_tab(name) for name in LEFT}
+        self.tabs = {name: group.add_tab(name) for name in RIGHT} | {name: panel.add_tab(name) for name in LEFT}
         panel.dock_left()
         panel.set_width(LEFT_WIDTH)
 
-    def tab(self, name: str):
-        """The tab, as a context in which to add."""
-        return self._tabs[name]
+    def tab(self, name: str) -> viser.GuiTabHandle:
+        """Return a tab; used as a context, controls are added to it."""
+        return self.tabs[name]
 
 
 class SessionFolders:
-    """One session's parts of the tabs, taken away together."""
+    """Folders in the tabs that hold the controls of one session, and are removed together.
+
+    Attributes
+    ----------
+    number : int, of the session, counted from 0
+    """
 
     def __init__(self, panels: Panels):
-        self._panels, self._made, self.gui, self.number = panels, [], panels.gui, next(panels.numbers)
+        self._panels, self.gui, self.number = panels, panels.gui, next(panels.numbers)
+        self._folders: list[viser.GuiFolderHandle] = []
+
+    def tab(self, name: str) -> AbstractContextManager[viser.GuiFolderHandle]:
+        """Return a context in which controls are added to a tab."""
+        return self._added(self._panels.tab(name))
+
+    def run_bar(self) -> AbstractContextManager[viser.GuiFolderHandle]:
+        """Return a context in which controls are added above the tabs of the main panel."""
+        return self._added(self._panels.run_bar)
 
     @contextmanager
-    def at(self, place):
-        """Add to a tab, by its name, or to another container of the frame."""
-        with self._panels.tab(place) if isinstance(place, str) else place:
-            room = self._panels.gui.add_folder(None)  # without a label it is not seen
-            self._made.append(room)
-            with room:
-                yield room
-
-    def bar(self):
-        """Add above the tabs of the main panel."""
-        return self.at(self._panels.bar)
+    def _added(self, place) -> Iterator[viser.GuiFolderHandle]:
+        with place:
+            folder = self.gui.add_folder(None)  # without a label it is not visible
+            self._folders.append(folder)
+            with folder:
+                yield folder
 
     def remove(self) -> None:
-        """Take everything away."""
-        for room in self._made:
-            room.remove()
-        self._made = []
+        """Remove all folders and what they hold."""
+        for folder in self._folders:
+            folder.remove()
+        self._folders = []

@@ -1,4 +1,4 @@
-"""The race: who, from where; how far each is, in a table, in curves, and as marks in the scene."""
+"""The tab Compare: solvers from the same start, side by side in a table, in curves, and as marks in the scene."""
 
 from __future__ import annotations
 
@@ -12,100 +12,97 @@ from ...graphics.markers import SOLVER_MARKS
 from ..background.comparison import ComparisonSetup, ComparisonWorker, RunSummary
 from ..gui import html
 from ..gui.binding import Binding
-from ..gui.plots import Plot, decades
+from ..gui.plots import Plot, decades_of
 from ..server.client_values import bounded, one_of
-from .solver import LARGEST_SEED, STARTS
+from .solver import MAX_SEED, STARTS
 
-FIELDS = {
-    "all three": ("joint", "descent", "descent+joint"),
+ALL = "all three"
+SOLVERS = {
+    ALL: ("joint", "descent", "descent+joint"),
     "joint, descent": ("joint", "descent"),
     "joint, descent+joint": ("joint", "descent+joint"),
     "descent, descent+joint": ("descent", "descent+joint"),
 }
-DASHES = {"joint": (), "descent": (8, 5), "descent+joint": (2, 4)}
-INTERVAL = 0.5  # s between two sendings of the curves
-ALONE = "No race here: descent needs a plane sound field and a search domain, so joint would run alone."
-LEAST_ERROR = 1e-3  # mm, drawn for anything below: logarithms have no zero
+DASHES = {"joint": (), "descent": (8, 5), "descent+joint": (2, 4)}  # pixels
+INTERVAL = 0.5  # s between two updates of the curves
+MIN_ERROR = 1e-3  # mm, drawn for anything below: logarithms have no zero
+IMPOSSIBLE = "Nothing to compare: descent needs a two-dimensional sound field and a search domain."
 
 
 class ComparisonTab:
-    """Owns the handles of the tab."""
+    """Owns the controls of the tab."""
 
-    def __init__(self, binding: Binding, races: ComparisonWorker):
-        self._binding, self._races, self._sent, self._shown, gui = binding, races, -1e9, None, binding.gui
-        problem = binding.work.problem
+    def __init__(self, binding: Binding, worker: ComparisonWorker):
+        self._binding, self._worker, self._updated = binding, worker, -1e9
+        self._shown: tuple[RunSummary, ...] | None = None
+        self._names: tuple[str, ...] = ()  # of the solvers that the plots are made for
+        self._plots: list[Plot] = []
+        problem = binding.run.problem
         self._possible = problem.dimension == 2 and problem.search is not None
-        self._plots: list = []
-        if not self._possible:
-            gui.add_html(html.remark(ALONE))
-            return
-        self.field = gui.add_dropdown("Racers", tuple(FIELDS), initial_value="all three")
-        self.start = gui.add_dropdown("From", STARTS, initial_value="random", hint="The start that all of them share")
+        if self._possible:
+            self._add_controls()
+        else:
+            binding.gui.add_html(html.remark(IMPOSSIBLE))
+
+    def _add_controls(self) -> None:
+        gui, worker = self._binding.gui, self._worker
+        self.solvers = gui.add_dropdown("Solvers", tuple(SOLVERS), initial_value=ALL)
+        self.start = gui.add_dropdown("Start from", STARTS, initial_value="random", hint="The same for all solvers")
         self.seed = gui.add_number(
-            "Race seed",
-            binding.choices.seed,
-            min=0,
-            max=LARGEST_SEED,
-            step=1,
-            hint="Of the random start and of descent's order",
-        )
+            "Random seed", self._binding.choices.seed, min=0, max=MAX_SEED, step=1,
+            hint="Of the random start, and of the order in which descent moves the microphones",
+        )  # fmt: skip
         self.run = gui.add_button("Start", icon=viser.Icon.FLAG, hint="Start; press again to pause and to resume")
-        self.again = gui.add_button_group(
-            "", ("Reset", "End"), visible=False, hint="All back to the start; or no race any more"
+        self.restart = gui.add_button_group(
+            "", ("Reset", "Clear"), visible=False, hint="Restart or clear the comparison"
         )
-        self.marks = gui.add_checkbox("Show in the scene", True, hint="Where each racer supposes the microphones")
+        self.marks = gui.add_checkbox("Show in the scene", True, hint="Mark the estimates of each solver")
         self.table = gui.add_html("")
-        self._place = gui.add_folder(None)  # of the plots, made when it is known who races
-        binding.on(self.run, lambda _: races.toggle(self.entry))
-        binding.on(self.again, lambda value: (races.reset if value == "Reset" else races.stop)())
+        self._folder = gui.add_folder(None)  # of the plots, which are made when the solvers are known
+        self._binding.on(self.run, lambda _: worker.toggle(self.setup))
+        self._binding.on(self.restart, lambda value: (worker.reset if value == "Reset" else worker.stop)())
 
     @property
-    def entry(self) -> ComparisonSetup:
-        """What the handles say, bounded."""
-        names = FIELDS[one_of(self.field.value, FIELDS, "all three")]
-        seed = bounded(self.seed.value, 0, LARGEST_SEED, 0)
+    def setup(self) -> ComparisonSetup:
+        """What the controls show, bounded."""
+        names = SOLVERS[one_of(self.solvers.value, SOLVERS, ALL)]
+        seed = bounded(self.seed.value, 0, MAX_SEED, 0)
         return ComparisonSetup(names, one_of(self.start.value, STARTS, "random"), seed)
 
-    def marked(self, runners: tuple[RunSummary, ...]) -> tuple[RunSummary, ...]:
-        """Those to be drawn in the scene."""
-        return runners if self._possible and self.marks.value else ()
+    def marked(self, summaries: tuple[RunSummary, ...]) -> tuple[RunSummary, ...]:
+        """Return the runs whose estimates are marked in the scene."""
+        return summaries if self._possible and self.marks.value else ()
 
-    def show(self, runners: tuple[RunSummary, ...], now: float) -> None:
-        """Called by the main loop."""
+    def show(self, summaries: tuple[RunSummary, ...], now: float) -> None:
+        """Bring the tab up to date; called by the main loop."""
         if not self._possible:
             return
-        binding, races = self._binding, self._races
-        binding.send("race word", races.button_label, self.run, "label")
-        binding.send("race over", races.finished, self.run, "disabled")
-        binding.send("race begun", bool(runners), self.again, "visible")
-        binding.send("race table", html.complaint(races.error) + table(runners), self.table, "content")
-        if runners is self._shown or now - self._sent < INTERVAL:
-            return
-        self._sent, self._shown = now, runners
-        self._show_curves(runners)
+        binding, worker = self._binding, self._worker
+        binding.send("comparison label", worker.button_label, self.run, "label")
+        binding.send("comparison finished", worker.finished, self.run, "disabled")
+        binding.send("comparison started", bool(summaries), self.restart, "visible")
+        binding.send("comparison table", html.complaint(worker.error) + table(summaries), self.table, "content")
+        if summaries is not self._shown and now - self._updated >= INTERVAL:
+            self._updated, self._shown = now, summaries
+            self._show_curves(summaries)
 
-    def _show_curves(self, runners: tuple[RunSummary, ...]) -> None:
-        names = tuple(runner.name for runner in runners)
-        ready = bool(runners) and all(len(runner.times) for runner in runners)
-        if self._plots and (not ready or self._plots[0] != names):
-            for plot in self._plots[1:]:
+    def _show_curves(self, summaries: tuple[RunSummary, ...]) -> None:
+        names = tuple(summary.name for summary in summaries)
+        ready = bool(summaries) and all(len(summary.times) for summary in summaries)
+        if not ready or names != self._names:
+            for plot in self._plots:
                 plot.remove()
-            self._plots = []
+            self._names, self._plots = names, []
         if not ready:
             return
-        axis = _axis(runners)
-        curves = [[runner.costs for runner in runners]]
-        if runners[0].mean_errors is not None:
-            curves.insert(0, [np.maximum(runner.mean_errors, LEAST_ERROR) for runner in runners])
-        data = [(axis, *(_held(axis, r.times, c) for r, c in zip(runners, one, strict=True))) for one in curves]
+        columns = curve_columns(summaries)
         if not self._plots:
-            titles = ("Mean position error (mm)", "Cost (Eq. 7, all modes; dB re the power)")[-len(data) :]
-            with self._place:
-                self._plots = [names, *(self._plot(title, names) for title in titles)]
-        for plot, columns in zip(self._plots[1:], data, strict=True):
-            plot.show(columns, decades(*columns[1:]) if "error" in plot.title else None)
+            with self._folder:
+                self._plots = [self._plot(title, names) for title in columns]
+        for plot, data in zip(self._plots, columns.values(), strict=True):
+            plot.show(data, decades_of(*data[1:]) if "error" in plot.title else None)
 
-    def _plot(self, title: str, names) -> Plot:
+    def _plot(self, title: str, names: tuple[str, ...]) -> Plot:
         drawn = [
             uplot.Series(
                 label=name, stroke=SOLVER_MARKS[name].colour, width=2.5, dash=DASHES[name], points={"show": False}
@@ -116,37 +113,48 @@ class ComparisonTab:
         return Plot(self._binding.gui, title, series, "processor time (s)", height=200)
 
 
-def _axis(runners: tuple[RunSummary, ...]) -> np.ndarray:
-    """Every time at which a curve has a point : (P,) float64, s, ascending, each once."""
-    return np.unique(np.concatenate([runner.times for runner in runners]))
+def curve_columns(summaries: tuple[RunSummary, ...]) -> dict[str, tuple[np.ndarray, ...]]:
+    """Return the columns of the plots, by title: processor time (s), and a curve for each run.
+
+    All curves share one axis, with each time at which one of them has a point; between its points a curve is constant.
+
+    Parameters
+    ----------
+    summaries : of runs with at least one point each
+
+    Returns
+    -------
+    dict
+        Title to tuple of (P,) float64.
+    """
+    axis = np.unique(np.concatenate([summary.times for summary in summaries]))
+    errors = [summary.mean_errors for summary in summaries if summary.mean_errors is not None]
+    curves = {"Mean position error (mm)": [np.maximum(error, MIN_ERROR) for error in errors]} if errors else {}
+    curves["Cost (Eq. 7, all modes; dB re the power)"] = [summary.costs for summary in summaries]
+    held = [np.maximum(np.searchsorted(run.times, axis, side="right") - 1, 0) for run in summaries]
+    return {
+        title: (axis, *(values[at] for values, at in zip(runs, held, strict=True))) for title, runs in curves.items()
+    }
 
 
-def _held(axis: np.ndarray, times: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """A curve that stays where it is until its next point : (P,) float64."""
-    return values[np.maximum(np.searchsorted(times, axis, side="right") - 1, 0)]
-
-
-def table(runners: tuple[RunSummary, ...]) -> str:
-    """Time, steps, error and cost of each : HTML."""
-    if not runners:
-        return ""
+def table(summaries: tuple[RunSummary, ...]) -> str:
+    """Return time, steps, error and cost of each run as HTML."""
     rows = []
-    for runner in runners:
-        colour = SOLVER_MARKS[runner.name].colour
-        dashes = ",".join(map(str, DASHES[runner.name]))
+    for summary in summaries:
+        mark, dashes = SOLVER_MARKS[summary.name], ",".join(map(str, DASHES[summary.name]))
         line = (
-            f"<svg width='30' height='10'><line x1='0' y1='5' x2='30' y2='5' stroke='{colour}' stroke-width='3'"
-            f" stroke-dasharray='{dashes}'/></svg> {SOLVER_MARKS[runner.name].shape}"
+            f"<svg width='30' height='10'><line x1='0' y1='5' x2='30' y2='5' stroke='{mark.colour}' stroke-width='3'"
+            f" stroke-dasharray='{dashes}'/></svg> {mark.shape}"
         )
-        error = (
-            ""
-            if runner.mean_error is None
-            else f"{runner.mean_error:.3g} mm, largest {runner.largest_error:.3g} mm<br>"
-        )
-        cost = f"cost {runner.costs[-1]:.1f} dB" if len(runner.costs) else ""
+        error = ""
+        if summary.mean_error is not None:
+            error = f"error: mean {summary.mean_error:.3g} mm, largest {summary.largest_error:.3g} mm<br>"
+        cost = f"cost {summary.costs[-1]:.1f} dB" if len(summary.costs) else ""
         rows.append(
             f"<tr><td style='padding-right: 0.6em; vertical-align: top; white-space: nowrap'>{line}</td><td>"
-            f"<b>{escape(runner.name)}</b>: {escape(runner.status)}<br>"
-            f"{runner.seconds:.2f} s, {runner.step} steps<br>{error}{cost}</td></tr>"
+            f"<b>{escape(summary.name)}</b>: {escape(summary.status)}<br>"
+            f"{summary.seconds:.2f} s, {summary.step} steps<br>{error}{cost}</td></tr>"
         )
+    if not rows:
+        return ""
     return f"<div style='{html.CARD}'><table style='border-spacing: 0 0.2em'>{''.join(rows)}</table></div>"

@@ -1,4 +1,4 @@
-"""The tab Help: keys, what shapes and colours mean, what the numbers are, where more is told."""
+"""The tab Help: keys, mouse, marks, and what the numbers mean."""
 
 from __future__ import annotations
 
@@ -6,40 +6,43 @@ from html import escape
 
 import viser
 
-from ..gui.html import CARD, legend
+from ..gui.html import CARD
+from ..gui.legend_html import legend
 from ..hotkeys import KEYS
 
 NUMBERS = {
-    "Error (mm)": "from a supposed place to the true one, mean and largest over all microphones; of an array without"
-    " known microphones after the best motion and mirror",
-    "Cost": "what no sound field explains of the pressures (Eq. 7 of the paper), summed over the modes in use; without"
-    " dimension, for each mode is scaled to unit RMS",
-    "Step, sweep, stage": "one move of the solver; each microphone once; one set of modes",
-    "Mode (Hz)": "a peak of the room's power spectrum, counted from the lowest. Microphones count from 0",
-    "f_max (Hz)": "up to which the array can follow a field (Eq. 9)",
+    "Error (mm)": "distance from an estimated position to the true one, mean and largest over all microphones; of an"
+    " array without known microphones after the best rotation, translation and reflection",
+    "Cost": "the part of the pressures that no sound field explains (Eq. 7 of the paper), summed over the modes in use;"
+    " dimensionless, because each mode is scaled to unit RMS",
+    "Step, sweep, stage": "one move of the solver; each microphone moved once; one set of active modes",
+    "Mode (Hz)": "a peak of the room's power spectrum, numbered from 1 at the lowest frequency. Microphones are"
+    " numbered from 0",
+    "f_max (Hz)": "highest frequency at which the array can resolve a sound field (Eq. 9)",
     "Order L": "2 L + 1 functions describe the field of a mode (Eq. 3)",
-    "&plusmn; (mm)": "one sigma of a place, once the solver has finished",
+    "&plusmn; &sigma; (mm)": "standard deviation of a position, once the solver has finished",
 }
-HANDS = {
-    "drag": "turns the scene; with the right button it shifts it, the wheel comes closer",
+MOUSE = {
+    "drag": "rotates the scene; with the right button it moves the scene; the wheel zooms",
     "click a microphone": "shows its map",
-    "drag a microphone": "moves its supposed place, and every map but its own follows",
-    "Ctrl+K": "all commands, to be found by name",
+    "drag a microphone": "moves its estimate; the maps of all other microphones follow",
+    "Ctrl+K": "lists all commands by name",
     "W A S D Q E, arrows": "move the camera",
 }
+MARKS = (
+    "<b>Trails</b> are pink. <b>Errors</b> are grey lines from the estimate to the true position. <b>Ellipses</b>"
+    " contain the true position with a probability of 95 %. The map is dark where the cost is low: in dark areas the"
+    " prediction matches what was recorded. Marks differ in shape as well as colour."
+)
+MORE = "README.md and docs/ of the project, and <code>fdcal --help</code>."
 
 
 def text() -> str:
-    """The whole tab as HTML."""
-    keys = {key.face: escape(key.label) for key in KEYS}
-    marks = (
-        "<b>Trails</b> are pink, <b>errors</b> grey lines from cross to circle, <b>ellipses</b> hold 95 %. The map is"
-    )
-    marks += " dark where the cost is low. Every mark has a shape of its own: none is told by its colour alone."
-    more = "README.md and docs/ of the project, and <code>fdcal --help</code>."
+    """Return the contents of the tab as HTML."""
+    keys = {key.name: escape(key.label) for key in KEYS}
     return (
-        f"{_table('Keys', keys)}{_table('Mouse', HANDS)}{_head('Marks')}{legend()}<div style='{CARD}'>{marks}</div>"
-        f"{_table('Numbers', NUMBERS)}{_head('More')}<div style='{CARD}'>{more}</div>"
+        f"{_table('Keys', keys)}{_table('Mouse', MOUSE)}{_head('Marks')}{legend()}<div style='{CARD}'>{MARKS}</div>"
+        f"{_table('Numbers', NUMBERS)}{_head('More')}<div style='{CARD}'>{MORE}</div>"
     )
 
 
@@ -50,12 +53,12 @@ def _head(title: str) -> str:
 def _table(title: str, rows: dict[str, str]) -> str:
     cells = "".join(
         f"<tr><td style='white-space: nowrap; vertical-align: top; padding-right: 0.8em'><b>{name}</b></td>"
-        f"<td>{told}</td></tr>"
-        for name, told in rows.items()
+        f"<td>{description}</td></tr>"
+        for name, description in rows.items()
     )
     return f"{_head(title)}<div style='{CARD}'><table style='border-spacing: 0'>{cells}</table></div>"
 
 
 def add_help(gui: viser.GuiApi) -> None:
-    """Fill the tab, in whose context this is called."""
+    """Add the contents to the tab, in whose context this is called."""
     gui.add_html(text())

@@ -1,7 +1,7 @@
-"""The tab Lessons: a text, a question, the reveal; each step sets the page's own controls.
+"""The tab Lessons: a text, a question and its answer; each step sets the page's own controls.
 
-Everyone who has the page open follows the same lesson. Where a step needs another scene it is opened first
-(`Page.open`), and the rest is set as soon as it is there.
+All browsers that have the page open follow the same lesson. A step that needs another scene opens it first
+(`Page.open`), and sets the controls as soon as the scene is ready.
 """
 
 from __future__ import annotations
@@ -9,25 +9,52 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Protocol
 
+from ...model.scene import Scene
 from ...model.validation import InputError, StorageError
 from ...session.lesson import Lesson, Setting, Step
 from ...session.request import OpenRequest
-from ..gui.html import complaint
-from ..gui.lesson_html import LETTERS, told
-from ..lesson_step import carry_out
+from ..gui.html import complaint, error_message
+from ..gui.lesson_html import LETTERS, step_html
+from ..lesson_step import apply_setting
 from ..server.client_values import one_of
-from ..server.error_log import log_location
+
+if TYPE_CHECKING:
+    from ..gui.layout import Panels
+    from ..scene3d.nodes import SceneNodes
+    from ..session_switch import SessionSwitcher
+    from ..session_view import Viewer
 
 NONE = "No lesson"
-BACK, AGAIN, NEXT = "Back", "Set again", "Next"
+BACK, RESTORE, NEXT = "Back", "Restore", "Next"
 
 log = logging.getLogger(__name__)
 
 
+class LessonPage(Protocol):
+    """What the tab uses of the page (`page.Page`)."""
+
+    panels: Panels
+    nodes: SceneNodes
+    viewer: Viewer | None
+    switcher: SessionSwitcher
+
+    def open(self, request: OpenRequest) -> None:
+        """Show something else as soon as it is ready."""
+        ...
+
+
 @dataclass(frozen=True)
-class Place:
-    """Where in the lessons the page is: a lesson and a step of it, from 0, and the choice made, -1 before."""
+class LessonProgress:
+    """Where in the lessons the page is.
+
+    Attributes
+    ----------
+    lesson : Lesson or None
+    number : int, of the step, from 0
+    choice : int, the answer chosen, from 0; -1 before one is chosen
+    """
 
     lesson: Lesson | None = None
     number: int = 0
@@ -37,118 +64,151 @@ class Place:
     def step(self) -> Step | None:
         return None if self.lesson is None else self.lesson.steps[self.number]
 
+    def moved(self, steps: int) -> LessonProgress | None:
+        """Return the progress at the beginning of another step; None where the lesson has no such step."""
+        number = self.number + steps
+        if self.lesson is None or not 0 <= number < len(self.lesson.steps):
+            return None
+        return LessonProgress(self.lesson, number)
+
 
 class LessonsTab:
-    """Owns the tab's handles, and what is still to be set. All of it on viser's loop but `show`."""
+    """Owns the controls of the tab, and the settings that wait for a scene.
 
-    def __init__(self, page, lessons: Sequence[Lesson]):
+    All methods run on viser's event loop, except `show`.
+    """
+
+    def __init__(self, page: LessonPage, lessons: Sequence[Lesson]):
         self._page, gui = page, page.panels.gui
         self._lessons = {lesson.title: lesson for lesson in lessons}
-        self.place, self._wanted, self._trouble = Place(), None, ""
+        self.progress, self._error = LessonProgress(), ""
+        self._pending: tuple[OpenRequest, list[Setting]] | None = None  # settings that wait for their scene
         with page.panels.tab("Lessons"):
             self.choice = gui.add_dropdown("Lesson", (NONE, *self._lessons), initial_value=NONE)
-            self.ways = gui.add_button_group(
-                "Step", (BACK, AGAIN, NEXT), visible=False, hint="Set again puts the controls as this step wants them"
+            self.navigation = gui.add_button_group(
+                "Step", (BACK, RESTORE, NEXT), visible=False, hint="Restore: restore this step's settings"
             )
             self.text = gui.add_html("")
             self.answers = gui.add_button_group("Your answer", ("A", "B"), visible=False)
-        self._hear(self.choice, lambda value: self.take(one_of(value, self._lessons, NONE)))
-        self._hear(self.answers, self.answer)
-        self._hear(self.ways, self.go)
+        self._on(self.choice, lambda value: self.start(one_of(value, self._lessons, NONE)))
+        self._on(self.answers, self.answer)
+        self._on(self.navigation, self.go)
         self._redraw()
 
-    def _hear(self, handle, act) -> None:
-        async def hear(event) -> None:
+    def _on(self, handle, act: Callable[[object], None]) -> None:
+        """Call `act(value)` when a client has changed a control."""
+
+        async def respond(event) -> None:
             if event.client is not None:
                 act(event.target.value)
 
-        (handle.on_click if hasattr(handle, "on_click") else handle.on_update)(hear)
+        (handle.on_click if hasattr(handle, "on_click") else handle.on_update)(respond)
 
-    def take(self, title: str) -> None:
-        """Begin a lesson, by its title; any other text ends the one there is."""
-        self.place = Place(self._lessons.get(title))
-        self._set()
+    def start(self, title: str) -> None:
+        """Start a lesson, by its title; any other text ends the present one."""
+        self.progress = LessonProgress(self._lessons.get(title))
+        self._set_up()
 
-    def go(self, way) -> None:
-        """BACK, AGAIN or NEXT."""
-        lesson, number = self.place.lesson, self.place.number
-        if lesson is None or way not in (BACK, AGAIN, NEXT):
+    def go(self, where) -> None:
+        """Go BACK or NEXT, or RESTORE the settings of the step; ignore anything else."""
+        if where not in (BACK, RESTORE, NEXT):
             return
-        number += {BACK: -1, AGAIN: 0, NEXT: 1}[way]
-        if 0 <= number < len(lesson.steps):
-            self.place = Place(lesson, number)
-            self._set()
+        progress = self.progress.moved({BACK: -1, RESTORE: 0, NEXT: 1}[where])
+        if progress is not None:
+            self.progress = progress
+            self._set_up()
 
     def answer(self, letter) -> None:
-        """Make a choice, by its letter; the first one counts."""
-        step, choice = self.place.step, LETTERS.find(str(letter))
-        if step is None or self.place.choice >= 0 or len(str(letter)) != 1 or not 0 <= choice < len(step.choices):
+        """Answer the question, by the letter of the answer; only the first answer counts."""
+        step, choice = self.progress.step, LETTERS.find(str(letter))
+        if step is None or self.progress.choice >= 0 or len(str(letter)) != 1 or not 0 <= choice < len(step.choices):
             return
-        self.place = replace(self.place, choice=choice)
-        self._set()
+        self.progress = replace(self.progress, choice=choice)
+        self._set_up()
 
-    def _set(self) -> None:
-        """Put the page as the place wants it, the scene first."""
-        place, self._wanted, self._trouble = self.place, None, ""
+    def _set_up(self) -> None:
+        """Set the page as the present step requires, the scene first."""
+        progress, self._pending, self._error = self.progress, None, ""
         self._redraw()
-        if place.lesson is None:
+        lesson, step = progress.lesson, progress.step
+        if lesson is None or step is None:
             return
-        revealed = place.choice >= 0
-        settings = [place.step.page, place.step.then] if revealed else [place.step.page]
-        self._guarded(lambda: self._begin(settings, *place.lesson.start(place.number, revealed)))
+        revealed = progress.choice >= 0
+        settings = [step.page, step.then] if revealed else [step.page]
 
-    def _begin(self, settings: list[Setting], scene, seed: int) -> None:
-        """Set the last of `settings`; where another scene is needed first, what came before it in this step, too."""
+        def begin() -> None:
+            start = lesson.start(progress.number, revealed)
+            if start is None:
+                raise InputError(f'the lesson "{lesson.title}" names no scene', "give its first step a scene")
+            self._begin(settings, *start)
+
+        self._guarded(begin)
+
+    def _begin(self, settings: list[Setting], scene: Scene, seed: int) -> None:
+        """Apply the last of `settings`; if another scene has to be opened first, all settings of this step."""
         viewer, setting = self._page.viewer, settings[-1]
-        if viewer is None or viewer.binding.work.scene != scene:
-            opening = OpenRequest(scene, start_seed=seed)
-            self._page.open(opening)
-            self._wanted = opening, settings[-1:] if setting.begins else settings
+        if viewer is None or viewer.binding.run.scene != scene:
+            request = OpenRequest(scene, start_seed=seed)
+            self._page.open(request)
+            self._pending = request, settings[-1:] if setting.begins else settings
             self._redraw()
             return
-        anew = setting.begins or bool(setting.reset)
-        if anew:
+        restarted = setting.begins or bool(setting.reset)
+        if restarted:
             viewer.binding.session.reset(seed)
-        carry_out(setting, viewer.main_panel, self._page.nodes.cameras.place_all, anew)
+        self._apply(setting, viewer, restarted)
 
-    def show(self, call: Callable[[Callable], object] = lambda function: function()) -> None:
-        """Called by the main loop: what waits for a scene is set once it is there, by `call`, on viser's loop."""
-        wanted, viewer = self._wanted, self._page.viewer
-        if wanted is not None and viewer is not None and viewer.binding.work.opening is wanted[0]:
-            self._wanted = None
-            call(lambda: self._guarded(lambda: self._complete(wanted[1], viewer)))
-        elif wanted is not None and self._page.switcher.idle:  # refused or cancelled
-            self._wanted = None
+    def _apply(self, setting: Setting, viewer: Viewer, restarted: bool) -> None:
+        apply_setting(setting, viewer.main_panel, self._page.nodes.cameras.place_all, restarted)
+
+    def show(self, call: Callable[[Callable[[], None]], object] = lambda function: function()) -> None:
+        """Apply the settings that wait for a scene once it is shown; called by the main loop.
+
+        Parameters
+        ----------
+        call : runs a function on viser's event loop
+        """
+        pending, viewer = self._pending, self._page.viewer
+        if pending is None:
+            return
+        if viewer is not None and viewer.binding.run.opening is pending[0]:
+            self._pending = None
+            call(lambda: self._guarded(lambda: self._apply_all(pending[1], viewer)))
+        elif self._page.switcher.idle:  # the scene was refused or cancelled
+            self._pending = None
             call(self._redraw)
 
-    def _complete(self, settings: list[Setting], viewer) -> None:
+    def _apply_all(self, settings: list[Setting], viewer: Viewer) -> None:
         for setting in settings if viewer is self._page.viewer else ():
-            carry_out(setting, viewer.main_panel, self._page.nodes.cameras.place_all, setting is settings[0])
+            self._apply(setting, viewer, restarted=setting is settings[0])
         self._redraw()
 
     def _guarded(self, act: Callable[[], None]) -> None:
+        """Call `act`; show an exception on the page, and log it unless it is the user's."""
         try:
             act()
-        except (InputError, StorageError) as error:
-            self._tell(str(error))
         except Exception as error:
-            log.exception("a lesson's step could not be set")
-            self._tell(f"{type(error).__name__}: {error}; details in {log_location()}")
-
-    def _tell(self, trouble: str) -> None:
-        self._trouble = trouble
-        self._redraw()
+            if not isinstance(error, (InputError, StorageError)):
+                log.exception("a lesson's step could not be set")
+            self._error = error_message(error)
+            self._redraw()
 
     def _redraw(self) -> None:
-        place, step = self.place, self.place.step
-        ready = self._wanted is None
-        self.text.content = told(place.lesson, place.number, place.choice, ready) + complaint(self._trouble)
-        asked = step is not None and bool(step.choices) and place.choice < 0 and ready
-        self.answers.visible, self.ways.visible = asked, step is not None
-        if asked and self.answers.options != (letters := tuple(LETTERS[: len(step.choices)])):
-            self.answers.options = letters
-        if step is not None:
-            first, last = place.number == 0, place.number == len(place.lesson.steps) - 1
-            ways = (*((BACK,) * (not first)), AGAIN, *((NEXT,) * (not last)))
-            if self.ways.options != ways:
-                self.ways.options = ways
+        progress, lesson, step = self.progress, self.progress.lesson, self.progress.step
+        ready = self._pending is None
+        self.text.content = step_html(lesson, progress.number, progress.choice, ready) + complaint(self._error)
+        self.navigation.visible = step is not None
+        if lesson is None or step is None:
+            self.answers.visible = False
+            return
+        self.answers.visible = bool(step.choices) and progress.choice < 0 and ready
+        if self.answers.visible:
+            _set_options(self.answers, tuple(LETTERS[: len(step.choices)]))
+        first, last = progress.number == 0, progress.number == len(lesson.steps) - 1
+        _set_options(self.navigation, (*((BACK,) * (not first)), RESTORE, *((NEXT,) * (not last))))
+
+
+def _set_options(handle, options: tuple[str, ...]) -> None:
+    """Set the buttons of a group where they differ: buttons that are sent again lose the focus."""
+    if handle.options != options:
+        handle.options = options

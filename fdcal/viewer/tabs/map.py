@@ -1,68 +1,75 @@
-"""Which map lies on the floor, and how it is drawn."""
+"""The tab Map: of which microphone and modes the map on the floor is, and how it is drawn."""
 
 from __future__ import annotations
 
+from ...graphics.primitives import format_number
 from ...model import mode_ranges
 from ...model.validation import InputError
 from ..background.cost_maps import CostMap
 from ..gui import html
-from ..gui.binding import FLOOR, NOTHING, RELIEF, SHAPE, Binding, Choices
+from ..gui.binding import Binding
+from ..gui.choices import FLOOR, NOTHING, RELIEF, SHAPE, Choices
+from ..gui.legend_html import colour_bar
 from ..server.client_values import bounded, one_of
 
-IN_USE, CHOSEN = "Those in use", "Chosen here"
+SAME_AS_SOLVER, CUSTOM = "Same as solver", "Custom"
 KINDS = (FLOOR, RELIEF, SHAPE, NOTHING)
 LINEAR, LOG = "Linear", "Logarithmic"
-
-
-NO_SEARCH = "No map: nothing tells within which bounds to look for the microphones (search domain)."
-
-
-def _why_none(choices: Choices) -> str:
-    """Why there is no map."""
-    return "map under way ..." if choices.shown else "no map"
-
-
-def _kind_of(choices: Choices) -> str:
-    if not choices.shown:
-        return NOTHING
-    return RELIEF if choices.look.relief else SHAPE if choices.look.shape else FLOOR
+NO_SEARCH = (
+    "No map: the file has no search domain. Add search_origin, search_size, search_step and radius (metres) to the file"
+    " of the measurement."
+)
 
 
 class MapTab:
-    """Owns the handles of the tab."""
+    """Owns the controls of the tab."""
 
     def __init__(self, binding: Binding):
-        self._binding, gui, choices = binding, binding.gui, binding.choices
-        highest, look, chosen = binding.measurement.count - 1, choices.look, choices.modes is not None
-        self.microphone = gui.add_slider(
-            "Microphone", 0, highest, 1, choices.microphone, hint="Or click one in the scene; drag one to move it"
-        )
-        self.follow = gui.add_checkbox(
-            "Follow solver", choices.follow, hint="Show the microphone that a step has moved"
-        )
-        self.follow.visible = not binding.work.solver.TRAITS.moves_all
-        self._possible = binding.work.problem.search is not None
-        kind, modes = _kind_of(choices), choices.modes or (1,)
-        self.which = gui.add_dropdown(
-            "Modes shown", (IN_USE, CHOSEN), initial_value=CHOSEN if chosen else IN_USE, hint="Of the map alone"
-        )
-        self.upto = gui.add_slider("Up to mode", 1, binding.modes, 1, modes[-1], hint="Watch the minima merge")
-        self.text = gui.add_text("Mode numbers", mode_ranges.to_text(modes), hint="As in 1-3, 5")
-        self.kind = gui.add_dropdown("Show", KINDS, initial_value=kind, visible=self._possible)
-        self.scale = gui.add_dropdown("Scale", (LOG, LINEAR), initial_value=LOG if look.log else LINEAR)
-        self.opacity = gui.add_slider("Opacity (%)", 10, 100, 5, round(100 * look.opacity))
-        self.bar = gui.add_html(html.colour_bar(None))
-        self._show_what_counts()
+        self._binding = binding
+        self._possible = binding.run.problem.search is not None
+        self._add_microphone()
+        self._add_modes()
+        self._add_style()
+        self.caption = binding.gui.add_html(colour_bar(None))
+        self._show_relevant()
         self._listen()
 
-    def _show_what_counts(self) -> None:
-        """The controls that mean nothing for the kind of map, or where there can be none, are not shown."""
-        kind, chosen = (
-            _kind_of(self._binding.choices) if self._possible else NOTHING,
-            self._binding.choices.modes is not None,
+    def _add_microphone(self) -> None:
+        binding, choices = self._binding, self._binding.choices
+        self.microphone = binding.gui.add_slider(
+            "Microphone", 0, binding.measurement.count - 1, 1, choices.microphone,
+            hint="Or click a microphone in the scene; drag it to move its estimate",
+        )  # fmt: skip
+        self.follow = binding.gui.add_checkbox(
+            "Follow solver", choices.follow, hint="Show the microphone that the last step moved"
         )
+        self.follow.visible = not binding.run.solver.TRAITS.moves_all
+
+    def _add_modes(self) -> None:
+        binding, modes = self._binding, self._binding.choices.modes
+        self.which = binding.gui.add_dropdown(
+            "Modes shown", (SAME_AS_SOLVER, CUSTOM), initial_value=SAME_AS_SOLVER if modes is None else CUSTOM,
+            hint="Of the map; the solver keeps its own",
+        )  # fmt: skip
+        modes = modes or (1,)
+        self.upto = binding.gui.add_slider(
+            "Up to mode", 1, binding.modes, 1, modes[-1], hint="From mode 1 to this one; watch the local minima merge"
+        )
+        self.text = binding.gui.add_text("Mode numbers", mode_ranges.to_text(modes), hint="For example 1-3, 5")
+
+    def _add_style(self) -> None:
+        gui, choices = self._binding.gui, self._binding.choices
+        self.kind = gui.add_dropdown("Show", KINDS, initial_value=_kind_of(choices), visible=self._possible)
+        scales: tuple[str, ...] = (LOG, LINEAR)
+        self.scale = gui.add_dropdown("Scale", scales, initial_value=LOG if choices.style.log else LINEAR)
+        self.opacity = gui.add_slider("Opacity (%)", 10, 100, 5, round(100 * choices.style.opacity))
+
+    def _show_relevant(self) -> None:
+        """Hide the controls that have no effect on the kind of map, and all of them where there can be no map."""
+        choices = self._binding.choices
+        kind = _kind_of(choices) if self._possible else NOTHING
         self.which.visible = kind != NOTHING
-        self.upto.visible = self.text.visible = chosen and kind != NOTHING
+        self.upto.visible = self.text.visible = choices.modes is not None and kind != NOTHING
         self.scale.visible = kind in (FLOOR, RELIEF)
         self.opacity.visible = kind in (FLOOR, SHAPE)
 
@@ -70,92 +77,137 @@ class MapTab:
         binding = self._binding
         binding.on(self.microphone, self.choose_microphone)
         binding.on(self.follow, lambda value: self.follow_solver(bool(value)))
-        binding.on(self.which, self._choose_which)
+        binding.on(self.which, lambda value: self.choose_modes(self._in_use() if value == CUSTOM else None))
         binding.on(self.upto, lambda value: self.choose_modes(range(1, bounded(value, 1, binding.modes, 1) + 1)))
         binding.on(self.text, self._read)
         binding.on(self.kind, self.show_as)
         binding.on(self.scale, self.scale_as)
-        binding.on(self.opacity, lambda value: binding.look(opacity=bounded(value, 10, 100, 100) / 100))
+        binding.on(self.opacity, self.fade)
 
     @property
-    def _looked_at(self) -> int:
+    def _selected(self) -> int:
         """The microphone that the page shows."""
-        return bounded(self.microphone.value, 0, self._binding.measurement.count - 1, self._binding.choices.microphone)
+        return self._bounded_microphone(self.microphone.value)
+
+    def _bounded_microphone(self, value) -> int:
+        return bounded(value, 0, self._binding.measurement.count - 1, self._binding.choices.microphone)
 
     def choose_microphone(self, value) -> None:
-        """A microphone chosen by hand is stayed with."""
-        number = bounded(value, 0, self._binding.measurement.count - 1, self._binding.choices.microphone)
-        self._binding.choose(microphone=number, follow=False)
+        """Show the map of a microphone, and stop following the solver."""
+        self._binding.choose(microphone=self._bounded_microphone(value), follow=False)
         self.follow.value = False
 
     def pick(self, number: int) -> None:
-        """A microphone chosen in the scene."""
+        """Show the map of a microphone that was chosen outside of the tab."""
         self.choose_microphone(number)
         self.microphone.value = self._binding.choices.microphone
 
-    def follow_solver(self, wanted: bool) -> None:
-        """Show the microphone that a step has moved, or stay with the one that is shown."""
-        self._binding.choose(follow=wanted, microphone=self._looked_at)
-        self.follow.value = wanted
+    def follow_solver(self, follow: bool) -> None:
+        """Show the microphone that the last step moved, or stay with the present one."""
+        self._binding.choose(follow=follow, microphone=self._selected)
+        self.follow.value = follow
 
     def choose_modes(self, modes) -> None:
-        """The map of just these modes, counted from 1; None for those in use."""
+        """Show the map of these modes, counted from 1; None for those that the solver uses."""
         modes = None if modes is None else tuple(modes)
-        self._binding.choose(modes=modes, complaint="")
-        self.which.value = IN_USE if modes is None else CHOSEN
-        self._show_what_counts()
+        self._binding.choose(modes=modes, modes_error="")
+        self.which.value = SAME_AS_SOLVER if modes is None else CUSTOM
+        self._show_relevant()
         if modes is not None:
             self.text.value, self.upto.value = mode_ranges.to_text(modes), modes[-1]
 
     def toggle_mode(self, mode: int) -> None:
-        """Switch one mode of the map on or off; the last one stays."""
-        now = set(self._binding.choices.modes or self._in_use()) ^ {mode}
-        if now:
-            self.choose_modes(sorted(now))
+        """Add a mode to the map or remove it; the last one stays."""
+        modes = set(self._binding.choices.modes or self._in_use()) ^ {mode}
+        if modes:
+            self.choose_modes(sorted(modes))
 
     def _in_use(self) -> tuple[int, ...]:
         state = self._binding.session.view.state
         return tuple(range(state.first, state.last + 1))
 
-    def _choose_which(self, value) -> None:
-        self.choose_modes(self._in_use() if value == CHOSEN else None)
-
     def _read(self, text) -> None:
-        """A text that cannot be read is told below and changes nothing."""
+        """Show the map of the modes that a text names; a text that cannot be read changes nothing but the error."""
         try:
             modes = mode_ranges.parse(text, self._binding.modes)
         except InputError as error:
-            self._binding.choose(complaint=str(error))
+            self._binding.choose(modes_error=html.error_message(error))
             return
-        self._binding.choose(modes=modes, complaint="")
+        self._binding.choose(modes=modes, modes_error="")
         self.upto.value = modes[-1]
 
     def show_as(self, value) -> None:
-        """One of KINDS."""
+        """Show one of KINDS."""
         kind = one_of(value, KINDS, FLOOR)
         self._binding.choose(shown=kind != NOTHING)
-        self._binding.look(relief=kind == RELIEF, shape=kind == SHAPE)
-        self._show_what_counts()
+        self._binding.choose_style(relief=kind == RELIEF, shape=kind == SHAPE)
+        self._show_relevant()
         if self.kind.value != kind:
             self.kind.value = kind
 
     def scale_as(self, value) -> None:
-        """LOG or LINEAR."""
+        """Use the scale LOG or LINEAR."""
         scale = one_of(value, (LOG, LINEAR), LOG)
-        self._binding.look(log=scale == LOG)
+        self._binding.choose_style(log=scale == LOG)
         if self.scale.value != scale:
             self.scale.value = scale
 
-    def show(self, microphone: int, drawn: CostMap | None, trouble: str) -> None:
-        """Called by the main loop, with the map on the floor or why there is none."""
-        binding = self._binding
-        if not binding.choices.follow and binding.choices.microphone == microphone:
-            binding.sent["microphone"] = microphone  # set by a hand, which may hold it still
+    def fade(self, value) -> None:
+        """Set the opacity of the map, %."""
+        self._binding.choose_style(opacity=bounded(value, 10, 100, 100) / 100)
+
+    def show(self, microphone: int, drawn: CostMap | None, reason: str) -> None:
+        """Bring the tab up to date; called by the main loop.
+
+        Parameters
+        ----------
+        microphone : int, whose map is shown, counted from 0
+        drawn : CostMap on the floor, or None
+        reason : why there is no map, "" where it is only not ready
+        """
+        binding, choices = self._binding, self._binding.choices
+        if not choices.follow and choices.microphone == microphone:
+            binding.sent["microphone"] = microphone  # set by the user, who may still be dragging the slider
         binding.send("microphone", microphone, self.microphone)
-        complaint = binding.choices.complaint
-        key = None if drawn is None else id(drawn.floor), trouble, complaint, binding.choices.shown
-        if binding.sent.get("map") != key:
-            binding.sent["map"] = key
-            wanted = _why_none(binding.choices) if self._possible else NO_SEARCH
-            bar = html.colour_bar(drawn.floor.bar if drawn else None, trouble or wanted) + html.map_lines(drawn)
-            binding.send("bar", html.complaint(complaint) + bar, self.bar, "content")
+        key = None if drawn is None else id(drawn.floor), reason, choices.modes_error, choices.shown
+        if binding.sent.get("map") == key:
+            return
+        binding.sent["map"] = key
+        reason = reason or (NO_SEARCH if not self._possible else "computing the map ..." if choices.shown else "no map")
+        bar = colour_bar(drawn.floor.bar if drawn else None, reason)
+        text = html.complaint(choices.modes_error) + bar + caption(drawn, html.cost_unit(binding.weights))
+        binding.send("caption of the map", text, self.caption, "content")
+
+
+def _kind_of(choices: Choices) -> str:
+    if not choices.shown:
+        return NOTHING
+    return RELIEF if choices.style.relief else SHAPE if choices.style.shape else FLOOR
+
+
+def caption(drawn: CostMap | None, unit: str) -> str:
+    """Return what a map shows: its local minima, the cost at the estimated position, the lowest cost.
+
+    Parameters
+    ----------
+    drawn : CostMap or None
+    unit : of the cost, in brackets
+
+    Returns
+    -------
+    str
+        HTML.
+    """
+    if drawn is None:
+        return ""
+    request, count = drawn.request, drawn.minima
+    if request.style.shape:
+        text = "Snapshot of the field reconstructed at the estimated positions (Eq. 6)"
+        return f"<div style='{html.CARD}'>{text}</div>"
+    minima = "no local minimum" if not count else "1 local minimum" if count == 1 else f"{count} local minima"
+    modes = len(request.modes)
+    what = f"sum of {modes} modes" if modes > 1 else f"mode {request.modes[0]} alone"
+    return (
+        f"<div style='{html.CARD}'>microphone {request.microphone}, {what}: <b>{minima}</b> in the map<br>cost at the"
+        f" estimate <b>{format_number(drawn.cost_here, 4)}</b>, lowest {format_number(drawn.lowest, 4)} {unit}</div>"
+    )

@@ -1,8 +1,9 @@
-"""The scenario without a text editor: which scene, its array, walls, noise and known microphones; Apply runs it."""
+"""The tab Scene: array, walls, noise and known microphones of the scene; Apply simulates the changed scene."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import viser
 
@@ -17,83 +18,126 @@ from ..gui import html
 from ..gui.binding import Binding
 from ..server.client_values import bounded, bounded_number, one_of
 
-MOST_MICROPHONES, LARGEST_SEED = 150, 2**31 - 1
-RADII = (0.05, 3.0)  # m
-ABSORPTIONS = (0.1, 99.0)  # %
-SNRS = (-10, 90)  # dB
-LOUDEST_QUIET = 40  # dB, where the slider stands as noise is switched on
-SPEED_ERRORS = (-5.0, 5.0)  # %
-MEASURED = "These microphones were measured: nothing is simulated that could be set here. Choose a scene to simulate."
+MEASURED = "This is a measurement; there are no simulation settings. Choose a scene to simulate one."
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """Between which bounds the controls can be set.
+
+    Attributes
+    ----------
+    microphones : number of microphones
+    radius : of the array, metres
+    absorption : of the walls, %
+    snr : signal-to-noise ratio, dB
+    default_snr : where the slider stands when noise is switched on, dB
+    sound_speed_error : %
+    max_seed : of the scene
+    """
+
+    microphones: tuple[int, int] = (4, 150)
+    radius: tuple[float, float] = (0.05, 3.0)
+    absorption: tuple[float, float] = (0.1, 99.0)
+    snr: tuple[int, int] = (-10, 90)
+    default_snr: int = 40
+    sound_speed_error: tuple[float, float] = (-5.0, 5.0)
+    max_seed: int = 2**31 - 1
+
+
+RANGES = Ranges()
 
 
 class SceneTab:
-    """Owns the handles of the tab. Nothing happens before Apply; what cannot be is told, and nothing changes."""
+    """Owns the controls of the tab. Nothing changes before Apply; a scene that is refused changes nothing."""
 
     def __init__(self, binding: Binding):
-        self._binding, gui, scene = binding, binding.gui, binding.work.scene
-        self._scene, parameters = scene, parameters_of(scene)
-        self._own = scene.name if scene.name not in scene_names() else None
-        # A measurement whose file has the name of a scene is another thing.
-        if isinstance(scene, MeasuredScene) and self._own is None:
-            self._own = f"{scene.name} (measured)"
-        names = (*scene_names(), *([self._own] if self._own else []))
-        self.name = gui.add_dropdown("Scene", names, initial_value=self._own or scene.name)
-        self.microphones = gui.add_slider("Microphones", 4, MOST_MICROPHONES, 1, 4)
+        self._binding, self._scene = binding, binding.run.scene
+        self._own_name = _own_name(self._scene)
+        self._add_array()
+        self._add_room()
+        self._add_measurement()
+        self.apply = binding.gui.add_button("Apply", icon=viser.Icon.CHECK, hint="Simulate this scene and restart")
+        self.message = binding.gui.add_html("")
+        self._show_scene(self._scene)
+        self._listen()
+
+    def _add_array(self) -> None:
+        gui, own = self._binding.gui, self._own_name
+        names = (*scene_names(), *([own] if own else []))
+        self.name = gui.add_dropdown("Scene", names, initial_value=own or self._scene.name)
+        low, high = RANGES.microphones
+        self.microphones = gui.add_slider("Microphones", low, high, 1, low)
         self.radius = gui.add_number(
-            "Array radius (m)", 1.0, min=RADII[0], max=RADII[1], step=0.01,
-            hint="Of a rectangle, half its longest side; the search domain grows along",
+            "Array radius (m)", 1.0, min=RANGES.radius[0], max=RANGES.radius[1], step=0.01,
+            hint="Of a rectangular array: half of its longest side. The search domain grows with it",
         )  # fmt: skip
-        self.walls = gui.add_dropdown("Walls", WALLS, initial_value=parameters.walls)
+
+    def _add_room(self) -> None:
+        gui, (low, high) = self._binding.gui, RANGES.absorption
+        self.walls = gui.add_dropdown("Walls", WALLS, initial_value=parameters_of(self._scene).walls)
         self.absorption = gui.add_number(
-            "Absorption (%)", 1.0, min=ABSORPTIONS[0], max=ABSORPTIONS[1], step=0.1,
-            hint="Of a wave's energy, at normal incidence",
-        )  # fmt: skip
+            "Absorption (%)", 1.0, min=low, max=high, step=0.1, hint="Absorbed energy of a wave at normal incidence"
+        )
+
+    def _add_measurement(self) -> None:
+        gui = self._binding.gui
         self.noise = gui.add_checkbox("Noise", False)
-        self.snr = gui.add_slider("SNR (dB)", *SNRS, 1, LOUDEST_QUIET, hint="Of each mode")
+        self.snr = gui.add_slider(
+            "SNR (dB)", *RANGES.snr, 1, RANGES.default_snr, hint="Signal-to-noise ratio of each mode"
+        )
         self.speed = gui.add_slider(
-            "c error (%)", *SPEED_ERRORS, 0.1, 0.0, hint="How much too high the sound speed is that the solver is told"
+            "Sound-speed error (%)", *RANGES.sound_speed_error, 0.1, 0.0,
+            hint="By how much the solver's sound speed exceeds the true one",
+        )  # fmt: skip
+        self.known = gui.add_slider(
+            "Known microphones", 0, RANGES.microphones[1], 1, 3, hint="Microphones whose positions are given"
         )
-        self.known = gui.add_slider("Known mics", 0, MOST_MICROPHONES, 1, 3, hint="Microphones told to the solver")
         self.seed = gui.add_number(
-            "Scene seed", 0, min=0, max=LARGEST_SEED, step=1, hint="Draws random microphones, noise and random starts"
-        )
-        self.apply = gui.add_button("Apply", icon=viser.Icon.CHECK, hint="Simulate and begin anew")
-        self.told = gui.add_html("")
-        self._knobs = (self.microphones, self.radius, self.walls, self.absorption, self.noise, self.snr, self.speed)
-        self._knobs += (self.known, self.seed, self.apply)
-        self._put(scene)
+            "Scene seed", 0, min=0, max=RANGES.max_seed, step=1,
+            hint="Of random microphone positions, of the noise and of random starts",
+        )  # fmt: skip
+
+    def _listen(self) -> None:
+        binding = self._binding
         binding.on(self.name, self._choose)
-        binding.on(self.walls, lambda value: self._show_walls(one_of(value, WALLS, parameters.walls)))
+        binding.on(self.walls, lambda value: self._show_walls(one_of(value, WALLS, WALLS[0])))
         binding.on(self.noise, lambda value: self._show_noise(bool(value)))
-        binding.on(self.microphones, lambda value: self._bound_known(bounded(value, 4, MOST_MICROPHONES, 4)))
+        binding.on(self.microphones, lambda value: self._limit_known(bounded(value, *RANGES.microphones, 4)))
         binding.on(self.apply, lambda _: self.press())
 
-    def _put(self, scene: Scene) -> None:
+    def _show_scene(self, scene: Scene) -> None:
         """Set the controls to the scene's parameters; hide them for a measurement, which has none."""
-        parameters, self._scene = parameters_of(scene), scene
-        measured = isinstance(scene, MeasuredScene)
-        for handle in self._knobs:
+        self._scene, measured = scene, isinstance(scene, MeasuredScene)
+        for handle in (
+            self.microphones, self.radius, self.walls, self.absorption, self.noise, self.snr, self.speed, self.known,
+            self.seed, self.apply,
+        ):  # fmt: skip
             handle.visible = not measured
-        self.told.content = html.remark(MEASURED) if measured else ""
-        if measured:
-            return
-        self.microphones.max = max(MOST_MICROPHONES, parameters.microphones)
+        self.message.content = html.remark(MEASURED) if measured else ""
+        if not measured:
+            self._show_parameters(parameters_of(scene))
+
+    def _show_parameters(self, parameters: SceneParameters) -> None:
+        self.microphones.max = max(RANGES.microphones[1], parameters.microphones)
         self.microphones.value = parameters.microphones
-        self.microphones.disabled = scene.array.positions is not None
+        self.microphones.disabled = self._scene.array.positions is not None
         self.radius.value, self.walls.value = round(parameters.radius, 4), parameters.walls
         self.absorption.value = round(100 * parameters.absorption, 2) or 1.0
-        self.noise.value = quiet = math.isfinite(parameters.snr_db)
-        self.snr.value = bounded(parameters.snr_db, *SNRS, LOUDEST_QUIET) if quiet else LOUDEST_QUIET
-        self.speed.value = bounded_number(100 * parameters.sound_speed_error, *SPEED_ERRORS, 0.0)
-        self.seed.value = min(parameters.seed, LARGEST_SEED)
-        self._bound_known(parameters.microphones)
+        self.noise.value = noisy = math.isfinite(parameters.snr_db)
+        default = RANGES.default_snr
+        self.snr.value = bounded(parameters.snr_db, *RANGES.snr, default) if noisy else default
+        self.speed.value = bounded_number(100 * parameters.sound_speed_error, *RANGES.sound_speed_error, 0.0)
+        self.seed.value = min(parameters.seed, RANGES.max_seed)
+        self._limit_known(parameters.microphones)
         self.known.value = parameters.known
         self._show_walls(parameters.walls)
-        self._show_noise(quiet)
+        self._show_noise(noisy)
 
-    def _bound_known(self, microphones: int) -> None:
-        """As many known ones as fix the gauge at least, and one less than there are at most."""
-        low, high = least_known(self._scene), max(microphones - 1, least_known(self._scene) + 1)
+    def _limit_known(self, microphones: int) -> None:
+        """Limit the known microphones: enough to fix the gauge, and at least one microphone that is not known."""
+        low = least_known(self._scene)
+        high = max(microphones - 1, low + 1)
         self.known.value = min(max(self.known.value, low), high)
         self.known.min, self.known.max = low, high
 
@@ -104,53 +148,63 @@ class SceneTab:
         self.snr.visible = noisy
 
     def _choose(self, value) -> None:
-        """Another scene's parameters; the one shown is as it is, not as it was in its file."""
-        name = one_of(value, (*scene_names(), self._own or ""), self._scene.name)
-        shown = self._binding.work.scene
+        """Show the parameters of another scene; those of the page's own scene are as it is now, not as in its file."""
+        name = one_of(value, (*scene_names(), self._own_name or ""), self._scene.name)
+        own = self._binding.run.scene
         try:
-            self._put(shown if name == self._own else load_scene(name))
+            self._show_scene(own if name == self._own_name else load_scene(name))
         except (InputError, StorageError) as error:
-            self.told.content = html.complaint(str(error))
+            self.message.content = html.complaint(error)
 
     @property
     def parameters(self) -> SceneParameters:
-        """What the handles say, bounded; where a hand has not touched one, exactly what the scene says."""
+        """The parameters that the controls show, bounded; a control that was not touched gives the scene's own value,
+        which it may show rounded."""
         old = parameters_of(self._scene)
         count = bounded(self.microphones.value, 4, int(self.microphones.max), old.microphones)
+        speed_error = bounded_number(self.speed.value, *RANGES.sound_speed_error, 0.0) / 100
         return SceneParameters(
             microphones=old.microphones if self.microphones.disabled else count,
-            radius=_or_old(bounded_number(self.radius.value, *RADII, old.radius), old.radius, 1e-4),
+            radius=_unless_same(bounded_number(self.radius.value, *RANGES.radius, old.radius), old.radius, 1e-4),
             walls=one_of(self.walls.value, WALLS, old.walls),
-            absorption=_or_old(
-                bounded_number(self.absorption.value, *ABSORPTIONS, 1.0) / 100, old.absorption, 1e-4
-            ) if self.walls.value == "absorbing" else old.absorption,
+            absorption=self._absorption(old.absorption),
             snr_db=self._snr(old.snr_db),
-            sound_speed_error=_or_old(
-                bounded_number(self.speed.value, *SPEED_ERRORS, 0.0) / 100, old.sound_speed_error, 1e-5
-            ),
+            sound_speed_error=_unless_same(speed_error, old.sound_speed_error, 1e-5),
             known=bounded(self.known.value, least_known(self._scene), max(count - 1, 1), old.known),
-            seed=bounded(self.seed.value, 0, LARGEST_SEED, old.seed),
-        )  # fmt: skip
+            seed=bounded(self.seed.value, 0, RANGES.max_seed, old.seed),
+        )
+
+    def _absorption(self, old: float) -> float:
+        if self.walls.value != "absorbing":
+            return old
+        return _unless_same(bounded_number(self.absorption.value, *RANGES.absorption, 1.0) / 100, old, 1e-4)
 
     def _snr(self, old: float) -> float:
         if not self.noise.value:
             return math.inf
-        value = float(bounded(self.snr.value, *SNRS, LOUDEST_QUIET))
-        return _or_old(value, old, 0.5)
+        return _unless_same(float(bounded(self.snr.value, *RANGES.snr, RANGES.default_snr)), old, 0.5)
 
     def press(self) -> None:
-        """Open the scenario, or tell in one line why it cannot be."""
-        if isinstance(self._scene, MeasuredScene):  # a client can press what it does not see
+        """Open the changed scene, or say in one line why it is refused."""
+        if isinstance(self._scene, MeasuredScene):  # a client can press a button that is hidden
             return
         try:
             scene = with_parameters(self._scene, self.parameters)
         except InputError as error:
-            self.told.content = html.complaint(str(error))
+            self.message.content = html.complaint(error)
             return
-        self.told.content = ""
+        self.message.content = ""
         self._binding.open(OpenRequest(scene, fewer_modes=True))
 
 
-def _or_old(value: float, old: float, rounding: float) -> float:
-    """The scene's own number where the handle shows it, rounded."""
+def _own_name(scene: Scene) -> str | None:
+    """Return the name in the list of a scene that does not come with fdcal; None for one that does."""
+    if scene.name not in scene_names():
+        return scene.name
+    # A measurement whose file has the name of a scene is another thing.
+    return f"{scene.name} (measured)" if isinstance(scene, MeasuredScene) else None
+
+
+def _unless_same(value: float, old: float, rounding: float) -> float:
+    """Return the scene's own value where the control shows that value, rounded."""
     return old if abs(value - old) <= rounding else value

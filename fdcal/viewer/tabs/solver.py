@@ -1,4 +1,4 @@
-"""Which solver, from which start, with which modes, how fast."""
+"""The tab Solver: the method and its start, the modes in use, the speed."""
 
 from __future__ import annotations
 
@@ -13,70 +13,73 @@ from ...session.history import SessionView
 from ...session.request import OpenRequest
 from ..gui.binding import Binding
 from ..server.client_values import bounded, one_of
-from .run import FASTEST
 
-LARGEST_SEED = 2**31 - 1
+MAX_SEED = 2**31 - 1
+MAX_RATE = 60  # steps per second at the end of the slider, which stands for no limit
 STARTS = ("affine", "random")
-KEPT = ("microphone", "follow", "shown", "modes")  # choices that outlive a change of solver
+KEPT_BY_SOLVER = ("microphone", "follow", "shown", "modes")  # choices that a change of the solver keeps
 
 
-def usual_start(name: str) -> str:
+def default_start(solver: str) -> str:
     """Return the start of a solver unless another one is given."""
-    return solvers.load(name).TRAITS.default_start or STARTS[0]
+    return solvers.load(solver).TRAITS.default_start or STARTS[0]
 
 
 class SolverTab:
-    """Owns the handles of the tab."""
+    """Owns the controls of the tab."""
 
     def __init__(self, binding: Binding):
-        self._binding, gui = binding, binding.gui
-        state, settings = binding.session.view.state, binding.work.scene.solver
-        with gui.add_folder("Solver"):
-            names = self._names()
-            self.name = gui.add_dropdown(
-                "Method", names, initial_value=settings.name, disabled=len(names) == 1,
-                hint="joint moves all microphones at once, descent one at a time; descent+joint is both in turn",
-            )  # fmt: skip
-            self.start = gui.add_dropdown(
-                "Start", STARTS, initial_value=settings.start or usual_start(settings.name),
-                hint="affine: in closed form from the lowest modes; random: anywhere in the search domain",
-            )  # fmt: skip
-            self.seed = gui.add_number(
-                "Seed", binding.choices.seed, min=0, max=LARGEST_SEED, step=1,
-                hint="Of a random start, and of the order in which descent moves microphones",
-            )  # fmt: skip
-            self.anew = gui.add_button(
-                "Start anew", icon=viser.Icon.REFRESH, hint="As Reset does, with what is set here"
-            )
-        with gui.add_folder("Modes in use"):
-            self.first = gui.add_slider("First mode", 1, binding.modes, 1, state.first)
-            self.last = gui.add_slider("Last mode", 1, binding.modes, 1, state.last)
-            self.automatic = gui.add_checkbox(
-                "Add modes automatically",
-                state.automatic,
-                hint="The next mode comes in when no microphone moves any more",
-            )
-        self.speed = gui.add_slider(
-            "Steps a second", 1, FASTEST, 1, FASTEST, hint=f"{FASTEST} is as fast as the machine can"
+        self._binding = binding
+        with binding.gui.add_folder("Solver"):
+            self._add_method()
+        with binding.gui.add_folder("Modes in use"):
+            self._add_modes()
+        self.speed = binding.gui.add_slider(
+            "Steps per second", 1, MAX_RATE, 1, MAX_RATE, hint=f"{MAX_RATE}: as fast as the machine can"
         )
-        self.automatic.visible = binding.work.solver.TRAITS.adds_modes
-        self._show_what_counts()
+        self._show_relevant()
         self._listen()
+
+    def _add_method(self) -> None:
+        gui, settings, names = self._binding.gui, self._binding.run.scene.solver, self._names()
+        self.name = gui.add_dropdown(
+            "Method", names, initial_value=settings.name, disabled=len(names) == 1,
+            hint="joint: all microphones at once; descent: one at a time; descent+joint: both in turn; room: shoebox"
+            " room and sources together with the microphones",
+        )  # fmt: skip
+        self.start = gui.add_dropdown(
+            "Start", STARTS, initial_value=settings.start or default_start(settings.name),
+            hint="affine: closed-form estimate from the lowest modes; random: anywhere in the search domain",
+        )  # fmt: skip
+        self.seed = gui.add_number(
+            "Seed", self._binding.choices.seed, min=0, max=MAX_SEED, step=1,
+            hint="Of the random start, and of the order in which descent moves the microphones",
+        )  # fmt: skip
+        self.restart_button = gui.add_button("Restart", icon=viser.Icon.REFRESH, hint="Restart with these settings")
+
+    def _add_modes(self) -> None:
+        binding, state = self._binding, self._binding.session.view.state
+        self.first = binding.gui.add_slider("First mode", 1, binding.modes, 1, state.first)
+        self.last = binding.gui.add_slider("Last mode", 1, binding.modes, 1, state.last)
+        self.automatic = binding.gui.add_checkbox(
+            "Add modes automatically", state.automatic, hint="Add the next mode when the present stage has converged"
+        )
+        self.automatic.visible = binding.run.solver.TRAITS.adds_modes
 
     def _listen(self) -> None:
         binding = self._binding
         binding.on(self.name, self._choose_solver)
-        binding.on(self.start, lambda _: self._show_what_counts())
-        binding.on(self.anew, lambda _: self.start_anew())
+        binding.on(self.start, lambda _: self._show_relevant())
+        binding.on(self.restart_button, lambda _: self.restart())
         binding.on(self.first, lambda value: self.use_modes(first=value))
         binding.on(self.last, lambda value: self.use_modes(last=value))
         binding.on(self.automatic, lambda value: self.use_modes(automatic=bool(value)))
-        binding.on(self.seed, lambda value: binding.choose(seed=bounded(value, 0, LARGEST_SEED, 0)))
-        binding.on(self.speed, self.pace)
+        binding.on(self.seed, lambda value: binding.choose(seed=bounded(value, 0, MAX_SEED, 0)))
+        binding.on(self.speed, self.limit_rate)
 
     def _names(self) -> tuple[str, ...]:
         """Return the names of the solvers that can solve this problem."""
-        scene, problem = self._binding.work.scene, self._binding.work.problem
+        scene, problem = self._binding.run.scene, self._binding.run.problem
         searchable = problem.dimension == 2 and problem.search is not None
         room_known = not isinstance(scene, MeasuredScene) and problem.array_dimension == problem.dimension
         room_known = room_known and not no_rectangle(scene)
@@ -88,46 +91,48 @@ class SolverTab:
         return tuple(filter(can_solve, solvers.names()))
 
     def _choose_solver(self, value) -> None:
-        name = one_of(value, self._names(), self._binding.work.scene.solver.name)
-        self.start.value = usual_start(name)
-        self._show_what_counts()
+        name = one_of(value, self._names(), self._binding.run.scene.solver.name)
+        self.start.value = default_start(name)
+        self._show_relevant()
 
-    def _show_what_counts(self) -> None:
-        """Hide the controls that do not matter to the chosen solver."""
-        traits = solvers.load(one_of(self.name.value, self._names(), self._binding.work.scene.solver.name)).TRAITS
+    def _show_relevant(self) -> None:
+        """Hide the controls that have no effect on the chosen solver."""
+        traits = solvers.load(one_of(self.name.value, self._names(), self._binding.run.scene.solver.name)).TRAITS
         self.start.visible = bool(traits.starts)
         self.seed.visible = traits.uses_seed(self.start.value)
 
-    def start_anew(self) -> None:
-        """From the beginning: with the same solver at once, with another as soon as it is ready."""
-        binding, own = self._binding, self._binding.work.scene.solver
+    def restart(self) -> None:
+        """Restart with the settings of the tab: the same solver at once, another one as soon as it is ready."""
+        binding, own = self._binding, self._binding.run.scene.solver
         name = one_of(self.name.value, self._names(), own.name)
-        start = one_of(self.start.value, STARTS, usual_start(name))
-        if (name, start) == (own.name, own.start or usual_start(own.name)):
+        start = one_of(self.start.value, STARTS, default_start(name))
+        if (name, start) == (own.name, own.start or default_start(own.name)):
             binding.session.reset(binding.choices.seed)
             return
-        scene = replace(binding.work.scene, solver=replace(own, name=name, start=start))
-        choices = {key: getattr(binding.choices, key) for key in KEPT}
+        scene = replace(binding.run.scene, solver=replace(own, name=name, start=start))
+        choices = {key: getattr(binding.choices, key) for key in KEPT_BY_SOLVER}
         binding.open(OpenRequest(scene, binding.choices.seed, binding.measurement, choices=choices, fewer_modes=True))
 
-    def pace(self, value) -> None:
-        rate = bounded(value, 1, FASTEST, FASTEST)
-        self._binding.session.pace(0 if rate == FASTEST else rate)
+    def limit_rate(self, value) -> None:
+        """Limit the solver to so many steps per second; MAX_RATE removes the limit."""
+        rate = bounded(value, 1, MAX_RATE, MAX_RATE)
+        self._binding.session.pace(0 if rate == MAX_RATE else rate)
 
     def use_modes(self, first=None, last=None, automatic=None) -> None:
-        """What is not given stays; the end that was not moved gives way to the one that was."""
-        binding = self._binding
-        state = binding.session.view.state
+        """Set the modes in use; what is None stays.
+
+        Where `first` would exceed `last`, the end that was not given moves along.
+        """
+        binding, state = self._binding, self._binding.session.view.state
         automatic = self.automatic.value if automatic is None else automatic
         low = bounded(self.first.value if first is None else first, 1, binding.modes, state.first)
         high = bounded(self.last.value if last is None else last, 1, binding.modes, state.last)
         if first is not None:
             high = max(low, high)
-        low = min(low, high)
-        binding.session.use_modes(low, high, bool(automatic))
+        binding.session.use_modes(min(low, high), high, bool(automatic))
 
     def show(self, view: SessionView) -> None:
-        """Called by the main loop."""
+        """Bring the sliders up to date; called by the main loop."""
         state, binding = view.state, self._binding
         binding.send("first", state.first, self.first)
         binding.send("last", state.last, self.last)

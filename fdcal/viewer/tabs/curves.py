@@ -1,0 +1,129 @@
+"""The tab Curves: position error and cost against sweeps, with a line where a stage began.
+
+The lines of the stages have a scale of their own, from 0 at the bottom to 1 at the top. They run over the whole height
+while there are few of them; many are drawn as ticks at the bottom, which do not hide the curves. The number of the
+stage is in the legend.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import viser
+from viser import uplot
+
+from ...model.measurement import Measurement
+from ...session.history import SessionView
+from ..gui.legend_html import legend
+from ..gui.plots import BLUE, GREY, ORANGE, RED, Plot, decades_of
+
+MAX_POINTS = 600  # of a plot, which is sent whole each time
+INTERVAL = 0.25  # s between two updates
+MIN_ERROR, MIN_COST = 1e-6, 1e-12  # m and 1, drawn for anything below: logarithms have no zero
+COST_TITLES = {True: "Cost of the modes in use (dB re 1)", False: "Cost of the modes in use (-log likelihood)"}
+MAX_LINES = 10  # stages that are drawn as lines over the whole height
+TICK, HIDDEN = 0.06, -1.0  # height of the other stages' ticks, and a height below the plot
+SCALES = {"stage": uplot.Scale(range=(0.0, 1.0)), "number": uplot.Scale(range=(0.0, 1e4))}
+# The lines of the stages have no value in the legend, and the number of a stage has no point in the plot.
+REMARK = (
+    "<style>.u-legend .fdcal-lines, .u-cursor-pt.fdcal-lines, .u-cursor-pt.fdcal-stage {display: none}</style>"
+    "<div style='padding: 0 0.75em; font-size: 0.8em; opacity: 0.75'>Grey lines: a new stage (mode added or objective"
+    " changed). Hover to read values.</div>"
+)
+
+
+class CurvesTab:
+    """Owns the plots and the numbers that they show.
+
+    Attributes
+    ----------
+    error : Plot of the position errors, or None where the true positions are unknown
+    cost : Plot
+    """
+
+    def __init__(self, gui: viser.GuiApi, measurement: Measurement):
+        self._measurement, self._free = measurement, max(measurement.count - len(measurement.known), 1)
+        self._states: list[Any] = []  # whose numbers are in _rows
+        self._rows: list[tuple] = []  # sweeps, mean error, largest error, cost, last mode in use, stage
+        self._updated = -1e9
+        gui.add_html(legend())
+        self.error: Plot | None = None
+        if measurement.positions is not None:
+            series = _series(("mean", RED, 2.0), ("largest", ORANGE, 1.25))
+            title = "Position error (mm, after alignment)" if measurement.blind else "Position error (mm)"
+            self.error = Plot(gui, title, series, "sweeps", SCALES)
+        self.cost = Plot(gui, COST_TITLES[True], _series(("cost", BLUE, 2.0)), "sweeps", SCALES)
+        gui.add_html(REMARK)
+
+    def show(self, view: SessionView, now: float) -> None:
+        """Bring the plots up to date, not more often than every INTERVAL; called by the main loop."""
+        if now - self._updated < INTERVAL or not self._update_rows(view.history):
+            return
+        self._updated = now
+        x, mean, largest, cost, last, stage = np.array(self._rows, float).T
+        drawn = np.unique(np.linspace(0, len(x) - 1, min(len(x), MAX_POINTS)).round().astype(int))
+        begins = np.flatnonzero((np.diff(last) > 0) | (np.diff(stage) > 0)) + 1
+        if self.error is not None:
+            self.error.show(_with_stages(x, (mean, largest), drawn, begins, stage), decades_of(mean, largest))
+        decibels = bool((cost > 0).all())
+        if decibels:
+            cost = 10 * np.log10(cost)
+        self.cost.show(_with_stages(x, (cost,), drawn, begins, stage), title=COST_TITLES[decibels])
+
+    def _update_rows(self, history) -> bool:
+        """Compute the rows of new states; return whether anything is new."""
+        kept = min(len(self._states), len(history))
+        while kept and self._states[kept - 1] is not history[kept - 1]:
+            kept -= 1
+        if kept == len(history) == len(self._states):
+            return False
+        new = history[kept:]
+        self._states[kept:], self._rows[kept:] = new, [self._row(state) for state in new]
+        return True
+
+    def _row(self, state) -> tuple:
+        errors = self._measurement.errors(state.positions)
+        errors = np.zeros(1) if errors is None else errors
+        all_at_once = state.step == state.sweep  # each step of the solver moves all microphones
+        return (
+            state.step if all_at_once else state.step / self._free,
+            1e3 * _drawable(errors.mean(), MIN_ERROR),
+            1e3 * _drawable(errors.max(), MIN_ERROR),
+            _drawable_cost(state.cost),
+            state.last,
+            state.stage,
+        )
+
+
+def _drawable(value, minimum: float) -> float:
+    """Return a finite number of at least `minimum`, which also stands for NaN."""
+    return min(max(minimum, float(value)), 1e12)
+
+
+def _drawable_cost(value) -> float:
+    """Return a finite number whose logarithm can be drawn, or a negative one; MIN_COST for NaN."""
+    value = float(value)
+    if np.isfinite(value) and value < 0:
+        return max(value, -1e12)
+    return _drawable(value, MIN_COST)
+
+
+def _with_stages(x, curves, drawn, begins, stage) -> tuple[np.ndarray, ...]:
+    """Return the columns of a plot: the curves at the `drawn` points, a line at each of `begins`, and the number of
+    the stage, from 1."""
+    at = np.concatenate([drawn, np.repeat(begins, 3)])
+    order = np.argsort(x[at], kind="stable")
+    top = 1.0 if len(begins) <= MAX_LINES else TICK
+    lines = np.concatenate([np.full(len(drawn), HIDDEN), np.tile([HIDDEN, top, HIDDEN], len(begins))])
+    return (x[at][order], *(curve[at][order] for curve in curves), lines[order], stage[at][order] + 1)
+
+
+def _series(*curves: tuple[str, str, float]) -> tuple[uplot.Series, ...]:
+    """Return the series of a plot: sweeps, the curves (label, colour, width), lines and numbers of the stages."""
+    drawn = [uplot.Series(label=name, stroke=colour, width=width) for name, colour, width in curves]
+    hidden: dict[str, Any] = {"points": {"show": False}, "stroke": GREY}
+    css = {name: {"class": f"fdcal-{name}"} for name in ("lines", "stage")}
+    lines = uplot.Series(label="", scale="stage", width=1, dash=(4, 4), **css["lines"], **hidden)
+    number = uplot.Series(label="stage", scale="number", width=0, **css["stage"], **hidden)
+    return (uplot.Series(label="sweeps"), *drawn, lines, number)

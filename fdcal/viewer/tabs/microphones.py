@@ -1,0 +1,147 @@
+"""The tab Mics: the error of each microphone against its distance from the first known one, and a table."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import Any
+
+import numpy as np
+import viser
+from viser import uplot
+
+from ...graphics.units import mm_text
+from ...model.gauge import position_errors
+from ...model.measurement import Measurement
+from ...session.history import SessionView
+from ..background.uncertainty import PositionUncertainty
+from ..gui.binding import Binding
+from ..gui.html import CARD
+from ..gui.plots import BLUE, PADDING, RED, dots
+
+TABLE_INTERVAL, PLOT_INTERVAL = 0.2, 0.5  # s between two updates
+MAX_ROWS = 100  # of the table
+MAX_ERROR = 1e6  # mm, drawn for anything above
+STYLE = "<style>.mics td, .mics th {padding: 0 0.5em 0 0; text-align: left; white-space: nowrap}</style>"
+SELECTED = " style='font-weight: 700; background: rgba(31,120,200,0.15)'"  # row of the microphone of the map
+
+
+class MicrophonesTab:
+    """Owns the plot and the table."""
+
+    def __init__(self, binding: Binding):
+        self._binding, self._updated, self._key = binding, -1e9, ()
+        self.error_by_distance = ErrorByDistance(binding.gui, binding.measurement)
+        self.table = binding.gui.add_html("")
+
+    def show(self, view: SessionView, microphone: int, uncertainty: PositionUncertainty | None, now: float) -> None:
+        """Bring the tab up to date; called by the main loop.
+
+        Parameters
+        ----------
+        view : SessionView
+        microphone : int, whose map is shown, counted from 0
+        uncertainty : PositionUncertainty or None
+        now : time, s
+        """
+        self.error_by_distance.show(view, now)
+        key = id(view.state), microphone, id(uncertainty)
+        if key == self._key or now - self._updated <= TABLE_INTERVAL:
+            return
+        self._key, self._updated = key, now
+        sigma = None if uncertainty is None else uncertainty.sigma
+        text = table(self._binding.measurement, np.asarray(view.state.positions), sigma, microphone)
+        self._binding.send("table", text, self.table, "content")
+
+
+class ErrorByDistance:
+    """Owns the plot of the paper's Fig. 5: errors now, and their mean over the run.
+
+    There is no plot for an array without true positions or without known microphones.
+    """
+
+    def __init__(self, gui: viser.GuiApi, measurement: Measurement):
+        self._truth, self._updated, self._key = measurement.positions, -1e9, ()
+        self._states: list[Any] = []  # whose errors are in _sums
+        self._sums: list[np.ndarray] = []  # of the errors up to each state, (N,) float64, mm
+        self.plot: viser.GuiUplotHandle | None = None
+        if self._truth is None or not len(measurement.known):
+            return
+        first = measurement.known[0]
+        distance = np.linalg.norm(self._truth - self._truth[first], axis=1)
+        free = np.setdiff1d(np.arange(measurement.count), measurement.known)
+        self._order = free[np.argsort(distance[free], kind="stable")]
+        self._x = distance[self._order]
+        self.plot = gui.add_uplot(
+            data=(self._x, np.zeros(len(self._x)), np.zeros(len(self._x))),
+            series=(
+                uplot.Series(label="distance (m)"),
+                uplot.Series(label="mean over the run", stroke=RED, width=0, points=dots(7, RED, RED)),
+                uplot.Series(label="now", stroke=BLUE, width=0, points=dots(7, BLUE, "transparent")),
+            ),
+            title=f"Error (mm) against distance from known microphone {first}",
+            scales={"x": uplot.Scale(time=False)},
+            axes=(uplot.Axis(label="distance (m)", labelSize=20, size=34), uplot.Axis(size=48)),
+            height=215,
+            padding=PADDING,
+        )
+
+    def show(self, view: SessionView, now: float) -> None:
+        """Bring the plot up to date; called by the main loop. The run ends with the state that is shown."""
+        key = id(view.state), view.index
+        if self.plot is None or key == self._key or now - self._updated < PLOT_INTERVAL:
+            return
+        self._key, self._updated = key, now
+        self._update_sums(view.history)
+        mean = self._sums[view.index] / (view.index + 1)
+        here = self._sums[view.index] - (self._sums[view.index - 1] if view.index else 0.0)
+        self.plot.data = (self._x, *(_drawable(values[self._order]) for values in (mean, here)))
+
+    def _update_sums(self, history) -> None:
+        kept = min(len(self._states), len(history))
+        while kept and self._states[kept - 1] is not history[kept - 1]:
+            kept -= 1
+        self._states[kept:] = history[kept:]
+        del self._sums[kept:]
+        for state in history[kept:]:
+            errors = 1e3 * position_errors(state.positions, self._truth)
+            self._sums.append(errors + (self._sums[-1] if self._sums else 0.0))
+
+
+def _drawable(values: np.ndarray) -> np.ndarray:
+    """Return finite numbers, as uPlot needs them."""
+    return np.clip(np.nan_to_num(values, nan=MAX_ERROR), 0.0, MAX_ERROR)
+
+
+def table(measurement: Measurement, positions: np.ndarray, sigma: np.ndarray | None, selected: int) -> str:
+    """Return a table of the microphones, those with the largest errors first and the known ones last.
+
+    Parameters
+    ----------
+    measurement : Measurement
+    positions : (N, D) float64, metres, estimated
+    sigma : (N,) float64, metres, one standard deviation of each, or None
+    selected : int, the microphone of the map, counted from 0
+
+    Returns
+    -------
+    str
+        HTML, MAX_ROWS rows at most.
+    """
+    errors, known = measurement.errors(positions), set(measurement.known.tolist())
+    order = errors if errors is not None else sigma if sigma is not None else np.zeros(len(positions))
+    rows = []
+    for n in sorted(range(len(positions)), key=lambda n: (n in known, -float(order[n]), n))[:MAX_ROWS]:
+        name = escape(str(measurement.names[n])) + (" known" if n in known else "")
+        position = ", ".join(f"{x:.3f}" for x in positions[n])
+        error = "" if errors is None else f"<td>{mm_text(errors[n])}</td>"
+        spread = "" if sigma is None or n in known else mm_text(float(sigma[n]))
+        style = SELECTED if n == selected else ""
+        rows.append(f"<tr{style}><td>{name}</td><td>{position}</td>{error}<td>{spread}</td></tr>")
+    columns = ["mic<br>", "position<br>(m)", *(["error<br>(mm)"] if errors is not None else [])]
+    head = "".join(f"<th>{text}</th>" for text in (*columns, "&plusmn; &sigma;<br>(mm)"))
+    more = len(positions) - MAX_ROWS
+    below = f"<div style='opacity: 0.65'>and {more} more with smaller errors</div>" if more > 0 else ""
+    return (
+        f"{STYLE}<div style='{CARD} font-size: 0.74em; overflow-x: auto'><table class='mics'>"
+        f"<tr>{head}</tr>{''.join(rows)}</table>{below}</div>"
+    )
