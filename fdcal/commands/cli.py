@@ -1,8 +1,8 @@
-"""The command line: arguments in, the rooms below called.
+"""The command line: it reads arguments and options, and calls the other packages.
 
-Exit codes: 0 done, 2 bad input, 3 a file that cannot be read or written, 4 calibrated, but the verdict is not "good"
-(everything is written nevertheless, the verdict with it), 130 interrupted. An error is one line on
-standard error. Libraries that take long to load are imported by the command that needs them.
+Exit codes: 0 done, 2 bad input, 3 a file that cannot be read or written, 4 calibrated but the verdict is not "good"
+(everything is written all the same, with the verdict), 130 interrupted. An error is one line on standard error.
+Libraries that take long to load are imported by the command that needs them.
 """
 
 from __future__ import annotations
@@ -15,23 +15,27 @@ import click
 from ..model.scene_file import load_scene, scene_names
 from ..model.validation import InputError
 from ..session.lesson import lesson_names, load_lesson
-from . import parameter_types, plot_commands
+from . import plot_commands
 from .options import (
     OPTIONS,
     force_option,
-    loaded_input,
-    opening_of,
+    input_of,
+    modes_option,
+    open_request_of,
     output_option,
     progress_bar,
     radius_option,
-    result_of,
+    scene_of,
     search_option,
-    simulated,
+    seed_option,
+    solver_option,
 )
+from .outputs import output_path
+from .parameter_types import Distance, NameList, NoiseLevel, RenamedChoice, RoomSize, room_solver
 
 
 def main(args: list[str] | None = None) -> None:
-    """Run a command and leave with its exit code."""
+    """Run a command and exit with its code."""
     try:
         code = commands.main(args=args, prog_name="fdcal", standalone_mode=False)
     except (click.exceptions.Abort, KeyboardInterrupt):
@@ -63,32 +67,34 @@ def commands(context):
 
 @commands.command()
 @click.argument("scene", default="array1_circle", metavar="[SCENE|FILE|SESSION]")
-@click.option("--lesson", "own", multiple=True, metavar="FILE.toml", help="A lesson of your own, taken at once.")
+@click.option("--lesson", "own", multiple=True, metavar="FILE.toml", help="A lesson of your own, started at once.")
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to serve the page at.")
 @click.option("--port", type=int, default=8080, show_default=True, help="Port; 0 takes a free one.")
-@click.option("--no-browser", is_flag=True, help="Print the address, open nothing.")
+@click.option("--no-browser", is_flag=True, help="Print the address and open no browser.")
 def view(scene: str, own: tuple[str, ...], host: str, port: int, no_browser: bool):
     """Watch a calibration in the browser; Ctrl-C ends it.
 
-    FILE is a measurement or what `fdcal import` reads, SESSION what the page has saved.
+    FILE is a measurement or a recording that `fdcal import` reads, SESSION a session saved by the page.
     """
-    alone = parameter_types.address(host, port)
+    from .serving import check_address, open_page, warning
+
+    only_here = check_address(host, port)
     lessons = [load_lesson(name) for name in (*own, *lesson_names())]
-    opening = opening_of(scene)
-    if not alone:
-        print(parameter_types.warning(host, port), file=sys.stderr)
+    request = open_request_of(scene)
+    if not only_here:
+        print(warning(host, port), file=sys.stderr)
 
     def on_ready(url: str) -> None:
         print(url, flush=True)
         if not no_browser:
-            parameter_types.open_page(url)
+            open_page(url)
 
     def on_progress(text: str) -> None:
         print(f"\r{text:<40}" if text else f"\r{'':<40}\r", end="", file=sys.stderr, flush=True)
 
     from ..viewer import serve
 
-    serve(opening, host, port, on_ready, lessons, lessons[0] if own else None, on_progress)
+    serve(request, host, port, on_ready, lessons, lessons[0] if own else None, on_progress)
 
 
 @commands.command()
@@ -97,8 +103,8 @@ def view(scene: str, own: tuple[str, ...], host: str, port: int, no_browser: boo
 @force_option
 def simulate(scene: str, output: str, force: bool):
     """Simulate a scene and write what its microphones measured."""
-    path = parameter_types.output_path(output, ".npz", force)
-    measurement = simulated(scene).measurement
+    path = output_path(output, ".npz", force)
+    measurement = scene_of(scene).measurement
     from ..model.measurement_file import save_measurement
     from ..model.storage import write_atomically
 
@@ -111,35 +117,43 @@ def simulate(scene: str, output: str, force: bool):
 @click.argument("source", metavar="INPUT")
 @output_option("FILE.npz")
 @click.option("--frequencies", default="auto", show_default=True, metavar="auto|LO:HI", help="Band to choose from, Hz.")
-@click.option("--most", type=int, default=57, show_default=True, metavar="M", help="Frequencies to take at most.")
-@click.option("--kind", default="auto", show_default=True, help="response (from silence to silence) or work.")
+@click.option("--most", type=int, default=57, show_default=True, metavar="M", help="Greatest number of frequencies.")
+@click.option(
+    "--kind",
+    type=RenamedChoice(["auto", "impulse", "stationary"], {"response": "impulse", "work": "stationary"}),
+    default="auto",
+    show_default=True,
+    help="impulse: an impulse response, from silence to silence; stationary: a sound that goes on.",
+)
 @click.option("--window", default="auto", show_default=True, metavar="auto|none|RATE", help="Exponential window, 1/s.")
-@click.option("--temperature", type=float, metavar="C", help="Of the air, degrees Celsius; gives the speed of sound.")
-@click.option("--sound-speed", type=float, metavar="M/S", help="In place of a temperature.")
+@click.option("--temperature", type=float, metavar="C", help="Of the air, degrees Celsius; gives the sound speed.")
+@click.option("--sound-speed", type=float, metavar="M/S", help="Instead of a temperature.")
 @click.option("--source", "number", type=int, metavar="I", help="Which of several sources, from 0.")
-@click.option("--dimension", type=int, default=3, show_default=True, help="2 or 3, of the sound field.")
-@click.option("--plane", metavar="z=Z", help="Take the microphones in a plane, by the positions in the file.")
-@click.option("--subset", metavar="N|I,J,...", help="Take a number of microphones at random, or those of a list.")
-@click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="Draws the --subset.")
-@click.option("--leave-out", metavar="NAMES|bad", help="Leave out these channels, or all that are found bad.")
-@click.option("--known", metavar="NAMES|corners|FILE.csv", help="Known microphones; a table tells name,x,y[,z].")
-@click.option("--reference", metavar="FILE.wav", help="The signal that the source was given: deconvolve with it.")
+@click.option("--dimension", type=click.Choice(["2", "3"]), default="3", show_default=True, help="Of the sound field.")
+@click.option("--plane", metavar="z=Z", help="Use the microphones in a plane only, by the positions in the file.")
+@click.option("--subset", metavar="N|I,J,...", help="Use N microphones drawn at random, or those in a list.")
+@click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="Random seed of --subset.")
+@click.option("--leave-out", metavar="NAMES|bad", help="Leave out these channels, or all that are faulty.")
+@click.option(
+    "--known", metavar="NAMES|corners|FILE.csv", help="Known microphones; a table has the columns name,x,y[,z]."
+)
+@click.option("--reference", metavar="FILE.wav", help="Signal that the source emitted, for deconvolution.")
 @click.option("--reference-microphone", metavar="NAME", help="Take cross-spectra against this channel.")
-@click.option("--array-radius", type=float, metavar="R", help="Metres; gives the highest usable frequency.")
+@click.option("--array-radius", type=float, metavar="R", help="Metres; determines the highest usable frequency.")
 @force_option
-def import_(source, output, number, force, **options):
+def import_(source, output, number, dimension, force, **options):
     """Turn recordings or impulse responses into a measurement.
 
     INPUT is a WAV or FLAC file, a SOFA file, a folder of MeshRIR, an HDF5 file of Acoular, or an .npz file.
     """
-    path = parameter_types.output_path(output, ".npz", force, source, options["reference"])
+    path = output_path(output, ".npz", force, source, options["reference"])
     from ..model.measurement_file import save_measurement
     from ..model.storage import write_atomically
     from ..recordings.import_options import ImportOptions
     from ..recordings.import_report import import_summary
     from ..recordings.importer import import_recording
 
-    measurement, report = import_recording(source, ImportOptions(source=number, **options))
+    measurement, report = import_recording(source, ImportOptions(source=number, dimension=int(dimension), **options))
     write_atomically(path, lambda file: save_measurement(measurement, file), force)
     print(import_summary(measurement, report))
     print(path)
@@ -147,20 +161,39 @@ def import_(source, output, number, force, **options):
 
 @commands.command()
 @click.argument("source", metavar="SCENE|FILE")
-@click.option("--solver", metavar="NAME", help="joint, descent (the paper's) or descent+joint.  [default: the scene's]")
-@click.option("--start", metavar="affine|random", help="Positions to begin with.  [default: the solver's own]")
+@solver_option
 @click.option(
-    "--known", metavar="all|minimal|none", help="Known microphones; minimal: a position, a direction, a side."
+    "--start", type=click.Choice(["affine", "random"]), help="Positions to begin with.  [default: the solver's own]"
 )
-@click.option("--noise", metavar="DB|auto|told", help="SNR of each frequency that joint supposes; auto estimates it.")
-@click.option("--cost", metavar="likelihood|projection", help="What joint minimises; projection is Eq. 7.")
-@click.option("--modes", type=int, metavar="M", help="Modes in use at the end, from the lowest up.")
-@click.option("--seed", type=int, metavar="S", help="Draws the solver's start.  [default: the scene's]")
-@click.option("--exclude", metavar="NAME,...", help="Leave microphones out, by name or number, as 3,17.")
-@click.option("--estimate-sound-speed", is_flag=True, help="Find it, too: from known microphones, or --distance.")
-@click.option("--distance", metavar="I,J,METRES", help="How far two microphones are apart; where none is known.")
-@click.option("--room", metavar="LxW[xH]", help="Size of a rectangular room, metres: positions in it, by solver room.")
-@click.option("--check", is_flag=True, help="Compare with the positions in the file; name swapped channels.")
+@click.option(
+    "--known",
+    type=click.Choice(["all", "minimal", "none"]),
+    help="Which known microphones to use; minimal: one position, one direction, one side.",
+)
+@click.option(
+    "--noise",
+    type=NoiseLevel(),
+    metavar="DB|auto|reported",
+    help="SNR of each frequency that solver joint assumes; auto estimates it, reported takes that of the measurement.",
+)
+@click.option(
+    "--cost",
+    type=click.Choice(["likelihood", "projection"]),
+    help="What solver joint minimises; projection is Eq. 7.",
+)
+@modes_option
+@seed_option
+@click.option(
+    "--exclude", type=NameList(), default=(), metavar="NAME,...", help="Microphones to leave out, by name or number."
+)
+@click.option("--estimate-sound-speed", is_flag=True, help="Also estimate it: from known microphones, or --distance.")
+@click.option(
+    "--distance", type=Distance(), metavar="I,J,METRES", help="Distance of two microphones, where none is known."
+)
+@click.option(
+    "--room", type=RoomSize(), metavar="LxW[xH]", help="Size of a rectangular room, metres; implies solver room."
+)
+@click.option("--check", is_flag=True, help="Compare with the positions in the file and name swapped channels.")
 @output_option("RESULT.json", required=False)
 @search_option
 @radius_option
@@ -169,16 +202,15 @@ def calibrate(
     source, solver, start, known, noise, cost, modes, seed, exclude, estimate_sound_speed, distance, room, check,
     output, search, radius, force,
 ):  # fmt: skip
-    """Find the microphones, and say whether to trust the answer: exit code 4 where not."""
-    path = parameter_types.output_path(output, ".json", force, source) if output else None
+    """Find the microphones and assess the result; exit code 4 if it cannot be trusted."""
+    path = output_path(output, ".json", force, source) if output else None
     from . import report
     from .calibrate import solve
     from .sources import with_settings
 
-    inputs = loaded_input(source, search, radius, parameter_types.names(exclude))
-    solver, size = parameter_types.known_room(room, solver)
-    inputs = with_settings(inputs, solver, modes, seed, start=start, known=known, noise=noise, cost=cost, room=size)
-    inputs = replace(inputs, estimate_sound_speed=estimate_sound_speed, distance=parameter_types.distance(distance))
+    inputs, solver = input_of(source, search, radius, exclude), room_solver(room, solver)
+    inputs = with_settings(inputs, solver, modes, seed, start=start, known=known, noise=noise, cost=cost, room=room)
+    inputs = replace(inputs, estimate_sound_speed=estimate_sound_speed, distance=distance)
     if check:
         report.require_positions(inputs.measurement)
     with progress_bar("calibrating") as progress:
@@ -196,19 +228,22 @@ def calibrate(
 @commands.command()
 @click.argument("result", metavar="RESULT.json")
 @output_option("FILE.csv|json|xml|sofa|npy")
-@click.option("--frame", type=click.Choice(["known", "minimal", "axes"]), help="Axes.  [default: known, else axes]")
-@click.option("--original", metavar="FILE.sofa", help="Fill the positions into a copy of this file.")
+@click.option(
+    "--frame", type=click.Choice(["known", "minimal", "axes"]), help="Coordinate axes.  [default: known, else axes]"
+)
+@click.option("--original", metavar="FILE.sofa", help="Write the positions into a copy of this file.")
 @force_option
 def export(result, output, frame, original, force):
-    """Write the positions of a result for other programs: the suffix tells the format."""
+    """Write the positions of a result for other programs; the suffix selects the format."""
     from ..assessment.alignment import placed_in_frame
+    from ..assessment.result_file import load_result
     from ..model.storage import write_atomically
     from ..recordings import formats
 
-    path = parameter_types.output_path(output, formats.suffixes("write"), force, result, original)
+    path = output_path(output, formats.suffixes("write"), force, result, original)
     if original is not None and path.suffix.lower() != ".sofa":
         raise InputError(f"--original {original} is for -o FILE.sofa; leave it out for {path.suffix}")
-    placed = placed_in_frame(result_of(result), frame)
+    placed = placed_in_frame(load_result(result), frame)
     write_atomically(path, lambda file: formats.write(file, path, placed, original), force)
     print(f"{path}: {len(placed.names)} microphones, frame: {placed.frame}")
 

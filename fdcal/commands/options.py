@@ -1,4 +1,4 @@
-"""What several commands of the command line share: options, progress, and what their arguments name."""
+"""What several commands share: options, a progress bar, and the loading of what their arguments name."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ import click
 from ..model.scene_file import load_scene, scene_names
 from ..model.validation import InputError
 from ..session.request import OpenRequest
-from . import parameter_types
+from ..solvers import names
+from .parameter_types import NumberList, search_domain
 
 if TYPE_CHECKING:  # SciPy and the solvers, which a page loads while the browser opens
     from ..assessment.calibration import Calibration
@@ -63,7 +64,7 @@ OPTIONS = {
 
 @contextmanager
 def progress_bar(title: str) -> Iterator[Progress]:
-    """A bar on standard error that appears with the first call of the function it gives."""
+    """Give a function that shows a bar on standard error; it appears with the first call."""
     from tqdm import tqdm
 
     bars: list[tqdm] = []
@@ -83,14 +84,24 @@ def progress_bar(title: str) -> Iterator[Progress]:
 
 
 def output_option(what: str, required: bool = True):
-    """The option -o of a command that writes `what`."""
+    """Return the option -o of a command that writes `what`."""
     return click.option("-o", "--output", required=required, metavar=what, help="File to write.")
 
 
-force_option = click.option("--force", is_flag=True, help="Overwrite an output that exists.")
-result_option = click.option("--result", metavar="RESULT.json", help="Positions that `fdcal calibrate -o` found.")
+force_option = click.option("--force", is_flag=True, help="Overwrite an existing output file.")
+result_option = click.option("--result", metavar="RESULT.json", help="Positions found by `fdcal calibrate -o`.")
+modes_option = click.option("--modes", type=int, metavar="M", help="Number of modes in use at the end, lowest first.")
+seed_option = click.option(
+    "--seed", type=int, metavar="S", help="Random seed of the solver's start.  [default: the scene's]"
+)
+solver_option = click.option(
+    "--solver",
+    type=click.Choice(names()),
+    help="joint, descent (the paper's), descent+joint or room.  [default: the scene's]",
+)
 search_option = click.option(
     "--search",
+    type=NumberList(float),
     metavar="ORIGIN,SIZE,STEP",
     help="Search domain, five numbers in metres: x,y of its lowest corner, width,height, step."
     " For example 2.01,1.71,1.2,1.2,0.01",
@@ -98,28 +109,38 @@ search_option = click.option(
 radius_option = click.option("--radius", type=float, metavar="R", help="Radius R of the order rule ceil(k R), metres.")
 
 
-def simulated(scene: str) -> CalibrationInput:
-    """What a scene gives; InputError for a measurement."""
-    if scene.lower().endswith(".npz"):
-        raise InputError(f"{scene} is a measurement; give a scene: a .toml file or one of {', '.join(scene_names())}")
-    return loaded_input(scene)
+def scene_of(text: str) -> CalibrationInput:
+    """Return the simulated measurement of a scene; InputError for a measurement."""
+    if text.lower().endswith(".npz"):
+        raise InputError(f"{text} is a measurement; give a scene: a .toml file or one of {', '.join(scene_names())}")
+    return input_of(text)
 
 
-def loaded_input(
-    source: str, search: str | None = None, radius: float | None = None, excluded: tuple[str, ...] = ()
+def input_of(
+    source: str, search: list[float] | None = None, radius: float | None = None, excluded: tuple[str, ...] = ()
 ) -> CalibrationInput:
-    """What a scene or a file gives, with the search domain of --search and --radius, without the `excluded`."""
+    """Return the measurement of a scene or a file.
+
+    Parameters
+    ----------
+    source : str
+        Scene, measurement or recording.
+    search, radius
+        Values of --search and --radius.
+    excluded : tuple of str
+        Microphones to leave out.
+    """
     from .sources import load_input
 
     with progress_bar("simulating") as progress:
         inputs = load_input(source, progress, excluded)
     measurement = inputs.measurement
-    domain = parameter_types.search_domain(measurement.search, measurement.array_dimension, search, radius)
+    domain = search_domain(measurement.search, measurement.array_dimension or measurement.dimension, search, radius)
     return replace(inputs, measurement=replace(measurement, search=domain))
 
 
 def result_of(path: str | None) -> Calibration | None:
-    """What the file of --result holds."""
+    """Return the calibration in the file of --result, None without the option."""
     if path is None:
         return None
     from ..assessment.result_file import load_result
@@ -127,13 +148,13 @@ def result_of(path: str | None) -> Calibration | None:
     return load_result(path)
 
 
-def opening_of(text: str) -> OpenRequest:
-    """What a page is to show: a session left by another, a measurement or recordings, or a scene."""
+def open_request_of(text: str) -> OpenRequest:
+    """Return what a page is to show: a saved session, a measurement or recordings, or a scene."""
     if text.lower().endswith(SESSIONS):
         from ..session.session_file import read
 
         return read(text)
-    if text in scene_names():  # a test simulates each of these
+    if text in scene_names():  # every one of these is tested
         return OpenRequest(load_scene(text))
     from .sources import check_scene, is_recording, load_input
 
@@ -144,5 +165,5 @@ def opening_of(text: str) -> OpenRequest:
         scene = placeholder_scene(inputs.measurement, inputs.name, inputs.settings, inputs.seed)
         return OpenRequest(scene, measurement=inputs.measurement, fewer_modes=True)
     scene = load_scene(text)
-    check_scene(scene)  # one that cannot be simulated is refused before a page opens
+    check_scene(scene)  # a scene that cannot be simulated is refused before a page opens
     return OpenRequest(scene)

@@ -199,7 +199,7 @@ class SolverSettings:
     OPTIONAL: typing.ClassVar = ("start", "cost", "noise", "known", "room")
 
     def __post_init__(self):
-        if self.noise == "reported":
+        if self.noise == "told":  # the old spelling
             object.__setattr__(self, "noise", "reported")
         for key in ("modes", "first_modes", "max_sweeps", "ample_modes", "known_weight"):
             require_positive(f"solver.{key}", getattr(self, key))

@@ -187,12 +187,22 @@ def test_the_solver_s_seed_is_of_no_account_to_the_affine_start_and_all_to_a_ran
     assert one != two
 
 
-def test_a_snr_told_takes_the_place_of_the_one_measured(calibrated, altered):
+def test_a_given_snr_replaces_the_reported_one(calibrated, altered):
     """With 3 dB supposed, where there is no noise, the prior wins and the pressures hardly count."""
-    careful, exact = (calibrated("--noise", snr)[1] for snr in ("3", "told"))
+    careful, exact = (calibrated("--noise", snr)[1] for snr in ("3", "reported"))
     assert careful["mean_error_m"] > 3 * exact["mean_error_m"]
     measured = altered(noise_power=None)
-    assert calibrated("--noise", "told", path=measured)[1]["positions"] == calibrated("--noise", "auto")[1]["positions"]
+    assert (
+        calibrated("--noise", "reported", path=measured)[1]["positions"]
+        == calibrated("--noise", "auto")[1]["positions"]
+    )
+
+
+def test_the_old_spelling_of_a_choice_is_accepted(calibrated, refused):
+    assert calibrated("--noise", "told")[1]["positions"] == calibrated("--noise", "reported")[1]["positions"]
+    assert "nothing.wav" in refused("import", "nothing.wav", "-o", "n.npz", "--kind", "work", code=3)
+    line = refused("import", "nothing.wav", "-o", "n.npz", "--kind", "music")
+    assert "'auto', 'impulse', 'stationary'" in line and "work" not in line
 
 
 def test_known_microphones_that_do_not_span_the_array_are_refused(altered, refused):
@@ -282,15 +292,24 @@ def test_view_prints_its_address_once_it_serves(start, made, tmp_path):
         (["calibrate", "tiny", "--modes", "0"], ["modes = 0", "1 to"]),
         (["calibrate", "tiny", "--modes", "10000"], ["solver.modes = 10000", "use at most"]),
         (["calibrate", "tiny", "--seed", "-4"], ["seed = -4", "0 or more"]),
-        (["calibrate", "tiny", "--solver", "magic"], ['solver.name = "magic"', "descent, descent+joint, joint"]),
-        (["calibrate", "tiny", "--solver", "joint+descent"], ['"joint+descent" is unknown', "descent+joint"]),
+        (
+            ["calibrate", "tiny", "--solver", "magic"],
+            ["'--solver'", "'magic'", "'descent', 'descent+joint', 'joint', 'room'"],
+        ),
+        (
+            ["calibrate", "tiny", "--solver", "joint+descent"],
+            ["'--solver'", "'joint+descent' is not one of", "'descent+joint'"],
+        ),
         (["calibrate", "tiny", "--modes", "3"], ["3 modes are too few", "26 unknown coordinates", "use at least 6"]),
-        (["calibrate", "tiny", "--start", "zero"], ['solver.start = "zero"', "affine, random"]),
-        (["calibrate", "tiny", "--known", "some"], ['solver.known = "some"', "all, minimal, none"]),
-        (["calibrate", "tiny", "--cost", "least"], ['solver.cost = "least"', "likelihood, projection"]),
-        (["calibrate", "tiny", "--noise", "much"], ['solver.noise = "much"', '"auto"', "decibels"]),
-        (["calibrate", "tiny", "--noise", "nan"], ['solver.noise = "nan"', "decibels"]),
-        (["calibrate", "tiny", "--noise", "301"], ['solver.noise = "301"', "decibels"]),
+        (["calibrate", "tiny", "--start", "zero"], ["'--start'", "'zero'", "'affine', 'random'"]),
+        (["calibrate", "tiny", "--known", "some"], ["'--known'", "'some'", "'all', 'minimal', 'none'"]),
+        (["calibrate", "tiny", "--cost", "least"], ["'--cost'", "'least'", "'likelihood', 'projection'"]),
+        (
+            ["calibrate", "tiny", "--noise", "much"],
+            ["'--noise'", '"much" is unknown', '"auto", "reported"', "decibels"],
+        ),
+        (["calibrate", "tiny", "--noise", "nan"], ["'--noise'", '"nan" is unknown', "decibels"]),
+        (["calibrate", "tiny", "--noise", "301"], ["'--noise'", '"301" is unknown', "decibels"]),
         (["calibrate", "tiny", "--solver", "descent", "--known", "none"], ['solver.known = "none"', "--known all"]),
         (["calibrate", "tiny", "--solver", "descent+joint", "--known", "minimal"], ['"minimal"', "--solver joint"]),
         (["calibrate", "tiny", "--search", "0,0,1,1"], ["--search 0,0,1,1", "4 numbers", "give 5", "step"]),
@@ -311,8 +330,8 @@ def test_view_prints_its_address_once_it_serves(start, made, tmp_path):
         (["landscape", "tiny", "--microphone", "0", "--mode-numbers", "0", "-o", "f.png"], ["mode 0", "1 to"]),
         (["landscape", "tiny", "--microphone", "0", "--mode-numbers", "1;2", "-o", "f.png"], ["whole numbers"]),
         (["landscape", "tiny", "--microphone", "0", "--radius", "4", "-o", "f.png"], ["2L + 1 ="]),
-        (["snapshot", "tiny", "--size", "big", "-o", "f.png"], ['--size "big"', "1280x800"]),
-        (["snapshot", "tiny", "--size", "1x1", "-o", "f.png"], ['--size "1x1"', "64 to 8192"]),
+        (["snapshot", "tiny", "--size", "big", "-o", "f.png"], ["'--size'", '"big"', "1280x800"]),
+        (["snapshot", "tiny", "--size", "1x1", "-o", "f.png"], ["'--size'", '"1x1"', "64 to 8192"]),
         (["snapshot", "tiny", "--view", "side", "-o", "f.png"], ["side", "top"]),
         (["snapshot", "tiny", "-o", "."], [".png"]),
     ],

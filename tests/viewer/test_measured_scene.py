@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fdcal.commands.options import opening_of
+from fdcal.commands.options import open_request_of
 from fdcal.commands.sources import scene_input
 from fdcal.graphics.picture import static_picture, with_estimate
 from fdcal.model.measured_scene import MeasuredScene, placeholder_scene
@@ -27,7 +27,7 @@ def tiny() -> Measurement:
 def test_a_measurement_is_shown_without_walls(told, tiny, tmp_path):
     path = tmp_path / "hall.npz"
     save_measurement(tiny if told else replace(tiny, positions=None, search=None), path)
-    work = prepare_run(opening_of(str(path)), PreparationProgress())
+    work = prepare_run(open_request_of(str(path)), PreparationProgress())
     try:
         assert work.scene.title == "hall, as measured"
         assert np.array_equal(work.measurement.pressures, tiny.pressures)

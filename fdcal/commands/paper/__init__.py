@@ -1,6 +1,10 @@
-"""The paper's figures and its results beside ours: `fdcal paper`.
+"""The figures of the paper and its results beside ours: `fdcal paper`.
 
-study computes, trails keeps the runs in the cache, drawing and table show them, printed holds what the paper says.
+study     what each array needs: runs from several seeds, with several numbers of modes
+trails    runs of solvers, kept in the cache
+drawing   Figs. 2 to 5
+table     the table of results
+printed   what the paper states
 """
 
 from __future__ import annotations
@@ -24,13 +28,21 @@ FORMATS = ("png", "svg")
 
 
 def files_of(figures: tuple[int, ...], tables: bool) -> list[str]:
-    """Names of the files that will be written."""
+    """Return the names of the files that will be written."""
     names = [f"fig{number}.{suffix}" for number in figures for suffix in FORMATS]
     return names + (["table.md", "table.csv"] if tables else [])
 
 
 def require_free(folder: Path, names: list[str], force: bool) -> None:
-    """Raise InputError where one of the files exists and `force` is not set, StorageError where no folder can be."""
+    """Check that the files can be written.
+
+    Raises
+    ------
+    InputError
+        One of them exists and `force` is not set, or `folder` is a file.
+    StorageError
+        `folder` cannot be made.
+    """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"-o {folder} is a file; name a folder")
     if not folder.parent.is_dir():
@@ -41,7 +53,13 @@ def require_free(folder: Path, names: list[str], force: bool) -> None:
 
 
 def write(folder: Path, name: str, content: bytes, force: bool) -> Path:
-    """Write a file whole, and make the folder with the first one. Raises InputError and StorageError."""
+    """Write a file, in a folder that is made with the first one, and return its path.
+
+    Raises
+    ------
+    InputError, StorageError
+        The file exists and `force` is not set, or it cannot be written.
+    """
     try:
         folder.mkdir(exist_ok=True)
     except OSError as error:
@@ -53,11 +71,21 @@ def write(folder: Path, name: str, content: bytes, force: bool) -> Path:
 def pages(
     figures: tuple[int, ...], tables: bool, square: CalibrationInput | None, arrays: list[Array], progress: Progress
 ) -> Iterator[tuple[str, bytes]]:
-    """Name and content of every file, in the order in which they are done.
+    """Yield the name and the content of every file.
 
-    `square` is what Fig. 1 shows, None without it.
+    Parameters
+    ----------
+    figures : tuple of int
+        Numbers of the figures to draw.
+    tables : bool
+        Whether the table is written, too.
+    square : CalibrationInput or None
+        What Fig. 1 shows; needed for that figure only.
+    arrays : list of Array
+    progress : callable
+        Called with the fraction done, 0 to 1, and a note.
     """
-    if 1 in figures:
+    if 1 in figures and square is not None:
         yield from _saved(1, landscapes(square))
     runs = [next(descents(array, 1, progress)) for array in arrays] if set(figures) & {2, 3, 4, 5} else []
     if 2 in figures:
@@ -75,13 +103,15 @@ def pages(
 
 
 def landscapes(inputs: CalibrationInput):
-    """Fig. 1 of a scene: of another than the paper's the first sought microphone, a low, a middle and a high mode."""
+    """Return Fig. 1 of a scene; of another scene than the paper's, of its first unknown microphone and three modes."""
     name, microphone, modes = LANDSCAPE
     problem = inputs.measurement.problem(inputs.settings.weights)
     if inputs.name != name:
         microphone, last = int(problem.free[0]), inputs.settings.modes
         modes = sorted({max(1, last // 3), max(1, 2 * last // 3), last})
     truth = inputs.measurement.positions
+    if truth is None:
+        raise InputError(f"{inputs.name} has no true positions", "give a scene")
     panels = landscape_panels(problem, truth, microphone, modes, inputs.settings.order_offset)
     return draw_landscape(panels, truth[microphone])
 
@@ -91,7 +121,9 @@ def _saved(number: int, figure) -> Iterator[tuple[str, bytes]]:
 
     for suffix in FORMATS:
         out = io.BytesIO()
-        plain = {"Date": None} if suffix == "svg" else None  # the same figure, the same file
+        plain = (
+            {"Date": None} if suffix == "svg" else None
+        )  # without a date, so that the same figure gives the same file
         with matplotlib.rc_context({"svg.hashsalt": "fdcal"}):
             figure.savefig(out, format=suffix, metadata=plain)
         yield f"fig{number}.{suffix}", out.getvalue()

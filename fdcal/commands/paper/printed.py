@@ -1,4 +1,4 @@
-"""What the paper prints of its two arrays, and which of its figures' choices are ours to make."""
+"""What the paper states about its two arrays, and the choices of its figures."""
 
 from __future__ import annotations
 
@@ -7,8 +7,19 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Printed:
-    """modes : number needed; highest : Hz; iteration : that Fig. 2 shows, before the end. It tells no time, no number
-    of runs and no total of iterations."""
+    """What the paper states about an array; not the time, the number of runs or the total of iterations.
+
+    Attributes
+    ----------
+    title : str
+        What the paper calls the array.
+    modes : int
+        Number of modes needed for exact positions.
+    highest : float
+        Frequency of the highest of them, Hz.
+    iteration : int
+        The one that Fig. 2 shows, before the end.
+    """
 
     title: str
     modes: int
@@ -25,5 +36,5 @@ LANDSCAPE = "fig1_square", 16, (20, 40, 57)  # the scene of Fig. 1, the micropho
 
 
 def title_of(name: str) -> str:
-    """What a figure calls the array of scene `name`."""
+    """Return what a figure calls the array of scene `name`."""
     return PRINTED[name].title if name in PRINTED else name

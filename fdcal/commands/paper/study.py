@@ -1,4 +1,4 @@
-"""What the figures and the table need of one array: descent from several seeds, joint after it, joint alone.
+"""What the figures and the table need of one array: descent from several seeds, joint after it, and joint only.
 
 A run is exact if every microphone ends on its true cell of the search lattice. The runs are kept in the cache.
 """
@@ -18,26 +18,32 @@ from ...model.validation import InputError
 from ..sources import CalibrationInput
 from .trails import Trail, shortened, trail
 
-NEAR = 0.05  # metres
+NEAR = 0.05  # m: mean error up to which a run counts as near the true positions
 QUICK_MODES, QUICK_SEEDS = 16, 2
-STEPS = (4, 6, 8, 10, 12, 16, 20, 28, 40, 57)  # numbers of modes for which joint's error is drawn
+STEPS = (4, 6, 8, 10, 12, 16, 20, 28, 40, 57)  # numbers of modes for which the error of solver joint is drawn
 
 Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """A solver over the seeds.
+    """Results of a solver over all seeds.
 
     Attributes
     ----------
     solver : "descent", "descent+joint" or "joint"
-    needed : least number of modes with which every seed ends exact, or None
-    modes : number of modes of what follows: `needed`, or else all
-    highest : Hz, of these modes
-    exact, near, seeds : numbers of seeds: exact, of mean error within NEAR, all
-    error : metres, median of the seeds' mean errors
-    sweeps, seconds : median over the seeds; processor time
+    needed : int or None
+        Least number of modes with which every seed ends exact.
+    modes : int
+        Number of modes of what follows: `needed`, or else all.
+    highest : float
+        Highest frequency of these modes, Hz.
+    exact, near, seeds : int
+        Numbers of seeds that end exact, that end with a mean error within NEAR, and of all.
+    error : float
+        Median of the mean errors of the seeds, metres.
+    sweeps, seconds : float
+        Median over the seeds; processor time.
     """
 
     solver: str
@@ -54,7 +60,18 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Array:
-    """An array, and the settings of its runs; `modes` are in use at the end of descent."""
+    """An array and the settings of its runs.
+
+    Attributes
+    ----------
+    name : str
+    measurement : Measurement
+    problem : Problem
+    inputs : CalibrationInput
+    modes : int
+        In use at the end of solver descent.
+    seeds : int
+    """
 
     name: str
     measurement: Measurement
@@ -65,12 +82,34 @@ class Array:
 
     @property
     def search(self) -> Search:
-        """The lattice."""
+        """The lattice of candidate positions."""
+        if self.problem.search is None:
+            raise InputError(f"{self.name} has no search domain", "give <search> and <radius>", key="search")
         return self.problem.search
+
+    @property
+    def truth(self) -> np.ndarray:
+        """True positions (N, D) float64, metres."""
+        if self.measurement.positions is None:
+            raise InputError(f"{self.name} has no true positions", "give a scene")
+        return self.measurement.positions
 
 
 def array_of(inputs: CalibrationInput, seeds: int, quick: bool) -> Array:
-    """The array of a scene. Raises InputError where descent has nothing to search, or the truth is not told."""
+    """Return the array of a scene.
+
+    Parameters
+    ----------
+    inputs : CalibrationInput
+    seeds : int
+    quick : bool
+        Whether at most QUICK_MODES modes and QUICK_SEEDS seeds are used.
+
+    Raises
+    ------
+    InputError
+        The scene has no search domain in a plane, which solver descent needs.
+    """
     if seeds < 1:
         raise InputError(f"--seeds {seeds} must be at least 1")
     measurement = inputs.measurement
@@ -82,31 +121,34 @@ def array_of(inputs: CalibrationInput, seeds: int, quick: bool) -> Array:
 
 
 def descents(array: Array, count: int, progress: Progress) -> Iterator[Trail]:
-    """The runs of descent from seeds 0 to count - 1."""
+    """Yield the runs of solver descent from seeds 0 to count - 1."""
     settings = shortened(array.inputs.settings, "descent", array.modes)
     for seed in range(count):
-        yield _noted(array, "descent", settings, seed, progress)
+        yield _run_with_note(array, "descent", settings, seed, progress)
 
 
 def joints(array: Array, modes: int, descents: list[Trail] | None, progress: Progress) -> Iterator[Trail]:
-    """The runs of joint with so many modes, each from the end of one of `descents`, or from its own start.
+    """Yield the runs of solver joint with so many modes, from the ends of `descents` or from its own start.
 
-    Raises InputError where joint refuses so few modes.
+    Raises
+    ------
+    InputError
+        There are too few modes for solver joint.
     """
     settings = replace(shortened(array.inputs.settings, "joint", modes), start=None)
     for seed in range(array.seeds):
         before = None if descents is None else descents[seed]
         start = None if before is None else before.positions[before.end_of(modes)]
-        yield _noted(array, f"joint, {modes} modes", settings, seed, progress, start)
+        yield _run_with_note(array, f"joint, {modes} modes", settings, seed, progress, start)
 
 
-def _noted(array: Array, words: str, settings, seed: int, progress: Progress, start=None) -> Trail:
+def _run_with_note(array: Array, words: str, settings, seed: int, progress: Progress, start=None) -> Trail:
     note = f"{array.name}: {words}, seed {seed}"
     return trail(array.problem, settings, seed, lambda done: progress(done, note), start)
 
 
 def outcomes(array: Array, progress: Progress) -> tuple[Outcome, ...]:
-    """Descent, joint after descent, and joint alone."""
+    """Return the outcomes of descent, joint after descent, and joint only."""
     first = list(descents(array, array.seeds, progress))
     lowest = array.inputs.settings.first_modes
     numbers = range(min(lowest, array.modes), array.modes + 1)
@@ -116,13 +158,15 @@ def outcomes(array: Array, progress: Progress) -> tuple[Outcome, ...]:
     alone = [(ends[at][s], run.end_of(at), run.seconds[run.end_of(at)]) for s, run in enumerate(first)]
     return (
         _outcome(array, "descent", needed, at, alone),
-        _sought(array, "descent+joint", numbers, first, progress),
-        _sought(array, "joint", numbers, None, progress),
+        _least_modes_outcome(array, "descent+joint", numbers, first, progress),
+        _least_modes_outcome(array, "joint", numbers, None, progress),
     )
 
 
-def _sought(array: Array, solver: str, numbers: range, first: list[Trail] | None, progress: Progress) -> Outcome:
-    """The outcome with the least number of modes with which every seed ends exact, or with all modes."""
+def _least_modes_outcome(
+    array: Array, solver: str, numbers: range, first: list[Trail] | None, progress: Progress
+) -> Outcome:
+    """Return the outcome with the least number of modes with which every seed ends exact, or with all modes."""
     needed = next((M for M in numbers if _all_exact(array, M, first, progress)), None)
     ends = []
     for s, run in enumerate(joints(array, needed or array.modes, first, progress)):
@@ -133,7 +177,7 @@ def _sought(array: Array, solver: str, numbers: range, first: list[Trail] | None
 
 
 def _all_exact(array: Array, modes: int, first: list[Trail] | None, progress: Progress) -> bool:
-    """Whether every seed ends exact; ends with the first that does not."""
+    """Return whether every seed ends exact; the first that does not ends the search."""
     try:
         return all(is_exact(array, run.positions[-1]) for run in joints(array, modes, first, progress))
     except InputError:  # too few modes
@@ -141,7 +185,7 @@ def _all_exact(array: Array, modes: int, first: list[Trail] | None, progress: Pr
 
 
 def _outcome(array: Array, solver: str, needed: int | None, modes: int, ends: list) -> Outcome:
-    """Of `ends`, positions (N, D), sweeps and seconds, one a seed."""
+    """Return the outcome of `ends`: positions (N, D), sweeps and seconds of each seed."""
     errors = np.array([mean_error(array, x) for x, _, _ in ends])
     return Outcome(
         solver=solver,
@@ -158,19 +202,19 @@ def _outcome(array: Array, solver: str, needed: int | None, modes: int, ends: li
 
 
 def is_exact(array: Array, positions) -> bool:
-    """Whether every microphone is on its true cell of the lattice."""
+    """Return whether every microphone is on its true cell of the lattice."""
     origin, step = np.array(array.search.origin), array.search.step
-    found, truth = (np.round((x - origin) / step) for x in (positions, array.measurement.positions))
+    found, truth = (np.round((x - origin) / step) for x in (positions, array.truth))
     return bool(np.array_equal(found, truth))
 
 
 def mean_error(array: Array, positions) -> float:
-    """Metres, over all microphones."""
-    return float(np.linalg.norm(positions - array.measurement.positions, axis=1).mean())
+    """Return the mean error over all microphones, metres."""
+    return float(np.linalg.norm(positions - array.truth, axis=1).mean())
 
 
 def joint_errors(array: Array, progress: Progress) -> tuple[list[int], list[float]]:
-    """Numbers of modes, and the mean error of joint alone with them, metres; none where it refuses so few."""
+    """Return numbers of modes and the mean error of solver joint with them, metres; too small numbers are left out."""
     once, numbers, errors = replace(array, seeds=1), [], []
     for M in sorted({min(M, array.modes) for M in STEPS}):
         with contextlib.suppress(InputError):

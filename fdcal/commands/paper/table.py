@@ -1,4 +1,4 @@
-"""The table "paper | descent | descent + joint | joint": in Markdown to be read, in CSV to be worked on."""
+"""The table "paper | descent | descent + joint | joint", as Markdown and as CSV."""
 
 from __future__ import annotations
 
@@ -10,21 +10,20 @@ from .study import NEAR, Array, Outcome
 
 SOLVERS = {"descent": "descent", "descent+joint": "descent + joint", "joint": "joint"}
 WHY = """\
-- Exact: every microphone ends on its true cell of the search lattice ({step:g} cm), the paper's sense of the word.
-  "Modes needed" is the least number with which all seeds end so; where none does, what stands below is of all modes.
-- The paper shows one run of each array. It tells no time, no total of iterations and no success over starts.
+- Exact: every microphone ends on its true cell of the search lattice ({step:g} cm), as in the paper.
+  "Modes needed" is the least number with which all seeds end so; if there is none, the rows below are of all modes.
+- The paper shows one run of each array. It states no time, no total of iterations and no success rate over starts.
 - descent is the paper's method with two changes: a weight on the known microphones, and an order that grows. It ends
-  near the truth but not on it. What is left is a smooth deformation of the whole array, whose step for each
-  microphone alone is a fraction of a cell and rounds to nothing; more modes do not help, for it is the grid that
-  holds it.
-- descent + joint goes on from where descent has ended with as many modes as its column tells; sweeps and time are of
-  both. joint alone starts in closed form, not at random: its seeds agree.
+  near the true positions but not on them. The remaining error is a smooth deformation of the whole array, which would
+  need steps smaller than a cell from each single microphone; more modes do not help, since the lattice is the limit.
+- descent + joint continues where descent has ended with the number of modes in its column; sweeps and time are of
+  both. joint starts from a closed-form solution, not at random: its seeds agree.
 - Error, sweeps and processor time are medians over the seeds.
 """
 
 
 def markdown(arrays: list[Array], found: list[tuple[Outcome, ...]]) -> str:
-    """One table an array, and what its words mean."""
+    """Return one table per array, and what its words mean."""
     parts = [_table(array, outcomes) for array, outcomes in zip(arrays, found, strict=True)]
     return "\n\n".join([*parts, WHY.format(step=100 * arrays[0].search.step)])
 
@@ -39,15 +38,15 @@ def _table(array: Array, outcomes: tuple[Outcome, ...]) -> str:
 
 
 def _rows(array: Array, seeds: int):
-    """Of every row its name, what the paper prints, and a function of an outcome to words."""
-    told = PRINTED.get(array.name)
+    """Return of every row its name, what the paper states, and a function from an outcome to text."""
+    stated = PRINTED.get(array.name)
     return (
-        ("modes needed for exact positions", f"{told.modes}" if told else "-", _needed),
-        ("highest frequency", f"{told.highest:.0f} Hz" if told else "-", lambda o: f"{o.highest:.0f} Hz"),
-        ("mean error", "0, as printed" if told else "-", lambda o: _length(o.error)),
-        ("sweeps", f"not told; above {told.iteration} (Fig. 2)" if told else "-", lambda o: f"{o.sweeps:.0f}"),
-        ("processor time", "not told" if told else "-", lambda o: f"{_seconds(o.seconds)} s"),
-        (f"exact, of {_seeds(seeds)}", "not told; one run shown" if told else "-", _success),
+        ("modes needed for exact positions", f"{stated.modes}" if stated else "-", _needed),
+        ("highest frequency", f"{stated.highest:.0f} Hz" if stated else "-", lambda o: f"{o.highest:.0f} Hz"),
+        ("mean error", "0, as printed" if stated else "-", lambda o: _length(o.error)),
+        ("sweeps", f"not stated; above {stated.iteration} (Fig. 2)" if stated else "-", lambda o: f"{o.sweeps:.0f}"),
+        ("processor time", "not stated" if stated else "-", lambda o: f"{_seconds(o.seconds)} s"),
+        (f"exact, of {_seeds(seeds)}", "not stated; one run shown" if stated else "-", _success),
     )
 
 
@@ -69,12 +68,12 @@ def _length(metres: float) -> str:
 
 
 def _seconds(seconds: float) -> str:
-    """Two figures, without an exponent."""
+    """Return two significant digits, without an exponent."""
     return f"{float(f'{seconds:.2g}'):g}"
 
 
 def comma_separated(arrays: list[Array], found: list[tuple[Outcome, ...]]) -> str:
-    """One line an array and solver, in metres, Hz and seconds; empty where nothing is told or needed is not reached."""
+    """Return one line per array and solver, in metres, Hz and seconds; unknown values are empty."""
     out = io.StringIO()
     write = csv.writer(out, lineterminator="\n").writerow
     write(
@@ -83,8 +82,8 @@ def comma_separated(arrays: list[Array], found: list[tuple[Outcome, ...]]) -> st
     )  # fmt: skip
     for array, outcomes in zip(arrays, found, strict=True):
         if array.name in PRINTED:
-            told = PRINTED[array.name]
-            write([array.name, "paper", told.modes, told.modes, told.highest, 0, "", "", "", "", ""])
+            stated = PRINTED[array.name]
+            write([array.name, "paper", stated.modes, stated.modes, stated.highest, 0, "", "", "", "", ""])
         for o in outcomes:
             write([array.name, o.solver, o.needed or "", o.modes, o.highest, o.error, o.sweeps, o.seconds, o.exact,
                    o.near, o.seeds])  # fmt: skip

@@ -1,6 +1,6 @@
-"""What is kept of a run of a solver: the positions after every sweep. The cache gives the same run a second time.
+"""Runs of solvers, kept in the cache as the positions after every sweep.
 
-A run is the same if the solver sees the same, is set alike, begins alike, and its own code is what it was.
+A cached run is used again if the problem, the settings, the start and the code of the solver are the same.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from ...model.settings import SolverSettings
 from ...model.storage import cached_arrays
 from ...solvers import load
 
-# Only these packages decide where a solver goes: what it is given is part of the key by itself.
+# The packages whose code decides what a solver does; its inputs are part of the key anyway.
 NUMERICS = ("fdcal.acoustics.", "fdcal.cost.", "fdcal.solvers.")
-DIGITS = 6
+DIGITS = 6  # of the inputs of a solver, relative to the greatest
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Trail:
     positions : (S + 1, N, D) float64, metres
     modes : (S + 1,) int64, in use during the sweep
     seconds : (S + 1,) float64, processor time from the start
-    converged : () bool, whether it ended because nothing moved any more
+    converged : () bool, whether the solver converged
     """
 
     positions: np.ndarray
@@ -49,33 +49,49 @@ class Trail:
         return len(self.modes) - 1
 
     def end_of(self, modes: int) -> int:
-        """The last sweep with so many modes, which is where a run with no more of them ends."""
+        """Return the last sweep with so many modes, where a run with no more of them would end."""
         return int(np.flatnonzero(self.modes == modes)[-1])
 
     def errors(self, truth) -> np.ndarray:
-        """Distance of each microphone from `truth` (N, D), metres, after every sweep : (S + 1, N) float64, metres."""
+        """Return the distances from `truth` (N, D), metres, after every sweep : (S + 1, N) float64, metres."""
         return np.linalg.norm(self.positions - truth, axis=2)
 
 
 def trail(
     problem: Problem, settings: SolverSettings, seed: int, progress: Callable[[float], None], positions=None
 ) -> Trail:
-    """The run of `settings.name`, a single solver, from `positions` (N, D), metres, where given.
+    """Return the run of a solver, from the cache if it is there.
 
-    `progress` is told the part that is done, and may raise to stop it. Raises InputError as the solver does.
+    Parameters
+    ----------
+    problem : Problem
+    settings : SolverSettings
+        Of a single solver, no chain.
+    seed : int
+    progress : callable
+        Called with the fraction done; what it raises ends the run.
+    positions : (N, D) float64, optional
+        Where to begin, metres.
+
+    Raises
+    ------
+    InputError
+        The solver cannot start.
     """
     start = None if positions is None else np.asarray(positions).tolist()
     fields = (problem.pressures, problem.wavenumbers, problem.known, problem.known_positions, problem.noise_power)
     seen = [None if field is None else _digest(np.asarray(field)) for field in fields]
     search = None if problem.search is None else asdict(problem.search)
-    told = asdict(settings)
+    relevant = asdict(settings)
     ignores = load(settings.name).TRAITS.ignores
-    told = {key: value for key, value in told.items() if key == "name" or not ignores(key)}
-    parts = [seen, search, told, seed, start, _code(settings.name)]
-    return Trail(**cached_arrays("trail", parts, lambda: asdict(_made(problem, settings, seed, progress, positions))))
+    relevant = {key: value for key, value in relevant.items() if key == "name" or not ignores(key)}
+    parts = [seen, search, relevant, seed, start, _code(settings.name)]
+    return Trail(
+        **cached_arrays("trail", parts, lambda: asdict(_computed(problem, settings, seed, progress, positions)))
+    )
 
 
-def _made(problem: Problem, settings: SolverSettings, seed: int, progress, positions) -> Trail:
+def _computed(problem: Problem, settings: SolverSettings, seed: int, progress, positions) -> Trail:
     solver, begun = load(settings.name), time.process_time()
     given = {} if positions is None else {"positions": positions}
     state = solver.init(problem, settings, seed, **given)
@@ -90,18 +106,18 @@ def _made(problem: Problem, settings: SolverSettings, seed: int, progress, posit
 
 
 def shortened(settings: SolverSettings, name: str, modes: int) -> SolverSettings:
-    """`settings` for solver `name` with `modes` modes at the end."""
+    """Return `settings` for solver `name` with `modes` modes at the end."""
     return replace(settings, name=name, modes=modes, first_modes=min(settings.first_modes, modes))
 
 
 def _digest(values: np.ndarray) -> str:
-    """Of numbers to DIGITS digits of the greatest: a room that is simulated once more differs by rounding."""
+    """Return a digest of numbers, rounded to DIGITS digits: a repeated simulation of a room differs by rounding."""
     scaled = values / max(np.abs(values).max(initial=0.0), np.finfo(float).tiny)
-    return hashlib.sha256(np.round(scaled, DIGITS) + 0.0).hexdigest()  # 0.0 makes zeros of minus zeros
+    return hashlib.sha256(np.round(scaled, DIGITS) + 0.0).hexdigest()  # adding 0.0 turns -0.0 into 0.0
 
 
 def _code(name: str) -> str:
-    """Digest of the numerical code of a solver; comments and docstrings do not count."""
+    """Return a digest of the numerical code of a solver without comments and docstrings."""
     return hashlib.sha256("".join(_without_docstrings(file) for file in sources(name)).encode()).hexdigest()
 
 
@@ -121,7 +137,7 @@ def sources(name: str) -> list[Path]:
 
 
 def _imports(module: str, file: Path) -> Iterator[str]:
-    """Absolute names of what a module imports of its own package, modules and their members alike."""
+    """Yield the absolute names that a module imports relatively: modules and the modules of packages."""
     package = module if file.name == "__init__.py" else module.rpartition(".")[0]
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and node.level:
