@@ -10,6 +10,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -39,18 +40,17 @@ def write(path: str | Path, target: str | Path, field: FieldMap) -> None:
 
 
 def _write_npz(path: Path, field: FieldMap) -> None:
-    axes = dict(zip("xyz", field.axes, strict=False))
+    arrays: dict[str, Any] = dict(zip("xyz", field.axes, strict=False))
+    arrays |= {
+        "frequencies": field.frequencies,
+        "pressure": field.pressure,
+        "magnitude": np.abs(field.pressure),
+        "uncertainty": field.uncertainty,
+        "inside": field.inside,
+        "microphones": field.microphones,
+    }
     with open(path, "wb") as file:
-        np.savez_compressed(
-            file,
-            **axes,
-            frequencies=field.frequencies,
-            pressure=field.pressure,
-            magnitude=np.abs(field.pressure),
-            uncertainty=field.uncertainty,
-            inside=field.inside,
-            microphones=field.microphones,
-        )
+        np.savez_compressed(file, **arrays)
 
 
 def _write_csv(path: Path, field: FieldMap) -> None:
@@ -103,7 +103,7 @@ def _draw_row(panels, f: float, p: np.ndarray, layer, field: FieldMap) -> None:
     half = (x[1] - x[0]) / 2
     extent = (x[0] - half, x[-1] + half, y[0] - half, y[-1] + half)
     largest = float(np.nanmax(np.abs(p)))
-    parts = {"real part": p.real, "imaginary part": p.imag, "magnitude": np.abs(p)}
+    parts = {"real part": np.real(p), "imaginary part": np.imag(p), "magnitude": np.abs(p)}
     for panel, (part, values) in zip(panels, parts.items(), strict=True):
         low, colours = (0, COLOUR_MAP) if part == "magnitude" else (-largest, DIVERGING_COLOUR_MAP)
         image = panel.imshow(values[layer].T, origin="lower", extent=extent, cmap=colours, vmin=low, vmax=largest)

@@ -186,7 +186,7 @@ def _clip(vertices: np.ndarray, axis: int, level: float) -> list[tuple[float, fl
 
 def round_ticks(low: float, high: float, count: int) -> np.ndarray:
     """Return about `count` round numbers from `low` to `high`, ascending."""
-    values = MaxNLocator(nbins=count, steps=[1, 2, 5, 10]).tick_values(low, high)
+    values = np.asarray(MaxNLocator(nbins=count, steps=[1, 2, 5, 10]).tick_values(low, high))
     slack = 1e-9 * (high - low)
     return values[(values >= low - slack) & (values <= high + slack)]
 

@@ -101,15 +101,15 @@ def select_panels(maps, modes: Sequence[int], frequencies, n: int, search: Searc
     search : lattice of the maps
     count : of panels of single modes, at most
     """
-    maps, modes = np.asarray(maps, float), np.asarray(modes)
+    maps, numbers = np.asarray(maps, float), np.asarray(modes)
     chosen = np.unique(np.linspace(0, len(maps) - 1, min(len(maps), count)).round().astype(int))
     drawn = np.concatenate([maps[chosen], maps.sum(axis=0, keepdims=True)])
     row, column = np.divmod(drawn.reshape(len(drawn), -1).argmin(axis=1), maps.shape[2])
     minima = np.asarray(search.origin)[:2] + search.step * np.column_stack([column, row])
     return LandscapePanels(
         microphone=n,
-        modes=frozen_array(modes[chosen], np.int64),
-        frequencies=frozen_array(np.asarray(frequencies)[modes[chosen] - 1], float),
+        modes=frozen_array(numbers[chosen], np.int64),
+        frequencies=frozen_array(np.asarray(frequencies)[numbers[chosen] - 1], float),
         maps=frozen_array(drawn, float),
         minima=frozen_array(minima, float),
         search=search,

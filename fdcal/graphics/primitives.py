@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from matplotlib.ticker import LogLocator
@@ -19,6 +20,17 @@ SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 BAR_LENGTH = 44  # characters that fit along a colour bar
 
 Colour = tuple[int, int, int]
+Anchor = Literal[
+    "top-left",
+    "top-center",
+    "top-right",
+    "center-left",
+    "center-center",
+    "center-right",
+    "bottom-left",
+    "bottom-center",
+    "bottom-right",
+]
 
 
 @dataclass(frozen=True)
@@ -96,7 +108,7 @@ class Label:
     text: str
     position: tuple[float, float, float]
     colour: Colour
-    anchor: str = "center-center"
+    anchor: Anchor = "center-center"
 
 
 @dataclass(frozen=True)
@@ -127,7 +139,8 @@ class ColourBar:
             span = self.high - self.low
             return _without_overlaps((float((v - self.low) / span), format_number(v, 4)) for v in values)
         decades = np.log10(self.high / self.low)
-        values = LogLocator(subs=(1.0,) if decades > 3 else (1.0, 2.0, 5.0)).tick_values(self.low, self.high)
+        locator = LogLocator(subs=(1.0,) if decades > 3 else (1.0, 2.0, 5.0))
+        values = np.asarray(locator.tick_values(self.low, self.high))
         values = values[(values >= self.low * (1 - 1e-9)) & (values <= self.high * (1 + 1e-9))]
         if not 3 <= len(values) <= 6:  # within a decade the locator may return as many as ten
             even = round_ticks(self.low, self.high, 4)

@@ -19,7 +19,7 @@ from ..model.gauge import align
 from ..model.measurement import Measurement
 from ..model.scene import Scene
 from .heatmap import cost_label
-from .surroundings import WALL_HEIGHT, focus_of, z_range_of
+from .surroundings import focus_of, wall_height, z_range_of
 
 MAX_BYTES = 4_500_000  # of a file; of a longer run fewer states are kept, evenly spaced
 STATE_NUMBERS = ("step", "sweep", "stage", "moved", "first", "last")  # of a state, in the file as they are called here
@@ -72,10 +72,8 @@ def _static_data(scene: Scene | None, measurement: Measurement) -> dict:
         "tall": 0.0,
     }
     if scene is not None:
-        outline, size = np.asarray(scene.room.vertices, float), scene.room.size
-        boxed = scene.room.dimension == 3 and size is not None
-        height = size[2] if boxed else WALL_HEIGHT * float(np.ptp(outline, axis=0).max())
-        data |= {"outline": outline.tolist(), "source": list(scene.source.position), "tall": height}
+        outline = np.asarray(scene.room.vertices, float).tolist()
+        data |= {"outline": outline, "source": list(scene.source.position), "tall": wall_height(scene)}
     return data
 
 

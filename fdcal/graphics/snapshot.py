@@ -69,7 +69,7 @@ def draw(picture: Picture, size: tuple[int, int], view: str) -> np.ndarray:
     os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = "vtkEGLRenderWindow"
     import pyvista
 
-    plotter = pyvista.Plotter(off_screen=True, window_size=list(size), lighting="none")
+    plotter: Any = pyvista.Plotter(off_screen=True, window_size=list(size), lighting="none")
     plotter.enable_anti_aliasing("msaa", multi_samples=8)
     plotter.set_background([channel / 255 for channel in picture.theme.background])
     camera = camera_of(picture, size, view)

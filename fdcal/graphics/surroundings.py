@@ -11,11 +11,11 @@ from ..model.measurement import Measurement
 from ..model.scene import Scene
 from . import glyphs
 from .markers import TRUE, Layer, layer_height, lines, mesh, strokes
-from .primitives import Label, Lines, Mesh, Theme
+from .primitives import Anchor, Label, Lines, Mesh, Theme
 
 Box = tuple[float, float, float, float]
 
-WALL_HEIGHT = 0.12  # of the walls of a plane room, of its longer side
+PLANE_WALLS = 0.12  # height of the walls of a plane room, of its longer side
 EMPTY_MARGIN = 0.1  # m around the microphones where there is no search domain
 
 
@@ -36,7 +36,8 @@ def z_range_of(scene: Scene | None, measurement: Measurement) -> tuple[float, fl
     """Return the lowest and the highest z that a picture shows, metres; for a plane array its height, twice."""
     search = measurement.search
     if measurement.array_dimension == 2:
-        height = float(scene.array.center[2]) if scene is not None and scene.room.dimension == 3 else 0.0
+        centre = None if scene is None else scene.array.center
+        height = float(centre[2]) if centre is not None and len(centre) == 3 else 0.0
         return height, height
     if search is not None:
         return float(search.origin[2]), float(search.origin[2] + search.size[2])
@@ -45,13 +46,22 @@ def z_range_of(scene: Scene | None, measurement: Measurement) -> tuple[float, fl
     return float(z.min() - EMPTY_MARGIN), float(z.max() + EMPTY_MARGIN)
 
 
+def wall_height(scene: Scene) -> float:
+    """Return the height of the walls as they are drawn, metres; a plane room has low ones."""
+    size = scene.room.size
+    if scene.room.dimension == 3 and size is not None:
+        return size[2]
+    return PLANE_WALLS * float(np.ptp(scene.room.vertices, axis=0).max())
+
+
 def frame(focus: Box, base: float, marker_radius: float, theme: Theme) -> tuple[tuple[Lines, ...], tuple[Label, ...]]:
     """Return the outline of the search domain at height `base`, metres, with its rulers."""
     x0, y0, x1, y1 = focus
     level = base + layer_height(Layer.FRAME, marker_radius)
     pieces = [glyphs.loop([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], level)]
     labels = []
-    for axis, (low, high, across, anchor) in enumerate([(x0, x1, y0, "top-center"), (y0, y1, x0, "center-right")]):
+    edges: list[tuple[float, float, float, Anchor]] = [(x0, x1, y0, "top-center"), (y0, y1, x0, "center-right")]
+    for axis, (low, high, across, anchor) in enumerate(edges):
         ticks, places, texts = glyphs.ruler(low, high, across, axis, 1.2 * marker_radius, level)
         pieces.append(ticks)
         for i, ((x, y, z), text) in enumerate(zip(places.tolist(), texts, strict=True)):
@@ -95,17 +105,15 @@ def room_and_source(
 
 def _room(scene: Scene, marker_radius: float, theme: Theme) -> tuple[tuple[Lines, ...], tuple[Mesh, ...]]:
     """Walls and floor grid; a box by its edges alone, for walls of full height would veil what is in the room."""
-    room, vertices = scene.room, scene.room.vertices
+    vertices, height = scene.room.vertices, wall_height(scene)
     extent = float(np.ptp(vertices, axis=0).max())
     edges = glyphs.loop(vertices, layer_height(Layer.WALLS, marker_radius))
     grid = glyphs.floor_grid(vertices, 1.0 if extent > 3.0 else 0.2, layer_height(Layer.GRID, marker_radius))
-    if room.dimension == 3 and room.size is not None:
-        height = room.size[2]
+    if scene.room.dimension == 3:
         feet = np.concatenate([glyphs.lift(vertices, height), np.array([scene.source.position], float)])
         box = np.concatenate([glyphs.loop(vertices, height), glyphs.stems(feet, 0.0)])
         meshes, before = (), (lines("room/box", box, theme.grid, 2.0),)
     else:
-        height = WALL_HEIGHT * extent
         edges = np.concatenate([edges, glyphs.loop(vertices, height)])
         meshes, before = (mesh("room/walls", glyphs.walls(vertices, height), theme.foreground, opacity=0.12),), ()
     grid_lines = lines("room/grid", grid, theme.grid, 1.0)

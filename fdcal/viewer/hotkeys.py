@@ -96,7 +96,7 @@ def _toggle_dark(panel) -> None:
 
 
 def _place_camera(view: str) -> Callable:
-    return lambda page, client: page.nodes.cameras.ask(client, view)
+    return lambda page, client: page.nodes.cameras.request(client, view)
 
 
 KEYS = (

@@ -84,11 +84,11 @@ class Page:
 
         @server.on_client_connect
         async def _(client: viser.ClientHandle) -> None:
-            self.nodes.cameras.ask(client, "top")
+            self.nodes.cameras.request(client, "top")
 
             @client.camera.on_update
             async def _(_) -> None:
-                self.nodes.cameras.ask(client)
+                self.nodes.cameras.request(client)
 
         @server.on_client_disconnect
         async def _(client: viser.ClientHandle) -> None:
@@ -128,13 +128,13 @@ class Page:
             self.viewer.guarded_tick(now)
         elif self.nodes.is_empty and self.switcher.measured is not None:
             show_room(self.nodes, *self.switcher.measured)
-            self.nodes.cameras.place_all("top")  # of browsers that connected before there was a picture
+            self.nodes.cameras.request_all("top")  # of browsers that connected before there was a picture
         self.lessons.show(self._server.get_event_loop().call_soon_threadsafe)
         clients = self._server.get_clients().values()
-        self.nodes.cameras.answer(clients)
+        self.nodes.cameras.process_requests(clients)
         if now - self._canvases_checked > CANVAS_INTERVAL:
             self._canvases_checked = now
-            self.nodes.cameras.keep_all_placed(clients)
+            self.nodes.cameras.follow_all(clients)
 
     def _replace_session(self, prepared: PreparedRun) -> None:
         """Show a new session in place of the old one, which stays where the new one cannot be shown."""
@@ -158,7 +158,7 @@ class Page:
         if old is not None:
             old.close()
         if old is None or old.picture.focus != new.picture.focus:
-            self.nodes.cameras.open_at(new.picture)
+            self.nodes.cameras.set_initial(new.picture)
             for client in self._server.get_clients().values():
                 self.nodes.cameras.place(client, "top")
 

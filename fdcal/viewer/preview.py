@@ -37,5 +37,5 @@ def show_room(nodes: SceneNodes, request: OpenRequest, measurement: Measurement)
     """
     known_scene = None if isinstance(request.scene, MeasuredScene) else request.scene
     picture = static_picture(known_scene, measurement, request.choices.get("dark") is True)
-    nodes.cameras.open_at(picture)
+    nodes.cameras.set_initial(picture)
     nodes.show(picture)

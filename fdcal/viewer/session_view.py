@@ -82,7 +82,7 @@ class Viewer:
         self._picture = SessionPicture(run)
         picture = self._picture.draw(run.session.view, self.binding.choices, self._selected)
         self.snapshot = ViewSnapshot(run, picture, run.session.view, self.binding.choices, self._selected, None)
-        self.main_panel = MainPanel(folders, self.binding, nodes.cameras.ask, self._export)
+        self.main_panel = MainPanel(folders, self.binding, nodes.cameras.request, self._export)
         self._comparison = ComparisonWorker(run)
         self.side_panel = SidePanel(folders, self.binding, self.main_panel.map, self._comparison)
         self._maps = CostMapWorker(run, wake)  # threads last: what is above may raise

@@ -95,7 +95,7 @@ def page(server, controls):
     """A page without a session; `opened` holds what it was asked to open, `ready` puts the last of it on the page."""
     made, notes = controls
     opened = []
-    place = SimpleNamespace(cameras=SimpleNamespace(place_all=lambda view: notes.append(("view", view))))
+    place = SimpleNamespace(cameras=SimpleNamespace(request_all=lambda view: notes.append(("view", view))))
     page = SimpleNamespace(panels=Panels(server.gui), viewer=None, open=opened.append, nodes=place, opened=opened)
     page.switcher = SimpleNamespace(idle=False)
 

@@ -51,7 +51,7 @@ def test_the_room_is_there_while_the_solver_is_being_prepared(page_of, scene, mo
     page.open(OpenRequest(edited(scene, {"solver.known": "none"})))
     assert page.nodes.is_empty
     placed = []
-    monkeypatch.setattr(page.nodes.cameras, "place_all", placed.append)
+    monkeypatch.setattr(page.nodes.cameras, "request_all", placed.append)
     turn_until(lambda: not page.nodes.is_empty)
     assert placed == ["top"], "pages that came before there was anything to see"
     assert page.viewer is None and "microphones/true" in page.nodes.parts

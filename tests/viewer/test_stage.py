@@ -26,21 +26,21 @@ def test_a_page_that_has_the_place_but_not_the_direction_is_told_again(server, s
     placed.place(client, "top")
     old_opening, aim = camera.fov, camera.look_at
     camera.look_at = (aim[0] + 3e-5 * camera.position[2], *aim[1:])  # turned by 17 degrees about the vertical
-    placed.keep_placed(client)
+    placed.follow(client)
     assert camera.look_at == aim
     placed.place(client, "3d")
     ordered = SimpleNamespace(**vars(camera))
     camera.look_at = (ordered.position[0], ordered.position[1], 0.0)  # as from the top
-    placed.keep_placed(client)
+    placed.follow(client)
     assert camera.look_at == ordered.look_at
     camera.fov = old_opening
-    placed.keep_placed(client)
+    placed.follow(client)
     assert camera.fov == ordered.fov
     camera.near *= 7
-    placed.keep_placed(client)
+    placed.follow(client)
     assert camera.near == ordered.near, "what is nearer would not be drawn"
     camera.look_at, camera.position = (1.0, 1.0, 0.0), (2.0, 2.0, 5.0)
-    placed.keep_placed(client)
+    placed.follow(client)
     assert camera.look_at == (1.0, 1.0, 0.0), "a hand has shifted it"
 
 
@@ -51,17 +51,17 @@ def test_the_camera_follows_the_canvas_until_a_hand_moves_it(server, scene, meas
     placed.place(client, "top")
     near = camera.position
     camera.image_width = 450
-    placed.keep_placed(client)
+    placed.follow(client)
     assert camera.position[2] > 1.5 * near[2], "half the width needs twice the distance"
     moved = (camera.position[0] + 1.0, *camera.position[1:])
     camera.position, camera.image_width = moved, 900
-    placed.keep_placed(client)
+    placed.follow(client)
     assert camera.position == moved
     camera.position = near
-    placed.keep_placed(client)
+    placed.follow(client)
     assert camera.position == pytest.approx(near), "right for this size"
     camera.position = server.initial_camera.position
-    placed.keep_placed(client)
+    placed.follow(client)
     assert camera.position == pytest.approx(near), "the page learnt late where it was to begin"
 
 
@@ -99,14 +99,14 @@ def test_a_page_is_made_to_tell_the_size_of_its_canvas(server, scene, measuremen
             self.told, self._fov = self.canvas if abs(value / self._fov - 1) < 1e-3 else self.told, value
 
     placed, client = placing(server, scene, measurement), Browser()
-    placed.ask(client, "top")
-    placed.answer([])
+    placed.request(client, "top")
+    placed.process_requests([])
     assert not hasattr(client, "position"), "a page that has closed meanwhile is left alone"
-    placed.ask(client, "top")
-    placed.answer([client])
+    placed.request(client, "top")
+    placed.process_requests([client])
     near, opening = client.position, client.fov
     for _ in range(9):
-        placed.keep_all_placed([client])
+        placed.follow_all([client])
     assert client.told == client.canvas and client.position[2] > 1.2 * near[2]
     assert client.fov == pytest.approx(opening, rel=2e-4)
 

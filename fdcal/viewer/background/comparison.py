@@ -12,7 +12,9 @@ from typing import Literal
 import numpy as np
 
 from ...session.comparison import Comparison, ComparisonRun, common_cost
+from ...session.history import SessionView
 from ...session.worker import LatestWorker
+from ...solvers.interface import RunState
 from ..gui.html import error_message
 from .prepare import PreparedRun
 
@@ -192,7 +194,7 @@ class ComparisonWorker:
             costs=np.array([points[step][1] for step in steps]),
         )
 
-    def _errors(self, state) -> np.ndarray | None:
+    def _errors(self, state: RunState) -> np.ndarray | None:
         """Position error of each microphone, (N,) float64, mm."""
         errors = self._run.measurement.errors(state.positions)
         return None if errors is None else 1e3 * errors
@@ -217,11 +219,11 @@ class ComparisonWorker:
         return self._curves.close(timeout) and done
 
 
-def _status(state) -> str:
+def _status(state: RunState) -> str:
     return ("converged" if state.converged else "sweep limit reached") if state.finished else "waiting"
 
 
-def _drawn_states(view) -> list:
+def _drawn_states(view: SessionView) -> list[RunState]:
     """States that the curves of a run pass through: ever more of them on the same grid, and the last."""
     count = view.index + 1
     stride = 1

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -18,6 +17,7 @@ from ...graphics.primitives import Floor
 from ...graphics.surroundings import z_range_of
 from ...model.settings import Search
 from ...session.worker import LatestWorker
+from ...solvers.interface import RunState
 from ..gui.html import error_message
 from .prepare import PreparedRun
 
@@ -71,7 +71,7 @@ class CostMapRequest:
     custom_modes: bool
     style: MapStyle
     follow: bool = field(compare=False)
-    state: Any = field(compare=False)
+    state: RunState = field(compare=False)
     lineage: object = field(compare=False)
 
     def stands_for(self, wanted: CostMapRequest, running: bool) -> bool:
@@ -94,7 +94,7 @@ class CostMapRequest:
         if replace(self, revision=wanted.revision) != wanted:
             return False
         mine, theirs = (np.asarray(one.state.positions) for one in (self, wanted))
-        return mine.shape == theirs.shape and np.count_nonzero((mine != theirs).any(axis=1)) <= 1
+        return mine.shape == theirs.shape and int(np.count_nonzero((mine != theirs).any(axis=1))) <= 1
 
 
 @dataclass(frozen=True)
@@ -212,8 +212,7 @@ class CostMapWorker:
     def _compute_shape(self, request: CostMapRequest) -> CostMap:
         """On the fast thread: the sound field of a mode."""
         run, mode = self._run, request.modes[-1]
-        offset = getattr(request.state, "order_offset", 0)
-        shape = landscapes.mode_shape(run.problem, request.state.positions, mode, offset)
+        shape = landscapes.mode_shape(run.problem, request.state.positions, mode, request.state.order_offset)
         frequency = run.measurement.frequencies[mode - 1]
         label = f"pressure of mode {mode}, {frequency:.1f} Hz (normalised to a peak of 1)"
         height = z_range_of(run.known_scene, run.measurement)[0]

@@ -125,7 +125,7 @@ def _replay(snapshot: ViewSnapshot) -> bytes:
 def _session(snapshot: ViewSnapshot) -> bytes:
     """The session, with the settings and the seed of the states, which a reset may have changed."""
     run, view = snapshot.run, snapshot.view
-    scene = replace(run.scene, solver=getattr(view.state, "settings", run.scene.solver))
+    scene = replace(run.scene, solver=view.state.settings)
     choices = snapshot.choices.to_save()
     opening = OpenRequest(scene, view.state.seed, run.measurement, tuple(view.history), view.index, choices)
     return session_file.write(opening)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from types import ModuleType
 
 from ... import solvers
 from ...acoustics.measurement_cache import cached_measurement
@@ -14,6 +13,7 @@ from ...model.scene import Scene
 from ...model.validation import InputError
 from ...session.request import OpenRequest, as_given
 from ...session.session import Session
+from ...solvers.interface import RunState, Solver
 from .warmup import Warmup
 
 
@@ -30,7 +30,7 @@ class PreparedRun:
     scene : Scene; for a measurement from a file one that stands in for its unknown room
     measurement : Measurement, as it is drawn and scored
     problem : Problem, as the solver receives it
-    solver : module of fdcal.solvers
+    solver : Solver
     session : Session
     opening : the request that the run was prepared for
     warmup : what is still being compiled beside the page, or None
@@ -39,7 +39,7 @@ class PreparedRun:
     scene: Scene
     measurement: Measurement
     problem: Problem
-    solver: ModuleType
+    solver: Solver
     session: Session
     opening: OpenRequest
     warmup: Warmup | None = None
@@ -135,7 +135,7 @@ def _with_available_modes(scene: Scene, problem: Problem) -> Scene:
     return replace(scene, solver=replace(settings, modes=count, first_modes=min(settings.first_modes, count)))
 
 
-def _compile_step_and_map(problem: Problem, solver: ModuleType, state) -> None:
+def _compile_step_and_map(problem: Problem, solver: Solver, state: RunState) -> None:
     """Compile what a step and a map need, seconds the first time, so that the first click is answered at once."""
     solver.step(problem, state)
     if problem.search is not None:

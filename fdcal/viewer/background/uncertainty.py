@@ -11,7 +11,7 @@ import numpy as np
 
 from ...assessment.uncertainty import ellipse_axes, information, one_sigma, pressures_and_field, robust_covariance
 from ...session.worker import LatestWorker
-from ...solvers.interface import AssessmentMethod
+from ...solvers.interface import AssessmentMethod, RunState
 from .prepare import PreparedRun
 
 SIGMAS = 2.4477  # half axes of the ellipse that holds 95 % of a bivariate Gaussian, in standard deviations
@@ -44,7 +44,7 @@ class UncertaintyWorker:
         self._run, self._state, self._since, self._requested = run, None, 0.0, None
         self._worker = LatestWorker(self._compute, "fdcal-uncertainty")
 
-    def of(self, state, running: bool, now: float) -> PositionUncertainty | None:
+    def of(self, state: RunState, running: bool, now: float) -> PositionUncertainty | None:
         """Return the uncertainty of `state`, None while there is none yet or where it cannot be determined.
 
         Parameters
@@ -66,12 +66,11 @@ class UncertaintyWorker:
         """End the thread after the work in progress; False if that takes longer than `timeout`, s."""
         return self._worker.close(timeout)
 
-    def _compute(self, state) -> PositionUncertainty | None:
+    def _compute(self, state: RunState) -> PositionUncertainty | None:
         run, positions = self._run, np.asarray(state.positions)
-        if run.solver.TRAITS.assessment is not AssessmentMethod.LIKELIHOOD:  # of which this covariance is
+        if run.solver.TRAITS.assessment is not AssessmentMethod.LIKELIHOOD:  # which this covariance belongs to
             return None
-        modes = slice(state.first - 1, state.last)
-        p, field = pressures_and_field(run.problem, positions, modes, None)
+        p, field = pressures_and_field(run.problem, positions, state.modes, None)
         try:
             blocks = robust_covariance(information(positions, p, field, run.problem.known))
         except np.linalg.LinAlgError:  # the field does not determine these positions

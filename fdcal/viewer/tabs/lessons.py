@@ -159,7 +159,7 @@ class LessonsTab:
         self._apply(setting, viewer, restarted)
 
     def _apply(self, setting: Setting, viewer: Viewer, restarted: bool) -> None:
-        apply_setting(setting, viewer.main_panel, self._page.nodes.cameras.place_all, restarted)
+        apply_setting(setting, viewer.main_panel, self._page.nodes.cameras.request_all, restarted)
 
     def show(self, call: Callable[[Callable[[], None]], object] = lambda function: function()) -> None:
         """Apply the settings that wait for a scene once it is shown; called by the main loop.
