@@ -1,11 +1,52 @@
 """fdcal: microphone positions from the resonances of a room.
 
-After Nowakowski, Daudet, de Rosny, "Microphone array position calibration in the frequency domain
-using a single unknown source". Eq. 7 of the paper is in `fdcal.cost.eq7`, Eqs. 3, 4 and 9 in
-`fdcal.acoustics.fourier_bessel`.
+After Nowakowski, Daudet, de Rosny, "Microphone array position calibration in the frequency domain using a single
+unknown source". Eq. 7 of the paper is in `fdcal.cost.eq7`, Eqs. 3, 4 and 9 in `fdcal.acoustics.fourier_bessel`.
+
+The names of the public API are loaded when they are first used (PEP 562), so that `import fdcal` itself is fast.
+
+Examples
+--------
+>>> import fdcal
+>>> fdcal.InputError("the measurement has no search domain", "give <search>").remedy
+'give <search>'
 """
 
-import os
+from __future__ import annotations
 
-# The matrices here are small: BLAS threads cost more than they bring. Must be set before NumPy is first imported.
+import importlib
+import os
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .assessment.calibration import Calibration
+    from .model.measurement import Measurement
+    from .model.scene import Scene
+    from .model.validation import InputError, StorageError
+
+# The matrices here are small: BLAS threads cost more time than they save. Must be set before NumPy is first imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+# Where each public name is defined: "package.module:attribute".
+PUBLIC = {
+    "Calibration": "assessment.calibration:Calibration",
+    "InputError": "model.validation:InputError",
+    "Measurement": "model.measurement:Measurement",
+    "Scene": "model.scene:Scene",
+    "StorageError": "model.validation:StorageError",
+}
+
+__all__ = ["Calibration", "InputError", "Measurement", "Scene", "StorageError"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in PUBLIC:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module, _, attribute = PUBLIC[name].partition(":")
+    value = getattr(importlib.import_module(f".{module}", __name__), attribute)
+    globals()[name] = value  # found directly from now on
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *PUBLIC})
