@@ -53,7 +53,7 @@ def shape() -> list[Figure]:
         errors.append(pooled(position_errors(scaled, measurement.positions)))
         scales.append(scale)
         state, problem = outcome.state, measurement.problem(known="none")
-        verdicts.append(judge(problem, state.positions, state.modes, state.noise, None, state.converged).code)
+        verdicts.append(judge(problem, state.positions, state.modes, state.field.noise, None, state.converged).code)
     said, name = verdicts.count("scale_undetermined"), "plane3d, blind, 50 dB"
     others = ", ".join(sorted(set(verdicts) - {"scale_undetermined"})) or "none"
     worst = float(np.max(np.abs(np.log(scales))))

@@ -12,7 +12,8 @@ import numpy as np
 from ..cost.likelihood import newton_terms
 from ..model.gauge import align, position_errors
 from ..model.problem import Problem
-from ..solvers.levenberg_marquardt import FIRST_DAMPING, damped_step
+from ..solvers.levenberg_marquardt import DAMPING
+from ..solvers.position_fit import position_step
 from .diagnostics import Diagnostics
 from .findings import only_wavenumber_scales, root_mean_square
 from .thresholds import LIMITS
@@ -81,9 +82,9 @@ def mirrored_rivals(
     image[known] = positions[known]
     D = positions.shape[1]
     basis = np.eye(positions.size)[:, (D * problem.free[:, None] + np.arange(D)).ravel()]
-    damping, cost = FIRST_DAMPING, newton_terms(positions, p, field)[0]
+    damping, cost = DAMPING.first, newton_terms(positions, p, field)[0]
     reached = cost
     for _ in range(STEPS):
-        trial = damped_step(image, p, field, basis, damping)
-        image, damping, reached = trial.positions, trial.damping, trial.cost
+        trial = position_step(image, p, field, basis, damping)
+        image, damping, reached = trial.unknowns, trial.damping, trial.cost
     return [(image, float(reached - cost))]

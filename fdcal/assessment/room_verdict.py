@@ -22,7 +22,8 @@ import numpy as np
 from ..acoustics.room_modes import RoomSymmetry, room_symmetries
 from ..model.problem import Problem
 from ..model.validation import frozen_array
-from ..solvers.room.fit import FIRST_DAMPING, Exact, damped, exact
+from ..solvers.levenberg_marquardt import DAMPING
+from ..solvers.room.fit import Exact, bounded_step, exact
 from ..solvers.room.state import freedom, scaled
 from .ambiguity import rms_radius
 from .findings import precision, root_mean_square
@@ -86,17 +87,17 @@ def judge(problem: Problem, state, names: Sequence[str]) -> RoomVerdict:
     blocks = _covariances(fit, state.theta, (N, D), residual)
     sigma = one_sigma(blocks)
     better = fitted_size(state.theta, p, noise, k, size, residual)
-    share = float(np.exp(np.mean(np.log(noise)))) * (residual if state.noise_told else 1.0)
+    share = float(np.exp(np.mean(np.log(noise)))) * (residual if state.noise.given else 1.0)
     noisy = f"{100 * share:.0f} % of the power is unexplained" if share > LIMITS.noise_share else ""
     found = (
         ("odd_channel", _odd_channel(fit, names)),
         ("too_noisy", noisy),
         ("room_size", _room_size(better, size, residual)),
-        ("model_mismatch", _model_mismatch(state.noise_told, residual, share)),
+        ("model_mismatch", _model_mismatch(state.noise.given, residual, share)),
         ("not_converged", "" if state.converged else "the solver stopped while microphones still moved"),
         ("known_position", _known_position(problem, state.positions, sigma, names)),
         ("ambiguous", _ambiguous(state.positions, sigma)),
-        ("good", _good(sigma, residual, size, state.noise_told)),
+        ("good", _good(sigma, residual, size, state.noise.given)),
     )
     code, message = next(finding for finding in found if finding[1])
     verdict = Verdict(code, message, frozen_array(sigma, float), frozen_array(blocks, float), residual)
@@ -141,16 +142,16 @@ def fitted_size(theta, pressures, noise, wavenumbers, size, residual: float) -> 
     """
     N, D = pressures.shape[1], len(size)
     grown = np.concatenate([theta, np.zeros(D)])
-    damping = FIRST_DAMPING
+    damping = DAMPING.first
 
     def cost(y) -> float:
-        return exact(y, pressures, noise, wavenumbers, size, False).terms(y, N, D).cost
+        return exact(y, pressures, noise, wavenumbers, size, False).cost(y, N, D)
 
     left = SIZE_STEPS if residual > LIMITS.residual_to_noise else 1
     while True:
         terms = exact(grown, pressures, noise, wavenumbers, size).terms(grown, N, D)
-        step = damped(grown, terms, cost, lambda y: y, N * D, damping, 0.5)
-        grown, damping, left = step.theta, step.damping, left - 1
+        step = bounded_step(grown, terms, cost, lambda y: y, N * D, damping, 0.5)
+        grown, damping, left = step.unknowns, step.damping, left - 1
         if step.moved < SETTLED or not left:
             break
     after = step.cost / freedom(len(pressures), N, D)

@@ -12,7 +12,8 @@ import numpy as np
 
 from ..model.problem import Problem
 from ..model.validation import InputError, frozen_array
-from ..solvers.levenberg_marquardt import FIRST_DAMPING, damped_step
+from ..solvers.levenberg_marquardt import DAMPING
+from ..solvers.position_fit import position_step
 from .uncertainty import pressures_and_field
 
 STEPS = 60
@@ -52,10 +53,10 @@ def from_known(problem: Problem, positions, modes: slice, noise: np.ndarray | No
     larger[known] = problem.known_positions - centre
     coordinates = (D * problem.free[:, None] + np.arange(D)).ravel()
     basis = np.column_stack([np.eye(N * D)[:, coordinates], larger.ravel()])
-    x, damping = np.asarray(positions, float), FIRST_DAMPING
+    x, damping = np.asarray(positions, float), DAMPING.first
     for _ in range(STEPS):
-        trial = damped_step(x, p, field, basis, damping)
-        x, damping = trial.positions, trial.damping
+        trial = position_step(x, p, field, basis, damping)
+        x, damping = trial.unknowns, trial.damping
         if trial.moved < SETTLED:
             break
     scale = np.sum((x[known] - centre) * larger[known]) / np.sum(larger[known] ** 2)

@@ -21,11 +21,11 @@ from ..model.measured_scene import MeasuredScene
 from ..model.measurement_file import load_measurement, save_measurement
 from ..model.scene import Scene
 from ..model.validation import InputError, StorageError
-from . import state_codec
 from .history import MOST_STATES
 from .request import OpenRequest, plain
+from .state_codec import read_states, write_states
 
-VERSION = 1
+VERSION = 2
 TABLE, ARRAYS = "session.json", "session.npz"
 
 LARGEST = 400_000_000  # bytes that a file may unfold to
@@ -36,7 +36,7 @@ KEYS = ("fdcal_session", "scene", "start_seed", "index", "choices", "states")
 def write(opening: OpenRequest) -> bytes:
     """The bytes of the .zip of an opening that has a measurement and states. Raises InputError as `states.written`."""
     kept = _kept(opening.states, opening.index)
-    table, arrays = state_codec.written([opening.states[i] for i in kept])
+    table, arrays = write_states([opening.states[i] for i in kept])
     content = {
         "fdcal_session": VERSION,
         "scene": _finite(plain(dataclasses.asdict(opening.scene))),
@@ -131,7 +131,7 @@ def _opening(table: dict, packed: bytes) -> OpenRequest:
     if (measurement.dimension, measurement.array_dimension) != own:
         raise InputError(f"the measurement has other dimensions than the scene, {own[0]} and {own[1]}")
     problem = measurement.problem(scene.solver.weights, scene.solver.known)
-    made = state_codec.read(table["states"], arrays, problem, scene.solver.name, MOST_STATES)
+    made = read_states(table["states"], arrays, problem, scene.solver.name, MOST_STATES)
     return OpenRequest(scene, table["start_seed"], measurement, made, table["index"], table["choices"])
 
 
@@ -145,9 +145,11 @@ def _kept(run, index: int | None) -> list[int]:
     return sorted({*even, len(run) - 1 if index is None else index})
 
 
-def _size(state) -> int:
-    values = (getattr(state, field.name) for field in dataclasses.fields(state))
-    return 200 + sum(value.nbytes for value in values if isinstance(value, np.ndarray))
+def _size(record) -> int:
+    """About how many bytes a state, or a record inside it, takes."""
+    values = [getattr(record, field.name) for field in dataclasses.fields(record)]
+    arrays = sum(value.nbytes for value in values if isinstance(value, np.ndarray))
+    return 200 + arrays + sum(_size(value) for value in values if dataclasses.is_dataclass(value))
 
 
 def _finite(value):

@@ -1,16 +1,25 @@
 """Solver states as a table of plain values and a few arrays, and back, to the last bit.
 
-States of one kind are told field by field, in columns. An array is a reference into stacks of arrays of one shape;
-those that several states share are kept once. Settings are told once, too. Nothing in such a table is run when it is
-read: every value is checked against the field of the state's class.
+    {"order": [0, 0, 1], "kinds": [{"solver": "joint", "fields": {field: [a value of every state]}}],
+     "settings": [table]}
+
+`order` says of which kind each state is. A value is a JSON value or one of
+
+    {"array": [s, i]}        array i of the stack `states_s`; arrays of one shape are stacked, shared ones written once
+    {"settings": i}          entry i of `settings`
+    {"record": {field: value}}, {"tuple": [value]}, {"number": "inf"}
+
+Reading runs nothing: every value is checked against the type that the state's class declares for the field.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
+import types
 import typing
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -20,37 +29,35 @@ from ..model.limits import LIMITS
 from ..model.problem import Problem
 from ..model.settings import SolverSettings
 from ..model.validation import InputError, frozen_array
+from ..solvers.interface import RunState
 from .request import plain
 
 LARGEST_COUNT = 10**9  # of steps, sweeps and other whole numbers
-KINDS = "fiub"  # of the numbers in an array
-FINAL = ("inf", "-inf")
+NUMERIC_KINDS = "fiub"  # NumPy's kinds of number that an array may hold
+INFINITE = ("inf", "-inf")
 
 
-# -- to a table ------------------------------------------------------------------------------------------------------
+def _not_finite() -> InputError:
+    return InputError("the run has reached numbers that are not finite", "rewind before you save it")
 
 
-class _Shelf:
+class _ArrayStore:
     """Arrays and settings, each kept once."""
 
     def __init__(self):
-        self.stacks: dict[tuple, list] = {}
+        self.stacks: dict[tuple, list[np.ndarray]] = {}
         self.settings: list[SolverSettings] = []
-        self._places: dict[int, dict] = {}
-        self._kept: list = []  # so that no identity is used again
+        self._references: dict[int, tuple[np.ndarray, dict]] = {}  # with the array, so that its identity stays its own
 
     def put(self, array: np.ndarray) -> dict:
-        if id(array) not in self._places:
-            if array.dtype.kind not in KINDS or not np.isfinite(array).all():
-                raise InputError("the run has come to numbers that are not finite; rewind before you save it")
-            names = list(self.stacks)
+        if id(array) not in self._references:
+            if array.dtype.kind not in NUMERIC_KINDS or not np.isfinite(array).all():
+                raise _not_finite()
             key = (array.dtype.str, array.shape)
             stack = self.stacks.setdefault(key, [])
             stack.append(array)
-            number = names.index(key) if key in names else len(names)
-            self._places[id(array)] = {"array": [number, len(stack) - 1]}
-            self._kept.append(array)
-        return self._places[id(array)]
+            self._references[id(array)] = array, {"array": [list(self.stacks).index(key), len(stack) - 1]}
+        return self._references[id(array)][1]
 
     def put_settings(self, settings: SolverSettings) -> dict:
         if settings not in self.settings:
@@ -58,171 +65,184 @@ class _Shelf:
         return {"settings": self.settings.index(settings)}
 
 
-def written(states: Sequence) -> tuple[dict, dict[str, np.ndarray]]:
-    """A table for JSON and arrays by name. Raises InputError for a state with numbers that are not finite."""
-    shelf, kinds, order = _Shelf(), [], []
-    for state in states:
-        name = state.solver
-        if name not in kinds:
-            kinds.append(name)
-        order.append(kinds.index(name))
+def write_states(states: Sequence[RunState]) -> tuple[dict, dict[str, np.ndarray]]:
+    """Return the states as a table for JSON and arrays by name.
+
+    Raises
+    ------
+    InputError
+        For a state with numbers that are not finite.
+    """
+    store = _ArrayStore()
+    kinds = list(dict.fromkeys(state.solver for state in states))
     tables = []
-    for number, name in enumerate(kinds):
-        mine = [state for state, kind in zip(states, order, strict=True) if kind == number]
-        columns = {f.name: [_out(getattr(s, f.name), shelf) for s in mine] for f in dataclasses.fields(mine[0])}
+    for name in kinds:
+        mine = [state for state in states if state.solver == name]
+        columns = {f.name: [_out(getattr(s, f.name), store) for s in mine] for f in dataclasses.fields(mine[0])}
         tables.append({"solver": name, "fields": columns})
-    table = {"order": order, "kinds": tables, "settings": [plain(dataclasses.asdict(s)) for s in shelf.settings]}
-    return table, {f"states_{i}": np.array(stack) for i, stack in enumerate(shelf.stacks.values())}
+    order = [kinds.index(state.solver) for state in states]
+    table = {"order": order, "kinds": tables, "settings": [plain(dataclasses.asdict(s)) for s in store.settings]}
+    return table, {f"states_{i}": np.array(stack) for i, stack in enumerate(store.stacks.values())}
 
 
-def _out(value, shelf: _Shelf):
+def _out(value: Any, store: _ArrayStore) -> Any:
     """A value of a state as JSON has it."""
     if isinstance(value, np.ndarray):
-        return shelf.put(value)
+        return store.put(value)
     if isinstance(value, SolverSettings):
-        return shelf.put_settings(value)
+        return store.put_settings(value)
+    if dataclasses.is_dataclass(value):
+        return {"record": {f.name: _out(getattr(value, f.name), store) for f in dataclasses.fields(value)}}
     if isinstance(value, tuple):
-        return {"tuple": [_out(inner, shelf) for inner in value]}
+        return {"tuple": [_out(inner, store) for inner in value]}
     value = value.item() if isinstance(value, np.generic) else value
     if isinstance(value, float) and not math.isfinite(value):
         if math.isnan(value):
-            raise InputError("the run has come to numbers that are not finite; rewind before you save it")
+            raise _not_finite()
         return {"number": str(value)}
     if value is None or isinstance(value, (bool, int, float, str)):
         return value
     raise TypeError(f"a state holds a {type(value).__name__}, which a file cannot")
 
 
-# -- from a table ----------------------------------------------------------------------------------------------------
+def read_states(
+    table: Any, arrays: Mapping[str, np.ndarray], problem: Problem, solver: str, most: int
+) -> tuple[RunState, ...]:
+    """Return the states of a table.
 
+    Parameters
+    ----------
+    table : what JSON gives of the table of `write_states`
+    arrays : the arrays, by name
+    problem : Problem, that the states are of
+    solver : name of the solver; of a chain, states of each of its members are possible
+    most : number of states at most
 
-def read(table, arrays: Mapping[str, np.ndarray], problem: Problem, solver: str, most: int) -> tuple:
-    """The states of a table, `most` at most, all of `solver` or, if that is a chain, of its members.
-
-    Raises InputError for whatever is not of the kind, the shape and the range that a state of `problem` has.
+    Raises
+    ------
+    InputError
+        For whatever is not of the type, the shape and the range that a state of `problem` has.
     """
     order, kinds, settings = (_list(table, key) for key in ("order", "kinds", "settings"))
     if not 1 <= len(order) <= most:
-        raise InputError(f"states.order has {len(order)} entries; there can be 1 to {most}")
-    shelf = [build(SolverSettings, one if isinstance(one, dict) else {}, "settings.") for one in settings]
-    made = [_states_of(kind, solver.split("+"), arrays, shelf, problem) for kind in kinds]
-    queues, states = [iter(one) for one in made], []
+        raise InputError(f"states.order has {len(order)} entries; there can be 1 to {most}", key="states.order")
+    read_settings = [build(SolverSettings, one if isinstance(one, dict) else {}, "settings.") for one in settings]
+    reader = _Reader(arrays, read_settings, problem)
+    queues, states = [iter(_states_of(kind, solver.split("+"), reader)) for kind in kinds], []
     for number in order:
-        state = next(queues[number], None) if isinstance(number, int) and 0 <= number < len(made) else None
+        state = next(queues[number], None) if isinstance(number, int) and 0 <= number < len(queues) else None
         if state is None:
-            raise InputError(f"states.order names a state of kind {number}, which is not there")
+            raise InputError(f"states.order names a state of kind {number}, which is not there", key="states.order")
         states.append(state)
     return tuple(states)
 
 
-def _list(table, key: str) -> list:
+def _list(table: Any, key: str) -> list:
     if not isinstance(table, dict) or not isinstance(table.get(key), list):
-        raise InputError(f"states.{key} must be a list")
+        raise InputError(f"states.{key} must be a list", key=f"states.{key}")
     return table[key]
 
 
-def _states_of(table, members: list[str], arrays, settings, problem: Problem) -> list:
+def _states_of(table: Any, members: list[str], reader: _Reader) -> list[RunState]:
     """The states of one of `members`."""
     if not isinstance(table, dict) or not isinstance(table.get("fields"), dict):
-        raise InputError("states.kinds must be tables with solver and fields")
-    name = table.get("solver")
+        raise InputError("states.kinds must be tables with solver and fields", key="states.kinds")
+    name, columns = table.get("solver"), table["fields"]
     if name not in members:
         raise InputError(f'states are of solver {str(name)[:40]!r}; the scene has solver.name = "{"+".join(members)}"')
-    State, columns = solvers.load(name).State, table["fields"]
-    hints = typing.get_type_hints(State)
-    names = [field.name for field in dataclasses.fields(State)]
-    if set(columns) != set(names):
-        odd = sorted(set(columns) ^ set(names))
-        raise InputError(f"states of {name} differ in {', '.join(odd)}; the file is of another version of fdcal")
+    State, what = solvers.load(name).State, f"states of {name}"
+    reader.require_fields(what, columns, State)
     lengths = {len(column) if isinstance(column, list) else -1 for column in columns.values()}
     if len(lengths) != 1 or -1 in lengths:
-        raise InputError(f"states of {name} must have columns of one length")
-    cache: dict = {}
-    rows = zip(*(columns[key] for key in names), strict=True)
-    return [
-        State(
-            **{
-                key: _in(key, value, hints[key], arrays, settings, problem, cache)
-                for key, value in zip(names, row, strict=True)
-            }
-        )
-        for row in rows
-    ]
+        raise InputError(f"states of {name} must have columns of one length", key="states.kinds")
+    rows = zip(*columns.values(), strict=True)
+    return [reader.record(what, dict(zip(columns, row, strict=True)), State) for row in rows]
 
 
-def _in(key: str, value, hint, arrays, settings, problem: Problem, cache: dict):
-    """A value out of JSON, of the type `hint`."""
-    options = typing.get_args(hint) or (hint,)
-    if value is None and type(None) in options:
-        return None
-    if isinstance(value, dict) and len(value) == 1:
-        (kind, inner), wanted = *value.items(), options
-        if kind == "array" and np.ndarray in wanted:
-            return _array(key, inner, arrays, problem, cache)
-        if kind == "settings" and SolverSettings in wanted and isinstance(inner, int) and 0 <= inner < len(settings):
-            return settings[inner]
-        if kind == "tuple" and tuple in wanted and key == "best":
-            return _best(inner, arrays, problem, cache)
-        if kind == "number" and float in wanted and inner in FINAL:
+class _Reader:
+    """Values out of JSON, checked against the types and the problem."""
+
+    def __init__(self, arrays: Mapping[str, np.ndarray], settings: list[SolverSettings], problem: Problem):
+        self._arrays, self._settings = arrays, settings
+        self._read: dict[tuple, np.ndarray] = {}  # an array is the same object wherever it is referred to
+        self._hints: dict[type, dict[str, Any]] = {}
+        modes, count = problem.pressures.shape
+        D = problem.array_dimension
+        self._shapes = {
+            "positions": (count, D), "origin": (count, D), "centre": (D,), "place": (D,), "walls": (D + 2,),
+            "noise": (modes,), "noise_power": (modes,), "power": (modes,),
+        }  # fmt: skip
+        self._ranges = {"moved": (-1, count - 1), "turn": (0, max(len(problem.free) - 1, 0)), "degree": (1, 3)}
+        self._ranges |= {"first": (1, modes), "last": (1, modes)}
+
+    def require_fields(self, key: str, table: Any, Record: type) -> None:
+        """Raise InputError unless `table` has the fields of a dataclass."""
+        names = {field.name for field in dataclasses.fields(Record)}
+        if not isinstance(table, dict) or set(table) != names:
+            odd = ", ".join(sorted(set(table) ^ names)) if isinstance(table, dict) else "all fields"
+            raise InputError(f"{key}: {odd} differ, the file is of another version of fdcal")
+
+    def record(self, key: str, table: Any, Record: type) -> Any:
+        """A frozen dataclass out of a dict of its fields."""
+        self.require_fields(key, table, Record)
+        hints = self._hints.setdefault(Record, typing.get_type_hints(Record))
+        return Record(**{name: self._value(name, table[name], hints[name]) for name in table})
+
+    def _value(self, key: str, value: Any, hint: Any) -> Any:
+        """A value of the type `hint`."""
+        options = typing.get_args(hint) if typing.get_origin(hint) in (typing.Union, types.UnionType) else (hint,)
+        if value is None and type(None) in options:
+            return None
+        if isinstance(value, dict) and len(value) == 1:
+            (kind, inner), *_ = value.items()
+            for option in options:
+                found = self._composed(key, kind, inner, option)
+                if found is not None:
+                    return found
+        elif isinstance(value, bool):
+            if bool in options:
+                return value
+        elif isinstance(value, int) and int in options:
+            low, high = self._ranges.get(key, (0, LARGEST_COUNT))
+            if low <= value <= high:
+                return value
+            raise InputError(f"states.{key} = {value} must be from {low} to {high}", key=f"states.{key}", value=value)
+        elif isinstance(value, (int, float)) and float in options and math.isfinite(value):
+            return float(value)
+        elif isinstance(value, str) and any(value in typing.get_args(option) for option in options):
+            return value
+        raise InputError(f"states.{key} holds {str(value)[:60]!r}, which is impossible", key=f"states.{key}")
+
+    def _composed(self, key: str, kind: str, inner: Any, option: Any) -> Any:
+        """A value that is more than one JSON value, of the type `option`; None if it is not of that type."""
+        if kind == "array" and option is np.ndarray:
+            return self._array(key, inner)
+        if kind == "settings" and option is SolverSettings:
+            there = isinstance(inner, int) and 0 <= inner < len(self._settings)
+            return self._settings[inner] if there else None
+        if kind == "record" and dataclasses.is_dataclass(option) and option is not SolverSettings:
+            return self.record(f"states.{key}", inner, typing.cast(type, option))
+        if kind == "tuple" and typing.get_origin(option) is tuple and isinstance(inner, list):
+            return tuple(self._value(key, one, typing.get_args(option)[0]) for one in inner)
+        if kind == "number" and option is float and inner in INFINITE:
             return float(inner)
-    elif isinstance(value, bool):
-        if bool in options:
-            return value
-    elif isinstance(value, int) and int in options:
-        low, high = _range(key, problem)
-        if low <= value <= high:
-            return value
-        raise InputError(f"states.{key} = {value} must be from {low} to {high}")
-    elif isinstance(value, (int, float)) and float in options and math.isfinite(value):
-        return float(value)
-    elif isinstance(value, str) and str in options and len(value) < 100 and value.isidentifier():
-        return value
-    raise InputError(f"states.{key} holds {str(value)[:60]!r}, which cannot be")
+        return None
 
-
-def _range(key: str, problem: Problem) -> tuple[int, int]:
-    """Least and greatest of a whole number."""
-    modes, count = problem.pressures.shape
-    ranges = {"moved": (-1, count - 1), "turn": (0, max(len(problem.free) - 1, 0)), "degree": (1, 3)}
-    ranges |= {"first": (1, modes), "last": (1, modes)}
-    return ranges.get(key, (0, LARGEST_COUNT))
-
-
-def _best(value, arrays, problem: Problem, cache: dict) -> tuple:
-    """The end of an attempt, as `fdcal.solvers.joint_state.State.best` tells it."""
-    arrays_of = ("positions", "shape", "noise", "noise_power")
-    keys = ("best", "best", *arrays_of, "best")
-    if not isinstance(value, list) or len(value) != len(keys):
-        raise InputError(f"states.best must have {len(keys)} entries")
-    kinds = (float, bool, *(np.ndarray for _ in arrays_of), bool)
-    parts = zip(keys, value, kinds, strict=True)
-    return tuple(_in(key, part, kind, arrays, (), problem, cache) for key, part, kind in parts)
-
-
-def _array(key: str, place, arrays, problem: Problem, cache: dict) -> np.ndarray:
-    """One of the stacked arrays, frozen, the same object wherever it is referred to."""
-    if not (isinstance(place, list) and len(place) == 2 and all(isinstance(i, int) and i >= 0 for i in place)):
-        raise InputError(f"states.{key} refers to an array that is not there")
-    stack = arrays.get(f"states_{place[0]}")
-    if stack is None or stack.ndim < 1 or place[1] >= len(stack):
-        raise InputError(f"states.{key} refers to an array that is not there")
-    if tuple(place) not in cache:
-        array = stack[place[1]]
-        if array.dtype.kind not in KINDS or not np.isfinite(array).all():
-            raise InputError(f"states.{key} must be finite numbers")
-        cache[tuple(place)] = frozen_array(array, array.dtype)
-    array = cache[tuple(place)]
-    wanted = _shape(key, problem)
-    if wanted is not None and array.shape != wanted:
-        raise InputError(f"states.{key} has shape {array.shape}; with this measurement it is {wanted}")
-    if key in ("positions", "shape", "centre") and np.abs(array).max(initial=0.0) > LIMITS.coordinate:
-        raise InputError(f"states.{key} is too far away; use coordinates up to {LIMITS.coordinate:g} m")
-    return array
-
-
-def _shape(key: str, problem: Problem) -> tuple | None:
-    """Shape of an array of a state; None where any may be."""
-    modes, count = problem.pressures.shape
-    D = problem.array_dimension
-    shapes = {"positions": (count, D), "shape": (count, D), "centre": (D,), "noise": (modes,), "noise_power": (modes,)}
-    return shapes.get(key)
+    def _array(self, key: str, place: Any) -> np.ndarray:
+        """One of the stacked arrays, frozen."""
+        stack = None
+        if isinstance(place, list) and len(place) == 2 and all(isinstance(i, int) and i >= 0 for i in place):
+            stack = self._arrays.get(f"states_{place[0]}")
+        if stack is None or stack.ndim < 1 or place[1] >= len(stack):
+            raise InputError(f"states.{key} refers to an array that is not there", key=f"states.{key}")
+        if tuple(place) not in self._read:
+            array = stack[place[1]]
+            if array.dtype.kind not in NUMERIC_KINDS or not np.isfinite(array).all():
+                raise InputError(f"states.{key} must be finite numbers", key=f"states.{key}")
+            self._read[tuple(place)] = frozen_array(array, array.dtype)
+        array, wanted = self._read[tuple(place)], self._shapes.get(key)
+        if wanted is not None and array.shape != wanted:
+            raise InputError(f"states.{key} has shape {array.shape}; with this measurement it is {wanted}")
+        if key in ("positions", "origin", "centre", "place") and np.abs(array).max(initial=0.0) > LIMITS.coordinate:
+            raise InputError(f"states.{key} is too far away", f"use coordinates up to {LIMITS.coordinate:g} m")
+        return array

@@ -28,6 +28,11 @@ class Chain:
     members: tuple[ModuleType, ...]
 
     @property
+    def State(self) -> type[RunState]:
+        """Base class of the states: each is that of a member."""
+        return RunState
+
+    @property
     def TRAITS(self) -> Traits:
         """Properties of the chain: it starts like its first member and is assessed like its last."""
         each: list[Traits] = [member.TRAITS for member in self.members]

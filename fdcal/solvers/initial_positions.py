@@ -1,44 +1,68 @@
-"""Where a solver starts: at random, or in closed form from the lowest modes; and how a rough array bends.
+"""Where a solver starts: at random, or in closed form from the lowest modes.
 
-At low frequency the field over the array is nearly affine, so the data matrix [Re p; Im p] of the lowest modes, its
-mean over the microphones taken off, has D dominant singular vectors: the positions up to an affine map. Known
-microphones fix that map. With none, a first guess of it follows from the diffuse field, whose gradient has the power
+At low frequency the field over the array is nearly affine, so the data matrix [Re p; Im p] of the lowest modes, minus
+its mean over the microphones, has D dominant singular vectors: the positions up to an affine map. Known microphones
+fix that map. Without them a first guess of it follows from the diffuse field, whose gradient has the power
 k^2 / (dimension) in each direction, and the likelihood of all modes finds its metric, D (D + 1) / 2 numbers.
-
-What is wrong with such a start is smooth, since the field is: `bends` are the polynomials of the positions. Moving the
-array along them first, before every microphone moves for itself, is what makes the start good enough (see `joint`).
 """
 
 from __future__ import annotations
 
-from itertools import combinations_with_replacement
+from dataclasses import dataclass
 
 import numpy as np
 
-from ..cost.leave_one_out import leave_one_out_chi_square, likelihood_landscapes
 from ..cost.likelihood import diffuse_field, total_cost
-from ..cost.noise_model import NoiseEstimate, estimate_noise
 from ..model.gauge import fixes_gauge
 from ..model.power import mode_power
 from ..model.problem import Problem
 from ..model.validation import InputError
-from .levenberg_marquardt import minimise
+from .position_fit import minimise
+from .residual_noise import enough_modes, noise_at
 
-LOWEST = {2: (8, 16, 28, 5), 3: (20, 28, 12, 8)}  # modes that give the shape in 2-D and 3-D: the choice, and others
-OTHER_DIRECTIONS = 5  # weaker singular vectors that may be the last direction
-RESCALED = (0.8, 1.25)  # an end that does not convince may have the right shape and a wrong size
-METRIC_MODES = 28  # that give the metric first; all of them then
-SCALES = (0.3, 0.4, 0.5, 0.6, 0.75, 1.0)  # of the first guess: a field that is not quite affine makes it too large
-FIRST_NOISE = 0.1  # what an affine image leaves unexplained of METRIC_MODES modes
-MISFIT = 1.3  # mean square of what is expected, from which a microphone may stand in a wrong basin
-ASTRAY = 2.5  # the same, from which it surely does
-MOST_REHOMED = 8  # at once
-NOISE_MODES = 24  # at most, evenly taken, to estimate the noise from
-PLENTY = 4000  # pressures, for a bend or a metric, which are few numbers
+
+@dataclass(frozen=True)
+class StartRules:
+    """How the affine start is made.
+
+    Attributes
+    ----------
+    lowest_2d, lowest_3d : numbers of lowest modes that give the shape: the first choice, then alternatives
+    directions : weaker singular vectors that may give the last direction
+    rescalings : factors of the size that are tried if the shape may be right and the size wrong
+    metric_modes : modes that the metric is first fitted to; then all
+    scales : factors of the first guess that are tried: a field that is not quite affine makes the guess too large
+    first_noise : noise's share of the power of `metric_modes` modes at an affine image of the positions
+    metric_steps : steps at most of the fit of the metric
+    metric_tolerance : metres, at which that fit ends
+    """
+
+    lowest_2d: tuple[int, ...] = (8, 16, 28, 5)
+    lowest_3d: tuple[int, ...] = (20, 28, 12, 8)
+    directions: int = 5
+    rescalings: tuple[float, ...] = (0.8, 1.25)
+    metric_modes: int = 28
+    scales: tuple[float, ...] = (0.3, 0.4, 0.5, 0.6, 0.75, 1.0)
+    first_noise: float = 0.1
+    metric_steps: int = 12
+    metric_tolerance: float = 3e-3
+
+    def lowest(self, dimension: int) -> tuple[int, ...]:
+        """Return the numbers of lowest modes for a field of 2 or 3 dimensions."""
+        return self.lowest_2d if dimension == 2 else self.lowest_3d
+
+
+RULES = StartRules()
 
 
 def random(problem: Problem, rng: np.random.Generator) -> np.ndarray:
-    """Free microphones anywhere in the search domain, known ones in their places : (N, D) float64, metres."""
+    """Return free microphones anywhere in the search domain and known ones in their places : (N, D) float64, metres.
+
+    Raises
+    ------
+    InputError
+        Without a search domain.
+    """
     if problem.search is None:
         raise InputError("a random start needs a search domain", "give <search> and <radius>", key="search")
     low, size = np.array(problem.search.origin), np.array(problem.search.size)
@@ -48,22 +72,35 @@ def random(problem: Problem, rng: np.random.Generator) -> np.ndarray:
 
 
 def affine(problem: Problem, modes: int, lowest: int | None = None, last: int | None = None) -> np.ndarray:
-    """Positions from the lowest modes : (N, D) float64, metres; without known microphones about the origin.
+    """Return positions from the lowest modes; they are exact, up to the gauge, for a field affine over the array.
 
-    modes : number of modes that may be used, from the lowest up
-    lowest : how many of them give the shape; the first choice of `LOWEST` unless given
-    last : index of the singular vector that gives the last direction; D - 1, the D dominant ones, unless given
+    Parameters
+    ----------
+    problem : Problem
+    modes : int, modes that may be used, from the lowest up
+    lowest : int, optional
+        How many of them give the shape; the first choice of `StartRules.lowest` unless given.
+    last : int, optional
+        Index of the singular vector that gives the last direction; D - 1 unless given, so that the D dominant ones do.
 
-    Exact, up to the gauge, for a field that is affine over the array. Raises InputError where there are known
-    microphones that do not fix the map.
+    Returns
+    -------
+    (N, D) float64, metres; about the origin without known microphones
+
+    Raises
+    ------
+    InputError
+        If there are known microphones that do not fix the affine map, or the modes show too few directions.
     """
     shape, values, lowest = singular_vectors(problem, modes, lowest, last)
     if not len(problem.known):
         return _with_metric(problem, modes, shape, values, lowest)
     if not fixes_gauge(problem.known_positions):
         raise InputError(
-            f"known = {problem.known.tolist()} does not fix translation, rotation and mirror; name at least"
-            f" {problem.array_dimension + 1} known microphones that span the array, or none"
+            f"known = {problem.known.tolist()} does not fix translation, rotation and mirror",
+            f"name at least {problem.array_dimension + 1} known microphones that span the array, or none",
+            key="known",
+            value=problem.known.tolist(),
         )
     extended = np.column_stack([shape, np.ones(len(shape))])
     positions = extended @ np.linalg.lstsq(extended[problem.known], problem.known_positions, rcond=None)[0]
@@ -72,39 +109,50 @@ def affine(problem: Problem, modes: int, lowest: int | None = None, last: int | 
 
 
 def redirected(problem: Problem, modes: int) -> np.ndarray:
-    """The likeliest affine start whose last direction is a weaker singular vector : (N, D) float64, metres.
+    """Return the likeliest affine start whose last direction is a weaker singular vector : (N, D) float64, metres.
 
-    A source near the middle of the room's height hardly excites what changes with height: the curvature of the field
-    along the other directions is then the stronger singular vector.
+    A source near the middle of the room's height hardly excites modes that change with height: the curvature of the
+    field along the other directions is then the stronger singular vector.
     """
     D, N = problem.array_dimension, problem.pressures.shape[1]
-    tries = [affine(problem, modes, None, last) for last in range(D, min(D + OTHER_DIRECTIONS, N - 1))]
-    return min(tries, key=lambda x: left_over(problem, x, slice(0, modes)).cost)
+    tries = [affine(problem, modes, None, last) for last in range(D, min(D + RULES.directions, N - 1))]
+    return min(tries, key=lambda x: noise_at(problem, x, slice(0, modes)).cost)
 
 
 def attempts(problem: Problem, modes: int) -> list[tuple[str, float]]:
-    """What to try, in this order.
+    """Return the starts to try, in this order: kind and value.
 
-    "lowest": the affine start of so many lowest modes; "redirected": as of `redirected`; "rescaled": the best so far
-    times a factor; "gentle": the first once more, with a noise that falls in stages (of use without noise alone).
+    "lowest"      the affine start of so many lowest modes
+    "rescaled"    the best positions so far times a factor
+    "redirected"  as of `redirected`
+    "gradual"     the first start again, with a noise that is lowered in stages (of use if noise is not the only error)
 
-    The second is most like the first: where the first was right, it soon says so, too.
+    The second start is most like the first: if the first was right, the second soon confirms it.
     """
-    lowest = [("lowest", count) for count in dict.fromkeys(min(n, modes) for n in LOWEST[problem.dimension])]
-    second = lowest[1:2] if len(problem.known) else [("rescaled", factor) for factor in RESCALED]
+    counts = dict.fromkeys(min(n, modes) for n in RULES.lowest(problem.dimension))
+    lowest = [("lowest", count) for count in counts]
+    second = lowest[1:2] if len(problem.known) else [("rescaled", factor) for factor in RULES.rescalings]
     others = [one for one in lowest[1:] if one not in second]
-    return [lowest[0], *second, ("redirected", 0), *others, ("gentle", lowest[0][1])]
+    return [lowest[0], *second, ("redirected", 0), *others, ("gradual", lowest[0][1])]
 
 
 def singular_vectors(
     problem: Problem, modes: int, lowest: int | None = None, last: int | None = None
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """The D dominant ones (N, D) over the microphones, their singular values (D,), and how many modes gave them.
+    """Return the D dominant singular vectors of the data matrix over the microphones.
 
-    With `last` that one takes the place of the last, with the singular value of the one before: how little of it there
-    is says nothing of its length.
+    Parameters
+    ----------
+    problem, modes, lowest, last : as of `affine`
+
+    Returns
+    -------
+    vectors : (N, D) float64
+    values : (D,) float64, singular values; that of `last` is the value of the vector before it, since a weak
+        excitation says nothing about the extent of the array
+    lowest : int, modes that gave them
     """
-    lowest = min(LOWEST[problem.dimension][0] if lowest is None else lowest, modes)
+    lowest = min(RULES.lowest(problem.dimension)[0] if lowest is None else lowest, modes)
     data = np.concatenate([problem.pressures[:lowest].real, problem.pressures[:lowest].imag])
     data = data - data.mean(axis=1, keepdims=True)
     _, values, vectors = np.linalg.svd(data, full_matrices=False)
@@ -112,7 +160,9 @@ def singular_vectors(
     if len(values) < D or values[D - 1] <= 1e-9 * values[0]:
         raise InputError(
             f"the lowest {lowest} modes show fewer than {D} directions: the microphones stand on a line, or there"
-            " are too few modes; measure more"
+            " are too few modes",
+            "measure more modes",
+            key="modes",
         )
     if last is not None:
         chosen = [*range(D - 1), last]
@@ -120,106 +170,24 @@ def singular_vectors(
     return vectors[:D].T, values[:D], lowest
 
 
-def bends(positions: np.ndarray, known: np.ndarray, degree: int) -> np.ndarray:
-    """Smooth deformations that leave the known microphones in place : (N D, F) float64, orthonormal.
-
-    Every coordinate moves by a polynomial of `degree` in the positions, of less where the array has too few
-    microphones to tell them apart.
-    """
-    N, D = positions.shape
-    z = positions - positions.mean(axis=0)
-    z = z / np.sqrt(np.mean(z**2))
-    columns = [np.ones(N)]
-    for d in range(1, degree + 1):
-        more = [np.prod(z[:, list(c)], axis=1) for c in combinations_with_replacement(range(D), d)]
-        if d > 1 and len(columns) + len(more) > N / 2:
-            break
-        columns += more
-    whole = np.kron(np.linalg.qr(np.column_stack(columns))[0], np.eye(D))
-    if not len(known):
-        return whole
-    rows = whole[(D * np.asarray(known)[:, None] + np.arange(D)).ravel()]
-    _, values, vectors = np.linalg.svd(rows)
-    return whole @ vectors[np.count_nonzero(values > 1e-9 * values[0]) :].T
-
-
-def left_over(problem: Problem, positions, modes: slice, near: bool = False, told: float = 0.0) -> NoiseEstimate:
-    """`fdcal.cost.noise_model.estimate_noise` of a part of the modes, evenly taken."""
-    used = _spaced(problem, modes)
-    return estimate_noise(positions, problem.pressures[used], problem.wavenumbers[used], problem.dimension, near, told)
-
-
-def rehomed(problem: Problem, positions, modes: slice, rest: NoiseEstimate) -> np.ndarray:
-    """`positions` with the microphones that fit worst moved to where they fit best, the others held : (N, D), metres.
-
-    A microphone that the rough start has put into a wrong basin would flee outward once less noise is supposed. The
-    places tried lie an eighth of the shortest wavelength apart all over the array: the paper's step, coarse and for a
-    few microphones alone.
-    """
-    p, k, field = _rough_field(problem, modes, rest)
-    x = np.array(positions)
-    misfit = leave_one_out_chi_square(x, p, field)
-    apart = np.pi / 4 / float(k.max())
-    axes = [np.arange(low - apart, high + 2 * apart, apart) for low, high in zip(x.min(0), x.max(0), strict=True)]
-    candidates = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, x.shape[1])
-    worst = [n for n in np.argsort(-misfit)[:MOST_REHOMED] if misfit[n] > MISFIT and n in problem.free]
-    while worst:
-        costs = likelihood_landscapes(x, worst, np.vstack([x[worst], candidates]), p, field).sum(axis=0)
-        own = np.arange(len(worst))
-        costs[:, : len(worst)] = np.where(own[:, None] == own, costs[:, : len(worst)], np.inf)  # not onto another
-        falls = np.diag(costs) - costs.min(axis=1)
-        moving = np.flatnonzero(falls > 1.0)
-        if not len(moving):
-            break
-        first = int(moving[0])  # the others are looked at anew
-        x[worst[first]] = np.vstack([x[worst], candidates])[int(np.argmin(costs[first]))]
-        worst = worst[first + 1 :]
-    return x
-
-
-def misfits(problem: Problem, positions, modes: slice, rest: NoiseEstimate) -> np.ndarray:
-    """Return `leave_one_out_chi_square` of every microphone (N,), the whole residual taken as noise."""
-    p, _, field = _rough_field(problem, modes, rest)
-    return leave_one_out_chi_square(positions, p, field)
-
-
-def _rough_field(problem: Problem, modes: slice, rest: NoiseEstimate):
-    """Pressures, wavenumbers and the diffuse field of a part of the modes."""
-    used = _spaced(problem, modes)
-    p, k = problem.pressures[used], np.real(problem.wavenumbers[used])
-    return p, k, diffuse_field(p, k, rest.shares(k) * mode_power(p), problem.dimension)
-
-
-def plenty(problem: Problem, modes: slice) -> np.ndarray:
-    """Of the modes as many, evenly taken, as a bend of a large array takes, NOISE_MODES at least : int64."""
-    chosen = np.arange(len(problem.pressures))[modes]
-    count = len(chosen) * problem.pressures.shape[1] // PLENTY
-    return chosen[:: max(1, min(count, len(chosen) // NOISE_MODES))]
-
-
-def _spaced(problem: Problem, modes: slice) -> np.ndarray:
-    """At most NOISE_MODES of the modes, evenly taken : int64."""
-    chosen = np.arange(len(problem.pressures))[modes]
-    return chosen[:: max(1, -(-len(chosen) // NOISE_MODES))]
-
-
 def _with_metric(problem: Problem, modes: int, shape, values, lowest: int) -> np.ndarray:
-    """The shape of `singular_vectors` with the metric that makes the pressures most likely."""
+    """The shape of `singular_vectors` with the metric of greatest likelihood."""
     N, D = shape.shape
     k = np.real(problem.wavenumbers)
     guess = shape * values / np.sqrt(np.sum(k[:lowest] ** 2) / problem.dimension)
     basis = _symmetric_maps(shape).reshape(-1, N * D).T
-    rest = None
-    for count in (METRIC_MODES, METRIC_MODES, modes, modes):
-        used = plenty(problem, slice(0, min(count, modes)))
+    residual = None
+    for count in (RULES.metric_modes, RULES.metric_modes, modes, modes):
+        used = enough_modes(problem, slice(0, min(count, modes)))
         p = problem.pressures[used]
         power = mode_power(p)
-        noise = FIRST_NOISE if rest is None else rest.shares(k[used])
-        field = diffuse_field(p, k[used], noise * power, problem.dimension)
-        if rest is None:
-            guess = min((scale * guess for scale in SCALES), key=lambda x: total_cost(x, p, field))
-        guess = minimise(guess, p, field, basis, iterations=12, tolerance=3e-3)
-        rest = left_over(problem, guess, slice(0, min(count, modes)))
+        share = RULES.first_noise if residual is None else residual.shares(k[used])
+        field = diffuse_field(p, k[used], share * power, problem.dimension)
+        if residual is None:
+            sizes = [scale * guess for scale in RULES.scales]
+            guess = min(sizes, key=lambda x, p=p, field=field: total_cost(x, p, field))
+        guess = minimise(guess, p, field, basis, RULES.metric_steps, RULES.metric_tolerance)
+        residual = noise_at(problem, guess, slice(0, min(count, modes)))
     return guess
 
 

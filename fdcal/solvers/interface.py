@@ -124,6 +124,11 @@ class Solver(Protocol):
     """A solver: a module with these functions, or a chain of such modules."""
 
     @property
+    def State(self) -> type[Any]:
+        """Class of the states, a dataclass derived from `RunState`; a chain has none of its own."""
+        ...
+
+    @property
     def TRAITS(self) -> Traits:
         """Properties of the solver."""
         ...

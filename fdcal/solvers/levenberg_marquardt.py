@@ -1,27 +1,65 @@
-"""Levenberg-Marquardt on the cost of `fdcal.cost.likelihood`, with the positions confined to x0 + basis y."""
+"""One damped Gauss-Newton step (Levenberg-Marquardt), for any cost with a gradient and a Gauss-Newton matrix.
+
+The caller says how unknowns change by a step y of the parameters and how far positions move by it, so that the same
+step serves positions in a subspace (`fdcal.solvers.position_fit`) and unknowns with bounds (`fdcal.solvers.room`).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from ..cost.likelihood import DiffuseField, newton_terms, total_cost
-from ..model.gauge import rigid_motions
 
-FIRST_DAMPING = 1e-3
-MOST_DAMPING = 1e6
-LEAST_DAMPING = 1e-9
-LEAST_FALL = 1e-12  # of the cost, as a part of it: less is lost in rounding
+@dataclass(frozen=True)
+class Damping:
+    """Damping, relative to the diagonal of the Gauss-Newton matrix, and when to give up.
+
+    Attributes
+    ----------
+    first : damping of the first step, and of the next after one that has failed
+    least, greatest : bounds; at the greatest no step is possible
+    increase : factor after a trial that does not lower the cost
+    decrease : divisor after a step
+    least_fall : relative fall of the cost that is lost in rounding: a trial that promises less is the last
+    """
+
+    first: float = 1e-3
+    least: float = 1e-9
+    greatest: float = 1e6
+    increase: float = 6.0
+    decrease: float = 10.0
+    least_fall: float = 1e-12
+
+
+DAMPING = Damping()
 
 
 @dataclass(frozen=True)
-class Trial:
-    """Result of one damped step: positions (N, D), metres, cost, by how much it fell, damping for the next, longest
-    move, metres."""
+class NewtonTerms:
+    """Cost, its gradient (P,) and its Gauss-Newton matrix (P, P) in the parameters."""
 
-    positions: np.ndarray
+    cost: float
+    gradient: np.ndarray
+    curvature: np.ndarray
+
+
+@dataclass(frozen=True)
+class Step:
+    """Result of a damped step.
+
+    Attributes
+    ----------
+    unknowns : float64 array, as given if no step lowers the cost
+    cost : float
+    fall : float, by how much the cost has fallen
+    damping : float, of the next step
+    moved : float, metres, greatest change of a coordinate; 0 without a step
+    """
+
+    unknowns: np.ndarray
     cost: float
     fall: float
     damping: float
@@ -29,53 +67,41 @@ class Trial:
 
 
 def damped_step(
-    positions, pressures, field: DiffuseField, basis, damping: float, furthest=np.inf, shortest=0.0
-) -> Trial:
-    """One Gauss-Newton step, damped as much as it takes for the cost to fall; where nothing helps, no step.
+    unknowns: np.ndarray,
+    terms: NewtonTerms,
+    cost: Callable[[np.ndarray], float],
+    advance: Callable[[np.ndarray], np.ndarray],
+    length: Callable[[np.ndarray], float],
+    damping: float,
+    furthest: float = np.inf,
+    shortest: float = 0.0,
+) -> Step:
+    """Return the Gauss-Newton step with the least damping that lowers the cost; no step if none does.
 
-    basis : (N D, F) float64, directions in which the positions may move, perhaps none; None lets all move
-    furthest : metres; a step that moves a microphone further is damped more, for it may leave a basin for a distant one
-    shortest : metres; one that moves none as far, and lets the cost rise, is the last that is tried
+    Parameters
+    ----------
+    unknowns : float64 array
+    terms : NewtonTerms, at `unknowns`
+    cost : cost of given unknowns
+    advance : unknowns after a step (P,) of the parameters
+    length : how far given unknowns have moved, metres
+    damping : that is tried first
+    furthest : metres; a longer step is damped more, since it could leave the basin for a distant one
+    shortest : metres; a shorter step that does not lower the cost is the last one tried
     """
-    N, D = positions.shape
-    if basis is not None and not basis.shape[1]:
-        return Trial(positions, total_cost(positions, pressures, field), 0.0, FIRST_DAMPING, 0.0)
-    try:
-        cost, gradient, curvature = newton_terms(positions, pressures, field)
-    except np.linalg.LinAlgError:  # nowhere to go from here
-        return Trial(positions, np.inf, 0.0, FIRST_DAMPING, 0.0)
-    g, H = gradient.ravel(), curvature.reshape(N * D, N * D)
-    if basis is None:
-        R = np.linalg.qr(rigid_motions(positions))[0]
-        H = H + np.diag(H).mean() * (R @ R.T)  # the cost does not hold the array as a whole, which would drift
-    else:
-        g, H = basis.T @ g, basis.T @ H @ basis
+    g, H = terms.gradient, terms.curvature
     scale = np.maximum(np.diag(H), 1e-12 * np.diag(H).max())
-    while damping < MOST_DAMPING:
+    while damping < DAMPING.greatest:
         y = _solve(H + damping * np.diag(scale), -g)
-        tried = positions + (y if basis is None else basis @ y).reshape(N, D)
-        moved = float(np.abs(tried - positions).max())
-        lower = finite_cost(tried, pressures, field) if moved <= furthest else np.inf
-        if lower < cost:
-            return Trial(tried, lower, cost - lower, max(damping / 10, LEAST_DAMPING), moved)
-        if moved < shortest or -(g @ y) < LEAST_FALL * abs(cost):  # all that this step promises
+        tried = advance(y)
+        moved = length(tried)
+        lower = cost(tried) if moved <= furthest else np.inf
+        if lower < terms.cost:
+            return Step(tried, lower, terms.cost - lower, max(damping / DAMPING.decrease, DAMPING.least), moved)
+        if moved < shortest or -(g @ y) < DAMPING.least_fall * abs(terms.cost):
             break
-        damping = max(damping, FIRST_DAMPING) * 6
-    return Trial(positions, cost, 0.0, FIRST_DAMPING, 0.0)
-
-
-def minimise(positions, pressures, field, basis, iterations: int, tolerance: float) -> np.ndarray:
-    """Damped steps until none moves a microphone by `tolerance` metres, or -log likelihood falls by 1 : (N, D).
-
-    No step is longer than half the array: a huge array has a field of orders without number.
-    """
-    furthest = float(np.ptp(positions, axis=0).max()) / 2
-    trial = Trial(positions, np.inf, np.inf, FIRST_DAMPING, np.inf)
-    for _ in range(iterations):
-        trial = damped_step(trial.positions, pressures, field, basis, trial.damping, furthest)
-        if trial.moved < tolerance or trial.fall < 1.0:
-            break
-    return trial.positions
+        damping = max(damping, DAMPING.first) * DAMPING.increase
+    return Step(unknowns, terms.cost, 0.0, DAMPING.first, 0.0)
 
 
 def _solve(H: np.ndarray, g: np.ndarray) -> np.ndarray:
@@ -83,11 +109,3 @@ def _solve(H: np.ndarray, g: np.ndarray) -> np.ndarray:
         return cho_solve(cho_factor(H, check_finite=False), g, check_finite=False)
     except np.linalg.LinAlgError:  # rounding has made it indefinite: the gauge is free and the damping is low
         return np.linalg.lstsq(H, g, rcond=None)[0]
-
-
-def finite_cost(positions, pressures, field: DiffuseField) -> float:
-    """`fdcal.cost.likelihood.total_cost`, infinite where it cannot be computed."""
-    try:
-        return total_cost(positions, pressures, field)
-    except np.linalg.LinAlgError:  # two microphones in one place without noise
-        return np.inf

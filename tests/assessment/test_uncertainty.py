@@ -19,7 +19,8 @@ from fdcal.assessment.uncertainty import (
 )
 from fdcal.cost.likelihood import DiffuseField, diffuse_field, kernel
 from fdcal.model.gauge import align, rigid_motions
-from fdcal.solvers.levenberg_marquardt import FIRST_DAMPING, damped_step
+from fdcal.solvers.levenberg_marquardt import DAMPING
+from fdcal.solvers.position_fit import position_step
 
 TRUTH = np.random.default_rng(5).uniform(-0.5, 0.5, (9, 2)) + [2.6, 2.3]
 KNOWN = np.array([0, 4, 7])
@@ -29,10 +30,10 @@ NOISE = 1e-3
 
 
 def settle(p, field, known, start=TRUTH):
-    x, damping, basis = start, FIRST_DAMPING, observable_moves(TRUTH, known)
+    x, damping, basis = start, DAMPING.first, observable_moves(TRUTH, known)
     for _ in range(8):
-        trial = damped_step(x, p, field, basis, damping)
-        x, damping = trial.positions, trial.damping
+        trial = position_step(x, p, field, basis, damping)
+        x, damping = trial.unknowns, trial.damping
         if trial.moved < 3e-4:
             break
     return x

@@ -19,7 +19,8 @@ from fdcal.model.gauge import align, position_errors
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
 from fdcal.solvers import run
-from fdcal.solvers.levenberg_marquardt import FIRST_DAMPING, damped_step
+from fdcal.solvers.levenberg_marquardt import DAMPING
+from fdcal.solvers.position_fit import position_step
 
 GRID = np.linspace(-0.5, 0.5, 5)
 TRUTH = np.array([(x, y) for x in GRID for y in GRID]) + [2.6, 2.3]
@@ -35,10 +36,10 @@ def settled(measurement: Measurement, start=TRUTH):
     p, field = pressures_and_field(problem, start, ALL, problem.noise_power)
     D = 2
     basis = np.eye(start.size)[:, (D * problem.free[:, None] + np.arange(D)).ravel()]
-    x, damping = start, FIRST_DAMPING
+    x, damping = start, DAMPING.first
     for _ in range(25):
-        trial = damped_step(x, p, field, basis, damping)
-        x, damping = trial.positions, trial.damping
+        trial = position_step(x, p, field, basis, damping)
+        x, damping = trial.unknowns, trial.damping
         if trial.moved < 1e-5:
             break
     return problem, x
@@ -238,7 +239,7 @@ def test_calibrate_says_so_where_a_wrong_array_is_left_without_noise():
     measurement = replace(measurement, noise_power=np.zeros(len(measurement.frequencies)))
     problem, settings = measurement.problem(), SolverSettings(name="joint", modes=12)
     *_, state = run(problem, settings, 0)
-    assert state.near
+    assert state.field.near_field
     spoilt = truth + np.random.default_rng(1).normal(0, 0.005, truth.shape)
     spoilt[:3] = truth[:3]
     inputs = CalibrationInput("x", None, measurement, settings, 0)

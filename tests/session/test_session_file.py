@@ -80,7 +80,7 @@ def folder(tmp_path, joint_session):
     return write
 
 
-@pytest.mark.parametrize("name", ["descent", "joint", "descent+joint"])
+@pytest.mark.parametrize("name", solvers.names())
 def test_what_comes_back_is_what_was_left(name, tmp_path):
     given = left(name, 2)
     path = tmp_path / "left.zip"
@@ -96,6 +96,30 @@ def test_what_comes_back_is_what_was_left(name, tmp_path):
         assert same(mine, own)
         assert not mine.positions.flags.writeable
     assert same(solver.step(problem, found.states[-1]), solver.step(before, given.states[-1])), "going on"
+
+
+@pytest.mark.parametrize("name", solvers.names())
+def test_a_saved_run_goes_on_as_if_it_had_not_stopped(name, tmp_path):
+    """From its middle to its end, through the file."""
+    scene = edited(load_scene("tiny"), {"solver.name": name, "solver.modes": 12, "measurement.snr_db": 40.0})
+    measurement = cached_measurement(scene)
+    states = list(solvers.run(measurement.problem(scene.solver.weights), scene.solver, 5))
+    middle, path = len(states) // 2, tmp_path / "left.zip"
+    path.write_bytes(session_file.write(OpenRequest(scene, 5, measurement, tuple(states), middle)))
+    found = session_file.read(path)
+    assert all(map(same, found.states, states))
+    problem, solver = found.measurement.problem(found.scene.solver.weights), solvers.load(name)
+    state = found.states[middle]
+    for expected in states[middle + 1 :]:
+        state = solver.step(problem, state)
+        assert same(state, expected)
+    assert state.finished
+
+
+def test_a_session_of_an_older_version_is_refused_in_one_line(folder):
+    with pytest.raises(InputError, match=r"fdcal_session = '?1'?; this fdcal reads version 2") as caught:
+        session_file.read(folder(lambda table: table.update(fdcal_session=1)))
+    assert "\n" not in str(caught.value)
 
 
 def test_without_noise_the_scene_comes_back_too(tmp_path):
@@ -152,6 +176,10 @@ def put(key, value):
     return lambda table: states_of(table)[key].__setitem__(0, value)
 
 
+def put_inside(record, key, value):
+    return lambda table: states_of(table)[record][0]["record"].__setitem__(key, value)
+
+
 @pytest.mark.parametrize(
     ("change", "word"),
     [
@@ -178,14 +206,18 @@ def put(key, value):
         (put("finished", 1), "finished"),
         (put("cost", "1e999"), "cost"),
         (put("cost", {"number": "nan"}), "cost"),
-        (put("phase", "__import__('os')"), "phase"),
+        (put_inside("phase", "name", "__import__('os')"), "name"),
+        (put_inside("phase", "name", "no_phase"), "name"),
+        (put_inside("phase", "degree", 4), "degree"),
+        (put("phase", {"record": {}}), "version"),
+        (put("phase", {"tuple": []}), "phase"),
         (put("settings", {"settings": 7}), "settings"),
         (put("positions", {"array": [99, 0]}), "positions"),
         (put("positions", {"array": [0, -1]}), "positions"),
         (put("positions", {"array": [0, 99]}), "positions"),
         (put("positions", [[0, 0]]), "positions"),
-        (put("noise", {"array": [0, 0]}), "noise"),
-        (put("best", {"tuple": [1, 2]}), "best"),
+        (put_inside("field", "noise", {"array": [0, 0]}), "noise"),
+        (put_inside("attempt", "best", {"record": [1, 2]}), "best"),
     ],
 )
 def test_a_changed_table_is_refused(folder, change, word):

@@ -1,4 +1,4 @@
-"""Laws of the affine start and of the bends."""
+"""Laws of the affine start, of the deformations of an array and of the relocation of microphones."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from fdcal.model.gauge import position_errors
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
 from fdcal.model.validation import InputError
-from fdcal.solvers import initial_positions
+from fdcal.solvers import initial_positions, residual_noise
+from fdcal.solvers.polynomial_deformation import polynomial_deformations
 
 KNOWN = [0, 1, 2, 3]
 
@@ -84,11 +85,11 @@ def test_a_random_start_fills_the_search_domain_and_keeps_the_known():
 @pytest.mark.parametrize("degree", [2, 3])
 @pytest.mark.parametrize("D", [2, 3])
 @pytest.mark.parametrize("known", [[], [4], [0, 7, 9], [0, 7, 9, 11]], ids=len)
-def test_bends_leave_the_known_in_place_and_contain_the_affine_maps(D, degree, known):
+def test_deformations_leave_the_known_in_place_and_contain_the_affine_maps(D, degree, known):
     """The affine maps that leave the known in place, that is; and curved ones besides."""
     rng = np.random.default_rng(1)
     x = rng.uniform(-0.5, 0.5, (60, D)) + 3.0
-    basis = initial_positions.bends(x, np.array(known, int), degree)
+    basis = polynomial_deformations(x, np.array(known, int), degree)
     np.testing.assert_allclose(basis.T @ basis, np.eye(basis.shape[1]), atol=1e-9)
     moves = basis.T.reshape(-1, *x.shape)
     np.testing.assert_allclose(moves[:, known], 0.0, atol=1e-9)
@@ -103,9 +104,9 @@ def test_bends_leave_the_known_in_place_and_contain_the_affine_maps(D, degree, k
     assert basis.shape[1] == D * (terms - len(known)) > D * len(still)
 
 
-def test_all_known_but_one_leave_no_bend():
+def test_all_known_but_one_leave_no_deformation():
     x = np.random.default_rng(1).uniform(-0.5, 0.5, (20, 2))
-    assert initial_positions.bends(x, np.arange(19), 3).shape == (40, 0)
+    assert polynomial_deformations(x, np.arange(19), 3).shape == (40, 0)
 
 
 def test_a_microphone_in_a_wrong_place_is_put_where_it_fits():
@@ -113,12 +114,12 @@ def test_a_microphone_in_a_wrong_place_is_put_where_it_fits():
     problem, modes = measured(truth, [5, 6, 7], snr_db=40).problem(), slice(0, 40)
     moved = truth.copy()
     moved[[3, 5]] += [0.3, -0.35]
-    rest = initial_positions.left_over(problem, truth, modes)
-    assert np.argsort(initial_positions.misfits(problem, moved, modes, rest))[-2:].tolist() in ([3, 5], [5, 3])
-    rehomed = initial_positions.rehomed(problem, moved, modes, rest)
+    rest = residual_noise.noise_at(problem, truth, modes)
+    assert np.argsort(residual_noise.misfits(problem, moved, modes, rest))[-2:].tolist() in ([3, 5], [5, 3])
+    relocated = residual_noise.relocated(problem, moved, modes, rest)
     apart = 2 * np.pi / problem.wavenumbers.real.max() / 8
-    assert np.linalg.norm(rehomed[3] - truth[3]) < apart
-    assert np.array_equal(rehomed[5], moved[5]), "a known microphone is never moved"
+    assert np.linalg.norm(relocated[3] - truth[3]) < apart
+    assert np.array_equal(relocated[5], moved[5]), "a known microphone is never moved"
 
 
 @pytest.mark.parametrize("D", [2, 3])
@@ -141,7 +142,7 @@ def test_a_direction_that_the_source_hardly_excites_is_found_behind_a_curvature(
 
     others = [
         initial_positions.singular_vectors(hidden, 40, None, last)[0]
-        for last in range(D, D + initial_positions.OTHER_DIRECTIONS)
+        for last in range(D, D + initial_positions.RULES.directions)
     ]
     assert share(initial_positions.singular_vectors(hidden, 40)[0]) < 0.5
     assert max(map(share, others)) > 0.7

@@ -16,8 +16,8 @@ from fdcal.model.gauge import align, position_errors
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
 from fdcal.model.validation import InputError
-from fdcal.solvers import initial_positions
 from fdcal.solvers.joint import solver as joint
+from fdcal.solvers.residual_noise import noise_at
 
 TRUTH = np.random.default_rng(7).uniform(-0.5, 0.5, (40, 2)) + [2.61, 2.31]
 KNOWN = [0, 1, 2]
@@ -68,18 +68,18 @@ def test_noise_that_nobody_told_is_estimated():
         (replace(told, noise_power=1e4 * told.noise_power), replace(SETTINGS, noise="auto")),
     ):
         last = solve(measurement, settings)[-1]
-        assert not last.noise_told
-        assert np.median(last.noise_power) == pytest.approx(1e-2, rel=0.4)
+        assert not last.field.noise_given
+        assert np.median(last.field.noise_power) == pytest.approx(1e-2, rel=0.4)
         assert np.sqrt(np.mean(position_errors(last.positions, TRUTH) ** 2)) < 0.04
 
 
 def test_a_snr_given_goes_before_what_the_measurement_tells():
     problem = measured(TRUTH, KNOWN, snr_db=20, seed=2).problem()
-    told, given = (joint.init(problem, replace(SETTINGS, noise=noise), 0) for noise in ("told", "30"))
-    assert told.noise_told and given.noise_told
-    np.testing.assert_array_equal(told.noise_power, problem.noise_power)
+    told, given = (joint.init(problem, replace(SETTINGS, noise=noise), 0) for noise in ("reported", "30"))
+    assert told.field.noise_given and given.field.noise_given
+    np.testing.assert_array_equal(told.field.noise_power, problem.noise_power)
     power = np.mean(np.abs(problem.pressures) ** 2, axis=1)
-    np.testing.assert_allclose(given.noise_power, power / 1001)
+    np.testing.assert_allclose(given.field.noise_power, power / 1001)
 
 
 def test_rigid_motion_of_the_truth_moves_the_answer_with_it():
@@ -203,11 +203,11 @@ def test_an_end_that_does_not_convince_is_followed_by_other_attempts_and_the_bes
         pressures[:, n] = loud * (rng.normal(size=len(pressures)) + 1j * rng.normal(size=len(pressures)))
     measurement = replace(measurement, pressures=pressures)
     states = solve(measurement, SolverSettings(modes=14))
-    assert states[-1].attempt > 0
-    best = min((s.best for s in states if s.best is not None), key=lambda best: best[0])
+    assert states[-1].attempt.number > 0
+    best = min((s.attempt.best for s in states if s.attempt.best is not None), key=lambda best: best.cost)
     last = states[-1]
-    rest = initial_positions.left_over(measurement.problem(), last.positions, last.modes, last.near)
-    assert rest.cost <= best[0] + 1e-6 * abs(best[0])
+    rest = noise_at(measurement.problem(), last.positions, last.modes, last.field.near_field)
+    assert rest.cost <= best.cost + 1e-6 * abs(best.cost)
 
 
 def test_same_bits_again_and_gone_on_from_any_state(clean):

@@ -52,4 +52,4 @@ def test_an_end_is_accepted_at_once_only_if_it_leaves_no_more_than_the_reported_
     """`reported` is the noise power in the measurement over the true one; other attempts follow a doubtful end."""
     measurement = measured(TRUTH, KNOWN, snr_db=20, seed=1)
     last = last_state(replace(measurement, noise_power=reported * measurement.noise_power))
-    assert (last.attempt == 0) == accepted
+    assert (last.attempt.number == 0) == accepted

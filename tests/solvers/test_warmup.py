@@ -33,7 +33,7 @@ before, scene = signatures(), load_scene("tiny")
 problem = cached_measurement(scene).problem(scene.solver.weights)
 for state in solvers.run(problem, scene.solver, scene.seed):
     pass
-assert state.finished and state.near, "the stage that takes the other kernels was not reached"
+assert state.finished and state.field.near_field, "the stage that takes the other kernels was not reached"
 after = signatures()
 print([(kernel.__name__, new) for kernel in after for new in after[kernel] if new not in before[kernel]])
 """

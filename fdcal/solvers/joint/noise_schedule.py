@@ -1,9 +1,8 @@
-"""What `joint` supposes of noise and field in a stage, and what it makes of what the stage leaves unexplained.
+"""The noise and the sound field that the joint solver assumes in a stage.
 
-Less noise is supposed in the end than there is, by up to 10 dB: the positions then lean on the pressures and not on the
-field being isotropic, which in a room it is not. It takes away most of that prior's bias: see `confidence`.
-
-All of them take the measured `Problem` and the `State` of `fdcal.solvers.joint`.
+In the end less noise is assumed than there is, by up to 10 dB: the positions then depend more on the pressures and
+less on the assumption that the field is isotropic, which the field in a room is not. This removes most of the bias of
+that assumption (`noise_deflation`).
 """
 
 from __future__ import annotations
@@ -18,143 +17,82 @@ from ...model.power import mode_power
 from ...model.problem import Problem
 from ...model.settings import SolverSettings
 from ...model.validation import frozen_array
-from .. import initial_positions
+from ..initial_positions import attempts
+from ..residual_noise import enough_modes, noise_at
 from .state import State
-
-NOISY_ENOUGH = 3e-3  # noise's share of the power from which it pays to learn
-UNEXPLAINED = 3.0  # times the noise told: more of it and what is told is not believed
-EVEN = 1.05  # times the noise left: less of noise and spread together, and the microphones are as good as in place
-CONVINCING = 1.2  # times the noise told: less of it, and the end needs no other attempt
-NOISY = {2: 0.1, 3: 0.01}  # share of noise in the power from which the prior is trusted, in 2-D and 3-D
-FAINT = 1e-4  # part of the power that need not be explained in any case
+from .thresholds import NOISE_LIMITS
 
 
-def confidence(share: np.ndarray, problem: Problem) -> np.ndarray:
-    """By how much less noise is supposed than its share of the power, from 1 to 10.
+def noise_deflation(share: np.ndarray, problem: Problem) -> np.ndarray:
+    """Return the factor by which less noise is assumed than there is, from 1 to 10.
 
-    The prior of an isotropic field pulls at the positions with a force that does not shrink with the noise. Supposing
-    less noise weakens that pull as much against the pressures. In much noise the prior is needed, and its pull is
-    smaller than the error; in space, where a mode has more coefficients, sooner; and always where the array is a plane
-    of it, since then the prior is what tells its size.
+    The prior of an isotropic field biases the positions by an amount that does not shrink with the noise. Assuming
+    less noise weakens the prior against the pressures. With much noise the prior is needed and its bias is smaller
+    than the error; in space, where a mode has more coefficients, this begins at less noise. A plane array in a field
+    of three dimensions always needs the prior, since it determines its size.
+
+    Parameters
+    ----------
+    share : (M,) float64, noise's share of the power
+    problem : Problem
+
+    Returns
+    -------
+    (M,) float64
     """
     if problem.array_dimension < problem.dimension:
         return np.ones_like(share)
-    return np.clip(NOISY[problem.dimension] / np.maximum(share, 1e-12), 1.0, 10.0)
+    return np.clip(NOISE_LIMITS.deflated(problem.dimension) / np.maximum(share, 1e-12), 1.0, NOISE_LIMITS.deflation)
 
 
-def model(problem: Problem, state: State) -> tuple[np.ndarray, DiffuseField]:
-    """Pressures (modes in use, N) of the stage and what it supposes of their field; for a bend, of enough modes."""
-    used = initial_positions.plenty(problem, state.modes) if state.phase == "bend" else state.modes
-    p, k, noise = (values[used] for values in (problem.pressures, problem.wavenumbers, state.noise))
-    likely = state.settings.cost == "likelihood"
-    field = diffuse_field(p, k, noise, problem.dimension, likely, state.near, state.shape)
-    return p, field if state.prior is None else replace(field, prior=state.prior)
+def stage_model(problem: Problem, state: State) -> tuple[np.ndarray, DiffuseField]:
+    """Return the pressures (modes, N) that the stage uses and the model of their field.
+
+    These are the modes in use; in phase "deformation", which has few parameters, a part of them.
+    """
+    used = enough_modes(problem, state.modes) if state.phase.name == "deformation" else state.modes
+    assumed = state.field
+    p, k, noise = (values[used] for values in (problem.pressures, problem.wavenumbers, assumed.noise))
+    with_log_det = state.settings.cost == "likelihood"
+    field = diffuse_field(p, k, noise, problem.dimension, with_log_det, assumed.near_field, state.phase.origin)
+    return p, field if assumed.prior is None else replace(field, prior=assumed.prior)
 
 
-def supposing(problem: Problem, state: State, rest: NoiseEstimate | None = None) -> State:
-    """The noise is what the positions leave unexplained or, in the end, that of the measurement."""
-    rest = initial_positions.left_over(problem, state.positions, state.modes) if rest is None else rest
+def with_noise(problem: Problem, state: State, residual: NoiseEstimate | None = None) -> State:
+    """Return `state` with the noise that its stage assumes.
+
+    That is the whole residual at its positions or, in phase "refinement", the noise of the measurement, deflated.
+    """
+    residual = noise_at(problem, state.positions, state.modes) if residual is None else residual
     power = mode_power(problem.pressures)
-    told = told_noise(problem, state.settings)
-    share, near = rest.shares(problem.wavenumbers), False
-    if state.phase == "sharp":
-        believed = told is not None and rest.noise <= UNEXPLAINED * float(np.median(told / power))
-        share = told / power if believed else rest.shares(problem.wavenumbers, spread=False)
-        near = bool(np.median(share[state.modes]) <= NOISE.near_field(problem.dimension))
-        # What the real kernel leaves unexplained says little of the noise where the near model is yet to come.
-        leap = near and not believed and not state.near and attempt(problem, state)[0] != "gentle"
-        share = np.zeros_like(share) if leap else share / confidence(share, problem)
-    least = NOISE.near_field_floor if near or state.near else NOISE.diffuse_floor
-    return replace(
-        state,
+    given = given_noise(problem, state.settings)
+    share, near_field = residual.shares(problem.wavenumbers), False
+    if state.phase.name == "refinement":
+        believed = given is not None and residual.noise <= NOISE_LIMITS.believed * float(np.median(given / power))
+        share = given / power if believed else residual.shares(problem.wavenumbers, spread=False)
+        near_field = bool(np.median(share[state.modes]) <= NOISE.near_field(problem.dimension))
+        # The residual of the real kernel says little about the noise until the near-field model has been used.
+        at_once = near_field and not believed and not state.field.near_field and attempt(problem, state)[0] != "gradual"
+        share = np.zeros_like(share) if at_once else share / noise_deflation(share, problem)
+    least = NOISE.near_field_floor if near_field or state.field.near_field else NOISE.diffuse_floor
+    assumed = replace(
+        state.field,
         noise=frozen_array(np.maximum(share, least) * power, float),
-        noise_power=frozen_array(rest.noise * power if told is None else told, float),
-        noise_told=told is not None,
-        near=near,
-        spread=rest.spread,
+        noise_power=frozen_array(residual.noise * power if given is None else given, float),
+        noise_given=given is not None,
+        near_field=near_field,
+        spread=residual.spread,
     )
+    return replace(state, field=assumed)
 
 
 def attempt(problem: Problem, state: State) -> tuple[str, float]:
-    """Which of `starts.attempts` this is."""
-    return initial_positions.attempts(problem, state.settings.modes)[state.attempt]
+    """Return kind and value of the present attempt, of `fdcal.solvers.initial_positions.attempts`."""
+    return attempts(problem, state.settings.modes)[state.attempt.number]
 
 
-def told_noise(problem: Problem, settings: SolverSettings) -> np.ndarray | None:
-    """Noise power (M,) that the settings or the measurement tell, None where it is to be estimated."""
+def given_noise(problem: Problem, settings: SolverSettings) -> np.ndarray | None:
+    """Return the noise power (M,) that the settings or the measurement report; None if it must be estimated."""
     if settings.snr_db is not None:
         return mode_power(problem.pressures) / (1 + 10 ** (settings.snr_db / 10))
     return problem.noise_power if settings.noise == "reported" else None
-
-
-def rough(problem: Problem, state: State, rest: NoiseEstimate) -> bool:
-    """Whether the spread still falls and is more than the noise, or a microphone stands in a wrong basin."""
-    highest = float(np.real(problem.wavenumbers[state.modes]).max())
-    spread = (highest * rest.spread) ** 2 / rest.dimension > rest.noise and rest.spread < 0.7 * state.spread
-    return spread or (
-        state.stage_steps > 1
-        and float(initial_positions.misfits(problem, state.positions, state.modes, rest).max())
-        > (initial_positions.ASTRAY if even(problem, rest) else initial_positions.MISFIT)
-    )
-
-
-def even(problem: Problem, rest: NoiseEstimate) -> bool:
-    """Whether noise alone is left: a wrong end, even one that two attempts share, leaves a spread."""
-    return float(np.median(rest.shares(problem.wavenumbers))) <= max(EVEN * rest.noise, FAINT)
-
-
-def another(problem: Problem, state: State, sharper: State) -> bool:
-    """Whether `sharper` supposes other noise than `state`: less, or, after the least that there can be, a little."""
-    before, after = (float(np.median(s.noise / mode_power(problem.pressures))) for s in (state, sharper))
-    least = before <= 2 * NOISE.near_field_floor
-    return after < 0.5 * before or (least and 2 * before < after <= NOISE.near_field(problem.dimension))
-
-
-def worth_learning(problem: Problem, state: State) -> bool:
-    """Whether there is so much noise that directions learned from the pressures help."""
-    noisy = float(np.median(state.noise_power / mode_power(problem.pressures))) >= NOISY_ENOUGH
-    return problem.dimension == 2 and noisy and state.settings.cost == "likelihood"
-
-
-def faint(problem: Problem, state: State) -> float | None:
-    """Share of the noise told, where it is so little that the near model is to explain all; None elsewhere."""
-    share = float(np.median(state.noise_power / mode_power(problem.pressures)))
-    return share if state.noise_told and share <= NOISE.near_field(problem.dimension) else None
-
-
-def certain(problem: Problem, state: State) -> bool:
-    """Whether hardly any noise is told and the near model explains all but that."""
-    told = faint(problem, state)
-    if told is None:
-        return False
-    return initial_positions.left_over(problem, state.positions, state.modes, True, told).chi_square <= NOISE.chi_square
-
-
-def attempts(problem: Problem, state: State) -> list[tuple[str, float]]:
-    """What may be tried: `starts.attempts`, the last of which is for the near model."""
-    tries = initial_positions.attempts(problem, state.settings.modes)
-    return tries if state.near or faint(problem, state) is not None else tries[:-1]
-
-
-def outdone(problem: Problem, state: State) -> bool:
-    """Whether an attempt before ended better than where this one is, by the same model."""
-    if state.best is None:
-        return False
-    cost, near = state.best[0], state.best[-1] and faint(problem, state) is None
-    return cost < initial_positions.left_over(problem, state.positions, state.modes, near).cost
-
-
-def convincing(problem: Problem, state: State, rest: NoiseEstimate) -> bool:
-    """Whether what an attempt leaves is the noise told, or, where none is, what another attempt has left, too.
-
-    Two attempts may share a wrong end, which leaves a spread; not so easily one with another direction.
-    """
-    redirected = ("redirected", 0) in attempts(problem, state)[: state.attempt + 1]
-    same = state.best is not None and abs(state.best[0] - rest.cost) < 1.0 + 1e-4 * abs(rest.cost)
-    if faint(problem, state) is not None:
-        return same and redirected
-    told = float(np.median(state.noise_power / mode_power(problem.pressures))) if state.noise_told else 0.0
-    share = float(np.median(rest.shares(problem.wavenumbers)))
-    if share <= max(EVEN * told, FAINT):
-        return True
-    return (even(problem, rest) and (share <= CONVINCING * told or same)) or (same and redirected)

@@ -1,69 +1,120 @@
-"""State of the solver `joint`: all that one step needs."""
+"""State of the joint solver: all that one step needs."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from ..interface import RunState
 
+PhaseName = Literal["deformation", "free", "refinement", "angular_prior"]
+
 
 @dataclass(frozen=True)
-class State(RunState):
-    """Everything `step` needs to go on, so that any state can be gone on from.
+class Phase:
+    """The present stage.
 
     Attributes
     ----------
-    positions : (N, D) float64, metres, read-only; up to rotation, translation and mirror without known microphones
-    settings : SolverSettings
-    seed : int, of a random start
-    step, sweep, stage : steps taken (twice), stages completed
-    moved : -1, since all microphones move
-    first, last : modes in use, counted from 1, both included
-    automatic : whether modes are added when settled
-    phase : "bend", "free", "sharp" or "learned"
+    name : "deformation", "free", "refinement" or "angular_prior", see `fdcal.solvers.joint.solver`
+    degree : int, of the polynomials of phase "deformation"
+    origin : (N, D) float64, metres, positions at the beginning of the stage; the polynomials are functions of these
+    steps : int, taken in this stage
+    damping : float, of the next step
+    """
+
+    name: PhaseName
+    degree: int
+    origin: np.ndarray
+    steps: int
+    damping: float
+
+
+@dataclass(frozen=True)
+class FieldAssumptions:
+    """What the stage assumes of the noise and of the sound field.
+
+    Attributes
+    ----------
+    noise : (M,) float64, assumed noise power of every mode measured, in the unit of abs(pressures)**2
+    noise_power : (M,) float64, noise power of the measurement, reported or estimated, in the same unit
+    noise_given : bool, whether it was reported
+    near_field : bool, whether a source near the array and damping are allowed for
+    spread : float, metres, estimated error of a microphone's position at the beginning of the stage
     prior : (modes in use, Q) float64, power by direction, or None for a diffuse field
-    lessons : stages of phase "learned" begun
-    near : whether a near source and damping count
-    degree : of the polynomials that bend the array
-    shape : (N, D) float64, metres, positions at the beginning of the stage, of which the polynomials are
-    attempt : which of `initial_positions.attempts`
-    best : of the likeliest of the attempts before (cost as of `initial_positions.left_over`, converged, positions,
-        shape, noise,
-        noise_power, near), or None
-    rounds : stages of phases "free" and "sharp" in the present attempt
-    stage_steps : steps taken in the present stage
-    damping : of the next step
-    noise : (M,) float64, noise power supposed, in the unit of abs(pressures)**2, read-only
-    noise_power : (M,) float64, noise power of the measurement, told or estimated, likewise
-    noise_told : whether it was told
-    spread : metres, error of each microphone's own place that the pressures told of when the stage began
+    prior_updates : int, stages of phase "angular_prior" begun
+    """
+
+    noise: np.ndarray
+    noise_power: np.ndarray
+    noise_given: bool
+    near_field: bool
+    spread: float
+    prior: np.ndarray | None
+    prior_updates: int
+
+
+@dataclass(frozen=True)
+class AttemptEnd:
+    """Where an attempt has ended.
+
+    Attributes
+    ----------
+    cost : float, as of `fdcal.solvers.residual_noise.noise_at`
+    settled : bool, whether it ended because nothing moved any more
+    positions, origin : (N, D) float64, metres
+    noise, noise_power : (M,) float64
+    near_field : bool
+    """
+
+    cost: float
+    settled: bool
+    positions: np.ndarray
+    origin: np.ndarray
+    noise: np.ndarray
+    noise_power: np.ndarray
+    near_field: bool
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """The present attempt.
+
+    Attributes
+    ----------
+    number : int, index into `fdcal.solvers.initial_positions.attempts`
+    rounds : int, stages of phases "free" and "refinement" begun in this attempt
+    best : AttemptEnd or None, the likeliest end of the attempts before
+    """
+
+    number: int
+    rounds: int
+    best: AttemptEnd | None
+
+
+@dataclass(frozen=True)
+class State(RunState):
+    """Everything `step` needs. A run can be continued from any state.
+
+    Without known microphones the positions are determined up to rotation, translation and mirror.
+
+    Attributes
+    ----------
+    phase : Phase
+    field : FieldAssumptions
+    attempt : Attempt
     cost : of the modes in use, dimensionless: -log likelihood up to a constant, or Eq. 7
-    finished : nothing is left to do
-    converged : finished because no microphone moved any more, not because steps ran out
     """
 
     solver: ClassVar[str] = "joint"
 
-    phase: str
-    prior: np.ndarray | None
-    lessons: int
-    near: bool
-    degree: int
-    shape: np.ndarray
-    attempt: int
-    best: tuple | None
-    rounds: int
-    stage_steps: int
-    damping: float
-    noise: np.ndarray
-    noise_power: np.ndarray
-    noise_told: bool
-    spread: float
+    phase: Phase
+    field: FieldAssumptions
+    attempt: Attempt
 
     @property
     def assessment_noise(self) -> np.ndarray | None:
-        """The noise power of the measurement; None in the near field, whose residual is the real kernel's own."""
-        return None if self.near else self.noise_power
+        """The noise power of the measurement; None in the near field, where the assessment estimates it."""
+        return None if self.field.near_field else self.field.noise_power

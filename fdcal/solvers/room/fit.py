@@ -1,7 +1,10 @@
-"""Microphones and source in a room of known size, moved together: terms of both models and one damped step.
+"""Microphones and source in a room of known size, fitted together: both models' terms and one damped step.
 
-theta   all unknowns in a row: positions (N D), and of the second model the source (D) and the walls' admittance (2);
-        where the size is in doubt its lengths (D), relative
+diffuse model  the field is a sum of the room's modes with random amplitudes; it needs no source
+exact model    the field of a point source in a room whose walls have an admittance
+
+theta   all unknowns in one array: positions (N D) and, of the exact model, source (D), real and imaginary part of the
+        admittance (2) and, if the size of the room is unknown, its relative changes of length (D)
 """
 
 from __future__ import annotations
@@ -13,34 +16,33 @@ import numpy as np
 
 from ...acoustics.room_modes import DiffuseModel, point_source_model, room_pressures
 from ...model.power import mode_power
+from ..levenberg_marquardt import NewtonTerms, Step, damped_step
 
-FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e-9, 1e6
-PRIOR = 0.05  # one sigma of the admittance, either part
-SMALL = 1e-6  # difference of admittance or of relative length for a derivative
-
-
-@dataclass(frozen=True)
-class Terms:
-    """Cost, gradient (P,) and Gauss-Newton matrix (P, P)."""
-
-    cost: float
-    gradient: np.ndarray
-    curvature: np.ndarray
+PRIOR = 0.05  # one sigma of the admittance, dimensionless, of the real and of the imaginary part
+SMALL = 1e-6  # difference of admittance or of relative length for a derivative, dimensionless
 
 
-def loudness(pressures, noise) -> np.ndarray:
-    """s (M,) of the first model: the power less the noise."""
+def field_power(pressures, noise) -> np.ndarray:
+    """Return s (M,) of the diffuse model: the power of the pressures (M, N) less that of the noise (M,)."""
     whole = mode_power(pressures)
     return np.maximum(whole - noise, 1e-3 * whole)
 
 
-def diffuse_terms(theta, pressures, noise, model: DiffuseModel) -> Terms:
-    """-log of the probability density of the first model, up to a constant. noise : (M,), spread included."""
+def diffuse_terms(theta, pressures, noise, model: DiffuseModel) -> NewtonTerms:
+    """Return -log of the probability density by the diffuse model, up to a constant, and its derivatives.
+
+    Parameters
+    ----------
+    theta : (N D,) float64, positions, metres
+    pressures : (M, N) complex128 of unit RMS
+    noise : (M,) float64, noise's share of the power, position errors included
+    model : DiffuseModel
+    """
     N, D = pressures.shape[1], model.kappa.shape[1]
     x = theta.reshape(N, D)
     W, dW = model.shapes(x), model.slopes(x)
     cost, gradient, H = 0.0, np.zeros((N, D)), np.zeros((N, D, N, D))
-    for p, s, v, w in zip(pressures, loudness(pressures, noise), noise, model.weights, strict=True):
+    for p, s, v, w in zip(pressures, field_power(pressures, noise), noise, model.weights, strict=True):
         C = s * (W * w) @ W.T + v * np.eye(N)
         inverse = np.linalg.inv(C)
         u = inverse @ p
@@ -49,38 +51,56 @@ def diffuse_terms(theta, pressures, noise, model: DiffuseModel) -> Terms:
         widening = s * np.einsum("dne,en->nd", dW * w, W.T @ inverse)
         gradient += 2 * widening - 2 * np.real(u.conj() * g).T
         H += 2 * np.real(np.einsum("an,nk,bk->nakb", g.conj(), inverse, g))
-    return Terms(cost, gradient.ravel(), H.reshape(N * D, N * D))
+    return NewtonTerms(cost, gradient.ravel(), H.reshape(N * D, N * D))
 
 
 @dataclass(frozen=True)
 class Exact:
-    """The second model's residual at `theta`.
+    """The exact model's residual at `theta`.
 
     Attributes
     ----------
-    residual : (M, N) complex128, in noise's standard deviations
+    residual : (M, N) complex128, in standard deviations of the noise
     fitted : (M, N) complex128, A_m g_m, in the unit of the pressures
-    jacobian : (M N, P) complex128 of the residual (Kaufman's: that of A_m is left out)
+    jacobian : (M N, P) complex128, of the residual by Kaufman's approximation: the derivative of A_m is left out
     """
 
     residual: np.ndarray
     fitted: np.ndarray
     jacobian: np.ndarray
 
-    def terms(self, theta, count: int, D: int) -> Terms:
-        """Squared residuals and the prior of the walls; count: of microphones."""
+    def cost(self, theta, count: int, D: int) -> float:
+        """Return the sum of the squared residuals and of the prior of the admittance, for `count` microphones."""
+        return float(np.sum(np.abs(self.residual.ravel()) ** 2) + np.sum((_walls(theta, count, D) * theta) ** 2))
+
+    def terms(self, theta, count: int, D: int) -> NewtonTerms:
+        """Return `cost` and its derivatives."""
         r, J = self.residual.ravel(), self.jacobian
-        walls = np.zeros(len(theta))
-        walls[count * D + D : count * D + D + 2] = 1 / PRIOR
-        cost = float(np.sum(np.abs(r) ** 2) + np.sum((walls * theta) ** 2))
-        if not len(J):
-            return Terms(cost, np.zeros(0), np.zeros((0, 0)))
+        walls = _walls(theta, count, D)
         gradient = 2 * np.real(J.conj().T @ r) + 2 * walls**2 * theta
-        return Terms(cost, gradient, 2 * np.real(J.conj().T @ J) + 2 * np.diag(walls**2))
+        curvature = 2 * np.real(J.conj().T @ J) + 2 * np.diag(walls**2)
+        return NewtonTerms(self.cost(theta, count, D), gradient, curvature)
+
+
+def _walls(theta, count: int, D: int) -> np.ndarray:
+    """One over the standard deviation of each unknown in the prior of the admittance; 0 for the others."""
+    walls = np.zeros(len(theta))
+    walls[count * D + D : count * D + D + 2] = 1 / PRIOR
+    return walls
 
 
 def exact(theta, pressures, noise, wavenumbers, size, slopes: bool = True) -> Exact:
-    """The second model at `theta`, of N D + D + 2 entries, or D more with relative lengths of the room."""
+    """Return the exact model's residual, and its Jacobian if `slopes`.
+
+    Parameters
+    ----------
+    theta : (P,) float64, N D + D + 2 unknowns, or D more with the relative changes of the room's lengths
+    pressures : (M, N) complex128 of unit RMS
+    noise : (M,) float64, noise's share of the power
+    wavenumbers : (M,) complex128, rad/m
+    size : lengths of the room, metres
+    slopes : whether the Jacobian is computed; without it that has no rows
+    """
     N, D = pressures.shape[1], len(size)
     x, source, beta, size = unpacked(theta, N, size)
     room = point_source_model(size, wavenumbers, beta)
@@ -109,7 +129,7 @@ def exact(theta, pressures, noise, wavenumbers, size, slopes: bool = True) -> Ex
 
 
 def unpacked(theta, count: int, size) -> tuple[np.ndarray, np.ndarray, complex, tuple[float, ...]]:
-    """Positions (N, D), source (D,), admittance, and the size, made longer where `theta` says so."""
+    """Return positions (N, D), source (D,), admittance and size of the room that `theta` stands for."""
     D = len(size)
     positions, source = theta[: count * D].reshape(count, D), theta[count * D : count * D + D]
     beta = complex(*theta[count * D + D : count * D + D + 2])
@@ -117,30 +137,32 @@ def unpacked(theta, count: int, size) -> tuple[np.ndarray, np.ndarray, complex, 
     return positions, source, beta, tuple(np.asarray(size) * (1 + longer)) if len(longer) else tuple(size)
 
 
-@dataclass(frozen=True)
-class Step:
-    """Unknowns (P,) after a damped step, their cost, how far the furthest position went, metres, the next damping."""
-
-    theta: np.ndarray
-    cost: float
-    moved: float
-    damping: float
-
-
-def damped(
-    theta, terms: Terms, cost: Callable, kept: Callable, coordinates: int, damping: float, furthest: float
+def bounded_step(
+    theta: np.ndarray,
+    terms: NewtonTerms,
+    cost: Callable[[np.ndarray], float],
+    bounded: Callable[[np.ndarray], np.ndarray],
+    coordinates: int,
+    damping: float,
+    furthest: float,
 ) -> Step:
-    """One Gauss-Newton step, damped as much as it takes for the cost to fall; where nothing helps, no step.
+    """Return one damped Gauss-Newton step of unknowns that have bounds.
 
-    cost : of unknowns;  kept : unknowns to those that may be;  coordinates : how many, from the first, are metres
+    Parameters
+    ----------
+    theta : (P,) float64
+    terms : NewtonTerms, at `theta`
+    cost : cost of given unknowns
+    bounded : given unknowns, clipped to their bounds
+    coordinates : int, how many of the unknowns, from the first, are coordinates of microphones, metres
+    damping, furthest : as of `fdcal.solvers.levenberg_marquardt.damped_step`
     """
-    scale = np.maximum(np.diag(terms.curvature), 1e-12 * np.diag(terms.curvature).max())
-    while damping < MOST_DAMPING:
-        tried = kept(theta - np.linalg.solve(terms.curvature + damping * np.diag(scale), terms.gradient))
-        moved = float(np.abs(tried - theta)[:coordinates].max())
-        if moved <= furthest:
-            lower = cost(tried)
-            if lower < terms.cost:
-                return Step(tried, lower, moved, max(damping / 10, LEAST_DAMPING))
-        damping = max(damping, FIRST_DAMPING) * 6
-    return Step(theta, terms.cost, 0.0, FIRST_DAMPING)
+    return damped_step(
+        theta,
+        terms,
+        cost,
+        lambda y: bounded(theta + y),
+        lambda tried: float(np.abs(tried - theta)[:coordinates].max()),
+        damping,
+        furthest,
+    )

@@ -9,69 +9,94 @@ import numpy as np
 from ...acoustics.room_modes import nearest_symmetry, room_symmetries
 from ...model.problem import Problem
 from ...model.validation import frozen_array
-from .fit import FIRST_DAMPING
-from .state import GUESS, ROUGH, State, freedom
-
-AGREED = 0.02  # of the cost: two attempts that end so alike have both found what there is
-CONVINCING = 1.5  # times the noise told: less of it, and the end needs no other attempt
-EXACT = {"phase": "exact", "stage_steps": 0, "damping": FIRST_DAMPING}
-NEW_DAMPING = 1e-2  # of the first step of the exact model
+from ..levenberg_marquardt import DAMPING
+from .state import AttemptEnd, MeasurementNoise, Phase, State, freedom
+from .thresholds import NOISE, STAGES
 
 
 def begin(state: State) -> State:
-    """The stages that follow the search, from the next array."""
-    (width, positions), *others = state.arrays
-    begun = replace(state, positions=frozen_array(positions, float), width=width, arrays=tuple(others), phase="near")
-    return replace(begun, round=0, stage_steps=0, damping=FIRST_DAMPING)
+    """Return the start of phase "diffuse" from the next array."""
+    first, *others = state.attempts.arrays
+    return replace(
+        state,
+        positions=first.positions,
+        width=first.width,
+        attempts=replace(state.attempts, arrays=tuple(others)),
+        phase=Phase("diffuse", 0, 0, DAMPING.first),
+    )
 
 
-def from_source(state: State) -> State:
-    """The exact stages from the next place of the source."""
-    (place, admittance), *others = state.sources
-    walls = frozen_array([*place, admittance, 0.0], float)
-    return replace(state, walls=walls, sources=tuple(others), phase="rough", stage_steps=0, damping=NEW_DAMPING)
+def begin_at_source(state: State) -> State:
+    """Return the start of phase "rough" from the next place of the source."""
+    first, *others = state.attempts.sources
+    return replace(
+        state,
+        walls=frozen_array([*first.place, first.admittance, 0.0], float),
+        attempts=replace(state.attempts, sources=tuple(others)),
+        phase=replace(state.phase, name="rough", steps=0, damping=STAGES.new_damping),
+    )
 
 
-def hopeless(state: State) -> State:
-    """Another attempt in place of one that explains too little; none left, or two of them alike: the best one on."""
-    best = state.hopeless
-    alike = best is not None and abs(state.cost - best[2]) < AGREED * best[2]
-    if best is None or state.cost < best[2]:
-        best = (state.positions, state.walls, state.cost)
-    following = another(replace(state, sources=()) if alike else state)
+def begin_exact(state: State) -> State:
+    """Return the start of phase "exact"."""
+    return replace(state, phase=replace(state.phase, name="exact", steps=0, damping=DAMPING.first))
+
+
+def reject(state: State) -> State:
+    """Return the next attempt in place of one that leaves too much unexplained.
+
+    If none is left, or two have ended at the same cost, the best of them continues with phase "exact".
+    """
+    best = state.attempts.rejected
+    agreed = best is not None and abs(state.cost - best.cost) < NOISE.agreed * best.cost
+    if best is None or state.cost < best.cost:
+        best = AttemptEnd(state.positions, state.walls, state.cost, False)
+    following = next_attempt(replace(state, attempts=replace(state.attempts, sources=())) if agreed else state)
     if following is not None:
-        return replace(following, hopeless=best)
-    return replace(state, positions=best[0], walls=best[1], hopeless=best, sources=(), arrays=(), **EXACT)
+        return replace(following, attempts=replace(following.attempts, rejected=best))
+    attempts = replace(state.attempts, arrays=(), sources=(), rejected=best)
+    return begin_exact(replace(state, positions=best.positions, walls=best.walls, attempts=attempts))
 
 
-def another(state: State) -> State | None:
-    """The next attempt, if any is left: from another place of the source, or another array."""
-    if state.sources:
-        return from_source(state)
-    return begin(state) if state.arrays else None
+def next_attempt(state: State) -> State | None:
+    """Return the next attempt, from another place of the source or another array; None if none is left."""
+    if state.attempts.sources:
+        return begin_at_source(state)
+    return begin(state) if state.attempts.arrays else None
 
 
 def end(problem: Problem, state: State, settled: bool) -> State:
-    """The end, or another attempt where too much is left unexplained."""
-    best = state.best
-    agreed = best is not None and abs(state.cost - best[2]) < AGREED * best[2]
-    if best is None or state.cost < best[2]:
-        best = (state.positions, state.walls, state.cost, settled)
+    """Return the finished state, or the next attempt if too much is left unexplained."""
+    best = state.attempts.best
+    agreed = best is not None and abs(state.cost - best.cost) < NOISE.agreed * best.cost
+    if best is None or state.cost < best.cost:
+        best = AttemptEnd(state.positions, state.walls, state.cost, settled)
     N, D = state.positions.shape
-    left = best[2] / freedom(state.last - state.first + 1, N, D)
-    state = replace(state, best=best)
-    if left > CONVINCING and state.automatic and not agreed and (state.noise_told or left * GUESS > ROUGH):
-        following = another(state)
+    left = best.cost / freedom(state.last - state.first + 1, N, D)
+    state = replace(state, attempts=replace(state.attempts, best=best))
+    unexplained = state.noise.given or left * NOISE.guess > NOISE.rough
+    if left > NOISE.confirmed and state.automatic and not agreed and unexplained:
+        following = next_attempt(state)
         if following is not None:
             return following
-    noise = state.noise_power if state.noise_told else state.noise_power * left
-    positions, walls = _placed(problem, state.settings.room, best[0], best[1])
-    ended = replace(state, positions=positions, walls=walls, cost=best[2], noise_power=frozen_array(noise, float))
-    return replace(ended, finished=True, converged=best[3])
+    noise = state.noise.power if state.noise.given else state.noise.power * left
+    positions, walls = _placed(problem, state, best)
+    return replace(
+        state,
+        positions=positions,
+        walls=walls,
+        cost=best.cost,
+        noise=MeasurementNoise(frozen_array(noise, float), state.noise.given),
+        finished=True,
+        converged=best.settled,
+    )
 
 
-def _placed(problem: Problem, size, positions, walls) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and source in the symmetry nearest to the known microphones, or in the corner at the origin."""
+def _placed(problem: Problem, state: State, best: AttemptEnd) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and walls in the symmetry nearest to the known microphones, or in the corner at the origin."""
+    size, positions, walls = state.settings.room, best.positions, best.walls
+    if size is None:
+        raise ValueError("the settings of a state of this solver have a room")
     if len(problem.known):
         image = nearest_symmetry(positions[problem.known], problem.known_positions, size)
     else:

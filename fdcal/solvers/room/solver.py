@@ -1,25 +1,25 @@
-"""Microphones in a rectangular room of known size: absolute positions, up to the room's own symmetries.
+"""Microphones in a rectangular room of known size: absolute positions, up to the symmetries of the room.
 
     step   one step of what follows
     sweep  the same: every microphone has moved once
     stage  an end of one of the phases
 
-    search   the likeliest arrays on a lattice (`roomsearch`), from the lowest modes: one step
-    near     all microphones move together, all modes in use, on the model that knows no source; what the lattice leaves
-             unexplained counts as noise, less of it from stage to stage
-    source   the likeliest places of the source on a lattice: one step
-    rough    microphones, source and the walls' admittance together on the exact model
-             (`fdcal.acoustics.room_modes`), some of the
-             power taken for noise
-    again    if much is left unexplained: the same, microphones first put where the source found says
-    exact    the same, to the noise
+    search     the likeliest arrays on a lattice (`array_search`), from the lowest modes: one step
+    diffuse    all microphones move together, all modes in use, by the diffuse model, which needs no source; the error
+               of the lattice counts as noise, less of it from stage to stage
+    source     the likeliest places of the source on a lattice (`source_search`): one step
+    rough      microphones, source and the admittance of the walls together by the exact model
+               (`fdcal.acoustics.room_modes`), part of the power counted as noise
+    relocated  if much is left unexplained: the same, after each microphone is placed where the source found says
+    exact      the same, with the noise of the measurement
 
-If too much is left unexplained, other places of the source are tried, and other arrays. Known microphones only choose
-among the room's symmetries; without them the array is put into the corner at the origin.
+If too much is left unexplained, other places of the source are tried, and other arrays (`multistart`). Known
+microphones only select one of the symmetries of the room; without them the array is put into the corner at the origin.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -29,10 +29,12 @@ from ...model.problem import Problem
 from ...model.settings import Search, SolverSettings
 from ...model.validation import InputError, frozen_array
 from ..interface import AssessmentMethod, Traits
+from ..levenberg_marquardt import DAMPING
 from . import array_search, source_search
-from .fit import FIRST_DAMPING, damped, diffuse_terms, exact
-from .multistart import EXACT, NEW_DAMPING, begin, end, from_source, hopeless
-from .state import ROUGH, State, freedom, noise_of, require_enough, require_room, scaled
+from .fit import bounded_step, diffuse_terms, exact
+from .multistart import begin, begin_at_source, begin_exact, end, reject
+from .state import Attempts, Phase, State, freedom, noise_of, require_enough, require_room, scaled
+from .thresholds import NOISE, PHASES, STAGES
 
 TRAITS = Traits(
     moves_all=True,
@@ -47,75 +49,114 @@ TRAITS = Traits(
     uses_likelihood=False,
 )
 
-SPREADS = (0.3, 0.1, 0.03)  # lattice steps, of the stages "near"
-SETTLED = {"near": 3e-3, "rough": 1e-3, "again": 1e-3, "exact": 1e-6}  # metres
-MOST_STEPS = {"near": 12, "rough": 12, "again": 12, "exact": 20}  # of one stage
-SOURCES = 4  # tried with each array
-HOPELESS = 6.0  # times noise and ROUGH: more of it left, and an attempt ends before the exact stage
-MARGIN = 1e-3  # metres between microphone and wall, at least
-LOUDEST_WALLS = 0.2  # admittance at most
 
+def init(problem: Problem, settings: SolverSettings, seed: int, positions: np.ndarray | None = None) -> State:
+    """Return the first state: the microphones in the middle of the room, and phase "search" next.
 
-def init(problem: Problem, settings: SolverSettings, seed: int, positions=None) -> State:
-    """Microphones in the middle of the room, or at `positions` (N, D), metres, the search or what follows it ahead.
+    Parameters
+    ----------
+    problem : Problem
+    settings : SolverSettings, with the size of the room
+    seed : int, not used
+    positions : (N, D) float64, metres, optional
+        Start with phase "diffuse" at these positions.
 
-    Raises InputError for a room that cannot be, or that the measurement does not fit, and for too few modes.
+    Raises
+    ------
+    InputError
+        For a room that is impossible or does not fit the measurement, and for too few modes.
     """
     size = require_room(problem, settings)
     N, D = problem.pressures.shape[1], len(size)
-    noise, told = noise_of(problem, settings)
     return State(
         positions=frozen_array(np.tile(np.asarray(size) / 2, (N, 1)) if positions is None else positions, float),
-        walls=frozen_array(np.zeros(D + 2), float), noise_power=frozen_array(noise, float), noise_told=told,
-        settings=settings, seed=seed, step=0, sweep=0, stage=0, moved=-1, first=1, last=settings.modes, automatic=True,
-        phase="search" if positions is None else "near", arrays=(), sources=(), width=array_search.WIDTHS[0],
-        round=0, stage_steps=0, damping=FIRST_DAMPING, best=None, hopeless=None, cost=0.0,
-        finished=False, converged=False,
-    )  # fmt: skip
+        settings=settings,
+        seed=seed,
+        step=0,
+        sweep=0,
+        stage=0,
+        moved=-1,
+        first=1,
+        last=settings.modes,
+        automatic=True,
+        cost=0.0,
+        finished=False,
+        converged=False,
+        phase=Phase("search" if positions is None else "diffuse", 0, 0, DAMPING.first),
+        attempts=Attempts((), (), None, None),
+        noise=noise_of(problem, settings),
+        walls=frozen_array(np.zeros(D + 2), float),
+        width=array_search.RULES.widths[0],
+    )
 
 
 def step(problem: Problem, state: State) -> State:
-    """`state` after one step; unchanged if finished."""
+    """Return `state` after one step; the same state if it is finished."""
     if state.finished:
         return state
     p, noise, k = scaled(problem, state, state.modes)
-    taken = replace(state, step=state.step + 1, sweep=state.sweep + 1, stage_steps=state.stage_steps + 1)
-    return {"search": _search, "near": _near, "source": _source, "rough": _exact, "again": _exact, "exact": _exact}[
-        state.phase
-    ](problem, taken, p, noise, k)
+    phase = replace(state.phase, steps=state.phase.steps + 1)
+    taken = replace(state, step=state.step + 1, sweep=state.sweep + 1, phase=phase)
+    return STEPS[phase.name](problem, taken, p, noise, k)
 
 
 def use_modes(problem: Problem, state: State, first: int, last: int, automatic: bool) -> State:
-    """`state` with modes `first` to `last` in use (from 1, both included), from the positions where it is."""
+    """Return `state` with modes `first` to `last` in use, counted from 1; the solver goes on from its positions.
+
+    Raises
+    ------
+    InputError
+        For modes that are not there, or too few.
+    """
     if not 1 <= first <= last <= len(problem.frequencies):
-        raise InputError(f"modes {first} to {last} are no range of 1 to {len(problem.frequencies)}")
+        raise InputError(
+            f"modes {first} to {last} are not a range of 1 to {len(problem.frequencies)}",
+            "use modes that were measured, the lower one first",
+            key="modes",
+        )
     require_enough(*state.positions.shape, last - first + 1)
-    phase = "search" if state.phase == "search" else "near"
-    noise, told = noise_of(problem, state.settings)  # an end may have put its own in place
-    changed = replace(state, first=first, last=last, automatic=automatic, phase=phase, arrays=(), sources=())
     return replace(
-        changed,
-        noise_power=frozen_array(noise, float),
-        noise_told=told,
-        round=0,
-        stage_steps=0,
-        damping=FIRST_DAMPING,
-        best=None,
-        hopeless=None,
+        state,
+        first=first,
+        last=last,
+        automatic=automatic,
+        phase=Phase("search" if state.phase.name == "search" else "diffuse", 0, 0, DAMPING.first),
+        attempts=Attempts((), (), None, None),
+        noise=noise_of(problem, state.settings),  # a finished state has its own estimate
         finished=False,
         converged=False,
     )
 
 
 def landscape(problem: Problem, state: State, n: int, modes: slice, search: Search | None = None) -> np.ndarray:
-    """Cost of microphone `n` over the search lattice, the others held, mode by mode : (modes, ny, nx) float64."""
+    """Return the cost of microphone `n` over the search lattice, the others held, mode by mode.
+
+    Parameters
+    ----------
+    problem : Problem
+    state : State
+    n : int, microphone
+    modes : slice
+    search : Search, optional
+        Another lattice; that of the problem unless given.
+
+    Returns
+    -------
+    (modes, ny, nx) float64, dimensionless, not negative
+
+    Raises
+    ------
+    InputError
+        Without a search domain.
+    """
     search = problem.search if search is None else search
     if search is None:
         raise InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
     points = search.layer(*state.positions[n, 2:])
     p, noise, k = scaled(problem, state, modes)
     model = diffuse_model(state.settings.room, k, state.width)
-    costs = array_search.Places(points.reshape(-1, points.shape[-1]), p, noise + ROUGH, model).costs(state.positions, n)
+    lattice = array_search.LatticePoints(points.reshape(-1, points.shape[-1]), p, noise + NOISE.rough, model)
+    costs = lattice.costs(state.positions, n)
     costs -= np.minimum(costs.min(axis=1, keepdims=True), 0.0)
     return costs.reshape(len(p), *points.shape[:2])
 
@@ -126,75 +167,91 @@ def usable_modes(problem: Problem, settings: SolverSettings) -> int:
 
 
 def _inside(positions, size) -> np.ndarray:
-    return np.clip(positions, MARGIN, np.asarray(size) - MARGIN)
+    return np.clip(positions, STAGES.margin, np.asarray(size) - STAGES.margin)
 
 
 def _search(problem: Problem, state: State, p, noise, k) -> State:
     found = array_search.likeliest(p, noise, k, state.settings.room)
-    return begin(replace(state, arrays=tuple(found), stage=state.stage + 1))
+    return begin(replace(state, attempts=replace(state.attempts, arrays=tuple(found)), stage=state.stage + 1))
 
 
-def _near(problem: Problem, state: State, p, noise, k) -> State:
-    size = state.settings.room
+def _diffuse(problem: Problem, state: State, p, noise, k) -> State:
+    size, phase, limits = state.settings.room, state.phase, PHASES["diffuse"]
     between = array_search.step_of(k, size)
     model = diffuse_model(size, k, state.width)
-    noise = array_search.spread(noise, k, len(size), SPREADS[state.round] * between)
+    noise = array_search.spread(noise, k, len(size), STAGES.spreads[phase.spread] * between)
     x = state.positions.ravel()
-    trial = damped(
+    trial = bounded_step(
         x,
         diffuse_terms(x, p, noise, model),
         lambda y: diffuse_terms(y, p, noise, model).cost,
         lambda y: _inside(y.reshape(-1, len(size)), size).ravel(),
         len(x),
-        state.damping,
+        phase.damping,
         between,
     )
-    positions = frozen_array(trial.theta.reshape(-1, len(size)), float)
-    after = replace(state, positions=positions, cost=trial.cost, damping=trial.damping)
-    if trial.moved >= SETTLED["near"] and state.stage_steps < MOST_STEPS["near"]:
+    positions = frozen_array(trial.unknowns.reshape(-1, len(size)), float)
+    after = replace(state, positions=positions, cost=trial.cost, phase=replace(phase, damping=trial.damping))
+    if trial.moved >= limits.settled and phase.steps < limits.steps:
         return after
-    after = replace(after, stage=state.stage + 1, stage_steps=0, damping=FIRST_DAMPING)
-    last = state.round + 1 == len(SPREADS)
-    return replace(after, phase="source") if last else replace(after, round=state.round + 1)
+    following = replace(after.phase, steps=0, damping=DAMPING.first)
+    if phase.spread + 1 == len(STAGES.spreads):
+        following = replace(following, name="source")
+    else:
+        following = replace(following, spread=phase.spread + 1)
+    return replace(after, stage=state.stage + 1, phase=following)
 
 
 def _source(problem: Problem, state: State, p, noise, k) -> State:
-    found = source_search.sources(state.positions, p, k, state.settings.room, SOURCES)
-    return from_source(replace(state, sources=tuple(found), stage=state.stage + 1))
+    found = source_search.sources(state.positions, p, k, state.settings.room, STAGES.sources)
+    attempts = replace(state.attempts, sources=tuple(found))
+    return begin_at_source(replace(state, attempts=attempts, stage=state.stage + 1))
 
 
 def _exact(problem: Problem, state: State, p, noise, k) -> State:
-    size = state.settings.room
+    size, phase, limits = state.settings.room, state.phase, PHASES[state.phase.name]
     N, D = state.positions.shape
-    v = noise + ROUGH * (state.phase != "exact")
+    v = noise + NOISE.rough * (phase.name != "exact")
 
-    def kept(theta):
+    def bounded(theta: np.ndarray) -> np.ndarray:
         theta = np.array(theta)
         theta[: N * D + D] = _inside(theta[: N * D + D].reshape(-1, D), size).ravel()
-        theta[N * D + D] = np.clip(theta[N * D + D], 0.0, LOUDEST_WALLS)
+        theta[N * D + D] = np.clip(theta[N * D + D], 0.0, STAGES.admittance)
         return theta
 
-    trial = damped(
+    trial = bounded_step(
         state.theta,
         exact(state.theta, p, v, k, size).terms(state.theta, N, D),
-        lambda y: exact(y, p, v, k, size, False).terms(y, N, D).cost,
-        kept,
+        lambda y: exact(y, p, v, k, size, False).cost(y, N, D),
+        bounded,
         N * D,
-        state.damping,
+        phase.damping,
         array_search.step_of(k, size),
     )
-    positions = frozen_array(trial.theta[: N * D].reshape(N, D), float)
-    walls = frozen_array(trial.theta[N * D :], float)
-    after = replace(state, positions=positions, walls=walls, cost=trial.cost, damping=trial.damping)
-    settled = trial.moved < SETTLED[state.phase]
-    if not settled and state.stage_steps < MOST_STEPS[state.phase]:
+    positions = frozen_array(trial.unknowns[: N * D].reshape(N, D), float)
+    walls = frozen_array(trial.unknowns[N * D :], float)
+    phase = replace(phase, damping=trial.damping)
+    after = replace(state, positions=positions, walls=walls, cost=trial.cost, phase=phase)
+    settled = trial.moved < limits.settled
+    if not settled and phase.steps < limits.steps:
         return after
-    after = replace(after, stage=state.stage + 1, stage_steps=0)
-    if state.phase == "exact":
+    after = replace(after, stage=state.stage + 1, phase=replace(phase, steps=0))
+    if phase.name == "exact":
         return end(problem, after, settled)
-    if trial.cost <= HOPELESS * freedom(len(p), N, D):
-        return replace(after, **EXACT)
-    if state.phase == "rough":
-        anew = source_search.put_anew(positions, walls, p, k, size)
-        return replace(after, phase="again", positions=frozen_array(anew, float), damping=NEW_DAMPING)
-    return hopeless(after)
+    if trial.cost <= NOISE.rejected * freedom(len(p), N, D):
+        return begin_exact(after)
+    if phase.name == "rough":
+        relocated = source_search.relocated(positions, walls, p, k, size)
+        following = Phase("relocated", phase.spread, 0, STAGES.new_damping)
+        return replace(after, positions=frozen_array(relocated, float), phase=following)
+    return reject(after)
+
+
+STEPS: dict[str, Callable[..., State]] = {
+    "search": _search,
+    "diffuse": _diffuse,
+    "source": _source,
+    "rough": _exact,
+    "relocated": _exact,
+    "exact": _exact,
+}
