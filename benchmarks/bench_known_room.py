@@ -64,7 +64,7 @@ def found(measurement: Measurement, size) -> SimpleNamespace:
         pass
     told = judge(problem, state, measurement.names).verdict
     image = nearest_symmetry(state.positions, measurement.positions, size)
-    errors = np.linalg.norm(image.of(state.positions) - measurement.positions, axis=1)
+    errors = np.linalg.norm(image.apply(state.positions) - measurement.positions, axis=1)
     seconds = time.perf_counter() - start
     return SimpleNamespace(rms=pooled(errors), code=told.code, seconds=seconds, sigma=pooled(told.uncertainty))
 

@@ -18,14 +18,17 @@ NO_EXTENT = 1e-9  # metres: an array of this radius has all its microphones in o
 
 
 def max_order(wavenumbers, radius: float, offset: int = 0) -> np.ndarray:
-    """Order L = ceil(k R) + offset of the expansion (Eq. 3).
+    """Return the order L = ceil(k R) + offset of the expansion (Eq. 3).
 
     Parameters
     ----------
-    wavenumbers : (M,) or scalar, rad/m; of a complex one the real part counts
-    radius : R, metres
-    offset : added to the paper's rule. 0 is the paper's; it leaves a truncation error larger than the
-        effect of a centimetre in the low modes, which 2 removes.
+    wavenumbers : (M,) or scalar, float64 or complex128
+        k, rad/m; of a complex one the real part is used.
+    radius : float
+        R, metres.
+    offset : int
+        Added to the paper's rule. 0 is the paper's; its truncation error exceeds the effect of a centimetre in the
+        low modes, which 2 avoids.
 
     Returns
     -------
@@ -80,14 +83,18 @@ def array_f_max(positions, sound_speed: float, dimension: int) -> float:
 
 
 def fourier_bessel(positions: np.ndarray, wavenumber: complex, order: int, centre) -> np.ndarray:
-    """Dictionary W[n, l] = J_l(k r_n) exp(j l theta_n), l = -L..L (Eq. 4).
+    """Return the dictionary W[n, l] = J_l(k r_n) exp(j l theta_n), l = -L..L (Eq. 4).
 
     Parameters
     ----------
-    positions : (N, 2) float64, metres
-    wavenumber : k, rad/m, real or complex
-    order : L
-    centre : (2,) float64, metres, origin of r and theta
+    positions : (N, 2) float64
+        Metres.
+    wavenumber : float or complex
+        k, rad/m.
+    order : int
+        L.
+    centre : (2,) float64
+        Origin of r and theta, metres.
 
     Returns
     -------
@@ -108,9 +115,14 @@ def fourier_bessel(positions: np.ndarray, wavenumber: complex, order: int, centr
 
 
 def fourier_bessel_gradient(positions, wavenumber: complex, order: int, centre) -> tuple[np.ndarray, np.ndarray]:
-    """Derivatives dW/dx and dW/dy of the dictionary, from the atoms of order L + 1.
+    """Return the derivatives dW/dx and dW/dy of the dictionary, from the atoms of order L + 1.
 
     d/dx W_l = k/2 (W_{l-1} - W_{l+1}),  d/dy W_l = j k/2 (W_{l-1} + W_{l+1}).
+
+    Parameters
+    ----------
+    positions, wavenumber, order, centre
+        As of `fourier_bessel`.
 
     Returns
     -------
@@ -122,7 +134,7 @@ def fourier_bessel_gradient(positions, wavenumber: complex, order: int, centre) 
 
 
 def _join_orders(J: np.ndarray, phase: np.ndarray) -> np.ndarray:
-    """W of orders -L..L from J_l and exp(j l theta) of orders 0..L, each (..., L + 1); J_{-l} = (-1)^l J_l."""
+    """Return W of orders -L..L from J_l and exp(j l theta) of orders 0..L, each (..., L + 1); J_{-l} = (-1)^l J_l."""
     sign = (-1.0) ** np.arange(J.shape[-1] - 1, 0, -1)
     return np.concatenate([sign * (J * phase.conj())[..., :0:-1], J * phase], axis=-1)
 
@@ -130,23 +142,30 @@ def _join_orders(J: np.ndarray, phase: np.ndarray) -> np.ndarray:
 class LatticeDictionary:
     """The dictionary of every candidate of a search lattice, from one table of radial functions.
 
-    Every `centre` below is a point of the lattice, so that the offsets of all candidates are multiples of the
-    step, their squared lengths are integers and J_l is needed at a few thousand radii only, once for all centres.
+    Every `centre` below is a point of the lattice. So the offsets of all candidates are multiples of the step, their
+    squared lengths are integers, and J_l is needed at a few thousand radii only, once for all centres.
 
     Attributes
     ----------
     search : Search
-    wavenumbers : (M,) complex128, rad/m
+    wavenumbers : (M,) complex128
+        k, rad/m.
     orders : (M,) int64
-    points : (C, 2) float64, metres, x fastest
-    shape : (ny, nx)
-    radial : (M, U, Lmax + 1) complex128, J_l at U radii; zero above the order of the mode
-    row : (d2max + 1,) int32, squared offset in steps to row of `radial`, -1 where there is none
+        L of each mode.
+    points : (C, 2) float64
+        Candidates, metres, x fastest.
+    shape : tuple of int
+        (ny, nx).
+    radial : (M, U, Lmax + 1) complex128
+        J_l at U radii; zero above the order of the mode.
+    row : (d2max + 1,) int32
+        Row of `radial` for each squared offset in steps, -1 where there is none.
     """
 
     def __init__(self, search: Search, wavenumbers: np.ndarray, orders: np.ndarray):
         if len(search.size) != 2:
-            raise InputError(f"search.size = {list(search.size)} has 3 lengths; a lattice search is two-dimensional")
+            problem = f"search.size = {list(search.size)} has 3 lengths and a lattice search is two-dimensional"
+            raise InputError(problem, "use another solver", key="search.size", value=search.size)
         nx, ny = search.shape
         self.search, self.wavenumbers, self.orders = search, np.asarray(wavenumbers, complex), np.asarray(orders)
         self.shape = (ny, nx)
@@ -163,7 +182,7 @@ class LatticeDictionary:
             table[:, : L + 1] = bessel_orders(k * radii, L)
 
     def nearest(self, point) -> np.ndarray:
-        """Lattice point nearest to `point` (..., 2) : (..., 2) float64, metres; inside the search domain."""
+        """Return the lattice point nearest to `point` (..., 2), inside the search domain : (..., 2) float64, metres."""
         return np.asarray(self.search.origin) + self.search.step * self._index(point)
 
     def _index(self, point) -> np.ndarray:
@@ -171,15 +190,15 @@ class LatticeDictionary:
         return np.clip(index, 0, np.array(self.shape[::-1]) - 1)
 
     def index(self, point) -> int:
-        """Number of the candidate nearest to `point`."""
+        """Return the number of the candidate nearest to `point` (2,), metres."""
         ix, iy = self._index(point)
         return int(iy * self.shape[1] + ix)
 
     def phases(self, centre) -> tuple[np.ndarray, np.ndarray]:
-        """exp(j theta) (C,) complex128 and row of `radial` (C,) int32 of every candidate about `centre`."""
+        """Return exp(j theta) (C,) complex128 and the row of `radial` (C,) int32 of every candidate about `centre`."""
         index = tuple(self._index(centre).tolist())
-        kept, phases = self._phases  # the centre seldom moves from step to step
-        if kept != index:
+        cached, phases = self._phases  # the centre rarely moves from step to step
+        if cached != index:
             phases = self._unit_and_row(self.steps - index)
             self._phases = index, phases
         return phases
@@ -191,7 +210,20 @@ class LatticeDictionary:
         return unit, self.row[squared]
 
     def dictionary(self, positions, centre, modes) -> list[np.ndarray]:
-        """W of microphones, on the lattice or off it, about `centre` : (N, 2L + 1) complex128 for each of `modes`."""
+        """Return W of given positions, on the lattice or off it.
+
+        Parameters
+        ----------
+        positions : (N, 2) float64
+            Metres.
+        centre : (2,) float64
+            Metres.
+        modes : sequence of int
+
+        Returns
+        -------
+        list of (N, 2L + 1) complex128, one for each of `modes`
+        """
         steps = (np.asarray(positions) - self.nearest(centre)) / self.search.step
         offset = np.rint(steps).astype(np.int64)
         on = np.all(np.abs(steps - offset) < 1e-6, axis=1) & np.all(np.abs(offset) < self.shape[::-1], axis=1)
@@ -205,14 +237,24 @@ class LatticeDictionary:
             J = self.radial[batch[:, None], row, : L + 1]
             W |= zip(batch.tolist(), _join_orders(J, phase[:, : L + 1]), strict=True)
         for m in modes.tolist() if not on.all() else ():
-            W[m][~on] = fourier_bessel(positions[~on], self.wavenumbers[m], int(self.orders[m]), centre)
+            W[m][~on] = fourier_bessel(positions[~on], complex(self.wavenumbers[m]), int(self.orders[m]), centre)
         return [W[m] for m in modes.tolist()]
 
 
 def bessel_orders(z: np.ndarray, order: int) -> np.ndarray:
-    """J_0..J_L at every z : (U, L + 1) complex128, by the recurrence from the two highest orders down.
+    """Return J_0..J_L, by the downward recurrence from the two highest orders.
 
-    Downward the recurrence J_{l-1} = (2 l / z) J_l - J_{l+1} is stable; two library calls serve all orders.
+    The recurrence J_{l-1} = (2 l / z) J_l - J_{l+1} is stable downwards, so that two library calls serve all orders.
+
+    Parameters
+    ----------
+    z : (U,) float64 or complex128
+    order : int
+        L.
+
+    Returns
+    -------
+    (U, L + 1) complex128
     """
     z = np.asarray(z, dtype=complex)
     J = np.zeros((len(z), order + 2), dtype=complex)

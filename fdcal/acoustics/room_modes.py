@@ -1,6 +1,6 @@
 """The sound field of a rectangular or box-shaped room of known size, as a sum over its eigenmodes.
 
-Two models of what microphones at x hear of one source, each of a frequency m of its own unknown loudness and phase:
+Two models of the pressures p of one source at microphones x; at each frequency m its amplitude and phase are unknown:
 
     diffuse   C_m = s_m sum_e w_me psi_e(x) psi_e(x') + v_m I,    w_me ~ 1 / |kappa_e^2 - k_m^2|^2
     source    p_m = A_m sum_e D_me psi_e(x) psi_e(x_s),    D_me = exp(-(kappa_e^2 - k_m^2) tau) / (kappa_e^2 - k_m^2)
@@ -10,10 +10,11 @@ Two models of what microphones at x hear of one source, each of a frequency m of
     k           wavenumber, rad/m, time sign exp(+j w t)
     h           j k beta, outwards dp/dn = -h p at the walls; beta the specific admittance, the same on all walls
     tau         m^2: the exponential is the room's heat kernel; it makes the sum converge fast, and the sum is exact
-                where a microphone is further than some 6 sqrt(tau) from the source
+                at distances above about 6 sqrt(tau) from the source
 
-The first knows nothing of the source: modes near the frequency count with independent random parts. It is what a search
-begins with; walls are rigid. The second is exact, for absorbing walls, too, as far as beta describes them.
+C is the covariance of p. The diffuse model does not depend on the source position: the modes near the frequency have
+independent random amplitudes. A search starts with it; its walls are rigid. The point-source model is exact, also for
+absorbing walls, as far as beta describes them.
 """
 
 from __future__ import annotations
@@ -23,22 +24,49 @@ from dataclasses import dataclass
 
 import numpy as np
 
-NEAREST = 0.7, 1.0  # metres from the source from which the second model is exact, in 2-D and 3-D
-NEGLIGIBLE = 9.2  # nepers by which the first mode left out has fallen
-LEAST_SQUARE = 1e-12  # 1/m^2, least of abs(kappa^2 - k^2), which may vanish at a nominal resonance
-RATHER_NEAR = 1.6  # times the highest wavenumber: modes up to there count in the first model
-NEWTON_STEPS = 8
+
+@dataclass(frozen=True)
+class Truncation:
+    """Where the sums over modes end.
+
+    Attributes
+    ----------
+    exact_from_2d, exact_from_3d : distance from the source from which the point-source model is exact, metres
+    exact_from_tau : the same distance in units of sqrt(tau)
+    decay : nepers by which the first omitted mode of the point-source model has decayed
+    smallest_difference : least abs(kappa^2 - k^2), which may vanish at a nominal resonance, 1/m^2
+    diffuse_range : highest wavenumber of a mode of the diffuse model, relative to the highest wavenumber measured
+    newton_steps : iterations for the eigenvalues between absorbing walls
+    """
+
+    exact_from_2d: float = 0.7
+    exact_from_3d: float = 1.0
+    exact_from_tau: float = 6.0
+    decay: float = 9.2
+    smallest_difference: float = 1e-12
+    diffuse_range: float = 1.6
+    newton_steps: int = 8
+
+    def tau(self, dimension: int) -> float:
+        """Return tau of the point-source model, m^2."""
+        return ((self.exact_from_2d if dimension == 2 else self.exact_from_3d) / self.exact_from_tau) ** 2
+
+
+TRUNCATION = Truncation()
 
 
 @dataclass(frozen=True)
 class DiffuseModel:
-    """The first model, of a rigid room.
+    """The diffuse model of a rigid room.
 
     Attributes
     ----------
-    kappa : (E, D) float64, rad/m, of every mode along each axis
-    gains : (E,) float64, sqrt(2) for every axis along which it varies
-    weights : (M, E) float64, w, sum 1 for each frequency
+    kappa : (E, D) float64
+        Wavenumber of every mode along each axis, rad/m.
+    gains : (E,) float64
+        A factor sqrt(2) for every axis along which the mode varies.
+    weights : (M, E) float64
+        w, of sum 1 for each frequency.
     """
 
     kappa: np.ndarray
@@ -46,11 +74,11 @@ class DiffuseModel:
     weights: np.ndarray
 
     def shapes(self, points) -> np.ndarray:
-        """psi (C, E) float64 at `points` (C, D), metres."""
+        """Return the mode shapes psi at `points` (C, D), metres : (C, E) float64."""
         return self.gains * np.prod(np.cos(np.asarray(points)[:, None] * self.kappa), axis=2)
 
     def slopes(self, points) -> np.ndarray:
-        """d psi / dx along each axis : (D, C, E) float64, 1/m."""
+        """Return d psi / dx along each axis at `points` (C, D), metres : (D, C, E) float64, 1/m."""
         phase = np.asarray(points)[:, None] * self.kappa
         cos, slope = np.cos(phase), -self.kappa * np.sin(phase)
         axes = range(self.kappa.shape[1])
@@ -59,38 +87,49 @@ class DiffuseModel:
 
 
 def diffuse_model(size, wavenumbers, width: float) -> DiffuseModel:
-    """The first model of a room of `size` (D lengths, metres) at `wavenumbers` (M,), rad/m.
+    """Return the diffuse model of a room.
 
-    width : rad/m, half the width of a resonance, which walls that absorb make wider
+    Parameters
+    ----------
+    size : (D,) float
+        Metres.
+    wavenumbers : (M,) float64 or complex128
+        k, rad/m.
+    width : float
+        Half the width of a resonance, rad/m; absorbing walls broaden it.
     """
     k = np.asarray(wavenumbers, complex)
-    top = RATHER_NEAR * float(k.real.max())
+    top = TRUNCATION.diffuse_range * float(np.real(k).max())
     numbers = _numbers(size, top)
     kappa = np.pi * numbers / np.asarray(size)
     kept = np.sum(kappa**2, axis=1) < top**2
     kappa, numbers = kappa[kept], numbers[kept]
-    apart = np.abs(np.sum(kappa**2, axis=1) - k[:, None] ** 2) ** 2 + (2 * k.real[:, None] * width) ** 2
+    apart = np.abs(np.sum(kappa**2, axis=1) - k[:, None] ** 2) ** 2 + (2 * np.real(k)[:, None] * width) ** 2
     weights = 1 / apart
     gains = np.sqrt(2.0) ** np.sum(numbers > 0, axis=1)
     return DiffuseModel(kappa, gains, weights / weights.sum(axis=1, keepdims=True))
 
 
 def _numbers(size, top: float) -> np.ndarray:
-    """Numbers of half waves along each axis, of every mode with kappa up to `top` along each : (E, D) int."""
+    """Return the half waves along each axis of every mode with kappa up to `top` along each : (E, D) int."""
     counts = [int(top * length / np.pi) + 1 for length in size]
     return np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, len(size))
 
 
 @dataclass(frozen=True)
 class PointSourceModel:
-    """The second model: the room's response at its wavenumbers, D_me laid out along the axes.
+    """The point-source model: the room's response at its wavenumbers.
 
     Attributes
     ----------
-    size : D lengths, metres
-    kappa : D arrays (M, n_a) complex128, rad/m, along each axis
-    norms : D arrays (M, n_a) complex128, 1 / square root of the mean of the eigenfunction's square
-    response : (M, n_1, ..., n_D) complex128, m^2
+    size : (D,) float
+        Metres.
+    kappa : D arrays (M, n_a) complex128
+        Wavenumbers of the modes along each axis, rad/m.
+    norms : D arrays (M, n_a) complex128
+        1 / square root of the mean of the eigenfunction's square.
+    response : (M, n_1, ..., n_D) complex128
+        D_me, one axis of the array for each axis of the room, m^2.
     """
 
     size: tuple[float, ...]
@@ -99,7 +138,18 @@ class PointSourceModel:
     response: np.ndarray
 
     def shapes(self, points, slope: int | None = None) -> list[np.ndarray]:
-        """Eigenfunctions along each axis at `points` (C, D): D arrays (M, C, n_a); that of axis `slope` derived."""
+        """Return the eigenfunctions along each axis; along axis `slope` their derivatives, 1/m.
+
+        Parameters
+        ----------
+        points : (C, D) float64
+            Metres.
+        slope : int, optional
+
+        Returns
+        -------
+        D arrays (M, C, n_a) complex128
+        """
         found = []
         for a, (kappa, norm, length) in enumerate(zip(self.kappa, self.norms, self.size, strict=True)):
             phase = kappa[:, None] * (np.asarray(points)[None, :, a, None] - length / 2)
@@ -109,27 +159,61 @@ class PointSourceModel:
         return found
 
     def excitation(self, source, slope: int | None = None) -> np.ndarray:
-        """D_me psi_e(x_s) : (M, n_1, ..., n_D) complex128; of axis `slope` the derivative by x_s."""
+        """Return D_me psi_e(x_s) of a source at x_s, or its derivative along axis `slope`.
+
+        Parameters
+        ----------
+        source : (D,) float64
+            x_s, metres.
+        slope : int, optional
+
+        Returns
+        -------
+        (M, n_1, ..., n_D) complex128
+            m^2, derivatives m.
+        """
         result = self.response
         for a, shape in enumerate(self.shapes(np.asarray(source)[None], slope)):
             result = result * shape[:, 0].reshape(len(result), *(-1 if b == a else 1 for b in range(len(self.size))))
         return result
 
 
-def room_pressures(excited: np.ndarray, shapes: list[np.ndarray]) -> np.ndarray:
-    """Pressures (M, C) of an excited room at the points of `shapes`, the source of unit loudness."""
+def room_pressures(excitation: np.ndarray, shapes: list[np.ndarray]) -> np.ndarray:
+    """Return the pressures of a source of unit amplitude in the point-source model.
+
+    Parameters
+    ----------
+    excitation : (M, n_1, ..., n_D) complex128
+        As `PointSourceModel.excitation` returns it.
+    shapes : D arrays (M, C, n_a) complex128
+        As `PointSourceModel.shapes` returns them for C points.
+
+    Returns
+    -------
+    (M, C) complex128
+    """
     M, C = shapes[0].shape[:2]
-    result = shapes[0] @ excited.reshape(M, excited.shape[1], -1)  # (M, C, the other axes)
+    result = shapes[0] @ excitation.reshape(M, excitation.shape[1], -1)  # (M, C, the other axes)
     for shape in shapes[1:]:
         result = np.einsum("mca,mcar->mcr", shape, result.reshape(M, C, shape.shape[2], -1))
     return result[..., 0]
 
 
 def point_source_model(size, wavenumbers, admittance: complex) -> PointSourceModel:
-    """The second model of a room of `size` (D lengths, metres) at `wavenumbers` (M,), rad/m."""
+    """Return the point-source model of a room.
+
+    Parameters
+    ----------
+    size : (D,) float
+        Metres.
+    wavenumbers : (M,) complex128
+        k, rad/m.
+    admittance : complex
+        beta, dimensionless, the same on all walls.
+    """
     k = np.asarray(wavenumbers, complex)
-    tau = (NEAREST[len(size) - 2] / 6) ** 2
-    top = float(np.sqrt(NEGLIGIBLE / tau + k.real.max() ** 2))
+    tau = TRUNCATION.tau(len(size))
+    top = float(np.sqrt(TRUNCATION.decay / tau + np.real(k).max() ** 2))
     h = 1j * k * admittance
     kappa = tuple(_eigenvalues(int(top * length / np.pi) + 1, length, h) for length in size)
     norms = []
@@ -139,12 +223,13 @@ def point_source_model(size, wavenumbers, admittance: complex) -> PointSourceMod
     squares = -(k**2).reshape(-1, *[1] * len(size))
     for a, values in enumerate(kappa):
         squares = squares + (values**2).reshape(len(k), *(-1 if b == a else 1 for b in range(len(size))))
-    squares = np.where(np.abs(squares) < LEAST_SQUARE, LEAST_SQUARE, squares)  # at a resonance to the last bit
+    least = TRUNCATION.smallest_difference
+    squares = np.where(np.abs(squares) < least, least, squares)  # at an exact resonance
     return PointSourceModel(tuple(size), kappa, tuple(norms), np.exp(-squares * tau) / squares)
 
 
 def _eigenvalues(count: int, length: float, h: np.ndarray) -> np.ndarray:
-    """kappa (M, count) complex128 between two walls of `h` (M,), 1/m, by Newton's method from nearly rigid ones.
+    """Return kappa (M, count) complex128 between two walls of `h` (M,), 1/m, by Newton's method from nearly rigid ones.
 
     Even ones: kappa sin(kappa l / 2) = h cos(kappa l / 2); odd ones: kappa cos(kappa l / 2) = -h sin(kappa l / 2).
     """
@@ -152,31 +237,34 @@ def _eigenvalues(count: int, length: float, h: np.ndarray) -> np.ndarray:
     odd = n % 2 == 1
     kappa = np.sqrt((n * np.pi / length) ** 2 + np.where(n == 0, 2, 4) * h / length)
     kappa = np.where(np.abs(kappa) < 1e-9, 1e-9, kappa)
-    for _ in range(NEWTON_STEPS if np.any(h) else 0):
+    for _ in range(TRUNCATION.newton_steps if np.any(h) else 0):
         sin, cos = np.sin(kappa * half), np.cos(kappa * half)
-        fault = np.where(odd, kappa * cos + h * sin, kappa * sin - h * cos)
+        residual = np.where(odd, kappa * cos + h * sin, kappa * sin - h * cos)
         slope = (1 + h * half) * np.where(odd, cos, sin) + half * kappa * np.where(odd, -sin, cos)
-        kappa = kappa - fault / slope
+        kappa = kappa - residual / slope
     return kappa
 
 
 @dataclass(frozen=True)
 class RoomSymmetry:
-    """A motion of a room onto itself, which no pressure of it can tell from standing still.
+    """A symmetry of a room, which leaves all pressures in it unchanged.
 
     Attributes
     ----------
-    size : D lengths, metres
-    order : which axis each coordinate is taken from
-    flipped : D bool, coordinates counted from the far wall
+    size : (D,) float
+        Metres.
+    order : (D,) int
+        Axis that each coordinate is taken from.
+    flipped : (D,) bool
+        Whether a coordinate is counted from the far wall.
     """
 
     size: tuple[float, ...]
     order: tuple[int, ...]
     flipped: tuple[bool, ...]
 
-    def of(self, points) -> np.ndarray:
-        """Points (..., D), metres, moved."""
+    def apply(self, points) -> np.ndarray:
+        """Return `points` (..., D), metres, mirrored and with axes exchanged."""
         points = np.asarray(points, float)[..., self.order]
         return np.where(self.flipped, np.asarray(self.size) - points, points)
 
@@ -187,7 +275,10 @@ class RoomSymmetry:
 
 
 def room_symmetries(size) -> list[RoomSymmetry]:
-    """Every symmetry of a room of `size`: mirrors along its axes, axes of equal length exchanged; itself first."""
+    """Return every symmetry of a room of `size` (D,), metres, the identity first.
+
+    They are mirror images along its axes, with axes of equal length exchanged.
+    """
     D = len(size)
     orders = [o for o in itertools.permutations(range(D)) if all(size[a] == size[b] for a, b in enumerate(o))]
     flips = itertools.product((False, True), repeat=D)
@@ -195,5 +286,13 @@ def room_symmetries(size) -> list[RoomSymmetry]:
 
 
 def nearest_symmetry(points, to, size) -> RoomSymmetry:
-    """The symmetry of a room that brings `points` (N, D) nearest to others, metres."""
-    return min(room_symmetries(size), key=lambda image: float(np.sum((image.of(points) - to) ** 2)))
+    """Return the symmetry of a room that brings points nearest to others in the least-squares sense.
+
+    Parameters
+    ----------
+    points, to : (N, D) float64
+        Metres.
+    size : (D,) float
+        Of the room, metres.
+    """
+    return min(room_symmetries(size), key=lambda image: float(np.sum((image.apply(points) - to) ** 2)))

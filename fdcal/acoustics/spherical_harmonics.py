@@ -10,8 +10,9 @@ Y_lm            orthonormal over the sphere, with the sign of Condon and Shortle
 With sqrt(4 pi), W W^H tends to sin(k d) / (k d) for real k as L grows, whatever the centre (the addition theorem):
 the covariance of a diffuse field of unit power. That of a complex k depends on the centre.
 
-Microphones in a plane hear a field of three dimensions, too. On the plane through the centre the functions with l + m
-odd are zero and those with l + m even remain, (L + 1)(L + 2) / 2 of them. Positions of two coordinates mean this.
+Microphones in a plane measure a field of three dimensions, too. On the plane through the centre the functions with
+l + m odd are zero and those with l + m even remain, (L + 1)(L + 2) / 2 of them. Positions with two coordinates are
+taken to lie in that plane.
 """
 
 from __future__ import annotations
@@ -24,7 +25,19 @@ from scipy.special import sph_harm_y_all, spherical_jn
 
 @functools.lru_cache(maxsize=256)
 def degrees(order: int, planar: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """l and m of every column of W : two (K,) int64, read-only; l ascending, then m. `planar`: l + m even alone."""
+    """Return degree l and order m of every column of W, l ascending, then m.
+
+    Parameters
+    ----------
+    order : int
+        L.
+    planar : bool
+        Only the columns with l + m even.
+
+    Returns
+    -------
+    two (K,) int64 arrays, read-only
+    """
     l = np.repeat(np.arange(order + 1), 2 * np.arange(order + 1) + 1)  # noqa: E741
     m = np.arange(len(l)) - l * (l + 1)
     kept = (l + m) % 2 == 0 if planar else slice(None)
@@ -35,18 +48,23 @@ def degrees(order: int, planar: bool = False) -> tuple[np.ndarray, np.ndarray]:
 
 
 def spherical_bessel(positions, wavenumber: complex, order: int, centre) -> np.ndarray:
-    """Dictionary W[n, (l, m)] = sqrt(4 pi) j_l(k r_n) Y_lm(theta_n, phi_n), columns in the order of `degrees`.
+    """Return the dictionary W[n, (l, m)] = sqrt(4 pi) j_l(k r_n) Y_lm(theta_n, phi_n), columns as in `degrees`.
 
     Parameters
     ----------
-    positions : (N, 3) float64, metres; or (N, 2), in a plane through `centre`
-    wavenumber : k, rad/m, real or complex
-    order : L
-    centre : (3,) or (2,) float64, metres, origin of r
+    positions : (N, 3) or (N, 2) float64
+        Metres; (N, 2) in a plane through `centre`.
+    wavenumber : float or complex
+        k, rad/m.
+    order : int
+        L.
+    centre : (3,) or (2,) float64
+        Origin of r, metres.
 
     Returns
     -------
-    (N, K) complex128; K = (L + 1)^2, or (L + 1)(L + 2) / 2 in a plane
+    (N, K) complex128
+        K = (L + 1)^2, or (L + 1)(L + 2) / 2 in a plane.
 
     Examples
     --------
@@ -65,14 +83,20 @@ def spherical_bessel(positions, wavenumber: complex, order: int, centre) -> np.n
 
 
 def spherical_bessel_gradient(positions, wavenumber: complex, order: int, centre) -> tuple[np.ndarray, ...]:
-    """Derivatives of the dictionary along each coordinate of the positions, from the atoms of order L + 1.
+    """Return the derivatives of the dictionary along each coordinate of the positions, from the atoms of order L + 1.
 
     d/dz W_l,m = k (a_l,m W_l-1,m - a_l+1,m W_l+1,m),    a_l,m = sqrt((l^2 - m^2) / (4 l^2 - 1)),
     and (d/dx + j d/dy), (d/dx - j d/dy) likewise with m + 1 and m - 1: see `_ladders`.
 
+    Parameters
+    ----------
+    positions, wavenumber, order, centre
+        As of `spherical_bessel`.
+
     Returns
     -------
-    dW/dx, dW/dy and, of positions (N, 3), dW/dz : (N, K) complex128, 1/m
+    tuple of (N, K) complex128 arrays
+        dW/dx, dW/dy and, of positions (N, 3), dW/dz, 1/m.
     """
     planar = np.shape(positions)[1] == 2
     W = wavenumber * spherical_bessel(positions, wavenumber, order + 1, centre)
@@ -84,7 +108,7 @@ def spherical_bessel_gradient(positions, wavenumber: complex, order: int, centre
 
 @functools.lru_cache(maxsize=64)
 def _ladders(order: int, planar: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Matrices (K of L + 1, K of L) that give d/dx + j d/dy, d/dx - j d/dy and d/dz over k, read-only.
+    """Return the matrices (K of L + 1, K of L) of d/dx + j d/dy, d/dx - j d/dy and d/dz over k, read-only.
 
     From sin(theta) exp(+-j phi) Y_lm and cos(theta) Y_lm as sums of Y_l+1 and Y_l-1, and, with f = j_l(k r),
     (d/dr - l / r) f = -k j_l+1 and (d/dr + (l + 1) / r) f = k j_l-1.

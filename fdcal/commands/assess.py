@@ -110,7 +110,7 @@ def _assess_in_room(inputs: CalibrationInput, problem: Problem, state) -> Assess
     prediction = summarise(pressures / np.sqrt(mode_power(pressures))[:, None], found.leave_one_out_errors)
     verdict, positions = found.verdict, np.asarray(state.positions)
     size = tuple(map(float, inputs.settings.room or ()))
-    symmetries = tuple((str(image), image.of(positions)) for image in found.images)
+    symmetries = tuple((str(image), image.apply(positions)) for image in found.images)
     return Assessment(
         positions, problem, verdict.code, verdict.worded(OPTIONS), verdict.uncertainty, verdict.covariance,
         _evidence(verdict, prediction), KnownRoom(size, found.source, found.admittance, symmetries),

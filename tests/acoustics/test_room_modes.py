@@ -98,14 +98,14 @@ def test_no_pressure_tells_the_images_of_a_room_apart(size, count):
     D, room = len(size), point_source_model(size, K, 0.02)
     places, source = RNG.uniform(0.2, 2.3, (4, D)), RNG.uniform(0.2, 2.3, D)
     here = room_pressures(room.excitation(source), room.shapes(places))
-    assert np.array_equal(found[0].of(places), places)
-    distinct = {tuple(np.round(image.of(places), 9).ravel()) for image in found}
+    assert np.array_equal(found[0].apply(places), places)
+    distinct = {tuple(np.round(image.apply(places), 9).ravel()) for image in found}
     assert len(distinct) == len({str(image) for image in found}) == count
     for image in found:
         assert np.allclose(
-            room_pressures(room.excitation(image.of(source)), room.shapes(image.of(places))), here, rtol=1e-9
+            room_pressures(room.excitation(image.apply(source)), room.shapes(image.apply(places))), here, rtol=1e-9
         )
-        assert nearest_symmetry(places, image.of(places), size) == image
+        assert nearest_symmetry(places, image.apply(places), size) == image
 
 
 def test_at_a_resonance_to_the_last_bit_the_field_is_finite():

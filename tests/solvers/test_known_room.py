@@ -66,7 +66,7 @@ def test_eight_microphones_are_found_up_to_the_listed_symmetries(calibrate):
     assert best.max() < 0.01
     assert result["max_error_m"] == pytest.approx(best.max())
     assert sum(error.max() < 0.1 for error in errors.values()) == 1
-    sources = [image.of(result["source"]) for image in room_symmetries(SIZE)]
+    sources = [image.apply(result["source"]) for image in room_symmetries(SIZE)]
     assert min(np.linalg.norm(place - SOURCE) for place in sources) < 0.02
     assert 0.2 < np.sqrt(np.mean(best**2)) / np.sqrt(np.mean(np.square(result["uncertainty_m"]))) < 3
     assert result["left_out_db"] < -30

@@ -100,9 +100,9 @@ def _placed(problem: Problem, state: State, best: AttemptEnd) -> tuple[np.ndarra
     if len(problem.known):
         image = nearest_symmetry(positions[problem.known], problem.known_positions, size)
     else:
-        image = min(room_symmetries(size), key=lambda image: tuple(np.round(image.of(positions).mean(axis=0), 9)))
+        image = min(room_symmetries(size), key=lambda image: tuple(np.round(image.apply(positions).mean(axis=0), 9)))
     D = len(size)
     return (
-        frozen_array(image.of(positions), float),
-        frozen_array(np.concatenate([image.of(walls[:D]), walls[D:]]), float),
+        frozen_array(image.apply(positions), float),
+        frozen_array(np.concatenate([image.apply(walls[:D]), walls[D:]]), float),
     )
