@@ -101,7 +101,7 @@ def _fit(positions, k: complex, order: int, centre, p, v: float, s: float, dimen
     A = W.conj().T @ W
     A[np.diag_indices(len(A))] += v / (NOISE_DEFLATION * s)
     G = cholesky(A, lower=True)
-    alpha = solve_triangular(G, solve_triangular(G, W.conj().T @ p, lower=True), lower=True, trans="C")
+    alpha = solve_triangular(G, solve_triangular(G, W.conj().T @ p, lower=True), lower=True, trans=2)  # G^-H
     return Expansion(k, order, centre, alpha, G, float(v), dimension)
 
 

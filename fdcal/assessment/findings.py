@@ -51,7 +51,7 @@ def odd_channel(problem: Problem, figures: Diagnostics, names: Sequence[str]) ->
     worst = worst[np.argsort(-share[worst])]
     if not len(worst) or len(worst) > max(LIMITS.odd_channels, len(names) // LIMITS.odd_one_in):
         return ""
-    named = [names[n] for n in worst]
+    named = [names[int(n)] for n in worst]
     return (
         f"microphone {_enumerated(named)}: the others do not predict what it recorded; another kind of channel, gain,"
         f" phase, or position; leave it out with <exclude> {','.join(named)}"
@@ -77,7 +77,7 @@ def known_position(problem: Problem, figures: Diagnostics, names: Sequence[str],
         out |= (figures.known_shift > LIMITS.known_shift) & (figures.known_mahalanobis > LIMITS.known_sigmas)
     if not np.any(out):
         return ""
-    named = [names[n] for n in problem.known[out]]
+    named = [names[int(n)] for n in problem.known[out]]
     return (
         f"known microphone {_enumerated(named)}: the position given contradicts the recordings; it is wrong, or the"
         " channel is swapped with another; check the positions and the cables of the known microphones"
@@ -143,7 +143,7 @@ def _unfitted_channels(figures: Diagnostics, names: Sequence[str], modes: slice,
     ratio = figures.studentised_residual / np.median(figures.studentised_residual)
     count = len(problem.frequencies[modes])
     limit = LIMITS.studentised_to_median * (1 + LIMITS.studentised_modes / np.sqrt(count))
-    worst = [names[n] for n in np.argsort(-ratio) if ratio[n] > limit][:3]
+    worst = [names[int(n)] for n in np.argsort(-ratio) if ratio[n] > limit][:3]
     return f"no sound field without sources explains microphone {_enumerated(worst)}: {CAUSES}" if worst else ""
 
 

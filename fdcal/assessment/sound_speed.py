@@ -1,7 +1,8 @@
-"""The sound speed from the array itself, where known microphones or one known distance give it a length.
+"""The sound speed from the array itself, where known microphones or one known distance provide a length.
 
-The cost sees wavenumber times distance alone. With all wavenumbers too small by 1 + e, the array comes out larger by
-1 + e, known microphones too: they become one more unknown, their common scale, and c is the told speed over 1 + e.
+The cost depends on wavenumber times distance only. With all wavenumbers too small by the factor 1 + e, the array comes
+out larger by 1 + e, known microphones included. So their common scale becomes one more unknown, and c is the given
+speed over 1 + e.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ from ..solvers.levenberg_marquardt import DAMPING
 from ..solvers.position_fit import position_step
 from .uncertainty import pressures_and_field
 
-STEPS = 60
-SETTLED = 1e-6  # metres
+STEPS = 60  # at most
+SETTLED = 1e-6  # metres: a shorter step ends the descent
 
 
 @dataclass(frozen=True)
@@ -37,14 +38,25 @@ class SoundSpeedEstimate:
 
 
 def from_known(problem: Problem, positions, modes: slice, noise: np.ndarray | None) -> SoundSpeedEstimate:
-    """Sound speed of greatest likelihood together with the positions, from the solution (N, D) at the speed told.
+    """Return the sound speed and the positions of greatest likelihood, from the solution at the given speed.
 
-    Raises InputError with fewer than two known microphones.
+    Parameters
+    ----------
+    positions : (N, D) float64, metres
+    modes : slice, the modes in use
+    noise : as of `fdcal.assessment.uncertainty.pressures_and_field`
+
+    Raises
+    ------
+    InputError
+        There are fewer than two known microphones.
     """
     known = problem.known
     if len(known) < 2:
         raise InputError(
-            "--estimate-sound-speed needs a length: two known microphones at least, or --distance I,J,METRES"
+            "the sound speed cannot be estimated without a length",
+            "name two known microphones at least, or give <distance>",
+            key="estimate_sound_speed",
         )
     p, field = pressures_and_field(problem, positions, modes, noise)
     N, D = positions.shape
@@ -66,11 +78,27 @@ def from_known(problem: Problem, positions, modes: slice, noise: np.ndarray | No
 
 
 def from_distance(problem: Problem, positions, pair: tuple[int, int], metres: float) -> SoundSpeedEstimate:
-    """Sound speed that makes microphones `pair` of the blind solution (N, D) stand `metres` apart."""
+    """Return the sound speed for which two microphones of a blind solution have a given distance.
+
+    Parameters
+    ----------
+    positions : (N, D) float64, metres
+    pair : numbers of the two microphones
+    metres : their distance
+
+    Raises
+    ------
+    InputError
+        Both microphones were estimated at the same position.
+    """
     positions = np.asarray(positions, float)
     apart = float(np.linalg.norm(positions[pair[0]] - positions[pair[1]]))
     if not apart > 0:
-        raise InputError(f"--distance: microphones {pair[0]} and {pair[1]} came out in one place; name another pair")
+        raise InputError(
+            f"microphones {pair[0]} and {pair[1]} were estimated at the same position",
+            "name another pair in <distance>",
+            key="distance",
+        )
     centre = positions.mean(axis=0)
     return _corrected(problem, problem.sound_speed * metres / apart, centre + (positions - centre) * (metres / apart))
 

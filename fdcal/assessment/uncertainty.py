@@ -54,8 +54,12 @@ class Information:
     @property
     def influences(self) -> tuple[np.ndarray, np.ndarray]:
         """Influence of each mode, and of each group of neighbours, on the positions : (G, N D) float64, metres."""
-        modes, groups = (small_sample_corrected(g) for g in (self.gradients, grouped_gradients(self.gradients)))
-        return tuple(-g @ self.basis @ self.inverse @ self.basis.T for g in (modes, groups))
+        modes = small_sample_corrected(self.gradients)
+        groups = small_sample_corrected(grouped_gradients(self.gradients))
+        return self._moves(modes), self._moves(groups)
+
+    def _moves(self, gradients: np.ndarray) -> np.ndarray:
+        return -gradients @ self.basis @ self.inverse @ self.basis.T
 
 
 def grouped_gradients(gradients: np.ndarray) -> np.ndarray:

@@ -170,7 +170,7 @@ def _fit(W: np.ndarray, p: np.ndarray, tikhonov: float):
             f"an expansion of {width} functions (2L + 1) needs more than {W.shape[1]} microphones",
             "use a smaller search.radius or solver.order_offset",
         )
-    S = np.linalg.qr(W, mode="r")
+    S = np.asarray(np.linalg.qr(W, mode="r"))
     diagonal = np.abs(np.diagonal(S, axis1=1, axis2=2))
     deficient = diagonal.min(axis=1) <= RANK_TOLERANCE * diagonal.max(axis=1)
     S[deficient] = np.eye(width)

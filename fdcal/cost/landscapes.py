@@ -6,27 +6,26 @@
     local_minima     minima of a map that are deeper than its ripple
     interpolate      the value of a map between its points
 
-The formula is `fdcal.cost.lattice_search.candidate_costs`. On a fine lattice the radial functions J_l(k r) come from a
-spline through a few thousand radii, good to 1e-9, which is far quicker than a library call at each radius.
+The formula is `fdcal.cost.lattice_search.candidate_costs`, on a fine lattice with the radial functions of
+`fdcal.cost.fine_lattice`.
 """
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from ..acoustics.fourier_bessel import bessel_orders, fourier_bessel, max_order
+from ..acoustics.fourier_bessel import fourier_bessel, max_order
 from ..model.problem import Problem
 from ..model.settings import Search
 from ..model.validation import InputError
 from .eq7 import coefficients, known_weights, leave_one_out_fits
+from .fine_lattice import OneModeLattice
 
 FINE = 500  # points along the longer edge of a fine map
 DEPTH = 1e-3  # least prominence of a local minimum, as a share of the map's range
-PER_RADIAN = 400  # points of the spline per radian of k r
 
 
 def mode_landscapes(problem: Problem, solver, state, n: int, modes: Sequence[int]) -> np.ndarray:
@@ -70,13 +69,12 @@ def fine_landscape(problem: Problem, solver, state, n: int, mode: int, search: S
 
     k = complex(problem.wavenumbers[mode - 1])
     L = int(max_order(problem.wavenumbers[mode - 1 : mode], search.radius, state.order_offset)[0])
-    rings = _rings(search)
-    lattice = _OneMode(search, rings, _radial(k, L, rings.longest)(rings.radii)[None], np.array([L]))
+    lattice = OneModeLattice(search, k, L)
     centre = lattice.nearest(state.centre)
     W = fourier_bessel(np.asarray(state.positions), k, L, centre)
     weights = known_weights(problem, state.settings.known_weight)
     fits = leave_one_out_fits([W], problem.pressures[mode - 1 : mode], n, weights=weights)
-    return candidate_costs(lattice, centre, slice(0, 1), fits).reshape(rings.shape)
+    return candidate_costs(lattice, centre, slice(0, 1), fits).reshape(lattice.shape)
 
 
 def mode_shape(problem: Problem, positions, mode: int, order_offset: int) -> np.ndarray:
@@ -132,67 +130,6 @@ def refined(search: Search, count: int = FINE) -> Search:
     numbers = [max(round(search.step * n / step), 2) for n in search.shape]
     origin = tuple(float(x) for x in corner + step / 2)
     return replace(search, origin=origin, size=tuple((n - 1) * step for n in numbers), step=step)
-
-
-@dataclass(frozen=True)
-class _Rings:
-    """Distances between the points of a lattice.
-
-    Attributes
-    ----------
-    shape : (ny, nx)
-    row : (d2max + 1,) int32, squared offset in steps to index of `radii`, -1 where there is none
-    radii : (U,) float64, metres, ascending
-    """
-
-    shape: tuple[int, int]
-    row: np.ndarray
-    radii: np.ndarray
-
-    @property
-    def longest(self) -> float:
-        """Largest distance, metres."""
-        return float(self.radii[-1])
-
-
-@functools.lru_cache(maxsize=2)
-def _rings(search: Search) -> _Rings:
-    nx, ny = search.shape
-    squared = np.unique(np.add.outer(np.arange(nx) ** 2, np.arange(ny) ** 2))
-    row = np.full(squared[-1] + 1, -1, dtype=np.int32)
-    row[squared] = np.arange(len(squared))
-    return _Rings((ny, nx), row, search.step * np.sqrt(squared))
-
-
-@functools.lru_cache(maxsize=128)
-def _radial(k: complex, L: int, longest: float) -> Callable[[np.ndarray], np.ndarray]:
-    """Return a spline of J_0..J_L of k r over r from 0 to `longest`, metres."""
-    from scipy.interpolate import CubicSpline  # takes a second to load: not before the first map
-
-    radii = np.linspace(0.0, longest, max(64, int(PER_RADIAN * abs(k) * longest)))
-    return CubicSpline(radii, bessel_orders(k * radii, L))
-
-
-class _OneMode:
-    """A lattice with the table of one mode, with the attributes of `LatticeDictionary` that `candidate_costs` reads."""
-
-    def __init__(self, search: Search, rings: _Rings, radial: np.ndarray, orders: np.ndarray):
-        self._search, self._rings, self.radial, self.orders = search, rings, radial, orders
-
-    def nearest(self, point) -> np.ndarray:
-        return np.asarray(self._search.origin) + self._search.step * self._index(point)
-
-    def _index(self, point) -> np.ndarray:
-        index = np.rint((np.asarray(point) - self._search.origin) / self._search.step).astype(np.int64)
-        return np.clip(index, 0, np.array(self._search.shape) - 1)
-
-    def phases(self, centre) -> tuple[np.ndarray, np.ndarray]:
-        """Return exp(j theta) and the row of `radial` of every point about `centre`."""
-        x, y = (np.arange(count) - here for count, here in zip(self._search.shape, self._index(centre), strict=True))
-        squared = np.add.outer(y**2, x**2)
-        unit = np.add.outer(1j * y, x) / np.sqrt(np.maximum(squared, 1))
-        unit[squared == 0] = 1.0
-        return unit.ravel(), self._rings.row[squared.ravel()]
 
 
 def local_minima(cost: np.ndarray, depth: float = DEPTH) -> np.ndarray:

@@ -7,6 +7,8 @@ result is the argmin of the whole landscape, the first one in lattice order wher
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
 from ..acoustics.compiled import compiled, parallel_map
@@ -16,6 +18,23 @@ from .eq7 import LeaveOneOutFit, known_weights, leave_one_out_fits
 
 BLOCK = 32  # neighbouring candidates evaluated together, so that the compiler can use vector instructions
 STRIP = 64 * BLOCK  # candidates that one core evaluates at a time
+
+
+class CandidateLattice(Protocol):
+    """The lattice of candidates that the compiled loops read, as `LatticeDictionary` and `OneModeLattice` are.
+
+    Attributes
+    ----------
+    radial : (M, U, Lmax + 1) complex128, J_l at U radii
+    orders : (M,) int64
+    """
+
+    radial: np.ndarray
+    orders: np.ndarray
+
+    def phases(self, centre) -> tuple[np.ndarray, np.ndarray]:
+        """Return exp(j theta) (C,) complex128 and row of `radial` (C,) int32 of every candidate about `centre`."""
+        ...
 
 
 def lattice_landscape(
@@ -39,7 +58,7 @@ def lattice_landscape(
     return candidate_costs(lattice, centre, modes, fits).reshape(-1, *lattice.shape)
 
 
-def candidate_costs(lattice: LatticeDictionary, centre, modes: slice, fits: list[LeaveOneOutFit]) -> np.ndarray:
+def candidate_costs(lattice: CandidateLattice, centre, modes: slice, fits: list[LeaveOneOutFit]) -> np.ndarray:
     """Return the cost of every candidate and mode; parameters as of `best_candidate`.
 
     Returns
@@ -53,7 +72,7 @@ def candidate_costs(lattice: LatticeDictionary, centre, modes: slice, fits: list
 
 
 def best_candidate(
-    lattice: LatticeDictionary, centre, modes: slice, fits: list[LeaveOneOutFit], start: int
+    lattice: CandidateLattice, centre, modes: slice, fits: list[LeaveOneOutFit], start: int
 ) -> tuple[int, float]:
     """Return the index of the candidate of least cost and that cost, summed over `modes`.
 
@@ -67,7 +86,7 @@ def best_candidate(
     return _pruned_search(*_tables(lattice, centre, modes, fits), start)
 
 
-def _tables(lattice: LatticeDictionary, centre, modes: slice, fits: list[LeaveOneOutFit]) -> tuple:
+def _tables(lattice: CandidateLattice, centre, modes: slice, fits: list[LeaveOneOutFit]) -> tuple:
     """Return the arguments of the compiled loops: candidates about the centre, radii, orders and fits of the modes."""
     unit, row = lattice.phases(centre)
     width = max(len(fit.alpha) for fit in fits)

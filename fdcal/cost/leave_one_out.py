@@ -17,10 +17,12 @@ q the second of these, V = s + v less the first.
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg.blas import dtrmm
-from scipy.linalg.lapack import dtrtri
+from scipy.linalg import get_blas_funcs, get_lapack_funcs
 
 from .likelihood import DiffuseField, covariances, kernel
+
+(dtrmm,) = get_blas_funcs(("trmm",), dtype=np.float64)
+(dtrtri,) = get_lapack_funcs(("trtri",), dtype=np.float64)
 
 BLOCK = 2_000_000  # pairs of a microphone and a candidate, of each mode at work, that are in memory at once
 
@@ -76,7 +78,7 @@ def likelihood_landscapes(
     return np.concatenate(costs, axis=2)
 
 
-def _leaving_out(C, p, chosen, noise: float) -> tuple[np.ndarray, ...]:
+def _leaving_out(C, p, chosen, noise) -> tuple[np.ndarray, ...]:
     """Of one mode: X with C^-1 = X^T X, rows `chosen` of C^-1, C^-1 p, their diagonal, and the cost of the others."""
     G = np.linalg.cholesky(C)
     X = dtrtri(G, lower=1)[0]

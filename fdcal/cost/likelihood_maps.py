@@ -33,6 +33,7 @@ from scipy.special import jv
 from ..acoustics.fourier_bessel import max_order
 from ..model.problem import Problem
 from ..model.settings import Search
+from ..model.validation import InputError
 from .likelihood import DiffuseField, diffuse_field, kernel
 from .low_rank_covariance import circular_dictionary
 
@@ -56,11 +57,14 @@ def likelihood_maps(problem: Problem, positions, n: int, modes: slice, noise, se
 
     Raises
     ------
+    InputError
+        The problem has no search domain.
     numpy.linalg.LinAlgError
         A position is not finite.
     """
     x = np.ascontiguousarray(positions, float)
-    domain, search = problem.search, problem.search if search is None else search
+    domain = _domain(problem)
+    search = domain if search is None else search
     p = problem.pressures[modes]
     field = diffuse_field(p, problem.wavenumbers[modes], noise, problem.dimension)
     maps = np.empty((len(p), *search.shape[1::-1]))
@@ -74,22 +78,28 @@ def likelihood_maps(problem: Problem, positions, n: int, modes: slice, noise, se
     return maps
 
 
+def _domain(problem: Problem) -> Search:
+    if problem.search is None:
+        raise InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
+    return problem.search
+
+
 def _predictions(problem: Problem, x, n: int, modes: slice, p, field: DiffuseField):
     """Yield of every mode the constant of the cost, the numbers of nodes along x and y, and h and f at the nodes."""
-    others = np.arange(len(x)) != n
-    reach = _reach(problem.search, x[others])
+    others, search = np.arange(len(x)) != n, _domain(problem)
+    reach = _reach(search, x[others])
     if not np.isfinite(reach):
         raise np.linalg.LinAlgError("positions are not finite")
     furthest = float(field.wavenumbers.max(initial=0.0)) * reach  # k r in radians
     few = problem.dimension == 2 and 2 * (furthest + EXTRA_ORDERS) + 1 <= MOST_FUNCTIONS * len(x)
-    orders = max_order(field.wavenumbers, reach, EXTRA_ORDERS) if few else None
-    tables, near = _tables(problem), _Distances(problem.search, x[others], x[n])
+    orders = max_order(field.wavenumbers, reach if few else 0.0, EXTRA_ORDERS)
+    tables, near = _tables(problem), _Distances(search, x[others], x[n])
     for m, mode in enumerate(range(len(problem.pressures))[modes]):
         k, s, v = field.wavenumbers[m], field.power[m], field.noise[m]
-        counts = node_counts(problem.search, float(k))
+        counts = node_counts(search, float(k))
         if few:
-            rows = _kept_rows(tables, problem.search, mode, float(k), int(orders[m]))
-            W = circular_dictionary(x[others], float(k), int(orders[m]), _middle(problem.search))
+            rows = _kept_rows(tables, search, mode, float(k), int(orders[m]))
+            W = circular_dictionary(x[others], float(k), int(orders[m]), _middle(search))
             constant, h, f = _expansion_fit(W, rows, p[m, others], s, v)
         else:
             constant, h, f = _kernel_fit(near.between, near.to_nodes(counts), p[m, others], k, s, v, problem.dimension)

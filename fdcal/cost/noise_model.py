@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize, minimize_scalar
+from scipy.optimize import fminbound, minimize
 
 from ..model.power import mode_power
 from .likelihood import kernel
@@ -141,7 +141,7 @@ def estimate_noise_share(positions, pressures, wavenumbers, dimension: int) -> f
         return float(np.sum(np.log(spectrum) + along / spectrum))
 
     bounds = np.log(NOISE.diffuse_floor), np.log(MOST_NOISE)
-    return float(np.exp(minimize_scalar(cost, bounds=bounds, method="bounded").x))
+    return float(np.exp(fminbound(cost, *bounds)))
 
 
 def _spectra(positions, pressures, wavenumbers, dimension: int, near_field: bool) -> tuple[np.ndarray, np.ndarray]:

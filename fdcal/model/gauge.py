@@ -109,7 +109,7 @@ def position_errors(estimate, truth) -> np.ndarray:
     return np.linalg.norm(np.asarray(estimate) - np.asarray(truth), axis=1)
 
 
-def align(estimate, truth, by=slice(None)) -> np.ndarray:
+def align(estimate, truth, by: slice | np.ndarray = slice(None)) -> np.ndarray:
     """Return `estimate` moved onto `truth` by the best rigid motion in the least-squares sense.
 
     Kabsch's method without the condition on the determinant: a mirror image is allowed, since it has the same
