@@ -50,7 +50,7 @@ def test_every_key_of_the_measurement_file_is_told(key):
 
 def test_every_dependency_has_its_reason():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    table = TEXT[TEXT.index("## What it stands on") :]
+    table = TEXT[TEXT.index("## Dependencies") :]
     for requirement in project["dependencies"] + project["optional-dependencies"]["test"]:
         name = re.match(r"[\w-]+", requirement).group()
         assert re.search(rf"^\|[^|]*\b{name}\b[^|]*\|", table, re.MULTILINE), f"{name} is not explained"
