@@ -267,3 +267,8 @@ def test_a_layer_of_the_search_domain_is_the_lattice_at_one_height():
 def test_a_measurement_is_no_scene(tmp_path):
     with pytest.raises(InputError, match="is a measurement; give a scene"):
         load_scene(tmp_path / "mine.npz")
+
+
+def test_noise_of_older_scenes_is_still_read(edited):
+    """The value "reported" was called "told"."""
+    assert load_scene(edited({"solver.noise": '"told"'})).solver.noise == "reported"
