@@ -18,8 +18,9 @@ from ..graphics.primitives import Picture
 from ..session.history import SessionView
 from ..session.request import OpenRequest
 from .background.comparison import ComparisonWorker
-from .background.cost_maps import CostMap, CostMapRequest, CostMapWorker
+from .background.cost_maps import CostMap, CostMapWorker
 from .background.exports import Exports, ViewSnapshot
+from .background.map_request import CostMapRequest
 from .background.prepare import PreparedRun
 from .background.uncertainty import UncertaintyWorker
 from .gui.binding import Binding

@@ -31,31 +31,37 @@ def test_the_name_of_a_file_is_a_name(viewer, name):
     assert re.fullmatch(r"fdcal-[A-Za-z0-9_-]{1,60}-step-0\.png", found)
 
 
-def test_every_page_gets_its_file(viewer, monkeypatch):
-    gate, got, told = threading.Event(), [], []
+@pytest.fixture
+def saving():
+    made = exports.Exports()
+    yield made
+    assert made.close(WAIT)
+
+
+def test_every_page_gets_its_file(viewer, saving, monkeypatch):
+    gate, got, notified = threading.Event(), [], []
     monkeypatch.setitem(exports.KINDS, "gated", exports.Kind(".x", "", lambda _: gate.wait(WAIT) and b"x"))
     for page in range(exports.MAX_WAITING + 9):
         client = SimpleNamespace(
-            add_notification=lambda title, *_, **__: told.append(title),
+            add_notification=lambda title, *_, **__: notified.append(title),
             send_file_download=lambda *_, page=page, **__: got.append(page),
         )
-        viewer._export(client, "gated")
+        saving.ask(client, "gated", viewer.snapshot)
     gate.set()
-    worker = viewer._exports.worker
-    assert worker.wait_for(lambda _: not worker._busy and not worker._waiting, WAIT)
+    assert saving.worker.wait_for(lambda _: not saving.worker.busy, WAIT)
     assert len(got) >= exports.MAX_WAITING and got == list(range(len(got)))
-    assert len(got) + told.count("Too many files are waiting") == exports.MAX_WAITING + 9
+    assert len(got) + notified.count("Too many files are waiting") == exports.MAX_WAITING + 9
 
 
 @pytest.mark.parametrize("error", [InputError("no map"), OSError("disk"), ZeroDivisionError("oh")])
-def test_a_file_that_cannot_be_made_is_told_on_its_page(viewer, monkeypatch, error):
-    told = []
+def test_a_file_that_cannot_be_made_is_reported_on_its_page(viewer, saving, monkeypatch, error):
+    notified = []
 
     def fail(_):
         raise error
 
     monkeypatch.setitem(exports.KINDS, "broken", exports.Kind(".x", "", fail))
-    client = SimpleNamespace(add_notification=lambda title, body, **_: told.append((title, body)))
-    viewer._export(client, "broken")
-    assert viewer._exports.worker.wait_for(lambda latest: latest is not None, WAIT)
-    assert told[-1][0] == "The file could not be made" and str(error) in told[-1][1]
+    client = SimpleNamespace(add_notification=lambda title, body, **_: notified.append((title, body)))
+    saving.ask(client, "broken", viewer.snapshot)
+    assert saving.worker.wait_for(lambda latest: latest is not None, WAIT)
+    assert notified[-1][0] == "The file could not be made" and str(error) in notified[-1][1]

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from pretend import finish
 
 from fdcal.model import mode_ranges
 from fdcal.model.settings import Search
@@ -14,15 +15,22 @@ SEARCH = Search(origin=(1.0, 2.0), size=(0.4, 0.4), step=0.1, radius=1.0)
 
 
 @pytest.fixture
-def hands():
-    placed, picked = [], []
+def picker():
+    """A picker, the positions that it gave the session, and a function that passes it a drag of viser's."""
+    placed, selected, callbacks = [], [], {}
     session = SimpleNamespace(place=lambda *arguments: placed.append(arguments))
     binding = SimpleNamespace(session=session, measurement=SimpleNamespace(count=5, search=SEARCH))
-    disc = SimpleNamespace(on_click=lambda call: call, on_drag=lambda _: lambda call: call)
+    disc = SimpleNamespace(
+        on_click=lambda call: callbacks.update(click=call), on_drag=lambda _: lambda call: callbacks.update(drag=call)
+    )
     server = SimpleNamespace(scene=SimpleNamespace(add_batched_meshes_simple=lambda *_, **__: disc))
     picture = SimpleNamespace(marker_radius=0.01, z_range=(0.0, 0.0), focus=(0.95, 1.95, 1.45, 2.45))
-    made = MicrophonePicker(server, binding, picture, picked.append)
-    return made, placed
+    made = MicrophonePicker(server, binding, picture, selected.append)
+    return SimpleNamespace(
+        made=made, placed=placed, selected=selected, **{
+            name: lambda event, call=call: finish(call(event)) for name, call in callbacks.items()
+        }
+    )  # fmt: skip
 
 
 def event(phase, index, point, eye=(1.2, 2.2, 5.0), page=3):
@@ -32,58 +40,57 @@ def event(phase, index, point, eye=(1.2, 2.2, 5.0), page=3):
     )
 
 
-def test_the_place_is_where_the_line_of_sight_meets_the_floor(hands):
-    made, placed = hands
-    made._drag(event("start", 2, (1.25, 2.1, 2.5), eye=(1.2, 2.0, 5.0)))
-    microphone, place, gesture = placed[0]
+def test_the_position_is_where_the_line_of_sight_meets_the_floor(picker):
+    picker.drag(event("start", 2, (1.25, 2.1, 2.5), eye=(1.2, 2.0, 5.0)))
+    microphone, place, gesture = picker.placed[0]
     assert microphone == 2 and gesture is not None
     np.testing.assert_allclose(place, [1.3, 2.2])
 
 
-def test_a_drag_is_one_gesture_and_the_next_is_another(hands):
-    made, placed = hands
+def test_a_drag_is_one_gesture_and_the_next_is_another(picker):
     for phase in ("start", "update", "end", "start", "end"):
-        made._drag(event(phase, 1, (1.2, 2.2, 0.0)))
-    gestures = [gesture for _, _, gesture in placed]
+        picker.drag(event(phase, 1, (1.2, 2.2, 0.0)))
+    gestures = [gesture for _, _, gesture in picker.placed]
     assert gestures[0] == gestures[1] == gestures[2] != gestures[3] == gestures[4]
 
 
-def test_two_pages_drag_side_by_side(hands):
-    made, placed = hands
-    made._drag(event("start", 1, (1.2, 2.2, 0.0), page=1))
-    made._drag(event("start", 2, (1.2, 2.2, 0.0), page=2))
-    made._drag(event("update", 1, (1.2, 2.2, 0.0), page=1))
-    assert placed[0][2] == placed[2][2] != placed[1][2]
+def test_two_pages_drag_side_by_side(picker):
+    picker.drag(event("start", 1, (1.2, 2.2, 0.0), page=1))
+    picker.drag(event("start", 2, (1.2, 2.2, 0.0), page=2))
+    picker.drag(event("update", 1, (1.2, 2.2, 0.0), page=1))
+    assert picker.placed[0][2] == picker.placed[2][2] != picker.placed[1][2]
 
 
-def test_a_microphone_stays_inside_the_search_domain(hands):
-    made, placed = hands
-    made._drag(event("start", 0, (50.0, -50.0, 0.0)))
-    np.testing.assert_allclose(placed[0][1], [1.4, 2.0])
+def test_a_microphone_stays_inside_the_search_domain(picker):
+    picker.drag(event("start", 0, (50.0, -50.0, 0.0)))
+    np.testing.assert_allclose(picker.placed[0][1], [1.4, 2.0])
 
 
 @pytest.mark.parametrize("index", [None, -1, 5, 10**9, 1.5, "1"])
-def test_a_microphone_that_is_not_there_is_not_moved(hands, index):
-    made, placed = hands
-    made._drag(event("start", index, (1.2, 2.2, 0.0)))
-    made._drag(event("update", index, (1.2, 2.2, 0.0)))
-    assert placed == []
+def test_a_microphone_that_is_not_there_is_not_moved(picker, index):
+    picker.drag(event("start", index, (1.2, 2.2, 0.0)))
+    picker.drag(event("update", index, (1.2, 2.2, 0.0)))
+    assert picker.placed == []
 
 
 @pytest.mark.parametrize("point", [(np.nan, 0, 0), (np.inf, 0, 0), (1.2, 2.2, 5.0), (1.2, 2.2, 9.0), (1.0, 2.0)])
-def test_a_pointer_that_meets_no_floor_moves_nothing(hands, point):
-    made, placed = hands
-    made._drag(event("start", 1, point))
-    assert placed == []
+def test_a_pointer_that_meets_no_floor_moves_nothing(picker, point):
+    picker.drag(event("start", 1, point))
+    assert picker.placed == []
 
 
-def test_an_update_without_a_start_or_after_the_page_closed_moves_nothing(hands):
-    made, placed = hands
-    made._drag(event("update", 1, (1.2, 2.2, 0.0)))
-    made._drag(event("start", 1, (1.2, 2.2, 0.0)))
-    made.forget(3)
-    made._drag(event("update", 1, (1.2, 2.2, 0.0)))
-    assert len(placed) == 1
+@pytest.mark.parametrize("index", [None, -1, 5, 2, 4])
+def test_a_click_selects_a_microphone_that_exists(picker, index):
+    picker.click(SimpleNamespace(instance_index=index))
+    assert picker.selected == ([index] if index in (2, 4) else [])
+
+
+def test_an_update_without_a_start_or_after_the_page_closed_moves_nothing(picker):
+    picker.drag(event("update", 1, (1.2, 2.2, 0.0)))
+    picker.drag(event("start", 1, (1.2, 2.2, 0.0)))
+    picker.made.forget(3)
+    picker.drag(event("update", 1, (1.2, 2.2, 0.0)))
+    assert len(picker.placed) == 1
 
 
 @pytest.mark.parametrize(

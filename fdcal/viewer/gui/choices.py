@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ...model.validation import InputError
-from ..background.cost_maps import MapStyle
+from ..background.map_request import MapStyle
 from ..background.prepare import PreparedRun
 
 FLOOR, RELIEF, SHAPE, NOTHING = "Flat map", "Relief", "Mode shape (last mode)", "No map"  # kinds of map

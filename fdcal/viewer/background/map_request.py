@@ -1,0 +1,79 @@
+"""What map a page wants, and how it is drawn; which map may stand in for another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ...solvers.interface import RunState
+
+
+@dataclass(frozen=True)
+class MapStyle:
+    """How a map is drawn.
+
+    Attributes
+    ----------
+    log : whether its scale is logarithmic
+    opacity : 0 to 1
+    relief : whether its heights rise with its colours
+    shared : one scale for all the maps side by side
+    dark : whether the page is
+    shape : the sound field of the last of the modes instead of a cost
+    """
+
+    log: bool = True
+    opacity: float = 1.0
+    relief: bool = False
+    shared: bool = False
+    dark: bool = False
+    shape: bool = False
+
+
+@dataclass(frozen=True)
+class CostMapRequest:
+    """A map to be computed.
+
+    Attributes
+    ----------
+    revision : int, counts the states on the screen, which have no cheap equality of their own
+    microphone : int, counted from 0
+    modes : counted from 1
+    custom_modes : whether the user has chosen the modes; otherwise they are those in use
+    style : MapStyle
+    follow : whether any microphone will do, as long as the solver has moved it lately
+    state : of the solver
+    lineage : of the history that the state belongs to
+    """
+
+    revision: int
+    microphone: int
+    modes: tuple[int, ...]
+    custom_modes: bool
+    style: MapStyle
+    follow: bool = field(compare=False)
+    state: RunState = field(compare=False)
+    lineage: object = field(compare=False)
+
+    def stands_for(self, wanted: CostMapRequest, running: bool) -> bool:
+        """Whether this map may be shown in place of `wanted`: while running, the map of an older state may."""
+        if self == wanted or not running:
+            return self == wanted
+        mine, theirs = (
+            (None if wanted.follow else one.microphone, one.modes if one.custom_modes else None, one.style)
+            for one in (self, wanted)
+        )
+        return mine == theirs and self.lineage is wanted.lineage
+
+    def differs_in_style(self, wanted: CostMapRequest) -> bool:
+        """Whether `wanted` is this map of costs or field in another style; its state may be newer."""
+        alike = self.style.shape == wanted.style.shape and replace(self, style=wanted.style).stands_for(wanted, True)
+        return alike and self.style != wanted.style
+
+    def differs_in_one_position(self, wanted: CostMapRequest) -> bool:
+        """Whether `wanted` is this map except for the position of one microphone, as during a drag."""
+        if replace(self, revision=wanted.revision) != wanted:
+            return False
+        mine, theirs = (np.asarray(one.state.positions) for one in (self, wanted))
+        return mine.shape == theirs.shape and int(np.count_nonzero((mine != theirs).any(axis=1))) <= 1
