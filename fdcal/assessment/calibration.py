@@ -10,52 +10,8 @@ import numpy as np
 from ..model.gauge import align, position_errors
 from ..model.measurement import Measurement
 from ..model.validation import InputError, frozen_array
+from .result_parts import Evidence, KnownRoom, evidence_of, evidence_table, plain, room_of, room_table
 from .result_schema import REQUIRED, require_result
-
-
-@dataclass(frozen=True, eq=False)
-class Evidence:
-    """The figures behind a verdict.
-
-    Attributes
-    ----------
-    residual_to_noise : float
-        Reduced chi-square of the pressures: power of the residual over that of the noise.
-    leave_one_out_db : float or None
-        Leave-one-out prediction error over pressure, decibels, of all microphones and frequencies together.
-    microphones_db : (N,) float64 or None
-        The same of each microphone.
-    frequencies_db : (M,) float64 or None
-        The same of each frequency.
-    """
-
-    residual_to_noise: float
-    leave_one_out_db: float | None = None
-    microphones_db: np.ndarray | None = None
-    frequencies_db: np.ndarray | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class KnownRoom:
-    """What solver "room" finds beside the positions.
-
-    Attributes
-    ----------
-    size : tuple of D float
-        Metres.
-    source : (D,) float64
-        Position of the source, metres.
-    admittance : complex
-        Specific admittance of the walls.
-    symmetries : tuple of (str, (N, D) float64)
-        Each array that the pressures cannot distinguish from the one found, which comes first: the map, such as
-        "(6 - x, y)", and the positions, metres.
-    """
-
-    size: tuple[float, ...]
-    source: np.ndarray
-    admittance: complex
-    symmetries: tuple[tuple[str, np.ndarray], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,8 +103,8 @@ class Calibration:
         InputError
             A value is not finite, or an array has the wrong shape.
         """
-        table = {_key(f): _plain(getattr(self, f.name)) for f in fields(self) if f.name not in ("evidence", "room")}
-        table |= _evidence_table(self.evidence) | _room_table(self.room)
+        table = {_key(f): plain(getattr(self, f.name)) for f in fields(self) if f.name not in ("evidence", "room")}
+        table |= evidence_table(self.evidence) | room_table(self.room)
         kept = {key: value for key, value in table.items() if key in REQUIRED or value is not None}
         require_result(kept, "the result")
         return json.dumps(kept, indent=1, allow_nan=False) + "\n"
@@ -183,8 +139,8 @@ class Calibration:
                 "names": tuple(table.get("names", map(str, range(count)))),
                 "known": None if known is None else tuple(known),
                 "excluded": tuple(table.get("excluded", ())),
-                "evidence": _evidence_of(table),
-                "room": _room_of(table),
+                "evidence": evidence_of(table),
+                "room": room_of(table),
             }
         )
 
@@ -234,46 +190,3 @@ class Calibration:
 def _key(attribute) -> str:
     """Return the key of an attribute in the file."""
     return attribute.metadata.get("key", attribute.name)
-
-
-def _plain(value):
-    """Return a value as JSON holds it."""
-    if isinstance(value, (np.ndarray, np.generic)):
-        return value.tolist()
-    return list(value) if isinstance(value, tuple) else value
-
-
-def _evidence_table(evidence: Evidence | None) -> dict:
-    if evidence is None:
-        return {}
-    return {
-        "residual_to_noise": evidence.residual_to_noise,
-        "left_out_db": evidence.leave_one_out_db,
-        "left_out_microphones_db": _plain(evidence.microphones_db),
-        "left_out_frequencies_db": _plain(evidence.frequencies_db),
-    }
-
-
-def _evidence_of(table: dict) -> Evidence | None:
-    if "residual_to_noise" not in table:
-        return None
-    names = ("left_out_db", "left_out_microphones_db", "left_out_frequencies_db")
-    return Evidence(table["residual_to_noise"], *(table.get(name) for name in names))
-
-
-def _room_table(room: KnownRoom | None) -> dict:
-    if room is None:
-        return {}
-    return {
-        "room": list(room.size),
-        "symmetries": [{"map": name, "positions": positions.tolist()} for name, positions in room.symmetries],
-        "source": room.source.tolist(),
-        "admittance": [room.admittance.real, room.admittance.imag],
-    }
-
-
-def _room_of(table: dict) -> KnownRoom | None:
-    if "symmetries" not in table:
-        return None
-    size, walls = tuple(table["room"].tolist()), complex(*table["admittance"])
-    return KnownRoom(size, table["source"], walls, tuple(table["symmetries"]))

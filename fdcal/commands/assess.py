@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..assessment.calibration import Evidence, KnownRoom
+from ..assessment.result_parts import Evidence, KnownRoom
 from ..model.channels import microphone_index
 from ..model.gauge import move_to_frame
 from ..model.power import mode_power

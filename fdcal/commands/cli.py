@@ -15,7 +15,7 @@ import click
 from ..model.scene_file import load_scene, scene_names
 from ..model.validation import InputError
 from ..session.lesson import lesson_names, load_lesson
-from . import plot_commands
+from . import file_commands, plot_commands
 from .options import (
     OPTIONS,
     force_option,
@@ -31,7 +31,7 @@ from .options import (
     solver_option,
 )
 from .outputs import output_path
-from .parameter_types import Distance, NameList, NoiseLevel, RenamedChoice, RoomSize, room_solver
+from .parameter_types import Distance, NameList, NoiseLevel, RoomSize, room_solver
 
 
 def main(args: list[str] | None = None) -> None:
@@ -113,52 +113,6 @@ def simulate(scene: str, output: str, force: bool):
     print(f"{path}: {len(f)} modes, {f[0]:.1f} to {f[-1]:.1f} Hz, at {measurement.count} microphones")
 
 
-@commands.command("import")
-@click.argument("source", metavar="INPUT")
-@output_option("FILE.npz")
-@click.option("--frequencies", default="auto", show_default=True, metavar="auto|LO:HI", help="Band to choose from, Hz.")
-@click.option("--most", type=int, default=57, show_default=True, metavar="M", help="Greatest number of frequencies.")
-@click.option(
-    "--kind",
-    type=RenamedChoice(["auto", "impulse", "stationary"], {"response": "impulse", "work": "stationary"}),
-    default="auto",
-    show_default=True,
-    help="impulse: an impulse response, from silence to silence; stationary: a sound that goes on.",
-)
-@click.option("--window", default="auto", show_default=True, metavar="auto|none|RATE", help="Exponential window, 1/s.")
-@click.option("--temperature", type=float, metavar="C", help="Of the air, degrees Celsius; gives the sound speed.")
-@click.option("--sound-speed", type=float, metavar="M/S", help="Instead of a temperature.")
-@click.option("--source", "number", type=int, metavar="I", help="Which of several sources, from 0.")
-@click.option("--dimension", type=click.Choice(["2", "3"]), default="3", show_default=True, help="Of the sound field.")
-@click.option("--plane", metavar="z=Z", help="Use the microphones in a plane only, by the positions in the file.")
-@click.option("--subset", metavar="N|I,J,...", help="Use N microphones drawn at random, or those in a list.")
-@click.option("--seed", type=int, default=0, show_default=True, metavar="S", help="Random seed of --subset.")
-@click.option("--leave-out", metavar="NAMES|bad", help="Leave out these channels, or all that are faulty.")
-@click.option(
-    "--known", metavar="NAMES|corners|FILE.csv", help="Known microphones; a table has the columns name,x,y[,z]."
-)
-@click.option("--reference", metavar="FILE.wav", help="Signal that the source emitted, for deconvolution.")
-@click.option("--reference-microphone", metavar="NAME", help="Take cross-spectra against this channel.")
-@click.option("--array-radius", type=float, metavar="R", help="Metres; determines the highest usable frequency.")
-@force_option
-def import_(source, output, number, dimension, force, **options):
-    """Turn recordings or impulse responses into a measurement.
-
-    INPUT is a WAV or FLAC file, a SOFA file, a folder of MeshRIR, an HDF5 file of Acoular, or an .npz file.
-    """
-    path = output_path(output, ".npz", force, source, options["reference"])
-    from ..model.measurement_file import save_measurement
-    from ..model.storage import write_atomically
-    from ..recordings.import_options import ImportOptions
-    from ..recordings.import_report import import_summary
-    from ..recordings.importer import import_recording
-
-    measurement, report = import_recording(source, ImportOptions(source=number, dimension=int(dimension), **options))
-    write_atomically(path, lambda file: save_measurement(measurement, file), force)
-    print(import_summary(measurement, report))
-    print(path)
-
-
 @commands.command()
 @click.argument("source", metavar="SCENE|FILE")
 @solver_option
@@ -226,34 +180,11 @@ def calibrate(
 
 
 @commands.command()
-@click.argument("result", metavar="RESULT.json")
-@output_option("FILE.csv|json|xml|sofa|npy")
-@click.option(
-    "--frame", type=click.Choice(["known", "minimal", "axes"]), help="Coordinate axes.  [default: known, else axes]"
-)
-@click.option("--original", metavar="FILE.sofa", help="Write the positions into a copy of this file.")
-@force_option
-def export(result, output, frame, original, force):
-    """Write the positions of a result for other programs; the suffix selects the format."""
-    from ..assessment.alignment import placed_in_frame
-    from ..assessment.result_file import load_result
-    from ..model.storage import write_atomically
-    from ..recordings import formats
-
-    path = output_path(output, formats.suffixes("write"), force, result, original)
-    if original is not None and path.suffix.lower() != ".sofa":
-        raise InputError(f"--original {original} is for -o FILE.sofa; leave it out for {path.suffix}")
-    placed = placed_in_frame(load_result(result), frame)
-    write_atomically(path, lambda file: formats.write(file, path, placed, original), force)
-    print(f"{path}: {len(placed.names)} microphones, frame: {placed.frame}")
-
-
-@commands.command()
 def scenes():
     """List the scenes that come with fdcal."""
     for name in scene_names():
         print(f"{name:<16} {load_scene(name).title}")
 
 
-for command in plot_commands.COMMANDS:
+for command in (*file_commands.COMMANDS, *plot_commands.COMMANDS):
     commands.add_command(command)

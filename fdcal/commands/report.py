@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from ..assessment.calibration import Calibration, Evidence
+from ..assessment.calibration import Calibration
+from ..assessment.result_parts import Evidence
 from ..model.measurement import Measurement
 from ..model.validation import InputError
 from .options import OPTIONS

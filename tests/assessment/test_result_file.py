@@ -10,8 +10,9 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from fdcal.assessment.calibration import Calibration, Evidence, KnownRoom
+from fdcal.assessment.calibration import Calibration
 from fdcal.assessment.result_file import load_result, save_result
+from fdcal.assessment.result_parts import Evidence, KnownRoom
 from fdcal.model.measurement import Measurement
 from fdcal.model.validation import InputError, StorageError
 

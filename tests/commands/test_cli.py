@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 
 from fdcal.assessment.result_file import load_result
+from fdcal.assessment.result_schema import REQUIRED
 from fdcal.commands.cli import main
 from fdcal.model.measurement_file import load_measurement
 from fdcal.model.scene_file import load_scene
@@ -402,7 +403,8 @@ def test_bad_results_exit_2(made, tmp_path, refused):
     assert "not valid JSON" in refused(*drawing, "text.json")
     assert 'no "positions"' in refused(*drawing, "empty.json")
     assert 'no "solver"' in refused(*drawing, "few.json")
-    few = json.loads((made / "result.json").read_text()) | {"positions": [[0.5, 0.5]], "uncertainty_m": [0.0]}
+    result = json.loads((made / "result.json").read_text())
+    few = {key: result[key] for key in REQUIRED} | {"positions": [[0.5, 0.5]], "uncertainty_m": [0.0]}
     (tmp_path / "few.json").write_text(json.dumps(few))
     assert "shape (1, 2)" in refused(*drawing, "few.json")
     assert "gone.json" in refused(*drawing, "gone.json", code=3)
