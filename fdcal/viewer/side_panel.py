@@ -28,7 +28,7 @@ class SidePanel:
             self.modes = ModesTab(binding, map_tab)
         with folders.tab("Mics"):
             self.microphones = MicrophonesTab(binding)
-        with folders.tab("Compare"):
+        with folders.tab("Race"):
             self.comparison = ComparisonTab(binding, comparison)
 
     def show(

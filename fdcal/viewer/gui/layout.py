@@ -14,7 +14,7 @@ import viser
 
 RIGHT_WIDTH, LEFT_WIDTH = 330.0, 300.0  # pixels
 RIGHT = ("Solver", "Scene", "Map", "View", "Export", "Lessons", "Help")  # without icons, which would take too much room
-LEFT = ("Curves", "Maps", "Modes", "Mics", "Compare")
+LEFT = ("Curves", "Maps", "Modes", "Mics", "Race")
 
 
 class Panels:

@@ -1,4 +1,4 @@
-"""The tab Compare: solvers from the same start, side by side in a table, in curves, and as marks in the scene."""
+"""The tab Race: solvers from the same start, compared in a table, in curves, and as marks in the scene."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SOLVERS = {
 DASHES = {"joint": (), "descent": (8, 5), "descent+joint": (2, 4)}  # pixels
 INTERVAL = 0.5  # s between two updates of the curves
 MIN_ERROR = 1e-3  # mm, drawn for anything below: logarithms have no zero
-IMPOSSIBLE = "Nothing to compare: descent needs a two-dimensional sound field and a search domain."
+IMPOSSIBLE = "No race: descent needs a two-dimensional sound field and a search domain."
 
 
 class ComparisonTab:
@@ -53,9 +53,7 @@ class ComparisonTab:
             hint="Of the random start, and of the order in which descent moves the microphones",
         )  # fmt: skip
         self.run = gui.add_button("Start", icon=viser.Icon.FLAG, hint="Start; press again to pause and to resume")
-        self.restart = gui.add_button_group(
-            "", ("Reset", "Clear"), visible=False, hint="Restart or clear the comparison"
-        )
+        self.restart = gui.add_button_group("", ("Reset", "Clear"), visible=False, hint="Restart or clear the race")
         self.marks = gui.add_checkbox("Show in the scene", True, hint="Mark the estimates of each solver")
         self.table = gui.add_html("")
         self._folder = gui.add_folder(None)  # of the plots, which are made when the solvers are known

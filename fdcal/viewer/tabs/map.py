@@ -15,6 +15,7 @@ from ..server.client_values import bounded, one_of
 SAME_AS_SOLVER, CUSTOM = "Same as solver", "Custom"
 KINDS = (FLOOR, RELIEF, SHAPE, NOTHING)
 LINEAR, LOG = "Linear", "Logarithmic"
+SCALES: tuple[str, ...] = (LOG, LINEAR)
 NO_SEARCH = (
     "No map: the file has no search domain. Add search_origin, search_size, search_step and radius (metres) to the file"
     " of the measurement."
@@ -60,8 +61,7 @@ class MapTab:
     def _add_style(self) -> None:
         gui, choices = self._binding.gui, self._binding.choices
         self.kind = gui.add_dropdown("Show", KINDS, initial_value=_kind_of(choices), visible=self._possible)
-        scales: tuple[str, ...] = (LOG, LINEAR)
-        self.scale = gui.add_dropdown("Scale", scales, initial_value=LOG if choices.style.log else LINEAR)
+        self.scale = gui.add_dropdown("Scale", SCALES, initial_value=LOG if choices.style.log else LINEAR)
         self.opacity = gui.add_slider("Opacity (%)", 10, 100, 5, round(100 * choices.style.opacity))
 
     def _show_relevant(self) -> None:
@@ -147,7 +147,7 @@ class MapTab:
 
     def scale_as(self, value) -> None:
         """Use the scale LOG or LINEAR."""
-        scale = one_of(value, (LOG, LINEAR), LOG)
+        scale = one_of(value, SCALES, LOG)
         self._binding.choose_style(log=scale == LOG)
         if self.scale.value != scale:
             self.scale.value = scale
