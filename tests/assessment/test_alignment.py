@@ -48,7 +48,7 @@ def test_a_frame_of_the_array_does_not_depend_on_where_it_was(seed, dimension, f
 
 @settings(deadline=None, max_examples=50)
 @given(st.integers(0, 50))
-def test_the_minimal_frame_is_as_told(seed):
+def test_the_minimal_frame_is_as_documented(seed):
     placed = in_frame(array(seed, 3), "minimal")
     assert np.allclose(placed[0], 0)
     assert np.allclose(placed[1, 1:], 0)
@@ -68,12 +68,12 @@ def test_a_line_or_plane_of_microphones_has_a_minimal_frame():
 @settings(deadline=None, max_examples=50)
 @given(st.integers(0, 200), st.sampled_from([2, 3]), st.data())
 def test_swapped_channels_are_named(seed, dimension, data):
-    said = array(seed, dimension)
+    given = array(seed, dimension)
     a, b, c, d = data.draw(st.permutations(range(20)))[:4]
     rng = np.random.default_rng(seed)
-    found = said @ turn(seed, dimension) + 1.0 + 0.003 * rng.normal(size=said.shape)
+    found = given @ turn(seed, dimension) + 1.0 + 0.003 * rng.normal(size=given.shape)
     found[[a, b, c, d]] = found[[b, a, d, c]]
-    result = compare_positions(found, said)
+    result = compare_positions(found, given)
     assert set(result.swapped) == {tuple(sorted((a, b))), tuple(sorted((c, d)))}
     assert result.permuted == ()
     names = [f"m{n}" for n in range(20)]
@@ -82,20 +82,20 @@ def test_swapped_channels_are_named(seed, dimension, data):
 
 @settings(deadline=None, max_examples=50)
 @given(st.integers(0, 200))
-def test_nothing_is_named_that_is_merely_off(seed):
-    said = array(seed, 3)
-    found = said + 0.02 * np.random.default_rng(seed).normal(size=said.shape)
-    result = compare_positions(found, said)
+def test_position_errors_are_not_taken_for_swaps(seed):
+    given = array(seed, 3)
+    found = given + 0.02 * np.random.default_rng(seed).normal(size=given.shape)
+    result = compare_positions(found, given)
     assert (result.swapped, result.permuted) == ((), ())
-    assert np.allclose(compare_positions(found, said, [0, 1, 2, 3]).errors, np.linalg.norm(found - said, axis=1))
+    assert np.allclose(compare_positions(found, given, [0, 1, 2, 3]).errors, np.linalg.norm(found - given, axis=1))
     assert "no channels are swapped" in describe(result, range(20))
 
 
 def test_three_channels_in_each_others_places():
-    said = array(0, 3)
-    found = said.copy()
-    found[[4, 9, 15]] = said[[9, 15, 4]]
-    assert compare_positions(found, said).permuted == ((4, 9, 15),)
+    given = array(0, 3)
+    found = given.copy()
+    found[[4, 9, 15]] = given[[9, 15, 4]]
+    assert compare_positions(found, given).permuted == ((4, 9, 15),)
 
 
 def test_a_result_is_placed_in_its_frame():
@@ -108,7 +108,7 @@ def test_a_result_is_placed_in_its_frame():
     assert placed_in_frame(replace(result, known=None), None).frame == "known"
 
 
-def test_no_swap_found_among_lost_positions_is_no_all_clear():
+def test_without_trust_in_the_positions_no_swap_found_is_not_reported_as_none():
     places = np.random.default_rng(0).uniform(size=(8, 3))
     nothing = compare_positions(places, places)
     assert describe(nothing, range(8)).startswith("no channels are swapped")

@@ -15,6 +15,7 @@ from fdcal.assessment.uncertainty import (
     one_sigma,
     robust_covariance,
     scale_sigma,
+    small_sample_corrected,
     step_along,
 )
 from fdcal.cost.likelihood import DiffuseField, diffuse_field, kernel
@@ -52,24 +53,24 @@ def diffuse(rng, noise=NOISE):
 def test_95_percent_ellipses_cover_95_percent_of_200_draws(known):
     """The array as a whole: its Mahalanobis distance squared is chi-squared, of mean F, for every draw."""
     rng = np.random.default_rng(1)
-    covered, votes = [], []
+    modelled, robust = [], []
     for _ in range(200):
         p, field = diffuse(rng)
         x = settle(p, field, known)
         found = information(x, p, field, known)
         error = (x if len(known) else align(x, TRUTH)) - TRUTH
         free = np.setdiff1d(np.arange(len(TRUTH)), known)
-        for kept, blocks in ((covered, model_covariance(found)), (votes, robust_covariance(found))):
+        for kept, blocks in ((modelled, model_covariance(found)), (robust, robust_covariance(found))):
             along = np.linalg.solve(blocks[free], error[free][..., None])[..., 0]
             kept.append(np.mean(np.sum(error[free] * along, axis=1) < -2 * np.log(0.05)))
-    for kept in (covered, votes):
+    for kept in (modelled, robust):
         sampling = np.std(kept) / np.sqrt(len(kept))
         assert 0.95 - 3 * sampling - 0.015 < np.mean(kept) < 0.95 + 3 * sampling + 0.015
 
 
 def test_standing_waves_of_a_room_enlarge_the_ellipses():
-    """They are not as diffuse as supposed; the curvature alone would promise several times too much."""
-    plain, told, error = [], [], []
+    """They are not as diffuse as assumed; the curvature alone would promise several times too much."""
+    plain, robust, error = [], [], []
     for seed in range(8):
         problem = measured(TRUTH, KNOWN, highest=230, snr_db=40, seed=seed, source=(5.6 - 0.2 * seed, 4.5)).problem()
         p = problem.pressures
@@ -77,11 +78,11 @@ def test_standing_waves_of_a_room_enlarge_the_ellipses():
         x = settle(p, field, KNOWN)
         found = information(x, p, field, KNOWN)
         plain.append(np.mean(one_sigma(model_covariance(found)) ** 2))
-        told.append(np.mean(one_sigma(robust_covariance(found)) ** 2))
+        robust.append(np.mean(one_sigma(robust_covariance(found)) ** 2))
         error.append(np.mean(np.sum((x - TRUTH) ** 2, axis=1)))
-    plain, told, error = (np.sqrt(np.mean(values)) for values in (plain, told, error))
+    plain, robust, error = (np.sqrt(np.mean(values)) for values in (plain, robust, error))
     assert error > 2 * plain
-    assert error / 2.5 < told < 2.5 * error
+    assert error / 2.5 < robust < 2.5 * error
 
 
 def test_moves_leave_the_gauge_and_the_known_microphones_alone():
@@ -111,8 +112,8 @@ def test_ellipse_axes_are_those_of_the_covariance():
     np.testing.assert_allclose(np.einsum("nka,nkb->nab", axes, axes) / 4, blocks, atol=1e-12)
 
 
-def test_a_wrong_scale_of_the_known_microphones_is_told_back():
-    """`freed` along a direction in which the truth lies 2 % away finds those 2 %."""
+def test_a_wrong_scale_of_the_known_microphones_is_found():
+    """`step_along` a direction in which the truth lies 2 % away finds those 2 %."""
     p, field = diffuse(np.random.default_rng(3), 1e-5)
     centre = TRUTH[KNOWN].mean(axis=0)
     wrong = TRUTH.copy()
@@ -124,6 +125,15 @@ def test_a_wrong_scale_of_the_known_microphones_is_told_back():
     step, variance = step_along(found, along.reshape(-1, 1))
     assert abs(step[0] - 1 / 0.98 + 1) < 3 * np.sqrt(variance[0, 0]) < 0.03
     assert 0 < scale_sigma(information(TRUTH, p, field, NONE), TRUTH) < 0.05
+
+
+def test_the_small_sample_correction_makes_the_scatter_about_the_mean_unbiased():
+    """Gradients sum to zero at the solution; their squares must still estimate the variance of one gradient."""
+    rng, modes = np.random.default_rng(2), 4
+    drawn = rng.normal(size=(4000, modes, 3))
+    centred = drawn - drawn.mean(axis=1, keepdims=True)
+    estimates = [np.mean(small_sample_corrected(gradients) ** 2) for gradients in centred]
+    assert np.mean(estimates) == pytest.approx(1.0, rel=0.03)
 
 
 def test_neighbouring_modes_that_err_alike_count_as_one():

@@ -1,4 +1,4 @@
-"""What a verdict must catch, what it must not cry at, and the sound speed from a length."""
+"""What a verdict must detect, what it must not report, and the sound speed from a known length."""
 
 from dataclasses import replace
 
@@ -45,9 +45,9 @@ def settled(measurement: Measurement, start=TRUTH):
     return problem, x
 
 
-def verdict(measurement: Measurement, told=True):
+def verdict(measurement: Measurement, noise_given=True):
     problem, x = settled(measurement)
-    return judge(problem, x, ALL, problem.noise_power if told else None, measurement.names)
+    return judge(problem, x, ALL, problem.noise_power if noise_given else None, measurement.names)
 
 
 def altered(measurement: Measurement, change) -> Measurement:
@@ -62,10 +62,10 @@ def room(known=KNOWN, snr_db=30.0, seed=0, **kind) -> Measurement:
 
 @pytest.mark.parametrize("known", [KNOWN, []], ids=["known", "blind"])
 @pytest.mark.parametrize("snr_db", [np.inf, 40, 30, 20, 10])
-def test_no_alarm_at_what_is_right(known, snr_db):
+def test_a_right_array_is_good(known, snr_db):
     seed = int(10 * len(known) + min(snr_db, 50))
     source = 5.6 - 0.01 * seed, 4.53
-    found = verdict(room(known, snr_db, seed, source=source), told=np.isfinite(snr_db))
+    found = verdict(room(known, snr_db, seed, source=source), noise_given=np.isfinite(snr_db))
     assert found.code == "good", found.text
     assert "given" in found.text if np.isfinite(snr_db) else "estimated" in found.text
     assert found.uncertainty.shape == (25,)
@@ -75,7 +75,7 @@ def test_no_alarm_at_what_is_right(known, snr_db):
 @pytest.mark.parametrize("told", [True, False], ids=["noise told", "noise estimated"])
 @pytest.mark.parametrize("known", [KNOWN, []], ids=["known", "blind"])
 @pytest.mark.parametrize("kind", ["gain", "phase", "garbage"])
-def test_an_odd_channel_is_named_with_the_option_that_leaves_it_out(kind, known, told):
+def test_an_odd_channel_is_named_with_the_argument_that_leaves_it_out(kind, known, told):
     rng = np.random.default_rng(1)
 
     def change(p):
@@ -96,13 +96,13 @@ def test_an_odd_channel_is_named_with_the_option_that_leaves_it_out(kind, known,
 
 @pytest.mark.parametrize("snr_db", [np.inf, 30])
 @pytest.mark.parametrize("known", [KNOWN, []], ids=["known", "blind"])
-def test_a_source_inside_the_array_is_no_good(snr_db, known):
-    found = verdict(room(known, snr_db, source=(2.7, 2.4)), told=np.isfinite(snr_db))
+def test_a_source_inside_the_array_is_not_good(snr_db, known):
+    found = verdict(room(known, snr_db, source=(2.7, 2.4)), noise_given=np.isfinite(snr_db))
     assert found.code in ("model_mismatch", "odd_channel", "known_position"), found.text
 
 
 @pytest.mark.parametrize("change", [1.04, 0.96])
-def test_a_wrong_sound_speed_is_told_back_and_found(change):
+def test_a_wrong_sound_speed_is_reported_and_estimated(change):
     right = room(snr_db=40)
     wrong = replace(right, sound_speed=343 * change, wavenumbers=right.wavenumbers / change)
     problem, x = settled(wrong)
@@ -129,7 +129,7 @@ def test_blind_a_known_distance_gives_the_sound_speed():
 
 
 @pytest.mark.parametrize("pair", [(4, 18), (4, 22)], ids=["with an unknown one", "with a known one"])
-def test_a_swap_that_involves_a_known_microphone_is_no_good(pair):
+def test_a_swap_that_involves_a_known_microphone_is_not_good(pair):
     def change(p):
         p[:, list(pair)] = p[:, list(pair[::-1])]
 
@@ -152,7 +152,7 @@ def test_an_array_too_wide_for_its_modes_is_undersampled():
 
 
 @pytest.mark.parametrize("count", [8, 9, 10, 11])
-def test_a_sparse_array_whose_rim_is_hard_to_foretell_is_not_odd(count):
+def test_a_sparse_array_whose_rim_is_hard_to_predict_is_not_odd(count):
     corners = [[2.2, 1.9], [3.0, 1.9], [2.6, 2.7]]
     for seed in range(6):
         inside = np.random.default_rng(seed).uniform(-0.5, 0.5, (count - 3, 2)) + [2.6, 2.3]
@@ -163,7 +163,7 @@ def test_a_sparse_array_whose_rim_is_hard_to_foretell_is_not_odd(count):
         assert found.code not in ("odd_channel", "known_position"), found.text
 
 
-def test_too_much_noise_is_told():
+def test_too_much_noise_is_reported():
     assert verdict(room(snr_db=0)).code == "too_noisy"
 
 
@@ -220,8 +220,8 @@ def test_a_source_beside_the_array_is_no_mismatch_where_there_is_no_noise():
 
 
 @pytest.mark.parametrize("source", [(2.0, 3.2), (5.47, 4.53)], ids=["near", "far"])
-def test_without_noise_the_right_array_is_believed_and_one_wrong_by_millimetres_is_not(source):
-    """Of neither does the kernel of a diffuse field tell: it leaves more than there is of noise."""
+def test_without_noise_the_right_array_is_accepted_and_one_wrong_by_millimetres_is_not(source):
+    """The kernel of a diffuse field distinguishes neither: its own residual exceeds the noise."""
     truth = np.random.default_rng(0).uniform(-0.5, 0.5, (40, 2)) + [2.61, 2.31]
     measurement = measured(truth, [0, 1, 2], highest=120.0, source=source)
     problem = replace(measurement, noise_power=np.zeros(len(measurement.frequencies))).problem()
@@ -233,7 +233,7 @@ def test_without_noise_the_right_array_is_believed_and_one_wrong_by_millimetres_
 
 
 def test_calibrate_says_so_where_a_wrong_array_is_left_without_noise():
-    """The verdict of a whole calibration, of an end with the near model that somebody has spoilt by 5 mm."""
+    """The verdict of a whole calibration, of an end with the near model with errors of 5 mm added."""
     truth = np.random.default_rng(7).uniform(-0.5, 0.5, (40, 2)) + [2.61, 2.31]
     measurement = measured(truth, [0, 1, 2], highest=120.0)
     measurement = replace(measurement, noise_power=np.zeros(len(measurement.frequencies)))

@@ -1,4 +1,4 @@
-"""Maps at any fineness are Eq. 7; a hollow is counted where one must climb to leave it."""
+"""Maps of any resolution are Eq. 7; a local minimum counts by its prominence."""
 
 import dataclasses
 
@@ -82,7 +82,7 @@ def waves(shape, periods):
 
 
 @pytest.mark.parametrize("periods", [1, 2, 5])
-def test_every_hollow_of_an_egg_box_is_found(periods):
+def test_every_minimum_of_an_egg_box_is_found(periods):
     found = landscapes.local_minima(waves((101, 121), periods))
     assert len(found) == periods**2
     centres = (np.arange(periods) + 0.5) / periods
@@ -96,7 +96,7 @@ def test_a_slope_and_a_lowest_edge_have_no_minimum_inside():
     assert len(landscapes.local_minima(np.ones((20, 30)))) == 0
 
 
-def test_a_ripple_does_not_count_and_a_hollow_does():
+def test_a_ripple_does_not_count_and_a_minimum_does():
     valley = np.abs(np.arange(-30, 31))[:, None] * 10.0 + np.zeros((61, 81))
     ripple = valley + np.where(np.arange(81) % 4 == 0, -0.05, 0.0)
     assert len(landscapes.local_minima(ripple)) == 0, "beads along a valley"
@@ -106,7 +106,7 @@ def test_a_ripple_does_not_count_and_a_hollow_does():
 
 @settings(deadline=None, max_examples=30)
 @given(st.integers(0, 2**32 - 1))
-def test_without_a_threshold_hollows_are_the_points_below_all_their_neighbours(seed):
+def test_without_a_threshold_local_minima_are_the_points_below_all_their_neighbours(seed):
     values = np.random.default_rng(seed).random((9, 13))
     padded = np.pad(values, 1, constant_values=np.inf)
     around = [padded[1 + j : 10 + j, 1 + i : 14 + i] for j in (-1, 0, 1) for i in (-1, 0, 1) if i or j]

@@ -43,6 +43,14 @@ def test_the_fast_sine_over_z_and_its_slope_are_the_spherical_bessel_functions()
     assert sinc(z[:6].reshape(2, 3))[1].shape == (2, 3)
 
 
+def test_power_of_field_and_noise_add_up_to_the_power_of_the_pressures():
+    measured_power = np.mean(np.abs(PROBLEM.pressures) ** 2, axis=1)
+    for share in (0.0, 0.1, 0.6):
+        field = diffuse_field(PROBLEM.pressures, PROBLEM.wavenumbers, share * measured_power, 2)
+        np.testing.assert_allclose(field.power + field.noise, measured_power, rtol=1e-12)
+    assert np.all(diffuse_field(PROBLEM.pressures, PROBLEM.wavenumbers, 2 * measured_power, 2).power > 0)
+
+
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_the_cost_of_a_step_is_the_likelihood_of_all_modes(dimension):
     field, guess = field_and_guess(dimension)
@@ -96,7 +104,7 @@ def test_a_landscape_in_blocks_is_the_same(dimension):
 
 
 def test_the_trap_at_infinity_is_open_in_the_quadratic_form_and_closed_in_the_likelihood():
-    """Far away the kernel is the identity and explains anything; the determinant makes that dear."""
+    """Far away the kernel is the identity and explains anything; the determinant makes that expensive."""
     likely, _ = field_and_guess(2)
     quadratic = dataclasses.replace(likely, log_det=False)
     rough = TRUTH + np.random.default_rng(6).normal(0, 0.02, TRUTH.shape)
@@ -119,7 +127,7 @@ def test_the_noise_is_recovered_at_the_true_positions(ratio):
 
 
 @pytest.mark.parametrize("spread", [0.015, 0.03])
-def test_the_spread_of_rough_positions_is_told_from_noise(spread):
+def test_position_errors_are_distinguished_from_noise(spread):
     """Errors of the positions count the more the higher the mode, noise does not."""
     rng, found = np.random.default_rng(0), []
     for p in draws(1e-4, 6):
@@ -131,7 +139,7 @@ def test_the_spread_of_rough_positions_is_told_from_noise(spread):
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_the_slopes_of_all_modes_add_up_to_the_gradient(dimension):
+def test_the_gradients_of_all_modes_add_up_to_the_gradient(dimension):
     field, guess = field_and_guess(dimension)
     gradient = newton_terms(guess, PROBLEM.pressures, field)[1]
     each = mode_gradients(guess, PROBLEM.pressures, field)
@@ -139,7 +147,7 @@ def test_the_slopes_of_all_modes_add_up_to_the_gradient(dimension):
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_what_is_explained_is_that_of_the_explicit_covariance(dimension):
+def test_precision_terms_are_those_of_the_explicit_covariance(dimension):
     field, guess = field_and_guess(dimension)
     distance = np.linalg.norm(guess[:, None] - guess[None], axis=-1)
     u, d = precision_terms(guess, PROBLEM.pressures, field)
@@ -149,7 +157,7 @@ def test_what_is_explained_is_that_of_the_explicit_covariance(dimension):
         np.testing.assert_allclose(d[m], np.diag(np.linalg.inv(C)), rtol=1e-7)
 
 
-def test_what_is_not_a_number_is_not_taken_for_one_place():
+def test_positions_that_are_not_a_number_are_refused():
     assert np.isnan(sinc(np.array([np.nan, 1.0]))[0][0])
     field, guess = field_and_guess(3)
     guess[4] = np.nan
