@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.report import Figure, best_time
-from fdcal.acoustics.fourier_bessel import LatticeDictionary
+from fdcal.acoustics.lattice_dictionary import LatticeDictionary
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.cost.eq7 import leave_one_out_fits
 from fdcal.cost.lattice_search import best_candidate, candidate_costs, lattice_landscape

@@ -33,7 +33,8 @@ from ..model.room import Room, Source
 from ..model.settings import Sensing
 from ..model.validation import InputError
 from .modal import ModalPressures
-from .spectrum import DECAY, pick_peaks, wavenumber_continuous
+from .spectrum import DECAY, pick_peaks
+from .wavenumbers import wavenumber_continuous
 
 EXACT = 36.0  # nepers by which the first omitted term has decayed: exp(-36) = 2e-16
 ROUGH = 10.0  # likewise, for finding the peaks alone

@@ -86,7 +86,7 @@ def measure(scene: Scene, recordings: np.ndarray | None = None, progress=None) -
 
 def _from_recordings(scene: Scene, positions, recordings, progress) -> ModalPressures:
     """Return the pressures at the modes of recordings, which are simulated unless given."""
-    from . import spectrum  # loads the signal library, which reading a measurement does not need
+    from . import spectrum, wavenumbers  # load the signal library, which reading a measurement does not need
 
     if recordings is None:
         from .fdtd import simulate
@@ -96,9 +96,9 @@ def _from_recordings(scene: Scene, positions, recordings, progress) -> ModalPres
     first, step, power = spectrum.mean_power(recordings, fs, sensing.lowest, sensing.highest, sensing.resolution)
     frequencies = spectrum.pick_peaks(power, first, step, sensing.prominence_db, sensing.resolution)
     s = spectrum.window_rate(recordings, fs)
-    wavenumbers = spectrum.wavenumber_continuous(frequencies, s, c)
+    k = wavenumbers.wavenumber_continuous(frequencies, s, c)
     if sensing.wavenumber == "discrete":
-        wavenumbers = spectrum.wavenumber_discrete(frequencies, s, c, scene.room.cell_size, fs)
+        k = wavenumbers.wavenumber_discrete(frequencies, s, c, scene.room.cell_size, fs)
     pressures = spectrum.laplace_transform(recordings, fs, s, frequencies)
     points = np.stack([first + step * np.arange(len(power)), power])
-    return ModalPressures(frequencies, wavenumbers, pressures, points)
+    return ModalPressures(frequencies, k, pressures, points)

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..acoustics.room_modes import RoomSymmetry, room_symmetries
+from ..acoustics.room_symmetry import RoomSymmetry, room_symmetries
 from ..model.problem import Problem
 from ..model.validation import frozen_array
 from ..solvers.levenberg_marquardt import DAMPING

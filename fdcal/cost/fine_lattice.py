@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..acoustics.fourier_bessel import bessel_orders
+from ..acoustics.lattice_dictionary import bessel_orders
 from ..model.settings import Search
 
 PER_RADIAN = 400  # points of the spline per radian of k r

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from ..acoustics.compiled import compiled, parallel_map
-from ..acoustics.fourier_bessel import LatticeDictionary
+from ..acoustics.lattice_dictionary import LatticeDictionary
 from ..model.problem import Problem
 from .eq7 import LeaveOneOutFit, known_weights, leave_one_out_fits
 

@@ -6,7 +6,8 @@ import functools
 
 import numpy as np
 
-from ..acoustics.fourier_bessel import LatticeDictionary, max_order
+from ..acoustics.fourier_bessel import max_order
+from ..acoustics.lattice_dictionary import LatticeDictionary
 from ..model.problem import Problem
 from ..model.validation import InputError
 

@@ -17,7 +17,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..acoustics.fft import fast_length, rfft
-from ..acoustics.spectrum import DECAY, PADDING, laplace_transform, wavenumber_continuous
+from ..acoustics.spectrum import DECAY, PADDING, laplace_transform
+from ..acoustics.wavenumbers import wavenumber_continuous
 from ..model.validation import InputError
 from . import frequency_selection
 from .recording import Recording, channel_groups, read_samples

@@ -5,15 +5,8 @@ import pytest
 from fields import bessel_kernel, plane_wave, plane_wave_coefficients
 from scipy.special import jv
 
-from fdcal.acoustics.fourier_bessel import (
-    LatticeDictionary,
-    array_f_max,
-    bessel_orders,
-    f_max,
-    fourier_bessel,
-    fourier_bessel_gradient,
-    max_order,
-)
+from fdcal.acoustics.fourier_bessel import array_f_max, f_max, fourier_bessel, fourier_bessel_gradient, max_order
+from fdcal.acoustics.lattice_dictionary import LatticeDictionary, bessel_orders
 from fdcal.model.settings import Search
 
 POINTS = np.random.default_rng(0).uniform(-0.5, 0.5, (40, 2)) + [2.0, 1.0]

@@ -12,13 +12,8 @@ from scipy.special import jv
 from fdcal.acoustics.fdtd import simulate
 from fdcal.acoustics.measure import measure
 from fdcal.acoustics.measurement_cache import cached_recordings
-from fdcal.acoustics.spectrum import (
-    laplace_transform,
-    pick_modes,
-    wavenumber_continuous,
-    wavenumber_discrete,
-    window_rate,
-)
+from fdcal.acoustics.spectrum import laplace_transform, pick_modes, window_rate
+from fdcal.acoustics.wavenumbers import wavenumber_continuous, wavenumber_discrete
 from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError
 

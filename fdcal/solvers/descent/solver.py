@@ -5,7 +5,7 @@
     stage  sweeps with one set of modes, until no microphone moves; then the next mode is added
 
 The centre of the expansion is the centre of mass rounded to the search lattice, so that one table of radial functions
-serves every step (`fdcal.acoustics.fourier_bessel.LatticeDictionary`).
+serves every step (`fdcal.acoustics.lattice_dictionary.LatticeDictionary`).
 """
 
 from __future__ import annotations

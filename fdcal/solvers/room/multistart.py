@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...acoustics.room_modes import nearest_symmetry, room_symmetries
+from ...acoustics.room_symmetry import nearest_symmetry, room_symmetries
 from ...model.problem import Problem
 from ...model.validation import frozen_array
 from ..levenberg_marquardt import DAMPING

@@ -1,0 +1,140 @@
+"""The Fourier-Bessel dictionary of every candidate of a search lattice.
+
+k, L and the dictionary W are those of `fdcal.acoustics.fourier_bessel`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import jv
+
+from ..model.settings import Search
+from ..model.validation import InputError
+from .fourier_bessel import fourier_bessel, join_orders
+
+
+class LatticeDictionary:
+    """The dictionary of every candidate of a search lattice, from one table of radial functions.
+
+    Every `centre` below is a point of the lattice. So the offsets of all candidates are multiples of the step, their
+    squared lengths are integers, and J_l is needed at a few thousand radii only, once for all centres.
+
+    Attributes
+    ----------
+    search : Search
+    wavenumbers : (M,) complex128
+        k, rad/m.
+    orders : (M,) int64
+        L of each mode.
+    points : (C, 2) float64
+        Candidates, metres, x fastest.
+    shape : tuple of int
+        (ny, nx).
+    radial : (M, U, Lmax + 1) complex128
+        J_l at U radii; zero above the order of the mode.
+    row : (d2max + 1,) int32
+        Row of `radial` for each squared offset in steps, -1 where there is none.
+    """
+
+    def __init__(self, search: Search, wavenumbers: np.ndarray, orders: np.ndarray):
+        if len(search.size) != 2:
+            problem = f"search.size = {list(search.size)} has 3 lengths and a lattice search is two-dimensional"
+            raise InputError(problem, "use another solver", key="search.size", value=search.size)
+        nx, ny = search.shape
+        self.search, self.wavenumbers, self.orders = search, np.asarray(wavenumbers, complex), np.asarray(orders)
+        self.shape = (ny, nx)
+        ix, iy = np.meshgrid(np.arange(nx), np.arange(ny))
+        self.steps = np.stack([ix.ravel(), iy.ravel()], axis=1)
+        self.points = np.asarray(search.origin) + search.step * self.steps
+        self._phases: tuple = None, None
+        squared = np.unique(np.add.outer(np.arange(nx) ** 2, np.arange(ny) ** 2))
+        self.row = np.full(squared[-1] + 1, -1, dtype=np.int32)
+        self.row[squared] = np.arange(len(squared))
+        radii = search.step * np.sqrt(squared)
+        self.radial = np.zeros((len(self.orders), len(radii), int(self.orders.max()) + 1), dtype=complex)
+        for table, k, L in zip(self.radial, self.wavenumbers, self.orders, strict=True):
+            table[:, : L + 1] = bessel_orders(k * radii, L)
+
+    def nearest(self, point) -> np.ndarray:
+        """Return the lattice point nearest to `point` (..., 2), inside the search domain : (..., 2) float64, metres."""
+        return np.asarray(self.search.origin) + self.search.step * self._index(point)
+
+    def _index(self, point) -> np.ndarray:
+        index = np.rint((np.asarray(point) - self.search.origin) / self.search.step).astype(np.int64)
+        return np.clip(index, 0, np.array(self.shape[::-1]) - 1)
+
+    def index(self, point) -> int:
+        """Return the number of the candidate nearest to `point` (2,), metres."""
+        ix, iy = self._index(point)
+        return int(iy * self.shape[1] + ix)
+
+    def phases(self, centre) -> tuple[np.ndarray, np.ndarray]:
+        """Return exp(j theta) (C,) complex128 and the row of `radial` (C,) int32 of every candidate about `centre`."""
+        index = tuple(self._index(centre).tolist())
+        cached, phases = self._phases  # the centre rarely moves from step to step
+        if cached != index:
+            phases = self._unit_and_row(self.steps - index)
+            self._phases = index, phases
+        return phases
+
+    def _unit_and_row(self, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        squared = np.sum(offset**2, axis=1)
+        unit = (offset[:, 0] + 1j * offset[:, 1]) / np.sqrt(np.maximum(squared, 1))
+        unit[squared == 0] = 1.0
+        return unit, self.row[squared]
+
+    def dictionary(self, positions, centre, modes) -> list[np.ndarray]:
+        """Return W of given positions, on the lattice or off it.
+
+        Parameters
+        ----------
+        positions : (N, 2) float64
+            Metres.
+        centre : (2,) float64
+            Metres.
+        modes : sequence of int
+
+        Returns
+        -------
+        list of (N, 2L + 1) complex128, one for each of `modes`
+        """
+        steps = (np.asarray(positions) - self.nearest(centre)) / self.search.step
+        offset = np.rint(steps).astype(np.int64)
+        on = np.all(np.abs(steps - offset) < 1e-6, axis=1) & np.all(np.abs(offset) < self.shape[::-1], axis=1)
+        offset[~on] = 0
+        unit, row = self._unit_and_row(offset)
+        phase = unit[:, None] ** np.arange(self.radial.shape[2])
+        modes = np.asarray(modes)
+        W: dict[int, np.ndarray] = {}
+        for L in np.unique(self.orders[modes]):  # modes of equal order in one batch
+            batch = modes[self.orders[modes] == L]
+            J = self.radial[batch[:, None], row, : L + 1]
+            W |= zip(batch.tolist(), join_orders(J, phase[:, : L + 1]), strict=True)
+        for m in modes.tolist() if not on.all() else ():
+            W[m][~on] = fourier_bessel(positions[~on], complex(self.wavenumbers[m]), int(self.orders[m]), centre)
+        return [W[m] for m in modes.tolist()]
+
+
+def bessel_orders(z: np.ndarray, order: int) -> np.ndarray:
+    """Return J_0..J_L, by the downward recurrence from the two highest orders.
+
+    The recurrence J_{l-1} = (2 l / z) J_l - J_{l+1} is stable downwards, so that two library calls serve all orders.
+
+    Parameters
+    ----------
+    z : (U,) float64 or complex128
+    order : int
+        L.
+
+    Returns
+    -------
+    (U, L + 1) complex128
+    """
+    z = np.asarray(z, dtype=complex)
+    J = np.zeros((len(z), order + 2), dtype=complex)
+    J[:, order], J[:, order + 1] = jv(order, z), jv(order + 1, z)
+    tiny = np.abs(z) < 1e-3 * (order + 1)  # the highest orders may underflow there
+    for l in range(order, 0, -1):  # noqa: E741
+        J[~tiny, l - 1] = 2 * l / z[~tiny] * J[~tiny, l] - J[~tiny, l + 1]
+    J[tiny] = jv(np.arange(order + 2), z[tiny, None])
+    return J[:, : order + 1]
