@@ -1,23 +1,19 @@
-"""The picture says what it was given: positions, colours, extents, scales. No renderer takes part."""
+"""The picture holds what it was given: positions, colours, extents. No renderer takes part."""
 
 import dataclasses
 
-import matplotlib
 import numpy as np
 import pytest
 import trimesh
 
-from fdcal.graphics import glyphs
 from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.markers import ESTIMATE, HALO, KNOWN, SOLVER_MARKS, TRUE
 from fdcal.graphics.overlays import with_comparison, with_ellipses, with_trails
-from fdcal.graphics.picture import compose, static_picture, with_estimate, with_floor
-from fdcal.graphics.primitives import COLOUR_MAP, LIGHT, SUPERSCRIPTS, ColourBar, Mesh, Picture, format_number
+from fdcal.graphics.picture import compose, static_picture, with_estimate
 from fdcal.graphics.surroundings import z_range_of
 from fdcal.graphics.units import error_summary
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene_file import load_scene
-from fdcal.model.settings import Search
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +94,7 @@ def test_known_microphones_are_squares_of_their_own_colour(scene, measurement):
     assert len({TRUE, ESTIMATE, KNOWN}) == 3
 
 
-def test_a_known_microphone_that_a_hand_has_moved_is_drawn_where_it_is_supposed_to_be(scene, measurement):
+def test_a_known_microphone_that_the_user_has_moved_is_drawn_at_its_assumed_position(scene, measurement):
     estimate = measurement.positions.copy()
     estimate[1] += 0.05
     drawn = compose(scene, measurement, estimate)
@@ -109,7 +105,7 @@ def test_a_known_microphone_that_a_hand_has_moved_is_drawn_where_it_is_supposed_
 
 
 @pytest.mark.parametrize("microphone", [4, None, -1, 99])
-def test_the_microphone_looked_at_stands_out(scene, measurement, microphone):
+def test_the_selected_microphone_stands_out(scene, measurement, microphone):
     drawn = compose(scene, measurement, measurement.positions, microphone=microphone)
     if microphone != 4:
         assert not any(name.startswith("selected") for name in names(drawn))
@@ -128,6 +124,10 @@ def test_without_truth_nothing_is_drawn_at_it(scene, measurement):
     assert error_summary(blind, measurement.positions) == "true positions unknown"
 
 
+def area(mesh) -> float:
+    return trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).area
+
+
 def test_halos_are_white_wider_and_below(scene, measurement):
     drawn = compose(scene, measurement, measurement.positions + 0.02, microphone=4)
     halos = [solid for solid in drawn.meshes if solid.name.endswith("_halo")]
@@ -139,102 +139,6 @@ def test_halos_are_white_wider_and_below(scene, measurement):
         assert halo.vertices[:, 2].max() < over.vertices[:, 2].min()
 
 
-def area(solid) -> float:
-    corner = solid.vertices[solid.faces].astype(float)
-    return np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1).sum() / 2
-
-
-def test_areas_of_markers():
-    """A ring of many corners, a bar and a square have the areas of the textbook."""
-    centres = np.array([[0.0, 0.0, 0.0], [3.0, 1.0, 0.0]])
-    for triangles, expected in (
-        (glyphs.annuli(centres, 2.0, 0.2, corners=400), 2 * np.pi * (2.1**2 - 1.9**2)),
-        (glyphs.squares(centres, 0.3), 2 * 0.09),
-        (glyphs.strokes(centres[None], 0.1, extension=0.5), 0.1 * (np.sqrt(10) + 1.0)),
-    ):
-        solid = Mesh("x", *triangles, (0, 0, 0))
-        assert area(solid) == pytest.approx(expected, rel=1e-3)
-
-
-def test_a_bar_of_no_length_is_drawn_without_a_fault():
-    vertices, faces = glyphs.strokes(np.zeros((1, 2, 3)), 0.1)
-    assert np.isfinite(vertices).all() and len(faces) == 2
-
-
-def test_the_map_fills_the_search_domain_and_its_row_0_is_low_y():
-    search = Search(origin=(1.0, 2.0), size=(0.4, 0.2), step=0.1)
-    cost = np.arange(15.0).reshape(3, 5)
-    floor = cost_floor(cost, search)
-    np.testing.assert_allclose(floor.origin, (0.95, 1.95))
-    np.testing.assert_allclose(floor.size, (0.5, 0.3))
-    ends = matplotlib.colormaps[COLOUR_MAP]([0.0, 1.0], bytes=True)[:, :3]
-    np.testing.assert_array_equal(floor.rgb[0, 0], ends[0])
-    np.testing.assert_array_equal(floor.rgb[-1, -1], ends[1])
-    assert (floor.bar.low, floor.bar.high, floor.bar.clipped) == (0.0, 14.0, False)
-    assert "dimensionless" in floor.bar.label
-
-
-def test_a_diamond_stands_where_the_cost_is_lowest():
-    search = Search(origin=(1.0, 2.0), size=(0.4, 0.2), step=0.1)
-    cost = np.ones((3, 5))
-    cost[1, 3] = 0.5
-    floor = cost_floor(cost, search)
-    np.testing.assert_allclose(floor.minimum, (1.3, 2.1))
-    bare = Picture(LIGHT, (1.0, 2.0, 1.4, 2.2), (1.0, 2.0, 1.4, 2.2), 0.01)
-    diamond = next(solid for solid in with_floor(bare, floor).meshes if solid.name == "lowest")
-    np.testing.assert_allclose(diamond.vertices.mean(axis=0)[:2], floor.minimum, atol=1e-6)
-    assert with_floor(bare, None).meshes == ()
-    # In the browser a name is a path, and what lies below the map's node is drawn relative to it.
-    assert not any(solid.name.startswith("map") for solid in with_floor(bare, floor).meshes)
-
-
-def test_a_logarithmic_map_keeps_its_order_and_owns_up_to_clipping():
-    search = Search(origin=(0.0, 0.0), size=(0.3, 0.1), step=0.1)
-    cost = np.array([[1e-12, 1e-3, 1e-2, 1e-1], [1.0, 2.0, 5.0, 10.0]])
-    bar = cost_floor(cost, search, log=True).bar
-    assert bar.clipped and bar.high == 10.0 and bar.low == pytest.approx(1e-3)
-    assert [text for _, text in bar.ticks][:2] == ["0.001", "0.01"]
-    two_decades = cost_floor(cost.clip(0.24) * 10, search, log=True).bar
-    shares = [share for share, _ in two_decades.ticks]
-    assert len(shares) >= 3 and min(shares) < 0.35 and max(shares) > 0.6
-    unclipped = cost_floor(cost + 1.0, search, log=True).bar
-    assert not unclipped.clipped and unclipped.low == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize("log", [False, True])
-@pytest.mark.parametrize("value", [0.0, 3.0])
-def test_a_flat_map_is_drawn_too(value, log):
-    floor = cost_floor(np.full((2, 4), value), Search(origin=(0.0, 0.0), size=(0.3, 0.1), step=0.1), log=log)
-    assert np.isfinite([share for share, _ in floor.bar.ticks]).all() and floor.bar.low < floor.bar.high
-
-
-@pytest.mark.parametrize("ends", [(1e-6, 3.0), (0.9, 1.1), (2.0, 50.0), (330.0, 361.0), (4221.0, 8700.0), (2e4, 2e5)])
-@pytest.mark.parametrize("log", [False, True])
-def test_ticks_say_where_their_value_lies(ends, log):
-    bar = ColourBar(*ends, log=log, label="cost")
-    assert 2 <= len(bar.ticks) <= (7 if bar.high < 1e3 * bar.low else 12)
-    for share, text in bar.ticks:
-        value = bar.low * (bar.high / bar.low) ** share if log else bar.low + share * (bar.high - bar.low)
-        assert read(text) == pytest.approx(value, rel=1e-2)
-
-
-PLAIN = {chr(high): chr(low) for low, high in SUPERSCRIPTS.items()}
-
-
-def read(text: str) -> float:
-    """A number as the pictures write it."""
-    mantissa, ten, power = text.rpartition("10") if any(letter in PLAIN for letter in text) else (text, "", "")
-    if not ten:
-        return float(text)
-    return float(mantissa.rstrip("·") or 1) * 10.0 ** int("".join(PLAIN[letter] for letter in power))
-
-
-@pytest.mark.parametrize("value", [3.14159e7, 1e6, 2e-9, -4e12, 123456.0, 28338.2, 0.25, 1e-5, 0.0, 999999.9])
-def test_numbers_are_written_as_one_writes_them(value):
-    text = format_number(value, 3)
-    assert read(text) == pytest.approx(value, rel=6e-3) and "e" not in text and len(text) <= 8
-
-
 def test_pictures_are_frozen(scene, measurement):
     drawn = compose(scene, measurement, measurement.positions, 4, cost_floor(np.ones((25, 25)), scene.search, True))
     arrays = [lines.segments for lines in drawn.lines] + [solid.vertices for solid in drawn.meshes] + [drawn.floor.rgb]
@@ -244,16 +148,16 @@ def test_pictures_are_frozen(scene, measurement):
 
 
 def test_what_stays_is_shared_between_pictures(scene, measurement):
-    """A renderer tells by identity that a primitive needs no second sending."""
-    still = static_picture(scene, measurement)
-    first = with_estimate(still, measurement, measurement.positions, 3)
-    second = with_estimate(still, measurement, measurement.positions + 0.01, 4)
+    """A renderer recognises by identity that a primitive need not be sent again."""
+    static = static_picture(scene, measurement)
+    first = with_estimate(static, measurement, measurement.positions, 3)
+    second = with_estimate(static, measurement, measurement.positions + 0.01, 4)
     for name in ("microphones/true", "room/walls", "frame", "room/grid"):
         assert part(first, name) is part(second, name)
 
 
 @pytest.mark.parametrize("dark", [False, True])
-def test_ink_is_legible_on_its_background(scene, measurement, dark):
+def test_the_foreground_is_legible_on_its_background(scene, measurement, dark):
     """Contrast of texts and rulers is at least 7 to 1 (WCAG, level AAA)."""
 
     def luminance(colour):
@@ -268,30 +172,6 @@ def test_ink_is_legible_on_its_background(scene, measurement, dark):
 def test_the_error_summary_is_in_millimetres(measurement):
     text = error_summary(measurement, measurement.positions + np.array([0.003, 0.004]))
     assert text == "mean error 5 mm, largest 5 mm"
-
-
-@pytest.mark.parametrize("name", ["tiny", "lshape", "array1_circle"])
-def test_walls_are_a_closed_band_of_the_right_area(name):
-    scene = load_scene(name)
-    vertices = scene.room.vertices
-    mesh = trimesh.Trimesh(*glyphs.walls(vertices, 0.5), process=False)
-    perimeter = np.linalg.norm(vertices - np.roll(vertices, -1, axis=0), axis=1).sum()
-    assert mesh.area == pytest.approx(0.5 * perimeter)
-    assert len(mesh.faces) == 2 * len(vertices)
-
-
-def test_the_floor_grid_stays_inside_the_outline():
-    corner = [(0, 0), (4, 0), (4, 2), (2, 2), (2, 4), (0, 4)]
-    grid = glyphs.floor_grid(corner, 0.5, 0.0)
-    middles = grid.mean(axis=1)
-    assert not ((middles[:, 0] > 2) & (middles[:, 1] > 2)).any()
-    lengths = np.linalg.norm(grid[:, 1] - grid[:, 0], axis=1)
-    assert lengths.sum() == pytest.approx(2 * (3 * 4 + 4 * 2))  # 0.5, 1, 1.5 are long, 2 to 3.5 short, both ways
-
-
-def test_positions_in_space_keep_their_height():
-    lifted = glyphs.lift([[1.0, 2.0, 0.7]], 0.1)
-    np.testing.assert_allclose(lifted, [[1.0, 2.0, 0.8]])
 
 
 def test_a_measurement_without_search_domain_is_framed_by_its_microphones(measurement):
@@ -363,15 +243,7 @@ def test_a_plane_array_is_drawn_at_its_height_in_the_room():
     assert compose(None, measurement, positions).z_range == (0.0, 0.0)
 
 
-def test_bars_in_space_keep_their_width_and_length():
-    ends = np.array([[[0, 0, 0], [1, 2, 2]], [[0, 0, 0], [0, 0, 1]], [[0, 0, 0], [1, 0, 0]]], float)
-    vertices, _ = glyphs.strokes(ends, 0.1, extension=0.5)
-    corners = vertices.reshape(3, 4, 3)
-    np.testing.assert_allclose(np.linalg.norm(corners[:, 0] - corners[:, 3], axis=1), 0.1)
-    np.testing.assert_allclose(np.linalg.norm(corners[:, 1] - corners[:, 0], axis=1), [4, 2, 2])
-
-
-def test_trails_follow_each_microphone_and_skip_stays(scene, measurement):
+def test_trails_follow_each_microphone_and_skip_rests(scene, measurement):
     start = measurement.positions
     paths = np.stack([start, start, start + [0.01, 0.0], start + [0.01, 0.02]])
     paths[:, 4] = start[4]  # this one never moves
@@ -395,7 +267,7 @@ def test_ellipses_have_the_half_axes_given(scene, measurement):
     assert "ellipses" not in names(nothing)
 
 
-def test_racers_are_told_apart_by_shape_and_colour_where_they_suppose_the_microphones(measurement):
+def test_compared_solvers_have_marks_of_different_shape_and_colour_at_their_estimates(measurement):
     picture = static_picture(None, measurement)
     placed = {name: measurement.positions + 0.01 * i for i, name in enumerate(SOLVER_MARKS)}
     drawn = with_comparison(picture, placed, np.array([3, 4]))

@@ -1,0 +1,84 @@
+"""A map on the floor and its colour bar: what was given is where it should be."""
+
+import matplotlib
+import numpy as np
+import pytest
+
+from fdcal.graphics.heatmap import cost_floor
+from fdcal.graphics.picture import with_floor
+from fdcal.graphics.primitives import COLOUR_MAP, LIGHT, SUPERSCRIPTS, ColourBar, Picture, format_number
+from fdcal.model.settings import Search
+
+
+def test_the_map_fills_the_search_domain_and_its_row_0_is_low_y():
+    search = Search(origin=(1.0, 2.0), size=(0.4, 0.2), step=0.1)
+    cost = np.arange(15.0).reshape(3, 5)
+    floor = cost_floor(cost, search)
+    np.testing.assert_allclose(floor.origin, (0.95, 1.95))
+    np.testing.assert_allclose(floor.size, (0.5, 0.3))
+    ends = matplotlib.colormaps[COLOUR_MAP]([0.0, 1.0], bytes=True)[:, :3]
+    np.testing.assert_array_equal(floor.rgb[0, 0], ends[0])
+    np.testing.assert_array_equal(floor.rgb[-1, -1], ends[1])
+    assert (floor.bar.low, floor.bar.high, floor.bar.clipped) == (0.0, 14.0, False)
+    assert "dimensionless" in floor.bar.label
+
+
+def test_a_diamond_stands_where_the_cost_is_lowest():
+    search = Search(origin=(1.0, 2.0), size=(0.4, 0.2), step=0.1)
+    cost = np.ones((3, 5))
+    cost[1, 3] = 0.5
+    floor = cost_floor(cost, search)
+    np.testing.assert_allclose(floor.minimum, (1.3, 2.1))
+    bare = Picture(LIGHT, (1.0, 2.0, 1.4, 2.2), (1.0, 2.0, 1.4, 2.2), 0.01)
+    diamond = next(solid for solid in with_floor(bare, floor).meshes if solid.name == "lowest")
+    np.testing.assert_allclose(diamond.vertices.mean(axis=0)[:2], floor.minimum, atol=1e-6)
+    assert with_floor(bare, None).meshes == ()
+    # In the browser a name is a path, and what lies below the map's node is drawn relative to it.
+    assert not any(solid.name.startswith("map") for solid in with_floor(bare, floor).meshes)
+
+
+def test_a_logarithmic_map_keeps_its_order_and_reports_clipping():
+    search = Search(origin=(0.0, 0.0), size=(0.3, 0.1), step=0.1)
+    cost = np.array([[1e-12, 1e-3, 1e-2, 1e-1], [1.0, 2.0, 5.0, 10.0]])
+    bar = cost_floor(cost, search, log=True).bar
+    assert bar.clipped and bar.high == 10.0 and bar.low == pytest.approx(1e-3)
+    assert [text for _, text in bar.ticks][:2] == ["0.001", "0.01"]
+    two_decades = cost_floor(cost.clip(0.24) * 10, search, log=True).bar
+    shares = [share for share, _ in two_decades.ticks]
+    assert len(shares) >= 3 and min(shares) < 0.35 and max(shares) > 0.6
+    unclipped = cost_floor(cost + 1.0, search, log=True).bar
+    assert not unclipped.clipped and unclipped.low == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("log", [False, True])
+@pytest.mark.parametrize("value", [0.0, 3.0])
+def test_a_flat_map_is_drawn_too(value, log):
+    floor = cost_floor(np.full((2, 4), value), Search(origin=(0.0, 0.0), size=(0.3, 0.1), step=0.1), log=log)
+    assert np.isfinite([share for share, _ in floor.bar.ticks]).all() and floor.bar.low < floor.bar.high
+
+
+@pytest.mark.parametrize("ends", [(1e-6, 3.0), (0.9, 1.1), (2.0, 50.0), (330.0, 361.0), (4221.0, 8700.0), (2e4, 2e5)])
+@pytest.mark.parametrize("log", [False, True])
+def test_ticks_say_where_their_value_lies(ends, log):
+    bar = ColourBar(*ends, log=log, label="cost")
+    assert 2 <= len(bar.ticks) <= (7 if bar.high < 1e3 * bar.low else 12)
+    for share, text in bar.ticks:
+        value = bar.low * (bar.high / bar.low) ** share if log else bar.low + share * (bar.high - bar.low)
+        assert read(text) == pytest.approx(value, rel=1e-2)
+
+
+PLAIN = {chr(high): chr(low) for low, high in SUPERSCRIPTS.items()}
+
+
+def read(text: str) -> float:
+    """A number as the pictures write it."""
+    mantissa, ten, power = text.rpartition("10") if any(letter in PLAIN for letter in text) else (text, "", "")
+    if not ten:
+        return float(text)
+    return float(mantissa.rstrip("·") or 1) * 10.0 ** int("".join(PLAIN[letter] for letter in power))
+
+
+@pytest.mark.parametrize("value", [3.14159e7, 1e6, 2e-9, -4e12, 123456.0, 28338.2, 0.25, 1e-5, 0.0, 999999.9])
+def test_numbers_are_written_without_exponents_of_a_computer(value):
+    text = format_number(value, 3)
+    assert read(text) == pytest.approx(value, rel=6e-3) and "e" not in text and len(text) <= 8
