@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 from browsing import WAIT
-from pretend import Recorder, Solver, State
+from doubles import Recorder, Solver, State
 
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene_file import load_scene

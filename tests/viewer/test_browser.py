@@ -1,4 +1,4 @@
-"""The page of `tiny` in one real browser: steps, hands, modes, files; and who may connect."""
+"""The page of `tiny` in one real browser: steps, dragging, modes, files; and who may connect."""
 
 import base64
 import csv
@@ -108,7 +108,7 @@ def test_run_becomes_pause(page):
     page.get_by_text("step 0, sweep 0").wait_for()
 
 
-def test_rewinding_and_going_on_from_there(page):
+def test_the_solver_continues_from_a_rewound_state(page):
     press(page, "Sweep")
     page.get_by_text("step 13, sweep 1").wait_for()
     handle = slider(page, "State")
@@ -137,7 +137,7 @@ def test_a_microphone_is_picked_by_a_click(page, scene):
     assert not page.get_by_label("Follow solver").is_checked()
 
 
-def test_the_diamond_stands_where_the_map_is_lowest(page, scene):
+def test_the_diamond_marks_the_lowest_cost(page, scene):
     choose(page, "Modes shown", "Custom")
     page.locator("//label[.='Mode numbers']/following::input[1]").first.fill("2-4, 6")
     page.keyboard.press("Enter")
@@ -150,7 +150,7 @@ def test_the_diamond_stands_where_the_map_is_lowest(page, scene):
     stands(page, "/lowest", lowest.tolist(), 1e-4)
 
 
-def test_a_microphone_is_dragged_and_the_map_stays_that_of_the_one_looked_at(page, scene):
+def test_dragging_a_microphone_keeps_the_map_of_the_selected_one(page, scene):
     truth = cached_measurement(scene).positions
     target = truth[7] + [0.1, -0.06]
     page.get_by_text("cost at the estimate").first.wait_for()
@@ -180,7 +180,7 @@ def test_a_mode_is_switched_on_and_off(page):
     choose(page, "Show", "Flat map")
 
 
-def test_a_relief_stands_where_the_flat_map_lay(page, scene):
+def test_the_relief_takes_the_place_of_the_flat_map(page, scene):
     x0, y0, x1, y1 = compose(scene, cached_measurement(scene)).focus
     tab(page, "Map")
     choose(page, "Show", "Relief")
@@ -197,7 +197,7 @@ def saved(page, label):
     return download.value.suggested_filename, Path(download.value.path()).read_bytes()
 
 
-def test_every_file_is_saved_and_read_by_others(page, tmp_path, require_gl):
+def test_every_file_is_saved_and_can_be_read(page, tmp_path, require_gl):
     import pyvista
 
     press(page, "Reset")
@@ -230,7 +230,7 @@ def test_every_file_is_saved_and_read_by_others(page, tmp_path, require_gl):
     assert np.abs(places - [one.positions for one in session.states]).max() < 1e-6
 
 
-def shake_hands(address, origin):
+def connect_with_origin(address, origin):
     protocol = f"viser-v{__import__('viser').__version__}"
     with connect(address.replace("http", "ws"), origin=origin, subprotocols=[protocol], open_timeout=WAIT):
         return True
@@ -241,9 +241,9 @@ def shake_hands(address, origin):
 )
 def test_a_foreign_origin_is_refused(address, origin):
     with pytest.raises(websockets.exceptions.InvalidStatus) as caught:
-        shake_hands(address, origin)
+        connect_with_origin(address, origin)
     assert caught.value.response.status_code == 403
 
 
-def test_its_own_origin_and_a_program_are_let_in(address):
-    assert shake_hands(address, address) and shake_hands(address, None)
+def test_its_own_origin_and_programs_are_accepted(address):
+    assert connect_with_origin(address, address) and connect_with_origin(address, None)

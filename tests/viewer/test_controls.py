@@ -1,8 +1,8 @@
-"""Controls, without a browser: what they command, and which are shown."""
+"""Controls without a browser: their commands, and which of them are shown."""
 
 import dataclasses
 
-from pretend import JUNK, State, say, view_of
+from doubles import INVALID_VALUES, State, set_by_client, view_of
 
 from fdcal.viewer.background import exports
 from fdcal.viewer.gui.binding import Binding
@@ -10,16 +10,16 @@ from fdcal.viewer.gui.choices import NOTHING
 from fdcal.viewer.tabs import map, modes
 
 
-def test_controls_that_mean_nothing_are_not_shown(controls):
+def test_controls_without_effect_are_hidden(controls):
     panel, session = controls
     map_ = panel.map
     map_.choose_modes([1, 2])
     assert map_.which.visible and map_.upto.visible and map_.scale.visible
-    say(map_.kind, NOTHING)
+    set_by_client(map_.kind, NOTHING)
     assert not any(handle.visible for handle in (map_.which, map_.upto, map_.text, map_.scale, map_.opacity))
     panel.show(session.view, 3, None, "")
     assert not panel.view.ellipses_later.visible
-    say(panel.view.ellipses, True)
+    set_by_client(panel.view.ellipses, True)
     panel.show(session.view, 3, None, "")
     assert panel.view.ellipses_later.visible, "they come later"
     session.view = dataclasses.replace(session.view, state=dataclasses.replace(session.view.state, finished=True))
@@ -27,19 +27,19 @@ def test_controls_that_mean_nothing_are_not_shown(controls):
     assert not panel.view.ellipses_later.visible
 
 
-def test_a_mode_that_is_chosen_brings_the_map_back(server, work):
+def test_choosing_a_mode_shows_the_map_again(server, work):
     binding = Binding(server.gui, work, 6)
     map_ = map.MapTab(binding)
     tab = modes.ModesTab(binding, map_)
-    for act in (lambda: say(tab.high, 4), lambda: tab.press("○5")):
-        say(map_.kind, NOTHING)
+    for act in (lambda: set_by_client(tab.high, 4), lambda: tab.press("○5")):
+        set_by_client(map_.kind, NOTHING)
         assert not binding.choices.shown
         act()
         assert binding.choices.shown and map_.kind.value != NOTHING
     server.gui.reset()
 
 
-def test_without_bounds_there_is_no_map_and_no_control_of_one(server, work):
+def test_without_a_search_domain_there_is_no_map_and_no_control_of_one(server, work):
     unbounded = dataclasses.replace(work, problem=dataclasses.replace(work.problem, search=None))
     map_ = map.MapTab(Binding(server.gui, unbounded, 6))
     assert not any(handle.visible for handle in (map_.kind, map_.which, map_.upto, map_.scale, map_.opacity))
@@ -50,15 +50,15 @@ def test_without_bounds_there_is_no_map_and_no_control_of_one(server, work):
 
 def test_the_mode_sliders_never_cross(controls):
     panel, session = controls
-    say(panel.solver.first, 5)
-    say(panel.solver.first, 1)
-    say(panel.solver.last, 2)
+    set_by_client(panel.solver.first, 5)
+    set_by_client(panel.solver.first, 1)
+    set_by_client(panel.solver.last, 2)
     assert session.commands == [("use_modes", 5, 5, True), ("use_modes", 1, 3, True), ("use_modes", 1, 2, True)]
 
 
-def test_what_the_program_sets_is_no_command(controls):
+def test_values_set_by_the_program_are_not_commands(controls):
     panel, session = controls
-    say(panel.solver.last, 5, client=False)
+    set_by_client(panel.solver.last, 5, client=False)
     panel.show(view_of([State(session.view.state.positions, last=6)]), 4, None, "")
     assert panel.solver.last.value == 6 and panel.map.microphone.value == 4
     assert session.commands == [] and panel.binding.choices.microphone == 3
@@ -66,46 +66,46 @@ def test_what_the_program_sets_is_no_command(controls):
 
 def test_one_button_runs_and_pauses(controls):
     panel, session = controls
-    say(panel.run_bar.run, True)
+    set_by_client(panel.run_bar.run, True)
     session.view = dataclasses.replace(session.view, running=True)
     panel.show(session.view, 3, None, "")
     assert panel.run_bar.run.label == "Pause"
-    say(panel.run_bar.run, True)
+    set_by_client(panel.run_bar.run, True)
     assert session.commands == [("play",), ("pause",)]
 
 
-def test_a_microphone_chosen_by_hand_is_stayed_with(controls):
+def test_choosing_a_microphone_stops_following_the_solver(controls):
     panel, _ = controls
     assert panel.binding.choices.follow
-    say(panel.map.microphone, 7)
+    set_by_client(panel.map.microphone, 7)
     assert panel.binding.choices.microphone == 7 and not panel.binding.choices.follow and not panel.map.follow.value
 
 
-def test_callbacks_leave_what_the_main_loop_has_sent_alone(controls):
+def test_callbacks_do_not_change_what_the_main_loop_has_sent(controls):
     panel, session = controls
     panel.show(session.view, 3, None, "")
     before = dict(panel.binding.sent)
-    say(panel.map.microphone, 7)
-    say(panel.map.follow, True)
+    set_by_client(panel.map.microphone, 7)
+    set_by_client(panel.map.follow, True)
     assert panel.binding.sent == before and panel.binding.choices.microphone == 7
     panel.show(session.view, 5, None, "")
     assert panel.map.microphone.value == 5
 
 
-def test_only_a_picture_has_a_size(controls):
+def test_only_a_picture_has_a_size_and_a_view(controls):
     panel, _ = controls
     assert panel.export.size.visible and panel.export.view.visible
-    say(panel.export.kind, "Replay (HTML)")
+    set_by_client(panel.export.kind, "Replay (HTML)")
     assert (
         panel.binding.choices.export_kind == "Replay (HTML)" and "without a server" in panel.export.description.content
     )
     assert not panel.export.size.visible and not panel.export.view.visible
-    for value in JUNK:
+    for value in INVALID_VALUES:
         panel.export.choose(value)
         assert panel.binding.choices.export_kind == exports.PICTURE
 
 
-def test_the_last_mode_of_the_map_stays(controls):
+def test_the_last_mode_of_the_map_cannot_be_removed(controls):
     panel, _ = controls
     panel.map.choose_modes([3])
     panel.map.toggle_mode(3)
@@ -115,5 +115,5 @@ def test_the_last_mode_of_the_map_stays(controls):
     panel.map.choose_modes(None)
     panel.map.toggle_mode(2)
     assert panel.binding.choices.modes == (1, 3), "those in use, 1 to 3, without the second"
-    say(panel.map.text, "1-99")
+    set_by_client(panel.map.text, "1-99")
     assert panel.binding.choices.modes == (1, 3) and "1 to 6" in panel.binding.choices.modes_error

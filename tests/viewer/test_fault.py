@@ -1,4 +1,4 @@
-"""A solver that fails, in a real browser: the page tells what has happened and where the log is, and lives on."""
+"""A solver that fails, in a real browser: the page shows the exception and the path of the log, and works on."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def press(page, name):
     page.get_by_role("button", name=name, exact=True).click()
 
 
-def test_a_solvers_exception_is_told_with_the_place_of_the_log(page):
+def test_an_exception_of_the_solver_is_shown_with_the_path_of_the_log(page):
     page.get_by_text("step 0, sweep 0").wait_for()
     press(page, "Run")
     page.get_by_text("Stopped by an error").wait_for()
@@ -72,7 +72,7 @@ def test_a_solvers_exception_is_told_with_the_place_of_the_log(page):
     assert "Traceback" in text and "the solver stopped at state 4" in text and "failing" in text
 
 
-def test_the_page_lives_on(page):
+def test_the_page_works_after_an_exception(page):
     page.get_by_text("step 4, sweep 0").wait_for()
     page.get_by_role("button", name="Run", exact=True).wait_for()  # it is paused
     press(page, "Reset")

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 from browsing import WAIT
-from pretend import State, view_of
+from doubles import State, view_of
 
 from fdcal.model.validation import InputError
 from fdcal.viewer.background import exports

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 from browsing import WAIT
-from pretend import State, say, view_of
+from doubles import State, set_by_client, view_of
 
 from fdcal.session.history import History
 from fdcal.viewer.gui.binding import Binding
@@ -27,7 +27,7 @@ def shown(viewer):
 def test_a_map_stands_under_its_own_microphone_only(viewer):
     viewer.tick(0.0)
     assert shown(viewer) is None and mapped(viewer) == 3
-    say(viewer.main_panel.map.microphone, 7)
+    set_by_client(viewer.main_panel.map.microphone, 7)
     viewer.tick(0.0)
     assert shown(viewer) is None, "the map of microphone 3 stands under microphone 7"
     assert not any("map" in solid.name for solid in viewer.snapshot.picture.meshes), "its diamond, too"
@@ -49,7 +49,7 @@ def test_maps_stand_side_by_side_and_are_drawn_anew_as_the_look_changes(viewer):
     first = viewer.side_panel.maps.image
     assert first.visible and first.image.ndim == 3
     light = first.image
-    say(viewer.main_panel.view.dark, True)
+    set_by_client(viewer.main_panel.view.dark, True)
     viewer.tick(3e9)
     mapped(viewer)
     viewer.tick(4e9)
@@ -63,7 +63,7 @@ def test_opacity_takes_no_new_map(viewer):
     viewer.tick(0.0)
     assert mapped(viewer) == 3
     before = viewer.picture.floor
-    say(viewer.main_panel.map.opacity, 40)
+    set_by_client(viewer.main_panel.map.opacity, 40)
     viewer.tick(1.0)
     assert viewer.picture.floor.opacity == 0.4 and viewer.picture.floor.rgb is before.rgb
     assert not viewer._maps.busy
@@ -77,7 +77,7 @@ def test_a_running_solver_draws_the_costs_it_has_in_another_scale(viewer):
     states = [session.view.state, State(positions + 0.01, 1)]
     history = History(states, 2, session.view.history.lineage)
     session.view = dataclasses.replace(session.view, state=states[1], index=1, count=2, history=history, running=True)
-    say(viewer.main_panel.map.scale, "Linear")
+    set_by_client(viewer.main_panel.map.scale, "Linear")
     ready = viewer._maps._worker.latest.ended
     viewer.tick(ready)
     assert viewer._maps._worker.wait_for(lambda latest: not latest.request[0].style.log, WAIT)
@@ -89,9 +89,9 @@ def test_a_hand_has_the_solver_wait_and_the_page_hurry(server, work):
     rung = []
     binding = Binding(server.gui, work, 6, wake=lambda: rung.append(True))
     tab = map.MapTab(binding)
-    say(tab.opacity, 50)
+    set_by_client(tab.opacity, 50)
     assert work.session.ways == 1 and rung
-    say(tab.opacity, 60, client=False)
+    set_by_client(tab.opacity, 60, client=False)
     assert work.session.ways == 1, "no hand has moved it"
     server.gui.reset()
 

@@ -17,32 +17,32 @@ def finish(coroutine):
         coroutine.send(None)
 
 
-class Noted:
-    """Whatever is called on it is noted."""
+class CallRecorder:
+    """An object that records all calls of its methods."""
 
-    def __init__(self, notes, name="", **held):
-        self.__dict__.update(_notes=notes, _name=name, **held)
+    def __init__(self, calls, name="", **held):
+        self.__dict__.update(_calls=calls, _name=name, **held)
 
     def __getattr__(self, name):
-        return Noted(self._notes, f"{self._name}.{name}".lstrip("."))
+        return CallRecorder(self._calls, f"{self._name}.{name}".lstrip("."))
 
     def __call__(self, *arguments, **named):
-        self._notes.append((self._name, *arguments, *named.items()))
+        self._calls.append((self._name, *arguments, *named.items()))
 
 
 @pytest.fixture
 def page():
-    """A page that notes what is done to it, and its notes."""
-    notes = []
+    """A page that records what is done to it, and the records."""
+    calls = []
     style = SimpleNamespace(log=True, dark=False)
     view = SimpleNamespace(index=4, state=SimpleNamespace(first=1, last=3))
     binding = SimpleNamespace(
         choices=SimpleNamespace(modes=None, style=style, trails=True), modes=20,
-        measurement=SimpleNamespace(count=16), session=Noted(notes, "session", view=view),
+        measurement=SimpleNamespace(count=16), session=CallRecorder(calls, "session", view=view),
     )  # fmt: skip
     handles = {"microphone": SimpleNamespace(value=15), "kind": SimpleNamespace(value=KINDS[-1])}
-    controls = Noted(notes, binding=binding, map=Noted(notes, "map", **handles))
-    return Noted(notes, viewer=SimpleNamespace(main_panel=controls)), notes
+    controls = CallRecorder(calls, binding=binding, map=CallRecorder(calls, "map", **handles))
+    return CallRecorder(calls, viewer=SimpleNamespace(main_panel=controls)), calls
 
 
 @pytest.fixture
@@ -58,7 +58,7 @@ def keyboard(page):
     return lambda key, modifier=None, client="me": finish(made[key, modifier](SimpleNamespace(client=client)))
 
 
-def test_no_key_is_the_camera_s_nor_used_twice():
+def test_no_key_moves_the_camera_or_is_used_twice():
     faces = [key.name for key in KEYS]
     assert len(set(faces)) == len(faces)
     assert not {key.key for key in KEYS} & set(CAMERA_KEYS), "viser moves the camera with these"
@@ -96,7 +96,7 @@ def test_a_key_does_what_its_button_does(page, keyboard, key, modifier, done):
     assert page[1] == [done]
 
 
-def test_modes_of_the_map_stay_within_those_there_are(page, keyboard):
+def test_keys_keep_the_modes_of_the_map_in_range(page, keyboard):
     choices = page[0].viewer.main_panel.binding.choices
     choices.modes = (20,)
     keyboard("O")
@@ -116,7 +116,7 @@ def test_keys_before_there_is_a_session_do_nothing(page, keyboard):
     assert page[1] == []
 
 
-def test_help_tells_every_key_and_mark():
+def test_help_lists_every_key_and_mark():
     html = help.text()
     for key in KEYS:
         assert f"<b>{key.name}</b>" in html and key.label in html

@@ -1,4 +1,4 @@
-"""The tab Lessons sets the page's own controls, and nothing that comes from a file or a client can harm it."""
+"""The tab Lessons: it sets the page's own controls, and tolerates any file and any client."""
 
 from types import SimpleNamespace
 
@@ -15,17 +15,17 @@ from fdcal.viewer.tabs.lessons import BACK, NEXT, NONE, RESTORE, LessonsTab
 EVIL = "<script>alert(1)</script>"
 
 
-class Noted:
-    """Whatever is called or set on it is noted."""
+class CallRecorder:
+    """An object that records all calls of its methods."""
 
-    def __init__(self, notes, name=""):
-        self.__dict__.update(_notes=notes, _name=name)
+    def __init__(self, calls, name=""):
+        self.__dict__.update(_calls=calls, _name=name)
 
     def __getattr__(self, name):
-        return Noted(self._notes, f"{self._name}.{name}".lstrip("."))
+        return CallRecorder(self._calls, f"{self._name}.{name}".lstrip("."))
 
     def __call__(self, *arguments, **named):
-        self._notes.append((self._name, *arguments, *named.items()))
+        self._calls.append((self._name, *arguments, *named.items()))
 
 
 def state(first=1, last=3, automatic=True):
@@ -34,24 +34,24 @@ def state(first=1, last=3, automatic=True):
 
 @pytest.fixture
 def controls():
-    """Controls that note what is done to them, and their notes."""
-    notes = []
+    """Controls that record what is done to them, and the records."""
+    calls = []
     session = SimpleNamespace(
         view=SimpleNamespace(state=state(4, 9, False), history=[state()]),
-        **{name: Noted(notes, name) for name in ("reset", "use_modes", "play", "step", "sweep", "stage")},
+        **{name: CallRecorder(calls, name) for name in ("reset", "use_modes", "play", "step", "sweep", "stage")},
     )
     binding = SimpleNamespace(session=session, modes=20, work=SimpleNamespace(scene=load_scene("tiny"), opening=None))
-    return SimpleNamespace(binding=binding, map=Noted(notes, "map"), view=Noted(notes, "view")), notes
+    return SimpleNamespace(binding=binding, map=CallRecorder(calls, "map"), view=CallRecorder(calls, "view")), calls
 
 
-def test_a_setting_is_carried_out_in_the_order_that_is_told(controls):
-    made, notes = controls
+def test_a_setting_is_applied_in_its_documented_order(controls):
+    made, calls = controls
     setting = Setting(
         modes="1-9", automatic=False, run="2 sweeps", microphone=3, follow=False, map="relief", map_modes="2, 4",
         scale="linear", trails=True, ellipses=False, view="3d",
     )  # fmt: skip
-    apply_setting(setting, made, lambda view: notes.append(("view", view)), restarted=False)
-    assert notes == [
+    apply_setting(setting, made, lambda view: calls.append(("view", view)), restarted=False)
+    assert calls == [
         ("use_modes", 1, 9, False),
         ("sweep", 2),
         ("map.pick", 3),
@@ -77,10 +77,10 @@ def test_a_setting_is_carried_out_in_the_order_that_is_told(controls):
         (Setting(map_modes="in use"), False, ("map.choose_modes", None)),
     ],
 )
-def test_what_is_left_out_stays(controls, setting, anew, told):
-    made, notes = controls
-    apply_setting(setting, made, lambda view: notes.append(("view", view)), anew)
-    assert [note for note in notes if note != ("view.draw",)] == [told]
+def test_values_left_out_stay(controls, setting, anew, told):
+    made, calls = controls
+    apply_setting(setting, made, lambda view: calls.append(("view", view)), anew)
+    assert [call for call in calls if call != ("view.draw",)] == [told]
 
 
 @pytest.fixture(scope="module")
@@ -93,9 +93,9 @@ def server():
 @pytest.fixture
 def page(server, controls):
     """A page without a session; `opened` holds what it was asked to open, `ready` puts the last of it on the page."""
-    made, notes = controls
+    made, calls = controls
     opened = []
-    place = SimpleNamespace(cameras=SimpleNamespace(request_all=lambda view: notes.append(("view", view))))
+    place = SimpleNamespace(cameras=SimpleNamespace(request_all=lambda view: calls.append(("view", view))))
     page = SimpleNamespace(panels=Panels(server.gui), viewer=None, open=opened.append, nodes=place, opened=opened)
     page.switcher = SimpleNamespace(idle=False)
 
@@ -103,7 +103,7 @@ def page(server, controls):
         made.binding.run = SimpleNamespace(scene=opened[-1].scene, opening=opened[-1])
         page.viewer = SimpleNamespace(binding=made.binding, main_panel=made)
 
-    page.ready, page.notes = ready, notes
+    page.ready, page.calls = ready, calls
     yield page
     server.gui.reset()
 
@@ -112,29 +112,29 @@ def told(lessons):
     return lessons.text.content
 
 
-def test_a_lesson_goes_from_its_start_to_the_reveal(page):
+def test_a_lesson_runs_from_its_start_to_the_answer(page):
     lessons = LessonsTab(page, [load_lesson("3_too_many_too_soon")])
     assert not lessons.answers.visible and not lessons.navigation.visible
     lessons.start("3. Too many too soon")
     assert "Step 1 of 3" in told(lessons) and "being prepared" in told(lessons)
     assert not lessons.answers.visible, "nothing is asked about a picture that is not there"
     lessons.show()
-    assert page.notes == [], "nothing is set while another scene is still on the page"
+    assert page.calls == [], "nothing is set while another scene is still on the page"
     assert page.opened[-1].scene.solver.name == "descent"
     page.ready()
     lessons.show()
-    assert ("use_modes", 1, 20, False) in page.notes and ("view", "top") in page.notes
+    assert ("use_modes", 1, 20, False) in page.calls and ("view", "top") in page.calls
     assert lessons.answers.options == ("A", "B", "C") and lessons.answers.visible
     assert "being prepared" not in told(lessons)
-    page.notes.clear()
+    page.calls.clear()
     lessons.answer("A")
     assert "The answer is B." in told(lessons) and "After 7 sweeps" in told(lessons) and not lessons.answers.visible
-    assert ("play",) in page.notes and len(page.opened) == 1, "the scene is there"
+    assert ("play",) in page.calls and len(page.opened) == 1, "the scene is there"
     lessons.answer("B")
     assert "The answer is B." in told(lessons), "the first answer counts"
-    page.notes.clear()
+    page.calls.clear()
     lessons.go(NEXT)
-    assert page.notes[0] == ("reset", 0) and page.notes[1] == ("use_modes", 1, 20, False)
+    assert page.calls[0] == ("reset", 0) and page.calls[1] == ("use_modes", 1, 20, False)
     assert lessons.navigation.options == (BACK, RESTORE, NEXT) and "Step 2 of 3" in told(lessons)
     lessons.go(NEXT)
     assert lessons.navigation.options == (BACK, RESTORE)
@@ -142,7 +142,7 @@ def test_a_lesson_goes_from_its_start_to_the_reveal(page):
     assert "Step" not in told(lessons) and not lessons.navigation.visible
 
 
-def test_a_scene_that_is_refused_is_not_waited_for(page):
+def test_the_lesson_does_not_wait_for_a_refused_scene(page):
     lessons = LessonsTab(page, [load_lesson("3_too_many_too_soon")])
     lessons.start("3. Too many too soon")
     page.switcher.idle = True
@@ -150,20 +150,20 @@ def test_a_scene_that_is_refused_is_not_waited_for(page):
     assert lessons.answers.visible and "being prepared" not in told(lessons)
     page.ready()
     lessons.show()
-    assert page.notes == []
+    assert page.calls == []
 
 
-def test_an_answer_before_the_scene_is_there_loses_nothing(page):
+def test_an_answer_before_the_scene_is_ready_is_kept(page):
     lessons = LessonsTab(page, [load_lesson("5_corner_or_centre")])
     lessons.start("5. Corner or centre")
     lessons.answer("B")
     page.ready()
     lessons.show()
-    assert ("map.show_as", "No map") in page.notes and page.notes.index(("play",)) > 0
-    assert page.notes.count(("play",)) == 1
+    assert ("map.show_as", "No map") in page.calls and page.calls.index(("play",)) > 0
+    assert page.calls.count(("play",)) == 1
 
 
-def test_a_right_answer_is_told_so(page):
+def test_a_right_answer_is_confirmed(page):
     lessons = LessonsTab(page, [load_lesson("3_too_many_too_soon")])
     lessons.start("3. Too many too soon")
     page.ready()
@@ -172,7 +172,7 @@ def test_a_right_answer_is_told_so(page):
     assert "Right." in told(lessons)
 
 
-def test_whoever_changed_the_scene_gets_the_lesson_s_back(page):
+def test_the_next_step_restores_the_scene_of_the_lesson(page):
     lessons = LessonsTab(page, [load_lesson("4_frozen_grid")])
     lessons.start("4. Why the grid freezes")
     page.ready()
@@ -184,7 +184,7 @@ def test_whoever_changed_the_scene_gets_the_lesson_s_back(page):
 
 
 @pytest.mark.parametrize("junk", ["", "Z", "AB", "Next ", None, 7, EVIL, "a" * 300])
-def test_junk_moves_nothing(page, junk):
+def test_invalid_values_change_nothing(page, junk):
     lessons = LessonsTab(page, [load_lesson("3_too_many_too_soon")])
     lessons.answer(junk), lessons.go(junk)
     lessons.start("3. Too many too soon")
@@ -195,7 +195,7 @@ def test_junk_moves_nothing(page, junk):
     assert lessons.progress.lesson is None
 
 
-def test_what_cannot_be_set_is_told_and_the_page_lives(page):
+def test_a_setting_that_fails_is_shown_as_an_error(page):
     steps = (Step("Look.", page=Setting(scene="tiny", modes="1-99")),)
     lessons = LessonsTab(page, [Lesson("Mine", steps)])
     lessons.start("Mine")

@@ -41,14 +41,14 @@ def test_a_measurement_is_shown_without_walls(told, tiny, tmp_path):
         work.session.close(2.0)
 
 
-def test_another_solver_keeps_the_walls_away(tiny):
+def test_another_solver_keeps_the_measured_scene(tiny):
     scene = placeholder_scene(tiny, "hall", SolverSettings(modes=12))
     assert isinstance(replace(scene, solver=SolverSettings(name="descent", modes=12)), MeasuredScene)
 
 
 @pytest.mark.parametrize(("dimension", "array_dimension"), [(2, 2), (3, 3), (3, 2)])
 @pytest.mark.parametrize("known", [0, 5])
-def test_every_kind_of_measurement_has_a_stand_in(dimension, array_dimension, known):
+def test_every_kind_of_measurement_has_a_placeholder_scene(dimension, array_dimension, known):
     rng = np.random.default_rng(0)
     measurement = Measurement(
         frequencies=np.array([50.0, 80.0]),

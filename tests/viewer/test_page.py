@@ -1,4 +1,4 @@
-"""The page against the world: keys and a lesson in a real browser, and clients that mean it harm, or mean nothing."""
+"""The page in a real browser: keys, a lesson, and clients that send malformed or hostile messages."""
 
 import contextlib
 import http.server
@@ -104,7 +104,7 @@ def test_a_key_does_nothing_while_a_text_is_typed(page):
     page.keyboard.press("u")
 
 
-def test_a_lesson_goes_from_its_start_to_the_reveal(page):
+def test_a_lesson_runs_from_its_start_to_the_answer(page):
     page.get_by_role("tab", name="Lessons", exact=True).click()
     number = page.get_by_text("Lesson", exact=True).get_attribute("for")
     page.locator(f"[id='{number}']").click()
@@ -122,7 +122,7 @@ def test_a_lesson_goes_from_its_start_to_the_reveal(page):
     page.get_by_text("step 0, sweep 0").wait_for()
 
 
-# -- clients that mean harm, or nothing ------------------------------------------------------------------------------
+# -- hostile and malformed clients -----------------------------------------------------------------------------------
 
 
 def join(served):
@@ -141,7 +141,7 @@ CAMERA = {
 }  # fmt: skip
 
 
-def test_clients_that_send_junk_harm_nobody_else(served, page):
+def test_malformed_messages_do_not_disturb_other_clients(served, page):
     for raw in (b"", b"\xc1", b"junk" * 99, "text", msgspec.msgpack.encode({"type": "NoSuchMessage"}), b"x" * 500_000):
         with join(served) as client, contextlib.suppress(ConnectionClosed):
             client.send(raw)
@@ -160,14 +160,14 @@ def test_clients_that_send_junk_harm_nobody_else(served, page):
         alive(page)
 
 
-def test_a_client_that_leaves_in_the_middle_harms_nobody(served, page):
+def test_a_client_that_disconnects_does_not_disturb_others(served, page):
     client = join(served)
     say(client, **CAMERA)
     client.socket.close()
     alive(page)
 
 
-def test_fifty_pages_harm_nobody(served, page):
+def test_fifty_clients_do_not_disturb_the_page(served, page):
     with contextlib.ExitStack() as stack:
         clients = [stack.enter_context(join(served)) for _ in range(50)]
         for client in clients:
@@ -210,7 +210,7 @@ def test_a_page_of_another_site_is_refused_by_a_real_browser(served, browser, el
         visitor.close()
 
 
-def test_a_page_comes_back_when_the_server_does(served, page):
+def test_a_page_reconnects_to_a_restarted_server(served, page):
     alive(page)
     stop(served[0])
     served[:] = start(int(served[1].rpartition(":")[2]))
@@ -221,7 +221,7 @@ def test_a_page_comes_back_when_the_server_does(served, page):
 # -- without a browser -----------------------------------------------------------------------------------------------
 
 
-def test_what_no_page_says_is_not_listened_to():
+def test_messages_that_no_page_sends_are_not_handled():
     from fdcal.viewer.server import hardening
 
     server = hardening.open_server("127.0.0.1", 0)
@@ -262,7 +262,7 @@ def test_ctrl_c_leaves_no_thread(edited):
     assert not [name for name in left if name.startswith("fdcal")], left
 
 
-def test_the_log_s_place_is_told(tmp_path, monkeypatch, capsys):
+def test_the_status_names_the_path_of_the_log(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("FDCAL_CACHE", str(tmp_path / "<b>"))
     log, state = logging.getLogger("fdcal.viewer.anything"), SimpleNamespace(
         step=0, sweep=0, stage=0, first=1, last=1, cost=1.0, positions=np.zeros((1, 2)), finished=False

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from pretend import finish
+from doubles import finish
 
 from fdcal.model import mode_ranges
 from fdcal.model.settings import Search

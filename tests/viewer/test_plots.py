@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from pretend import State, say, view_of
+from doubles import State, set_by_client, view_of
 
 from fdcal.acoustics.fourier_bessel import array_f_max
 from fdcal.acoustics.measurement_cache import cached_measurement
@@ -31,7 +31,7 @@ def test_plots_hold_finite_numbers_only(server, measurement):
         assert (stage == 1).all()
 
 
-def test_stages_are_marked_and_a_likelihood_below_zero_is_drawn_as_it_is(server, measurement):
+def test_stages_are_marked_and_a_negative_log_likelihood_is_drawn_linearly(server, measurement):
     curves, place = CurvesTab(server.gui, measurement), measurement.positions
     states = [State(place, i, i, stage=i // 2, last=6, cost=cost) for i, cost in enumerate((9.0, 3.0, -2.0, -5.0))]
     curves.show(view_of(states[:2]), now=0.0)
@@ -88,7 +88,7 @@ def test_the_spectrum_is_drawn_with_its_picked_peaks(scene, measurement):
 
 
 @pytest.mark.parametrize("heard", [True, False])
-def test_modes_slide_into_the_map_and_out_of_it(server, scene, measurement, heard, work):
+def test_sliders_choose_the_modes_of_the_map(server, scene, measurement, heard, work):
     if heard:
         kept = measurement.frequencies
         spectrum = np.stack([np.linspace(50, 350, 2000), 1 + np.cos(np.linspace(50, 350, 2000)) ** 2])
@@ -97,11 +97,11 @@ def test_modes_slide_into_the_map_and_out_of_it(server, scene, measurement, hear
     binding = Binding(server.gui, work, 6)
     map_ = map.MapTab(binding)
     tab = modes.ModesTab(binding, map_)
-    say(tab.high, 4)
+    set_by_client(tab.high, 4)
     assert binding.choices.modes == (1, 2, 3, 4)
-    say(tab.low, 3)
+    set_by_client(tab.low, 3)
     assert binding.choices.modes == (3, 4)
-    say(tab.high, 2)
+    set_by_client(tab.high, 2)
     assert binding.choices.modes == (2,)
     tab.show(work.session.view, 0.0)
     data = tab.spectrum.handle.data
@@ -118,6 +118,6 @@ def test_modes_slide_into_the_map_and_out_of_it(server, scene, measurement, hear
     assert np.array_equal(x[limit > low], [f_max] if x[0] < f_max < x[-1] else [])
     inner = tab.spectrum.columns((1,), 200.0)
     assert np.array_equal(inner[0][inner[-1] > low], [200.0]) and len({len(column) for column in inner}) == 1
-    say(tab.same, True)
+    set_by_client(tab.same, True)
     assert binding.choices.modes is None
     server.gui.reset()

@@ -1,11 +1,11 @@
-"""What may not come through from any client, and addresses."""
+"""What is accepted from a client, and at which addresses the server listens."""
 
 import contextlib
 import threading
 
 import pytest
 from browsing import WAIT
-from pretend import JUNK, finish, say
+from doubles import INVALID_VALUES, finish, set_by_client
 from viser import _messages
 
 from fdcal.model.validation import InputError
@@ -16,8 +16,8 @@ from fdcal.viewer.server import client_values, hardening
 MAIN = threading.main_thread()
 
 
-class Startled:
-    """An event whose waiters change just as a foreign thread sets it."""
+class RaisingEvent:
+    """An event that raises when the main thread sets it."""
 
     def __init__(self, event):
         self._event, self.woken = event, threading.Event()
@@ -32,9 +32,9 @@ class Startled:
         return getattr(self._event, name)
 
 
-def test_a_loop_that_is_startled_is_woken_all_the_same(server):
+def test_the_event_loop_is_woken_though_push_raises(server):
     buffer = server._websock_server._broadcast_buffer
-    buffer.message_event = startled = Startled(buffer.message_event)
+    buffer.message_event = startled = RaisingEvent(buffer.message_event)
     text = server.gui.add_html("one")
     text.content = "two"
     assert startled.woken.wait(WAIT) and text.content == "two"
@@ -71,7 +71,7 @@ def test_the_address_can_be_typed_into_a_browser(host, expected):
     assert app.address(host, 81) == f"http://{expected}:81"
 
 
-def test_a_host_name_that_does_not_resolve_is_no_hindrance(monkeypatch):
+def test_a_host_name_that_does_not_resolve_is_tolerated(monkeypatch):
     def unknown(*_):
         raise hardening.socket.gaierror(-2, "Name or service not known")
 
@@ -79,12 +79,12 @@ def test_a_host_name_that_does_not_resolve_is_no_hindrance(monkeypatch):
     assert any(origin and origin.fullmatch("http://127.0.0.1:81") for origin in hardening.allowed_origins("0.0.0.0"))
 
 
-@pytest.mark.parametrize("value", JUNK, ids=lambda value: repr(value)[:12])
-def test_junk_becomes_a_bounded_number(value):
+@pytest.mark.parametrize("value", INVALID_VALUES, ids=lambda value: repr(value)[:12])
+def test_any_value_becomes_a_bounded_number(value):
     assert 1 <= client_values.bounded(value, 1, 9, 5) <= 9
 
 
-def test_good_values_pass():
+def test_valid_values_pass():
     assert client_values.bounded(7, 1, 9, 5) == 7 and client_values.bounded(7.0, 1, 9, 5) == 7
     assert client_values.one_of("b", ("a", "b"), "a") == "b" and client_values.one_of("c", ("a", "b"), "a") == "a"
     for value in (3, 0.5, True, "short"):
@@ -96,8 +96,10 @@ def test_updates_other_than_a_plain_value_are_dropped(updates):
     assert not client_values.is_plain(updates)
 
 
-@pytest.mark.parametrize("junk", [value for value in JUNK if not isinstance(value, (float, int))] + [float("nan")])
-def test_a_control_keeps_its_value_when_junk_arrives(server, junk):
+@pytest.mark.parametrize(
+    "junk", [value for value in INVALID_VALUES if not isinstance(value, (float, int))] + [float("nan")]
+)
+def test_a_control_keeps_its_value_when_an_invalid_one_arrives(server, junk):
     slider = server.gui.add_slider("Junk", 1, 9, 1, 5)
     message = _messages.GuiUpdateMessage(slider._impl.uuid, {"value": junk})
     finish(server._websock_server._handle_incoming_message(0, message))
@@ -108,8 +110,8 @@ def test_a_control_keeps_its_value_when_junk_arrives(server, junk):
     slider.remove()
 
 
-@pytest.mark.parametrize("value", JUNK, ids=lambda value: repr(value)[:12])
-def test_every_control_survives_junk(controls, value):
+@pytest.mark.parametrize("value", INVALID_VALUES, ids=lambda value: repr(value)[:12])
+def test_every_control_tolerates_invalid_values(controls, value):
     panel, session = controls
     solve, map_ = panel.solver, panel.map
     handles = [solve.first, solve.last, solve.automatic, solve.speed, solve.seed, map_.microphone, map_.follow]
@@ -121,7 +123,7 @@ def test_every_control_survives_junk(controls, value):
         before = handle.value
         with contextlib.suppress(TypeError, ValueError, OverflowError):  # viser holds values of the control's type only
             value_held = type(before)(value)
-            say(handle, value_held)
+            set_by_client(handle, value_held)
             tab.press()
         handle._impl.value = before
     for name, *arguments in session.commands:

@@ -5,7 +5,7 @@ import re
 from types import SimpleNamespace
 
 import numpy as np
-from pretend import State, view_of
+from doubles import State, view_of
 
 from fdcal.viewer.background import uncertainty
 from fdcal.viewer.gui import html as words
@@ -13,7 +13,7 @@ from fdcal.viewer.gui import legend_html
 from fdcal.viewer.tabs import microphones, modes
 
 
-def test_microphones_are_listed_worst_first(measurement):
+def test_microphones_are_listed_by_descending_error(measurement):
     offsets = 0.001 * np.array([0, 0, 0, 5, 9, 1, 7, 3, 2, 4])
     html = microphones.table(measurement, measurement.positions + offsets[:, None] * [1, 0], None, 6)
     numbers = [int(number) for number in re.findall(r"<tr[^>]*><td>(\d+)(?: known)?</td>", html)]
@@ -26,13 +26,13 @@ def test_microphones_are_listed_worst_first(measurement):
     )
 
 
-def test_modes_beyond_f_max_are_warned_of(measurement):
+def test_modes_beyond_f_max_give_a_warning(measurement):
     assert "beyond" not in modes.caption(measurement, (1, 2), 500, 3)
     html = modes.caption(measurement, (1, 6), 299, 3)
     assert "beyond" in html and "300.0 Hz" in html and "299 Hz" in html and "7 functions for 10" in html
 
 
-def test_uncertainty_is_told_of_finished_states_only(measurement, monkeypatch):
+def test_uncertainty_is_computed_for_finished_states_only(measurement, monkeypatch):
     asked = []
     worker = SimpleNamespace(latest=None, request=asked.append)
     monkeypatch.setattr(uncertainty, "LatestWorker", lambda *_, **__: worker)
@@ -43,7 +43,7 @@ def test_uncertainty_is_told_of_finished_states_only(measurement, monkeypatch):
     assert len(asked) == 1 and asked[0] is done
 
 
-def test_words_are_escaped(measurement):
+def test_texts_are_escaped(measurement):
     evil = "<script>alert(1)</script>"
     state = State(measurement.positions)
     for html in (
@@ -54,7 +54,7 @@ def test_words_are_escaped(measurement):
         assert "<script" not in html and "&lt;script" in html
 
 
-def test_status_tells_units_and_doings(measurement):
+def test_the_status_shows_units_and_the_state_of_the_solver(measurement):
     state = State(measurement.positions + np.array([0.003, 0.004]), step=7, sweep=1, moved=4)
     html = words.status(view_of([state]), measurement)
     for text in ("Paused", "step 7, sweep 1, stage 1", "modes 1 to 3, 100.0 to 180.0 Hz", "5 mm", "dimensionless"):

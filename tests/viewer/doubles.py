@@ -1,4 +1,4 @@
-"""What stands in for a session, its states and its solver where the page is tested without them."""
+"""Stand-ins for a session, its states and its solver."""
 
 import dataclasses
 import threading
@@ -11,7 +11,7 @@ from browsing import WAIT
 from fdcal import solvers
 from fdcal.session.history import History, SessionView
 
-JUNK = [1e9, -1e9, float("nan"), float("inf"), "many", "", None, [1, 2], {"a": 1}, 10**400, b"\x00"]
+INVALID_VALUES = [1e9, -1e9, float("nan"), float("inf"), "many", "", None, [1, 2], {"a": 1}, 10**400, b"\x00"]
 
 
 def finish(coroutine):
@@ -38,7 +38,7 @@ class State:
 
 
 class Recorder:
-    """A session that notes its commands."""
+    """A session that records its commands."""
 
     def __init__(self, state):
         self.commands = []
@@ -56,7 +56,7 @@ def view_of(states, **changes) -> SessionView:
     return dataclasses.replace(view, **changes)
 
 
-def say(handle, value, client=True):
+def set_by_client(handle, value, client=True):
     """What viser does when a page has set a control to `value`."""
     handle._impl.value = value
     event = SimpleNamespace(client=object() if client else None, target=SimpleNamespace(value=value))
@@ -65,7 +65,7 @@ def say(handle, value, client=True):
 
 
 class Solver:
-    """A solver whose maps wait for a gate, and tell in their lowest place for which microphone they are."""
+    """A solver whose maps wait for a gate; the column of the lowest cost is the number of their microphone."""
 
     def __init__(self, measurement):
         self.gate, self.shape = threading.Semaphore(0), measurement.search.shape[::-1]

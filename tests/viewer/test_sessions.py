@@ -1,4 +1,4 @@
-"""From an opening to a session on the page, and from one session to the next."""
+"""From a request to a session on the page, and from one session to the next."""
 
 import dataclasses
 import os
@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from browsing import WAIT
-from pretend import finish
+from doubles import finish
 
 from fdcal import solvers
 from fdcal.acoustics.measurement_cache import cached_measurement
@@ -24,8 +24,8 @@ from fdcal.viewer.preview import show_cached
 from fdcal.viewer.scene3d.nodes import SceneNodes
 
 
-def test_the_page_tells_how_far_the_simulation_is(page_of, scene, monkeypatch, progress_texts):
-    """The simulation goes on only once the page has been told."""
+def test_the_page_shows_the_progress_of_the_simulation(page_of, scene, monkeypatch, progress_texts):
+    """The simulation continues only when the page shows its progress."""
     page, turn_until = page_of
 
     def slow(scene, progress):
@@ -42,8 +42,8 @@ def test_the_page_tells_how_far_the_simulation_is(page_of, scene, monkeypatch, p
     assert any("40 %" in text for text in progress_texts)
 
 
-def test_the_room_is_there_while_the_solver_is_being_prepared(page_of, scene, monkeypatch):
-    """As soon as the simulation is over; of an array of which nothing is told, no microphone is drawn as known."""
+def test_the_room_is_shown_while_the_solver_is_prepared(page_of, scene, monkeypatch):
+    """It is shown after the simulation; an array without given positions has no known microphones."""
     page, turn_until = page_of
     prepare, sound = threading.Event(), cached_measurement(scene)
     monkeypatch.setattr(preparing, "cached_measurement", lambda scene, progress: sound)
@@ -61,7 +61,7 @@ def test_the_room_is_there_while_the_solver_is_being_prepared(page_of, scene, mo
     assert "microphones/estimate" in page.nodes.parts
 
 
-def test_a_solver_that_begins_with_all_microphones_in_one_place_has_a_page(page_of, scene):
+def test_a_start_with_all_microphones_at_one_position_is_shown(page_of, scene):
     page, turn_until = page_of
     page.open(OpenRequest(edited(scene, {"solver.name": "room", "solver.start": None})))
     turn_until(lambda: page.viewer is not None)
@@ -72,7 +72,7 @@ def test_a_solver_that_begins_with_all_microphones_in_one_place_has_a_page(page_
     assert "all estimates coincide" in page.viewer.side_panel.modes.text.content
 
 
-def test_what_the_cache_holds_is_shown_at_once(server, scene):
+def test_a_cached_measurement_is_shown_at_once(server, scene):
     nodes = SceneNodes(server)
     show_cached(nodes, OpenRequest(edited(scene, {"seed": 987654})))
     assert nodes.is_empty, "it has to be simulated first"
@@ -82,8 +82,8 @@ def test_what_the_cache_holds_is_shown_at_once(server, scene):
     server.scene.reset()
 
 
-def test_another_scene_takes_the_place_of_the_first(page_of, scene):
-    """The first goes on until the second is ready; what the page looks like is kept, tabs stay."""
+def test_another_scene_replaces_the_first(page_of, scene):
+    """The first runs until the second is ready; the style of the page and the tabs stay."""
     page, turn_until = page_of
     page.open(OpenRequest(scene))
     turn_until(lambda: page.viewer is not None)
@@ -113,7 +113,7 @@ def test_another_scene_takes_the_place_of_the_first(page_of, scene):
         ({}, {"colour": 1}, "choices.colour"),
     ],
 )
-def test_what_cannot_be_opened_is_told_and_the_old_one_stays(page_of, scene, changes, choices, told):
+def test_a_refused_request_is_explained_and_the_old_session_stays(page_of, scene, changes, choices, told):
     page, turn_until = page_of
     page.open(OpenRequest(scene))
     turn_until(lambda: page.viewer is not None)
@@ -154,7 +154,7 @@ def test_cancel_keeps_the_old_session(page_of, scene, monkeypatch):
     assert ended.wait(WAIT) and page.binding is before and not page.status_bar.line.visible
 
 
-def test_a_session_goes_on_from_states_given(page_of, scene):
+def test_a_session_continues_from_given_states(page_of, scene):
     page, turn_until = page_of
     problem, joint = cached_measurement(scene).problem("unit"), solvers.load("joint")
     states = [joint.init(problem, scene.solver, 0)]
@@ -168,7 +168,7 @@ def test_a_session_goes_on_from_states_given(page_of, scene):
     assert page.binding.session.wait_for(lambda view: view.count == 4 and view.index == 3, WAIT)
 
 
-def test_a_session_saved_is_opened_where_it_was_left(page_of, scene, tmp_path):
+def test_a_saved_session_is_restored(page_of, scene, tmp_path):
     page, turn_until = page_of
     page.open(OpenRequest(edited(scene, {"solver.name": "descent"}), start_seed=3))
     turn_until(lambda: page.viewer is not None)
@@ -197,7 +197,7 @@ def test_a_session_saved_is_opened_where_it_was_left(page_of, scene, tmp_path):
 
 
 @pytest.mark.parametrize("change", [{"solver.name": '"magic"'}, {"solver.modes": "500"}])
-def test_a_bad_scene_gets_one_line(edited, change):
+def test_an_invalid_scene_gives_a_one_line_error(edited, change):
     command = [sys.executable, "-m", "fdcal", "view", str(edited(change)), "--port", "0", "--no-browser"]
     run = subprocess.run(command, capture_output=True, timeout=WAIT, env=os.environ)
     assert run.returncode == 2, run.stderr

@@ -1,9 +1,9 @@
-"""What the handles say becomes a scenario, or a line that tells why not."""
+"""The parameters of the tab Scene become a scene, or a line that says why not."""
 
 import dataclasses
 
 import pytest
-from pretend import say
+from doubles import set_by_client
 
 from fdcal.model.measured_scene import placeholder_scene
 from fdcal.model.scene_file import load_scene
@@ -12,17 +12,17 @@ from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.tabs import scene as scenetab
 
 
-def test_apply_opens_the_scenario_that_the_handles_say(controls, scene):
+def test_apply_opens_the_scene_with_the_chosen_parameters(controls, scene):
     panel, session = controls
     tab = panel.scene
-    say(tab.apply, True)
-    say(tab.noise, True)
-    say(tab.snr, 25)
-    say(tab.walls, "absorbing")
-    say(tab.absorption, 10.0)
-    say(tab.known, 5)
+    set_by_client(tab.apply, True)
+    set_by_client(tab.noise, True)
+    set_by_client(tab.snr, 25)
+    set_by_client(tab.walls, "absorbing")
+    set_by_client(tab.absorption, 10.0)
+    set_by_client(tab.known, 5)
     assert tab.snr.visible and tab.absorption.visible
-    say(tab.apply, True)
+    set_by_client(tab.apply, True)
     same, changed = (opening.scene for opening in session.opened)
     assert same is scene, "what no hand has touched stays exactly as it was"
     parameters = parameters_of(changed)
@@ -30,58 +30,58 @@ def test_apply_opens_the_scenario_that_the_handles_say(controls, scene):
     assert parameters.absorption == pytest.approx(0.1) and changed.room.size == scene.room.size
 
 
-def test_a_scenario_that_cannot_be_tells_its_line_and_opens_nothing(controls):
+def test_an_impossible_scene_is_refused_in_one_line(controls):
     panel, session = controls
-    say(panel.scene.radius, 2.5)
-    say(panel.scene.apply, True)
+    set_by_client(panel.scene.radius, 2.5)
+    set_by_client(panel.scene.apply, True)
     assert session.opened == [] and "outside the room" in panel.scene.message.content
-    say(panel.scene.name, "array1_circle")
+    set_by_client(panel.scene.name, "array1_circle")
     assert panel.scene.microphones.value == 65 and panel.scene.message.content == ""
-    say(panel.scene.apply, True)
+    set_by_client(panel.scene.apply, True)
     assert [opening.scene for opening in session.opened] == [load_scene("array1_circle")]
 
 
-def test_another_solver_starts_anew_and_the_same_one_is_reset(controls):
+def test_restart_opens_another_solver_and_resets_the_same_one(controls):
     panel, session = controls
-    say(panel.run_bar.steps, "Reset")
-    say(panel.solver.name, "descent")
+    set_by_client(panel.run_bar.steps, "Reset")
+    set_by_client(panel.solver.name, "descent")
     assert panel.solver.start.value == "random" and panel.solver.seed.visible
-    say(panel.solver.seed, 5)
-    say(panel.solver.restart_button, True)
+    set_by_client(panel.solver.seed, 5)
+    set_by_client(panel.solver.restart_button, True)
     assert session.commands == [("reset", 0)]
     (opening,) = session.opened
     assert (opening.scene.solver.name, opening.scene.solver.start, opening.seed) == ("descent", "random", 5)
     assert opening.measurement is panel.binding.measurement
 
 
-def test_a_seed_that_draws_nothing_is_not_shown(controls):
+def test_a_seed_without_effect_is_hidden(controls):
     panel, _ = controls
     assert not panel.solver.seed.visible, "joint from its affine start"
-    say(panel.solver.start, "random")
+    set_by_client(panel.solver.start, "random")
     assert panel.solver.seed.visible
-    say(panel.solver.name, "room")
+    set_by_client(panel.solver.name, "room")
     assert not panel.solver.seed.visible and not panel.solver.start.visible, "it has a start of its own"
-    say(panel.solver.name, "descent")
+    set_by_client(panel.solver.name, "descent")
     assert panel.solver.seed.visible and panel.solver.start.visible
 
 
-def test_what_was_measured_offers_no_room_to_simulate(server, work):
+def test_a_measurement_has_no_simulation_settings(server, work):
     measured = placeholder_scene(work.measurement, "hall", work.scene.solver)
     opened = []
     tab = scenetab.SceneTab(Binding(server.gui, dataclasses.replace(work, scene=measured), 6, opened.append))
     parameters = (tab.microphones, tab.radius, tab.walls, tab.noise, tab.speed, tab.known, tab.seed, tab.apply)
     assert not any(handle.visible for handle in parameters) and "a measurement" in tab.message.content
-    say(tab.apply, True)
+    set_by_client(tab.apply, True)
     assert opened == [], "a client can press a button that it does not see"
-    say(tab.name, "tiny")
+    set_by_client(tab.name, "tiny")
     assert all(handle.visible for handle in parameters) and "a measurement" not in tab.message.content
-    say(tab.apply, True)
+    set_by_client(tab.apply, True)
     assert [one.scene.name for one in opened] == ["tiny"]
-    say(tab.name, "hall")
+    set_by_client(tab.name, "hall")
     assert not tab.apply.visible
     namesake = dataclasses.replace(work, scene=placeholder_scene(work.measurement, "tiny", work.scene.solver))
     tab = scenetab.SceneTab(Binding(server.gui, namesake, 6, opened.append))
     assert tab.name.value == "tiny (measured)" and not tab.apply.visible
-    say(tab.name, "tiny")
+    set_by_client(tab.name, "tiny")
     assert tab.apply.visible, "the scene of that name is there, too"
     server.gui.reset()
