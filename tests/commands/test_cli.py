@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import json
 import os
 import re
@@ -17,76 +15,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from running import FDCAL, done, fdcal
 
 from fdcal.assessment.result_file import load_result
-from fdcal.assessment.result_schema import REQUIRED
 from fdcal.commands.cli import main
 from fdcal.model.measurement_file import load_measurement
 from fdcal.model.scene_file import load_scene
 
-FDCAL = [sys.executable, "-m", "fdcal"]
 PNG = b"\x89PNG"
-
-
-def fdcal(*arguments, folder: Path) -> subprocess.CompletedProcess:
-    """A command in a process of its own, as a user runs it."""
-    return subprocess.run([*FDCAL, *map(str, arguments)], capture_output=True, text=True, timeout=120, cwd=folder)
-
-
-def done(*arguments, folder: Path) -> str:
-    """Standard output of a command that must succeed; a calibration may end with a verdict that is not good.
-
-    In this process: to start another and to load the libraries anew takes longer than what most commands do.
-    """
-    out, errors = io.StringIO(), io.StringIO()
-    with contextlib.chdir(folder), contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors):
-        with pytest.raises(SystemExit) as ended:
-            main([str(argument) for argument in arguments])
-    assert (ended.value.code or 0) in ((0, 4) if arguments[0:1] == ("calibrate",) else (0,)), errors.getvalue()
-    return out.getvalue()
-
-
-@pytest.fixture
-def refused(tmp_path, monkeypatch, capsys):
-    """Function that runs a command that must fail, and gives its one error line; in this process, which saves time."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments, code: int = 2) -> str:
-        before = sorted(tmp_path.iterdir())
-        with pytest.raises(SystemExit) as ended:
-            main([str(argument) for argument in arguments])
-        out, errors = capsys.readouterr()
-        assert ended.value.code == code, errors
-        assert out == ""
-        (line,) = [line for line in errors.splitlines() if line.startswith("error: ")]
-        assert errors.endswith(line + "\n")
-        assert sorted(tmp_path.iterdir()) == before, "no output, no temporary file"
-        return line
-
-    return run
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory) -> Path:
-    """Folder with the measurement and the result of `tiny`, made by the commands."""
-    folder = tmp_path_factory.mktemp("made")
-    done("simulate", "tiny", "-o", "tiny.npz", folder=folder)
-    done("calibrate", "tiny.npz", "--modes", 12, "--seed", 1, "-o", "result.json", folder=folder)
-    return folder
-
-
-@pytest.fixture
-def altered(made, tmp_path):
-    """Function that writes tiny's measurement with some keys changed, None taking one out."""
-
-    def write(**changes) -> Path:
-        with np.load(made / "tiny.npz") as archive:
-            table = {**archive, **changes}
-        path = tmp_path / "altered.npz"
-        np.savez(path, **{key: value for key, value in table.items() if value is not None})
-        return path
-
-    return write
 
 
 def test_simulate_writes_all_of_the_measurement(made):
@@ -274,140 +210,6 @@ def test_view_prints_its_address_once_it_serves(start, made, tmp_path):
             viewer.kill()
         assert viewer.returncode in (0, 130)
         assert "Traceback" not in viewer.stderr.read()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["nothing"], ["nothing"]),
-        (["view", "--port", "65536"], ["--port 65536", "out of range"]),
-        (["view", "--port", "-1"], ["--port -1", "out of range"]),
-        (["view", "--port", "eighty"], ["--port", "eighty"]),
-        (["view", "--host", "no such host"], ["--host", "127.0.0.1"]),
-        (["view", "--host", ""], ["--host", "127.0.0.1"]),
-        (["view", "--host", "203.0.113.1"], ["--host", "203.0.113.1", "127.0.0.1"]),
-        (["view", "nowhere"], ['"nowhere" is unknown', "tiny"]),
-        (["simulate", "tiny"], ["-o"]),
-        (["simulate", "tiny", "-o", "tiny.mat"], ["tiny.mat", ".npz"]),
-        (["simulate", "old.npz", "-o", "new.npz"], ["old.npz", "give a scene"]),
-        (["calibrate", "tiny", "--modes", "0"], ["modes = 0", "1 to"]),
-        (["calibrate", "tiny", "--modes", "10000"], ["solver.modes = 10000", "use at most"]),
-        (["calibrate", "tiny", "--seed", "-4"], ["seed = -4", "0 or more"]),
-        (
-            ["calibrate", "tiny", "--solver", "magic"],
-            ["'--solver'", "'magic'", "'descent', 'descent+joint', 'joint', 'room'"],
-        ),
-        (
-            ["calibrate", "tiny", "--solver", "joint+descent"],
-            ["'--solver'", "'joint+descent' is not one of", "'descent+joint'"],
-        ),
-        (["calibrate", "tiny", "--modes", "3"], ["3 modes are too few", "26 unknown coordinates", "use at least 6"]),
-        (["calibrate", "tiny", "--start", "zero"], ["'--start'", "'zero'", "'affine', 'random'"]),
-        (["calibrate", "tiny", "--known", "some"], ["'--known'", "'some'", "'all', 'minimal', 'none'"]),
-        (["calibrate", "tiny", "--cost", "least"], ["'--cost'", "'least'", "'likelihood', 'projection'"]),
-        (
-            ["calibrate", "tiny", "--noise", "much"],
-            ["'--noise'", '"much" is unknown', '"auto", "reported"', "decibels"],
-        ),
-        (["calibrate", "tiny", "--noise", "nan"], ["'--noise'", '"nan" is unknown', "decibels"]),
-        (["calibrate", "tiny", "--noise", "301"], ["'--noise'", '"301" is unknown', "decibels"]),
-        (["calibrate", "tiny", "--solver", "descent", "--known", "none"], ['solver.known = "none"', "--known all"]),
-        (["calibrate", "tiny", "--solver", "descent+joint", "--known", "minimal"], ['"minimal"', "--solver joint"]),
-        (["calibrate", "tiny", "--search", "0,0,1,1"], ["--search 0,0,1,1", "4 numbers", "give 5", "step"]),
-        (["calibrate", "tiny", "--search", "0,0,1,1,fine"], ["--search", "no list of numbers"]),
-        (["calibrate", "tiny", "--search", "0,0,1,-1,0.1"], ["search.size = -1 m", "above zero"]),
-        (["calibrate", "tiny", "--search", "0,0,nan,1,0.1"], ["search.size = nan", "finite"]),
-        (["calibrate", "tiny", "--radius", "-1"], ["search.radius = -1 m", "above zero"]),
-        (
-            ["calibrate", "tiny", "--solver", "descent", "--radius", "4"],
-            ["2L + 1 =", "16 microphones; use a search.radius below 4 m"],
-        ),
-        (
-            ["calibrate", "tiny", "--solver", "descent", "--radius", "0.5"],
-            ["search.radius = 0.5 m", "(solver.modes; 20 asked for)", "below 2"],
-        ),
-        (["landscape", "tiny", "--microphone", "16", "-o", "f.png"], ["--microphone 16", "0 to 15"]),
-        (["landscape", "tiny", "--microphone", "-1", "-o", "f.png"], ["--microphone -1", "0 to 15"]),
-        (["landscape", "tiny", "--microphone", "0", "--mode-numbers", "0", "-o", "f.png"], ["mode 0", "1 to"]),
-        (["landscape", "tiny", "--microphone", "0", "--mode-numbers", "1;2", "-o", "f.png"], ["whole numbers"]),
-        (["landscape", "tiny", "--microphone", "0", "--radius", "4", "-o", "f.png"], ["2L + 1 ="]),
-        (["snapshot", "tiny", "--size", "big", "-o", "f.png"], ["'--size'", '"big"', "1280x800"]),
-        (["snapshot", "tiny", "--size", "1x1", "-o", "f.png"], ["'--size'", '"1x1"', "64 to 8192"]),
-        (["snapshot", "tiny", "--view", "side", "-o", "f.png"], ["side", "top"]),
-        (["snapshot", "tiny", "-o", "."], [".png"]),
-    ],
-)
-def test_bad_arguments_exit_2(arguments, words, refused):
-    line = refused(*arguments)
-    for word in words:
-        assert word in line
-
-
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        ({"room.sise": "[1, 1]"}, ["room.sise", 'did you mean "room.size"']),
-        ({"source.sample_rate": "8000.0"}, ["source.sample_rate = 8000 Hz", "CFL", "12127"]),
-        ({"source.low": "1e-6"}, ["source.duration = 0.6 s", "pulse", "higher source.low"]),
-        ({"source.duration": "0.01"}, ["duration", "resolution"]),
-        ({"source.position": "[0.7, 0.6]"}, ["source.position", "inside the array"]),
-        ({"array.center": "[0.0, 0.0]"}, ["microphone 0", "outside the room"]),
-        ({"gauge.known": "[0, 1]"}, ["gauge.known = [0, 1]", "three"]),
-        ({"solver.name": '"descent"', "solver.order_offset": "30"}, ["2L + 1 =", "16 microphones"]),
-    ],
-)
-def test_bad_scene_exits_2(edited, changes, words, tmp_path, refused):
-    line = refused("calibrate", edited(changes), "-o", "result.json")
-    for word in words:
-        assert word in line
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda t: {"frequencies": None}, ['no "frequencies"']),
-        (lambda t: {"pressures": None}, ['no "pressures"']),
-        (lambda t: {"sound_speed": None}, ['no "sound_speed"']),
-        (lambda t: {"dimension": None}, ['no "dimension"']),
-        (lambda t: {"known": t["known"] + 0.5}, ["known is real", "whole numbers"]),
-        (lambda t: {"wavenumbers": t["wavenumbers"].conj()}, ["wavenumbers[0]", "exp(+j w t)"]),
-        (lambda t: {"pressures": t["pressures"].real}, ["real", "complex"]),
-        (lambda t: {"pressures": t["pressures"][:, :-1]}, ["names must be 15"]),
-        (lambda t: {"pressures": t["pressures"] * np.nan}, ["pressures", "finite"]),
-        (lambda t: {"pressures": t["pressures"] * (np.arange(16) > 0)}, ['"0"', "zero"]),
-        (lambda t: {"frequencies": t["frequencies"][:-1]}, ["shape", "frequencies"]),
-        (lambda t: {"radius": None}, ["search_origin", "radius"]),
-        (lambda t: {"dimension": 3, "array_dimension": 2}, ["two-dimensional", "dimension = 3"]),
-        (lambda t: {"dimension": 4}, ["dimension", "2, 3"]),
-        (lambda t: {"known": t["known"] + 100}, ["known", "0 to 15"]),
-        (lambda t: {"known": t["known"][:2], "known_positions": t["known_positions"][:2]}, ["known = [0, 5]", "three"]),
-        (lambda t: {"known": None, "known_positions": None}, ["known = []", "three"]),
-    ],
-)
-def test_bad_measurement_exits_2(altered, made, change, words, refused):
-    with np.load(made / "tiny.npz") as archive:
-        path = altered(**change(dict(archive)))
-    descent = ["calibrate", path, "--solver", "descent", "-o", "new.json"]
-    for command in (descent, ["landscape", path, "--microphone", 9, "-o", "new.png"]):
-        if command[0] == "calibrate" or "three" not in words:  # a landscape needs no gauge
-            line = refused(*command)
-            for word in words:
-                assert word in line
-
-
-def test_bad_results_exit_2(made, tmp_path, refused):
-    drawing = ["landscape", "tiny", "--microphone", 0, "-o", "f.png", "--result"]
-    (tmp_path / "text.json").write_text("{")
-    (tmp_path / "empty.json").write_text("{}")
-    (tmp_path / "few.json").write_text(json.dumps({"positions": [[0, 0]]}))
-    assert "not valid JSON" in refused(*drawing, "text.json")
-    assert 'no "positions"' in refused(*drawing, "empty.json")
-    assert 'no "solver"' in refused(*drawing, "few.json")
-    result = json.loads((made / "result.json").read_text())
-    few = {key: result[key] for key in REQUIRED} | {"positions": [[0.5, 0.5]], "uncertainty_m": [0.0]}
-    (tmp_path / "few.json").write_text(json.dumps(few))
-    assert "shape (1, 2)" in refused(*drawing, "few.json")
-    assert "gone.json" in refused(*drawing, "gone.json", code=3)
 
 
 def test_a_refused_process_exits_with_the_code_and_no_traceback(tmp_path):
