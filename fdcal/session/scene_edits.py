@@ -210,8 +210,8 @@ def _title(scene: Scene, parameters: SceneParameters, before: SceneParameters, c
         "seed": f"seed {parameters.seed}",
     }
     old, new = asdict(before), asdict(parameters)
-    told = [text for key, text in words.items() if old[key] != new[key]]
-    if parameters.walls != "absorbing" and words["absorption"] in told:
-        told.remove(words["absorption"])
+    changed = [text for key, text in words.items() if old[key] != new[key]]
+    if parameters.walls != "absorbing" and words["absorption"] in changed:
+        changed.remove(words["absorption"])
     name = scene.title if ", changed: " in scene.title else f"{scene.name}, changed: "
-    return name + ("" if name.endswith(": ") else ", ") + ", ".join(told)
+    return name + ("" if name.endswith(": ") else ", ") + ", ".join(changed)

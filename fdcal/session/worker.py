@@ -124,6 +124,6 @@ class LatestWorker:
         try:
             return Delivery(arguments, result=self._function(*arguments))
         except Exception as error:
-            told = isinstance(error, (InputError, OSError))  # one line says it all, and whoever asked says it
-            log.log(logging.DEBUG if told else logging.ERROR, "%s failed", self._thread.name, exc_info=True)
+            expected = isinstance(error, (InputError, OSError))  # whoever asked reports it, in one line
+            log.log(logging.DEBUG if expected else logging.ERROR, "%s failed", self._thread.name, exc_info=True)
             return Delivery(arguments, error=f"{type(error).__name__}: {error}", cause=error)
