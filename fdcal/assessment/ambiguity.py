@@ -15,9 +15,10 @@ from ..model.problem import Problem
 from ..solvers.levenberg_marquardt import DAMPING
 from ..solvers.position_fit import position_step
 from .diagnostics import Diagnostics
+from .error_ellipses import one_sigma
 from .findings import only_wavenumber_scales, root_mean_square
 from .thresholds import LIMITS
-from .uncertainty import one_sigma, pressures_and_field
+from .uncertainty import pressures_and_field
 
 STEPS = 6  # of the descent from the mirror image into its minimum
 

@@ -14,8 +14,8 @@ from ..acoustics.fourier_bessel import array_f_max
 from ..cost.noise_model import NOISE
 from ..model.problem import Problem
 from .diagnostics import Diagnostics
+from .error_ellipses import one_sigma
 from .thresholds import LIMITS
-from .uncertainty import one_sigma
 
 FEWEST_MODES = 8  # with fewer modes below the limit, fewer modes are no remedy
 CAUSES = "a source or an obstacle inside the array, odd channels, or positions not found yet (try another solver)"

@@ -26,9 +26,10 @@ from ..solvers.levenberg_marquardt import DAMPING
 from ..solvers.room.fit import Exact, bounded_step, exact
 from ..solvers.room.state import freedom, scaled
 from .ambiguity import rms_radius
+from .error_ellipses import one_sigma
 from .findings import precision, root_mean_square
 from .thresholds import LIMITS, ROOM_LIMITS
-from .uncertainty import bounded_inverse, one_sigma
+from .uncertainty import bounded_inverse
 from .verdict import Verdict
 
 SIZE_STEPS = 12  # at most, of the fit of the size

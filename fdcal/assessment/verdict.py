@@ -27,7 +27,7 @@ from ..model.validation import frozen_array, word_arguments
 from . import findings
 from .ambiguity import ambiguous, mirrored_rivals
 from .diagnostics import diagnose
-from .uncertainty import one_sigma
+from .error_ellipses import one_sigma
 
 
 @dataclass(frozen=True)

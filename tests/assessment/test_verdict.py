@@ -72,10 +72,10 @@ def test_a_right_array_is_good(known, snr_db):
     assert np.all(found.uncertainty[known] == 0) and np.all(np.delete(found.uncertainty, known) > 0)
 
 
-@pytest.mark.parametrize("told", [True, False], ids=["noise told", "noise estimated"])
+@pytest.mark.parametrize("noise_given", [True, False], ids=["noise given", "noise estimated"])
 @pytest.mark.parametrize("known", [KNOWN, []], ids=["known", "blind"])
 @pytest.mark.parametrize("kind", ["gain", "phase", "garbage"])
-def test_an_odd_channel_is_named_with_the_argument_that_leaves_it_out(kind, known, told):
+def test_an_odd_channel_is_named_with_the_argument_that_leaves_it_out(kind, known, noise_given):
     rng = np.random.default_rng(1)
 
     def change(p):
@@ -87,7 +87,7 @@ def test_an_odd_channel_is_named_with_the_argument_that_leaves_it_out(kind, know
         }
         p[:, 17] = new[kind]
 
-    found = verdict(altered(room(known), change), told)
+    found = verdict(altered(room(known), change), noise_given)
     assert found.code == "odd_channel", found.text
     assert "leave it out with --exclude 17" in found.worded({"exclude": "--exclude"}) and found.text.startswith(
         "microphone 17"
@@ -133,8 +133,8 @@ def test_a_swap_that_involves_a_known_microphone_is_not_good(pair):
     def change(p):
         p[:, list(pair)] = p[:, list(pair[::-1])]
 
-    for told in (True, False):
-        found = verdict(altered(room(), change), told)
+    for noise_given in (True, False):
+        found = verdict(altered(room(), change), noise_given)
         assert found.code != "good"
     assert found.code in ("known_position", "odd_channel", "model_mismatch")
 

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...assessment.uncertainty import ellipse_axes, information, one_sigma, pressures_and_field, robust_covariance
+from ...assessment.error_ellipses import ellipse_axes, one_sigma
+from ...assessment.uncertainty import information, pressures_and_field, robust_covariance
 from ...session.worker import LatestWorker
 from ...solvers.interface import AssessmentMethod, RunState
 from .prepare import PreparedRun
