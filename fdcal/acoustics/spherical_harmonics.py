@@ -68,7 +68,7 @@ def spherical_bessel(positions, wavenumber: complex, order: int, centre) -> np.n
 
     Examples
     --------
-    >>> spherical_bessel(np.zeros((1, 3)), 1.0, 1, (0.0, 0.0, 0.0)).real
+    >>> np.abs(spherical_bessel(np.zeros((1, 3)), 1.0, 1, (0.0, 0.0, 0.0)))
     array([[1., 0., 0., 0.]])
     """
     offsets = np.asarray(positions, float) - np.asarray(centre, float)

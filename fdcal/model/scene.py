@@ -38,8 +38,8 @@ class Scene:
     --------
     >>> from fdcal.acoustics.measure import measure
     >>> from fdcal.model.scene_file import load_scene
-    >>> measure(load_scene("tiny")).pressures.shape
-    (20, 16)
+    >>> measure(load_scene("tiny")).count
+    16
     """
 
     name: str

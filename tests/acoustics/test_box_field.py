@@ -140,9 +140,9 @@ def test_absorbing_walls_need_no_other_damping():
 def test_peaks_are_the_eigenfrequencies_of_the_room():
     room, c, highest = Room(size=SIZE), 343.0, 190.0
     sensing = Sensing(lowest=50.0, highest=highest, resolution=2.0, wavenumber="continuous")
-    heard = []
+    reported = []
     frequencies, wavenumbers, pressures, spectrum = modal_pressures(
-        room, Source(position=tuple(SOURCE), duration=6.0), PLACES[:4], sensing, heard.append
+        room, Source(position=tuple(SOURCE), duration=6.0), PLACES[:4], sensing, reported.append
     )
     n = np.stack(np.meshgrid(*[np.arange(9)] * 3), axis=-1).reshape(-1, 3)
     exact = np.unique(np.round(c / 2 * np.linalg.norm(n / SIZE, axis=1), 6))
@@ -155,10 +155,10 @@ def test_peaks_are_the_eigenfrequencies_of_the_room():
     np.testing.assert_allclose(pressures, point_source_pressures(room, SOURCE, PLACES[:4], wavenumbers))
     peaks = np.array([spectrum[1][np.abs(spectrum[0] - f) < 1].max() for f in frequencies])
     assert np.all(peaks > np.median(spectrum[1])) and spectrum[0][0] == 50 and spectrum[0][-1] >= highest
-    assert heard == sorted(heard) and heard[-1] == 1.0
+    assert reported == sorted(reported) and reported[-1] == 1.0
 
 
-def test_what_cannot_be_told_apart_or_summed_is_refused():
+def test_unresolved_lines_and_sums_that_do_not_converge_are_refused():
     with pytest.raises(InputError, match=r"source\.duration = 1 s is too short.*resolution = 2 Hz.*at least 3\.31 s"):
         modal_pressures(ROOMS["rigid"], Source(position=tuple(SOURCE), duration=1.0), PLACES, Sensing(resolution=2.0))
     with pytest.raises(InputError, match=r"too close to microphone 1 .*move it"):
@@ -167,7 +167,7 @@ def test_what_cannot_be_told_apart_or_summed_is_refused():
         point_source_pressures(dataclasses.replace(ROOMS["absorbing"], admittance=30.0), SOURCE, PLACES, K)
 
 
-def test_terms_left_out_do_not_matter(room):
+def test_the_omitted_terms_are_negligible(room):
     few, many = (
         point_source_pressures(room, SOURCE, PLACES, K, nepers) for nepers in (box_field.EXACT, 1.5 * box_field.EXACT)
     )

@@ -20,7 +20,7 @@ K = (2 * np.pi * np.array([34.3, 66.7, 102.9]) - 3j) / 343.0
 
 
 def differs(values, truth) -> float:
-    """Largest relative difference after the loudness of each frequency is taken off."""
+    """Largest relative difference after the amplitude of each frequency is removed."""
     ratio = values / truth
     return float(np.abs(ratio / ratio.mean(axis=1, keepdims=True) - 1).max())
 
@@ -87,7 +87,7 @@ def test_the_exact_models_gradient_is_its_slope(size, places, source):
 @pytest.mark.parametrize(
     ("size", "count"), [((6.0, 5.0), 4), ((5.0, 5.0), 8), ((4.0, 3.0, 2.5), 8), ((3.0, 3.0, 2.5), 16)]
 )
-def test_no_pressure_tells_the_images_of_a_room_apart(size, count):
+def test_the_symmetries_of_a_room_leave_its_pressures_unchanged(size, count):
     found = room_symmetries(size)
     assert len(found) == count
     D, room = len(size), point_source_model(size, K, 0.02)
@@ -103,6 +103,6 @@ def test_no_pressure_tells_the_images_of_a_room_apart(size, count):
         assert nearest_symmetry(places, image.apply(places), size) == image
 
 
-def test_at_a_resonance_to_the_last_bit_the_field_is_finite():
+def test_at_an_exact_resonance_the_field_is_finite():
     k = np.array([np.pi / SIZE[0], 2 * np.pi / SIZE[1]])
     assert np.all(np.isfinite(point_source_model(SIZE, k, 0).response))

@@ -1,4 +1,4 @@
-"""Arrays: geometry, cell centres, and what a scene's array is refused for."""
+"""Arrays: geometry, cell centres, and the checks of a scene's array."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_random_microphones_fill_every_free_cell_and_no_more():
 
 @settings(deadline=None)  # a busy machine is no fault
 @given(st.floats(-10, 10), st.floats(-10, 10), st.sampled_from([0.02, 0.04, 0.017]))
-def test_snapping_goes_to_the_own_cell_and_stays_there(x, y, cell):
+def test_snapping_returns_the_centre_of_the_own_cell_and_is_idempotent(x, y, cell):
     snapped = snap(np.array([x, y]), cell)
     assert np.abs(snapped - [x, y]).max() <= cell / 2 * (1 + 1e-6)
     assert np.array_equal(snap(snapped, cell), snapped)
@@ -95,7 +95,7 @@ def test_positions_are_cell_centres_and_read_only():
         positions[0] = 0
 
 
-def test_seed_moves_the_random_microphones_alone(edited):
+def test_the_seed_moves_only_the_random_microphones(edited):
     one, two = (positions_of(load_scene(edited({"seed": seed}))) for seed in ("1", "2"))
     assert np.array_equal(one[:9], two[:9])
     assert not np.array_equal(one[9:], two[9:])

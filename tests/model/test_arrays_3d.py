@@ -55,7 +55,7 @@ def test_a_plane_array_has_two_coordinates_and_stands_at_its_height():
 
 
 @pytest.mark.parametrize("name", ["ball3d", "plane3d"])
-def test_what_is_measured_is_the_field_where_the_microphones_stand(name):
+def test_the_measurement_is_the_field_at_the_microphones(name):
     scene = load_scene(name)
     few = Array("box", (1.9, 1.6, 1.3), count=6, size=(0.6, 0.6, 0.4))
     if name == "plane3d":
@@ -64,19 +64,19 @@ def test_what_is_measured_is_the_field_where_the_microphones_stand(name):
     scene = dataclasses.replace(
         scene, array=few, measurement=sensing, gauge=dataclasses.replace(scene.gauge, known=(0, 1, 2, 4))
     )
-    told = measure(scene)
+    measured = measure(scene)
     clean = measure(dataclasses.replace(scene, measurement=dataclasses.replace(sensing, snr_db=np.inf)))
-    assert (told.dimension, told.array_dimension) == (3, 2 if name == "plane3d" else 3)
+    assert (measured.dimension, measured.array_dimension) == (3, 2 if name == "plane3d" else 3)
     np.testing.assert_allclose(
         clean.pressures,
         point_source_pressures(scene.room, scene.source.position, positions_3d(scene), clean.wavenumbers),
         rtol=1e-9,
     )
     assert not clean.noise_power.any() and np.all(clean.wavenumbers.imag < 0) and len(clean.frequencies) > 5
-    np.testing.assert_allclose(told.noise_power, 1e-4 * np.mean(np.abs(clean.pressures) ** 2, axis=1))
-    noise = np.mean(np.abs(told.pressures - clean.pressures) ** 2 / told.noise_power[:, None])
+    np.testing.assert_allclose(measured.noise_power, 1e-4 * np.mean(np.abs(clean.pressures) ** 2, axis=1))
+    noise = np.mean(np.abs(measured.pressures - clean.pressures) ** 2 / measured.noise_power[:, None])
     assert noise == pytest.approx(1.0, abs=4 / np.sqrt(clean.pressures.size))
-    np.testing.assert_array_equal(measure(scene).pressures, told.pressures)
+    np.testing.assert_array_equal(measure(scene).pressures, measured.pressures)
 
 
 @pytest.fixture(scope="module", params=["ball3d", "plane3d"])
@@ -87,7 +87,7 @@ def shipped(request):
 
 
 def test_scenes_in_space_are_calibrated_all_at_once(shipped):
-    """What the README says of them, with room to spare."""
+    """The figures of the README, with a margin."""
     scene, measurement = shipped
     *_, state = run(measurement.problem(), scene.solver, scene.seed)
     assert state.finished and state.converged
@@ -109,7 +109,7 @@ def test_the_map_of_one_microphone_is_lowest_at_its_place_in_its_own_layer(shipp
         assert np.linalg.norm(lowest - measurement.positions[n]) < scene.search.step
 
 
-def test_the_paper_s_solver_and_its_lattice_decline_a_field_in_space(shipped):
+def test_the_solver_of_the_paper_and_its_lattice_refuse_a_field_in_space(shipped):
     scene, measurement = shipped
     problem = measurement.problem()
     with pytest.raises(InputError, match=r"two-dimensional"):

@@ -1,4 +1,4 @@
-"""The .npz file of a measurement: what is written comes back, and nothing else is taken for it."""
+"""The .npz file of a measurement: it survives the round trip, and anything else is refused."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def written(tmp_path):
     return write
 
 
-def test_what_is_written_comes_back(written):
+def test_a_measurement_survives_the_round_trip(written):
     given, back = measured(POSITIONS, (0, 1, 2), highest=100.0), load_measurement(written())
     for name in ("frequencies", "pressures", "wavenumbers", "positions", "known", "known_positions"):
         assert np.array_equal(getattr(given, name), getattr(back, name))
@@ -101,5 +101,5 @@ def test_the_other_time_sign_is_refused(written):
     assert load_measurement(written(wavenumbers=other.real)).wavenumbers.dtype == complex
 
 
-def test_keys_of_others_are_passed_over(written):
+def test_unknown_keys_are_ignored(written):
     load_measurement(written(remark=np.array([None])))

@@ -1,4 +1,4 @@
-"""Scenes: those that ship load and hold what they promise; a bad one is refused in words that help."""
+"""Scenes: those that come with fdcal are consistent; a bad one is refused with key, value and remedy."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from fdcal.model.settings import Search
 from fdcal.model.validation import InputError, StorageError
 
 
-def test_scenes_that_ship():
+def test_the_scenes_that_come_with_fdcal():
     names = ["array1_circle", "array2_random", "ball3d", "fig1_square", "lshape", "plane3d", "tiny"]
     assert scene_names() == names
 
 
 @pytest.mark.parametrize("name", ["array1_circle", "array2_random", "fig1_square", "lshape", "tiny"])
-def test_scene_holds_together(name):
+def test_scene_is_consistent(name):
     scene = load_scene(name)
     positions = positions_of(scene)
     lattice = (positions - scene.search.origin) / scene.search.step
@@ -32,7 +32,7 @@ def test_scene_holds_together(name):
 
 
 @pytest.mark.parametrize(("name", "dimension", "count"), [("ball3d", 3, 64), ("plane3d", 2, 121)])
-def test_scene_in_space_holds_together(name, dimension, count):
+def test_scene_in_space_is_consistent(name, dimension, count):
     scene = load_scene(name)
     assert scene.room.dimension == 3 and (scene.room.cell, scene.source.low, scene.source.sample_rate) == (None,) * 3
     positions = positions_of(scene)
@@ -194,7 +194,7 @@ def test_bad_scene_in_space_names_key_value_and_remedy(boxed, changes, words):
         ),
     ],
 )
-def test_array_in_space_is_refused_in_words_that_help(boxed, changes, words):
+def test_bad_array_in_space_names_key_and_remedy(boxed, changes, words):
     scene = load_scene(boxed(changes))
     with pytest.raises(InputError) as caught:
         positions_of(scene)
@@ -219,7 +219,7 @@ def test_in_space_search_and_known_microphones_may_be_left_out(boxed):
     + [f"solver.{name}" for name in ("name", "modes", "first_modes", "order_offset", "ample_modes", "known_weight")]
     + ["solver.weights", "solver.max_sweeps"],
 )
-def test_a_missing_key_is_named_and_no_default_steps_in(edited, key):
+def test_a_missing_key_is_named_and_no_default_is_used(edited, key):
     with pytest.raises(InputError, match=rf"{key} is missing; add it"):
         load_scene(edited({key: None}))
 

@@ -1,4 +1,4 @@
-"""Files are whole or not there; the cache is checked, bounded and never in the way."""
+"""Files are complete or absent; the cache is checked, bounded, and never stops a run."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from fdcal.model.validation import InputError, StorageError
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A cache of this test's own."""
+    """A separate cache for this test."""
     monkeypatch.setenv("FDCAL_CACHE", str(tmp_path / "cache"))
     return tmp_path / "cache"
 
 
 @pytest.fixture
 def runs(monkeypatch):
-    """Counts the simulations."""
+    """Count the simulations."""
     seen, simulate = [], fdtd.simulate
     monkeypatch.setattr(fdtd, "simulate", lambda *given: seen.append(given) or simulate(*given))
     return seen
@@ -60,7 +60,7 @@ def test_a_file_that_appears_while_writing_is_not_overwritten(tmp_path):
 
 
 @pytest.mark.parametrize("fault", [KeyboardInterrupt, ValueError])
-def test_what_is_broken_off_leaves_nothing(tmp_path, fault):
+def test_an_interrupted_write_leaves_no_file(tmp_path, fault):
     def broken(file):
         file.write_text("half of it")
         raise fault
@@ -103,7 +103,7 @@ def test_measurement_is_made_once(tiny, folder, runs):
 
 
 @pytest.mark.parametrize("damage", [lambda b: b[:-40], lambda b: b"", lambda b: b[:500] + b"x" + b[501:]])
-def test_a_damaged_file_is_made_anew(tiny, folder, runs, damage, caplog):
+def test_a_damaged_file_is_made_again(tiny, folder, runs, damage, caplog):
     first = cached_recordings(tiny)
     (file,) = folder.iterdir()
     whole = file.read_bytes()
@@ -115,7 +115,7 @@ def test_a_damaged_file_is_made_anew(tiny, folder, runs, damage, caplog):
     assert file.read_bytes() == whole
 
 
-def test_a_file_that_is_whole_but_holds_something_else_is_made_anew(tiny, folder, caplog):
+def test_a_complete_file_with_another_content_is_made_again(tiny, folder, caplog):
     first = cached_measurement(tiny)
     (file,) = folder.glob("*.npz")
     file.unlink()
@@ -133,7 +133,7 @@ def test_a_cache_that_cannot_be_written_stops_nothing(tiny, tmp_path, monkeypatc
     assert len(caplog.records) == 1 and "nothing is stored" in caplog.text
 
 
-def test_ctrl_c_leaves_nothing(tiny, folder):
+def test_ctrl_c_leaves_no_file(tiny, folder):
     def interrupt(done):
         if done > 0.5:
             raise KeyboardInterrupt
@@ -143,7 +143,7 @@ def test_ctrl_c_leaves_nothing(tiny, folder):
     assert not folder.exists() or not list(folder.iterdir())
 
 
-def test_the_oldest_files_are_dropped(tiny, folder, monkeypatch):
+def test_the_least_recently_used_files_are_deleted(tiny, folder, monkeypatch):
     folder.mkdir()
     for age, name in enumerate("abcd"):
         file = folder / f"{name * 64}.npy"
