@@ -1,4 +1,4 @@
 """Work on background threads: preparation, cost maps, uncertainty, exports.
 
-May import: the packages below viewer.
+May import: the packages below viewer, and gui.
 """
