@@ -34,7 +34,7 @@ def test_simulate_writes_all_of_the_measurement(made):
     assert measurement.positions.shape == (16, 2)
 
 
-def test_calibrate_writes_the_result_and_tells_it(made):
+def test_calibrate_writes_the_result_and_prints_a_summary(made):
     result = json.loads((made / "result.json").read_text())
     keys = {"positions", "solver", "seed", "frequencies", "cost", "sweeps", "elapsed_s", "converged"}
     keys |= {"left_out_db", "left_out_microphones_db", "left_out_frequencies_db"}

@@ -62,7 +62,7 @@ def test_a_figure_alone_is_the_same_again(folder, tmp_path, capsys):
     assert capsys.readouterr().out.split() == [str(tmp_path / f"fig3.{suffix}") for suffix in ("png", "svg")]
 
 
-def test_the_table_tells_the_runs(folder, array, run):
+def test_the_table_holds_the_results_of_the_runs(folder, array, run):
     rows = {row["solver"]: row for row in csv.DictReader((folder / "table.csv").open())}
     assert list(rows) == ["descent", "descent+joint", "joint"], "the paper tells nothing of tiny"
     assert float(rows["descent"]["mean_error_m"]) == pytest.approx(study.mean_error(array, run.positions[-1]))

@@ -240,7 +240,7 @@ def test_a_header_that_announces_what_is_not_there_is_refused_at_once(shape, tmp
 
 
 @pytest.mark.parametrize("rate", ["fast", [1.0, 2.0]])
-def test_a_rate_that_is_no_number_is_told(rate, tmp_path):
+def test_a_rate_that_is_no_number_is_refused(rate, tmp_path):
     with h5py.File(write_hdf5(tmp_path / "a.h5"), "a") as file:
         file["time_data"].attrs["sample_freq"] = rate
     assert '"sample_freq" is' in refusal(tmp_path / "a.h5")

@@ -1,4 +1,4 @@
-"""From recordings of a room to pressures and positions: exact without noise, and the noise is told as it is."""
+"""From recordings of a room to pressures and positions: exact without noise, and the noise estimate is right."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ from fdcal.recordings.reverberation import estimate_decay
 BAND = 20.0, 400.0
 
 
-def recorded(samples, kind="impulse", **told) -> Recording:
-    return recording_of("file", kind, FS, samples, **told)
+def recorded(samples, kind="impulse", **others) -> Recording:
+    return recording_of("file", kind, FS, samples, **others)
 
 
 def test_a_response_gives_its_transform():
@@ -47,7 +47,7 @@ def test_a_response_gives_its_transform():
 
 
 @pytest.mark.parametrize("snr_db", [20, 40])
-def test_the_noise_of_a_response_is_told_as_it_is(snr_db):
+def test_the_noise_estimated_in_an_impulse_response_is_right(snr_db):
     taken = impulse_response_pressures(recorded(noisy(responses(), snr_db)), BAND, SPEED)
     s = SPEED * -taken.wavenumbers[0].imag
     error = taken.pressures - exact(taken.frequencies, s)
@@ -55,7 +55,7 @@ def test_the_noise_of_a_response_is_told_as_it_is(snr_db):
     assert 0.7 < ratio < 1.4
 
 
-def test_a_room_that_rings_is_weighted_and_its_noise_not_told():
+def test_a_recording_cut_while_the_room_rings_is_weighted_and_has_no_noise_estimate():
     cut = responses()[:, :400]  # a tenth of a second
     taken = impulse_response_pressures(recorded(cut), BAND, SPEED)
     s = SPEED * -taken.wavenumbers[0].imag
@@ -66,7 +66,7 @@ def test_a_room_that_rings_is_weighted_and_its_noise_not_told():
     assert np.median(mismatch_db(plain.pressures, exact(plain.frequencies))) > -40, "what the window is for"
 
 
-def test_the_decay_is_told_in_the_midst_of_noise():
+def test_the_decay_is_estimated_in_noise():
     t = np.arange(FS) / FS
     ringing = np.random.default_rng(0).standard_normal((8, FS)) * np.exp(-20 * t)
     clean = estimate_decay(recorded(ringing), BAND).rate
@@ -89,7 +89,7 @@ def test_a_sweep_only_decays_when_it_is_over():
     assert np.median(mismatch_db(taken.pressures, exact(taken.frequencies, count=24)[:, :8])) < -20
 
 
-def test_a_source_at_work_gives_what_its_responses_give():
+def test_a_stationary_source_gives_the_pressures_of_its_impulse_responses():
     heard, _ = at_work(30, 60)
     taken = stationary_pressures(recorded(heard, "stationary"), BAND, SPEED)
     assert len(taken.frequencies) > 40
@@ -97,7 +97,7 @@ def test_a_source_at_work_gives_what_its_responses_give():
     assert np.max(mismatch_db(taken.pressures, exact(taken.frequencies))) < -45
 
 
-def test_the_noise_beside_a_source_at_work_is_told_as_it_is():
+def test_the_noise_estimated_beside_a_stationary_source_is_right():
     heard, _ = at_work(30, 20)
     for reference in (None, 3):
         taken = stationary_pressures(recorded(heard, "stationary"), BAND, SPEED, reference=reference)
@@ -161,7 +161,7 @@ def swept(seconds: float, snr_db: float, silence: float = 1.0) -> tuple[np.ndarr
 
 
 def error_over_noise(taken) -> np.ndarray:
-    """Error of every pressure over the noise told, mean of each third of the frequencies : (3,)."""
+    """Error of every pressure over the estimated noise, mean of each third of the frequencies : (3,)."""
     truth = exact(taken.frequencies, SPEED * -taken.wavenumbers[0].imag)
     factor = np.sum(truth.conj() * taken.pressures, axis=1) / np.sum(np.abs(truth) ** 2, axis=1)
     error = np.mean(np.abs(taken.pressures - factor[:, None] * truth) ** 2, axis=1)
@@ -169,7 +169,7 @@ def error_over_noise(taken) -> np.ndarray:
 
 
 @pytest.mark.parametrize("seconds", [5, 20])
-def test_the_noise_of_a_sweep_is_told_as_it_is_with_its_reference_and_without(seconds):
+def test_the_noise_estimated_in_a_sweep_is_right_with_its_reference_and_without(seconds):
     heard, played = swept(seconds, 30)
     plain = impulse_response_pressures(recorded(heard), BAND, SPEED)
     made, noise = deconvolve(recorded(heard, None), recorded(played[None], None), BAND)
@@ -313,11 +313,11 @@ def test_from_a_recording_to_a_table_of_positions(name, kind, folder, tmp_path, 
     monkeypatch.chdir(tmp_path)
     before = (folder / name).read_bytes()
     run("import", folder / name, "-o", "m.npz", "--known", folder / "known.csv", "--sound-speed", SPEED)
-    told = capsys.readouterr().out
-    assert kind in told
-    assert "channels     24" in told
-    assert "known        5 of 24" in told
-    assert "SNR" in told
+    printed = capsys.readouterr().out
+    assert kind in printed
+    assert "channels     24" in printed
+    assert "known        5 of 24" in printed
+    assert "SNR" in printed
     with pytest.raises(SystemExit) as ended:
         main(["calibrate", "m.npz", "--solver", "joint", "-o", "r.json"])
     assert ended.value.code in (None, 0, 4)
@@ -363,21 +363,21 @@ def test_a_swap_in_the_file_is_named(tmp_path, monkeypatch, capsys):
 
 def test_a_wide_array_of_few_microphones_is_taken_no_higher_than_it_can_use(folder, tmp_path):
     np.savez(tmp_path / "bare.npz", recordings=responses(), sample_rate=FS, kind="response")
-    np.savez(tmp_path / "told.npz", recordings=responses(), sample_rate=FS, kind="response", positions=places())
+    np.savez(tmp_path / "placed.npz", recordings=responses(), sample_rate=FS, kind="response", positions=places())
     radius = np.linalg.norm(places() - places().mean(axis=0), axis=1).max()
     limit = f_max(24, radius, SPEED, 3)
-    for name, wishes, words in (
-        ("told.npz", {}, "positions in the file"),
+    for name, options, words in (
+        ("placed.npz", {}, "positions in the file"),
         ("bare.npz", {"array_radius": radius}, "radius given"),
         ("bare.npz", {"known": str(folder / "known.csv")}, "known microphones"),
     ):
-        measurement, told = import_recording(tmp_path / name, ImportOptions(sound_speed=SPEED, **wishes))
-        assert words in import_summary(measurement, told)
-        assert measurement.frequencies[-1] <= told.highest_frequency < 500
-        assert told.highest_frequency == pytest.approx(limit) or name == "bare.npz"
-    measurement, told = import_recording(tmp_path / "bare.npz", ImportOptions(sound_speed=SPEED))
-    assert told.highest_frequency is None and measurement.frequencies[-1] > limit
-    assert "highest usable frequency  unknown" in import_summary(measurement, told)
+        measurement, report = import_recording(tmp_path / name, ImportOptions(sound_speed=SPEED, **options))
+        assert words in import_summary(measurement, report)
+        assert measurement.frequencies[-1] <= report.highest_frequency < 500
+        assert report.highest_frequency == pytest.approx(limit) or name == "bare.npz"
+    measurement, report = import_recording(tmp_path / "bare.npz", ImportOptions(sound_speed=SPEED))
+    assert report.highest_frequency is None and measurement.frequencies[-1] > limit
+    assert "highest usable frequency  unknown" in import_summary(measurement, report)
 
 
 def test_bad_channels_are_left_out_when_asked(tmp_path):
@@ -387,10 +387,10 @@ def test_bad_channels_are_left_out_when_asked(tmp_path):
     np.savez(tmp_path / "a.npz", recordings=samples, sample_rate=FS, kind="response")
     with pytest.raises(InputError, match=r"channel 3 is silent; .*leave_out bad"):
         import_recording(tmp_path / "a.npz")
-    measurement, told = import_recording(tmp_path / "a.npz", ImportOptions(leave_out="bad"))
-    assert told.left_out == {"3": "silent", "8": "a copy of 2"}
+    measurement, report = import_recording(tmp_path / "a.npz", ImportOptions(leave_out="bad"))
+    assert report.left_out == {"3": "silent", "8": "a copy of 2"}
     assert measurement.names == tuple(str(n) for n in range(24) if n not in (3, 8))
-    assert "left out     3 (silent), 8 (a copy of 2); none of the others" in import_summary(measurement, told)
+    assert "left out     3 (silent), 8 (a copy of 2); none of the others" in import_summary(measurement, report)
 
 
 def test_a_plane_of_microphones_in_space(tmp_path):
@@ -420,7 +420,7 @@ def test_a_plane_of_microphones_in_space(tmp_path):
         (["--source", "1"], "one source only", 2),
     ],
 )
-def test_a_wish_that_cannot_be_is_refused(options, words, code, folder, tmp_path, monkeypatch, capsys):
+def test_an_option_out_of_range_is_refused(options, words, code, folder, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     run("import", folder / "responses.wav", "-o", "m.npz", *options, code=code)
     out, err = capsys.readouterr()

@@ -104,7 +104,7 @@ def test_every_convention_is_read_and_its_positions_are_filled_in(convention, mo
 
 
 @pytest.mark.parametrize("convention", EMITTERS)
-def test_the_emitter_asked_for_is_heard(convention, tmp_path):
+def test_the_emitter_asked_for_is_read(convention, tmp_path):
     path = written(tmp_path / "a.sofa", convention, emitters=3)
     for source in range(3):
         recording = formats.read(path, source)
