@@ -13,7 +13,7 @@ from browsing import ARGUMENTS
 from xdist.scheduler import LoadFileScheduling
 
 from fdcal.model.scene_file import scene_folder
-from fdcal.solvers.warmup import pieces
+from fdcal.solvers.warmup import warmup_calls
 
 ROOT = Path(__file__).parent.parent
 BROWSER_FILES = ("test_browser.py", "test_fault.py", "test_page.py", "test_replay.py")
@@ -35,7 +35,7 @@ def cache(tmp_path_factory) -> Path:
 @pytest.fixture(scope="session")
 def kernels() -> None:
     """The solver's kernels, compiled, here and on disk: no test that waits for a session waits for a compiler, too."""
-    first, last = pieces(2, "joint")
+    first, last = warmup_calls(2, "joint")
     for piece in (*first, *last):
         piece()
 

@@ -1,10 +1,10 @@
 """Two or three solvers from the same start, each on its own thread.
 
-    Comparison         the runs; play, pause, reset
-    ComparisonRun         one solver: its session and its timed
-    common_cost   Eq. 7 of all modes, the same rule for all: solvers minimise costs of their own
+    Comparison     the runs; play, pause, reset
+    ComparisonRun  one solver: its session and its timer
+    common_cost    Eq. 7 of all modes, the same for all: solvers minimise costs of their own
 
-Time is processor time of the run's own thread, spent in steps: runs that share a core are not slower for it.
+Time is processor time of the run's own thread, spent in steps, so that sharing a core makes no run slower.
 """
 
 from __future__ import annotations
@@ -21,11 +21,12 @@ from ..cost.mode_limits import require_modes
 from ..model.problem import Problem
 from ..model.settings import SolverSettings
 from ..model.validation import InputError
+from ..solvers.interface import RunState
 from .session import Session
 
 
 class TimedSolver:
-    """A solver whose steps are timed; `spent` is s from the start to a state, by its step."""
+    """A solver whose steps are timed; `spent` is the time from the start to a state, s, by its number of steps."""
 
     def __init__(self, module):
         self._module, self.spent = module, {}
@@ -45,19 +46,19 @@ class TimedSolver:
 
 @dataclass(frozen=True)
 class ComparisonRun:
-    """One solver of a race."""
+    """One solver of a comparison."""
 
     name: str
     session: Session
     timed: TimedSolver
 
     def seconds(self, state) -> float:
-        """Processor time from the start to `state`."""
+        """Return the processor time from the start to `state`, s."""
         return self.timed.spent.get(state.step, 0.0) if state.step else 0.0
 
 
 class Comparison:
-    """Solvers side by side. Raises InputError where one of them cannot start."""
+    """Solvers side by side. Raises InputError if one of them cannot start."""
 
     def __init__(self, problem: Problem, settings: SolverSettings, names: tuple[str, ...], start: str, seed: int):
         begun = same_start(problem, replace(settings, start=start), names, seed)
@@ -73,7 +74,7 @@ class Comparison:
 
     @property
     def over(self) -> bool:
-        """Whether all have come to their end."""
+        """Whether all have finished."""
         return all(run.session.view.state.finished for run in self.runs)
 
     def play(self) -> None:
@@ -86,38 +87,47 @@ class Comparison:
             run.session.pause()
 
     def reset(self) -> None:
-        """All back to the start, and wait."""
+        """Rewind all to the start, and pause."""
         for run in self.runs:
             run.session.seek(0)
 
     def close(self, timeout: float) -> bool:
-        """End the threads after the steps under way."""
+        """End the threads after their present steps; return False if that takes longer than `timeout` seconds."""
         for run in self.runs:
             run.session.close(0.0)
         return all([run.session.close(timeout) for run in self.runs])
 
 
-def same_start(problem: Problem, settings: SolverSettings, names, seed: int) -> dict[str, object]:
-    """A first state for each solver, all at the same positions.
+def same_start(problem: Problem, settings: SolverSettings, names, seed: int) -> dict[str, RunState]:
+    """Return a first state for each solver, all at the same positions.
 
-    From the affine start joint keeps its own first phase, which bends the array, and stands where the others do but for
-    half a step of the lattice; at random it is put exactly where they are.
+    At a random start all are exactly at the positions that a solver on the lattice has drawn. At the affine start a
+    solver without a lattice keeps its own start, which differs by half a step of the lattice at most.
     """
-    states: dict[str, object] = {}
+    states: dict[str, RunState] = {}
     for name in sorted(names, key=lambda name: not solvers.load(name).TRAITS.needs_search):  # the lattice decides
         own, solver = replace(settings, name=name), solvers.load(name)
         other = next(iter(states.values()), None)
         if solver.TRAITS.takes_positions and settings.start == "random" and other is not None:
-            states[name] = solver.init(problem, own, seed, positions=other.positions)
+            states[name] = solver.init(problem, own, seed, positions=other.positions)  # pyright: ignore[reportCallIssue]
         else:
             states[name] = solver.init(problem, own, seed)
     return {name: states[name] for name in names}
 
 
 def common_cost(problem: Problem, settings: SolverSettings, positions) -> float:
-    """Eq. 7 at `positions` (N, 2), metres, of all modes in the end, over the power of their pressures : 0 to 1.
+    """Return Eq. 7 of all modes of `settings`, relative to the power of their pressures : float, 0 to 1.
 
-    Raises InputError as descent does where the microphones cannot carry the modes.
+    Parameters
+    ----------
+    problem : Problem
+    settings : SolverSettings
+    positions : (N, 2) float64, metres
+
+    Raises
+    ------
+    InputError
+        For more modes than the microphones can resolve, or without a search domain.
     """
     count, offset = settings.modes, settings.order_offset
     require_modes(problem, offset, count)

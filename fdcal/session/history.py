@@ -1,4 +1,4 @@
-"""Frozen records of a run: the states so far, and what a session shows at one moment."""
+"""The states of a run so far, and what a session shows: frozen records."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, overload
 
-MOST_STATES = 4000  # kept of a run: some 6 kB each; beyond it every second one is let go
+MOST_STATES = 4000  # of a run that are kept, about 6 kB each; beyond it every second one is dropped
 
 
 class History(Sequence):
-    """The first `count` entries of a list that is only ever appended to: a frozen sequence that costs no copy.
+    """The first `count` entries of a list that is only appended to: a frozen sequence without a copy.
 
-    `lineage` is one and the same object for histories of one run; a reset or a turn taken from an earlier state makes
-    a new one.
+    `lineage` is the same object for all histories of one run; a reset, or continuing from an earlier state, makes a
+    new one.
     """
 
     __slots__ = ("_count", "_states", "lineage")
@@ -38,14 +38,14 @@ class History(Sequence):
 
 
 def thinned(states: Sequence) -> list:
-    """About half of the states: the first, the last, the first of every stage, and every second of the others."""
+    """Return about half of the states: the first, the last, the first of every stage, every second of the others."""
     last = len(states) - 1
     begins = {i for i in range(1, last) if states[i].stage != states[i - 1].stage}
     return [state for i, state in enumerate(states) if i % 2 == 0 or i == last or i in begins]
 
 
 def recorded(states: Iterable) -> list:
-    """The states of a run as a session keeps them, MOST_STATES at most."""
+    """Return the states of a run as a session keeps them, MOST_STATES at most."""
     kept: list = []
     for state in states:
         if len(kept) >= MOST_STATES:
@@ -56,15 +56,15 @@ def recorded(states: Iterable) -> list:
 
 @dataclass(frozen=True)
 class SessionView:
-    """What a session shows at one moment; never changed after it is published.
+    """What a session shows; never changed after it is published.
 
     Attributes
     ----------
     state : the solver state at `index`
-    index : int, place in the history that is looked at; going on starts there
+    index : int, place in the history that is shown; the run continues from there
     count : int, number of states in the history
     running : bool, whether steps are being taken
-    error : str, the solver's last exception, "" when all is well
+    error : str, the last exception of the solver, "" if there is none
     history : sequence of states, oldest first
     """
 

@@ -1,9 +1,9 @@
-"""What a page can be asked to show: a scene, perhaps changed, and where its session begins.
+"""Requests to open a page: a scene, perhaps changed, and where its session begins.
 
-OpenRequest    one request, plain data: of the command line, the page, a lesson, a session file
-as_given    a measurement, as far as the solver is told of it
-table_of   a scene as the table of its TOML file
-edited     a scene with some keys changed, checked as if it had been read from a file
+OpenRequest  one request, plain data, of the command line, the page, a lesson or a session file
+as_given     a measurement with the known microphones that the solver is given
+table_of     a scene as the table of its TOML file
+edited       a scene with some keys changed, checked as if it had been read from a file
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ..model.validation import InputError
 
 @dataclass(frozen=True)
 class OpenRequest:
-    """A page to be opened, or to be opened anew while it is looked at.
+    """A request to open a page, or to replace what it shows.
 
     Attributes
     ----------
@@ -29,11 +29,11 @@ class OpenRequest:
     start_seed : int or None, of the solver's start; the scene's unless given. The scene's draws microphones and noise
     measurement : Measurement or None, in place of the scene's own, which is simulated or taken from the cache
     states : states of the solver, oldest first, that the history holds from the beginning; the start unless given
-    index : int or None, which of them is looked at; the last unless given
+    index : int or None, which of them is shown; the last unless given
     choices : what the page's controls say, by the names of `viewer.desk.Choices` and `viewer.maps.Look`; of those not
         named, the looks of the page before are kept
-    play : whether the solver runs at once
-    fewer_modes : whether the solver takes as many modes as there are where there are less than it asks for
+    play : whether the solver starts to run at once
+    fewer_modes : whether the number of modes is reduced to those available
     """
 
     scene: Scene
@@ -47,35 +47,54 @@ class OpenRequest:
 
     def __post_init__(self):
         if self.start_seed is not None and self.start_seed < 0:
-            raise InputError(f"start_seed = {self.start_seed} must not be negative; use 0 or more")
+            raise InputError(
+                f"start_seed = {self.start_seed} must not be negative",
+                "use 0 or more",
+                key="start_seed",
+                value=self.start_seed,
+            )
         if self.index is not None and not 0 <= self.index < len(self.states):
-            raise InputError(f"index = {self.index} is none of the {len(self.states)} states; use 0 or more")
+            count = len(self.states)
+            raise InputError(
+                f"index = {self.index} is none of the {count} states",
+                f"use 0 to {count - 1}" if count else "give states, or no index",
+                key="index",
+                value=self.index,
+            )
 
     @property
     def seed(self) -> int:
-        """Of the solver's start."""
+        """Seed of the solver's start."""
         return self.scene.seed if self.start_seed is None else self.start_seed
 
 
 def as_given(scene: Scene, measurement: Measurement) -> Measurement:
-    """What a page scores and draws: of an array of which nothing is told, no microphone is known."""
+    """Return the measurement that a page shows: without known microphones if the solver is given none."""
     if scene.solver.known != "none":
         return measurement
     return dataclasses.replace(measurement, known=(), known_positions=None)
 
 
 def table_of(scene: Scene) -> dict[str, Any]:
-    """The scene as tomllib would read it, without what is left out : dict of texts, numbers, lists and dicts.
+    """Return the scene as tomllib reads it, without keys that are None : dict of texts, numbers, lists and dicts.
 
-    `tables.build(Scene, table)` makes the same scene of it.
+    `fdcal.model.from_table.build(Scene, table)` makes the same scene of it.
     """
     return plain(dataclasses.asdict(scene))
 
 
 def edited(scene: Scene, changes: Mapping[str, Any]) -> Scene:
-    """`scene` with some keys changed, as {"room.walls": "absorbing", "seed": 3}; None takes a key out.
+    """Return `scene` with some keys changed.
 
-    Raises InputError for unknown keys and values that cannot be, as `load_scene` does.
+    Parameters
+    ----------
+    scene : Scene
+    changes : mapping of dotted keys to values, as {"room.walls": "absorbing", "seed": 3}; None removes a key
+
+    Raises
+    ------
+    InputError
+        For unknown keys and impossible values, as `load_scene`.
     """
     table = table_of(scene)
     for key, value in changes.items():
@@ -84,15 +103,15 @@ def edited(scene: Scene, changes: Mapping[str, Any]) -> Scene:
         for part in path:
             inner = inner.setdefault(part, {})
             if not isinstance(inner, dict):
-                raise InputError(f"{key} is not a key of a scene; {part} holds a value")
+                raise InputError(f"{key} is not a key of a scene: {part} holds a value", key=key)
         inner.pop(last, None)
         if value is not None:
             inner[last] = plain(value)
     return build(Scene, table)
 
 
-def plain(value):
-    """Mappings and tuples as dicts and lists, whatever is None left out."""
+def plain(value: Any) -> Any:
+    """Return mappings and tuples as dicts and lists, without keys whose value is None."""
     if isinstance(value, Mapping):
         return {key: plain(inner) for key, inner in value.items() if inner is not None}
     return [plain(inner) for inner in value] if isinstance(value, (tuple, list)) else value

@@ -131,7 +131,7 @@ def _array(array: Array, parameters: SceneParameters, before: SceneParameters) -
         return replace(array, positions=tuple(map(tuple, (middle + q * (points - middle)).tolist())))
     if array.radius is not None:
         return replace(array, count=parameters.microphones, radius=parameters.radius)
-    size = tuple(q * length for length in array.size)
+    size = tuple(q * length for length in array.size or ())
     if array.count is not None:
         return replace(array, count=parameters.microphones, size=size)
     shape, extra = _rows(array, parameters.microphones, before.microphones)
@@ -140,13 +140,14 @@ def _array(array: Array, parameters: SceneParameters, before: SceneParameters) -
 
 def _rows(array: Array, wanted: int, count: int) -> tuple[tuple[int, ...], int]:
     """Shape of the regular part, and how many random microphones there are besides."""
-    regular = math.prod(array.shape)
+    own = array.shape or ()
+    regular = math.prod(own)
     if wanted == count:
-        return array.shape, array.random
+        return own, array.random
     if array.random and wanted > regular:
-        return array.shape, wanted - regular
+        return own, wanted - regular
     part = wanted * regular / count
-    shape = tuple(max(2, round(side * math.sqrt(part / regular))) for side in array.shape)
+    shape = tuple(max(2, round(side * math.sqrt(part / regular))) for side in own)
     return shape, max(1, wanted - math.prod(shape)) if array.random else 0
 
 

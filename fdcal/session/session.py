@@ -1,10 +1,10 @@
 """The one solver thread and its commands.
 
-A session plays, pauses, steps, rewinds and resets a solver without blocking whoever asks. It knows no screen:
-commands go in through a queue, one frozen `SessionView` at a time comes out. The solver thread alone calls the
-solver's `init`, `step` and `use_modes`; each state carries all that `step` needs, so going on from any of them is free.
-This module, `fdcal.session.worker` and `fdcal.acoustics.compiled`, for sums over modes, are the only ones that use
-threads.
+A session plays, pauses, steps, rewinds and resets a solver without blocking the caller. It does not depend on a user
+interface: commands go in through a queue, and one frozen `SessionView` at a time comes out. Only the solver thread
+calls the solver's `init`, `step` and `use_modes`. A state holds all that `step` needs, so that a run can be continued
+from any of them. This module, `fdcal.session.worker` and, for sums over modes, `fdcal.acoustics.compiled` are the only
+ones that use threads.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import numpy as np
 from ..model.validation import frozen_array
 from .history import MOST_STATES, History, SessionView, thinned
 
-GIVEN = 0.15  # s without a step that a hand is given
+YIELD_TIME = 0.15  # s without a step after a request of the user
 
 log = logging.getLogger(__name__)
 
@@ -35,14 +35,15 @@ class Session:
     Parameters
     ----------
     problem : Problem, or whatever the solver's functions take
-    settings : scene.SolverSettings; its name picks the solver
+    settings : scene.SolverSettings; its name selects the solver
     seed : int, of the start
     module : object with `init(problem, settings, seed)`, `step(problem, state)` and
         `use_modes(problem, state, first, last, automatic)`; the solver named in `settings` unless given
-    states : sequence of its states, oldest first, that the history begins with; the start alone unless given
-    index : int, which of them is looked at; the last unless given
+    states : sequence of its states, oldest first, with which the history begins; the start alone unless given
+    index : int, which of them is shown; the last unless given
+    yield_time : float, s without a step after `yield_to_ui`
 
-    Raises what the solver's `init` raises. Later exceptions pause the session and are told in `view.error`.
+    It raises what the solver's `init` raises. Later exceptions pause the session and appear in `view.error`.
 
     Examples
     --------
@@ -51,14 +52,24 @@ class Session:
     >>> session.wait_for(lambda view: view.state.sweep == 1, timeout=60)  # doctest: +SKIP
     """
 
-    NEWEST_ONLY = ("seek", "use_modes", "place", "pace")  # of several such commands in a row only the last matters
+    NEWEST_ONLY = ("seek", "use_modes", "place", "pace")  # of several such commands in a row only the last counts
 
-    def __init__(self, problem, settings, seed: int, module=None, states=(), index: int | None = None):
+    def __init__(
+        self,
+        problem,
+        settings,
+        seed: int,
+        module=None,
+        states=(),
+        index: int | None = None,
+        yield_time: float = YIELD_TIME,
+    ):
         if module is None:
             from .. import solvers
 
             module = solvers.load(settings.name)
         self._problem, self._settings, self._seed, self._module = problem, settings, int(seed), module
+        self._yield_time = yield_time
         self._commands: queue.SimpleQueue = queue.SimpleQueue()
         self._changed = threading.Condition()
         self._states = list(states) or [module.init(problem, settings, self._seed)]
@@ -66,9 +77,9 @@ class Session:
         index = count - 1 if index is None else min(max(int(index), 0), count - 1)
         self._goal: Callable[[Any], bool] | None = None  # true once the state reached ends the run
         self._pause = 0.0  # s between two steps
-        self._way = self._since = 0.0  # moments of `time.monotonic` between which a hand is given way
-        self._stepped = 0.0  # moment of the last step
-        self._held: object = None  # the gesture that the last state came from, if a hand made it
+        self._yield_end = self._yield_start = 0.0  # readings of `time.monotonic` between which no step begins
+        self._stepped = 0.0  # reading of `time.monotonic` at the last step
+        self._gesture: object = None  # the gesture that the last state came from, if the user placed a microphone
         self._view = SessionView(self._states[index], index, count, False, "", History(self._states, count))
         self._thread = threading.Thread(target=self._serve, name="fdcal-solver", daemon=True)
         self._thread.start()
@@ -79,11 +90,11 @@ class Session:
         return self._view
 
     def play(self) -> None:
-        """Go on until `pause` or until the solver has finished."""
+        """Run until `pause` or until the solver has finished."""
         self._commands.put(("play",))
 
     def pause(self) -> None:
-        """Stop after the step under way."""
+        """Stop after the present step."""
         self._commands.put(("pause",))
 
     def step(self, count: int = 1) -> None:
@@ -91,53 +102,53 @@ class Session:
         self._commands.put(("step", int(count)))
 
     def sweep(self, count: int = 1) -> None:
-        """Go on until the state's sweep number has risen by `count` or the solver has finished."""
+        """Run until the state's sweep number has risen by `count` or the solver has finished."""
         self._commands.put(("sweep", int(count)))
 
     def stage(self, count: int = 1) -> None:
-        """Go on until the state's stage number has risen by `count` or the solver has finished."""
+        """Run until the state's stage number has risen by `count` or the solver has finished."""
         self._commands.put(("stage", int(count)))
 
     def pace(self, rate: float) -> None:
-        """Take at most `rate` steps a second while running; 0 is as many as there may be."""
+        """Take at most `rate` steps per second while running; 0 stands for no limit."""
         self._commands.put(("pace", float(rate)))
 
     def yield_to_ui(self) -> None:
-        """Leave the processor to the page for GIVEN seconds from now: a hand has asked for something.
+        """Begin no step for `yield_time` seconds, so that the user interface can respond to the user.
 
-        A hand that never rests slows the steps down to one in two GIVEN, and does not stop them.
+        Continuous requests slow the run down to one step in twice that time, and do not stop it.
         """
         now = time.monotonic()
-        self._since = now if now > self._way else self._since
-        self._way = now + GIVEN
+        self._yield_start = now if now > self._yield_end else self._yield_start
+        self._yield_end = now + self._yield_time
 
     def reset(self, seed: int | None = None, settings=None) -> None:
-        """Start anew, from `seed` or from the last one used, with other `settings` (the solver's name among them)."""
+        """Restart, with `seed` or the last one used, and perhaps with other `settings`, another solver included."""
         self._commands.put(("reset", seed, settings))
 
     def place(self, microphone: int, position, gesture: object = None) -> None:
-        """Put a microphone at `position`, metres, its first coordinates or all of them, by hand, and pause.
+        """Move a microphone to `position`, metres, its first coordinates or all of them, and pause.
 
-        Places of one `gesture` (any object but None) follow one another as one state of the history.
+        Moves of one `gesture` (any object but None) make one state of the history.
         """
         self._commands.put(("place", int(microphone), tuple(map(float, position)), gesture))
 
     def seek(self, index: int) -> None:
-        """Look at state `index` of the history (bounded to it) and pause; going on from there drops the later ones."""
+        """Show state `index` of the history (clipped to it) and pause; continuing from there drops the later ones."""
         self._commands.put(("seek", int(index)))
 
     def use_modes(self, first: int, last: int, automatic: bool) -> None:
-        """Set the modes in use (counted from 1, inclusive) and whether the solver adds more by itself."""
+        """Set the modes in use (counted from 1, inclusive) and whether the solver adds more."""
         self._commands.put(("use_modes", int(first), int(last), bool(automatic)))
 
     def close(self, timeout: float = 2.0) -> bool:
-        """End the thread after the step under way; False if it was still at work after `timeout` seconds."""
+        """End the thread after the present step; return False if that takes longer than `timeout` seconds."""
         self._commands.put(("close",))
         self._thread.join(timeout)
         return not self._thread.is_alive()
 
     def wait_for(self, predicate: Callable[[SessionView], bool], timeout: float | None = None) -> bool:
-        """Block until `predicate(view)` holds; False if it did not within `timeout` seconds."""
+        """Block until `predicate(view)` is true; return False if it is not within `timeout` seconds."""
         with self._changed:
             return self._changed.wait_for(lambda: predicate(self._view), timeout)
 
@@ -151,15 +162,15 @@ class Session:
                     self._publish(running=False)
                     return
                 self._guarded(getattr(self, f"_on_{command[0]}"), *command[1:])
-            if self._goal is not None and time.monotonic() >= self._given:
+            if self._goal is not None and time.monotonic() >= self._yield_until:
                 self._guarded(self._advance)
-                self._stepped = self._since = time.monotonic()
-            time.sleep(0)  # let go of the interpreter: a solver that never does would starve the page
+                self._stepped = self._yield_start = time.monotonic()
+            time.sleep(0)  # release the interpreter: a solver that never does would starve the page
 
     def _pending(self) -> list[tuple]:
-        """All commands that wait (blocking for one when idle), without those a later one makes void."""
+        """All commands that wait (blocking for one when idle), without those that a later one replaces."""
         commands = [self._commands.get()] if self._goal is None else []
-        rest = max(self._stepped + self._pause, self._given) - time.monotonic()
+        rest = max(self._stepped + self._pause, self._yield_until) - time.monotonic()
         if self._goal is not None and rest > 0:
             with contextlib.suppress(queue.Empty):
                 commands.append(self._commands.get(timeout=rest))
@@ -168,22 +179,22 @@ class Session:
         return [
             command
             for command, after in itertools.zip_longest(commands, commands[1:])
-            if after is None or not self._void(command, after)
+            if after is None or not self._replaced(command, after)
         ]
 
     @property
-    def _given(self) -> float:
-        """Moment until which a hand is given way."""
-        return min(self._way, self._since + 2 * GIVEN)
+    def _yield_until(self) -> float:
+        """Reading of `time.monotonic` until which no step begins."""
+        return min(self._yield_end, self._yield_start + 2 * self._yield_time)
 
-    def _void(self, command: tuple, after: tuple) -> bool:
-        """Whether a command that another follows is not worth doing."""
+    def _replaced(self, command: tuple, after: tuple) -> bool:
+        """Whether a command need not be done, since another one follows."""
         if command[0] != after[0] or command[0] not in self.NEWEST_ONLY:
             return False
         return command[0] != "place" or (command[1], command[3]) == (after[1], after[3])
 
     def _guarded(self, function: Callable, *arguments) -> None:
-        """Call a function of this thread; its exception pauses the session and is told, the thread lives on."""
+        """Call a function of this thread; an exception pauses the session and is shown, the thread continues."""
         try:
             function(*arguments)
         except Exception as error:
@@ -197,9 +208,9 @@ class Session:
             self._changed.notify_all()
 
     def _keep(self, states: list, error: str = "", lineage: object = None) -> None:
-        """Make the last of `states` the one looked at. Published lists are only appended to, never cut."""
+        """Show the last of `states`. Published lists are only appended to, never cut."""
         self._states, count = states, len(states)
-        self._held = None
+        self._gesture = None
         self._publish(
             state=states[-1],
             index=count - 1,
@@ -209,24 +220,24 @@ class Session:
             history=History(states, count, lineage),
         )
 
-    def _upto(self, count: int) -> tuple[list, object]:
-        """The first `count` states, as a list that may be appended to, and the lineage they go on."""
+    def _up_to(self, count: int) -> tuple[list, object]:
+        """The first `count` states, as a list that may be appended to, and the lineage that they continue."""
         if count < len(self._states):
             return self._states[:count], None
         states = self._states if count < MOST_STATES else thinned(self._states)
         return states, self._view.history.lineage
 
     def _advance(self) -> None:
-        """One step from the state looked at, unless it is the solver's last."""
+        """One step from the state that is shown, unless it is finished."""
         view = self._view
         if view.state.finished:
             self._goal = None
             self._publish(running=False)
             return
         state = self._module.step(self._problem, view.state)
-        if state.finished or self._goal(state):
+        if state.finished or self._goal is None or self._goal(state):
             self._goal = None
-        states, lineage = self._upto(view.index + 1)
+        states, lineage = self._up_to(view.index + 1)
         states.append(state)
         self._keep(states, lineage=lineage)
 
@@ -270,23 +281,23 @@ class Session:
         self._keep([state])
 
     def _on_seek(self, index: int) -> None:
-        self._goal = self._held = None
+        self._goal = self._gesture = None
         index = min(max(index, 0), len(self._states) - 1)
         self._publish(state=self._states[index], index=index, running=False)
 
     def _on_use_modes(self, first: int, last: int, automatic: bool) -> None:
-        """The changed state takes the place of the one looked at: a slider on its way must not fill the history."""
+        """Replace the state that is shown: a slider that is dragged must not fill the history."""
         state = self._module.use_modes(self._problem, self._view.state, first, last, automatic)
         self._keep([*self._states[: self._view.index], state])
 
     def _on_place(self, microphone: int, position: tuple, gesture: object) -> None:
-        """A state that a hand made follows the one looked at; the next of the same gesture takes its place."""
+        """Append a state with the microphone moved; the next one of the same gesture replaces it."""
         old = self._view.state
         positions = np.array(old.positions)
-        positions[microphone, : len(position)] = position  # a hand in a plan leaves the height alone
+        positions[microphone, : len(position)] = position  # a move in the plan view leaves the height as it is
         state = replace(old, positions=frozen_array(positions, float))
         state = self._module.use_modes(self._problem, state, old.first, old.last, old.automatic)
-        kept = self._view.index + (0 if gesture is not None and gesture == self._held else 1)
+        kept = self._view.index + (0 if gesture is not None and gesture == self._gesture else 1)
         self._goal = None
         self._keep([*self._states[:kept], state])
-        self._held = gesture
+        self._gesture = gesture

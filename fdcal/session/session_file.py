@@ -35,6 +35,8 @@ KEYS = ("fdcal_session", "scene", "start_seed", "index", "choices", "states")
 
 def write(opening: OpenRequest) -> bytes:
     """The bytes of the .zip of an opening that has a measurement and states. Raises InputError as `states.written`."""
+    if opening.measurement is None:
+        raise ValueError("a session that is written has a measurement")
     kept = _kept(opening.states, opening.index)
     table, arrays = write_states([opening.states[i] for i in kept])
     content = {

@@ -1,7 +1,4 @@
-"""A thread that runs only the newest request made to it: for maps, pictures and whatever else may be late.
-
-Nothing here knows a screen or a solver.
-"""
+"""A thread that runs only the newest request: for cost maps, pictures and other results that may arrive late."""
 
 from __future__ import annotations
 
@@ -20,7 +17,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Delivery:
-    """What a `LatestWorker` made: the request's arguments, and its result or the exception, as text too.
+    """Result of a `LatestWorker`: the arguments of the request, and its result or its exception, also as text.
 
     `began` and `ended` are readings of `time.perf_counter`, s.
     """
@@ -34,27 +31,33 @@ class Delivery:
 
 
 class WakeEvent:
-    """Has a loop go round sooner than it would by itself."""
+    """Ends the waiting of a loop early."""
 
     def __init__(self):
-        self._rung = threading.Event()
+        self._event = threading.Event()
 
     def set(self) -> None:
-        """Any thread."""
-        self._rung.set()
+        """Wake the loop; any thread may do it."""
+        self._event.set()
 
     def wait(self, timeout: float) -> bool:
-        """Block until somebody rings, or has rung since the last time; False if nobody did within `timeout`, s."""
-        rung = self._rung.wait(timeout)
-        self._rung.clear()
-        return rung
+        """Block until the event is set, and clear it; return False if it is not set within `timeout`, s."""
+        happened = self._event.wait(timeout)
+        self._event.clear()
+        return happened
 
 
 class LatestWorker:
-    """A thread that runs only the newest request, or the newest `keep`, oldest first; others that wait are dropped.
+    """A thread that runs only the newest requests; older ones that still wait are dropped.
 
-    `latest` is the newest `Delivery`, None before the first; `notify` is called once there is a new one. An exception
-    becomes `latest.error`; the thread lives on.
+    An exception becomes `latest.error`; the thread continues.
+
+    Parameters
+    ----------
+    function : what is called with the arguments of a request
+    name : of the thread
+    keep : requests that may wait; they run oldest first
+    notify : called from the thread after every delivery
     """
 
     def __init__(
@@ -78,7 +81,7 @@ class LatestWorker:
 
     @property
     def busy(self) -> bool:
-        """Whether a request waits or is being worked on."""
+        """Whether a request waits or is running."""
         with self._changed:
             return self._busy or bool(self._waiting)
 
@@ -88,18 +91,18 @@ class LatestWorker:
         return len(self._waiting) == self._waiting.maxlen
 
     def request(self, *arguments) -> None:
-        """Ask for `function(*arguments)`, in place of the oldest request not begun yet where it is `full`."""
+        """Request `function(*arguments)`; if the queue is `full`, this replaces the oldest request that waits."""
         with self._changed:
             self._waiting.append(arguments)
             self._changed.notify_all()
 
     def wait_for(self, predicate: Callable[[Delivery | None], bool], timeout: float | None = None) -> bool:
-        """Block until `predicate(latest)` holds; False if it did not within `timeout` seconds."""
+        """Block until `predicate(latest)` is true; return False if it is not within `timeout` seconds."""
         with self._changed:
             return self._changed.wait_for(lambda: predicate(self._latest), timeout)
 
     def close(self, timeout: float = 2.0) -> bool:
-        """End the thread after the request under way; False if it was still at work after `timeout` seconds."""
+        """End the thread after the running request; return False if that takes longer than `timeout` seconds."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()

@@ -153,7 +153,7 @@ def singular_vectors(
     lowest : int, modes that gave them
     """
     lowest = min(RULES.lowest(problem.dimension)[0] if lowest is None else lowest, modes)
-    data = np.concatenate([problem.pressures[:lowest].real, problem.pressures[:lowest].imag])
+    data = np.concatenate([np.real(problem.pressures[:lowest]), np.imag(problem.pressures[:lowest])])
     data = data - data.mean(axis=1, keepdims=True)
     _, values, vectors = np.linalg.svd(data, full_matrices=False)
     D = problem.array_dimension

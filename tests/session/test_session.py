@@ -69,8 +69,8 @@ class Counter:
 def make():
     sessions = []
 
-    def build(solver, seed=0):
-        sessions.append(Session(None, None, seed, module=solver))
+    def build(solver, seed=0, **options):
+        sessions.append(Session(None, None, seed, module=solver, **options))
         return sessions[-1]
 
     yield build
@@ -309,21 +309,17 @@ def test_a_slow_pace_holds_up_no_command(make):
     assert session.wait_for(lambda view: view.state.finished, WAIT)
 
 
-def test_who_is_asked_to_give_way_takes_no_step_but_hears_commands(make, monkeypatch):
-    monkeypatch.setattr("fdcal.session.session.GIVEN", 2 * WAIT)
-    session = make(Counter())
+def test_a_session_that_yields_takes_no_step_but_obeys_commands(make):
+    session = make(Counter(), yield_time=3.0)
     session.yield_to_ui()
     session.play()
     session.use_modes(2, 3, False)
     assert session.wait_for(lambda view: view.state.first == 2, WAIT)
     assert session.view.running and session.view.state.step == 0
-    session._way = 0.0
-    session.pause()  # ends the wait
-    session.play()
     assert session.wait_for(lambda view: view.state.finished, WAIT)
 
 
-def test_a_hand_that_never_rests_does_not_stop_the_solver(make):
+def test_a_user_interface_that_always_asks_does_not_stop_the_solver(make):
     session = make(Counter())
     session.play()
     for _ in range(round(WAIT / 0.01)):

@@ -165,5 +165,5 @@ def test_without_an_affine_start_one_line_says_why():
 def test_known_microphones_cannot_be_kept_from_descent(known):
     measurement = measured(TRUTH, KNOWN, highest=150.0, search=SEARCH)
     settings = replace(SETTINGS, known=known)
-    with pytest.raises(InputError, match=rf'solver.known = "{known}".*--known all.*--solver joint'):
+    with pytest.raises(InputError, match=rf'solver.known = "{known}".*use known all, or solver joint'):
         descent.init(measurement.problem("unit", known), settings, 0)

@@ -8,7 +8,7 @@ import threading
 import pytest
 
 from fdcal.model.scene_file import load_scene
-from fdcal.solvers.warmup import pieces
+from fdcal.solvers.warmup import warmup_calls
 from fdcal.viewer.background import warmup
 from fdcal.viewer.background.warmup import Warmup
 
@@ -27,7 +27,7 @@ def signatures():
     values = [value for module in modules for value in vars(module).values()]
     return {value.py_func: list(value.signatures) for value in values if isinstance(value, CPUDispatcher)}
 
-for piece in sum(warmup.pieces(2, "joint"), []):
+for piece in sum(warmup.warmup_calls(2, "joint"), []):
     piece()
 before, scene = signatures(), load_scene("tiny")
 problem = cached_measurement(scene).problem(scene.solver.weights)
@@ -47,19 +47,19 @@ def test_a_run_compiles_nothing_after_its_rehearsal():
 
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_every_piece_can_be_done(dimension):
-    first, last = pieces(dimension, "descent+joint")
+    first, last = warmup_calls(dimension, "descent+joint")
     assert first and last
     for piece in (*first, *last):
         piece()
 
 
 def test_descent_has_nothing_to_rehearse():
-    assert pieces(2, "descent") == ([], [])
+    assert warmup_calls(2, "descent") == ([], [])
 
 
 def test_a_rehearsal_tells_how_far_it_is_and_ends(monkeypatch):
     gate = threading.Event()
-    monkeypatch.setattr(warmup, "pieces", lambda *_: ([lambda: None], [gate.wait, lambda: 1 / 0]))
+    monkeypatch.setattr(warmup, "warmup_calls", lambda *_: ([lambda: None], [gate.wait, lambda: 1 / 0]))
     monkeypatch.setattr(warmup, "COMPILE_TIME", 0.0)
     made = Warmup(load_scene("tiny"))
     made.wait_for_first(lambda: None)

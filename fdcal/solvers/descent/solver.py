@@ -42,10 +42,19 @@ TRAITS = Traits(
 
 
 def init(problem: Problem, settings: SolverSettings, seed: int) -> State:
-    """Free microphones on the search lattice, at random or near the affine start; the lowest modes in use.
+    """Return the first state: free microphones on the search lattice, known ones in their places.
 
-    Known ones stand in their places. Raises InputError without a search domain, without known microphones that fix the
-    gauge, where the modes of `settings` cannot be carried, or where there is no affine start.
+    Parameters
+    ----------
+    problem : Problem
+    settings : SolverSettings; `start` is "random" or "affine"
+    seed : int, of the random start and of the order in which the microphones are moved
+
+    Raises
+    ------
+    InputError
+        Without a search domain or known microphones that fix the gauge, for modes that the microphones cannot resolve,
+        or if there is no affine start.
     """
     _require_solvable(problem, settings)
     require_modes(problem, settings.order_offset, settings.modes)
@@ -79,7 +88,7 @@ def init(problem: Problem, settings: SolverSettings, seed: int) -> State:
 
 
 def step(problem: Problem, state: State) -> State:
-    """`state` with the next microphone moved to its best place; unchanged if finished."""
+    """Return `state` with the next microphone moved to its best candidate; the same state if it is finished."""
     if state.finished:
         return state
     from ...cost.lattice_search import best_candidate  # compiled code is loaded with the first step
@@ -104,19 +113,22 @@ def step(problem: Problem, state: State) -> State:
 
 
 def use_modes(problem: Problem, state: State, first: int, last: int, automatic: bool) -> State:
-    """`state` with modes `first` to `last` in use (from 1, both included) and the solver free to go on.
+    """Return `state` with modes `first` to `last` in use, counted from 1; the solver goes on from its positions.
 
-    Raises InputError for modes that are not there.
+    Raises
+    ------
+    InputError
+        For modes that are not there.
     """
     if not 1 <= first <= last:
-        raise InputError(f"modes {first} to {last} are no range; the first is 1")
+        raise InputError(f"modes {first} to {last} are not a range", "use 1 or more, the lower one first", key="modes")
     require_modes(problem, state.settings.order_offset, last)
     changed = replace(
         state,
         first=first,
         last=last,
         automatic=automatic,
-        turn=0,  # a whole sweep with the new modes, before anything is called trapped
+        turn=0,  # converged means that a whole sweep with the new modes moves nothing
         stage_sweeps=0,
         changed=False,
         finished=False,
@@ -126,7 +138,7 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
 
 
 def landscape(problem: Problem, state: State, n: int, modes: slice) -> np.ndarray:
-    """What a step on microphone `n` would minimise, over the whole lattice, mode by mode : (modes, ny, nx) float64."""
+    """Return what a step on microphone `n` minimises, over the lattice, mode by mode : (modes, ny, nx) float64."""
     from ...cost.lattice_search import lattice_landscape
 
     lattice = search_lattice(problem, state.order_offset)
@@ -140,43 +152,53 @@ def usable_modes(problem: Problem, settings: SolverSettings) -> int:
 
 
 def _require_solvable(problem: Problem, settings: SolverSettings) -> None:
-    """Raise InputError for what descent cannot work on."""
+    """Raise InputError for a problem that descent cannot work on."""
     if settings.known != "all":
         raise InputError(
-            f'solver.known = "{settings.known}" leaves descent without the known microphones that it needs; use --known'
-            " all, or --solver joint"
+            f'solver.known = "{settings.known}" leaves descent without the known microphones that it needs',
+            "use <known> all, or <solver> joint",
+            key="known",
+            value=settings.known,
         )
     search, count = problem.search, problem.pressures.shape[1]
     if problem.dimension != 2:
-        raise InputError("descent works on two-dimensional fields; this measurement has dimension = 3")
+        raise InputError(
+            "descent works on two-dimensional fields; this measurement has dimension = 3", "use <solver> joint"
+        )
     if search is None:
         raise InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
     if not fixes_gauge(problem.known_positions):
         raise InputError(
-            f"known = {problem.known.tolist()} does not fix translation, rotation and mirror; descent needs at least"
-            " three known microphones that are not on one line"
+            f"known = {problem.known.tolist()} does not fix translation, rotation and mirror",
+            "descent needs at least three known microphones that are not on one line",
+            key="known",
+            value=problem.known.tolist(),
         )
     if np.prod(search.shape) < count:
         raise InputError(
-            f"search.step = {search.step:g} m leaves {np.prod(search.shape)} candidates for {count} microphones;"
-            " use a smaller step or a larger search.size"
+            f"search.step = {search.step:g} m leaves {np.prod(search.shape)} candidates for {count} microphones",
+            "use a smaller step or a larger search.size",
+            key="search.step",
+            value=search.step,
         )
     low, high = np.array(search.origin) - search.radius, np.add(search.origin, search.size) + search.radius
     far = np.flatnonzero(np.any((problem.known_positions < low) | (problem.known_positions > high), axis=1))
     if len(far):
         raise InputError(
             f"known microphone {problem.known[far[0]]} at {problem.known_positions[far[0]].tolist()} m is further than"
-            f" search.radius = {search.radius:g} m from the search domain; move search.origin"
+            f" search.radius = {search.radius:g} m from the search domain",
+            "move search.origin",
+            key="search.origin",
         )
 
 
 def _turns(problem: Problem, state: State) -> np.ndarray:
-    """Order in which the free microphones are moved in the present sweep: drawn anew for each."""
+    """Order in which the free microphones are moved in the present sweep; every sweep has its own."""
     return np.random.default_rng([state.seed, 1, state.sweep]).permutation(problem.free)
 
 
 def _cost(problem: Problem, state: State) -> float:
-    """Eq. 7 over the modes in use: any microphone left out and put back where it stands."""
+    """Eq. 7 over the modes in use: a microphone is left out and put back at its position."""
     _, W, fits = _fits(problem, state, int(problem.free[0]))
     return float(sum(fit.cost_of(w[problem.free[:1]])[0] for fit, w in zip(fits, W, strict=True)))
 
@@ -190,11 +212,11 @@ def _fits(problem: Problem, state: State, n: int):
 
 
 def _end_sweep(state: State) -> State:
-    """Close the sweep; if the array is trapped, or was given time enough, add a mode or finish."""
-    trapped = not state.changed
+    """Close the sweep; if nothing has moved, or the stage has had its sweeps, add a mode or finish."""
+    settled = not state.changed
     state = replace(state, sweep=state.sweep + 1, stage_sweeps=state.stage_sweeps + 1, turn=0, changed=False)
-    if not trapped and state.stage_sweeps < state.settings.max_sweeps:
+    if not settled and state.stage_sweeps < state.settings.max_sweeps:
         return state
     if state.automatic and state.last < state.settings.modes:
         return replace(state, stage=state.stage + 1, last=state.last + 1, stage_sweeps=0)
-    return replace(state, finished=True, converged=trapped)
+    return replace(state, finished=True, converged=settled)

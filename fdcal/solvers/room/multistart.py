@@ -94,9 +94,7 @@ def end(problem: Problem, state: State, settled: bool) -> State:
 
 def _placed(problem: Problem, state: State, best: AttemptEnd) -> tuple[np.ndarray, np.ndarray]:
     """Positions and walls in the symmetry nearest to the known microphones, or in the corner at the origin."""
-    size, positions, walls = state.settings.room, best.positions, best.walls
-    if size is None:
-        raise ValueError("the settings of a state of this solver have a room")
+    size, positions, walls = state.size, best.positions, best.walls
     if len(problem.known):
         image = nearest_symmetry(positions[problem.known], problem.known_positions, size)
     else:

@@ -114,7 +114,8 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
             "use modes that were measured, the lower one first",
             key="modes",
         )
-    require_enough(*state.positions.shape, last - first + 1)
+    N, D = state.positions.shape
+    require_enough(N, D, last - first + 1)
     return replace(
         state,
         first=first,
@@ -154,7 +155,7 @@ def landscape(problem: Problem, state: State, n: int, modes: slice, search: Sear
         raise InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
     points = search.layer(*state.positions[n, 2:])
     p, noise, k = scaled(problem, state, modes)
-    model = diffuse_model(state.settings.room, k, state.width)
+    model = diffuse_model(state.size, k, state.width)
     lattice = array_search.LatticePoints(points.reshape(-1, points.shape[-1]), p, noise + NOISE.rough, model)
     costs = lattice.costs(state.positions, n)
     costs -= np.minimum(costs.min(axis=1, keepdims=True), 0.0)
@@ -171,12 +172,12 @@ def _inside(positions, size) -> np.ndarray:
 
 
 def _search(problem: Problem, state: State, p, noise, k) -> State:
-    found = array_search.likeliest(p, noise, k, state.settings.room)
+    found = array_search.likeliest(p, noise, k, state.size)
     return begin(replace(state, attempts=replace(state.attempts, arrays=tuple(found)), stage=state.stage + 1))
 
 
 def _diffuse(problem: Problem, state: State, p, noise, k) -> State:
-    size, phase, limits = state.settings.room, state.phase, PHASES["diffuse"]
+    size, phase, limits = state.size, state.phase, PHASES["diffuse"]
     between = array_search.step_of(k, size)
     model = diffuse_model(size, k, state.width)
     noise = array_search.spread(noise, k, len(size), STAGES.spreads[phase.spread] * between)
@@ -203,13 +204,13 @@ def _diffuse(problem: Problem, state: State, p, noise, k) -> State:
 
 
 def _source(problem: Problem, state: State, p, noise, k) -> State:
-    found = source_search.sources(state.positions, p, k, state.settings.room, STAGES.sources)
+    found = source_search.sources(state.positions, p, k, state.size, STAGES.sources)
     attempts = replace(state.attempts, sources=tuple(found))
     return begin_at_source(replace(state, attempts=attempts, stage=state.stage + 1))
 
 
 def _exact(problem: Problem, state: State, p, noise, k) -> State:
-    size, phase, limits = state.settings.room, state.phase, PHASES[state.phase.name]
+    size, phase, limits = state.size, state.phase, PHASES[state.phase.name]
     N, D = state.positions.shape
     v = noise + NOISE.rough * (phase.name != "exact")
 

@@ -127,6 +127,13 @@ class State(RunState):
     width: float
 
     @property
+    def size(self) -> tuple[float, ...]:
+        """Lengths of the room, metres."""
+        if self.settings.room is None:
+            raise ValueError("a state of this solver has settings with the size of the room")
+        return self.settings.room
+
+    @property
     def theta(self) -> np.ndarray:
         """The unknowns of the exact model : (N D + D + 2,) float64."""
         return np.concatenate([self.positions.ravel(), self.walls])

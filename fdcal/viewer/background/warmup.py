@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from ...model.scene import Scene
 from ...session.worker import LatestWorker
-from ...solvers.warmup import pieces
+from ...solvers.warmup import warmup_calls
 
 POLL_INTERVAL = 0.05  # s between two looks at the progress
 COMPILE_TIME = 1.0  # s; a piece that takes longer is compiled, a faster one is read from the disk
@@ -22,7 +22,7 @@ class Warmup:
     """
 
     def __init__(self, scene: Scene):
-        first, last = pieces(scene.room.dimension, scene.solver.name)
+        first, last = warmup_calls(scene.room.dimension, scene.solver.name)
         self._pieces, self._first, self._done = [*first, *last], len(first), 0
         self._since, self.stop = time.perf_counter(), False
         self._worker = LatestWorker(self._compile, "fdcal-warmup")
