@@ -1,1 +1,1 @@
-"""The one place where speed is measured: `python -m benchmarks [NAME ...]`."""
+"""Measure speed and accuracy: `python -m benchmarks [NAME ...]`."""

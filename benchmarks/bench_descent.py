@@ -1,4 +1,4 @@
-"""Where the paper's descent ends: arrays 1 and 2, ten seeds each, from a random start."""
+"""Accuracy of the paper's descent: arrays 1 and 2, ten seeds each, from a random start."""
 
 from __future__ import annotations
 

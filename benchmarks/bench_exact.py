@@ -1,7 +1,7 @@
 """How few modes make the array exact, without noise: arrays 1 and 2, over draws of the source and the random array.
 
-Exact, with known microphones: every microphone right after rounding to the 1 cm lattice. Blind: every one within 5 mm
-of its place after a rigid motion. The paper needs 57 modes for array 1 and 39 for array 2.
+Exact, with known microphones: every microphone is right after rounding to the 1 cm lattice. Blind: each is within 5 mm
+of its position after a rigid motion. The paper needs 57 modes for array 1 and 39 for array 2.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ NEAR = 0.005  # metres
 
 
 def exact(name: str, seed: int, modes: int, known: str) -> bool:
-    """Whether one draw comes out exact."""
+    """Return whether every microphone of one draw is found exactly."""
     measurement = draw(name, seed, modes).measurement
     found, truth, search = solve(measurement, known, modes).positions, measurement.positions, measurement.search
     if known == "none":
@@ -39,7 +39,7 @@ def run() -> Iterator[Figure]:
 
 
 def rows(name: str, known: str) -> Iterator[Figure]:
-    """Of one array, with `known` microphones "all" or "none"."""
+    """Yield the figures of one array, with `known` microphones "all" or "none"."""
     words, hits = "three known" if known == "all" else "blind", {}
     for modes in MODES:
         hits[modes] = sum(exact(name, seed, modes, known) for seed in range(DRAWS))

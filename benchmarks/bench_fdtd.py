@@ -1,4 +1,4 @@
-"""The simulation's update: against the same in NumPy, against copying the same arrays, and a whole run."""
+"""Speed of the simulation's update, against NumPy and against copying the same arrays, and of a whole run."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def run() -> list[Figure]:
 
 
 def _best_times(*functions) -> list[float]:
-    """Shortest time of each, seconds, taken in turns, so that a busy machine slows all of them alike."""
+    """Return the shortest time of each, seconds. They take turns, so that a busy machine slows all of them alike."""
     best = [np.inf] * len(functions)
     for turn in range(ROUNDS + 1):
         for index, function in enumerate(functions):

@@ -1,9 +1,8 @@
 """A room of known size: 8 microphones at 30 frequencies, 40 dB, nothing else known; positions up to the room's mirrors.
 
-Draws of size, source and microphones: anywhere in the room, or (every second) within a square of 1 m. The truth is the
-tests' closed form in rigid rooms and, in space, `fdcal.acoustics.box_field` with walls that absorb: other formulas
-than the
-solver's, and it is not told the walls.
+Draws of size, source and microphones: anywhere in the room, or (every second) within a square of 1 m. The field is the
+tests' closed form in rigid rooms and, in three dimensions, `fdcal.acoustics.box_field` with absorbing walls: formulas
+other than the solver's, which does not know the walls.
 """
 
 from __future__ import annotations
@@ -62,11 +61,11 @@ def found(measurement: Measurement, size) -> SimpleNamespace:
     problem = measurement.problem()
     for state in states(problem, SolverSettings(name="room", modes=MODES, room=size), 0):  # noqa: B007, the last one counts
         pass
-    told = judge(problem, state, measurement.names).verdict
+    assessed = judge(problem, state, measurement.names).verdict
     image = nearest_symmetry(state.positions, measurement.positions, size)
     errors = np.linalg.norm(image.apply(state.positions) - measurement.positions, axis=1)
     seconds = time.perf_counter() - start
-    return SimpleNamespace(rms=pooled(errors), code=told.code, seconds=seconds, sigma=pooled(told.uncertainty))
+    return SimpleNamespace(rms=pooled(errors), code=assessed.code, seconds=seconds, sigma=pooled(assessed.uncertainty))
 
 
 def run() -> Iterator[Figure]:
@@ -83,7 +82,7 @@ def _right(words: str, D: int, draws: int, wanted: int | None) -> Iterator[Figur
     yield Figure(f"{words}: within 1 cm RMS, of {draws} draws", len(near), "draws", *target)
     yield Figure(f"{words}: RMS error of these", 1e3 * pooled([o.rms for o in near]), "mm")
     yield Figure(f"{words}: worst", 1e3 * max(o.rms for o in outcomes), "mm")
-    yield Figure(f"{words}: one sigma told", 1e3 * pooled([o.sigma for o in near]), "mm")
+    yield Figure(f"{words}: reported standard deviation", 1e3 * pooled([o.sigma for o in near]), "mm")
     yield Figure(f"{words}: verdict good and within 1 cm", sum(o.code == "good" for o in near), "draws")
     confident = sum(o.code == "good" for o in outcomes if o.rms > ENOUGH)
     yield Figure(f"{words}: verdict good and wrong", confident, "draws", "0", confident == 0)
@@ -91,12 +90,12 @@ def _right(words: str, D: int, draws: int, wanted: int | None) -> Iterator[Figur
 
 
 def _wrong(factor: float) -> Iterator[Figure]:
-    """The size told is wrong by a factor."""
+    """Yield the figures with a given room size that is wrong by a factor."""
     outcomes = []
     for seed in range(max(1, DRAWS // 4)):
         measurement, size = drawn(seed)
         outcomes.append(found(measurement, tuple(factor * length for length in size)))
-    words = f"plane, size told {100 * (factor - 1):+.0f} % wrong"
+    words = f"plane, given size {100 * (factor - 1):+.0f} % wrong"
     good = sum(o.code == "good" for o in outcomes)
     yield Figure(f"{words}: verdict good, of {len(outcomes)} draws", good, "draws", "0", good == 0)
     yield Figure(f"{words}: verdict room_size", sum(o.code == "room_size" for o in outcomes), "draws")

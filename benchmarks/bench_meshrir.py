@@ -41,7 +41,7 @@ SOURCE = 5.9, 5.1, 0.9  # m
 
 
 def mesh(shape=(21, 21, 9), spacing=0.05) -> np.ndarray:
-    """Places of the microphone about the origin (M, 3), metres, as MeshRIR numbers them: x slowest."""
+    """Positions of the microphone about the origin (M, 3), metres, as MeshRIR numbers them: x slowest."""
     axes = [spacing * (np.arange(n) - (n - 1) / 2) for n in shape]
     return np.stack([c.ravel() for c in np.meshgrid(*axes, indexing="ij")], axis=1)
 
@@ -93,23 +93,23 @@ def _add(out, places, images, strength, per_sample, pulse):
                 out[m, first + k] += gain * ((1 - part) * pulse[j] + part * pulse[j + 1])
 
 
-def write_folder(folder: Path, places: np.ndarray, heard=None, snr_db: float = 40.0, seed: int = 0) -> None:
+def write_folder(folder: Path, places: np.ndarray, simulated=None, snr_db: float = 40.0, seed: int = 0) -> None:
     """A MeshRIR folder. The noise is white and so much below the mean power from 20 to 500 Hz.
 
-    Only the places numbered in `heard` hear the room, all unless given; the others hold noise, which saves an hour.
+    Only the positions numbered in `simulated` are simulated (all unless given); the others hold noise, to save time.
     """
     folder.mkdir(parents=True, exist_ok=True)
     np.save(folder / "pos_mic.npy", places)
     np.save(folder / "pos_src.npy", np.array([SOURCE]) - CENTRE)
     rng = np.random.default_rng(seed)
     f = np.arange(SAMPLES // 2 + 1) * RATE / SAMPLES
-    heard = np.arange(len(places)) if heard is None else np.asarray(heard)
-    power = np.mean(np.abs(rfft(responses(places[heard[:8]] + CENTRE))[:, (f > 20) & (f < 500)]) ** 2)
+    simulated = np.arange(len(places)) if simulated is None else np.asarray(simulated)
+    power = np.mean(np.abs(rfft(responses(places[simulated[:8]] + CENTRE))[:, (f > 20) & (f < 500)]) ** 2)
     noise = np.sqrt(power / SAMPLES * 10 ** (-snr_db / 10))
-    for n in np.setdiff1d(np.arange(len(places)), heard):
+    for n in np.setdiff1d(np.arange(len(places)), simulated):
         np.save(folder / f"ir_{n}.npy", (noise * rng.standard_normal((1, SAMPLES))).astype(np.float32))
-    for start in range(0, len(heard), 64):
-        numbers = heard[start : start + 64]
+    for start in range(0, len(simulated), 64):
+        numbers = simulated[start : start + 64]
         clean = responses(places[numbers] + CENTRE)
         for n, row in zip(numbers, clean + noise * rng.standard_normal(clean.shape), strict=True):
             np.save(folder / f"ir_{n}.npy", row[None].astype(np.float32))
@@ -118,7 +118,7 @@ def write_folder(folder: Path, places: np.ndarray, heard=None, snr_db: float = 4
 def from_folder(folder: Path, options: tuple[str, ...], out: Path, truth=None) -> tuple[float, float, float]:
     """Seconds, megabytes and RMS error in metres, from the folder to positions by the commands that a user types.
 
-    `truth` (N, D), metres, where the folder does not tell it.
+    `truth` (N, D), metres, where the folder does not hold it.
     """
     file, result = out / "taken.npz", out / "result.json"
     start, greatest = time.perf_counter(), 0.0
@@ -145,11 +145,11 @@ def _error(file: Path, result: dict, truth=None) -> float:
 def run() -> list[Figure]:
     places, figures = mesh(), []
     drawn = np.random.default_rng(0).choice(len(places), 200, replace=False)  # as --subset 200 draws them
-    heard = np.union1d(drawn, np.flatnonzero(np.abs(places[:, 2]) < 1e-6))
+    simulated = np.union1d(drawn, np.flatnonzero(np.abs(places[:, 2]) < 1e-6))
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(os.environ.get("FDCAL_MESHRIR", f"{temporary}/S1-M3969"))  # to make it once and keep it
-        if not (folder / f"ir_{heard[-1]}.npy").exists():
-            write_folder(folder, places, heard)
+        if not (folder / f"ir_{simulated[-1]}.npy").exists():
+            write_folder(folder, places, simulated)
         for words, options, limit in (
             ("200 drawn at random, none known", ("--subset", "200"), 10.0),
             ("the plane z = 0, its corners known", ("--plane", "z=0", "--known", "corners"), 15.0),

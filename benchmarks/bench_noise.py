@@ -1,7 +1,7 @@
 """Noise: RMS error of arrays 1 and 2 against the Cramer-Rao bound, 90 modes, with three known microphones and blind.
 
-Pooled over draws of source, noise and, for array 2, array; the bound is pooled alike. A draw is lost whose RMS error is
-more than three times its own bound.
+Pooled over draws of source, noise and, for array 2, array; the bound is pooled alike. A draw is lost if its RMS error
+is more than three times its own bound.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from .report import Figure
 
 DRAWS = int(os.environ.get("FDCAL_BENCH_DRAWS", "20"))
 MODES = 90
-SNR_DB = {60: None, 40: 1.3, 30: 1.3, 20: 1.3, 10: 1.3}  # and what times the bound may be reached
+SNR_DB = {60: None, 40: 1.3, 30: 1.3, 20: 1.3, 10: 1.3}  # and the largest RMS error allowed, over the bound
 AUTO_DB = 20  # at which the noise is estimated, too
 
 
@@ -25,10 +25,10 @@ def run() -> Iterator[Figure]:
 
 
 def rows(name: str, known: str) -> Iterator[Figure]:
-    """Of one array, with `known` microphones "all" or "none"."""
+    """Yield the figures of one array, with `known` microphones "all" or "none"."""
     words = "three known" if known == "all" else "blind"
     for snr, limit in SNR_DB.items():
         drawn = [draw(name, seed, MODES, snr) for seed in range(DRAWS)]
         yield from summary(f"{name}, {words}, {snr} dB", drawn, known, MODES, limit)
         if snr == AUTO_DB:
-            yield from summary(f"{name}, {words}, {snr} dB, not told", drawn, known, MODES, limit, noise="auto")
+            yield from summary(f"{name}, {words}, {snr} dB, noise estimated", drawn, known, MODES, limit, noise="auto")

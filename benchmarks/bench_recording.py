@@ -1,4 +1,4 @@
-"""From a WAV of 60 s of a source that plays unknown noise to positions: a plate-like room, and a room in space.
+"""From a WAV of 60 s of a source that plays unknown noise to positions: a two-dimensional and a three-dimensional room.
 
 The plane: 32 microphones over 0.8 m in a room of 6 x 5 m with absorbing walls, simulated on a grid. The space: 64
 microphones in a ball of 0.5 m, image sources (bench_meshrir). 48 kHz, sensor noise 30 dB below the sound in the band
@@ -33,7 +33,7 @@ def plane_responses(places: np.ndarray) -> np.ndarray:
 
 
 def write_wav(path: Path, responses: np.ndarray, seed: int = 0) -> None:
-    """What the microphones hear while the source plays noise, which is kept nowhere."""
+    """Write what the microphones record while the source plays noise; the noise itself is not kept."""
     rng = np.random.default_rng(seed)
     samples = int(SECONDS * RATE)
     played = rng.standard_normal(samples + responses.shape[1])

@@ -1,7 +1,7 @@
 """The walls do not matter: absorbing, pressure-release, rigid and L-shaped rooms, the same array, the same accuracy.
 
-Array 2 in rooms simulated by finite differences, 57 of their modes; the solver is told nothing of the walls. With noise
-each room is held against its own bound, for which its pressures without noise are taken; "the same accuracy" is
+Array 2 in rooms simulated by finite differences, 57 of their modes; the solver does not know the walls. With noise
+each room is compared with its own bound, computed from its pressures without noise; "the same accuracy" is
 within 1.3 times of it everywhere, and without noise at most twice what the rigid room gives.
 """
 

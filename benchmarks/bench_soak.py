@@ -1,4 +1,4 @@
-"""A long time with four pages open, the solver on a loop, sliders moved at random: does memory grow, does a thread die?
+"""Four pages, the solver in a loop and random slider moves for a long time: does memory grow, does a thread die?
 
 FDCAL_SOAK_SECONDS says for how long, 600 unless given. Not part of a run of all benchmarks: name it, `soak`.
 """

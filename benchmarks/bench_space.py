@@ -1,8 +1,8 @@
 """Three dimensions: 64 microphones in a ball, blind; 11 x 11 on a plane, four corners known and blind.
 
 Arrays and room are those of the scenes ball3d and plane3d, with 79 of the room's frequencies up to 300 Hz, over draws
-of source, noise and, in the ball, array. On a plane the wavenumber hardly tells the size: blind, the shape is scored,
-after a similarity, and the verdict has to say that the scale is not determined.
+of source, noise and, in the ball, array. On a plane the wavenumber hardly determines the size: without known
+microphones the shape is scored, after a similarity, and the verdict must say that the scale is not determined.
 """
 
 from __future__ import annotations
@@ -60,7 +60,13 @@ def shape() -> list[Figure]:
     return [
         _at_most(f"{name}: RMS error of the shape, {DRAWS} draws pooled", 1e3 * pooled(errors), 8.0),
         Figure(f"{name}: largest error of the size", 100 * float(np.expm1(worst)), "%"),
-        Figure(f"{name}: told that its scale is open (others: {others})", said, "draws", str(DRAWS), said == DRAWS),
+        Figure(
+            f"{name}: verdict scale_undetermined (others: {others})",
+            said,
+            "draws",
+            str(DRAWS),
+            said == DRAWS,
+        ),
     ]
 
 

@@ -1,8 +1,8 @@
 """How quickly the page answers while the solver runs, seen by the server itself and by a real browser.
 
-On the server's side times begin as a slider's message comes in and end when the main loop has handed its effect to all
-pages (`benchmarks.watched`). A microphone is dragged twice: by the browser's own mouse, as fast as that is, and on the
-server by a hand that moves 60 times a second. Frames are the browser's own. The first picture is timed from the
+On the server's side times begin as a slider's message comes in and end when the main loop has published its effect
+to all pages (`benchmarks.watched`). A microphone is dragged twice: by the browser's own mouse, as
+fast as that is, and on the server, 60 times a second. Frames are the browser's own. The first picture is timed from the
 command to the page's first microphones, the browser running already. FDCAL_WARM_ONLY leaves the cold start out.
 """
 
@@ -66,24 +66,24 @@ def run() -> list[Figure]:
 
 
 def _cold(browser) -> list[Figure]:
-    """With nothing cached and nothing compiled: the first picture, and whether the page tells how far it is."""
+    """With nothing cached and nothing compiled: the first picture, and when the page shows its progress."""
     start = time.perf_counter()
     with Served(SCENE, {}, cold=True) as served:
         page = browser.new_page(viewport={"width": 1280, "height": 720})
         page.goto(served.url)
         page.get_by_text(re.compile(r"Simulating the room|Compiling")).first.wait_for()
-        told = time.perf_counter() - start
+        shown = time.perf_counter() - start
         open_page(browser, served.url).close()
         first = time.perf_counter() - start
         page.close()
     return [
         Figure(f"first picture of {SCENE}, cold caches", first, "s", "below 60", first < 60),
-        Figure("the page tells how far it is, after", told, "s", "told", told < first),
+        Figure("the page shows its progress after", shown, "s", "shown", shown < first),
     ]
 
 
 def _first_picture(browser) -> list[Figure]:
-    """With warm caches: the room and its microphones, and the button that sets the solver going."""
+    """With warm caches: the room and its microphones, and the button that starts the solver."""
     start = time.perf_counter()
     with Served(SCENE, {}) as served:
         page = open_page(browser, served.url)
@@ -157,13 +157,13 @@ def _answers(log) -> list[Figure]:
     """Of each slider the times from its message to its effect."""
     figures = []
     for _, label in SLIDERS:
-        times, told = [], None
+        times, received = [], None
         for at, what, value in log:
-            if value == label and what == "told":
-                told = at
-            elif value == label and what == "shown" and told is not None:
-                times.append(1e3 * (at - told))
-                told = None
+            if value == label and what == "received":
+                received = at
+            elif value == label and what == "shown" and received is not None:
+                times.append(1e3 * (at - received))
+                received = None
         name = f'"{label}" to its effect published, solver running'
         median, worst = (statistics.median(times), max(times)) if times else (math.nan, math.nan)
         figures += [

@@ -1,8 +1,8 @@
-"""Draws of arrays, sources and noise, rooms in closed form as truth, and the bound that no estimate undercuts.
+"""Draws of arrays, sources and noise, rooms in closed form as truth, and the Cramer-Rao bound.
 
 The rooms are rigid: the scenes' 6 x 5 m in two dimensions, their box in three, their sound damped as the exponential
-window damps it. Pressures are those at the room's own frequencies, at least 1 Hz apart, exact to rounding; no function
-of the solvers has a part in them.
+window damps it. Pressures are those at the room's own frequencies, at least 1 Hz apart, exact to rounding; they use no
+function of the solvers.
 
 Sources stand anywhere in the room, not nearer than 0.2 m (3-D: 0.3 m) to a wall and 1.2 m to the centre of the array.
 """
@@ -87,7 +87,7 @@ def _clean(name: str, seed: int, modes: int):
 
 
 def source_of(scene: Scene, rng: np.random.Generator) -> tuple[float, ...]:
-    """A place of the source : metres."""
+    """Return a position of the source, metres."""
     size, gap = np.array(scene.room.size), FROM_WALLS[scene.room.dimension]
     while True:
         place = rng.uniform(gap, size - gap)
@@ -159,7 +159,7 @@ class Outcome:
 
 
 def solve(measurement: Measurement, known: str, modes: int, **settings) -> Outcome:
-    """What `joint` makes of a measurement; NaN where it refuses."""
+    """Return the result of `joint` for a measurement; NaN positions where it raises an error."""
     problem = measurement.problem(known=known)
     wall, cpu = time.perf_counter(), time.process_time()
     state, found = None, np.full(measurement.positions.shape, np.nan)

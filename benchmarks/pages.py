@@ -75,7 +75,7 @@ class Served:
         return {int(task.name) for task in Path(f"/proc/{self._process.pid}/task").iterdir()}
 
     def complaints(self) -> list[str]:
-        """Lines that tell of errors on the server's standard error."""
+        """Lines on the server's standard error that report errors."""
         lines = self._errors.read_text(encoding="utf-8", errors="replace").splitlines()
         return [line for line in lines if any(word in line for word in ("rror", "Traceback", "xception", "details in"))]
 
@@ -104,7 +104,7 @@ def chromium() -> Iterator:
 
 
 def open_page(browser, url: str):
-    """One more page, with its picture there."""
+    """Open one more page and wait for its picture."""
     page = browser.new_page(viewport={"width": 1280, "height": 720})
     page.set_default_timeout(WAIT)
     page.goto(f"{url}/?fixedDpr=1")

@@ -1,4 +1,4 @@
-"""One line of a benchmark's report, and a way to time that a noisy machine disturbs little."""
+"""One line of a benchmark's report, and timing that a busy machine disturbs little."""
 
 from __future__ import annotations
 

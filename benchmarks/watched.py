@@ -1,12 +1,12 @@
-"""`fdcal view`, which notes when what a client has sent is on its way to the pages.
+"""Run `fdcal view` and log when the effect of a client's message is published to the pages.
 
 A program: python -m benchmarks.watched LOG view SCENE ...
 
-A line of LOG is JSON: the moment (s of `time.perf_counter`), what has happened, and a value. "told" is when a slider's
+A line of LOG is JSON: the time (s of `time.perf_counter`), the event, and a value. "received" is when a slider's
 message comes in, before any callback; "shown" when the main loop has published what it asks for; "turn" a turn of the
 main loop while the solver runs; "map" a new map, with its number of modes and points.
 
-On SIGUSR1 a hand that never rests drags a microphone about for DRAG seconds, HAND moves a second.
+On SIGUSR1 a microphone is dragged for DRAG seconds, with HAND moves per second.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Watch:
     def ask(self, slider: str, reached) -> None:
         """A slider's message: `reached(viewer)` says whether its effect is published."""
         self.waits[slider] = reached
-        self.note("told", slider, self._came)
+        self.note("received", slider, self._came)
 
     def look(self, viewer: Viewer) -> None:
         """After a tick of the main loop."""

@@ -1,7 +1,7 @@
-"""Listening back: how well each microphone is foretold by the others, and what that says of the positions.
+"""Leave-one-out error: how well the other microphones predict each one, and what that says about the positions.
 
 Frequencies up to 300 Hz; RMS over draws of source, noise and, for array 2, array. "Inside" compares the field mapped
-from the positions found with the room's own, at random points inside the array, which no microphone heard.
+from the estimated positions with the field of the room, at random points inside the array.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ def run() -> Iterator[Figure]:
 
 
 def _found(name: str, snr: int, drawn: list[Draw]) -> Iterator[Figure]:
-    """Of the positions that `joint` finds."""
+    """Figures at the positions that `joint` finds."""
     outcomes = [solve(d.measurement, "all", MODES[name]) for d in drawn]
     reports = [_report(d, o.positions) for d, o in zip(drawn, outcomes, strict=True)]
     words, limit = f"{name}, {snr} dB", TARGETS.get((name, snr))
     whole = _mean_db([r.overall for r in reports])
     target = ("", None) if limit is None else (f"at most {limit:g}", whole <= limit)
-    yield Figure(f"{words}: left-out error, {len(drawn)} draws pooled", whole, "dB", *target)
+    yield Figure(f"{words}: leave-one-out error, {len(drawn)} draws pooled", whole, "dB", *target)
     yield Figure(f"{words}: of the worst draw", max(r.overall for r in reports), "dB")
     yield Figure(f"{words}: of the worst frequency of any", max(r.modes.max() for r in reports), "dB")
     yield Figure(f"{words}: of the worst microphone of any", max(r.microphones.max() for r in reports), "dB")
@@ -84,15 +84,15 @@ def room_field(name: str, seed: int, points, wavenumbers) -> np.ndarray:
 
 
 def _aside(drawn: list[Draw]) -> Iterator[Figure]:
-    """Left-out error of true positions with every microphone put aside at random, and what k^2 d^2 / 2 foretells."""
+    """Leave-one-out error at true positions with random displacements, and its prediction k^2 d^2 / 2."""
     for far in ASIDE:
-        reports, foretold = [], []
+        reports, predicted = [], []
         for seed, d in enumerate(drawn):
             m = d.measurement
             moved = np.random.default_rng([seed, 5]).normal(scale=far / 1e3 / np.sqrt(2), size=m.positions.shape)
             reports.append(_report(d, m.positions + moved).whole)
             k = np.real(m.wavenumbers)
             rest = 10 ** (_report(d, m.positions).whole / 10)
-            foretold.append(10 * np.log10(rest + np.mean(k**2) * np.sum(moved**2) / m.count / 2))
-        yield Figure(f"array2_random, 40 dB, aside by {far:g} mm RMS: left-out error", _mean_db(reports), "dB")
-        yield Figure(f"array2_random, 40 dB, aside by {far:g} mm RMS: k^2 d^2 / 2", _mean_db(foretold), "dB")
+            predicted.append(10 * np.log10(rest + np.mean(k**2) * np.sum(moved**2) / m.count / 2))
+        yield Figure(f"array2_random, 40 dB, displaced by {far:g} mm RMS: leave-one-out error", _mean_db(reports), "dB")
+        yield Figure(f"array2_random, 40 dB, displaced by {far:g} mm RMS: k^2 d^2 / 2", _mean_db(predicted), "dB")
