@@ -98,7 +98,8 @@ def test_the_joint_solver_shows_the_likelihood_with_no_less_noise_than_the_kerne
     problem = MEASURED.problem()
     begun = joint.init(problem, SolverSettings(name="joint", modes=40), 0)
     for share, shown in ((1e-3, 1e-3), (1e-10, NOISE.diffuse_floor)):
-        state = replace(begun, positions=ROUGH, noise=noise_of(problem, share, slice(None)))
+        field = replace(begun.field, noise=noise_of(problem, share, slice(None)))
+        state = replace(begun, positions=ROUGH, field=field)
         expected = directly(problem, ROUGH, noise_of(problem, shown), problem.search)
         assert_same(joint.landscape(problem, state, N, MODES), expected)
     with pytest.raises(InputError, match="search domain"):
