@@ -1,9 +1,9 @@
-"""A session as a file: what `fdcal view SESSION` opens where it was left.
+"""A session as a file, with which `fdcal view SESSION` continues.
 
-A .zip of two files, session.json and session.npz, which may also lie in a folder of their own. The first holds the
-scene with its solver's settings, the seed of the start, which state was looked at, what the page's controls said, and
-the states (`states`), the second their arrays and the measurement: it is a measurement file that `fdcal calibrate`
-reads, too. Whatever it holds, reading it runs nothing.
+It is a .zip of two files, session.json and session.npz, which may also lie in a folder of their own. The first holds
+the scene with the settings of its solver, the seed of the start, the index of the state that was shown, the values of
+the page's controls and the states (`fdcal.session.state_codec`). The second holds their arrays and the measurement; it
+is a measurement file that `fdcal calibrate` can read. Reading either runs nothing.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from .state_codec import read_states, write_states
 VERSION = 2
 TABLE, ARRAYS = "session.json", "session.npz"
 
-LARGEST = 400_000_000  # bytes that a file may unfold to
-MOST_WRITTEN = 64_000_000  # bytes of states; of longer runs fewer are kept, evenly taken
+LARGEST = 400_000_000  # bytes that an archive may unpack to
+MOST_WRITTEN = 64_000_000  # bytes of states; of longer runs fewer are kept, evenly spaced
 KEYS = ("fdcal_session", "scene", "start_seed", "index", "choices", "states")
 
 
