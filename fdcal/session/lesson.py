@@ -181,7 +181,7 @@ def check(lesson: Lesson) -> None:
         raise InputError(f"steps has {len(lesson.steps)} entries; give 1 to {MOST_STEPS} [[steps]]")
     if lesson.steps[0].page.scene is None:
         raise InputError('steps[1].page.scene is missing; name a scene, as "tiny", that the lesson begins with')
-    scene = None
+    scene = _scene_of(lesson, 0, False, "steps[1].page")
     for number, step in enumerate(lesson.steps):
         key = f"steps[{number + 1}]"
         _check_question(key, step)
@@ -210,9 +210,12 @@ def _check_question(key: str, step: Step) -> None:
 
 def _scene_of(lesson: Lesson, number: int, revealed: bool, key: str) -> Scene:
     try:
-        return lesson.start(number, revealed)[0]
+        start = lesson.start(number, revealed)
     except (InputError, StorageError) as error:
         raise InputError(f"{key}.scene or {key}.changes: {error}") from error
+    if start is None:
+        raise InputError(f"{key}.scene is missing", "name a scene", key=f"{key}.scene")
+    return start[0]
 
 
 def _check_setting(key: str, setting: Setting, scene: Scene) -> None:

@@ -9,10 +9,7 @@ ones that use threads.
 
 from __future__ import annotations
 
-import contextlib
-import itertools
 import logging
-import queue
 import threading
 import time
 from collections.abc import Callable
@@ -22,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from ..model.validation import frozen_array
+from .commands import CommandQueue, YieldTimer
 from .history import MOST_STATES, History, SessionView, thinned
 
 YIELD_TIME = 0.15  # s without a step after a request of the user
@@ -52,8 +50,6 @@ class Session:
     >>> session.wait_for(lambda view: view.state.sweep == 1, timeout=60)  # doctest: +SKIP
     """
 
-    NEWEST_ONLY = ("seek", "use_modes", "place", "pace")  # of several such commands in a row only the last counts
-
     def __init__(
         self,
         problem,
@@ -69,15 +65,13 @@ class Session:
 
             module = solvers.load(settings.name)
         self._problem, self._settings, self._seed, self._module = problem, settings, int(seed), module
-        self._yield_time = yield_time
-        self._commands: queue.SimpleQueue = queue.SimpleQueue()
+        self._commands, self._yielding = CommandQueue(), YieldTimer(yield_time)
         self._changed = threading.Condition()
         self._states = list(states) or [module.init(problem, settings, self._seed)]
         count = len(self._states)
         index = count - 1 if index is None else min(max(int(index), 0), count - 1)
         self._goal: Callable[[Any], bool] | None = None  # true once the state reached ends the run
         self._pause = 0.0  # s between two steps
-        self._yield_end = self._yield_start = 0.0  # readings of `time.monotonic` between which no step begins
         self._stepped = 0.0  # reading of `time.monotonic` at the last step
         self._gesture: object = None  # the gesture that the last state came from, if the user placed a microphone
         self._view = SessionView(self._states[index], index, count, False, "", History(self._states, count))
@@ -118,9 +112,7 @@ class Session:
 
         Continuous requests slow the run down to one step in twice that time, and do not stop it.
         """
-        now = time.monotonic()
-        self._yield_start = now if now > self._yield_end else self._yield_start
-        self._yield_end = now + self._yield_time
+        self._yielding.request()
 
     def reset(self, seed: int | None = None, settings=None) -> None:
         """Restart, with `seed` or the last one used, and perhaps with other `settings`, another solver included."""
@@ -162,36 +154,17 @@ class Session:
                     self._publish(running=False)
                     return
                 self._guarded(getattr(self, f"_on_{command[0]}"), *command[1:])
-            if self._goal is not None and time.monotonic() >= self._yield_until:
+            if self._goal is not None and time.monotonic() >= self._yielding.until:
                 self._guarded(self._advance)
-                self._stepped = self._yield_start = time.monotonic()
+                self._stepped = time.monotonic()
+                self._yielding.step_taken()
             time.sleep(0)  # release the interpreter: a solver that never does would starve the page
 
     def _pending(self) -> list[tuple]:
-        """All commands that wait (blocking for one when idle), without those that a later one replaces."""
-        commands = [self._commands.get()] if self._goal is None else []
-        rest = max(self._stepped + self._pause, self._yield_until) - time.monotonic()
-        if self._goal is not None and rest > 0:
-            with contextlib.suppress(queue.Empty):
-                commands.append(self._commands.get(timeout=rest))
-        while not self._commands.empty():
-            commands.append(self._commands.get())
-        return [
-            command
-            for command, after in itertools.zip_longest(commands, commands[1:])
-            if after is None or not self._replaced(command, after)
-        ]
-
-    @property
-    def _yield_until(self) -> float:
-        """Reading of `time.monotonic` until which no step begins."""
-        return min(self._yield_end, self._yield_start + 2 * self._yield_time)
-
-    def _replaced(self, command: tuple, after: tuple) -> bool:
-        """Whether a command need not be done, since another one follows."""
-        if command[0] != after[0] or command[0] not in self.NEWEST_ONLY:
-            return False
-        return command[0] != "place" or (command[1], command[3]) == (after[1], after[3])
+        """The commands that wait; when idle, or before the next step is due, this blocks for one."""
+        if self._goal is None:
+            return self._commands.take(None)
+        return self._commands.take(max(self._stepped + self._pause, self._yielding.until) - time.monotonic())
 
     def _guarded(self, function: Callable, *arguments) -> None:
         """Call a function of this thread; an exception pauses the session and is shown, the thread continues."""

@@ -38,6 +38,7 @@ from ..position_fit import position_step
 from ..residual_noise import noise_at
 from . import acceptance, noise_schedule
 from .multistart import finish, first_modes
+from .requirements import require_modes
 from .stages import begin, begin_angular_prior, begin_free, in_frame
 from .state import Attempt, FieldAssumptions, Phase, State
 from .thresholds import PHASES, PRIOR, STAGES
@@ -72,7 +73,7 @@ def init(problem: Problem, settings: SolverSettings, seed: int, positions: np.nd
     InputError
         For too few modes, known microphones that do not fix the gauge, or microphones on a line.
     """
-    _require_modes(problem, settings.modes)
+    require_modes(problem, settings.modes)
     given, random = positions is not None, settings.start == "random"
     if positions is None and random:
         positions = initial_positions.random(problem, np.random.default_rng([seed, 0]))
@@ -135,7 +136,7 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
     """
     if not 1 <= first <= last:
         raise InputError(f"modes {first} to {last} are not a range", "use 1 or more, the lower one first", key="modes")
-    _require_modes(problem, last)
+    require_modes(problem, last)
     name = state.phase.name if state.phase.name == "deformation" else "free"
     changed = replace(
         state,
@@ -185,31 +186,6 @@ def landscape(problem: Problem, state: State, n: int, modes: slice, search: Sear
 def usable_modes(problem: Problem, settings: SolverSettings) -> int:
     """Return the number of modes measured: the likelihood can use all of them."""
     return len(problem.frequencies)
-
-
-def _require_modes(problem: Problem, count: int) -> None:
-    """Raise InputError unless `count` modes were measured and are enough for the unknown coordinates."""
-    measured, microphones = problem.pressures.shape
-    D = problem.array_dimension
-    if count > measured:
-        raise InputError(
-            f"solver.modes = {count}, but {measured} modes were measured",
-            f"use at most {measured} modes (<modes>), or measure more",
-            key="modes",
-            value=count,
-        )
-    if microphones < 2 * D + 2:
-        raise InputError(f"{microphones} microphones are too few to find", f"use {2 * D + 2} or more", key="pressures")
-    unknowns = D * len(problem.free)
-    equations = 2 * (microphones - problem.dimension - 1)  # real ones a mode, less those that its field takes up
-    least = max(STAGES.least_modes(problem.dimension), -(-unknowns // equations) + 1)
-    if count < least:
-        raise InputError(
-            f"{count} modes are too few for {unknowns} unknown coordinates",
-            f"use at least {least} modes (<modes>)",
-            key="modes",
-            value=count,
-        )
 
 
 def _directions(problem: Problem, state: State) -> np.ndarray | None:
