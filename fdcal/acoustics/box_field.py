@@ -140,13 +140,13 @@ def point_source_pressures(room: Room, source, positions, wavenumbers, nepers: f
         order = [(axis + 1) % 3, (axis + 2) % 3, axis]
         lengths = np.array(room.size)[order]
         reach = nepers / max(float(apart[group, axis].min()), 1e-9)
-        terms = _terms(lengths, reach, float(np.abs(k).max()), int(group[apart[group, axis].argmin()]))
+        terms = eigenfunction_numbers(lengths, reach, float(np.abs(k).max()), int(group[apart[group, axis].argmin()]))
         for m, one in enumerate(k):
-            p[m, group] = _sum(room, lengths, source[order], positions[group][:, order], one, terms)
+            p[m, group] = closed_form_sum(room, lengths, source[order], positions[group][:, order], one, terms)
     return p
 
 
-def _terms(lengths, reach: float, k: float, n: int) -> tuple[np.ndarray, np.ndarray]:
+def eigenfunction_numbers(lengths, reach: float, k: float, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the numbers (T,) of the eigenfunctions along the two axes whose gamma is below `reach`, 1/m."""
     furthest = math.hypot(reach, k)
     counts = furthest * lengths[:2] / np.pi
@@ -158,7 +158,7 @@ def _terms(lengths, reach: float, k: float, n: int) -> tuple[np.ndarray, np.ndar
     return first[kept], second[kept]
 
 
-def _sum(room: Room, lengths, source, positions, k: complex, terms) -> np.ndarray:
+def closed_form_sum(room: Room, lengths, source, positions, k: complex, terms) -> np.ndarray:
     """Return the field at one wavenumber, the closed form along the last axis : (N,) complex128."""
     squares, shapes = 0.0, 1.0
     for axis, numbers in enumerate(terms):

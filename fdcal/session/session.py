@@ -133,11 +133,16 @@ class Session:
         """Set the modes in use (counted from 1, inclusive) and whether the solver adds more."""
         self._commands.put(("use_modes", int(first), int(last), bool(automatic)))
 
+    @property
+    def alive(self) -> bool:
+        """Whether the solver thread still runs."""
+        return self._thread.is_alive()
+
     def close(self, timeout: float = 2.0) -> bool:
         """End the thread after the present step; return False if that takes longer than `timeout` seconds."""
         self._commands.put(("close",))
         self._thread.join(timeout)
-        return not self._thread.is_alive()
+        return not self.alive
 
     def wait_for(self, predicate: Callable[[SessionView], bool], timeout: float | None = None) -> bool:
         """Block until `predicate(view)` is true; return False if it is not within `timeout` seconds."""

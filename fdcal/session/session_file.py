@@ -37,7 +37,7 @@ def write(opening: OpenRequest) -> bytes:
     """The bytes of the .zip of an opening that has a measurement and states. Raises InputError as `states.written`."""
     if opening.measurement is None:
         raise ValueError("a session that is written has a measurement")
-    kept = _kept(opening.states, opening.index)
+    kept = kept_states(opening.states, opening.index)
     table, arrays = write_states([opening.states[i] for i in kept])
     content = {
         "fdcal_session": VERSION,
@@ -137,9 +137,9 @@ def _opening(table: dict, packed: bytes) -> OpenRequest:
     return OpenRequest(scene, table["start_seed"], measurement, made, table["index"], table["choices"])
 
 
-def _kept(run, index: int | None) -> list[int]:
+def kept_states(run, index: int | None) -> list[int]:
     """Numbers of the states to be kept: all, or so many that the file stays small, the one looked at among them."""
-    largest = max(_size(state) for state in (run[0], run[len(run) // 2], run[-1]))
+    largest = max(state_bytes(state) for state in (run[0], run[len(run) // 2], run[-1]))
     most = min(MOST_STATES, max(2, MOST_WRITTEN // largest))
     if len(run) <= most:
         return list(range(len(run)))
@@ -147,11 +147,11 @@ def _kept(run, index: int | None) -> list[int]:
     return sorted({*even, len(run) - 1 if index is None else index})
 
 
-def _size(record) -> int:
+def state_bytes(record) -> int:
     """About how many bytes a state, or a record inside it, takes."""
     values = [getattr(record, field.name) for field in dataclasses.fields(record)]
     arrays = sum(value.nbytes for value in values if isinstance(value, np.ndarray))
-    return 200 + arrays + sum(_size(value) for value in values if dataclasses.is_dataclass(value))
+    return 200 + arrays + sum(state_bytes(value) for value in values if dataclasses.is_dataclass(value))
 
 
 def _finite(value):

@@ -73,7 +73,7 @@ class Viewer:
         before: Choices | None = None,
         wake: Callable[[], None] = lambda: None,
     ):
-        self.run, self._nodes, self._folders = run, nodes, folders
+        self.run, self.nodes, self._folders = run, nodes, folders
         modes = run.solver.usable_modes(run.problem, run.scene.solver)
         self.binding = Binding(folders.gui, run, modes, open_other, before, wake)
         self._fault, self._fault_time = "", 0.0
@@ -83,11 +83,11 @@ class Viewer:
         self._picture = SessionPicture(run)
         picture = self._picture.draw(run.session.view, self.binding.choices, self._selected)
         self.snapshot = ViewSnapshot(run, picture, run.session.view, self.binding.choices, self._selected, None)
-        self.main_panel = MainPanel(folders, self.binding, nodes.cameras.request, self._export)
+        self.main_panel = MainPanel(folders, self.binding, nodes.cameras.request, self.export)
         self._comparison = ComparisonWorker(run)
         self.side_panel = SidePanel(folders, self.binding, self.main_panel.map, self._comparison)
-        self._maps = CostMapWorker(run, wake)  # threads last: what is above may raise
-        self._uncertainty, self._exports = UncertaintyWorker(run), Exports()
+        self.maps = CostMapWorker(run, wake)  # threads last: what is above may raise
+        self._uncertainty, self.exports = UncertaintyWorker(run), Exports()
         nodes.show(picture)
         name = f"/picking/{folders.number}"
         self._picker = MicrophonePicker(server, self.binding, picture, self.main_panel.map.pick, name)
@@ -117,11 +117,11 @@ class Viewer:
 
     def close(self, timeout: float = 1.0) -> None:
         """End all threads after the work in progress; wait `timeout` at most, s."""
-        owners = (self._maps, self._uncertainty, self._comparison, self.side_panel.maps.worker, self.run.session)
+        owners = (self.maps, self._uncertainty, self._comparison, self.side_panel.maps.worker, self.run.session)
         end = time.perf_counter() + timeout
         if self.run.warmup is not None:
             self.run.warmup.close(0.0)
-        for owner in (*owners, self._exports):  # all are asked to stop before any is waited for
+        for owner in (*owners, self.exports):  # all are asked to stop before any is waited for
             owner.close(0.0)
         for owner in owners:
             owner.close(max((end - time.perf_counter()) / 2, 0.0))  # some own two threads
@@ -156,7 +156,7 @@ class Viewer:
             picture = self._picture.draw(view, choices, self._selected, floor, uncertainty, marked)
             sigma = None if uncertainty is None else uncertainty.sigma
             self.snapshot = ViewSnapshot(self.run, picture, view, choices, self._selected, sigma)
-            self._nodes.show(picture)
+            self.nodes.show(picture)
             self._picker.show(view.state.positions, floor)
             self._key = key
         note = self.run.warmup.text if self.run.warmup else ""
@@ -195,8 +195,8 @@ class Viewer:
             state=state,
             lineage=view.history.lineage,
         )
-        return self._maps.newest(wanted, view.running, now)
+        return self.maps.newest(wanted, view.running, now)
 
-    def _export(self, client: viser.ClientHandle, kind: str) -> None:
+    def export(self, client: viser.ClientHandle, kind: str) -> None:
         """Send a file of what is on the screen to one browser; on viser's event loop."""
-        self._exports.ask(client, kind, replace(self.snapshot, choices=self.binding.choices))
+        self.exports.ask(client, kind, replace(self.snapshot, choices=self.binding.choices))

@@ -68,8 +68,10 @@ def test_the_axis_of_the_closed_form_makes_no_difference(axis, admittance):
     room = Room(size=SIZE, walls="absorbing" if admittance else "rigid", admittance=admittance)
     order = [(axis + 1) % 3, (axis + 2) % 3, axis]
     lengths, source, places = np.array(SIZE)[order], SOURCE[order], PLACES[:, order]
-    terms = box_field._terms(lengths, box_field.EXACT / np.abs(places[:, 2] - source[2]).min(), abs(K[-1]), 0)
-    along = [box_field._sum(room, lengths, source, places, k, terms) for k in K]
+    terms = box_field.eigenfunction_numbers(
+        lengths, box_field.EXACT / np.abs(places[:, 2] - source[2]).min(), abs(K[-1]), 0
+    )
+    along = [box_field.closed_form_sum(room, lengths, source, places, k, terms) for k in K]
     found = point_source_pressures(room, SOURCE, PLACES, K)
     np.testing.assert_allclose(along, found, atol=1e-11 * np.abs(found).max())
 

@@ -118,9 +118,9 @@ def test_the_end_of_a_race_tells_time_steps_error_and_cost_of_each(owner):
 
 def test_a_race_that_cannot_begin_tells_why(owner):
     made, turn_until = owner
-    made._run = dataclasses.replace(
-        made._run,
-        scene=dataclasses.replace(made._run.scene, solver=dataclasses.replace(made._run.scene.solver, modes=500)),
+    made.run = dataclasses.replace(
+        made.run,
+        scene=dataclasses.replace(made.run.scene, solver=dataclasses.replace(made.run.scene.solver, modes=500)),
     )
     made.toggle(races.ComparisonSetup(("descent", "joint"), "random", 0))
     turn_until(lambda _: made.error)

@@ -147,12 +147,12 @@ def test_the_two_files_may_lie_in_a_folder(folder, joint_session, tmp_path):
 
 
 def test_a_long_run_is_told_by_fewer_states(joint_session, monkeypatch):
-    monkeypatch.setattr(session_file, "MOST_WRITTEN", 6 * session_file._size(joint_session.states[0]))
+    monkeypatch.setattr(session_file, "MOST_WRITTEN", 6 * session_file.state_bytes(joint_session.states[0]))
     states = [dataclasses.replace(joint_session.states[-1], step=i) for i in range(100)]
-    kept = session_file._kept(states, 17)
+    kept = session_file.kept_states(states, 17)
     assert 4 <= len(kept) <= 6 and {0, 17, 99} <= set(kept)
     monkeypatch.undo()
-    assert session_file._kept(states, 17) == list(range(100))
+    assert session_file.kept_states(states, 17) == list(range(100))
 
 
 def test_a_run_that_is_not_finite_is_not_saved(joint_session):

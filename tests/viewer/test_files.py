@@ -15,11 +15,11 @@ from fdcal.viewer.background import exports
 
 def test_a_file_tells_of_the_picture_drawn(viewer, monkeypatch):
     asked, session = [], viewer.run.session
-    monkeypatch.setattr(viewer._exports.worker, "request", lambda *arguments: asked.append(arguments))
+    monkeypatch.setattr(viewer.exports.worker, "request", lambda *arguments: asked.append(arguments))
     viewer.tick(0.0)
     session.view = view_of([State(viewer.run.measurement.positions + 0.02, step=9)])
     client = SimpleNamespace(add_notification=lambda *_, **__: None)
-    viewer._export(client, exports.PICTURE)
+    viewer.export(client, exports.PICTURE)
     ((_, kind, moment),) = asked
     assert "step 0" in moment.caption and exports.file_name(moment, kind) == "fdcal-tiny-step-0.png"
 

@@ -14,7 +14,7 @@ from fdcal.viewer.tabs import map
 def mapped(viewer):
     """Let one map be made; the microphone whose map is shown then, None without a map."""
     viewer.run.solver.gate.release()
-    assert viewer._maps._worker.wait_for(lambda _: not viewer._maps._worker.busy, WAIT)
+    assert viewer.maps.worker.wait_for(lambda _: not viewer.maps.worker.busy, WAIT)
     viewer.tick(1e9)
     return shown(viewer)
 
@@ -41,7 +41,7 @@ def test_maps_stand_side_by_side_and_are_drawn_anew_as_the_look_changes(viewer):
     side = viewer.side_panel.maps.worker
 
     def drawn():
-        return side._worker.wait_for(lambda _: not side._worker.busy, WAIT)
+        return side.worker.wait_for(lambda _: not side.worker.busy, WAIT)
 
     viewer.tick(0.0)
     assert side.of(None, 0.0) is None and mapped(viewer) == 3 and drawn()
@@ -66,7 +66,7 @@ def test_opacity_takes_no_new_map(viewer):
     set_by_client(viewer.main_panel.map.opacity, 40)
     viewer.tick(1.0)
     assert viewer.picture.floor.opacity == 0.4 and viewer.picture.floor.rgb is before.rgb
-    assert not viewer._maps.busy
+    assert not viewer.maps.busy
 
 
 def test_a_running_solver_draws_the_costs_it_has_in_another_scale(viewer):
@@ -78,9 +78,9 @@ def test_a_running_solver_draws_the_costs_it_has_in_another_scale(viewer):
     history = History(states, 2, session.view.history.lineage)
     session.view = dataclasses.replace(session.view, state=states[1], index=1, count=2, history=history, running=True)
     set_by_client(viewer.main_panel.map.scale, "Linear")
-    ready = viewer._maps._worker.latest.ended
+    ready = viewer.maps.worker.latest.ended
     viewer.tick(ready)
-    assert viewer._maps._worker.wait_for(lambda latest: not latest.request[0].style.log, WAIT)
+    assert viewer.maps.worker.wait_for(lambda latest: not latest.request[0].style.log, WAIT)
     viewer.tick(ready)
     assert shown(viewer) == 3 and not viewer.picture.floor.bar.log
 
@@ -100,7 +100,7 @@ def test_in_a_drag_the_last_map_stays_until_the_next(viewer):
     viewer.tick(0.0)
     assert mapped(viewer) == 3
     session, positions = viewer.run.session, np.array(viewer.run.measurement.positions)
-    ready = viewer._maps._worker.latest.ended
+    ready = viewer.maps.worker.latest.ended
     positions[7] += 0.03
     session.view = view_of([State(positions)])
     viewer.tick(ready + 0.1)
@@ -120,7 +120,8 @@ def test_while_running_the_map_of_an_older_state_stays_but_not_over_a_reset(view
     session.view = dataclasses.replace(session.view, history=History(states, 1), running=True)
     viewer.tick(0.0)
     assert shown(viewer) == 3, "the very same state"
-    viewer._revision += 1
+    states[0] = dataclasses.replace(states[0])
+    session.view = dataclasses.replace(session.view, state=states[0], history=History(states, 1))
     viewer.tick(1e9)
     mapped(viewer)
     states.append(State(positions + 0.01, 1))
@@ -133,7 +134,7 @@ def test_while_running_the_map_of_an_older_state_stays_but_not_over_a_reset(view
 
 
 def test_a_fault_of_the_page_is_told_and_it_goes_on(viewer, monkeypatch, caplog):
-    monkeypatch.setattr(viewer._nodes, "show", lambda picture: 1 / 0)
+    monkeypatch.setattr(viewer.nodes, "show", lambda picture: 1 / 0)
     for now in (1.0, 1.1, 1.2):
         viewer.guarded_tick(now)
     assert len(caplog.records) == 1 and "ZeroDivisionError" in viewer.main_panel.run_bar.status.content

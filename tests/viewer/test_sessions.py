@@ -99,7 +99,7 @@ def test_another_scene_replaces_the_first(page_of, scene):
     assert choices.style.dark and not choices.style.log and choices.trails
     assert choices.microphone == 9 and choices.modes == (2,) and session.view.state.seed == 5
     assert page.panels.tabs == tabs and page.viewer.main_panel.map.microphone.value == 9
-    assert not first.session._thread.is_alive() and session._thread.is_alive()
+    assert not first.session.alive and session.alive
     session.step()
     turn_until(lambda: "step 1," in page.viewer.main_panel.run_bar.status.content)
 

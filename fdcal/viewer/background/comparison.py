@@ -81,7 +81,7 @@ class ComparisonWorker:
     """
 
     def __init__(self, run: PreparedRun):
-        self._run = run
+        self.run = run
         self._commands: collections.deque[tuple[Command, ComparisonSetup | None]] = collections.deque()
         self._preparation = LatestWorker(self._prepare, "fdcal-comparison")
         self._curves = LatestWorker(self._compute_curves, "fdcal-comparison-curves")
@@ -159,7 +159,7 @@ class ComparisonWorker:
 
     def _prepare(self, setup: ComparisonSetup) -> Comparison:
         """On the preparation's thread."""
-        return Comparison(self._run.problem, self._run.scene.solver, setup.names, setup.start, setup.seed)
+        return Comparison(self.run.problem, self.run.scene.solver, setup.names, setup.start, setup.seed)
 
     def _summarise(self, comparison: Comparison) -> None:
         summaries = tuple(self._summary(run) for run in comparison.runs)
@@ -196,12 +196,12 @@ class ComparisonWorker:
 
     def _errors(self, state: RunState) -> np.ndarray | None:
         """Position error of each microphone, (N,) float64, mm."""
-        errors = self._run.measurement.errors(state.positions)
+        errors = self.run.measurement.errors(state.positions)
         return None if errors is None else 1e3 * errors
 
     def _compute_curves(self, points: dict, missing: list) -> None:
         """Compute error and cost of the states that have none yet; on the curves' thread."""
-        problem, settings = self._run.problem, self._run.scene.solver
+        problem, settings = self.run.problem, self.run.scene.solver
         for name, states in missing:
             for state in states:
                 errors = self._errors(state)

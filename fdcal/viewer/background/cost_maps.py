@@ -64,7 +64,7 @@ class CostMapWorker:
         self._run, self._requested, self._since = run, None, 0.0
         self._fine_requested: CostMapRequest | None = None
         self._costs: dict[str, tuple] = {}  # of each thread: the key of its last costs, and the costs
-        self._worker = LatestWorker(self._compute, "fdcal-map", notify=notify)
+        self.worker = LatestWorker(self._compute, "fdcal-map", notify=notify)
         self._fine_worker = LatestWorker(self._compute_fine, "fdcal-fine-map")
 
     def newest(self, wanted: CostMapRequest, running: bool, now: float) -> tuple[CostMap | None, str]:
@@ -81,7 +81,7 @@ class CostMapWorker:
         CostMap or None, and the error that keeps it from being computed, "" without one
         """
         wanted = self._request(wanted, running, now)
-        fine, latest = self._fine_worker.latest, self._worker.latest
+        fine, latest = self._fine_worker.latest, self.worker.latest
         if fine is not None and fine.result is not None and fine.request[0] == wanted:
             return fine.result, ""
         if latest is None:
@@ -94,7 +94,7 @@ class CostMapWorker:
 
     def _request(self, wanted: CostMapRequest, running: bool, now: float) -> CostMapRequest:
         """Request the map unless it is in progress or the last one has only just been finished; return the request."""
-        latest = self._worker.latest
+        latest = self.worker.latest
         due = True
         if latest is not None and running:
             last = latest.request[0]
@@ -104,9 +104,9 @@ class CostMapWorker:
             due = now - latest.ended > pause or not last.stands_for(wanted, running)  # the user wants another one
             if last.differs_in_style(wanted):
                 wanted = replace(last, style=wanted.style)  # drawn again from the same costs
-        if wanted != self._requested and due and not (running and self._worker.busy):
+        if wanted != self._requested and due and not (running and self.worker.busy):
             self._requested, self._since = wanted, now
-            self._worker.request(wanted)
+            self.worker.request(wanted)
         if not running and wanted == self._requested and now - self._since > IDLE_TIME:
             self._request_fine(wanted)
         return wanted
@@ -120,12 +120,12 @@ class CostMapWorker:
     @property
     def busy(self) -> bool:
         """Whether a map is in progress."""
-        return self._worker.busy or self._fine_worker.busy
+        return self.worker.busy or self._fine_worker.busy
 
     def close(self, timeout: float) -> bool:
         """End the threads after the maps in progress; False if that takes longer than `timeout`, s."""
         self._requested = None
-        return all([self._fine_worker.close(timeout), self._worker.close(timeout)])
+        return all([self._fine_worker.close(timeout), self.worker.close(timeout)])
 
     def _compute(self, request: CostMapRequest) -> CostMap:
         """On the fast thread: a map over the solver's lattice."""
@@ -161,7 +161,7 @@ class CostMapWorker:
                 total = total + landscapes.fine_landscape(run.problem, run.solver, request.state, n, mode, search)
             self._costs["fine"] = key, total, landscapes.local_minima(total)
         _, total, minima = self._costs["fine"]
-        fast = self._worker.latest
+        fast = self.worker.latest
         costs = fast.result.costs if fast and fast.result and fast.request[0] == request else None
         drawn = self._draw(request, total, minima, search, None)
         return replace(drawn, costs=costs, fine=True)

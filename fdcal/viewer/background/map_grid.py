@@ -25,7 +25,7 @@ class MapGridWorker:
     def __init__(self, run: PreparedRun):
         self._run, self._since = run, -1e9
         self._requested: CostMap | None = None
-        self._worker = LatestWorker(self._draw, "fdcal-map-grid")
+        self.worker = LatestWorker(self._draw, "fdcal-map-grid")
 
     def of(self, drawn: CostMap | None, now: float) -> np.ndarray | None:
         """Return the newest image, perhaps of a map before `drawn`.
@@ -44,15 +44,15 @@ class MapGridWorker:
             return None
         last = self._requested
         current = last is not None and last.costs is drawn.costs and last.request.style == drawn.request.style
-        if not current and now - self._since > INTERVAL and not self._worker.busy:
+        if not current and now - self._since > INTERVAL and not self.worker.busy:
             self._requested, self._since = drawn, now
-            self._worker.request(drawn)
-        latest = self._worker.latest
+            self.worker.request(drawn)
+        latest = self.worker.latest
         return None if latest is None or self._requested is None else latest.result
 
     def close(self, timeout: float) -> bool:
         """End the thread after the image in progress; False if that takes longer than `timeout`, s."""
-        return self._worker.close(timeout)
+        return self.worker.close(timeout)
 
     def _draw(self, drawn: CostMap) -> np.ndarray | None:
         """On the thread."""
