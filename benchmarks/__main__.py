@@ -1,8 +1,11 @@
 """Run every benchmark, or the named ones: `python -m benchmarks [NAME ...]`."""
 
 import importlib
+import os
 import pkgutil
 import sys
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line sets it for itself; before NumPy is imported
 
 import benchmarks
 

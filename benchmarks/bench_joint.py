@@ -17,11 +17,11 @@ import numpy as np
 from fdcal import solvers
 from fdcal.acoustics.fourier_bessel import max_order
 from fdcal.acoustics.measurement_cache import cached_measurement
-from fdcal.commands.calibrate import solve
-from fdcal.commands.sources import CalibrationInput
 from fdcal.cost import eq7
 from fdcal.model.scene_file import load_scene
 from fdcal.model.settings import SolverSettings
+from fdcal.session.calibrate import solve
+from fdcal.session.sources import CalibrationInput
 
 from .draws import draw
 from .report import Figure

@@ -15,7 +15,6 @@ Examples
 from __future__ import annotations
 
 import importlib
-import os
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -23,9 +22,6 @@ if TYPE_CHECKING:
     from .model.measurement import Measurement
     from .model.scene import Scene
     from .model.validation import InputError, StorageError
-
-# The matrices here are small: BLAS threads cost more time than they save. Must be set before NumPy is first imported.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # Where each public name is defined: "package.module:attribute".
 PUBLIC = {

@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # several test processes share the cores; before NumPy is imported
+
 import pytest
 from browsing import ARGUMENTS
 from xdist.scheduler import LoadFileScheduling

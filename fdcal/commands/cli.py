@@ -14,6 +14,7 @@ import click
 
 from ..model.scene_file import load_scene, scene_names
 from ..model.validation import InputError
+from ..session.blas_threads import one_blas_thread_for_command
 from ..session.lesson import lesson_names, load_lesson
 from . import file_commands, plot_commands
 from .options import (
@@ -37,7 +38,8 @@ from .parameter_types import Distance, NameList, NoiseLevel, RoomSize, room_solv
 def main(args: list[str] | None = None) -> None:
     """Run a command and exit with its code."""
     try:
-        code = commands.main(args=args, prog_name="fdcal", standalone_mode=False)
+        with one_blas_thread_for_command():
+            code = commands.main(args=args, prog_name="fdcal", standalone_mode=False)
     except (click.exceptions.Abort, KeyboardInterrupt):
         code = _fail("interrupted; nothing is left half-written", 130)
     except click.ClickException as error:
@@ -158,9 +160,9 @@ def calibrate(
 ):  # fmt: skip
     """Find the microphones and assess the result; exit code 4 if it cannot be trusted."""
     path = output_path(output, ".json", force, source) if output else None
+    from ..session.calibrate import solve
+    from ..session.sources import with_settings
     from . import report
-    from .calibrate import solve
-    from .sources import with_settings
 
     inputs, solver = input_of(source, search, radius, exclude), room_solver(room, solver)
     inputs = with_settings(inputs, solver, modes, seed, start=start, known=known, noise=noise, cost=cost, room=room)
@@ -168,7 +170,7 @@ def calibrate(
     if check:
         report.require_positions(inputs.measurement)
     with progress_bar("calibrating") as progress:
-        result = solve(inputs, progress)
+        result = solve(inputs, progress, OPTIONS)
     if path is not None:
         from ..assessment.result_file import save_result
 

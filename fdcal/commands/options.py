@@ -18,7 +18,7 @@ from .parameter_types import NumberList, search_domain
 
 if TYPE_CHECKING:  # SciPy and the solvers, which a page loads while the browser opens
     from ..assessment.calibration import Calibration
-    from .sources import CalibrationInput, Progress
+    from ..session.sources import CalibrationInput, Progress
 
 SESSIONS = (".zip", ".json")
 
@@ -132,7 +132,7 @@ def input_of(
     excluded : tuple of str
         Microphones to leave out.
     """
-    from .sources import load_input
+    from ..session.sources import load_input
 
     with progress_bar("simulating") as progress:
         inputs = load_input(source, progress, excluded)
@@ -158,7 +158,7 @@ def open_request_of(text: str) -> OpenRequest:
         return read(text)
     if text in scene_names():  # every one of these is tested
         return OpenRequest(load_scene(text))
-    from .sources import check_scene, is_recording, load_input
+    from ..session.sources import check_scene, is_recording, load_input
 
     if text.lower().endswith(".npz") or is_recording(text):
         from ..model.measured_scene import placeholder_scene

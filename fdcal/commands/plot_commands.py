@@ -156,9 +156,9 @@ def replay(source, solver, modes, seed, output, search, radius, force):
     path = output_path(output, ".html", force)
     from ..graphics.replay import replay_html
     from ..model.storage import write_atomically
+    from ..session.calibrate import states_of
     from ..session.history import recorded
-    from .calibrate import states_of
-    from .sources import with_settings
+    from ..session.sources import with_settings
 
     inputs = with_settings(input_of(source, search, radius), solver, modes, seed)
     with progress_bar("calibrating") as progress:

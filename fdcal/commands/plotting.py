@@ -9,7 +9,7 @@ from ..assessment.field_map import FieldMap, field_map
 from ..cost.mode_limits import require_modes, search_lattice
 from ..model.measurement import Measurement
 from ..model.validation import InputError
-from .sources import CalibrationInput
+from ..session.sources import CalibrationInput
 
 
 def shown_positions(measurement: Measurement, result: Calibration | None) -> np.ndarray:

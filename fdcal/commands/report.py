@@ -6,8 +6,8 @@ from ..assessment.calibration import Calibration
 from ..assessment.result_parts import Evidence
 from ..model.measurement import Measurement
 from ..model.validation import InputError
+from ..session.sources import CalibrationInput
 from .options import OPTIONS
-from .sources import CalibrationInput
 
 
 def summary(inputs: CalibrationInput, result: Calibration) -> str:

@@ -12,12 +12,12 @@ from fdcal.assessment.ambiguity import ambiguous
 from fdcal.assessment.diagnostics import diagnose
 from fdcal.assessment.uncertainty import pressures_and_field
 from fdcal.assessment.verdict import judge
-from fdcal.commands.assess import assess
-from fdcal.commands.calibrate import solve
-from fdcal.commands.sources import CalibrationInput
 from fdcal.model.gauge import align, position_errors
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
+from fdcal.session.assess import assess
+from fdcal.session.calibrate import solve
+from fdcal.session.sources import CalibrationInput
 from fdcal.solvers import run
 from fdcal.solvers.levenberg_marquardt import DAMPING
 from fdcal.solvers.position_fit import position_step

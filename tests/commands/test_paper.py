@@ -12,9 +12,9 @@ import pytest
 from fdcal.commands import paper
 from fdcal.commands.cli import main
 from fdcal.commands.paper import drawing, study, table, trails
-from fdcal.commands.sources import scene_input
 from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError
+from fdcal.session.sources import scene_input
 
 
 def silent(done: float, note: str = "") -> None:

@@ -16,9 +16,7 @@ from recorded import FS, SPEED, at_work, exact, mismatch_db, noisy, places, resp
 from scipy.signal import chirp, fftconvolve
 
 from fdcal.acoustics.fourier_bessel import f_max
-from fdcal.commands.calibrate import solve
 from fdcal.commands.cli import main
-from fdcal.commands.sources import load_input
 from fdcal.model.measurement_file import load_measurement
 from fdcal.model.validation import InputError
 from fdcal.recordings import frequency_selection
@@ -32,6 +30,8 @@ from fdcal.recordings.importer import import_recording
 from fdcal.recordings.impulse_response import impulse_response_pressures
 from fdcal.recordings.recording import Recording, read_samples, recording_of
 from fdcal.recordings.reverberation import estimate_decay
+from fdcal.session.calibrate import solve
+from fdcal.session.sources import load_input
 
 BAND = 20.0, 400.0
 

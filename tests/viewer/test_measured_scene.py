@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from fdcal.commands.options import open_request_of
-from fdcal.commands.sources import scene_input
 from fdcal.graphics.picture import static_picture, with_estimate
 from fdcal.model.measured_scene import MeasuredScene, placeholder_scene
 from fdcal.model.measurement import Measurement
 from fdcal.model.measurement_file import save_measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.model.settings import SolverSettings
+from fdcal.session.sources import scene_input
 from fdcal.viewer.background.prepare import PreparationProgress, prepare_run
 
 

@@ -1,10 +1,10 @@
-"""Run a solver to its end and return a `Calibration`: what `fdcal calibrate` does, without its command line."""
+"""Run a solver to its end and return a `Calibration`: for the command line and for Python."""
 
 from __future__ import annotations
 
 import collections
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -16,7 +16,8 @@ from ..model.settings import SolverSettings
 from ..model.validation import InputError, require_positive
 from ..solvers import load
 from ..solvers.identifiability import check_solvable
-from .assess import assess, distance_pair
+from .assess import ARGUMENTS, assess, distance_pair
+from .blas_threads import one_blas_thread
 from .sources import CalibrationInput, Progress
 
 
@@ -56,14 +57,18 @@ def states_of(inputs: CalibrationInput, progress: Progress | None = None, proble
         yield state
 
 
-def solve(inputs: CalibrationInput, progress: Progress | None = None) -> Calibration:
-    """Run the solver to its end and assess the positions.
+def solve(
+    inputs: CalibrationInput, progress: Progress | None = None, wording: Mapping[str, str] = ARGUMENTS
+) -> Calibration:
+    """Run the solver to its end and assess the positions, with one thread of BLAS.
 
     Parameters
     ----------
     inputs : CalibrationInput
     progress : callable, optional
         As of `states_of`.
+    wording : mapping of str to str
+        How the verdict's text calls the arguments that it mentions; by their names in Python unless given.
 
     Returns
     -------
@@ -77,8 +82,9 @@ def solve(inputs: CalibrationInput, progress: Progress | None = None) -> Calibra
     problem = problem_of(inputs)
     _require_length(inputs, problem)
     start = time.perf_counter()
-    state = collections.deque(states_of(inputs, progress, problem), maxlen=1).pop()
-    found = assess(inputs, problem, state)
+    with one_blas_thread():
+        state = collections.deque(states_of(inputs, progress, problem), maxlen=1).pop()
+        found = assess(inputs, problem, state, wording)
     measurement = inputs.measurement
     return Calibration(
         positions=found.positions,

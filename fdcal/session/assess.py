@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
@@ -14,8 +16,9 @@ from ..model.problem import Problem
 from ..model.validation import InputError
 from ..solvers import load
 from ..solvers.interface import AssessmentMethod
-from .options import OPTIONS
 from .sources import CalibrationInput
+
+ARGUMENTS: Mapping[str, str] = MappingProxyType({})  # arguments are called as in Python
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,10 +51,19 @@ class Assessment:
     room: KnownRoom | None = None
 
 
-def assess(inputs: CalibrationInput, problem: Problem, state) -> Assessment:
-    """Judge the last state of a run, with the sound speed estimated where `inputs` ask for it."""
+def assess(inputs: CalibrationInput, problem: Problem, state, wording: Mapping[str, str] = ARGUMENTS) -> Assessment:
+    """Judge the last state of a run, with the sound speed estimated where `inputs` ask for it.
+
+    Parameters
+    ----------
+    inputs : CalibrationInput
+    problem : Problem
+    state : RunState
+    wording : mapping of str to str
+        How the text of the verdict calls the arguments that it mentions; by their names in Python unless given.
+    """
     in_room = load(inputs.settings.name).TRAITS.assessment is AssessmentMethod.KNOWN_ROOM
-    return (_assess_in_room if in_room else _assess_array)(inputs, problem, state)
+    return (_assess_in_room if in_room else _assess_array)(inputs, problem, state, wording)
 
 
 def distance_pair(inputs: CalibrationInput) -> tuple[int, int]:
@@ -71,7 +83,7 @@ def distance_pair(inputs: CalibrationInput) -> tuple[int, int]:
     return first, second
 
 
-def _assess_array(inputs: CalibrationInput, problem: Problem, state) -> Assessment:
+def _assess_array(inputs: CalibrationInput, problem: Problem, state, wording: Mapping[str, str]) -> Assessment:
     from ..assessment.cross_validation import (
         cross_validate,  # these load the compiler, which other commands do not need
     )
@@ -85,7 +97,7 @@ def _assess_array(inputs: CalibrationInput, problem: Problem, state) -> Assessme
     verdict = judge(problem, positions, state.modes, noise, inputs.measurement.names, state.converged)
     evidence = _evidence(verdict, cross_validate(problem, positions, state.modes, noise))
     return Assessment(
-        positions, problem, verdict.code, verdict.worded(OPTIONS), verdict.uncertainty, verdict.covariance, evidence
+        positions, problem, verdict.code, verdict.worded(wording), verdict.uncertainty, verdict.covariance, evidence
     )
 
 
@@ -101,7 +113,7 @@ def _at_estimated_sound_speed(inputs: CalibrationInput, problem: Problem, state,
     return positions, found.problem
 
 
-def _assess_in_room(inputs: CalibrationInput, problem: Problem, state) -> Assessment:
+def _assess_in_room(inputs: CalibrationInput, problem: Problem, state, wording: Mapping[str, str]) -> Assessment:
     from ..assessment.cross_validation import summarise  # these load the compiler, which other commands do not need
     from ..assessment.room_verdict import judge
 
@@ -112,7 +124,7 @@ def _assess_in_room(inputs: CalibrationInput, problem: Problem, state) -> Assess
     size = tuple(map(float, inputs.settings.room or ()))
     symmetries = tuple((str(image), image.apply(positions)) for image in found.images)
     return Assessment(
-        positions, problem, verdict.code, verdict.worded(OPTIONS), verdict.uncertainty, verdict.covariance,
+        positions, problem, verdict.code, verdict.worded(wording), verdict.uncertainty, verdict.covariance,
         _evidence(verdict, prediction), KnownRoom(size, found.source, found.admittance, symmetries),
     )  # fmt: skip
 

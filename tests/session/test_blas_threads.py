@@ -1,0 +1,103 @@
+"""BLAS has one thread while fdcal computes and as many as before afterwards; importing fdcal changes nothing."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+
+import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
+
+import fdcal
+from fdcal.commands.cli import main
+from fdcal.session.blas_threads import VARIABLE, one_blas_thread
+
+
+def threads() -> list[int]:
+    return [library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"]
+
+
+@pytest.fixture
+def two_threads():
+    with one_blas_thread():  # loads all libraries
+        pass
+    with threadpool_limits(2, user_api="blas"):
+        yield
+
+
+def test_the_limit_is_taken_back(two_threads):
+    before = threads()
+    with one_blas_thread():
+        assert set(threads()) == {1}
+    assert threads() == before
+    assert set(before) == {2}
+
+
+def test_the_limit_is_taken_back_after_an_error(two_threads):
+    with pytest.raises(ZeroDivisionError), one_blas_thread():
+        raise ZeroDivisionError
+    assert set(threads()) == {2}
+
+
+def test_the_last_of_several_computations_takes_it_back(two_threads):
+    started, end = threading.Event(), threading.Event()
+
+    def other():
+        with one_blas_thread():
+            started.set()
+            end.wait(30)
+
+    thread = threading.Thread(target=other)
+    with one_blas_thread():
+        thread.start()
+        assert started.wait(30)
+    assert set(threads()) == {1}  # the other one still computes
+    end.set()
+    thread.join()
+    assert set(threads()) == {2}
+
+
+def test_a_command_takes_it_back(two_threads, monkeypatch, capsys):
+    monkeypatch.delenv(VARIABLE, raising=False)
+    with pytest.raises(SystemExit):
+        main(["scenes"])
+    assert VARIABLE not in os.environ
+    assert set(threads()) == {2}
+
+
+def test_a_calibration_has_one_thread_and_takes_it_back(two_threads):
+    seen = []
+    measurement = fdcal.simulate("tiny")
+    fdcal.calibrate(measurement, modes=4, progress=lambda done, note: seen.extend(threads()))
+    assert set(seen) == {1}
+    assert set(threads()) == {2}
+
+
+def test_a_command_that_loads_numpy_itself_has_one_thread():
+    code = (
+        "import sys\nfrom fdcal.session.blas_threads import one_blas_thread_for_command\n"
+        "with one_blas_thread_for_command():\n"
+        "    assert 'numpy' not in sys.modules\n    import numpy, threadpoolctl\n"
+        "    print(*[i['num_threads'] for i in threadpoolctl.threadpool_info()])"
+    )
+    environment = {key: value for key, value in os.environ.items() if key != VARIABLE}
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
+    assert set(run.stdout.split()) == {"1"}
+
+
+def test_importing_the_package_changes_nothing_in_the_process():
+    code = (
+        "import os, signal, sys, threading, warnings, locale\n"
+        "def state():\n"
+        "    return (dict(os.environ), list(sys.path), threading.active_count(), list(warnings.filters),\n"
+        "            [signal.getsignal(s) for s in (signal.SIGINT, signal.SIGTERM)], locale.setlocale(locale.LC_ALL),\n"
+        "            sys.excepthook, os.getcwd())\n"
+        "before = state()\nimport fdcal\n[getattr(fdcal, name) for name in fdcal.__all__]\n"
+        "after = state()\n"
+        "print([i for i in range(len(before)) if before[i] != after[i] and i != 3])"
+    )
+    environment = {key: value for key, value in os.environ.items() if key != VARIABLE}
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
+    assert run.stdout.strip() == "[]"
