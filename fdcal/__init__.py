@@ -18,10 +18,13 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .assessment.alignment import compare_positions
     from .assessment.calibration import Calibration
     from .model.measurement import Measurement
     from .model.scene import Scene
+    from .model.scene_file import load_scene
     from .model.validation import InputError, StorageError
+    from .session.api import calibrate, load, simulate
 
 # Where each public name is defined: "package.module:attribute".
 PUBLIC = {
@@ -30,9 +33,17 @@ PUBLIC = {
     "Measurement": "model.measurement:Measurement",
     "Scene": "model.scene:Scene",
     "StorageError": "model.validation:StorageError",
+    "calibrate": "session.api:calibrate",
+    "compare_positions": "assessment.alignment:compare_positions",
+    "load": "session.api:load",
+    "load_scene": "model.scene_file:load_scene",
+    "simulate": "session.api:simulate",
 }
 
-__all__ = ["Calibration", "InputError", "Measurement", "Scene", "StorageError"]
+__all__ = [
+    "Calibration", "InputError", "Measurement", "Scene", "StorageError", "calibrate", "compare_positions", "load",
+    "load_scene", "simulate",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:

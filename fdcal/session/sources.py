@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..acoustics.measure import require_measurable
 from ..model.arrays import positions_of
@@ -16,6 +17,9 @@ from ..model.scene_file import load_scene
 from ..model.settings import SolverSettings
 from ..model.validation import InputError
 from ..solvers import load
+
+if TYPE_CHECKING:
+    from ..recordings.import_options import ImportOptions
 
 Progress = Callable[[float, str], None]  # fraction done, 0 to 1, and a note
 
@@ -51,7 +55,12 @@ class CalibrationInput:
     distance: tuple[str, str, float] | None = None
 
 
-def load_input(text: str, progress: Progress | None = None, excluded: tuple[str, ...] = ()) -> CalibrationInput:
+def load_input(
+    text: str,
+    progress: Progress | None = None,
+    excluded: tuple[str, ...] = (),
+    options: ImportOptions | None = None,
+) -> CalibrationInput:
     """Return the measurement of an .npz file, of recordings, or of a scene.
 
     Parameters
@@ -62,6 +71,8 @@ def load_input(text: str, progress: Progress | None = None, excluded: tuple[str,
         Called with the fraction done, 0 to 1, and a note while a scene is simulated.
     excluded : tuple of str
         Names or numbers of microphones to leave out.
+    options : ImportOptions, optional
+        How recordings are imported.
 
     Raises
     ------
@@ -69,20 +80,40 @@ def load_input(text: str, progress: Progress | None = None, excluded: tuple[str,
         The source cannot be used, or cannot be read.
     """
     if is_recording(text):
-        from ..recordings.importer import (
-            import_recording,  # brings the signal library, which a measurement does not need
-        )
+        from ..recordings import importer  # brings the signal library, which a measurement does not need
 
-        measurement = _without(import_recording(text)[0], excluded)
+        measurement = _without(importer.import_recording(text, options or importer.DEFAULTS)[0], excluded)
     elif text.lower().endswith(".npz"):
         measurement = load_measurement(text, excluded)
     else:
         inputs = scene_input(load_scene(text), progress)
         return replace(inputs, measurement=_without(inputs.measurement, excluded), excluded=excluded)
-    count = len(measurement.frequencies)
-    usual = SolverSettings()
-    settings = SolverSettings(modes=min(usual.modes, count), first_modes=min(usual.first_modes, count))
-    return CalibrationInput(Path(text).stem, None, measurement, settings, 0, excluded)
+    return replace(measurement_input(measurement, Path(text).stem), excluded=excluded)
+
+
+def measurement_input(
+    measurement: Measurement,
+    name: str = "measurement",
+    excluded: tuple[str, ...] = (),
+    settings: SolverSettings | None = None,
+) -> CalibrationInput:
+    """Return a measurement with settings that suit its number of modes.
+
+    Parameters
+    ----------
+    measurement : Measurement
+    name : str
+    excluded : tuple of str
+        Names or numbers of microphones to leave out.
+    settings : SolverSettings, optional
+        Settings to begin with.
+    """
+    settings = settings or SolverSettings()
+    modes = min(settings.modes, len(measurement.frequencies))
+    settings = replace(settings, modes=modes, first_modes=min(settings.first_modes, modes))
+    if excluded:
+        measurement = _without(measurement, excluded)
+    return CalibrationInput(name, None, measurement, settings, 0, excluded)
 
 
 def scene_input(scene: Scene, progress: Progress | None = None) -> CalibrationInput:

@@ -70,7 +70,7 @@ def test_a_command_takes_it_back(two_threads, monkeypatch, capsys):
 def test_a_calibration_has_one_thread_and_takes_it_back(two_threads):
     seen = []
     measurement = fdcal.simulate("tiny")
-    fdcal.calibrate(measurement, modes=4, progress=lambda done, note: seen.extend(threads()))
+    fdcal.calibrate(measurement, modes=8, progress=lambda done, note: seen.extend(threads()))
     assert set(seen) == {1}
     assert set(threads()) == {2}
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import xml.etree.ElementTree as tree
 from pathlib import Path
 
+import numpy as np
+
 from ...model.microphones import MicrophonePositions
-from ...model.validation import InputError
+from ...model.validation import InputError, StorageError
 
 NAME = "Acoular microphone geometry"
 SUFFIXES = (".xml",)
@@ -24,3 +27,46 @@ def write(path: Path, placed: MicrophonePositions, original: str | None = None) 
         tree.SubElement(root, "pos", {"Name": name} | coordinates)
     tree.indent(root)
     tree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+
+
+def read_positions(path: str | Path) -> tuple[list[str], np.ndarray]:
+    """Return the microphones of a geometry.
+
+    Returns
+    -------
+    list of N str, (N, 3) float64
+        Names, or numbers from 0 where not all have different names; positions, metres.
+
+    Raises
+    ------
+    InputError
+        The file is no geometry.
+    StorageError
+        The file cannot be read.
+    """
+    try:
+        elements = tree.parse(path).getroot().findall("pos")
+    except OSError as error:
+        raise StorageError(f"cannot read {path}: {error.strerror}") from error
+    except (tree.ParseError, ValueError, LookupError) as error:  # broken, or of an encoding that does not exist
+        raise InputError(f"{path} is not valid XML: {error}", key="positions", value=str(path)) from error
+    if not elements:
+        raise InputError(f"{path} holds no <pos> inside its first element", "give a geometry of Acoular")
+    places = [[_metres(path, element, axis, row) for axis in "xyz"] for row, element in enumerate(elements)]
+    names = [element.get("Name", "") for element in elements]
+    if "" in names or len(set(names)) < len(names):
+        names = [str(row) for row in range(len(elements))]
+    return names, np.array(places)
+
+
+def _metres(path: str | Path, element: tree.Element, axis: str, row: int) -> float:
+    text = element.get(axis, "0" if axis == "z" else "")
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(
+            f'{path}: {axis} = "{text}" of microphone {row} is no number', "give metres", key="positions", value=text
+        )
+    return value

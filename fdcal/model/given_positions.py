@@ -1,0 +1,107 @@
+"""A measurement with positions that somebody gives: of the known microphones, or of all, to compare with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from .channels import microphone_index
+from .measurement import Measurement
+from .microphones import MicrophonePositions
+from .validation import InputError
+
+FLAT = 1e-6  # metres: heights that differ less are one height
+
+
+def with_known(measurement: Measurement, known: Mapping | Sequence) -> Measurement:
+    """Return a measurement with other known microphones.
+
+    Parameters
+    ----------
+    measurement : Measurement
+    known : mapping or sequence
+        Names or numbers of microphones, which a mapping maps to positions (D,), metres. Of a sequence, the positions
+        are those that the measurement has.
+
+    Raises
+    ------
+    InputError
+        A microphone does not exist or is given twice, or its position is missing.
+    """
+    names = measurement.names
+    numbers = [microphone_index(str(key), names, "known") for key in known]
+    if len(set(numbers)) < len(numbers):
+        raise InputError("known gives a microphone twice", "give each of <known> once", key="known")
+    if isinstance(known, Mapping):
+        places = [np.asarray(place, float) for place in known.values()]
+    else:
+        places = [_position(measurement, n) for n in numbers]
+    shape = (measurement.array_dimension,)
+    for number, place in zip(numbers, places, strict=True):
+        if place.shape != shape:
+            problem = f"the position of known microphone {names[number]} has shape {place.shape}"
+            raise InputError(problem, f"give {shape[0]} coordinates, metres, in <known>", key="known")
+    rows = np.array(places, float).reshape(len(numbers), *shape)
+    return replace(measurement, known=numbers, known_positions=rows)
+
+
+def _position(measurement: Measurement, number: int) -> np.ndarray:
+    """Return the position (D,) of a microphone that the measurement has, metres."""
+    if number in measurement.known:
+        return measurement.known_positions[measurement.known.tolist().index(number)]
+    if measurement.positions is None:
+        raise InputError(
+            f"the measurement holds no position of microphone {measurement.names[number]}",
+            "give a mapping of names to positions as <known>",
+            key="known",
+        )
+    return measurement.positions[number]
+
+
+def with_positions(measurement: Measurement, placed: MicrophonePositions, excluded: int = 0) -> Measurement:
+    """Return a measurement with the positions of all microphones, to compare with.
+
+    Channels are found by name where all names are given. Otherwise the order counts.
+
+    Parameters
+    ----------
+    measurement : Measurement
+    placed : MicrophonePositions
+    excluded : int
+        Number of channels that were left out of the measurement; `placed` may hold these, too.
+
+    Raises
+    ------
+    InputError
+        The numbers of microphones differ, or positions in space are given for an array in the plane.
+    """
+    rows = _rows(measurement.names, placed.names, excluded)
+    positions = np.asarray(placed.positions)[rows]
+    D = measurement.array_dimension
+    if D == 2 and np.ptp(positions[:, 2]) > FLAT:
+        raise InputError(
+            "the positions given have different heights, and this array is in the plane",
+            "give <positions> of one height",
+            key="positions",
+        )
+    return replace(
+        measurement, positions=positions[:, :D], known=measurement.known, known_positions=measurement.known_positions
+    )
+
+
+def _rows(names: Sequence[str], given: Sequence[str], excluded: int) -> list[int]:
+    """Return the row of `given` for each of `names`."""
+    if set(names) <= set(given):
+        return [list(given).index(name) for name in names]
+    if len(given) == len(names):
+        return list(range(len(names)))
+    numbers = [int(name) for name in names if name.isascii() and name.isdigit()]
+    if len(given) == len(names) + excluded and len(numbers) == len(names) and max(numbers) < len(given):
+        return numbers
+    raise InputError(
+        f"{len(given)} positions are given for {len(names)} microphones, and their names differ",
+        "give <positions> of all microphones, in the order of the channels or with their names",
+        key="positions",
+    )

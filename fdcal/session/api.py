@@ -1,0 +1,204 @@
+"""The functions of the Python API: `fdcal.load`, `fdcal.simulate` and `fdcal.calibrate`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
+from os import PathLike
+from typing import TYPE_CHECKING, Any
+
+from ..model.given_positions import with_known, with_positions
+from ..model.measurement import Measurement
+from ..model.microphones import MicrophonePositions
+from ..model.scene import Scene
+from ..model.settings import SolverSettings
+from ..model.validation import InputError
+from .blas_threads import one_blas_thread
+from .calibrate import solve
+from .sources import Progress, is_recording, load_input, measurement_input, scene_input, with_settings
+
+if TYPE_CHECKING:
+    from ..assessment.calibration import Calibration
+
+
+def load(
+    source: str | PathLike[str],
+    *,
+    exclude: Sequence[str | int] = (),
+    positions: Any = None,
+    progress: Progress | None = None,
+    **options: Any,
+) -> Measurement:
+    """Return the measurement of a file, of recordings or of a scene.
+
+    Parameters
+    ----------
+    source : str or path
+        A measurement (.npz), recordings of any kind that `fdcal import` reads (WAV, FLAC, SOFA, HDF5 of Acoular, a
+        folder of MeshRIR), or a scene: its .toml file, or the name of one that comes with fdcal. A scene is simulated,
+        or read from the cache.
+    exclude : sequence of str or int
+        Names or numbers of microphones to leave out.
+    positions : path or (N, D) array_like, optional
+        Positions of all microphones to compare with, metres: an array, or a file of Acoular (.xml) or a table (.csv).
+        They are never given to a solver.
+    progress : callable, optional
+        Called with the fraction done, 0 to 1, and a note while a scene is simulated.
+    **options
+        Of recordings alone: fields of `fdcal.recordings.import_options.ImportOptions`, such as `known="corners"`,
+        `temperature=21.5` or `frequencies="30:300"`.
+
+    Returns
+    -------
+    Measurement
+
+    Raises
+    ------
+    InputError, StorageError
+        The source cannot be used, or cannot be read.
+
+    Examples
+    --------
+    >>> import fdcal
+    >>> measurement = fdcal.load("tiny")
+    >>> measurement.count, measurement.known.tolist()
+    (16, [0, 5, 7])
+    """
+    text, excluded = str(source), tuple(str(one) for one in exclude)
+    with one_blas_thread():
+        measurement = load_input(text, progress, excluded, _import_options(text, options)).measurement
+    return measurement if positions is None else _compared(measurement, positions, len(set(excluded)))
+
+
+def _import_options(text: str, options: dict):
+    if not options:
+        return None
+    if not is_recording(text):
+        raise InputError(f"{text} holds no recordings, which {', '.join(options)} is for", "leave it out")
+    from ..recordings.import_options import ImportOptions  # brings the signal library, which only recordings need
+
+    unknown = set(options) - {field.name for field in fields(ImportOptions)}
+    if unknown:
+        raise TypeError(f"load() got an unexpected keyword argument {sorted(unknown)[0]!r}")
+    return ImportOptions(**options)
+
+
+def _compared(measurement: Measurement, positions: Any, excluded: int) -> Measurement:
+    from ..recordings.positions_file import read_positions
+
+    if isinstance(positions, (str, PathLike)):
+        return with_positions(measurement, read_positions(positions), excluded)
+    names = tuple(map(str, range(len(positions))))
+    return with_positions(measurement, MicrophonePositions(names, positions), excluded)
+
+
+def simulate(scene: Scene | str | PathLike[str], *, progress: Progress | None = None) -> Measurement:
+    """Return what the microphones of a scene measure; read from the cache if it was simulated before.
+
+    Parameters
+    ----------
+    scene : Scene, str or path
+        A scene, its .toml file, or the name of one that comes with fdcal.
+    progress : callable, optional
+        Called with the fraction done, 0 to 1, and a note.
+
+    Returns
+    -------
+    Measurement
+        With the true positions.
+
+    Raises
+    ------
+    InputError, StorageError
+        The scene cannot be simulated, or cannot be read.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> import fdcal
+    >>> scene = fdcal.load_scene("tiny")
+    >>> fdcal.simulate(replace(scene, gauge=replace(scene.gauge, known=(0, 5)))).known.tolist()
+    [0, 5]
+    """
+    from ..model.scene_file import load_scene
+
+    with one_blas_thread():
+        return scene_input(scene if isinstance(scene, Scene) else load_scene(str(scene)), progress).measurement
+
+
+def calibrate(
+    measurement: Measurement,
+    *,
+    known: str | Mapping | Sequence | None = None,
+    solver: str | None = None,
+    modes: int | None = None,
+    noise: str | float | None = None,
+    seed: int | None = None,
+    room: Sequence[float] | None = None,
+    exclude: Sequence[str | int] = (),
+    estimate_sound_speed: bool = False,
+    distance: tuple[str | int, str | int, float] | None = None,
+    settings: SolverSettings | None = None,
+    progress: Progress | None = None,
+    **others: Any,
+) -> Calibration:
+    """Find the microphones of a measurement and assess the result.
+
+    Parameters
+    ----------
+    measurement : Measurement
+    known : str, mapping or sequence, optional
+        Microphones whose positions the solver gets: "all" that the measurement knows (as by default), "minimal" or
+        "none"; names or numbers, whose positions the measurement has; or a mapping of these to positions (D,), metres.
+    solver : str, optional
+        "joint" (as by default), "descent", "descent+joint" or "room".
+    modes : int, optional
+        Number of modes in use at the end, the lowest first; 57, or all if there are fewer.
+    noise : str or float, optional
+        "reported" (as by default), "auto", or the signal-to-noise ratio of each mode, dB.
+    seed : int, optional
+        Of whatever the solver draws; 0 unless given.
+    room : sequence of D float, optional
+        Size of a rectangular room, metres; implies solver "room".
+    exclude : sequence of str or int
+        Names or numbers of microphones to leave out.
+    estimate_sound_speed : bool
+        Whether the sound speed is estimated, too: from the known microphones or `distance`.
+    distance : (microphone, microphone, float), optional
+        Two microphones, by name or number, and how far they are apart, metres, where no microphone is known.
+    settings : SolverSettings, optional
+        Settings to begin with, such as those of a scene (`scene.solver`).
+    progress : callable, optional
+        Called with the fraction done, 0 to 1, and a note; what it raises ends the run.
+    **others
+        Any other field of `SolverSettings`, such as `start="random"` or `cost="projection"`.
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    InputError
+        The solver cannot start; the error names the argument and the remedy.
+
+    Examples
+    --------
+    >>> import fdcal
+    >>> found = fdcal.calibrate(fdcal.load("tiny"), modes=12)
+    >>> found.positions.shape, found.known
+    ((16, 2), ('0', '5', '7'))
+    >>> bool(found.max_error < 0.02)
+    True
+    """
+    gauge = known if isinstance(known, str) else None
+    if known is not None and gauge is None:
+        measurement = with_known(measurement, known)
+    inputs = measurement_input(measurement, excluded=tuple(str(one) for one in exclude), settings=settings)
+    others |= {"known": gauge, "noise": None if noise is None else str(noise)}
+    if room is not None:
+        solver, others["room"] = solver or "room", tuple(float(length) for length in room)
+    inputs = with_settings(inputs, solver, modes, seed, **others)
+    if distance is not None:
+        distance = (str(distance[0]), str(distance[1]), float(distance[2]))
+    return solve(replace(inputs, estimate_sound_speed=estimate_sound_speed, distance=distance), progress)
