@@ -89,7 +89,7 @@ def solve(
     return Calibration(
         positions=found.positions,
         names=tuple(measurement.names),
-        known=tuple(measurement.names[n] for n in measurement.known),
+        known=() if inputs.settings.known == "none" else tuple(measurement.names[n] for n in measurement.known),
         excluded=tuple(inputs.excluded),
         solver=inputs.settings.name,
         seed=inputs.seed,
