@@ -16,7 +16,7 @@ from pathlib import Path
 from ...graphics.landscape_figure import draw_landscape, landscape_panels
 from ...model.storage import write_atomically
 from ...model.validation import InputError, StorageError
-from ..sources import CalibrationInput
+from ...session.sources import CalibrationInput
 from . import drawing, table
 from .printed import ARRAYS, LANDSCAPE
 from .study import Array, Progress, array_of, descents, joint_errors, outcomes

@@ -15,7 +15,7 @@ from ...model.measurement import Measurement
 from ...model.problem import Problem
 from ...model.settings import Search
 from ...model.validation import InputError
-from ..sources import CalibrationInput
+from ...session.sources import CalibrationInput
 from .trails import Trail, shortened, trail
 
 NEAR = 0.05  # m: mean error up to which a run counts as near the true positions
