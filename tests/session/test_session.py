@@ -380,7 +380,7 @@ def test_reset_takes_other_settings(make, monkeypatch):
 
 
 def test_a_long_run_keeps_a_bounded_history(make, monkeypatch):
-    from fdcal.session import session as module
+    from fdcal.session import solver_run as module
 
     monkeypatch.setattr(module, "MOST_STATES", 8)
     session = make(Counter())
