@@ -10,7 +10,8 @@ import pytest
 
 from fdcal.commands.cli import commands
 from fdcal.recordings import formats
-from fdcal.session.lesson import MAPS, SCALES, VIEWS, Lesson, Setting, Step, load_lesson
+from fdcal.session.lesson import MAPS, SCALES, VIEWS, Lesson, Setting, Step
+from fdcal.session.lesson_file import load_lesson
 
 DOCS = Path(__file__).parent.parent / "docs"
 TEXT = (DOCS / "bring-your-recording.md").read_text(encoding="utf-8")

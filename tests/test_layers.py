@@ -39,7 +39,7 @@ HOMES = {
     "click": {"commands"},
     "tqdm": {"commands"},
     "platformdirs": {"model.storage"},
-    "tomllib": {"model", "session.lesson"},
+    "tomllib": {"model", "session.lesson_file"},
     "soundfile": {"recordings.formats"},
     "h5py": {"recordings.formats"},
     "sofar": {"recordings.formats"},

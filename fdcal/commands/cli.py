@@ -15,7 +15,7 @@ import click
 from ..model.scene_file import load_scene, scene_names
 from ..model.validation import InputError
 from ..session.blas_threads import one_blas_thread_for_command
-from ..session.lesson import lesson_names, load_lesson
+from ..session.lesson_file import lesson_names, load_lesson
 from . import file_commands, plot_commands
 from .options import (
     OPTIONS,

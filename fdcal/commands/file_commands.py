@@ -73,7 +73,8 @@ def export(result, output, frame, original, force):
 
     path = output_path(output, formats.suffixes("write"), force, result, original)
     if original is not None and path.suffix.lower() != ".sofa":
-        raise InputError(f"--original {original} is for -o FILE.sofa; leave it out for {path.suffix}")
+        remedy = f"leave it out for {path.suffix}"
+        raise InputError(f"--original {original} is for -o FILE.sofa", remedy, key="original", value=original)
     placed = placed_in_frame(load_result(result), frame)
     write_atomically(path, lambda file: formats.write(file, path, placed, original), force)
     print(f"{path}: {len(placed.names)} microphones, frame: {placed.frame}")

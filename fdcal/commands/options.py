@@ -38,6 +38,7 @@ OPTIONS = {
     "kind": "--kind",
     "known": "--known",
     "leave_out": "--leave-out",
+    "microphone": "--microphone",
     "modes": "--modes",
     "most": "--most",
     "noise": "--noise",
@@ -114,7 +115,8 @@ radius_option = click.option("--radius", type=float, metavar="R", help="Radius R
 def scene_of(text: str) -> CalibrationInput:
     """Return the simulated measurement of a scene; InputError for a measurement."""
     if text.lower().endswith(".npz"):
-        raise InputError(f"{text} is a measurement; give a scene: a .toml file or one of {', '.join(scene_names())}")
+        remedy = f"give a scene: a .toml file or one of {', '.join(scene_names())}"
+        raise InputError(f"{text} is a measurement", remedy, key="scene", value=text)
     return input_of(text)
 
 

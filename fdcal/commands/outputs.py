@@ -29,16 +29,22 @@ def output_path(text: str, suffix: str | list[str], force: bool, *inputs: str | 
     path = Path(text)
     allowed = [suffix] if isinstance(suffix, str) else suffix
     if path.suffix.lower() not in allowed:
-        raise InputError(f'-o "{text}" must end in {" or ".join(allowed)}; write {path.stem or "result"}{allowed[0]}')
+        problem, remedy = (
+            f'-o "{text}" must end in {" or ".join(allowed)}',
+            f"write {path.stem or 'result'}{allowed[0]}",
+        )
+        raise InputError(problem, remedy, key="output", value=text)
     if path.is_dir():
-        raise InputError(f"-o {text} is a folder; name a file")
+        raise InputError(f"-o {text} is a folder", "name a file", key="output", value=text)
     if not path.parent.is_dir():
         raise StorageError(f"-o {text} lies in a folder that does not exist; make it first: mkdir -p {path.parent}")
     for source in inputs:
         if source is not None and (Path(source).resolve() == path.resolve() or _same_file(Path(source), path)):
-            raise InputError(f"-o {text} is the input itself, which is never overwritten; choose another name")
+            problem = f"-o {text} is the input itself, which is never overwritten"
+            raise InputError(problem, "choose another name", key="output", value=text)
     if path.exists() and not force:
-        raise InputError(f"-o {text} exists; add --force to overwrite it, or choose another name")
+        remedy = "add <force> to overwrite it, or choose another name"
+        raise InputError(f"-o {text} exists", remedy, key="output", value=text)
     return path
 
 

@@ -183,7 +183,8 @@ def search_domain(
     if len(search) != 2 * dimension + 1:
         layout = ",".join([*"xyz"[:dimension], *("width", "height", "depth")[:dimension], "step"])
         text = ",".join(f"{value:g}" for value in search)
-        raise InputError(f"--search {text} has {len(search)} numbers; give {2 * dimension + 1} metres: {layout}")
+        remedy = f"give {2 * dimension + 1} metres: {layout}"
+        raise InputError(f"--search {text} has {len(search)} numbers", remedy, key="search", value=search)
     return Search(tuple(search[:dimension]), tuple(search[dimension:-1]), search[-1], radius)
 
 
@@ -192,7 +193,7 @@ def room_solver(size: tuple[float, ...] | None, solver: str | None) -> str | Non
     if size is None:
         return solver
     if solver not in (None, *KNOWN_ROOM_SOLVERS):
-        raise InputError(f"--room is for --solver room; leave out --solver {solver}")
+        raise InputError("--room is for --solver room", f"leave out --solver {solver}", key="solver", value=solver)
     return KNOWN_ROOM_SOLVERS[0]
 
 
@@ -202,12 +203,14 @@ def mode_numbers(modes: list[int] | None, measured: int) -> list[int]:
         return [m for m in (1, 5, 9) if m <= measured]
     for mode in modes:
         if not 1 <= mode <= measured:
-            raise InputError(f"--mode-numbers names mode {mode}; the measurement has 1 to {measured}")
+            remedy = f"the measurement has 1 to {measured}"
+            raise InputError(f"--mode-numbers names mode {mode}", remedy, key="mode_numbers", value=mode)
     return sorted(set(modes))
 
 
 def microphone_number(number: int, count: int) -> int:
     """Return the number of a microphone, counted from 0; InputError if there is none."""
     if not 0 <= number < count:
-        raise InputError(f"--microphone {number} does not exist; the array has microphones 0 to {count - 1}")
+        remedy = f"the array has microphones 0 to {count - 1}"
+        raise InputError(f"--microphone {number} does not exist", remedy, key="microphone", value=number)
     return number

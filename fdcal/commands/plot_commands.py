@@ -125,7 +125,7 @@ def snapshot(scene, result, microphone, view, size, output, force):
 
     measurement, scene_shown = inputs.measurement, inputs.scene
     if scene_shown is None:
-        raise InputError(f"{scene} is a measurement; give a scene")
+        raise InputError(f"{scene} is a measurement", "give a scene", key="scene", value=scene)
     positions, title, floor = None, scene_shown.title, None
     if found is not None:
         positions = shown_positions(measurement, found)
@@ -134,7 +134,8 @@ def snapshot(scene, result, microphone, view, size, output, force):
         n = microphone_number(microphone, measurement.count)
         modes = inputs.settings.modes if found is None else len(found.frequencies)
         if measurement.search is None:
-            raise InputError(f"{scene} has no search domain to draw a landscape on; leave out --microphone")
+            problem = f"{scene} has no search domain to draw a landscape on"
+        raise InputError(problem, "leave out <microphone>", key="microphone")
         others = shown_positions(measurement, found)
         floor = cost_floor(summed_landscape(inputs, others, n, modes), measurement.search, log=True)
     picture = compose(scene_shown, measurement, positions, microphone, floor, title)

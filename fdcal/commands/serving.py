@@ -11,6 +11,8 @@ import sys
 
 from ..model.validation import InputError
 
+PORTS = "use 1024 to 65535, or 0"  # that may be served without being the administrator
+
 
 def check_address(host: str, port: int) -> bool:
     """Return whether an address can be reached from this machine only (a loopback address).
@@ -23,24 +25,28 @@ def check_address(host: str, port: int) -> bool:
         The address cannot be served.
     """
     if not 0 <= port <= 65535:
-        raise InputError(f"--port {port} is out of range; use 1024 to 65535, or 0 for a free one")
+        raise InputError(f"--port {port} is out of range", f"{PORTS} for a free one", key="port", value=port)
     try:
         if not host or re.search(r"\s", host):
             raise ValueError
         family, kind, protocol, _, place = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
     except (OSError, ValueError):
-        raise InputError(f'--host "{host}" is an unknown address; use 127.0.0.1 for this machine alone') from None
+        remedy = "use 127.0.0.1 for this machine alone"
+        raise InputError(f'--host "{host}" is an unknown address', remedy, key="host", value=host) from None
     try:
         with socket.socket(family, kind, protocol) as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             probe.bind(place)
             probe.listen(1)
     except PermissionError:
-        raise InputError(f"--port {port} may only be used by the administrator; use 1024 to 65535, or 0") from None
+        problem = f"--port {port} may only be used by the administrator"
+        raise InputError(problem, PORTS, key="port", value=port) from None
     except OSError as error:
         if error.errno == errno.EADDRINUSE:
-            raise InputError(f"--port {port} is in use; use another one, or --port 0 for a free one") from None
-        raise InputError(f'--host "{host}" cannot be served here ({error.strerror}); use 127.0.0.1') from None
+            remedy = "use another one, or --port 0 for a free one"
+            raise InputError(f"--port {port} is in use", remedy, key="port", value=port) from None
+        problem = f'--host "{host}" cannot be served here ({error.strerror})'
+        raise InputError(problem, "use 127.0.0.1", key="host", value=host) from None
     return ipaddress.ip_address(str(place[0]).split("%")[0]).is_loopback
 
 

@@ -85,7 +85,9 @@ def deconvolve(
         )
     if reference.count != 1:
         raise InputError(
-            f"{reference.path} has {reference.count} channels; the reference signal must be one", key="reference"
+            f"{reference.path} has {reference.count} channels",
+            "give a reference signal of one channel",
+            key="reference",
         )
     fs, samples = recording.sample_rate, min(recording.samples, SETTINGS.max_samples)
     emitted = min(reference.samples, samples)

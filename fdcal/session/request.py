@@ -103,7 +103,8 @@ def edited(scene: Scene, changes: Mapping[str, Any]) -> Scene:
         for part in path:
             inner = inner.setdefault(part, {})
             if not isinstance(inner, dict):
-                raise InputError(f"{key} is not a key of a scene: {part} holds a value", key=key)
+                remedy = f"{part} is a value, not a table; set {part} itself"
+                raise InputError(f"{key} is not a key of a scene", remedy, key=key, value=value)
         inner.pop(last, None)
         if value is not None:
             inner[last] = plain(value)

@@ -121,11 +121,13 @@ def _radius(array: Array) -> float:
 def _array(array: Array, parameters: SceneParameters, before: SceneParameters) -> Array:
     """The array with another number of microphones, and larger or smaller."""
     if not parameters.radius > 0:
-        raise InputError(f"the array's radius = {parameters.radius:g} m must be above zero")
+        problem = f"the array's radius = {parameters.radius:g} m is not above zero"
+        raise InputError(problem, "use a larger one", key="radius", value=parameters.radius)
     q = parameters.radius / before.radius
     if array.positions is not None:
         if parameters.microphones != before.microphones:
-            raise InputError("an array of given positions keeps its number of microphones; choose another scene")
+            problem = f"microphones = {parameters.microphones}; the scene gives the positions of {before.microphones}"
+            raise InputError(problem, "choose another scene", key="microphones", value=parameters.microphones)
         points = np.array(array.positions)
         middle = points.mean(axis=0)
         return replace(array, positions=tuple(map(tuple, (middle + q * (points - middle)).tolist())))
@@ -158,7 +160,8 @@ def _admittance(parameters: SceneParameters, before: SceneParameters, scene: Sce
     if (parameters.walls, parameters.absorption) == (before.walls, before.absorption):
         return scene.room.admittance
     if not 0 < parameters.absorption <= 1:
-        raise InputError(f"absorption = {100 * parameters.absorption:g} % of absorbing walls must be above 0, to 100 %")
+        problem = f"absorption = {100 * parameters.absorption:g} % is impossible for absorbing walls"
+        raise InputError(problem, "use more than 0, 100 % at most", key="absorption", value=parameters.absorption)
     reflection = math.sqrt(1 - parameters.absorption)
     return (1 - reflection) / (1 + reflection)
 
@@ -181,14 +184,16 @@ def _gauge(scene: Scene, parameters: SceneParameters, before: SceneParameters) -
     count = _count(scene.array)
     if (parameters.known, count) == (before.known, before.microphones):
         return scene.gauge
-    if not least_known(scene) <= parameters.known < count:
-        raise InputError(f"{parameters.known} known microphones of {count}: use {least_known(scene)} to {count - 1}")
+    least, known = least_known(scene), parameters.known
+    if not least <= known < count:
+        problem = f"known = {known} of {count} microphones is impossible"
+        raise InputError(problem, f"use {least} to {count - 1}", key="known", value=known)
     positions = positions_of(replace(scene, gauge=Gauge(free=(0,))))
     return Gauge(known=spread_out(positions, parameters.known))
 
 
 def spread_out(positions: np.ndarray, count: int) -> tuple[int, ...]:
-    """`count` of the microphones at (N, D) `positions`, each as far as can be from those before, ascending."""
+    """Return `count` of the microphones at (N, D) `positions`, m, each farthest from those before, ascending."""
     chosen: list[int] = []
     apart = np.linalg.norm(positions - positions.mean(axis=0), axis=1)
     for _ in range(count):
@@ -199,7 +204,7 @@ def spread_out(positions: np.ndarray, count: int) -> tuple[int, ...]:
 
 
 def _title(scene: Scene, parameters: SceneParameters, before: SceneParameters, count: int) -> str:
-    """What is not as in the scene's file, after its name."""
+    """Return the name of the scene and what differs from its file."""
     words = {
         "microphones": f"{count} microphones",
         "radius": f"radius {parameters.radius:.3g} m",

@@ -28,13 +28,34 @@ from .state_codec import read_states, write_states
 VERSION = 2
 TABLE, ARRAYS = "session.json", "session.npz"
 
-LARGEST = 400_000_000  # bytes that an archive may unpack to
-MOST_WRITTEN = 64_000_000  # bytes of states; of longer runs fewer are kept, evenly spaced
+
+@dataclasses.dataclass(frozen=True)
+class SessionLimits:
+    """How large a session file may be, bytes.
+
+    Attributes
+    ----------
+    unpacked_bytes : int, size that an archive may unpack to
+    written_bytes : int, size of the states that are written; of longer runs fewer are kept, evenly spaced
+    """
+
+    unpacked_bytes: int = 400_000_000
+    written_bytes: int = 64_000_000
+
+
+LIMITS = SessionLimits()
+
 KEYS = ("fdcal_session", "scene", "start_seed", "index", "choices", "states")
 
 
 def write(opening: OpenRequest) -> bytes:
-    """The bytes of the .zip of an opening that has a measurement and states. Raises InputError as `states.written`."""
+    """Return the bytes of the .zip of a request that has a measurement and states.
+
+    Raises
+    ------
+    InputError
+        As `write_states`, for a state with numbers that are not finite.
+    """
     if opening.measurement is None:
         raise ValueError("a session that is written has a measurement")
     kept = kept_states(opening.states, opening.index)
@@ -58,9 +79,14 @@ def write(opening: OpenRequest) -> bytes:
 
 
 def read(path: str | Path) -> OpenRequest:
-    """What to open of a session's .zip, or of its .json, beside which the .npz of the same name lies.
+    """Return what a session's .zip holds, or its .json with the .npz of the same name beside it.
 
-    Raises InputError for what is no session, StorageError.
+    Raises
+    ------
+    InputError
+        The file is no session.
+    StorageError
+        The file cannot be read.
     """
     path = Path(path)
     try:
@@ -70,19 +96,17 @@ def read(path: str | Path) -> OpenRequest:
     try:
         return _opening(_table(text), arrays)
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise error.within(path) from None
 
 
 def _of_zip(path: Path) -> tuple[bytes, bytes]:
     try:
         with zipfile.ZipFile(path) as archive:
             if not {TABLE, ARRAYS} <= set(archive.namelist()):
-                raise InputError(f"{path} is no session; it would hold {TABLE} and {ARRAYS}")
-            _require_small(archive)
+                raise InputError(f"{path} is no session", f"a session holds {TABLE} and {ARRAYS}", key="session")
+            _require_small(archive, path)
             return archive.read(TABLE), archive.read(ARRAYS)
-    except InputError:
-        raise InputError(f"{path} is no session, or too large a one") from None
-    except OSError:
+    except (InputError, OSError):
         raise
     except Exception as error:  # zipfile, zlib and struct raise anything
         raise InputError(f"{path} is not a .zip file that can be read ({type(error).__name__})") from None
@@ -91,15 +115,23 @@ def _of_zip(path: Path) -> tuple[bytes, bytes]:
 def _of_two(path: Path) -> tuple[bytes, bytes]:
     beside = path.with_suffix(".npz")
     for file in (path, beside):
-        if file.stat().st_size > LARGEST:
-            raise InputError(f"{file} is too large for a session")
+        if (size := file.stat().st_size) > LIMITS.unpacked_bytes:
+            raise _too_large(file, size)
     return path.read_bytes(), beside.read_bytes()
 
 
-def _require_small(archive: zipfile.ZipFile) -> None:
+def _require_small(archive: zipfile.ZipFile, name: str | Path) -> None:
     """Raise InputError for an archive that would fill the memory; no entry gives more bytes than it says."""
-    if sum(entry.file_size for entry in archive.infolist()) > LARGEST:
-        raise InputError(f"it unfolds to more than {LARGEST:.0e} bytes")
+    size = sum(entry.file_size for entry in archive.infolist())
+    if size > LIMITS.unpacked_bytes:
+        raise _too_large(name, size)
+
+
+def _too_large(name: str | Path, size: int) -> InputError:
+    problem = f"{name} would take {size / 1e6:.0f} MB of memory"
+    return InputError(
+        problem, f"a session takes {LIMITS.unpacked_bytes / 1e6:.0f} MB at most", key="session", value=size
+    )
 
 
 def _table(text: bytes) -> dict:
@@ -108,9 +140,11 @@ def _table(text: bytes) -> dict:
     except (ValueError, RecursionError) as error:
         raise InputError(f"{TABLE} is not valid JSON ({type(error).__name__})") from None
     if not isinstance(table, dict) or not set(KEYS) <= set(table):
-        raise InputError(f"it is no session; {TABLE} would hold {', '.join(KEYS)}")
+        raise InputError("it is no session", f"{TABLE} of a session holds {', '.join(KEYS)}", key="session")
     if table["fdcal_session"] != VERSION:
-        raise InputError(f"fdcal_session = {str(table['fdcal_session'])[:20]!r}; this fdcal reads version {VERSION}")
+        found = str(table["fdcal_session"])[:20]
+        remedy = f"this fdcal reads version {VERSION}"
+        raise InputError(f"fdcal_session = {found!r}", remedy, key="fdcal_session", value=found)
     for key, kind in (("scene", dict), ("choices", dict), ("start_seed", int), ("index", int)):
         if not isinstance(table[key], kind) or isinstance(table[key], bool):
             raise InputError(f"{key} must be of type {kind.__name__}")
@@ -121,26 +155,28 @@ def _opening(table: dict, packed: bytes) -> OpenRequest:
     scene = build(MeasuredScene if table.get("measured") is True else Scene, _infinite(table["scene"]))
     try:
         with zipfile.ZipFile(io.BytesIO(packed)) as archive:
-            _require_small(archive)
+            _require_small(archive, ARRAYS)
         with np.load(io.BytesIO(packed), allow_pickle=False) as archive:
             arrays = {key: archive[key] for key in archive.files if key.startswith("states_")}
     except InputError:
         raise
     except Exception as error:  # a damaged archive raises anything
-        raise InputError(f"{ARRAYS} is damaged or holds what is no plain array ({type(error).__name__})") from None
+        raise InputError(f"{ARRAYS} is damaged or holds more than plain arrays ({type(error).__name__})") from None
     measurement = load_measurement(io.BytesIO(packed), called=ARRAYS)
     own = scene.room.dimension, scene.array.dimension
     if (measurement.dimension, measurement.array_dimension) != own:
-        raise InputError(f"the measurement has other dimensions than the scene, {own[0]} and {own[1]}")
+        found = measurement.dimension, measurement.array_dimension
+        problem = f"the measurement has a field and an array of {found[0]} and {found[1]} dimensions, the scene of"
+        raise InputError(f"{problem} {own[0]} and {own[1]}", "use the files of one session", key="session", value=found)
     problem = measurement.problem(scene.solver.weights, scene.solver.known)
     made = read_states(table["states"], arrays, problem, scene.solver.name, MOST_STATES)
     return OpenRequest(scene, table["start_seed"], measurement, made, table["index"], table["choices"])
 
 
 def kept_states(run, index: int | None) -> list[int]:
-    """Numbers of the states to be kept: all, or so many that the file stays small, the one looked at among them."""
+    """Return the indices of the states to keep: all, or so many that the file stays small, state `index` among them."""
     largest = max(state_bytes(state) for state in (run[0], run[len(run) // 2], run[-1]))
-    most = min(MOST_STATES, max(2, MOST_WRITTEN // largest))
+    most = min(MOST_STATES, max(2, LIMITS.written_bytes // largest))
     if len(run) <= most:
         return list(range(len(run)))
     even = np.linspace(0, len(run) - 1, most - 1).round().astype(int).tolist()
@@ -148,14 +184,14 @@ def kept_states(run, index: int | None) -> list[int]:
 
 
 def state_bytes(record) -> int:
-    """About how many bytes a state, or a record inside it, takes."""
+    """Return about how many bytes a state, or a record inside it, takes."""
     values = [getattr(record, field.name) for field in dataclasses.fields(record)]
     arrays = sum(value.nbytes for value in values if isinstance(value, np.ndarray))
     return 200 + arrays + sum(state_bytes(value) for value in values if dataclasses.is_dataclass(value))
 
 
 def _finite(value):
-    """JSON knows no infinity, which a scene's SNR may be: it is written as a text."""
+    """Return a table with infinity as a text: a scene's SNR may be infinite, and JSON has no infinity."""
     if isinstance(value, dict):
         return {key: _finite(inner) for key, inner in value.items()}
     if isinstance(value, list):
@@ -164,7 +200,7 @@ def _finite(value):
 
 
 def _infinite(table: dict) -> dict:
-    """The inverse of `_finite` for the one key that may be infinite."""
+    """Return the inverse of `_finite` for the one key that may be infinite."""
     sensing = table.get("measurement")
     if isinstance(sensing, dict) and sensing.get("snr_db") == "inf":
         return {**table, "measurement": {**sensing, "snr_db": float("inf")}}

@@ -125,7 +125,8 @@ def read_states(
     """
     order, kinds, settings = (_list(table, key) for key in ("order", "kinds", "settings"))
     if not 1 <= len(order) <= most:
-        raise InputError(f"states.order has {len(order)} entries; there can be 1 to {most}", key="states.order")
+        remedy = f"a session holds 1 to {most} states"
+        raise InputError(f"states.order has {len(order)} entries", remedy, key="states.order", value=len(order))
     read_settings = [build(SolverSettings, one if isinstance(one, dict) else {}, "settings.") for one in settings]
     reader = _Reader(arrays, read_settings, problem)
     queues, states = [iter(_states_of(kind, solver.split("+"), reader)) for kind in kinds], []
@@ -149,7 +150,8 @@ def _states_of(table: Any, members: list[str], reader: _Reader) -> list[RunState
         raise InputError("states.kinds must be tables with solver and fields", key="states.kinds")
     name, columns = table.get("solver"), table["fields"]
     if name not in members:
-        raise InputError(f'states are of solver {str(name)[:40]!r}; the scene has solver.name = "{"+".join(members)}"')
+        remedy = f'the scene has solver.name = "{"+".join(members)}"'
+        raise InputError(f"states are of solver {str(name)[:40]!r}", remedy, key="states.kinds", value=name)
     State, what = solvers.load(name).State, f"states of {name}"
     reader.require_fields(what, columns, State)
     lengths = {len(column) if isinstance(column, list) else -1 for column in columns.values()}
@@ -180,7 +182,8 @@ class _Reader:
         names = {field.name for field in dataclasses.fields(Record)}
         if not isinstance(table, dict) or set(table) != names:
             odd = ", ".join(sorted(set(table) ^ names)) if isinstance(table, dict) else "all fields"
-            raise InputError(f"{key}: {odd} differ, the file is of another version of fdcal")
+            problem = f"{key}: fields that differ from those of this version of fdcal: {odd}"
+            raise InputError(problem, "open the file with the version that wrote it", key=key)
 
     def record(self, key: str, table: Any, Record: type) -> Any:
         """A frozen dataclass out of a dict of its fields."""
@@ -242,7 +245,8 @@ class _Reader:
             self._read[tuple(place)] = frozen_array(array, array.dtype)
         array, wanted = self._read[tuple(place)], self._shapes.get(key)
         if wanted is not None and array.shape != wanted:
-            raise InputError(f"states.{key} has shape {array.shape}; with this measurement it is {wanted}")
+            remedy = f"with this measurement it is {wanted}"
+            raise InputError(f"states.{key} has shape {array.shape}", remedy, key=f"states.{key}", value=array.shape)
         if key in ("positions", "origin", "centre", "place") and np.abs(array).max(initial=0.0) > LIMITS.coordinate:
             raise InputError(f"states.{key} is too far away", f"use coordinates up to {LIMITS.coordinate:g} m")
         return array

@@ -9,7 +9,8 @@ import pytest
 from fdcal.commands.cli import main
 from fdcal.model.validation import InputError, StorageError
 from fdcal.session import lesson as lessons
-from fdcal.session.lesson import Setting, load_lesson
+from fdcal.session.lesson import Setting
+from fdcal.session.lesson_file import lesson_folder, lesson_names, load_lesson
 
 GOOD = """
 title = "Mine"
@@ -44,7 +45,7 @@ def written(tmp_path):
     return write
 
 
-@pytest.mark.parametrize("name", lessons.lesson_names())
+@pytest.mark.parametrize("name", lesson_names())
 def test_every_lesson_that_comes_along_can_be_taken(name):
     lesson = load_lesson(name)
     assert lesson.name == name and all(step.text for step in lesson.steps)
@@ -52,7 +53,7 @@ def test_every_lesson_that_comes_along_can_be_taken(name):
 
 
 def test_there_are_the_five_that_the_paper_gives_rise_to():
-    titles = [load_lesson(name).title for name in lessons.lesson_names()]
+    titles = [load_lesson(name).title for name in lesson_names()]
     assert [title[0] for title in titles] == list("12345")
     for word, title in zip(("minima", "joint", "soon", "freezes", "corner"), titles, strict=True):
         assert word in title.lower()
@@ -91,7 +92,7 @@ def test_a_scene_beside_the_lesson_is_found(written, edited):
         ('title = "Mine"', 'title = "Mine"\nname = "x"', "name is not a key of a lesson"),
         ('text = "Look."', 'txt = "Look."', 'steps[1].txt is not a key of a lesson; did you mean "steps[1].text"'),
         ('text = "Again."', 'text = " "', "steps[2].text"),
-        ('text = "Again."', 'text = "Again."\nreveal = "x"', "steps[2].reveal has nothing"),
+        ('text = "Again."', 'text = "Again."\nreveal = "x"', "steps[2].reveal has no question before it"),
         ("answer = 2", "answer = 3", "steps[1].answer = 3 is none of the 2 choices"),
         ("answer = 2", "answer = true", "steps[1].answer = True must be a whole number"),
         ('choices = ["one", "two"]', 'choices = ["one"]', "steps[1].choices has 1 entries"),
@@ -114,7 +115,7 @@ def test_a_scene_beside_the_lesson_is_found(written, edited):
         ("[[steps]]", "[steps]", "is not valid TOML"),
     ],
 )
-def test_a_slip_of_the_pen_gets_one_line(written, old, new, words):
+def test_an_error_in_a_lesson_is_reported_in_one_line(written, old, new, words):
     path = written(old, new)
     with pytest.raises(InputError) as caught:
         load_lesson(path)
@@ -150,4 +151,4 @@ def test_a_lesson_given_on_the_command_line_is_checked_before_a_page_opens(writt
 def test_an_installed_package_brings_the_lessons_along():
     project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))
     taken = project["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
-    assert taken["lessons"] == "fdcal/lessons" and lessons.lesson_folder().name == "lessons"
+    assert taken["lessons"] == "fdcal/lessons" and lesson_folder().name == "lessons"

@@ -9,7 +9,7 @@ from fdcal import solvers
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.cost import landscapes
 from fdcal.model.gauge import position_errors
-from fdcal.session.lesson import load_lesson
+from fdcal.session.lesson_file import load_lesson
 
 
 @pytest.fixture(scope="module")

@@ -137,7 +137,7 @@ def test_a_measurement_without_a_scene_stays_one(joint_session, tmp_path):
     path = tmp_path / "left.zip"
     path.write_bytes(session_file.write(dataclasses.replace(joint_session, scene=scene)))
     found = session_file.read(path).scene
-    assert found == scene and type(found) is type(scene), "no walls are drawn of a room that nobody has told"
+    assert found == scene and type(found) is type(scene), "no walls are drawn of an unknown room"
 
 
 def test_the_two_files_may_lie_in_a_folder(folder, joint_session, tmp_path):
@@ -146,8 +146,9 @@ def test_the_two_files_may_lie_in_a_folder(folder, joint_session, tmp_path):
     assert same(load_measurement(tmp_path / "session.npz"), joint_session.measurement), "a measurement file"
 
 
-def test_a_long_run_is_told_by_fewer_states(joint_session, monkeypatch):
-    monkeypatch.setattr(session_file, "MOST_WRITTEN", 6 * session_file.state_bytes(joint_session.states[0]))
+def test_of_a_long_run_fewer_states_are_written(joint_session, monkeypatch):
+    limits = session_file.SessionLimits(written_bytes=6 * session_file.state_bytes(joint_session.states[0]))
+    monkeypatch.setattr(session_file, "LIMITS", limits)
     states = [dataclasses.replace(joint_session.states[-1], step=i) for i in range(100)]
     kept = session_file.kept_states(states, 17)
     assert 4 <= len(kept) <= 6 and {0, 17, 99} <= set(kept)
@@ -255,8 +256,8 @@ def test_a_file_that_claims_or_unfolds_to_more_than_there_is(tmp_path, folder, m
     with zipfile.ZipFile(arrays, "w") as archive:
         archive.writestr("states_0.npy", header.getvalue())
     path = tmp_path / "huge.zip"
-    for limit, packed in ((session_file.LARGEST, arrays.getvalue()), (1000, bytes(5000))):
-        monkeypatch.setattr(session_file, "LARGEST", limit)
+    for limit, packed in ((session_file.LIMITS.unpacked_bytes, arrays.getvalue()), (1000, bytes(5000))):
+        monkeypatch.setattr(session_file, "LIMITS", session_file.SessionLimits(unpacked_bytes=limit))
         with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
             archive.writestr("session.json", table)
             archive.writestr("session.npz", packed)

@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import pytest
 
 from fdcal.model.scene_file import load_scene
-from fdcal.session.lesson import Lesson, Setting, Step, load_lesson
+from fdcal.session.lesson import Lesson, Setting, Step
+from fdcal.session.lesson_file import load_lesson
 from fdcal.viewer.gui import lesson_html
 from fdcal.viewer.gui.layout import Panels
 from fdcal.viewer.lesson_step import apply_setting

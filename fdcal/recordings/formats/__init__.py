@@ -74,7 +74,10 @@ def read(path: str | Path, source: int | None = None) -> Recording:
             )
         if source and not getattr(module, "SEVERAL", False):
             raise InputError(
-                f"source = {source} does not exist; {path} holds one source only, number 0", key="source", value=source
+                f"source = {source} does not exist",
+                f"{path} holds one source only, number 0",
+                key="source",
+                value=source,
             )
         if path.is_file():
             with open(path, "rb"):  # a missing permission is reported here: libraries raise anything for it

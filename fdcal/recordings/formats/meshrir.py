@@ -33,7 +33,10 @@ def read(path: Path, source: int | None = None) -> Recording:
     source = 0 if source is None else source
     if not 0 <= source < len(sources):
         raise InputError(
-            f"source = {source} does not exist; {path} has sources 0 to {len(sources) - 1}", key="source", value=source
+            f"source = {source} does not exist",
+            f"{path} has sources 0 to {len(sources) - 1}",
+            key="source",
+            value=source,
         )
     missing = [n for n in range(len(places)) if not (path / f"ir_{n}.npy").exists()]
     if missing:
@@ -61,7 +64,7 @@ def read(path: Path, source: int | None = None) -> Recording:
 def _positions(path: Path) -> np.ndarray:
     values = _mapped(path)
     if values.ndim != 2 or values.shape[1] != 3 or not len(values):
-        raise InputError(f"{path} has shape {values.shape}; it must be (number, 3), metres")
+        raise InputError(f"{path} has shape {values.shape}", "it must be (number, 3), metres")
     if not np.all(np.isfinite(values)):
         raise InputError(f"{path} holds a number that is not finite", "repair it")
     return np.array(values, dtype=float)

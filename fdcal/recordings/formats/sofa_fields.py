@@ -85,9 +85,7 @@ def cartesian(file, path: Path, name: str) -> np.ndarray:
     """Return a position or direction as x, y, z along axis 1 : (I or M or R, 3, ...) float64, metres."""
     values = values_of(file, path, name)
     if values.ndim < 2 or values.shape[1] != 3:
-        raise InputError(
-            f'{path}: "{name}" has shape {values.shape}; each position must have three coordinates', key=name
-        )
+        raise InputError(f'{path}: "{name}" has shape {values.shape}', "give each position three coordinates", key=name)
     variable = file.variables[name]
     kind, units = (str(getattr(variable, key, "")).strip().lower() for key in ("Type", "Units"))
     if kind in ("", "cartesian"):
@@ -144,7 +142,7 @@ def measurements_of(file, path: Path, measurements: int, emitters: int, wanted: 
     wanted = 0 if wanted is None else wanted
     if not 0 <= wanted < count:
         raise InputError(
-            f"source = {wanted} does not exist; {path} has sources 0 to {count - 1}", key="source", value=wanted
+            f"source = {wanted} does not exist", f"{path} has sources 0 to {count - 1}", key="source", value=wanted
         )
     return np.flatnonzero(member == wanted // emitters), wanted % emitters
 
