@@ -135,7 +135,7 @@ def snapshot(scene, result, microphone, view, size, output, force):
         modes = inputs.settings.modes if found is None else len(found.frequencies)
         if measurement.search is None:
             problem = f"{scene} has no search domain to draw a landscape on"
-        raise InputError(problem, "leave out <microphone>", key="microphone")
+            raise InputError(problem, "leave out <microphone>", key="microphone")
         others = shown_positions(measurement, found)
         floor = cost_floor(summed_landscape(inputs, others, n, modes), measurement.search, log=True)
     picture = compose(scene_shown, measurement, positions, microphone, floor, title)
