@@ -40,13 +40,13 @@ def write_wav(path: Path, responses: np.ndarray, seed: int = 0) -> None:
     size = next_fast_len(len(played), real=True)
     spectrum, f = rfft(played, size), rfftfreq(size, 1 / RATE)
     band = (f > 20) & (f < 500)
-    heard = np.empty((samples, len(responses)), dtype=np.float32)
+    recorded = np.empty((samples, len(responses)), dtype=np.float32)
     for n, h in enumerate(responses):
         X = rfft(h, size) * spectrum
         quiet = np.sqrt(np.mean(np.abs(X[band]) ** 2) / size * 10 ** (-SNR_DB / 10))
         sound = irfft(X, size)[responses.shape[1] :][:samples]  # what wraps round is before
-        heard[:, n] = sound + quiet * rng.standard_normal(samples)
-    soundfile.write(path, heard / np.abs(heard).max() * 0.5, RATE, subtype="PCM_24")
+        recorded[:, n] = sound + quiet * rng.standard_normal(samples)
+    soundfile.write(path, recorded / np.abs(recorded).max() * 0.5, RATE, subtype="PCM_24")
 
 
 def plane(count: int = 32, seed: int = 0) -> np.ndarray:

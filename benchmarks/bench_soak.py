@@ -56,7 +56,7 @@ def _press(page, button: str) -> None:
 
 
 def _do_something(rng: random.Random, page) -> None:
-    """Start the solver anew where it has ended, or move a slider by some steps."""
+    """Restart the solver if it has ended, or move a slider by some steps."""
     _press(page, "Reset" if page.evaluate(ENDED) else "Run")
     tab = rng.choice(sorted(SLIDERS))
     page.get_by_role("tab", name=tab, exact=True).click()

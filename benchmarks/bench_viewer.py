@@ -28,7 +28,7 @@ from .watched import DRAG
 
 SCENE, SECONDS, MOVES, REST = "array1_circle", 8.0, 8, 0.6
 SLIDERS = (("Solver", "Last mode"), ("Map", "Microphone"), ("Map", "Opacity (%)"))
-MODES, POINTS = 9, 121  # of the map while a hand drags
+MODES, POINTS = 9, 121  # of the map during a drag
 
 FRAMES = """seconds => new Promise(resolve => {
     const start = performance.now();
@@ -115,7 +115,7 @@ def _while_it_runs(page) -> float:
 def _drags(page, served: Served) -> float:
     """Drag a microphone about, by the mouse and then on the server; frames a second of the browser in its own drag."""
     pause = page.get_by_role("button", name="Pause", exact=True)
-    if pause.count():  # a run whose modes were chosen by hand may have ended
+    if pause.count():  # a run whose modes the user chose may have ended
         pause.click()
     page.get_by_role("button", name="Reset", exact=True).click()
     page.get_by_role("tab", name="Map", exact=True).click()

@@ -6,7 +6,7 @@ A line of LOG is JSON: the time (s of `time.perf_counter`), the event, and a val
 message comes in, before any callback; "shown" when the main loop has published what it asks for; "turn" a turn of the
 main loop while the solver runs; "map" a new map, with its number of modes and points.
 
-On SIGUSR1 a microphone is dragged for DRAG seconds, with HAND moves per second.
+On SIGUSR1 a microphone is dragged for DRAG seconds, with MOVES_PER_SECOND moves per second.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from fdcal.viewer.session_view import Viewer
 from fdcal.viewer.tabs.map import MapTab
 from fdcal.viewer.tabs.solver import SolverTab
 
-DRAG, HAND = 6.0, 60  # s, 1/s
+DRAG, MOVES_PER_SECOND = 6.0, 60  # s, 1/s
 
 
 class Watch:
@@ -69,7 +69,7 @@ class Watch:
         self.note("drag")
         while (t := time.perf_counter() - start) < DRAG:
             binding.session.place(int(moved), (x + 0.1 * math.sin(3 * t), y + 0.1 * math.cos(3 * t)), gesture)
-            time.sleep(1 / HAND)
+            time.sleep(1 / MOVES_PER_SECOND)
         self.note("dropped")
 
 

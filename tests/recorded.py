@@ -43,11 +43,11 @@ def noisy(samples: np.ndarray, snr_db: float, seed: int = 1) -> np.ndarray:
     return samples + np.sqrt(power * 10 ** (-snr_db / 10)) * rng.standard_normal(samples.shape)
 
 
-def at_work(seconds: float, snr_db: float, count: int = 24, seed: int = 2) -> tuple[np.ndarray, np.ndarray]:
-    """What a source at work is heard as (N, T), and what it says (T,): noise that nobody knows."""
-    said = np.random.default_rng(seed).standard_normal(int(seconds * FS) + 2400)
-    heard = np.array([fftconvolve(said, h, mode="valid") for h in responses(count)])
-    return noisy(heard, snr_db), said[2399:]
+def stationary_source(seconds: float, snr_db: float, count: int = 24, seed: int = 2) -> tuple[np.ndarray, np.ndarray]:
+    """Recordings (N, T) of a stationary source, and its unknown signal (T,), which is noise."""
+    signal = np.random.default_rng(seed).standard_normal(int(seconds * FS) + 2400)
+    recorded = np.array([fftconvolve(signal, h, mode="valid") for h in responses(count)])
+    return noisy(recorded, snr_db), signal[2399:]
 
 
 def mismatch_db(pressures: np.ndarray, truth: np.ndarray) -> np.ndarray:

@@ -23,7 +23,7 @@ def fdcal(*arguments, folder: Path) -> subprocess.CompletedProcess:
 def done(*arguments, folder: Path) -> str:
     """Standard output of a command that must succeed; a calibration may end with a verdict that is not good.
 
-    In this process: to start another and to load the libraries anew takes longer than what most commands do.
+    In this process: to start another and to load the libraries again takes longer than most commands.
     """
     out, errors = io.StringIO(), io.StringIO()
     with contextlib.chdir(folder), contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors):

@@ -27,7 +27,7 @@ def test_every_option_told_is_there():
     assert set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", TEXT)) <= known
 
 
-def test_every_option_of_import_is_told():
+def test_every_option_of_import_is_documented():
     for option in options("import") - {"-o", "--output", "--force", "--seed"}:
         assert f"`{option}" in TEXT, option
 
@@ -37,19 +37,19 @@ def test_every_suffix_of_positions_is_told():
         assert f"| `{suffix}` |" in TEXT
 
 
-def test_the_lesson_worked_out_can_be_taken_and_its_slip_is_told_so(tmp_path):
+def test_the_worked_example_can_be_loaded_and_its_error_is_the_documented_one(tmp_path):
     (example,) = re.findall(r"```toml\n(.*?)```", LESSONS, re.DOTALL)
     path = tmp_path / "mine.toml"
     path.write_text(example, encoding="utf-8")
     lesson = load_lesson(path)
     assert lesson.start(0, revealed=True)[0].room.walls == "pressure-release"
-    (told,) = re.findall(r"error: mine.toml: (.*)\n", LESSONS)
+    (documented,) = re.findall(r"error: mine.toml: (.*)\n", LESSONS)
     path.write_text(example.replace("answer = 2", "answer = 4"), encoding="utf-8")
-    with pytest.raises(ValueError, match=re.escape(told)):
+    with pytest.raises(ValueError, match=re.escape(documented)):
         load_lesson(path)
 
 
-def test_every_key_of_a_lesson_is_told():
+def test_every_key_of_a_lesson_is_documented():
     fields = {field.name for kind in (Lesson, Step) for field in dataclasses.fields(kind)} - set(Lesson.OPTIONAL)
     for key in fields - {"page", "then", "steps"} | set(Setting.OPTIONAL):
         assert f"`{key}`" in LESSONS, key

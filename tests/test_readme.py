@@ -33,18 +33,18 @@ def test_every_scene_is_told(name):
 
 
 @pytest.mark.parametrize("name", sorted(commands.commands))
-def test_every_command_is_told_with_its_options(name):
+def test_every_command_is_documented_with_its_options(name):
     (usage,) = re.findall(rf"^\| `fdcal {name}([^`]*)` \|", TEXT, re.MULTILINE)
     known = {text for option in commands.commands[name].params for text in option.opts if text.startswith("-")}
-    told = set(re.findall(r"(?<![\w-])--?[a-z-]+", usage))
-    assert told <= known
+    documented = set(re.findall(r"(?<![\w-])--?[a-z-]+", usage))
+    assert documented <= known
     required = [p for p in commands.commands[name].params if isinstance(p, click.Option) and p.required]
     for option in required:
-        assert told & set(option.opts)
+        assert documented & set(option.opts)
 
 
 @pytest.mark.parametrize("key", REQUIRED + OPTIONAL + SEARCH)
-def test_every_key_of_the_measurement_file_is_told(key):
+def test_every_key_of_the_measurement_file_is_documented(key):
     assert f"`{key}`" in TEXT
 
 

@@ -242,7 +242,7 @@ def channels(n):
 
 @family(32)
 def global2d(n):
-    """Faults of the whole: sound speed, wavenumbers, noise told wrongly, common-mode hum, drift, two sources."""
+    """Faults of the whole: sound speed, wavenumbers, wrongly reported noise, common-mode hum, drift, two sources."""
     out = []
     F = [
         ["sound_speed", 0.01],
@@ -463,7 +463,7 @@ def ball3d_more(n):
 
 @family(16)
 def gainest(n):
-    """Gain mismatch, noise estimated (not told): does the verdict see it?"""
+    """Gain mismatch, noise estimated (not reported): does the verdict detect it?"""
     out = []
     for i in range(n):
         r = np.random.default_rng([900, 24, i])

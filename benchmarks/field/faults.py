@@ -12,7 +12,7 @@ from .constants import SOUND_SPEED
 
 @dataclass(frozen=True)
 class Recording:
-    """What a case hands to the solver, before noise.
+    """Input of the solver in a case, before noise.
 
     Attributes
     ----------

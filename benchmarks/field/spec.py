@@ -25,7 +25,7 @@ class Spec:
     snr : dB, or None for no noise
     noise : "reported" with the measurement, "unknown", or a "floor" that is the same at all frequencies, unknown
     known : number of microphones whose positions are given
-    known_mode : "all", "minimal" or "none", handed to the solver
+    known_mode : "all", "minimal" or "none", given to the solver
     neighbours : whether the given ones are neighbours
     fault : name and size of what is wrong, see `faults`, or None
     source : "far", "near" (0.3 m), "inside" or "two"

@@ -44,7 +44,7 @@ def pulse(source: Source) -> np.ndarray:
     """Return a zero-mean pulse, flat from `source.low` to `source.high`, that starts and ends in silence.
 
     A linear-phase band-pass whose gain falls to zero within `source.low` hertz on either side of the band. The mean,
-    small already, is removed exactly: a rigid room keeps it for ever, or it grows.
+    small already, is removed exactly: a rigid room would keep it, or it would grow.
 
     Returns
     -------

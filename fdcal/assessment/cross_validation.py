@@ -143,7 +143,7 @@ class CrossValidation:
 
     Attributes
     ----------
-    overall : float, power of the error over power of the pressures, every mode counting alike
+    overall : float, power of the error over power of the pressures, every mode with the same weight
     microphones : (N,) float64, likewise of each microphone
     modes : (modes in use,) float64, of each frequency
     """

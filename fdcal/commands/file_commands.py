@@ -20,7 +20,7 @@ from .parameter_types import RenamedChoice
     type=RenamedChoice(["auto", "impulse", "stationary"], {"response": "impulse", "work": "stationary"}),
     default="auto",
     show_default=True,
-    help="impulse: an impulse response, from silence to silence; stationary: a sound that goes on.",
+    help="impulse: an impulse response, from silence to silence; stationary: a continuous sound.",
 )
 @click.option("--window", default="auto", show_default=True, metavar="auto|none|RATE", help="Exponential window, 1/s.")
 @click.option("--temperature", type=float, metavar="C", help="Of the air, degrees Celsius; gives the sound speed.")

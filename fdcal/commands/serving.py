@@ -17,7 +17,7 @@ PORTS = "use 1024 to 65535, or 0"  # that may be served without being the admini
 def check_address(host: str, port: int) -> bool:
     """Return whether an address can be reached from this machine only (a loopback address).
 
-    The port is bound once, because a viewer with an address that cannot be served would wait for ever.
+    The port is bound once, because a viewer with an address that cannot be served would wait indefinitely.
 
     Raises
     ------

@@ -24,7 +24,7 @@ from .likelihood import DiffuseField, covariances, kernel
 (dtrmm,) = get_blas_funcs(("trmm",), dtype=np.float64)
 (dtrtri,) = get_lapack_funcs(("trtri",), dtype=np.float64)
 
-BLOCK = 2_000_000  # pairs of a microphone and a candidate, of each mode at work, that are in memory at once
+BLOCK = 2_000_000  # pairs of a microphone and a candidate, of each mode in progress, in memory at once
 
 
 def likelihood_landscape(positions, n: int, candidates, pressures, field: DiffuseField) -> np.ndarray:
@@ -50,7 +50,7 @@ def likelihood_landscapes(
     chosen : (S,) int, microphones to move, one at a time
     candidates : (C, D) float64, metres
     pressures : (M, N) complex128
-    block : pairs of a microphone and a candidate that are in memory at once, of each mode at work
+    block : pairs of a microphone and a candidate in memory at once, of each mode in progress
 
     Returns
     -------

@@ -4,7 +4,7 @@ A recording is of one of two kinds:
 
 impulse      an impulse response, a clap or a whole sweep: it starts in silence and lasts until the sound is gone, or is
              cut off while the room still rings
-stationary   a part of a sound that goes on, such as noise, music, speech or a machine
+stationary   a part of a continuous sound, such as noise, music, speech or a machine
 """
 
 from __future__ import annotations

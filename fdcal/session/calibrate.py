@@ -35,7 +35,7 @@ def states_of(inputs: CalibrationInput, progress: Progress | None = None, proble
     progress : callable, optional
         Called with the fraction done, 0 to 1, and a note; what it raises ends the run.
     problem : Problem, optional
-        That of `problem_of`, where it is at hand.
+        The one of `problem_of`, if already made.
 
     Raises
     ------

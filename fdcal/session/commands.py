@@ -23,7 +23,7 @@ class CommandQueue:
     def take(self, timeout: float | None) -> list[tuple]:
         """Return all commands that wait, without those that a later one replaces.
 
-        If none waits, block for one: for `timeout` seconds, not at all if that is not positive, for ever if None.
+        If none waits, block for one: for `timeout` seconds, not at all if that is not positive, without limit if None.
         """
         commands = []
         if timeout is None:

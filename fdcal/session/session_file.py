@@ -63,7 +63,7 @@ def write(opening: OpenRequest) -> bytes:
     content = {
         "fdcal_session": VERSION,
         "scene": _finite(plain(dataclasses.asdict(opening.scene))),
-        "measured": isinstance(opening.scene, MeasuredScene),  # the scene is but a stand-in
+        "measured": isinstance(opening.scene, MeasuredScene),  # the scene is a placeholder
         "start_seed": opening.seed,
         "index": kept.index(len(opening.states) - 1 if opening.index is None else opening.index),
         "choices": plain(opening.choices),
@@ -140,7 +140,7 @@ def _table(text: bytes) -> dict:
     except (ValueError, RecursionError) as error:
         raise InputError(f"{TABLE} is not valid JSON ({type(error).__name__})") from None
     if not isinstance(table, dict) or not set(KEYS) <= set(table):
-        raise InputError("it is no session", f"{TABLE} of a session holds {', '.join(KEYS)}", key="session")
+        raise InputError("it is not a session", f"{TABLE} of a session holds {', '.join(KEYS)}", key="session")
     if table["fdcal_session"] != VERSION:
         found = str(table["fdcal_session"])[:20]
         remedy = f"this fdcal reads version {VERSION}"

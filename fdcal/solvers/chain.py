@@ -1,7 +1,7 @@
 """Solvers in sequence: each begins at the positions at which the one before has ended.
 
 A chain is used like any solver. Its states are those of its members; step, sweep and stage are counted on. The name in
-a state (`RunState.solver`) says which member goes on from it.
+a state (`RunState.solver`) says which member continues from it.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Chain:
     def step(self, problem: Problem, state: RunState) -> RunState:
         """Return `state` one step on; where its member has finished, the start of the next member.
 
-        With modes set by hand (`automatic` false) the chain ends with the member at work.
+        With modes set by the user (`automatic` false) the chain ends with the active member.
         """
         number = self._number(state)
         after = self.members[number].step(problem, state)
@@ -70,11 +70,11 @@ class Chain:
         return replace(begun, step=after.step, sweep=after.sweep, stage=after.stage + 1)
 
     def use_modes(self, problem: Problem, state: RunState, first: int, last: int, automatic: bool) -> RunState:
-        """Return `state` with modes `first` to `last` in use (from 1, both included); its member goes on."""
+        """Return `state` with modes `first` to `last` in use (from 1, both included); its member continues."""
         return self.members[self._number(state)].use_modes(problem, state, first, last, automatic)
 
     def landscape(self, problem: Problem, state: RunState, n: int, modes: slice, *search) -> np.ndarray:
-        """Return the landscape of microphone `n` by the member at work, mode by mode : (modes, ny, nx) float64."""
+        """Return the landscape of microphone `n` by the active member, mode by mode : (modes, ny, nx) float64."""
         return self.members[self._number(state)].landscape(problem, state, n, modes, *search)
 
     def usable_modes(self, problem: Problem, settings: SolverSettings) -> int:

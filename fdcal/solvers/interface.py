@@ -25,7 +25,7 @@ class RunState:
 
     Attributes
     ----------
-    solver : str, name of the solver that goes on from this state; of a chain, of the member at work
+    solver : str, name of the solver that continues from this state; of a chain, of the active member
     positions : (N, D) float64, metres, read-only
     settings : SolverSettings
     seed : int, of whatever the solver draws
@@ -35,7 +35,7 @@ class RunState:
     automatic : bool, whether the solver adds modes and begins other stages by itself
     cost : float, of the modes in use; the solver defines it
     finished : bool, whether nothing is left to do
-    converged : bool, whether it finished because no microphone moved any more, not because steps ran out
+    converged : bool, whether it finished because no microphone moved, not because the steps were used up
     """
 
     solver: ClassVar[str]
@@ -142,7 +142,7 @@ class Solver(Protocol):
         ...
 
     def use_modes(self, problem: Problem, state: Any, first: int, last: int, automatic: bool) -> Any:
-        """Return `state` with modes `first` to `last` in use, counted from 1; the solver goes on from it."""
+        """Return `state` with modes `first` to `last` in use, counted from 1; the solver continues from it."""
         ...
 
     def landscape(self, problem: Problem, state: Any, n: int, modes: slice) -> np.ndarray:

@@ -127,7 +127,7 @@ class Viewer:
             owner.close(max((end - time.perf_counter()) / 2, 0.0))  # some own two threads
 
     def guarded_tick(self, now: float) -> None:
-        """`tick`; an exception is logged once and shown in the status lines, and the page goes on."""
+        """`tick`; an exception is logged once and shown in the status lines, and the page continues."""
         try:
             self.tick(now)
         except Exception as error:

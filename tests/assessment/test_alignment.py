@@ -108,7 +108,7 @@ def test_a_result_is_placed_in_its_frame():
     assert placed_in_frame(replace(result, known=None), None).frame == "known"
 
 
-def test_without_trust_in_the_positions_no_swap_found_is_not_reported_as_none():
+def test_where_the_positions_are_not_trusted_the_search_for_swaps_is_reported_as_inconclusive():
     places = np.random.default_rng(0).uniform(size=(8, 3))
     nothing = compare_positions(places, places)
     assert describe(nothing, range(8)).startswith("no channels are swapped")

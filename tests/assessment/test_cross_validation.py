@@ -196,7 +196,7 @@ OTHER = {
         (["-o", "map.xlsx"], "must end in"),
     ],
 )
-def test_bad_options_get_one_line(refused, options, words):
+def test_a_bad_option_is_refused_in_one_line(refused, options, words):
     assert words in refused(*options)
 
 

@@ -232,7 +232,7 @@ def test_without_noise_the_right_array_is_accepted_and_one_wrong_by_millimetres_
     assert found.code == "model_mismatch" and "1 is expected" in found.text
 
 
-def test_calibrate_says_so_where_a_wrong_array_is_left_without_noise():
+def test_calibrate_reports_a_wrong_array_where_there_is_no_noise():
     """The verdict of a whole calibration, of an end with the near model with errors of 5 mm added."""
     truth = np.random.default_rng(7).uniform(-0.5, 0.5, (40, 2)) + [2.61, 2.31]
     measurement = measured(truth, [0, 1, 2], highest=120.0)

@@ -104,7 +104,7 @@ def test_a_file_without_known_microphones_is_calibrated_blind(calibrated, altere
     assert result["aligned"] is True and result["mean_error_m"] is None
 
 
-def test_the_least_gauge_takes_a_position_a_direction_and_a_side(calibrated, made):
+def test_the_minimal_gauge_takes_a_position_a_direction_and_a_side(calibrated, made):
     known = load_measurement(made / "tiny.npz").known
     truth = load_measurement(made / "tiny.npz").positions
     found = np.array(calibrated("--known", "minimal")[1]["positions"])
@@ -117,7 +117,7 @@ def test_the_least_gauge_takes_a_position_a_direction_and_a_side(calibrated, mad
     assert sides[0] * sides[1] > 0
 
 
-def test_the_solver_s_seed_is_of_no_account_to_the_affine_start_and_all_to_a_random_one(calibrated):
+def test_the_seed_determines_a_random_start_and_does_not_change_the_affine_start(calibrated):
     one, two = (calibrated("--seed", seed)[1]["positions"] for seed in (0, 1))
     assert one == two
     one, two = (calibrated("--seed", seed, "--start", "random")[1]["positions"] for seed in (0, 1))

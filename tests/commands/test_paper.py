@@ -78,15 +78,15 @@ def test_the_table_holds_the_results_of_the_runs(folder, array, run):
 
 @pytest.mark.parametrize("name", paper.ARRAYS)
 def test_what_the_paper_prints_stands_beside_ours(name, array):
-    told = paper.printed.PRINTED[name]
+    printed = paper.printed.PRINTED[name]
     ours = study.Outcome("descent", None, 57, 274.3, 0, 3, 3, 0.046, 329.5, 157.3)
     text = table.markdown([replace(array, name=name)], [(ours,)])
-    assert f"| modes needed for exact positions | {told.modes} | not reached with 57 |" in text
-    assert f"| highest frequency | {told.highest:.0f} Hz | 274 Hz |" in text
+    assert f"| modes needed for exact positions | {printed.modes} | not reached with 57 |" in text
+    assert f"| highest frequency | {printed.highest:.0f} Hz | 274 Hz |" in text
     assert "| 330 |" in text and "| 160 s |" in text, "no half sweeps, no exponents"
     assert "| exact, of 3 seeds | not stated; one run shown | 0; 3 within 5 cm |" in text
     rows = list(csv.DictReader(table.comma_separated([replace(array, name=name)], [(ours,)]).splitlines()))
-    assert [(row["solver"], row["modes_needed"]) for row in rows] == [("paper", str(told.modes)), ("descent", "")]
+    assert [(row["solver"], row["modes_needed"]) for row in rows] == [("paper", str(printed.modes)), ("descent", "")]
 
 
 def test_fewer_modes_are_the_beginning_of_the_same_run(array, run):

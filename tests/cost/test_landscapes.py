@@ -126,7 +126,7 @@ def test_a_map_is_read_off_between_its_points():
     assert landscapes.interpolate(values, SEARCH, (9.0, 9.0)) == pytest.approx(values[-1, -1]), "beyond: the edge"
 
 
-def test_the_shape_of_a_mode_is_the_field_that_was_heard(problem):
+def test_the_shape_of_a_mode_is_the_recorded_field(problem):
     """The first mode of the fixture is a sum of plane waves, known everywhere."""
     rng = np.random.default_rng(2)
     positions = np.array(SEARCH.origin) + rng.uniform(0.02, 0.28, (24, 2))

@@ -103,7 +103,7 @@ def test_a_landscape_in_blocks_is_the_same(dimension):
     np.testing.assert_allclose(parts, whole, rtol=1e-9)
 
 
-def test_the_trap_at_infinity_is_open_in_the_quadratic_form_and_closed_in_the_likelihood():
+def test_at_infinity_the_projection_cost_falls_and_the_likelihood_does_not():
     """Far away the kernel is the identity and explains anything; the determinant makes that expensive."""
     likely, _ = field_and_guess(2)
     quadratic = dataclasses.replace(likely, log_det=False)

@@ -75,17 +75,17 @@ def test_microphones_far_out_change_no_law_nor_the_tables_of_those_that_are_not(
     problem = replace(MEASURED.problem(), search=AREA)
     noise = noise_of(problem, 1e-4)
     before = likelihood_maps(problem, ROUGH, N, MODES, noise)
-    astray = ROUGH.copy()
-    astray[3] += away
-    assert_same(likelihood_maps(problem, astray, N, MODES, noise), directly(problem, astray, noise, AREA))
+    displaced = ROUGH.copy()
+    displaced[3] += away
+    assert_same(likelihood_maps(problem, displaced, N, MODES, noise), directly(problem, displaced, noise, AREA))
     np.testing.assert_allclose(likelihood_maps(problem, ROUGH, N, MODES, noise), before, rtol=1e-9)
 
 
 def test_positions_that_are_none_are_refused():
-    problem, astray = MEASURED.problem(), ROUGH.copy()
-    astray[3, 0] = np.nan
+    problem, displaced = MEASURED.problem(), ROUGH.copy()
+    displaced[3, 0] = np.nan
     with pytest.raises(np.linalg.LinAlgError, match="finite"):
-        likelihood_maps(problem, astray, N, MODES, noise_of(problem, 1e-3))
+        likelihood_maps(problem, displaced, N, MODES, noise_of(problem, 1e-3))
 
 
 def test_a_finer_lattice_shows_the_same_surface():

@@ -48,7 +48,7 @@ MODES = {"in": rgb(plots.BLUE), "out": rgb(plots.ORANGE), "spectrum": rgb(spectr
 
 @pytest.mark.parametrize("eye", EYES)
 @pytest.mark.parametrize("palette", [MARKS, TRACES, CURVES, MODES], ids=["marks", "traces", "curves", "modes"])
-def test_colours_of_one_picture_are_told_apart(palette, eye):
+def test_colours_of_one_picture_are_distinguishable(palette, eye):
     places = dict(zip(palette, lab(list(palette.values()), eye), strict=True))
     for one, other in itertools.combinations(palette, 2):
         assert np.linalg.norm(places[one] - places[other]) > APART, (one, other)

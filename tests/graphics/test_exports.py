@@ -59,11 +59,11 @@ def test_a_landscape_for_paraview(measured, tmp_path):
     assert np.allclose(lowest, (*measurement.positions[9], 0.7)), "the minimum lies at the true place"
 
 
-@pytest.mark.parametrize("told", [True, False])
-def test_microphones_for_paraview(measured, told, tmp_path):
+@pytest.mark.parametrize("scored", [True, False])
+def test_microphones_for_paraview(measured, scored, tmp_path):
     measurement, _ = measured
     estimate, sigma = measurement.positions + 0.01, np.arange(16.0)
-    given = measurement if told else Measurement(
+    given = measurement if scored else Measurement(
         measurement.frequencies, measurement.pressures, 343.0, known=measurement.known,
         known_positions=measurement.known_positions,
     )  # fmt: skip
@@ -73,8 +73,8 @@ def test_microphones_for_paraview(measured, told, tmp_path):
     assert np.allclose(cloud.points[kinds == 2][:, :2], measurement.known_positions)
     assert np.array_equal(cloud["microphone"][kinds == 2], measurement.known)
     assert np.array_equal(cloud["uncertainty"][kinds == 0], sigma)
-    assert np.isnan(cloud["error_length"]).all() != told and (kinds == 1).sum() == 16 * told
-    if told:
+    assert np.isnan(cloud["error_length"]).all() != scored and (kinds == 1).sum() == 16 * scored
+    if scored:
         true = kinds == 1
         assert np.allclose(cloud.points[true] + cloud["error"][true], cloud.points[kinds == 0])
         assert np.allclose(cloud["error_length"][true], np.sqrt(2) * 0.01)
@@ -88,7 +88,7 @@ def test_names_of_microphones_pass_through_paraview(solid, tmp_path):
     assert np.array_equal(cloud.points[9:18], solid.positions) and np.isnan(cloud["uncertainty"]).all()
 
 
-def test_the_table_tells_all(solid):
+def test_the_table_is_complete(solid):
     estimate = solid.positions + [0.0, 0.003, 0.004]
     rows = list(csv.DictReader(io.StringIO(position_table.table(solid, estimate, np.full(9, 0.002)))))
     assert [row["name"] for row in rows] == list(solid.names)
@@ -133,7 +133,7 @@ def test_few_panels_of_many_maps(measured):
 
 
 @pytest.mark.parametrize(("suffix", "start"), [("svg", b"<?xml"), ("vti", b"<?xml"), ("png", b"\x89PNG")])
-def test_the_suffix_tells_the_format(tmp_path, capsys, suffix, start):
+def test_the_suffix_determines_the_format(tmp_path, capsys, suffix, start):
     path = tmp_path / f"figure.{suffix}"
     with pytest.raises(SystemExit) as left:
         main(["landscape", "tiny", "--microphone", "9", "--mode-numbers", "2,5", "-o", str(path)])

@@ -15,7 +15,7 @@ from fdcal.model.measurement import Measurement
 def test_the_frame_holds_every_microphone_and_the_known_ones(dimension, known):
     rng = np.random.default_rng(dimension)
     places = rng.uniform(-3, 2, (12, dimension))
-    heard = Measurement(
+    measured = Measurement(
         frequencies=np.linspace(100, 300, 4),
         pressures=np.exp(1j * rng.uniform(0, 6, (4, 12))),
         sound_speed=343.0,
@@ -24,15 +24,15 @@ def test_the_frame_holds_every_microphone_and_the_known_ones(dimension, known):
         dimension=dimension,
         array_dimension=dimension,
     )
-    drawn = with_display_domain(heard, places + 0.2)
+    drawn = with_display_domain(measured, places + 0.2)
     x0, y0, x1, y1 = compose(None, drawn, places + 0.2).focus
     for points in (places + 0.2, places[:known]):
         assert ((points[:, :2] > [x0, y0]) & (points[:, :2] < [x1, y1])).all()
-    assert heard.search is None and with_display_domain(drawn, places) is drawn
-    assert dataclasses.replace(drawn, search=None).count == heard.count
+    assert measured.search is None and with_display_domain(drawn, places) is drawn
+    assert dataclasses.replace(drawn, search=None).count == measured.count
 
 
-def test_microphones_that_are_all_supposed_in_one_place_have_a_frame_too():
-    heard = Measurement(frequencies=np.array([100.0]), pressures=np.ones((1, 5), complex), sound_speed=343.0)
-    x0, y0, x1, y1 = compose(None, with_display_domain(heard, np.zeros((5, 2)))).focus
+def test_microphones_with_equal_estimates_have_a_frame_too():
+    measured = Measurement(frequencies=np.array([100.0]), pressures=np.ones((1, 5), complex), sound_speed=343.0)
+    x0, y0, x1, y1 = compose(None, with_display_domain(measured, np.zeros((5, 2)))).focus
     assert x1 - x0 > 0.1 and y1 - y0 > 0.1

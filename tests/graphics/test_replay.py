@@ -1,4 +1,4 @@
-"""The replay: its numbers are those of the run, it is one file that asks for nothing, and it plays in a browser."""
+"""The replay: its numbers are those of the run, it is one file that loads nothing else, and it plays in a browser."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def test_without_truth_and_room(run):
     assert data["truth"] is data["mean"] is data["outline"] is None
 
 
-def test_no_run_is_larger_than_a_letter_may_be():
+def test_no_replay_is_larger_than_an_email_attachment_may_be():
     """Of many microphones and states some are left out, the first and the last never."""
     count, rng = 600, np.random.default_rng(0)
     truth = rng.uniform(0, 3, (count, 3))

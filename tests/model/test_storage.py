@@ -103,7 +103,7 @@ def test_measurement_is_made_once(tiny, folder, runs):
 
 
 @pytest.mark.parametrize("damage", [lambda b: b[:-40], lambda b: b"", lambda b: b[:500] + b"x" + b[501:]])
-def test_a_damaged_file_is_made_again(tiny, folder, runs, damage, caplog):
+def test_a_damaged_file_is_replaced(tiny, folder, runs, damage, caplog):
     first = cached_recordings(tiny)
     (file,) = folder.iterdir()
     whole = file.read_bytes()

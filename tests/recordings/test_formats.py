@@ -1,4 +1,4 @@
-"""Every format: what its own library writes is read, what is written its own reader reads, and what is damaged is told.
+"""Every format: files of its own library are read, files written here are read by that library, damage is reported.
 
 Writers and readers on the other side are soundfile, sofar, h5py, NumPy, the csv, json and xml modules.
 """
@@ -373,8 +373,12 @@ def test_a_table_is_written_and_read(placed, tmp_path):
         rows = list(csv.DictReader(file))
     assert [row["name"] for row in rows] == list(placed.names)
     assert np.array_equal([[float(row[axis]) for axis in "xyz"] for row in rows], placed.positions)
-    told = [row["uncertainty"] for row in rows]
-    assert told == [""] * 5 if placed.uncertainty is None else [float(t) for t in told] == placed.uncertainty.tolist()
+    written = [row["uncertainty"] for row in rows]
+    assert (
+        written == [""] * 5
+        if placed.uncertainty is None
+        else [float(t) for t in written] == placed.uncertainty.tolist()
+    )
     names, positions = read_positions(tmp_path / "p.csv")
     assert names == list(placed.names)
     assert np.array_equal(positions, placed.positions)
@@ -385,8 +389,8 @@ def test_json_is_written(placed, tmp_path):
     table = json.loads((tmp_path / "p.json").read_text(encoding="utf-8"))
     assert [m["name"] for m in table["microphones"]] == list(placed.names)
     assert [[m["x"], m["y"], m["z"]] for m in table["microphones"]] == placed.positions.tolist()
-    told = [m["uncertainty"] for m in table["microphones"]]
-    assert told == ([None] * 5 if placed.uncertainty is None else placed.uncertainty.tolist())
+    written = [m["uncertainty"] for m in table["microphones"]]
+    assert written == ([None] * 5 if placed.uncertainty is None else placed.uncertainty.tolist())
 
 
 def test_acoulars_geometry_is_written(placed, tmp_path):
@@ -402,7 +406,7 @@ def test_pyroomacoustics_array_is_written(placed, tmp_path):
     assert np.array_equal(np.load(tmp_path / "p.npy"), placed.positions.T)
 
 
-def test_sofa_is_written_anew_and_into_a_copy(placed, tmp_path):
+def test_sofa_is_written_as_a_new_file_and_into_a_copy(placed, tmp_path):
     formats.write(tmp_path / "p.sofa", "p.sofa", placed)
     back = sofar.read_sofa(str(tmp_path / "p.sofa"), verbose=False)
     assert np.allclose(
@@ -436,7 +440,7 @@ COMMANDS = (
     ["export", "r.json", "-o", "r.json"],
     ["field", "m.npz", "-o", "m.npz"],
     ["import", "m.npz", "-o", "m.npz"],
-    ["import", "heard.wav", "--reference", "m.npz", "-o", "m.npz"],
+    ["import", "a.wav", "--reference", "m.npz", "-o", "m.npz"],
 )
 
 

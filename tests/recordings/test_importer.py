@@ -1,4 +1,4 @@
-"""From recordings of a room to pressures and positions: exact without noise, and the noise estimate is right."""
+"""Import recordings of a room: pressures are exact without noise, and the noise estimate is right."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import soundfile
-from recorded import FS, SPEED, at_work, exact, mismatch_db, noisy, places, responses
+from recorded import FS, SPEED, exact, mismatch_db, noisy, places, responses, stationary_source
 from scipy.signal import chirp, fftconvolve
 
 from fdcal.acoustics.fourier_bessel import f_max
@@ -81,26 +81,26 @@ def test_a_sweep_only_decays_when_it_is_over():
     t = np.arange(4 * FS) / FS
     played = np.where(t < 2, np.sin(2 * np.pi * 60 * 2 * (5 ** (t / 2) - 1) / np.log(5)), 0.0)  # 60 to 300 Hz in 2 s
     loud = np.exp(-0.5 * t)  # the room answers high frequencies less
-    heard = np.array([fftconvolve(played * loud, h)[: len(t)] for h in responses(8)])
-    taken = impulse_response_pressures(recorded(noisy(heard, 40)), BAND, SPEED)
-    decay = estimate_decay(recorded(noisy(heard, 40)), BAND)
+    recorded_samples = np.array([fftconvolve(played * loud, h)[: len(t)] for h in responses(8)])
+    taken = impulse_response_pressures(recorded(noisy(recorded_samples, 40)), BAND, SPEED)
+    decay = estimate_decay(recorded(noisy(recorded_samples, 40)), BAND)
     assert decay.rate > 3 and 2 < decay.tail < 3.2, decay
     assert taken.how.startswith("no window") and taken.noise_power is not None
     assert np.median(mismatch_db(taken.pressures, exact(taken.frequencies, count=24)[:, :8])) < -20
 
 
 def test_a_stationary_source_gives_the_pressures_of_its_impulse_responses():
-    heard, _ = at_work(30, 60)
-    taken = stationary_pressures(recorded(heard, "stationary"), BAND, SPEED)
+    recorded_samples, _ = stationary_source(30, 60)
+    taken = stationary_pressures(recorded(recorded_samples, "stationary"), BAND, SPEED)
     assert len(taken.frequencies) > 40
     assert np.median(mismatch_db(taken.pressures, exact(taken.frequencies))) < -60
     assert np.max(mismatch_db(taken.pressures, exact(taken.frequencies))) < -45
 
 
 def test_the_noise_estimated_beside_a_stationary_source_is_right():
-    heard, _ = at_work(30, 20)
+    recorded_samples, _ = stationary_source(30, 20)
     for reference in (None, 3):
-        taken = stationary_pressures(recorded(heard, "stationary"), BAND, SPEED, reference=reference)
+        taken = stationary_pressures(recorded(recorded_samples, "stationary"), BAND, SPEED, reference=reference)
         truth = exact(taken.frequencies)
         factor = np.sum(truth.conj() * taken.pressures, axis=1) / np.sum(np.abs(truth) ** 2, axis=1)
         error = np.mean(np.abs(taken.pressures - factor[:, None] * truth) ** 2, axis=1)
@@ -136,14 +136,14 @@ def test_a_narrow_resonance_keeps_its_own_frequency():
     f = 101.23
     rng = np.random.default_rng(0)
     ring = fftconvolve(rng.standard_normal(len(t)), np.exp((2j * np.pi * f - 0.5) * t[: 8 * FS]))[: len(t)].real
-    heard = np.outer(rng.standard_normal(6), ring) + 0.01 * rng.standard_normal((6, len(t)))
-    taken = stationary_pressures(recorded(heard, "stationary"), (80.0, 120.0), SPEED, most=3)
+    recorded_samples = np.outer(rng.standard_normal(6), ring) + 0.01 * rng.standard_normal((6, len(t)))
+    taken = stationary_pressures(recorded(recorded_samples, "stationary"), (80.0, 120.0), SPEED, most=3)
     assert np.min(np.abs(taken.frequencies - f)) < 0.05
     assert np.allclose(taken.wavenumbers, 2 * np.pi * taken.frequencies / SPEED)
 
 
 def test_a_known_signal_gives_back_the_responses():
-    said = at_work(8, 200)[1]
+    said = stationary_source(8, 200)[1]
     silent = np.concatenate([said, np.zeros(2400)])
     played = np.array([fftconvolve(silent, h)[: len(silent)] for h in responses()[:6]])
     made, _ = deconvolve(recorded(played, None), recorded(silent[None], None), BAND)
@@ -153,7 +153,7 @@ def test_a_known_signal_gives_back_the_responses():
 
 
 def swept(seconds: float, snr_db: float, silence: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-    """A logarithmic sweep from 20 to 500 Hz, with silence after it, as heard (24, T) and as played (T,)."""
+    """A logarithmic sweep from 20 to 500 Hz, with silence after it, as recorded (24, T) and as played (T,)."""
     t = np.arange(int(seconds * FS)) / FS
     sound = chirp(t, 20, seconds, 500, method="logarithmic") * np.minimum(1, 20 * np.minimum(t, seconds - t))
     played = np.concatenate([sound, np.zeros(int(silence * FS))])
@@ -170,16 +170,16 @@ def error_over_noise(taken) -> np.ndarray:
 
 @pytest.mark.parametrize("seconds", [5, 20])
 def test_the_noise_estimated_in_a_sweep_is_right_with_its_reference_and_without(seconds):
-    heard, played = swept(seconds, 30)
-    plain = impulse_response_pressures(recorded(heard), BAND, SPEED)
-    made, noise = deconvolve(recorded(heard, None), recorded(played[None], None), BAND)
+    recorded_samples, played = swept(seconds, 30)
+    plain = impulse_response_pressures(recorded(recorded_samples), BAND, SPEED)
+    made, noise = deconvolve(recorded(recorded_samples, None), recorded(played[None], None), BAND)
     known = impulse_response_pressures(made, BAND, SPEED, noise=noise)
     for taken in (plain, known):
         assert np.all(np.abs(np.log(error_over_noise(taken))) < np.log(1.6))
     assert len(plain.frequencies) == 57, "a long sweep ends only just before the recording does"
-    assert len(known.frequencies) >= 38, "as far apart as the room's resonances are wide"
+    assert len(known.frequencies) >= 38, "their distance is the width of a resonance"
     error = [np.median(mismatch_db(taken.pressures, exact(taken.frequencies))) for taken in (plain, known)]
-    assert error[1] < error[0] - 6, "the reference gathers the sweep, and what follows is left out"
+    assert error[1] < error[0] - 6, "the reference compresses the sweep, and what follows is left out"
 
 
 def test_what_follows_the_sound_is_left_out():
@@ -210,19 +210,22 @@ def ringing(seconds: float, snr_db: float, slow: float = 5.0) -> tuple[np.ndarra
 @pytest.mark.parametrize("seconds", [4, 8])
 @pytest.mark.parametrize("snr_db", [20, 30, 45])
 def test_a_mode_that_rings_on_is_not_cut_off(seconds, snr_db):
-    heard, truth = ringing(seconds, snr_db)
-    taken = impulse_response_pressures(recorded(heard), BAND, SPEED)
+    recorded_samples, truth = ringing(seconds, snr_db)
+    taken = impulse_response_pressures(recorded(recorded_samples), BAND, SPEED)
     assert taken.how.startswith("no window") and "left out" in taken.how
     error = np.mean(np.abs(taken.pressures - truth(taken.frequencies)) ** 2, axis=1)
     assert 0.7 < np.mean(error / taken.noise_power) < 1.4
-    assert np.all(error < 3 * taken.noise_power), "nor at the frequency of the mode"
-    whole = np.exp(-2j * np.pi / FS * np.outer(taken.frequencies, np.arange(heard.shape[1]))) @ heard.T
+    assert np.all(error < 3 * taken.noise_power), "the same holds at the frequency of the mode"
+    whole = (
+        np.exp(-2j * np.pi / FS * np.outer(taken.frequencies, np.arange(recorded_samples.shape[1])))
+        @ recorded_samples.T
+    )
     rest = np.mean(np.abs(whole - truth(taken.frequencies)) ** 2, axis=1)
-    assert np.median(error / rest) < 0.7, "what most modes do not need is left out all the same"
+    assert np.median(error / rest) < 0.7, "noise after the decay of most modes is still left out"
 
 
 def test_silence_after_the_sound_changes_nothing():
-    """Two frequencies closer than the room's resonances are wide say the same twice."""
+    """Two frequencies that are closer than a resonance is wide hold the same information."""
     short = noisy(np.pad(responses(), ((0, 0), (0, FS // 2))), 30)
     noise = np.random.default_rng(3).standard_normal((24, 40 * FS)) * np.std(short[:, -FS // 4 :])
     long = np.concatenate([short, noise], axis=1)
@@ -281,22 +284,22 @@ def test_planes_subsets_and_corners_are_taken_by_position():
         (lambda r: known_microphones(recorded(np.ones((3, 50))), "0,1"), "contains no positions"),
     ],
 )
-def test_a_choice_that_cannot_be_is_refused(call, words):
+def test_an_impossible_choice_is_refused(call, words):
     with pytest.raises(InputError, match=words):
         call(mesh_recording())
 
 
-# As a user would.
+# Through the command line.
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
-    """A WAV of responses, one of a source at work, and a table of five known microphones."""
+    """A WAV of responses, one of a stationary source, and a table of five known microphones."""
     path = tmp_path_factory.mktemp("mine")
     quiet = noisy(responses(), 40)
     soundfile.write(path / "responses.wav", quiet.T / np.abs(quiet).max() * 0.9, FS, subtype="PCM_24")
-    heard, _ = at_work(40, 30)
-    soundfile.write(path / "work.wav", heard.T / np.abs(heard).max() * 0.9, FS, subtype="FLOAT")
+    recorded_samples, _ = stationary_source(40, 30)
+    soundfile.write(path / "work.wav", recorded_samples.T / np.abs(recorded_samples).max() * 0.9, FS, subtype="FLOAT")
     rows = [f"{n},{x!r},{y!r},{z!r}" for n, (x, y, z) in enumerate(places().tolist()) if n < 5]
     (path / "known.csv").write_text("\n".join(["name,x,y,z", *rows]) + "\n")
     return path
@@ -330,16 +333,16 @@ def test_from_a_recording_to_a_table_of_positions(name, kind, folder, tmp_path, 
 
 
 @pytest.mark.parametrize("name", ["noise", "sweep"])
-def test_few_microphones_in_a_room_are_not_said_to_be_better_than_they_are(name, folder, tmp_path):
-    heard = at_work(20, 30)[0] if name == "noise" else swept(5, 30)[0]
-    soundfile.write(tmp_path / "a.wav", heard.T / np.abs(heard).max() * 0.9, FS, subtype="PCM_24")
+def test_the_uncertainty_of_few_microphones_in_a_room_is_not_too_small(name, folder, tmp_path):
+    recorded_samples = stationary_source(20, 30)[0] if name == "noise" else swept(5, 30)[0]
+    soundfile.write(tmp_path / "a.wav", recorded_samples.T / np.abs(recorded_samples).max() * 0.9, FS, subtype="PCM_24")
     measurement, _ = import_recording(
         tmp_path / "a.wav", ImportOptions(known=str(folder / "known.csv"), sound_speed=SPEED)
     )
     result = solve(replace(load_input(str(tmp_path / "a.wav")), measurement=measurement))
     error = np.sqrt(np.mean(np.sum((result.positions - places()) ** 2, axis=1)))
     assert error < 1.8 * np.sqrt(np.mean(np.square(result.uncertainty)))
-    assert result.verdict == "good", "no known microphone is accused of what the room has done"
+    assert result.verdict == "good", "the effect of the room is not attributed to a known microphone"
 
 
 def test_a_recording_is_calibrated_without_an_import(folder, tmp_path, monkeypatch, capsys):
@@ -361,7 +364,7 @@ def test_a_swap_in_the_file_is_named(tmp_path, monkeypatch, capsys):
     assert "channels 7 and 12 are swapped" in capsys.readouterr().out
 
 
-def test_a_wide_array_of_few_microphones_is_taken_no_higher_than_it_can_use(folder, tmp_path):
+def test_frequencies_of_a_wide_array_of_few_microphones_end_where_it_can_resolve_them(folder, tmp_path):
     np.savez(tmp_path / "bare.npz", recordings=responses(), sample_rate=FS, kind="response")
     np.savez(tmp_path / "placed.npz", recordings=responses(), sample_rate=FS, kind="response", positions=places())
     radius = np.linalg.norm(places() - places().mean(axis=0), axis=1).max()
@@ -471,5 +474,5 @@ def test_a_reference_of_another_rate_is_refused(folder, tmp_path):
     soundfile.write(tmp_path / "sweep.wav", np.random.default_rng(0).uniform(-1, 1, 8000), 8000)
     with pytest.raises(InputError, match=r"8000 Hz and .*4000 Hz; convert"):
         import_recording(folder / "responses.wav", ImportOptions(reference=str(tmp_path / "sweep.wav")))
-    with pytest.raises(InputError, match="24 channels; the reference signal must be one"):
+    with pytest.raises(InputError, match="24 channels; give a reference signal of one"):
         import_recording(folder / "responses.wav", ImportOptions(reference=str(folder / "responses.wav")))

@@ -78,7 +78,7 @@ def written(path: Path, convention: str, moved: bool = False, in_degrees: bool =
                 directed(sofa, "Source", N)
             if hasattr(sofa, "MeasurementDate"):
                 sofa.MeasurementDate = np.zeros(N)
-        if convention in ("SingleRoomDRIR", "MultiSpeakerBRIR"):  # which sofar reads and does not write any more
+        if convention in ("SingleRoomDRIR", "MultiSpeakerBRIR"):  # which sofar reads and no longer writes
             with pytest.raises(ValueError, match="deprecated"):
                 sofar.write_sofa(str(path), sofa)
             _write_sofa(str(path), sofa, verify=False)
@@ -136,10 +136,10 @@ def test_a_delay_is_applied_and_one_that_is_no_sample_is_refused(tmp_path):
     delay = np.array([103.0, 100, 101, 107, 100])
     recording = formats.read(written(tmp_path / "a.sofa", "SingleRoomSRIR", delay=delay))
     assert recording.samples == T + 7
-    heard = read_samples(recording, 0, T + 7)
-    for row, samples, begin in zip(heard, SAMPLES, (3, 0, 1, 7, 0), strict=True):
+    samples_read = read_samples(recording, 0, T + 7)
+    for row, samples, begin in zip(samples_read, SAMPLES, (3, 0, 1, 7, 0), strict=True):
         assert np.allclose(row, np.pad(samples, (begin, 7 - begin)))
-    assert np.array_equal(read_samples(recording, 2, 64, [3, 0]), heard[[3, 0], 2:64])
+    assert np.array_equal(read_samples(recording, 2, 64, [3, 0]), samples_read[[3, 0], 2:64])
     with pytest.raises(InputError, match=r'"Data.Delay" differs by 0.5 samples'):
         formats.read(written(tmp_path / "b.sofa", "SingleRoomSRIR", delay=delay * 0.5 % 1))
 

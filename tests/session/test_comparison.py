@@ -1,4 +1,4 @@
-"""A comparison: one start for all, clocks that count only what is run, and a rule that measures all alike."""
+"""A comparison of solvers: one start for all, clocks that count only running time, and one rule for all costs."""
 
 import dataclasses
 import itertools
@@ -95,7 +95,7 @@ def owner(scene, measurement, problem):
     assert made.close(WAIT)
 
 
-def test_the_end_of_a_race_tells_time_steps_error_and_cost_of_each(owner):
+def test_the_end_of_a_race_shows_time_steps_error_and_cost_of_each_solver(owner):
     made, turn_until = owner
     assert made.button_label == "Start"
     made.toggle(races.ComparisonSetup(ALL, "random", 0))
@@ -116,7 +116,7 @@ def test_the_end_of_a_race_tells_time_steps_error_and_cost_of_each(owner):
     assert turn_until(lambda runners: not runners) == () and made.button_label == "Start"
 
 
-def test_a_race_that_cannot_begin_tells_why(owner):
+def test_a_race_that_cannot_begin_gives_the_reason(owner):
     made, turn_until = owner
     made.run = dataclasses.replace(
         made.run,

@@ -13,7 +13,7 @@ from fdcal.session.lesson_file import load_lesson
 
 
 @pytest.fixture(scope="module")
-def told():
+def lesson_text():
     """Text of a lesson, questions and all, as one line."""
 
     def text(name):
@@ -44,9 +44,9 @@ def hollows(cost, fine, truth):
     return np.hypot(*(landscapes.map_positions(found, fine) - truth).T), cost[tuple(found.T)]
 
 
-def test_one_mode_has_many_minima(square, told):
+def test_one_mode_has_many_minima(square, lesson_text):
     _, _, _, maps, fine, truth, measurement = square
-    text, f = told("1_many_minima"), measurement.frequencies
+    text, f = lesson_text("1_many_minima"), measurement.frequencies
     distances, costs = hollows(maps[38], fine, truth)
     assert len(costs) == 3 and np.ptp(costs) < 0.01 * costs[0], "three, whose costs agree within 1 %"
     assert distances[0] > 0.1, "and the lowest is not at the truth"
@@ -73,9 +73,9 @@ def test_one_mode_alone_leaves_a_valley(square):
     assert fine.step * np.ptp(rows) > 1.0
 
 
-def test_modes_together_share_one_minimum(square, told):
+def test_modes_together_share_one_minimum(square, lesson_text):
     problem, descent, state, maps, fine, truth, _ = square
-    text = told("2_joint_minimum")
+    text = lesson_text("2_joint_minimum")
     distances, costs = hollows(maps[38] + maps[39], fine, truth)
     assert len(costs) == 4 and distances[0] < 0.002 and distances[1] == pytest.approx(0.24, abs=0.005)
     assert costs[1] / costs[0] == pytest.approx(1.06, abs=0.01) and "24 cm away and only 6 % costlier" in text
@@ -109,9 +109,9 @@ def mean_error(measurement, state) -> float:
     return 1e3 * float(position_errors(state.positions, measurement.positions).mean())
 
 
-def test_too_many_modes_too_soon_trap_the_descent(box, told):
+def test_too_many_modes_too_soon_trap_the_descent(box, lesson_text):
     _, measurement, problem, descent, begun, at_once, staged = box
-    text, f = told("3_too_many_too_soon"), measurement.frequencies
+    text, f = lesson_text("3_too_many_too_soon"), measurement.frequencies
     assert begun.first == 1 and begun.last == 3 and len(problem.free) == 13
     assert f"{f[0]:.0f} to {f[19]:.0f} Hz" in text
     assert mean_error(measurement, begun) == pytest.approx(180, abs=5) and "18 cm from their true positions" in text
@@ -123,7 +123,7 @@ def test_too_many_modes_too_soon_trap_the_descent(box, told):
     assert mean_error(measurement, at_once) / mean_error(measurement, staged) == pytest.approx(11, abs=1)
 
 
-def test_maps_of_a_wrong_array_have_few_minima_with_few_modes(box, told):
+def test_maps_of_a_wrong_array_have_few_minima_with_few_modes(box, lesson_text):
     scene, measurement, problem, descent, begun, *_ = box
 
     def maps(last):
@@ -135,7 +135,7 @@ def test_maps_of_a_wrong_array_have_few_minima_with_few_modes(box, told):
         return found
 
     few, many = maps(3), maps(20)
-    text = told("3_too_many_too_soon")
+    text = lesson_text("3_too_many_too_soon")
     assert (
         max(count for count, _ in few.values()) == 1
         and "None of the 13 maps with three modes has more than one local minimum" in text
@@ -148,9 +148,9 @@ def test_maps_of_a_wrong_array_have_few_minima_with_few_modes(box, told):
     assert few[8][0] == 1 < many[8][0] and many[8][1] == pytest.approx(0.44, abs=0.01) and "44 cm" in text
 
 
-def test_a_trapped_microphone_wants_to_move_less_than_half_a_cell(box, told):
+def test_a_trapped_microphone_wants_to_move_less_than_half_a_cell(box, lesson_text):
     scene, measurement, problem, descent, _, _, staged = box
-    text, truth, fine = told("4_frozen_grid"), measurement.positions, landscapes.refined(scene.search, 121)
+    text, truth, fine = lesson_text("4_frozen_grid"), measurement.positions, landscapes.refined(scene.search, 121)
     errors = 1e3 * position_errors(staged.positions, truth)
     assert errors.argmax() == 6 and errors.max() == pytest.approx(45, abs=1) and "4.5 cm for the worst" in text
     there = dataclasses.replace(staged, positions=np.array(truth))
@@ -169,7 +169,7 @@ def test_a_trapped_microphone_wants_to_move_less_than_half_a_cell(box, told):
     assert "4 mm from the cross" in text
 
 
-def test_what_is_left_is_a_smooth_bend(box):
+def test_the_remaining_error_is_a_smooth_deformation(box):
     """A polynomial of second degree explains most of the error of what are as good as free microphones."""
     _, measurement, *_, staged = box
     x, y = (measurement.positions - measurement.positions.mean(axis=0)).T
@@ -179,17 +179,17 @@ def test_what_is_left_is_a_smooth_bend(box):
     assert np.sum(rest**2) < 0.25 * np.sum(error**2), "of random errors 10 of 16 shares would be left"
 
 
-def test_moving_all_at_once_goes_on_from_where_the_grid_froze(box, told):
+def test_moving_all_microphones_at_once_continues_where_the_grid_stopped(box, lesson_text):
     _, measurement, problem, *_, staged = box
     chained, seed = load_lesson("4_frozen_grid").start(2)
     assert chained.solver.name == "descent+joint" and seed == staged.seed
     joint = solvers.load("joint")
     begun = joint.init(problem, chained.solver, seed, positions=staged.positions)
     error = mean_error(measurement, to_the_end(joint, problem, begun)[-1])
-    assert error == pytest.approx(0.6, abs=0.1) and "0.6 mm on average" in told("4_frozen_grid")
+    assert error == pytest.approx(0.6, abs=0.1) and "0.6 mm on average" in lesson_text("4_frozen_grid")
 
 
-def test_the_error_grows_with_distance_from_a_corner_and_not_from_the_centre(told):
+def test_the_error_grows_with_distance_from_a_corner_and_not_from_the_centre(lesson_text):
     lesson, runs = load_lesson("5_corner_or_centre"), []
     for number in (0, 1):
         scene, seed = lesson.start(number)
@@ -205,7 +205,7 @@ def test_the_error_grows_with_distance_from_a_corner_and_not_from_the_centre(tol
             (error[near].mean(), error[~near].mean(), states[-1].sweep, last, np.corrcoef(distance, error)[0, 1])
         )
     (near, far, sweeps, last, grows), (inner, outer, sooner, ends, flat) = runs
-    text = told("5_corner_or_centre")
+    text = lesson_text("5_corner_or_centre")
     assert near == pytest.approx(8, abs=0.6) and far == pytest.approx(21, abs=0.6) and grows > 0.7
     assert "mean error of the nearer half is 8 mm, of the farther half 21 mm" in text
     assert inner == pytest.approx(9, abs=0.6) and outer == pytest.approx(9, abs=0.6) and abs(flat) < 0.3

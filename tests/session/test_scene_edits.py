@@ -40,7 +40,7 @@ def test_edits_are_checked_like_a_file():
             edited(scene, change)
 
 
-def test_an_opening_looks_at_a_state_it_has():
+def test_the_index_of_a_session_is_clipped_to_its_states():
     scene = load_scene("tiny")
     assert OpenRequest(scene).seed == scene.seed and OpenRequest(scene, 7).seed == 7
     for wrong in ({"index": 0}, {"states": (1, 2), "index": 2}, {"start_seed": -1}):
@@ -106,12 +106,12 @@ def test_what_cannot_be_is_refused(change):
         with_parameters(scene, dataclasses.replace(parameters_of(scene), **change))
 
 
-def test_a_wrong_sound_speed_scales_what_the_solver_is_told_and_nothing_that_is_heard():
+def test_a_wrong_sound_speed_scales_the_wavenumbers_and_no_pressure():
     scene = load_scene("tiny")
     wrong = with_parameters(scene, dataclasses.replace(parameters_of(scene), sound_speed_error=0.02))
     recordings = cached_recordings(scene)
-    told, heard = measure(wrong, recordings), measure(scene, recordings)
-    np.testing.assert_allclose(told.wavenumbers * 1.02, heard.wavenumbers)
-    assert told.sound_speed == pytest.approx(1.02 * heard.sound_speed)
-    np.testing.assert_array_equal(told.pressures, heard.pressures)
+    wrong_speed, right_speed = measure(wrong, recordings), measure(scene, recordings)
+    np.testing.assert_allclose(wrong_speed.wavenumbers * 1.02, right_speed.wavenumbers)
+    assert wrong_speed.sound_speed == pytest.approx(1.02 * right_speed.sound_speed)
+    np.testing.assert_array_equal(wrong_speed.pressures, right_speed.pressures)
     assert math.isinf(parameters_of(wrong).snr_db)

@@ -1,4 +1,4 @@
-"""The session's promises: stops within one step, rewinding is free, an exception harms nobody, only the newest runs."""
+"""A session stops within one step, rewinds for free, survives an exception and carries out only the newest command."""
 
 import dataclasses
 import threading
@@ -166,7 +166,7 @@ def test_modes_change_the_state_looked_at(make):
     assert (view.state.first, view.state.automatic, view.count, view.state.step) == (2, False, 2, 1)
 
 
-def test_reset_starts_anew_from_the_last_seed_given(make):
+def test_reset_restarts_from_the_last_seed_given(make):
     session = make(Counter(), seed=4)
     session.step()
     session.reset(9)
@@ -176,7 +176,7 @@ def test_reset_starts_anew_from_the_last_seed_given(make):
     assert session.wait_for(lambda view: view.count == 1 and view.state.step == 0 and view.state.seed == 9, WAIT)
 
 
-def test_an_exception_pauses_and_is_told(make, caplog):
+def test_an_exception_pauses_the_session_and_is_shown(make, caplog):
     solver = Counter()
     solver.fail_at = 2
     session = make(solver)
@@ -253,7 +253,7 @@ def test_worker_runs_the_newest_request_only():
     assert worker.close(WAIT)
 
 
-def test_a_worker_tells_that_it_has_delivered():
+def test_a_worker_signals_that_it_has_delivered():
     wake, worker = WakeEvent(), None
     try:
         worker = LatestWorker(lambda x: x, notify=wake.set)
@@ -265,7 +265,7 @@ def test_a_worker_tells_that_it_has_delivered():
         worker.close(WAIT)
 
 
-def test_worker_tells_an_exception_and_lives():
+def test_a_worker_reports_an_exception_and_continues():
     worker = LatestWorker(lambda x: 1 / x)
     worker.request(0)
     assert worker.wait_for(lambda latest: latest is not None, WAIT)
@@ -276,7 +276,7 @@ def test_worker_tells_an_exception_and_lives():
 
 
 @pytest.mark.parametrize("error", [InputError("too many"), StorageError("disk full"), PermissionError("no")])
-def test_a_worker_logs_no_traceback_for_what_its_caller_tells(error, caplog):
+def test_a_worker_logs_no_traceback_for_what_its_caller_reports(error, caplog):
     worker = LatestWorker(lambda cause: (_ for _ in ()).throw(cause))
     worker.request(error)
     assert worker.wait_for(lambda latest: latest is not None, WAIT)
@@ -287,7 +287,7 @@ def test_a_worker_logs_no_traceback_for_what_its_caller_tells(error, caplog):
     assert worker.close(WAIT)
 
 
-# -- hands, stages, other solvers, long runs -------------------------------------------------------------------------
+# -- user moves, stages, other solvers, long runs -----------------------------------------------
 
 
 def test_stage_stops_where_the_stage_rises(make):
@@ -330,7 +330,7 @@ def test_a_user_interface_that_always_asks_does_not_stop_the_solver(make):
     pytest.fail("no step is taken")
 
 
-def test_a_microphone_put_by_hand_is_a_state_of_its_own(make):
+def test_a_microphone_placed_by_the_user_is_a_state_of_its_own(make):
     session = make(Counter())
     session.step()
     assert session.wait_for(lambda view: view.count == 2, WAIT)

@@ -1,4 +1,4 @@
-"""A session's file: what comes back is what was left, to the last bit; what is no session is refused in one line."""
+"""A session file restores the session to the last bit; any other file is refused in one line."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ CHOICES = {"microphone": 9, "modes": (2, 5), "follow": False, "dark": True, "opa
 
 
 def left(name: str, index: int | None = None, more: bool = True) -> OpenRequest:
-    """A session on `tiny`, left while solver `name` was at work; of a chain with states of each member."""
+    """A session on `tiny`, saved while solver `name` was running; for a chain with states of each member."""
     scene = edited(load_scene("tiny"), {"solver.name": name, "measurement.snr_db": 40.0})
     measurement = cached_measurement(scene)
     problem, solver = measurement.problem(scene.solver.weights), solvers.load(name)
@@ -81,7 +81,7 @@ def folder(tmp_path, joint_session):
 
 
 @pytest.mark.parametrize("name", solvers.names())
-def test_what_comes_back_is_what_was_left(name, tmp_path):
+def test_a_reopened_session_equals_the_saved_one(name, tmp_path):
     given = left(name, 2)
     path = tmp_path / "left.zip"
     path.write_bytes(session_file.write(given))
@@ -248,7 +248,7 @@ def test_changed_arrays_are_refused(folder, arrays):
     assert "\n" not in str(caught.value)
 
 
-def test_a_file_that_claims_or_unfolds_to_more_than_there_is(tmp_path, folder, monkeypatch):
+def test_a_file_that_claims_or_unpacks_to_too_much_is_refused(tmp_path, folder, monkeypatch):
     table = folder().read_text(encoding="utf-8")
     header = io.BytesIO()
     np.lib.format.write_array_header_1_0(header, {"descr": "<f8", "fortran_order": False, "shape": (10**15,)})
@@ -269,7 +269,7 @@ def test_a_file_that_claims_or_unfolds_to_more_than_there_is(tmp_path, folder, m
     "content", [b"", b"PK\x03\x04junk", pickle.dumps({"a": 1}), b"[" * 100_000, b"{}", b"NaN", b"\xff\xfe"]
 )
 @pytest.mark.parametrize("suffix", ["zip", "json"])
-def test_what_is_no_session_gets_one_line(tmp_path, capsys, content, suffix):
+def test_an_invalid_session_file_is_refused_in_one_line(tmp_path, capsys, content, suffix):
     path = tmp_path / f"broken.{suffix}"
     path.write_bytes(content)
     path.with_suffix(".npz").write_bytes(content)
@@ -279,7 +279,7 @@ def test_what_is_no_session_gets_one_line(tmp_path, capsys, content, suffix):
     assert left.value.code == 2 and errors.startswith("error: ") and errors.count("\n") == 1
 
 
-def test_a_missing_half_is_told(folder, tmp_path):
+def test_a_missing_half_is_reported(folder, tmp_path):
     path = folder()
     (tmp_path / "session.npz").unlink()
     with pytest.raises(StorageError, match=r"session\.npz"):

@@ -1,6 +1,6 @@
 """An array of which no microphone is known: errors are those after the best motion of the whole, and it is said so.
 
-The estimate here is the truth turned, mirrored and moved, one microphone of it 30 mm astray. As it stands, errors would
+The estimate here is the truth turned, mirrored and moved, one microphone displaced by 30 mm. As it stands, errors would
 be metres.
 """
 
@@ -50,10 +50,10 @@ def blind():
 
 @pytest.fixture
 def estimate():
-    astray = TRUTH.copy()
-    astray[4] += [0.018, 0.024]
+    displaced = TRUTH.copy()
+    displaced[4] += [0.018, 0.024]
     turn = np.array([[0.6, 0.8], [0.8, -0.6]])  # mirrored, too
-    return astray @ turn + [3.0, -2.0]
+    return displaced @ turn + [3.0, -2.0]
 
 
 def best(estimate):
@@ -88,8 +88,8 @@ def test_the_truth_is_drawn_beside_the_estimate(blind, estimate):
 
 def test_files_say_so(blind, estimate):
     rows = list(csv.DictReader(io.StringIO(positions.table(blind, estimate))))
-    told = [float(row["error_once_aligned_m"]) for row in rows]
-    np.testing.assert_allclose(told, best(estimate), atol=1e-12)
+    reported = [float(row["error_once_aligned_m"]) for row in rows]
+    np.testing.assert_allclose(reported, best(estimate), atol=1e-12)
     assert np.array_equal([[float(row["x_m"]), float(row["y_m"])] for row in rows], estimate)
     lengths = re.search(r'Name="error_length".*?>(.*?)<', paraview.point_cloud(blind, estimate), re.S)
     assert lengths, "the cloud has the lengths of the errors"

@@ -33,7 +33,7 @@ def turning_point(states) -> int:
     return next(i for i, state in enumerate(states) if isinstance(state, joint.State))
 
 
-def test_the_names_are_told():
+def test_the_names_are_documented():
     assert solvers.names() == ["descent", "descent+joint", "joint", "room"]
     assert (solvers.load("descent"), solvers.load("joint")) == (descent, joint)
     assert solvers.load("descent+joint").members == (descent, joint)
@@ -66,7 +66,7 @@ def test_steps_sweeps_and_stages_are_counted_on(states):
         assert after.sweep - before.sweep in (0, 1) and after.stage - before.stage in (0, 1)
 
 
-def test_states_are_frozen_and_any_can_be_gone_on_from(states):
+def test_states_are_frozen_and_the_run_can_be_continued_from_any(states):
     chain, turn = solvers.load("descent+joint"), turning_point(states)
     for index in (0, turn - 1, turn, len(states) - 2):
         with pytest.raises(dataclasses.FrozenInstanceError):
@@ -88,7 +88,7 @@ def test_modes_and_landscapes_are_those_of_the_solver_whose_state_it_is(states):
         np.testing.assert_array_equal(maps, module.landscape(PROBLEM, state, 12, slice(0, 2)))
 
 
-def test_with_modes_set_by_hand_it_ends_with_the_solver_at_work(states):
+def test_with_modes_set_by_the_user_the_chain_ends_with_the_active_member(states):
     chain = solvers.load("descent+joint")
     state = chain.use_modes(PROBLEM, states[turning_point(states) - 1], 1, 9, automatic=False)
     for _ in range(200):
@@ -99,7 +99,7 @@ def test_with_modes_set_by_hand_it_ends_with_the_solver_at_work(states):
     assert not chain.use_modes(PROBLEM, state, 1, 9, automatic=True).finished
 
 
-def test_what_the_second_cannot_do_is_told_before_the_first_has_run():
+def test_limits_of_the_second_member_are_reported_before_the_first_runs():
     with pytest.raises(InputError, match="modes are too few"):
         solvers.load("descent+joint").init(PROBLEM, dataclasses.replace(SETTINGS, modes=4, first_modes=3), 0)
 

@@ -73,7 +73,7 @@ def test_same_seed_same_run_and_other_seed_other_run():
     assert not np.array_equal(first[0].positions, other[0].positions)
 
 
-def test_gone_on_from_any_state_equals_uninterrupted():
+def test_a_run_continued_from_any_state_equals_the_uninterrupted_run():
     states = all_states()
     for index in (0, 2, len(states) // 2):
         assert same(descent.step(PROBLEM, states[index]), states[index + 1])
@@ -96,7 +96,7 @@ def test_modes_come_in_one_at_a_time_when_trapped():
     assert states[0].last == 2 and states[-1].last == 8
 
 
-def test_modes_by_hand():
+def test_modes_set_by_the_user():
     state = descent.use_modes(PROBLEM, descent.init(PROBLEM, SETTINGS, 0), 3, 5, automatic=False)
     while not state.finished:
         state = descent.step(PROBLEM, state)

@@ -61,11 +61,11 @@ def test_noise_costs_accuracy_in_proportion_and_loses_no_array(snr_db, rms_mm):
         assert np.sqrt(np.mean(position_errors(placed, TRUTH) ** 2)) < 1e-3 * rms_mm
 
 
-def test_noise_that_nobody_told_is_estimated():
-    told = measured(TRUTH, KNOWN, snr_db=20, seed=2)
+def test_unreported_noise_is_estimated():
+    reported = measured(TRUTH, KNOWN, snr_db=20, seed=2)
     for measurement, settings in (
-        (replace(told, noise_power=None), SETTINGS),
-        (replace(told, noise_power=1e4 * told.noise_power), replace(SETTINGS, noise="auto")),
+        (replace(reported, noise_power=None), SETTINGS),
+        (replace(reported, noise_power=1e4 * reported.noise_power), replace(SETTINGS, noise="auto")),
     ):
         last = solve(measurement, settings)[-1]
         assert not last.field.noise_given
@@ -73,21 +73,21 @@ def test_noise_that_nobody_told_is_estimated():
         assert np.sqrt(np.mean(position_errors(last.positions, TRUTH) ** 2)) < 0.04
 
 
-def test_a_snr_given_goes_before_what_the_measurement_tells():
+def test_a_given_snr_overrides_the_noise_of_the_measurement():
     problem = measured(TRUTH, KNOWN, snr_db=20, seed=2).problem()
-    told, given = (joint.init(problem, replace(SETTINGS, noise=noise), 0) for noise in ("reported", "30"))
-    assert told.field.noise_given and given.field.noise_given
-    np.testing.assert_array_equal(told.field.noise_power, problem.noise_power)
+    reported, given = (joint.init(problem, replace(SETTINGS, noise=noise), 0) for noise in ("reported", "30"))
+    assert reported.field.noise_given and given.field.noise_given
+    np.testing.assert_array_equal(reported.field.noise_power, problem.noise_power)
     power = np.mean(np.abs(problem.pressures) ** 2, axis=1)
     np.testing.assert_allclose(given.field.noise_power, power / 1001)
 
 
 def test_rigid_motion_of_the_truth_moves_the_answer_with_it():
-    """The same pressures with the known microphones told in another frame."""
+    """The same pressures with the known microphones given in another frame."""
     turn = np.array([[0.6, -0.8], [0.8, 0.6]])
     measurement = measured(TRUTH, KNOWN)
-    told = TRUTH @ turn.T + [1.0, -4.0]
-    moved = replace(measurement, positions=told, known_positions=told[KNOWN])
+    positions = TRUTH @ turn.T + [1.0, -4.0]
+    moved = replace(measurement, positions=positions, known_positions=positions[KNOWN])
     here, there = (solve(m)[-1].positions for m in (measurement, moved))
     np.testing.assert_allclose(there, here @ turn.T + [1.0, -4.0], atol=2e-4)
 
@@ -112,14 +112,14 @@ def test_no_rigid_motion_and_no_mirror_of_all_changes_the_shape_found(known):
 
 
 @pytest.mark.parametrize("known", ["minimal", "none"])
-def test_less_gauge_finds_the_same_array(known):
+def test_fewer_known_coordinates_find_the_same_array(known):
     settings = replace(SETTINGS, known=known)
     last = list(solvers.run(measured(TRUTH, KNOWN).problem("unit", known), settings, 0))[-1]
     placed = last.positions if known == "minimal" else align(last.positions, TRUTH)
     assert last.finished and last.converged and position_errors(placed, TRUTH).max() < 2e-3
 
 
-def test_the_least_gauge_places_every_state_as_promised():
+def test_the_minimal_gauge_places_every_state_as_documented():
     """The first known microphone's position, the direction to the second, the side of the third; and no more."""
     states = list(solvers.run(measured(TRUTH, KNOWN, snr_db=30).problem("unit", "minimal"), SETTINGS, 0))
     ahead = TRUTH[1] - TRUTH[0]
@@ -132,7 +132,7 @@ def test_the_least_gauge_places_every_state_as_promised():
     assert np.linalg.norm(states[-1].positions[1] - TRUTH[1]) > 1e-6
 
 
-def test_the_least_gauge_needs_microphones_that_span_the_array():
+def test_the_minimal_gauge_needs_microphones_that_span_the_array():
     with pytest.raises(InputError, match=r"known = \[0, 1\] does not fix the gauge; the minimal gauge needs 3"):
         measured(TRUTH, [0, 1]).problem("unit", "minimal")
 
@@ -165,7 +165,7 @@ def test_random_arrays_in_random_rooms_are_found_blind(seed, width, ratio):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_few_microphones_are_enough_where_there_is_no_noise(seed):
-    """16 of them, blind: with the noise lowered in stages they ended in wrong places."""
+    """Sixteen microphones, blind: with the noise lowered in stages they ended in wrong positions."""
     rng = np.random.default_rng([seed, 16])
     truth = np.array([2.6, 2.3]) + rng.uniform(-0.4, 0.4, (16, 2))
     frequencies = room_frequencies(300)[:40]
@@ -181,7 +181,7 @@ def test_the_bits_do_not_depend_on_the_number_of_cores(clean, monkeypatch):
     np.testing.assert_array_equal(alone[-1].positions, clean[-1].positions)
 
 
-def test_what_is_left_to_do_while_the_interpreter_ends_is_done_all_the_same(monkeypatch):
+def test_work_submitted_while_the_interpreter_ends_is_still_done(monkeypatch):
     ended = ThreadPoolExecutor(1)
     ended.shutdown()
     monkeypatch.setattr(compiled, "_pool", lambda: ended)
@@ -194,8 +194,8 @@ def fails(_):
     raise RuntimeError("its own")
 
 
-def test_an_end_that_does_not_convince_is_followed_by_other_attempts_and_the_best_is_kept():
-    """A microphone that hears noise alone cannot be explained, wherever the array is started from."""
+def test_an_unconvincing_result_is_followed_by_other_attempts_and_the_best_is_kept():
+    """No start explains a microphone that records only noise."""
     measurement = measured(TRUTH[:16], [], snr_db=40, seed=2)
     rng, pressures = np.random.default_rng(0), measurement.pressures.copy()
     loud = np.sqrt(np.mean(np.abs(pressures) ** 2))
@@ -210,7 +210,7 @@ def test_an_end_that_does_not_convince_is_followed_by_other_attempts_and_the_bes
     assert rest.cost <= best.cost + 1e-6 * abs(best.cost)
 
 
-def test_same_bits_again_and_gone_on_from_any_state(clean):
+def test_a_run_is_repeatable_and_can_be_continued_from_any_state(clean):
     again = solve(measured(TRUTH, KNOWN))
     assert len(again) == len(clean)
     assert all(np.array_equal(a.positions, b.positions) for a, b in zip(again, clean, strict=True))
@@ -232,7 +232,7 @@ def test_landscape_is_lowest_at_the_microphone_once_it_is_found(clean):
     assert np.abs(lowest - TRUTH[n]).max() <= problem.search.step
 
 
-def test_modes_by_hand():
+def test_modes_set_by_the_user():
     problem = measured(TRUTH, KNOWN).problem()
     state = joint.use_modes(problem, joint.init(problem, SETTINGS, 0), 3, 20, automatic=False)
     for _ in range(40):
@@ -241,7 +241,7 @@ def test_modes_by_hand():
     assert state.finished
 
 
-def test_what_cannot_be_solved_is_refused():
+def test_an_unsolvable_problem_is_refused():
     with pytest.raises(InputError, match="use at least"):
         solve(measured(TRUTH, KNOWN), replace(SETTINGS, modes=5, first_modes=3))
     with pytest.raises(InputError, match="were measured"):

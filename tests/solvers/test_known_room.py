@@ -24,7 +24,7 @@ TRUTH = np.array([[1.0, 0.8], [1.6, 3.9], [2.3, 2.2], [3.4, 0.7], [3.9, 3.1], [4
 SOURCE, SIZE, MODES = (3.1, 4.4), (6.0, 5.0), 24
 
 
-def measurement(known=(), told: bool = True) -> Measurement:
+def measurement(known=(), noise_reported: bool = True) -> Measurement:
     """Eight microphones in the rigid room, at 40 dB."""
     frequencies = room_frequencies(300.0)[:MODES]
     k = (2 * np.pi * frequencies - 3j) / 343.0
@@ -32,7 +32,7 @@ def measurement(known=(), told: bool = True) -> Measurement:
     noise = 1e-4 * np.mean(np.abs(p) ** 2, axis=1)
     parts = np.random.default_rng(2).standard_normal((2, *p.shape))
     p = p + np.sqrt(noise / 2)[:, None] * (parts[0] + 1j * parts[1])
-    noise = noise if told else None
+    noise = noise if noise_reported else None
     return Measurement(frequencies, p, 343.0, wavenumbers=k, noise_power=noise, positions=TRUTH, known=known)
 
 
@@ -41,8 +41,8 @@ def calibrate(tmp_path, monkeypatch, capsys):
     """Function that calibrates a measurement with options: exit code, output, error lines, result."""
     monkeypatch.chdir(tmp_path)
 
-    def run(heard: Measurement, *options):
-        save_measurement(heard, tmp_path / "m.npz")
+    def run(measured: Measurement, *options):
+        save_measurement(measured, tmp_path / "m.npz")
         (tmp_path / "r.json").unlink(missing_ok=True)
         with pytest.raises(SystemExit) as ended:
             main(["calibrate", "m.npz", "-o", "r.json", *options])
@@ -83,23 +83,23 @@ def noise(shape) -> np.ndarray:
     return parts[0] + 1j * parts[1]
 
 
-def disturbed(heard: Measurement) -> Measurement:
-    """Microphone 3 hears something else, too."""
-    pressures = heard.pressures.copy()
+def disturbed(measured: Measurement) -> Measurement:
+    """Microphone 3 also records something else."""
+    pressures = measured.pressures.copy()
     pressures[:, 3] += 0.2 * np.abs(pressures).mean() * noise(pressures.shape)[:, 3]
-    return replace(heard, pressures=pressures)
+    return replace(measured, pressures=pressures)
 
 
-def noisy(heard: Measurement) -> Measurement:
-    """Hardly anything but noise."""
-    power = np.mean(np.abs(heard.pressures) ** 2, axis=1)
-    pressures = heard.pressures + 2 * np.sqrt(power)[:, None] * noise(heard.pressures.shape)
-    return replace(heard, pressures=pressures, noise_power=8 * power)
+def noisy(measured: Measurement) -> Measurement:
+    """Pressures that are mostly noise."""
+    power = np.mean(np.abs(measured.pressures) ** 2, axis=1)
+    pressures = measured.pressures + 2 * np.sqrt(power)[:, None] * noise(measured.pressures.shape)
+    return replace(measured, pressures=pressures, noise_power=8 * power)
 
 
-def displaced(heard: Measurement) -> Measurement:
-    """A known microphone is told to be elsewhere."""
-    return replace(heard, known=np.array([1, 2, 6]), known_positions=TRUTH[[1, 2, 6]] + [[0, 0], [0.3, 0.3], [0, 0]])
+def displaced(measured: Measurement) -> Measurement:
+    """The given position of a known microphone is wrong."""
+    return replace(measured, known=np.array([1, 2, 6]), known_positions=TRUTH[[1, 2, 6]] + [[0, 0], [0.3, 0.3], [0, 0]])
 
 
 @pytest.mark.parametrize(
@@ -112,20 +112,20 @@ def displaced(heard: Measurement) -> Measurement:
         (displaced, "6x5", "known_position", "2 ("),
     ],
 )
-def test_what_cannot_be_trusted_is_told_with_the_cause(calibrate, change, size, code, words):
+def test_an_untrustworthy_result_is_reported_with_its_cause(calibrate, change, size, code, words):
     exit_code, out, _, result = calibrate(change(measurement()), "--room", size)
     assert (exit_code, result["verdict"]) == (4, code), result["verdict_text"]
     assert words in result["verdict_text"]
     assert result["verdict_text"] in " ".join(out.split())
 
 
-def test_a_room_a_percent_wrong_is_not_trusted_where_no_noise_is_told(calibrate):
-    code, _, _, result = calibrate(measurement(told=False), "--room", "6.06x5.05")
+def test_a_room_size_wrong_by_one_percent_is_not_good_without_reported_noise(calibrate):
+    code, _, _, result = calibrate(measurement(noise_reported=False), "--room", "6.06x5.05")
     assert code == 4
     assert result["verdict"] in ("room_size", "model_mismatch")
 
 
-def test_modes_chosen_by_hand_must_be_enough():
+def test_modes_chosen_by_the_user_must_be_enough():
     problem = measurement().problem()
     state = room.init(problem, SolverSettings(name="room", modes=MODES, room=SIZE), 0)
     with pytest.raises(InputError, match="too few for a known room"):
@@ -149,7 +149,7 @@ def test_modes_chosen_by_hand_must_be_enough():
         (["--solver", "room"], "needs the size of the room"),
     ],
 )
-def test_bad_rooms_get_one_line(calibrate, options, words):
+def test_a_bad_room_is_refused_in_one_line(calibrate, options, words):
     code, _, lines, result = calibrate(measurement(), *options)
     assert (code, len(lines), result) == (2, 1, None)
     assert words in lines[0]
@@ -170,8 +170,8 @@ def test_a_scene_that_is_no_rectangle_is_refused(scene):
 
 
 def test_a_finer_map_of_a_microphone_is_the_map_on_its_lattice():
-    heard = replace(measurement(), search=Search((1.0, 0.6), (0.4, 0.4), 0.1, 0.8))
-    problem = heard.problem()
+    measured = replace(measurement(), search=Search((1.0, 0.6), (0.4, 0.4), 0.1, 0.8))
+    problem = measured.problem()
     state = room.init(problem, SolverSettings(name="room", modes=MODES, room=SIZE), 0)
     coarse, finer = problem.search, replace(problem.search, step=0.05)
     whole = room.landscape(problem, state, 2, slice(4, 5))[0]

@@ -39,7 +39,7 @@ print([(kernel.__name__, new) for kernel in after for new in after[kernel] if ne
 """
 
 
-def test_a_run_compiles_nothing_after_its_rehearsal():
+def test_a_run_compiles_nothing_after_its_warmup():
     """In a process of its own: in this one other tests have compiled what there is."""
     run = subprocess.run([sys.executable, "-c", CALIBRATION], capture_output=True, text=True, env=os.environ)
     assert run.stdout.strip() == "[]", run.stdout + run.stderr
@@ -57,7 +57,7 @@ def test_descent_has_nothing_to_rehearse():
     assert warmup_calls(2, "descent") == ([], [])
 
 
-def test_a_rehearsal_tells_how_far_it_is_and_ends(monkeypatch):
+def test_a_warmup_reports_its_progress_and_ends(monkeypatch):
     gate = threading.Event()
     monkeypatch.setattr(warmup, "warmup_calls", lambda *_: ([lambda: None], [gate.wait, lambda: 1 / 0]))
     monkeypatch.setattr(warmup, "COMPILE_TIME", 0.0)

@@ -66,8 +66,8 @@ def test_an_exception_of_the_solver_is_shown_with_the_path_of_the_log(page):
     page.get_by_text("step 0, sweep 0").wait_for()
     press(page, "Run")
     page.get_by_text("Stopped by an error").wait_for()
-    told = page.get_by_text("ZeroDivisionError: the floor <b>opens</b>; details in").inner_text()
-    log = Path(told.rpartition("details in ")[2].strip())
+    shown = page.get_by_text("ZeroDivisionError: the floor <b>opens</b>; details in").inner_text()
+    log = Path(shown.rpartition("details in ")[2].strip())
     text = log.read_text(encoding="utf-8")
     assert "Traceback" in text and "the solver stopped at state 4" in text and "failing" in text
 

@@ -13,7 +13,7 @@ from fdcal.model.validation import InputError
 from fdcal.viewer.background import exports
 
 
-def test_a_file_tells_of_the_picture_drawn(viewer, monkeypatch):
+def test_a_file_describes_the_picture_drawn(viewer, monkeypatch):
     asked, session = [], viewer.run.session
     monkeypatch.setattr(viewer.exports.worker, "request", lambda *arguments: asked.append(arguments))
     viewer.tick(0.0)

@@ -85,14 +85,14 @@ def test_a_running_solver_draws_the_costs_it_has_in_another_scale(viewer):
     assert shown(viewer) == 3 and not viewer.picture.floor.bar.log
 
 
-def test_a_hand_has_the_solver_wait_and_the_page_hurry(server, work):
+def test_a_drag_delays_the_solver_and_speeds_up_the_page(server, work):
     rung = []
     binding = Binding(server.gui, work, 6, wake=lambda: rung.append(True))
     tab = map.MapTab(binding)
     set_by_client(tab.opacity, 50)
     assert work.session.ways == 1 and rung
     set_by_client(tab.opacity, 60, client=False)
-    assert work.session.ways == 1, "no hand has moved it"
+    assert work.session.ways == 1, "the user has not moved it"
     server.gui.reset()
 
 
@@ -133,7 +133,7 @@ def test_while_running_the_map_of_an_older_state_stays_but_not_over_a_reset(view
     assert shown(viewer) is None, "the map of the run before the reset"
 
 
-def test_a_fault_of_the_page_is_told_and_it_goes_on(viewer, monkeypatch, caplog):
+def test_an_exception_on_the_page_is_shown_and_the_page_continues(viewer, monkeypatch, caplog):
     monkeypatch.setattr(viewer.nodes, "show", lambda picture: 1 / 0)
     for now in (1.0, 1.1, 1.2):
         viewer.guarded_tick(now)

@@ -66,7 +66,7 @@ def test_a_setting_is_applied_in_its_documented_order(controls):
 
 
 @pytest.mark.parametrize(
-    ("setting", "anew", "told"),
+    ("setting", "restarted", "calls_expected"),
     [
         (Setting(automatic=True), False, ("use_modes", 4, 9, True)),
         (Setting(automatic=False), True, ("use_modes", 1, 3, False)),
@@ -78,10 +78,10 @@ def test_a_setting_is_applied_in_its_documented_order(controls):
         (Setting(map_modes="in use"), False, ("map.choose_modes", None)),
     ],
 )
-def test_values_left_out_stay(controls, setting, anew, told):
+def test_values_left_out_stay(controls, setting, restarted, calls_expected):
     made, calls = controls
-    apply_setting(setting, made, lambda view: calls.append(("view", view)), anew)
-    assert [call for call in calls if call != ("view.draw",)] == [told]
+    apply_setting(setting, made, lambda view: calls.append(("view", view)), restarted)
+    assert [call for call in calls if call != ("view.draw",)] == [calls_expected]
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +109,7 @@ def page(server, controls):
     server.gui.reset()
 
 
-def told(lessons):
+def text_of(lessons):
     return lessons.text.content
 
 
@@ -117,8 +117,8 @@ def test_a_lesson_runs_from_its_start_to_the_answer(page):
     lessons = LessonsTab(page, [load_lesson("3_too_many_too_soon")])
     assert not lessons.answers.visible and not lessons.navigation.visible
     lessons.start("3. Too many too soon")
-    assert "Step 1 of 3" in told(lessons) and "being prepared" in told(lessons)
-    assert not lessons.answers.visible, "nothing is asked about a picture that is not there"
+    assert "Step 1 of 3" in text_of(lessons) and "being prepared" in text_of(lessons)
+    assert not lessons.answers.visible, "no question is asked before its picture is shown"
     lessons.show()
     assert page.calls == [], "nothing is set while another scene is still on the page"
     assert page.opened[-1].scene.solver.name == "descent"
@@ -126,21 +126,23 @@ def test_a_lesson_runs_from_its_start_to_the_answer(page):
     lessons.show()
     assert ("use_modes", 1, 20, False) in page.calls and ("view", "top") in page.calls
     assert lessons.answers.options == ("A", "B", "C") and lessons.answers.visible
-    assert "being prepared" not in told(lessons)
+    assert "being prepared" not in text_of(lessons)
     page.calls.clear()
     lessons.answer("A")
-    assert "The answer is B." in told(lessons) and "After 7 sweeps" in told(lessons) and not lessons.answers.visible
+    assert (
+        "The answer is B." in text_of(lessons) and "After 7 sweeps" in text_of(lessons) and not lessons.answers.visible
+    )
     assert ("play",) in page.calls and len(page.opened) == 1, "the scene is there"
     lessons.answer("B")
-    assert "The answer is B." in told(lessons), "the first answer counts"
+    assert "The answer is B." in text_of(lessons), "the first answer counts"
     page.calls.clear()
     lessons.go(NEXT)
     assert page.calls[0] == ("reset", 0) and page.calls[1] == ("use_modes", 1, 20, False)
-    assert lessons.navigation.options == (BACK, RESTORE, NEXT) and "Step 2 of 3" in told(lessons)
+    assert lessons.navigation.options == (BACK, RESTORE, NEXT) and "Step 2 of 3" in text_of(lessons)
     lessons.go(NEXT)
     assert lessons.navigation.options == (BACK, RESTORE)
     lessons.start(NONE)
-    assert "Step" not in told(lessons) and not lessons.navigation.visible
+    assert "Step" not in text_of(lessons) and not lessons.navigation.visible
 
 
 def test_the_lesson_does_not_wait_for_a_refused_scene(page):
@@ -148,7 +150,7 @@ def test_the_lesson_does_not_wait_for_a_refused_scene(page):
     lessons.start("3. Too many too soon")
     page.switcher.idle = True
     lessons.show()
-    assert lessons.answers.visible and "being prepared" not in told(lessons)
+    assert lessons.answers.visible and "being prepared" not in text_of(lessons)
     page.ready()
     lessons.show()
     assert page.calls == []
@@ -170,7 +172,7 @@ def test_a_right_answer_is_confirmed(page):
     page.ready()
     lessons.show()
     lessons.answer("B")
-    assert "Right." in told(lessons)
+    assert "Right." in text_of(lessons)
 
 
 def test_the_next_step_restores_the_scene_of_the_lesson(page):
@@ -202,9 +204,9 @@ def test_a_setting_that_fails_is_shown_as_an_error(page):
     lessons.start("Mine")
     page.ready()
     lessons.show()
-    assert "1 to 20" in told(lessons)
+    assert "1 to 20" in text_of(lessons)
     lessons.go(RESTORE)
-    assert "1 to 20" in told(lessons)
+    assert "1 to 20" in text_of(lessons)
 
 
 def test_texts_of_a_file_are_escaped():

@@ -23,10 +23,10 @@ def tiny() -> Measurement:
     return scene_input(load_scene("tiny")).measurement
 
 
-@pytest.mark.parametrize("told", [True, False])
-def test_a_measurement_is_shown_without_walls(told, tiny, tmp_path):
+@pytest.mark.parametrize("scored", [True, False])
+def test_a_measurement_is_shown_without_walls(scored, tiny, tmp_path):
     path = tmp_path / "hall.npz"
-    save_measurement(tiny if told else replace(tiny, positions=None, search=None), path)
+    save_measurement(tiny if scored else replace(tiny, positions=None, search=None), path)
     work = prepare_run(open_request_of(str(path)), PreparationProgress())
     try:
         assert work.scene.title == "hall, as measured"
@@ -36,7 +36,7 @@ def test_a_measurement_is_shown_without_walls(told, tiny, tmp_path):
         assert not [part.name for part in (*still.meshes, *still.lines) if part.name.startswith(("room", "source"))]
         picture = with_estimate(still, work.measurement, state.positions, 0, None)
         assert any(solid.name == "microphones/estimate" for solid in picture.meshes)
-        assert any(solid.name == "microphones/true" for solid in picture.meshes) == told
+        assert any(solid.name == "microphones/true" for solid in picture.meshes) == scored
     finally:
         work.session.close(2.0)
 

@@ -126,7 +126,7 @@ def test_a_lesson_runs_from_its_start_to_the_answer(page):
 
 
 def join(served):
-    """A client that is no browser."""
+    """A client other than a browser."""
     return connect(served[1].replace("http", "ws"), subprotocols=[f"viser-v{viser.__version__}"], open_timeout=WAIT)
 
 
@@ -226,8 +226,8 @@ def test_messages_that_no_page_sends_are_not_handled():
 
     server = hardening.open_server("127.0.0.1", 0)
     try:
-        heard = {kind.__name__ for kind in server._websock_server._incoming_handlers}
-        assert heard == {
+        handled = {kind.__name__ for kind in server._websock_server._incoming_handlers}
+        assert handled == {
             "GuiUpdateMessage", "GuiButtonHoldMessage", "CommandTriggerMessage", "SceneNodeClickMessage",
             "SceneNodeDragMessage", "ScenePointerMessage",
         }  # fmt: skip

@@ -14,7 +14,7 @@ from fdcal.viewer.tabs.curves import CurvesTab
 
 
 def test_plots_hold_finite_numbers_only(server, measurement):
-    """uPlot looks for axis ticks for ever when it meets a NaN."""
+    """uPlot never stops looking for axis ticks if it meets a NaN."""
     curves = CurvesTab(server.gui, measurement)
     worse = measurement.positions + 0.1
     states = [
@@ -75,21 +75,21 @@ def test_plots_follow_a_rewound_history(server, measurement):
 
 
 def test_the_spectrum_is_drawn_with_its_picked_peaks(scene, measurement):
-    heard = cached_measurement(scene)
-    seen, levels = spectrum_plot.spectrum_levels(heard, 12)
+    measured = cached_measurement(scene)
+    seen, levels = spectrum_plot.spectrum_levels(measured, 12)
     assert seen.shape[1] <= spectrum_plot.MAX_POINTS and seen[1].max() == 0.0
-    at, power = heard.spectrum
-    for mode, f in enumerate(heard.frequencies):
+    at, power = measured.spectrum
+    for mode, f in enumerate(measured.frequencies):
         near = np.abs(at - f) < scene.measurement.resolution / 2
         assert abs(at[near][power[near].argmax()] - f) <= np.diff(at).max(), f"mode {mode + 1} is no peak"
-    assert len(levels) == 12 and (levels >= np.interp(heard.frequencies[:12], *seen) - 1e-9).all()
+    assert len(levels) == 12 and (levels >= np.interp(measured.frequencies[:12], *seen) - 1e-9).all()
     nothing, own = spectrum_plot.spectrum_levels(measurement, 6)
     assert nothing is None and own.max() == pytest.approx(0.0)
 
 
-@pytest.mark.parametrize("heard", [True, False])
-def test_sliders_choose_the_modes_of_the_map(server, scene, measurement, heard, work):
-    if heard:
+@pytest.mark.parametrize("has_spectrum", [True, False])
+def test_sliders_choose_the_modes_of_the_map(server, scene, measurement, has_spectrum, work):
+    if has_spectrum:
         kept = measurement.frequencies
         spectrum = np.stack([np.linspace(50, 350, 2000), 1 + np.cos(np.linspace(50, 350, 2000)) ** 2])
         work = dataclasses.replace(work, measurement=dataclasses.replace(measurement, spectrum=spectrum))

@@ -24,7 +24,7 @@ def test_apply_opens_the_scene_with_the_chosen_parameters(controls, scene):
     assert tab.snr.visible and tab.absorption.visible
     set_by_client(tab.apply, True)
     same, changed = (opening.scene for opening in session.opened)
-    assert same is scene, "what no hand has touched stays exactly as it was"
+    assert same is scene, "a value that the user has not changed stays exactly as it was"
     parameters = parameters_of(changed)
     assert (parameters.snr_db, parameters.walls, parameters.known) == (25, "absorbing", 5)
     assert parameters.absorption == pytest.approx(0.1) and changed.room.size == scene.room.size

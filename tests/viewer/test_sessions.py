@@ -105,7 +105,7 @@ def test_another_scene_replaces_the_first(page_of, scene):
 
 
 @pytest.mark.parametrize(
-    ("changes", "choices", "told"),
+    ("changes", "choices", "words"),
     [
         ({"solver.modes": 500}, {}, "modes"),
         ({"gauge.known": [0, 99]}, {}, "gauge.known"),
@@ -113,7 +113,7 @@ def test_another_scene_replaces_the_first(page_of, scene):
         ({}, {"colour": 1}, "choices.colour"),
     ],
 )
-def test_a_refused_request_is_explained_and_the_old_session_stays(page_of, scene, changes, choices, told):
+def test_a_refused_request_is_explained_and_the_old_session_stays(page_of, scene, changes, choices, words):
     page, turn_until = page_of
     page.open(OpenRequest(scene))
     turn_until(lambda: page.viewer is not None)
@@ -121,7 +121,7 @@ def test_a_refused_request_is_explained_and_the_old_session_stays(page_of, scene
     page.open(OpenRequest(edited(scene, changes), choices=choices))
     turn_until(lambda: page.switcher.error)
     page.tick(0.0)
-    assert page.binding is before and told in page.status_bar.line.content and page.status_bar.button.label == "Close"
+    assert page.binding is before and words in page.status_bar.line.content and page.status_bar.button.label == "Close"
     before.session.step()
     turn_until(lambda: "step 1," in page.viewer.main_panel.run_bar.status.content)
     page.switcher.cancel()

@@ -18,7 +18,7 @@ def placing(server, scene, measurement) -> cameras.Cameras:
     return made
 
 
-def test_a_page_that_has_the_place_but_not_the_direction_is_told_again(server, scene, measurement):
+def test_a_camera_with_the_right_position_but_the_wrong_direction_is_set_again(server, scene, measurement):
     """It tells of its camera between two of our orders, and what it tells is then taken for what it has."""
     placed = placing(server, scene, measurement)
     camera = SimpleNamespace(image_width=900, image_height=700)
@@ -41,10 +41,10 @@ def test_a_page_that_has_the_place_but_not_the_direction_is_told_again(server, s
     assert camera.near == ordered.near, "what is nearer would not be drawn"
     camera.look_at, camera.position = (1.0, 1.0, 0.0), (2.0, 2.0, 5.0)
     placed.follow(client)
-    assert camera.look_at == (1.0, 1.0, 0.0), "a hand has shifted it"
+    assert camera.look_at == (1.0, 1.0, 0.0), "the user has shifted it"
 
 
-def test_the_camera_follows_the_canvas_until_a_hand_moves_it(server, scene, measurement):
+def test_the_camera_follows_the_canvas_until_the_user_moves_it(server, scene, measurement):
     placed = placing(server, scene, measurement)
     camera = SimpleNamespace(image_width=900, image_height=700)
     client = SimpleNamespace(client_id=1, camera=camera, atomic=contextlib.nullcontext)
@@ -77,18 +77,18 @@ def test_on_a_telephone_the_panel_covers_nothing(server, scene, measurement):
     assert 0 < highest < lowest < 0.4 * 844
 
 
-def test_a_page_is_made_to_tell_the_size_of_its_canvas(server, scene, measurement):
+def test_a_page_is_asked_for_the_size_of_its_canvas(server, scene, measurement):
     """What it tells while panels move may be the size before; later it tells nothing of its own accord."""
 
     class Browser:
-        told, canvas, image_height = 900, 600, 700
+        reported_size, canvas, image_height = 900, 600, 700
 
         def __init__(self):
             self.client_id, self.camera, self.atomic, self._fov = 1, self, contextlib.nullcontext, 1.0
 
         @property
         def image_width(self):
-            return self.told
+            return self.reported_size
 
         @property
         def fov(self):
@@ -96,7 +96,10 @@ def test_a_page_is_made_to_tell_the_size_of_its_canvas(server, scene, measuremen
 
         @fov.setter
         def fov(self, value):
-            self.told, self._fov = self.canvas if abs(value / self._fov - 1) < 1e-3 else self.told, value
+            self.reported_size, self._fov = (
+                self.canvas if abs(value / self._fov - 1) < 1e-3 else self.reported_size,
+                value,
+            )
 
     placed, client = placing(server, scene, measurement), Browser()
     placed.request(client, "top")
@@ -107,7 +110,7 @@ def test_a_page_is_made_to_tell_the_size_of_its_canvas(server, scene, measuremen
     near, opening = client.position, client.fov
     for _ in range(9):
         placed.follow_all([client])
-    assert client.told == client.canvas and client.position[2] > 1.2 * near[2]
+    assert client.reported_size == client.canvas and client.position[2] > 1.2 * near[2]
     assert client.fov == pytest.approx(opening, rel=2e-4)
 
 

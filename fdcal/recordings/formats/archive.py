@@ -39,7 +39,7 @@ def read(path: Path, source: int | None = None) -> Recording:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
             table = {key: archive[key] for key in KEYS if key in archive.files}
     except OSError as error:
-        raise error if error.strerror else InputError(f"{path} is no .npz file: {error}") from error
+        raise error if error.strerror else InputError(f"{path} is not a .npz file: {error}") from error
     except MemoryError:
         raise InputError(
             f"{path} holds more than fits into memory, and an .npz file is read as a whole",

@@ -127,7 +127,7 @@ def step(problem: Problem, state: State) -> State:
 
 
 def use_modes(problem: Problem, state: State, first: int, last: int, automatic: bool) -> State:
-    """Return `state` with modes `first` to `last` in use, counted from 1; the solver goes on from its positions.
+    """Return `state` with modes `first` to `last` in use, counted from 1; the solver continues from its positions.
 
     Raises
     ------

@@ -26,7 +26,7 @@ def in_frame(problem: Problem, positions) -> np.ndarray:
 
 
 def begin(problem: Problem, state: State, residual: NoiseEstimate | None = None) -> State:
-    """Return `state` at the beginning of a stage of its phase; `residual` is that at its positions, if at hand."""
+    """Return `state` at the beginning of a stage of its phase; `residual` is that at its positions, if computed."""
     positions = in_frame(problem, state.positions)
     damping = DAMPING.first if state.phase.name == "deformation" else STAGES.refinement_damping
     phase = replace(state.phase, origin=positions, steps=0, damping=damping)

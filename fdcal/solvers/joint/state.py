@@ -63,7 +63,7 @@ class AttemptEnd:
     Attributes
     ----------
     cost : float, as of `fdcal.solvers.residual_noise.noise_at`
-    settled : bool, whether it ended because nothing moved any more
+    settled : bool, whether it ended because no microphone moved
     positions, origin : (N, D) float64, metres
     noise, noise_power : (M,) float64
     near_field : bool

@@ -67,7 +67,7 @@ class AttemptEnd:
     positions : (N, D) float64, metres
     walls : (D + 2,) float64, as of `State`
     cost : float
-    settled : bool, whether it ended because nothing moved any more
+    settled : bool, whether it ended because no microphone moved
     """
 
     positions: np.ndarray

@@ -18,7 +18,7 @@ from .warmup import Warmup
 
 
 class Cancelled(Exception):
-    """Raised inside a simulation whose result nobody waits for any more."""
+    """Raised inside a simulation whose result is no longer wanted."""
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """A plot by uPlot that is made again only where its title or its decades change, and common colours of curves.
 
 uPlot writes small numbers as 0, so errors are drawn in millimetres and costs in decibels. A NaN makes it search for
-axis ticks for ever, so none is ever sent.
+axis ticks without end, so none is sent.
 """
 
 from __future__ import annotations

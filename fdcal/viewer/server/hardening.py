@@ -134,7 +134,7 @@ def allowed_origins(host: str) -> list[re.Pattern[str] | None]:
 
 
 def _require_address(host: str, port: int) -> None:
-    """Raise InputError unless the address can be bound: viser would wait for ever."""
+    """Raise InputError unless the address can be bound: viser would wait indefinitely."""
     if not 0 <= port <= 65535:
         problem, remedy = f"port = {port} is out of range", "give a <port> from 0 to 65535, where 0 takes a free one"
         raise InputError(problem, remedy, key="port", value=port)
