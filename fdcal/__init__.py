@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .assessment.alignment import compare_positions
     from .assessment.calibration import Calibration
+    from .graphics.landscape import landscape
     from .model.measurement import Measurement
     from .model.scene import Scene
     from .model.scene_file import load_scene
@@ -35,24 +36,47 @@ PUBLIC = {
     "StorageError": "model.validation:StorageError",
     "calibrate": "session.api:calibrate",
     "compare_positions": "assessment.alignment:compare_positions",
+    "landscape": "graphics.landscape:landscape",
     "load": "session.api:load",
     "load_scene": "model.scene_file:load_scene",
     "simulate": "session.api:simulate",
 }
 
+# What methods of public classes leave to packages above their own, which they cannot import.
+EXTENSIONS = {
+    "calibration_html": "graphics.calibration_html:calibration_html",
+    "data_frame": "assessment.data_frame:data_frame",
+    "draw_calibration": "graphics.calibration_figure:draw_calibration",
+    "export_positions": "recordings.export:export_positions",
+    "load_result": "assessment.result_file:load_result",
+    "measurement_of_pyfar": "recordings.pyfar_objects:measurement_of_pyfar",
+    "placed_in_frame": "assessment.alignment:placed_in_frame",
+    "pyfar_coordinates": "recordings.pyfar_objects:pyfar_coordinates",
+    "save_result": "assessment.result_file:save_result",
+}
+
 __all__ = [
-    "Calibration", "InputError", "Measurement", "Scene", "StorageError", "calibrate", "compare_positions", "load",
-    "load_scene", "simulate",
+    "Calibration", "InputError", "Measurement", "Scene", "StorageError", "calibrate", "compare_positions",
+    "landscape", "load", "load_scene", "simulate",
 ]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
     if name not in PUBLIC:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    module, _, attribute = PUBLIC[name].partition(":")
-    value = getattr(importlib.import_module(f".{module}", __name__), attribute)
+    value = _resolved(PUBLIC[name])
     globals()[name] = value  # found directly from now on
     return value
+
+
+def extension(name: str) -> Any:
+    """Return the function of EXTENSIONS that carries out a method of a public class."""
+    return _resolved(EXTENSIONS[name])
+
+
+def _resolved(target: str) -> Any:
+    module, _, attribute = target.partition(":")
+    return getattr(importlib.import_module(f".{module}", __name__), attribute)
 
 
 def __dir__() -> list[str]:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 import fdcal
@@ -31,3 +34,133 @@ def test_importing_the_package_loads_no_module_of_it_nor_numpy():
     code = "import sys, fdcal; print(*[m for m in sys.modules if m.startswith('fdcal.') or m == 'numpy'])"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
     assert run.stdout.split() == []
+
+
+@pytest.fixture(scope="module")
+def tiny() -> fdcal.Measurement:
+    return fdcal.load("tiny")
+
+
+@pytest.fixture(scope="module")
+def found(tiny) -> fdcal.Calibration:
+    return fdcal.calibrate(tiny, modes=12)
+
+
+def test_a_scene_by_name_by_path_and_itself_is_one_measurement(tiny, edited):
+    for other in (fdcal.simulate("tiny"), fdcal.simulate(fdcal.load_scene("tiny")), fdcal.load(edited({}))):
+        np.testing.assert_array_equal(other.pressures, tiny.pressures)
+
+
+def test_python_and_the_command_line_find_the_same_positions(tiny, tmp_path):
+    path = tmp_path / "r.json"
+    command = [sys.executable, "-m", "fdcal", "calibrate", "tiny", "--modes", "12", "--noise", "40", "-o", str(path)]
+    subprocess.run(command, capture_output=True, timeout=120)
+    printed = fdcal.Calibration.load(path)
+    same = fdcal.calibrate(tiny, modes=12, noise=40, settings=fdcal.load_scene("tiny").solver)
+    np.testing.assert_allclose(same.positions, printed.positions, atol=1e-9)
+    assert (same.verdict, same.known) == (printed.verdict, printed.known)
+
+
+def test_known_microphones_by_name_by_number_and_by_position_are_the_same(tiny, found):
+    places = {name: tiny.positions[int(name)] for name in found.known}
+    for known in (["0", "5", "7"], [7, 0, 5], places, {int(name): list(place) for name, place in places.items()}):
+        again = fdcal.calibrate(tiny, known=known, modes=12)
+        np.testing.assert_array_equal(again.positions, found.positions)
+        assert again.known == found.known
+
+
+def test_a_position_that_is_given_is_kept_exactly(tiny):
+    moved = {n: tiny.positions[n] + 0.5 for n in (1, 3, 10)}  # the whole array elsewhere
+    again = fdcal.calibrate(tiny, known=moved, modes=12)
+    for n, place in moved.items():
+        np.testing.assert_array_equal(again.positions[n], place)
+    np.testing.assert_allclose(again.positions, tiny.positions + 0.5, atol=0.02)
+
+
+def test_without_known_microphones_the_result_says_so(tiny):
+    blind = fdcal.calibrate(tiny, known="none")
+    assert blind.known == ()
+    assert blind.aligned
+    assert blind.max_error < 0.02
+
+
+@pytest.mark.parametrize(
+    ("arguments", "key"),
+    [
+        ({"known": "some"}, "solver.known"),
+        ({"known": [3, "3"]}, "known"),
+        ({"known": ["nosuch"]}, "known"),
+        ({"known": {3: [1.0, 2.0, 3.0]}}, "known"),
+        ({"solver": "nosuch"}, "solver.name"),
+        ({"noise": "loud"}, "solver.noise"),
+        ({"exclude": [99]}, "exclude"),
+        ({"modes": 0}, "modes"),
+        ({"seed": -1}, "seed"),
+        ({"distance": (0, 1, 0.2)}, "distance"),
+    ],
+)
+def test_what_cannot_be_is_an_error_that_names_the_argument(tiny, arguments, key):
+    with pytest.raises(fdcal.InputError) as caught:
+        fdcal.calibrate(tiny, **arguments)
+    assert caught.value.key == key
+    assert "--" not in str(caught.value)
+
+
+def test_an_argument_that_does_not_exist_is_a_type_error(tiny):
+    with pytest.raises(TypeError, match="nosuch"):
+        fdcal.calibrate(tiny, nosuch=1)
+    with pytest.raises(fdcal.InputError, match="temperature"):
+        fdcal.load("tiny", temperature=20)
+
+
+def test_any_setting_of_the_solver_is_an_argument(tiny):
+    random = fdcal.calibrate(tiny, start="random", seed=3, modes=20)
+    assert random.seed == 3
+    assert fdcal.calibrate(tiny, settings=replace(fdcal.load_scene("tiny").solver, modes=9)).frequencies.size == 9
+
+
+def test_a_verdict_read_in_python_names_arguments(tiny):
+    rng = np.random.default_rng(0)
+    pressures = np.array(tiny.pressures)
+    pressures[:, 9] = rng.normal(size=len(pressures)) + 1j * rng.normal(size=len(pressures))
+    text = fdcal.calibrate(replace(tiny, pressures=pressures)).verdict_text
+    assert "exclude" in text
+    assert "--" not in text
+
+
+def test_progress_is_reported_and_may_end_the_run(tiny):
+    seen = []
+    fdcal.calibrate(tiny, modes=12, progress=lambda done, note: seen.append(done))
+    assert seen == sorted(seen)
+    assert seen[-1] == 1
+
+    def stop(done, note):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fdcal.calibrate(tiny, progress=stop)
+
+
+def test_the_landscape_is_least_at_the_true_position(tiny):
+    panels = fdcal.landscape(tiny, 3, range(1, 16))
+    assert np.linalg.norm(panels.minima[-1] - tiny.positions[3]) <= 2 * tiny.search.step
+    np.testing.assert_allclose(panels.maps[-1], panels.maps[:-1].sum(axis=0))
+    assert len(panels.plot(tiny.positions[3]).axes) > 2
+
+
+def test_the_landscape_round_a_result_needs_no_true_positions(tiny, found):
+    without = replace(tiny, positions=None, known=tiny.known, known_positions=tiny.known_positions)
+    with pytest.raises(fdcal.InputError, match="true positions"):
+        fdcal.landscape(without, 3)
+    assert np.isfinite(fdcal.landscape(without, "3", [4], calibration=found).maps).all()
+    with pytest.raises(fdcal.InputError, match="mode 99"):
+        fdcal.landscape(tiny, 3, [99])
+
+
+def test_saving_and_loading_gives_the_same_result(found, tmp_path):
+    found.save(tmp_path / "r.json")
+    assert fdcal.Calibration.load(tmp_path / "r.json").to_json() == found.to_json()
+    with pytest.raises(fdcal.InputError, match="exists"):
+        found.save(tmp_path / "r.json")
+    found.save(tmp_path / "r.json", force=True)
+    assert json.loads((tmp_path / "r.json").read_text())["verdict"] == found.verdict

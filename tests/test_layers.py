@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+import fdcal
+
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "fdcal"
 
@@ -39,6 +41,9 @@ HOMES = {
     "click": {"commands"},
     "tqdm": {"commands"},
     "platformdirs": {"model.storage"},
+    "threadpoolctl": {"session.blas_threads"},
+    "pandas": {"assessment.data_frame"},
+    "pyfar": {"recordings.pyfar_objects"},
     "tomllib": {"model", "session.lesson_file"},
     "soundfile": {"recordings.formats"},
     "h5py": {"recordings.formats"},
@@ -121,6 +126,14 @@ def test_a_library_stays_in_its_home(path):
     for library in {name.partition(".")[0] for name in imports(path)} & set(HOMES):
         homes = HOMES[library]
         assert any(name == home or name.startswith(f"{home}.") for home in homes), f"{library} belongs in {homes}"
+
+
+def test_only_methods_of_public_classes_reach_above_their_package():
+    """`fdcal.extension` gives them what carries them out; nothing else goes round the order of the packages."""
+    root = {name_of(path) for path in INSIDE if imports(path) & {"fdcal", "fdcal.extension"}}
+    assert root == {"model.measurement_sources", "assessment.calibration_views"}
+    for target in fdcal.EXTENSIONS.values():
+        assert target.partition(":")[0] in NAMES
 
 
 READERS = {"open", "read_text", "read_bytes", "loadtxt", "fromfile", "memmap", "genfromtxt"}

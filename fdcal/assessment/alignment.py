@@ -124,6 +124,13 @@ def compare_positions(found, given, known=()) -> PositionCheck:
     ------
     InputError
         The two have different shapes.
+
+    Examples
+    --------
+    >>> import fdcal
+    >>> given = [[0.0, 0.0], [1.0, 0.0], [0.0, 2.0], [1.5, 2.5], [3.0, 0.7]]
+    >>> fdcal.compare_positions([given[n] for n in (0, 1, 3, 2, 4)], given, known=[0, 1, 4]).swapped
+    ((2, 3),)
     """
     found, given = np.asarray(found, float), np.asarray(given, float)
     if found.shape != given.shape:

@@ -10,12 +10,13 @@ import numpy as np
 from ..model.gauge import align, position_errors
 from ..model.measurement import Measurement
 from ..model.validation import InputError, frozen_array
+from .calibration_views import CalibrationViews
 from .result_parts import Evidence, KnownRoom, evidence_of, evidence_table, plain, room_of, room_table
 from .result_schema import REQUIRED, require_result
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration:
+class Calibration(CalibrationViews):
     """Positions of the microphones of an array, and whether to trust them.
 
     Attributes

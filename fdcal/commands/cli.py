@@ -150,13 +150,16 @@ def simulate(scene: str, output: str, force: bool):
     "--room", type=RoomSize(), metavar="LxW[xH]", help="Size of a rectangular room, metres; implies solver room."
 )
 @click.option("--check", is_flag=True, help="Compare with the positions in the file and name swapped channels.")
+@click.option(
+    "--positions", metavar="FILE.xml|csv", help="Positions to compare with instead: Acoular's XML, or name,x,y[,z]."
+)
 @output_option("RESULT.json", required=False)
 @search_option
 @radius_option
 @force_option
 def calibrate(
     source, solver, start, known, noise, cost, modes, seed, exclude, estimate_sound_speed, distance, room, check,
-    output, search, radius, force,
+    positions, output, search, radius, force,
 ):  # fmt: skip
     """Find the microphones and assess the result; exit code 4 if it cannot be trusted."""
     path = output_path(output, ".json", force, source) if output else None
@@ -164,7 +167,7 @@ def calibrate(
     from ..session.sources import with_settings
     from . import report
 
-    inputs, solver = input_of(source, search, radius, exclude), room_solver(room, solver)
+    inputs, solver = input_of(source, search, radius, exclude, positions), room_solver(room, solver)
     inputs = with_settings(inputs, solver, modes, seed, start=start, known=known, noise=noise, cost=cost, room=room)
     inputs = replace(inputs, estimate_sound_speed=estimate_sound_speed, distance=distance)
     if check:

@@ -66,17 +66,15 @@ def import_(source, output, number, dimension, force, **options):
 @force_option
 def export(result, output, frame, original, force):
     """Write the positions of a result for other programs; the suffix selects the format."""
-    from ..assessment.alignment import placed_in_frame
     from ..assessment.result_file import load_result
-    from ..model.storage import write_atomically
     from ..recordings import formats
+    from ..recordings.export import export_positions
 
     path = output_path(output, formats.suffixes("write"), force, result, original)
     if original is not None and path.suffix.lower() != ".sofa":
         remedy = f"leave it out for {path.suffix}"
         raise InputError(f"--original {original} is for -o FILE.sofa", remedy, key="original", value=original)
-    placed = placed_in_frame(load_result(result), frame)
-    write_atomically(path, lambda file: formats.write(file, path, placed, original), force)
+    placed = export_positions(load_result(result), path, frame, original, force)
     print(f"{path}: {len(placed.names)} microphones, frame: {placed.frame}")
 
 

@@ -45,6 +45,7 @@ OPTIONS = {
     "original": "--original",
     "output": "-o",
     "plane": "--plane",
+    "positions": "--positions",
     "port": "--port",
     "radius": "--radius R",
     "reference": "--reference",
@@ -121,7 +122,11 @@ def scene_of(text: str) -> CalibrationInput:
 
 
 def input_of(
-    source: str, search: list[float] | None = None, radius: float | None = None, excluded: tuple[str, ...] = ()
+    source: str,
+    search: list[float] | None = None,
+    radius: float | None = None,
+    excluded: tuple[str, ...] = (),
+    positions: str | None = None,
 ) -> CalibrationInput:
     """Return the measurement of a scene or a file.
 
@@ -133,11 +138,15 @@ def input_of(
         Values of --search and --radius.
     excluded : tuple of str
         Microphones to leave out.
+    positions : str, optional
+        File of the positions of all microphones, to compare with.
     """
-    from ..session.sources import load_input
+    from ..session.sources import compared_with_file, load_input
 
     with progress_bar("simulating") as progress:
         inputs = load_input(source, progress, excluded)
+    if positions is not None:
+        inputs = compared_with_file(inputs, positions)
     measurement = inputs.measurement
     domain = search_domain(measurement.search, measurement.array_dimension or measurement.dimension, search, radius)
     return replace(inputs, measurement=replace(measurement, search=domain))

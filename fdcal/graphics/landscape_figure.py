@@ -50,6 +50,10 @@ class LandscapePanels:
     search: Search
     mode_count: int
 
+    def plot(self, truth=None) -> Figure:
+        """Return the figure of `draw_landscape`; `truth` (2,), metres, is the true position, drawn as a circle."""
+        return draw_landscape(self, truth)
+
 
 def landscape_panels(problem: Problem, positions, n: int, modes: Sequence[int], order_offset: int) -> LandscapePanels:
     """Return the cost of Eq. 7 over the search lattice with microphone `n` moved and the others at `positions`.

@@ -13,6 +13,7 @@ import numpy as np
 from . import measurement_checks as checks
 from .gauge import align, minimal_frame, position_errors
 from .limits import LIMITS
+from .measurement_sources import MeasurementSources
 from .power import mode_power
 from .problem import Problem
 from .settings import Search
@@ -20,7 +21,7 @@ from .validation import InputError, frozen_array, require_choice
 
 
 @dataclass(frozen=True, init=False)
-class Measurement:
+class Measurement(MeasurementSources):
     """Pressures of M modes at N microphones and what is known about them.
 
     Parameters

@@ -47,10 +47,17 @@ def import_recording(path: str | Path, options: ImportOptions = DEFAULTS) -> tup
         The recording cannot be used, or cannot be read.
     """
     check_options(options)
-    recording = formats.read(path, options.source)
+    return measurement_of_recording(formats.read(path, options.source), options)
+
+
+def measurement_of_recording(
+    recording: Recording, options: ImportOptions = DEFAULTS
+) -> tuple[Measurement, ImportReport]:
+    """Return the measurement of a recording, and a report on how it was taken; see `import_recording`."""
+    check_options(options)
     recording, left_out = _selected(recording, options)
     if recording.count < 2:
-        raise InputError(f"{path} gives one channel, and an array needs two microphones at least")
+        raise InputError(f"{recording.path} gives one channel, and an array needs two microphones at least")
     recording = _flattened(recording, options)
     known, known_positions = np.zeros(0, int), None
     if options.known is not None:

@@ -117,8 +117,8 @@ def simulate(scene: Scene | str | PathLike[str], *, progress: Progress | None = 
     >>> from dataclasses import replace
     >>> import fdcal
     >>> scene = fdcal.load_scene("tiny")
-    >>> fdcal.simulate(replace(scene, gauge=replace(scene.gauge, known=(0, 5)))).known.tolist()
-    [0, 5]
+    >>> fdcal.simulate(replace(scene, gauge=replace(scene.gauge, known=(1, 5, 7)))).known.tolist()
+    [1, 5, 7]
     """
     from ..model.scene_file import load_scene
 

@@ -47,9 +47,14 @@ class Session:
 
     Examples
     --------
-    >>> session = Session(problem, scene.solver, scene.seed)  # doctest: +SKIP
-    >>> session.sweep()  # doctest: +SKIP
-    >>> session.wait_for(lambda view: view.state.sweep == 1, timeout=60)  # doctest: +SKIP
+    >>> import fdcal
+    >>> scene = fdcal.load_scene("tiny")
+    >>> session = Session(fdcal.simulate(scene).problem(), scene.solver, scene.seed)
+    >>> session.sweep()
+    >>> session.wait_for(lambda view: view.state.sweep == 1, timeout=60)
+    True
+    >>> session.close(timeout=60)
+    True
     """
 
     def __init__(

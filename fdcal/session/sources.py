@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from ..acoustics.measure import require_measurable
 from ..model.arrays import positions_of
 from ..model.channels import exclude_microphones
+from ..model.given_positions import with_positions
 from ..model.measurement import Measurement
 from ..model.measurement_file import load_measurement
 from ..model.scene import Scene, require_rectangle
@@ -114,6 +115,20 @@ def measurement_input(
     if excluded:
         measurement = _without(measurement, excluded)
     return CalibrationInput(name, None, measurement, settings, 0, excluded)
+
+
+def compared_with_file(inputs: CalibrationInput, path: str) -> CalibrationInput:
+    """Return `inputs` whose results are compared with the positions in a file of Acoular (.xml) or a table (.csv).
+
+    Raises
+    ------
+    InputError, StorageError
+        The file cannot be read, or does not fit the microphones.
+    """
+    from ..recordings.positions_file import read_positions
+
+    measurement = with_positions(inputs.measurement, read_positions(path), len(set(inputs.excluded)))
+    return replace(inputs, measurement=measurement)
 
 
 def scene_input(scene: Scene, progress: Progress | None = None) -> CalibrationInput:

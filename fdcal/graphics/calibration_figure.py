@@ -1,0 +1,99 @@
+"""A calibration as a figure of matplotlib: positions, error ellipses, known and true microphones."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..assessment.calibration import Calibration
+from ..assessment.error_ellipses import ellipse_axes
+from ..model.validation import InputError
+from .markers import ELLIPSE, ESTIMATE, KNOWN, TRUE
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SIGMAS = 2.4477  # sqrt(-2 log 0.05): the ellipse that covers 95 % of a Gaussian in the plane
+VISIBLE = 0.03  # of the extent of the array: half axis to which the median ellipse is enlarged
+SIDES = 60  # of the polygon that is drawn for an ellipse
+
+
+def draw_calibration(result: Calibration, truth=None) -> Figure:
+    """Return a figure of a result; of an array in space it has a plan and a side view.
+
+    Small ellipses are enlarged by a round factor, which the legend names.
+
+    Parameters
+    ----------
+    result : Calibration
+    truth : (N, D) array_like, optional
+        True positions, metres, in the axes of the result.
+
+    Raises
+    ------
+    InputError
+        `truth` has another shape than the positions.
+    """
+    from matplotlib.figure import Figure
+
+    D = result.positions.shape[1]
+    places = None if truth is None else np.asarray(truth, float)
+    if places is not None and places.shape != result.positions.shape:
+        problem = f"truth has shape {places.shape} and the positions {result.positions.shape}"
+        raise InputError(problem, "give one position a microphone", key="truth")
+    views = ((0, 1),) if D == 2 else ((0, 1), (0, 2))
+    figure = Figure(figsize=(5.6 * len(views), 5.6), dpi=100, layout="constrained")
+    for panel, view in zip(figure.subplots(1, len(views), squeeze=False).ravel(), views, strict=True):
+        _draw_view(panel, result, places, list(view))
+    error = "" if result.mean_error is None else f", mean error {1e3 * result.mean_error:.2g} mm"
+    figure.suptitle(f"{len(result.positions)} microphones, {result.verdict or 'no verdict'}{error}", parse_math=False)
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
+    return figure
+
+
+def _draw_view(panel: Any, result: Calibration, truth: np.ndarray | None, view: list[int]) -> None:
+    """Draw the coordinates `view` of the microphones."""
+    known = np.isin(result.names, result.known or ())
+    places = result.positions[:, view]
+    if result.covariance is not None:
+        _draw_ellipses(panel, places, result.covariance[:, view][:, :, view], result.positions)
+    if truth is not None:
+        panel.plot(*truth[:, view].T, "o", color=_rgb(TRUE), fillstyle="none", markersize=10, label="true")
+    panel.plot(*places[~known].T, "x", color=_rgb(ESTIMATE), markersize=7, markeredgewidth=1.8, label="estimated")
+    if known.any():
+        panel.plot(*places[known].T, "s", color=_rgb(KNOWN), fillstyle="none", markersize=9, label="known")
+    panel.set_aspect("equal", adjustable="datalim")
+    panel.set_xlabel(f"{'xyz'[view[0]]} (m)")
+    panel.set_ylabel(f"{'xyz'[view[1]]} (m)")
+    panel.grid(alpha=0.3)
+
+
+def _draw_ellipses(panel: Any, places: np.ndarray, covariance: np.ndarray, positions: np.ndarray) -> None:
+    axes = ellipse_axes(covariance, SIGMAS)
+    longest = np.linalg.norm(axes[:, -1], axis=1)
+    shown = longest > 0
+    if not shown.any():
+        return
+    factor = enlargement(float(np.median(longest[shown])), float(np.ptp(positions, axis=0).max()))
+    angles = np.linspace(0, 2 * np.pi, SIDES + 1)
+    circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    label = "95 % ellipse" + (f", {factor:g} times enlarged" if factor > 1 else "")
+    for place, pair in zip(places[shown], axes[shown], strict=True):
+        panel.plot(*(place + factor * circle @ pair).T, "-", color=_rgb(ELLIPSE), linewidth=1.2, label=label)
+        label = "_"  # one entry of the legend for all
+
+
+def enlargement(half_axis: float, extent: float) -> float:
+    """Return 1, 2, 5, 10, ...: the least that makes a half axis visible beside the extent, both in metres."""
+    wanted = VISIBLE * extent / half_axis
+    if wanted <= 1:
+        return 1.0
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return float(next(power * step for step in (1, 2, 5, 10) if power * step >= wanted * (1 - 1e-9)))
+
+
+def _rgb(colour: tuple[int, int, int]) -> tuple[float, float, float]:
+    red, green, blue = colour
+    return red / 255, green / 255, blue / 255

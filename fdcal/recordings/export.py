@@ -1,0 +1,37 @@
+"""The positions of a calibration in a file of another program: what `fdcal export` and `Calibration.export` write."""
+
+from __future__ import annotations
+
+from os import PathLike
+from pathlib import Path
+
+from ..assessment.alignment import placed_in_frame
+from ..assessment.calibration import Calibration
+from ..model.microphones import MicrophonePositions
+from ..model.storage import write_atomically
+from ..model.validation import InputError
+from . import formats
+
+
+def export_positions(
+    result: Calibration,
+    path: str | PathLike[str],
+    frame: str | None = None,
+    original: str | PathLike[str] | None = None,
+    force: bool = False,
+) -> MicrophonePositions:
+    """Write the positions of a result, and return them as written; see `Calibration.export`."""
+    path, given = Path(path), None if original is None else str(original)
+    if path.suffix.lower() not in formats.suffixes("write"):
+        raise InputError(
+            f'"{path}" ends in no suffix of a format for positions',
+            f"use one of {', '.join(formats.suffixes('write'))}",
+            key="output",
+            value=str(path),
+        )
+    if given is not None and path.suffix.lower() != ".sofa":
+        problem = f"original = {given} is for files of SOFA"
+        raise InputError(problem, f"leave out <original> for {path.suffix}", key="original", value=given)
+    placed = placed_in_frame(result, frame)
+    write_atomically(path, lambda file: formats.write(file, path, placed, given), force)
+    return placed

@@ -1,0 +1,46 @@
+"""Objects of pyfar: its signals and frequency data in, its coordinates out. Needs the extra "pyfar"."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..model.measurement import Measurement
+from ..model.microphones import MicrophonePositions
+from ..model.validation import InputError
+from .formats import needs
+from .import_options import ImportOptions
+from .importer import measurement_of_recording
+from .recording import recording_of
+
+FLAT = 1e-6  # metres: heights that differ less are one height
+
+
+def measurement_of_pyfar(data, coordinates=None, **options: Any) -> Measurement:
+    """Return the measurement of `pyfar.FrequencyData` or `pyfar.Signal`: see `Measurement.from_pyfar`."""
+    pyfar = needs("pyfar", "pyfar")
+    positions = None if coordinates is None else np.asarray(coordinates.cartesian, float).reshape(-1, 3)
+    if isinstance(data, pyfar.Signal):
+        samples = data.time.reshape(-1, data.n_samples)
+        recording = recording_of("the signal", None, data.sampling_rate, samples, positions=positions)
+        return measurement_of_recording(recording, ImportOptions(**options))[0]
+    if not isinstance(data, pyfar.FrequencyData):
+        raise InputError(f"{type(data).__name__} is no FrequencyData and no Signal of pyfar", "give one of them")
+    flat = options.get("dimension", 3) == 2
+    if positions is not None and flat:
+        positions = _without_height(positions)
+    pressures = data.freq.reshape(-1, data.n_bins).T
+    return Measurement.from_arrays(data.frequencies, pressures, positions=positions, **options)
+
+
+def _without_height(positions: np.ndarray) -> np.ndarray:
+    if np.ptp(positions[:, 2]) > FLAT:
+        raise InputError("a field of two dimensions needs microphones of one height", "leave out <dimension>")
+    return positions[:, :2]
+
+
+def pyfar_coordinates(placed: MicrophonePositions):
+    """Return positions as `pyfar.Coordinates`, an array in the plane at z = 0."""
+    pyfar = needs("pyfar", "pyfar")
+    return pyfar.Coordinates(*placed.positions.T.copy(), comment=f"microphones {', '.join(placed.names)}")

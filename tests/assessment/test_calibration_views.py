@@ -1,0 +1,136 @@
+"""What a calibration can be turned into: files, a table, a figure, HTML, coordinates of pyfar."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pyfar
+import pytest
+
+import fdcal
+from fdcal.graphics.calibration_figure import VISIBLE, enlargement
+from fdcal.recordings.positions_file import read_positions
+
+NAMES = ("a", "b", "<script>alert(1)</script>", "d & e")
+POSITIONS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.1], [0.0, 1.2, 0.2], [1.0, 1.0, 0.7]])
+
+
+def result(D: int = 3, **changes) -> fdcal.Calibration:
+    covariance = np.array([0, 1e-6, 4e-6, 1e-6])[:, None, None] * np.eye(D)
+    values = {
+        "known": ("a",),
+        "verdict": "good",
+        "verdict_text": "1 < 2",
+        "covariance": covariance,
+        "uncertainty": np.sqrt(np.trace(covariance, axis1=1, axis2=2)),
+    }
+    return fdcal.Calibration(POSITIONS[:, :D], NAMES, "joint", 0, [50.0, 70.0], 0.1, 3, 1.5, True, **values | changes)
+
+
+@pytest.mark.parametrize("suffix", ["csv", "xml"])
+def test_what_is_exported_can_be_read_as_positions(suffix, tmp_path):
+    path = tmp_path / f"geometry.{suffix}"
+    result().export(path)
+    read = read_positions(path)
+    assert read.names == NAMES
+    np.testing.assert_array_equal(read.positions, POSITIONS)
+    with pytest.raises(fdcal.InputError, match="exists"):
+        result().export(path)
+
+
+@pytest.mark.parametrize("name", ["p.doc", "p"])
+def test_an_unknown_suffix_is_refused(name, tmp_path):
+    with pytest.raises(fdcal.InputError, match="suffix"):
+        result().export(tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_unknown_frame_is_refused(tmp_path):
+    with pytest.raises(fdcal.InputError, match="frame"):
+        result().export(tmp_path / "p.csv", frame="upside down")
+
+
+def test_the_table_of_pandas_has_a_row_for_each_microphone():
+    table = result(errors=[0.1, 0.2, 0.3, 0.4]).to_dataframe()
+    assert table.columns.tolist() == ["x", "y", "z", "known", "uncertainty", "error"]
+    assert table.index.tolist() == list(NAMES)
+    assert table["known"].tolist() == [True, False, False, False]
+    np.testing.assert_array_equal(table[["x", "y", "z"]].to_numpy(), POSITIONS)
+
+
+def test_without_pandas_the_remedy_is_named(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "pandas", None)
+    with pytest.raises(fdcal.InputError, match="pip install pandas"):
+        result().to_dataframe()
+
+
+@pytest.mark.parametrize(("D", "panels"), [(2, 1), (3, 2)])
+def test_the_figure_shows_every_microphone_once(D, panels):
+    figure = result(D).plot(POSITIONS[:, :D] + 0.01)
+    assert len(figure.axes) == panels
+    marks = {line.get_label(): line for line in figure.axes[0].lines}
+    np.testing.assert_array_equal(np.column_stack(marks["known"].get_data()), POSITIONS[:1, :2])
+    np.testing.assert_array_equal(np.column_stack(marks["estimated"].get_data()), POSITIONS[1:, :2])
+    np.testing.assert_array_equal(np.column_stack(marks["true"].get_data()), POSITIONS[:, :2] + 0.01)
+
+
+def test_an_ellipse_is_as_long_as_the_covariance_says():
+    axes = result(2).plot().axes[0]
+    ellipses = [line for line in axes.lines if line.get_linestyle() == "-"]
+    assert len(ellipses) == 3  # a known microphone has none
+    label = next(line.get_label() for line in ellipses if "ellipse" in line.get_label())
+    factor = float(label.split(", ")[1].split()[0])
+    for line, sigma, place in zip(ellipses, [1e-3, 2e-3, 1e-3], POSITIONS[1:, :2], strict=True):
+        distance = np.linalg.norm(np.column_stack(line.get_data()) - place, axis=1)
+        np.testing.assert_allclose(distance, factor * sigma * np.sqrt(-2 * np.log(0.05)), rtol=1e-4)
+
+
+@pytest.mark.parametrize("half_axis", [1e-6, 3e-4, 7e-3, 0.03, 0.5])
+def test_the_enlargement_is_round_and_makes_ellipses_visible(half_axis):
+    factor = enlargement(half_axis, 1.0)
+    assert factor >= 1
+    assert factor * half_axis >= VISIBLE * 0.999
+    assert factor == 1 or factor * half_axis < 2.5 * VISIBLE
+    assert f"{factor:.0e}"[0] in "125"
+
+
+def test_a_figure_needs_one_true_position_for_each_microphone():
+    with pytest.raises(fdcal.InputError, match="shape"):
+        result(2).plot(POSITIONS)
+
+
+def test_the_html_of_a_notebook_is_well_formed_and_escapes_names():
+    class Reader(HTMLParser):
+        def __init__(self):
+            super().__init__()
+            self.open, self.cells = [], 0
+
+        def handle_starttag(self, tag, attributes):
+            assert tag != "script"
+            self.cells += tag == "td"
+            if tag not in ("img", "br"):
+                self.open.append(tag)
+
+        def handle_endtag(self, tag):
+            assert self.open.pop() == tag
+
+    reader, text = Reader(), result()._repr_html_()
+    reader.feed(text)
+    assert not reader.open
+    assert reader.cells == 4 * 6
+    assert "<b>good</b>: 1 &lt; 2" in text
+
+
+def test_the_html_needs_neither_verdict_nor_covariance():
+    bare = replace(result(2), covariance=None, uncertainty=None, verdict="", known=None)
+    assert "data:image/png;base64," in bare._repr_html_()
+
+
+def test_positions_reach_pyfar_and_come_back():
+    coordinates = result().to_pyfar()
+    assert isinstance(coordinates, pyfar.Coordinates)
+    np.testing.assert_allclose(coordinates.cartesian, POSITIONS, atol=1e-12)
+    flat = result(2).to_pyfar(frame="minimal")
+    np.testing.assert_allclose(flat.cartesian[:2], [[0, 0, 0], [1, 0, 0]], atol=1e-12)

@@ -1,0 +1,92 @@
+"""Files of positions that somebody gives: Acoular's XML and tables."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import fdcal
+from fdcal.commands.cli import main
+from fdcal.recordings.positions_file import read_positions
+
+ACOULAR = """<?xml version="1.0" encoding="utf-8"?>
+<MicArray name="two">
+    <pos Name="Point 1" x=" 0.152" y="0.1" z="0" />
+    <pos Name="Point 2" x="-1e-1" y="-0.2" z="0.05" />
+</MicArray>
+"""
+
+
+def written(tmp_path, text: str, name: str = "g.xml"):
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_a_geometry_of_acoular_is_read(tmp_path):
+    read = read_positions(written(tmp_path, ACOULAR))
+    assert read.names == ("Point 1", "Point 2")
+    np.testing.assert_array_equal(read.positions, [[0.152, 0.1, 0.0], [-0.1, -0.2, 0.05]])
+
+
+@pytest.mark.parametrize("names", [("", ""), ("Point 1", "Point 1")])
+def test_microphones_without_names_of_their_own_are_numbered(tmp_path, names):
+    text = ACOULAR.replace("Point 1", names[0]).replace("Point 2", names[1])
+    assert read_positions(written(tmp_path, text)).names == ("0", "1")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "problem"),
+    [
+        ("-1e-1", "left", 'x = "left" of microphone 1'),
+        ("-1e-1", "nan", 'x = "nan" of microphone 1'),
+        ('y="-0.2"', "", 'y = "" of microphone 1'),
+        ("<pos", "<mic", "no <pos>"),
+        ("</MicArray>", "", "not valid XML"),
+        ('encoding="utf-8"', 'encoding="nosuch"', "not valid XML"),
+    ],
+)
+def test_a_broken_geometry_is_refused(tmp_path, old, new, problem):
+    with pytest.raises(fdcal.InputError) as caught:
+        read_positions(written(tmp_path, ACOULAR.replace(old, new)))
+    assert problem in str(caught.value)
+
+
+def test_another_suffix_or_no_file_is_refused(tmp_path):
+    with pytest.raises(fdcal.InputError, match="suffix"):
+        read_positions(written(tmp_path, ACOULAR, "g.txt"))
+    with pytest.raises(fdcal.StorageError, match="cannot read"):
+        read_positions(tmp_path / "nosuch.xml")
+
+
+@pytest.fixture
+def exchanged(tmp_path):
+    """Acoular's XML of the scene tiny, in which the rows of microphones 3 and 10 are exchanged."""
+    places = fdcal.load("tiny").positions.tolist()
+    places[3], places[10] = places[10], places[3]
+    rows = [f'<pos Name="Point {n}" x="{x}" y="{y}" z="0.4"/>' for n, (x, y) in enumerate(places)]
+    return written(tmp_path, f"<MicArray>{''.join(rows)}</MicArray>")
+
+
+def test_exchanged_channels_are_found_with_the_positions_of_a_file(exchanged, capsys):
+    with pytest.raises(SystemExit):
+        main(["calibrate", "tiny", "--check", "--positions", str(exchanged)])
+    assert "3" in (text := capsys.readouterr().out) and "10" in text and "swapped" in text
+
+
+def test_exchanged_channels_are_found_in_python(exchanged):
+    measurement = fdcal.load("tiny", positions=exchanged)
+    found = fdcal.calibrate(measurement)
+    assert fdcal.compare_positions(found.positions, measurement.positions, measurement.known).swapped == ((3, 10),)
+
+
+def test_the_positions_of_a_file_are_never_given_to_the_solver(exchanged):
+    found, plain = fdcal.calibrate(fdcal.load("tiny", positions=exchanged)), fdcal.calibrate(fdcal.load("tiny"))
+    np.testing.assert_array_equal(found.positions, plain.positions)
+    assert found.max_error > plain.max_error
+
+
+def test_channels_may_be_left_out_with_positions_of_all(exchanged, capsys):
+    with pytest.raises(SystemExit):
+        main(["calibrate", "tiny", "--exclude", "1,2", "--check", "--positions", str(exchanged)])
+    assert "10" in capsys.readouterr().out
