@@ -97,6 +97,11 @@ def channel_terms(positions, gains, pressures, field: ChannelField, derivatives:
     return Terms(float(costs.sum()), costs, slopes.sum(axis=0), H, u, d, q, slopes if derivatives > 2 else None)
 
 
+def field_covariance(positions, field: ChannelField) -> np.ndarray:
+    """Covariance of a field of unit power between microphones at `positions` (N, D), metres : (M, N, N)."""
+    return _kernel(np.asarray(positions, float), field, False)[0]
+
+
 def _kernel(x, field: ChannelField, slope: bool):
     """K (M, N, N); and, if wanted, of the series D (D, M, N, N), of the diffuse one its slope (M, N, N)."""
     if np.iscomplexobj(field.wavenumbers):

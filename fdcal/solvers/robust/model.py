@@ -1,0 +1,165 @@
+"""What each row of the schedule supposes: objective, kernel, noise; and how it learns from where the row ended."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ...cost.channel_likelihood import ChannelField, Terms
+from ...model.measurement import Problem
+from . import noise_model
+from .objective import Objective, Priors
+from .settings import SCHEDULE
+from .state import Model, State
+
+NOISE_MODES = 24  # at most, evenly taken, to estimate the noise from
+LEAST_SHARE = {"diffuse": 1e-6, "series": 1e-8, "near": 1e-11}  # of noise in the power
+NEAR_SHARE = {2: 1e-5, 3: 2e-6}  # with less noise a source near the array counts
+DAMPED = 0.1  # (Im k R)^2 over the noise from which the imaginary part of the wavenumber counts
+BELIEVED = 2.0  # factor within which the noise given is believed
+PRIOR_COUNT, PRIOR_GAIN = 1.0, 1e-3  # channels that a spread of so many nepers or radians is worth
+SAME_SPREAD = 0.2  # change of the logarithm of a spread that does not count
+KNOWN_COUNT, KNOWN_SIGMA = 2.0, 2e-3  # given positions that a spread of so many metres is worth
+
+
+def modes_of(problem: Problem, state: State) -> slice:
+    """The modes that may be used."""
+    return slice(0, state.settings.modes)
+
+
+def spaced(count: int, most: int) -> np.ndarray:
+    """At most `most` numbers below `count`, evenly taken : int64."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.int64))
+
+
+def used_modes(problem: Problem, state: State, most: int) -> np.ndarray:
+    """Modes of a row of the schedule : int64."""
+    count = len(problem.pressures[modes_of(problem, state)])
+    return spaced(count, most) if most else np.arange(count)
+
+
+def field(problem: Problem, state: State, used) -> ChannelField:
+    """What is supposed of the modes `used`."""
+    model = state.model
+    k = problem.wavenumbers[used]
+    plain = model.kernel == "diffuse"
+    return ChannelField(
+        np.real(k) if plain else k.astype(complex),
+        model.power[used],
+        model.noise[used],
+        model.channel_noise,
+        problem.dimension,
+        model.kernel == "near",
+        None if plain else state.shape,
+    )
+
+
+def objective(problem: Problem, state: State, used) -> Objective:
+    """What the row minimises."""
+    row, model = SCHEDULE[state.row], state.model
+    gains = row.gains and state.settings.gains != "fixed"
+    loose = float(np.hypot(model.known_sigma, model.spread if row.degree else 0.0))
+    spread = (model.gain_sigma, model.phase_sigma) if gains else (0.0, 0.0)
+    priors = Priors(*spread, problem.known, problem.known_positions, loose, state.offsets)
+    return Objective(problem.pressures[used], field(problem, state, used), priors)
+
+
+def corrected(problem: Problem, state: State, used) -> np.ndarray:
+    """Pressures divided by the gains."""
+    return problem.pressures[used] * np.exp(-state.gains[:, 0] - 1j * state.gains[:, 1])
+
+
+def with_power(state: State, used, chosen: ChannelField, terms: Terms) -> State:
+    """`state` with power and channel noise after one round of their fixed point."""
+    power = np.array(state.model.power)
+    power[used] = noise_model.updated_power(chosen, terms)
+    tau = noise_model.updated_channel_noise(chosen, terms)
+    return replace(state, model=replace(state.model, power=power, channel_noise=tau))
+
+
+def with_noise(problem: Problem, state: State, deflation: float = 1.0) -> State:
+    """`state` with the noise and the spread of the positions that explain best what is left."""
+    used = used_modes(problem, state, NOISE_MODES)
+    model = state.model
+    least = LEAST_SHARE[model.kernel]
+    share, spread, _ = noise_model.estimate_noise(
+        state.positions, corrected(problem, state, used), field(problem, state, used), least
+    )
+    k = np.real(problem.wavenumbers)
+    noise = np.full(len(k), max(share / deflation, least))
+    given = given_noise(problem, state)
+    if given is not None and 1 / BELIEVED < share / np.median(given) < BELIEVED:
+        noise = np.maximum(given, least)
+    noise = np.minimum(noise + (k * spread) ** 2 / problem.dimension, noise_model.MOST_SHARE)
+    return replace(state, model=replace(model, noise=noise, share=share, spread=spread))
+
+
+def given_noise(problem: Problem, state: State) -> np.ndarray | None:
+    """Noise power of the measurement (M,), None where it is not given or not to be used."""
+    return problem.noise_power if state.settings.noise_given and problem.noise_power is not None else None
+
+
+def with_spreads(problem: Problem, state: State, free, matrix) -> State:
+    """`state` with the spread of gains and given positions by empirical Bayes; `matrix` (F, F) of the last step."""
+    N, D = state.positions.shape
+    variance = np.zeros(N * (D + 2))
+    variance[free] = np.diag(np.linalg.inv(matrix + 1e-12 * np.diag(np.diag(matrix))))
+    variance = variance.reshape(N, D + 2)
+    model, sigmas = state.model, []
+    for column, sigma in enumerate((model.gain_sigma, model.phase_sigma)):
+        e = np.append(state.gains[:, column] - state.offsets[:, column], PRIOR_GAIN * np.sqrt(PRIOR_COUNT))
+        sigmas.append(noise_model.updated_sigma(sigma, e, np.append(variance[:, D + column], 0.0)))
+    known, sigma = problem.known, model.known_sigma
+    if len(known) and state.settings.known_sigma > 0:
+        e = np.linalg.norm(state.positions[known] - problem.known_positions, axis=1)
+        e = np.append(e, KNOWN_SIGMA * np.sqrt(D) * np.ones(int(KNOWN_COUNT)))
+        v = np.append(variance[known, :D].mean(axis=1), np.zeros(int(KNOWN_COUNT)))
+        sigma = noise_model.updated_sigma(sigma, e, v, D, 1e-5)
+    return replace(
+        state, model=replace(model, gain_sigma=sigmas[0], phase_sigma=sigmas[1], known_sigma=sigma)
+    )
+
+
+def same_spreads(before: Model, after: Model) -> bool:
+    """Whether the spreads of gain and phase have hardly changed."""
+    pairs = (before.gain_sigma, after.gain_sigma), (before.phase_sigma, after.phase_sigma)
+    return all(abs(np.log(new / old)) < SAME_SPREAD for old, new in pairs)
+
+
+def score(problem: Problem, state: State, chosen: ChannelField, trial) -> float:
+    """-log evidence of where an attempt ended (Laplace's approximation), up to a constant: the least is the likeliest."""
+    used = used_modes(problem, state, 0)
+    N, D = state.positions.shape
+    m = state.model
+    cost = state.cost + noise_model.hyper_cost(chosen, corrected(problem, state, used))
+    cost += 0.5 * np.linalg.slogdet(trial.matrix)[1] + len(problem.known) * D * np.log(max(m.known_sigma, 1e-6))
+    if SCHEDULE[state.row].gains and state.settings.gains != "fixed":
+        cost += N * (np.log(m.gain_sigma) + np.log(m.phase_sigma))
+    return float(cost)
+
+
+def centred(state: State) -> State:
+    """`state` with gains whose median is 1: what is common to all is the field's."""
+    shift = np.median(state.gains - state.offsets, axis=0)
+    power = state.model.power * np.exp(2 * shift[0])
+    noise = state.model.noise * np.exp(2 * shift[0])
+    return replace(state, gains=state.gains - shift, model=replace(state.model, power=power, noise=noise))
+
+
+def first_model(problem: Problem, state: State) -> Model:
+    """What an attempt begins with."""
+    N, M = problem.pressures.shape[1], len(problem.pressures)
+    s = state.settings
+    ones = np.ones(M)
+    return Model(ones, 0.1 * ones, np.ones(N), 0.1, 0.0, s.gain_sigma, s.phase_sigma, s.known_sigma)
+
+
+def kernel_of(problem: Problem, state: State, final: bool) -> str:
+    """The kernel that the noise left calls for."""
+    k = problem.wavenumbers[modes_of(problem, state)]
+    radius = float(np.sqrt(np.mean(np.sum((state.positions - state.positions.mean(axis=0)) ** 2, axis=1))))
+    share = state.model.share
+    if final and share <= NEAR_SHARE[problem.dimension]:
+        return "near"
+    return "series" if (np.abs(k.imag).max() * radius) ** 2 > DAMPED * share else "diffuse"

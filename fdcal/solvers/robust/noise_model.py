@@ -1,0 +1,101 @@
+"""Maximum-likelihood updates of what is not a parameter of the array: power, noise, channel noise, prior spreads.
+
+Each is a fixed point of the likelihood's derivative and needs u = C^-1 q, d = diag C^-1 alone. With
+gamma_m = N - v_m sum_n tau_n d_mn, the number of field coefficients that mode m determines,
+
+    s_m   <- s_m   (sum_n Re conj(u) q - v tau |u|^2) / gamma_m
+    tau_n <- tau_n sum_m v_m |u_mn|^2 / sum_m v_m d_mn
+
+An inverse gamma prior adds so many observations of an expected value to the numerator and the denominator.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import minimize
+
+from ...cost.channel_likelihood import ChannelField, Terms, field_covariance
+from .objective import spring
+
+POWER_COUNT = 2.0  # observations that the mean power of the pressures is worth
+CHANNEL_COUNT = 6.0  # observations that a channel is like the others
+LEAST_TAU, MOST_TAU = 0.3, 1e6
+LEAST_POWER = 1e-3  # of the mean power of the pressures
+MOST_SHARE = 0.7  # of noise in the power
+LEAST_SIGMA, MOST_SIGMA = 1e-4, 0.6  # nepers and radians
+
+
+def expected_power(field: ChannelField, corrected) -> np.ndarray:
+    """Mean power of the corrected pressures less the noise (M,); noisy channels count less."""
+    q2 = np.abs(corrected) ** 2
+    sound = 1 / (1 + field.channel_noise * field.noise[:, None])
+    mean = np.sum(sound * q2, axis=1) / np.sum(sound, axis=1)
+    return np.maximum(mean - field.noise, LEAST_POWER * mean)
+
+
+def updated_power(field: ChannelField, terms: Terms) -> np.ndarray:
+    """Power of the field (M,), s."""
+    v = field.noise[:, None] * field.channel_noise
+    gamma = np.maximum(np.sum(1 - v * terms.precision, axis=1), 0.0)
+    energy = np.sum((np.conj(terms.weighted) * terms.corrected).real - v * np.abs(terms.weighted) ** 2, axis=1)
+    expected = expected_power(field, terms.corrected)
+    fresh = (field.power * np.maximum(energy, 0.0) + POWER_COUNT * expected) / (gamma + POWER_COUNT)
+    return np.maximum(fresh, 1e-2 * expected)
+
+
+def updated_channel_noise(field: ChannelField, terms: Terms) -> np.ndarray:
+    """Noise of every channel over that of the array (N,), tau, of median 1."""
+    v, tau = field.noise[:, None], field.channel_noise
+    left = tau * np.sum(v * terms.precision, axis=0)
+    seen = tau**2 * np.sum(v * np.abs(terms.weighted) ** 2, axis=0)
+    fresh = (seen + CHANNEL_COUNT) / (left + CHANNEL_COUNT)
+    return np.clip(fresh / np.median(fresh), LEAST_TAU, MOST_TAU)
+
+
+def updated_sigma(sigma: float, deviation, variance, components: int = 1, floor: float = LEAST_SIGMA) -> float:
+    """Spread of a prior by empirical Bayes (MacKay): squared deviations over how many the data determine.
+
+    deviation : (K,) root of the sum of squares of the components;  variance : (K,) posterior, per component
+    """
+    weight = spring(deviation**2, sigma, components) * sigma**2
+    determined = components * np.clip(1 - weight * variance / sigma**2, 0.0, 1.0)
+    fresh = np.sqrt(np.sum(weight * deviation**2) / max(float(determined.sum()), 1e-3))
+    return float(np.clip(np.clip(fresh, sigma / 4, 4 * sigma), floor, MOST_SIGMA))
+
+
+def hyper_cost(field: ChannelField, corrected) -> float:
+    """-log density of power and channel noise, up to a constant."""
+    expected = expected_power(field, corrected)
+    ratio, tau = expected / field.power, field.channel_noise
+    return float(POWER_COUNT * np.sum(ratio - 1 - np.log(ratio)) + CHANNEL_COUNT * np.sum(1 / tau - 1 + np.log(tau)))
+
+
+def estimate_noise(positions, q, field: ChannelField, least: float) -> tuple[float, float, float]:
+    """Share of noise and spread of the positions, metres, that make corrected pressures q (M, N) most likely.
+
+    An error e of a microphone adds the noise k^2 e^2 / dimension: at rough positions the high modes are hard to
+    explain and the low ones are not.
+
+    Returns
+    -------
+    noise : float, share of the power;  spread : float, metres;  cost : float, -log likelihood
+    """
+    weight = 1 / np.sqrt(field.channel_noise)
+    K = field_covariance(positions, field) * np.multiply.outer(weight, weight)
+    values, vectors = np.linalg.eigh(K)
+    values = np.maximum(values, 0.0) * field.power[:, None]
+    along = np.abs(np.einsum("mij,mi->mj", np.conj(vectors), q * weight)) ** 2
+    slope = np.real(field.wavenumbers)[:, None] ** 2 / field.dimension
+
+    def cost(logs) -> float:
+        noise, spread = np.exp(logs)
+        spectrum = values + np.minimum(noise + slope * spread, MOST_SHARE)
+        return float(np.sum(np.log(spectrum) + along / spectrum))
+
+    top = float(slope.max())
+    bounds = [(np.log(least), np.log(MOST_SHARE)), (np.log(least / top), np.log(MOST_SHARE / top))]
+    grid = [np.linspace(*bound, 8) for bound in bounds]
+    start = min(((a, b) for a in grid[0] for b in grid[1]), key=cost)
+    best = minimize(cost, start, method="Nelder-Mead", bounds=bounds, options={"xatol": 0.05, "fatol": 0.1})
+    noise, variance = np.exp(best.x)
+    return float(noise), float(np.sqrt(variance)), float(best.fun)

@@ -1,0 +1,80 @@
+"""Where attempts start: affine images of the low modes, with the map that the given positions or the metric fix."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from ...model.gauge import align, fixes_gauge
+from ...model.measurement import Problem
+from ...model.validation import InputError
+from .. import initial_positions
+
+MOST_SUBSETS = 40
+EXTENT = 30.0  # metres: no array is larger
+
+
+def plan(problem: Problem, modes: int) -> list[tuple[str, int]]:
+    """Starts in the order in which they are tried: kind and number of lowest modes."""
+    counts = list(dict.fromkeys(min(n, modes) for n in initial_positions.LOWEST[problem.dimension]))
+    if not len(problem.known):
+        return [("metric", n) for n in counts] + [("redirected", counts[0])]
+    kinds = [("map", counts[0]), ("metric", counts[0])]
+    return kinds + [(kind, n) for n in counts[1:] for kind in ("map", "metric")] + [("redirected", counts[0])]
+
+
+def start(problem: Problem, modes: int, kind: str, lowest: int) -> np.ndarray:
+    """Positions (N, D), metres, of one start. Raises InputError where the modes show too few directions."""
+    if kind == "redirected":
+        x = initial_positions.redirected(_blind(problem), modes)
+    elif kind == "metric":
+        x = initial_positions.affine(_blind(problem), modes, lowest)
+    else:
+        return _mapped(problem, modes, lowest)
+    return x if not len(problem.known) else _aligned(problem, x)
+
+
+def _blind(problem: Problem) -> Problem:
+    D = problem.array_dimension
+    return replace(problem, known=np.zeros(0, np.int64), known_positions=np.zeros((0, D)), frame=None)
+
+
+def _mapped(problem: Problem, modes: int, lowest: int) -> np.ndarray:
+    """The affine image under the map of the given positions that most of them agree on (least median of squares)."""
+    if not fixes_gauge(problem.known_positions):
+        raise InputError("the given positions do not fix the gauge; give more of them, or none")
+    shape, _, _ = initial_positions.singular_vectors(problem, modes, lowest)
+    extended = np.column_stack([shape, np.ones(len(shape))])
+    rows, places = extended[problem.known], problem.known_positions
+    best = extended @ np.linalg.lstsq(rows, places, rcond=None)[0]
+    D = shape.shape[1]
+    if len(places) <= D + 2:
+        return best
+    score = np.inf
+    for chosen in list(combinations(range(len(places)), D + 2))[:MOST_SUBSETS]:
+        found = np.linalg.lstsq(rows[list(chosen)], places[list(chosen)], rcond=None)[0]
+        error = np.median(np.linalg.norm(rows @ found - places, axis=1))
+        if error < 0.5 * score:
+            score, best = error, extended @ found
+    return best
+
+
+def _aligned(problem: Problem, x) -> np.ndarray:
+    """A blind array onto the given positions; onto the subset of D + 1 that leaves the least median error."""
+    known, places, D = problem.known, problem.known_positions, x.shape[1]
+    best, score = None, np.inf
+    for chosen in list(combinations(range(len(known)), min(D + 1, len(known))))[:MOST_SUBSETS]:
+        moved = _onto(x, known[list(chosen)], places[list(chosen)])
+        error = np.median(np.linalg.norm(moved[known] - places, axis=1))
+        if error < score:
+            best, score = moved, error
+    return best
+
+
+def _onto(x, known, places) -> np.ndarray:
+    """`x` moved, turned and mirrored as a whole so that microphones `known` come to `places`."""
+    goal = np.zeros_like(x)
+    goal[known] = places
+    return align(x, goal, known)
