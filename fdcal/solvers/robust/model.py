@@ -78,20 +78,24 @@ def with_power(state: State, used, chosen: ChannelField, terms: Terms) -> State:
     return replace(state, model=replace(state.model, power=power, channel_noise=tau))
 
 
-def with_noise(problem: Problem, state: State, deflation: float = 1.0) -> State:
-    """`state` with the noise and the spread of the positions that explain best what is left."""
+def with_noise(problem: Problem, state: State, deflation: float = 1.0, rough: bool = True) -> State:
+    """`state` with the noise and the spread of the positions that explain best what is left.
+
+    rough : whether the spread adds to the noise; where every microphone has found its place, all is noise
+    """
     used = used_modes(problem, state, NOISE_MODES)
     model = state.model
     least = LEAST_SHARE[model.kernel]
-    share, spread, _ = noise_model.estimate_noise(
+    share, spread, alone = noise_model.estimate_noise(
         state.positions, corrected(problem, state, used), field(problem, state, used), least
     )
     k = np.real(problem.wavenumbers)
+    share = share if rough else alone
     noise = np.full(len(k), max(share / deflation, least))
     given = given_noise(problem, state)
     if given is not None and 1 / BELIEVED < share / np.median(given) < BELIEVED:
         noise = np.maximum(given, least)
-    noise = np.minimum(noise + (k * spread) ** 2 / problem.dimension, noise_model.MOST_SHARE)
+    noise = np.minimum(noise + rough * (k * spread) ** 2 / problem.dimension, noise_model.MOST_SHARE)
     return replace(state, model=replace(model, noise=noise, share=share, spread=spread))
 
 

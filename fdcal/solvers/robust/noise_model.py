@@ -12,7 +12,7 @@ An inverse gamma prior adds so many observations of an expected value to the num
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import minimize, minimize_scalar
 
 from ...cost.channel_likelihood import ChannelField, Terms, field_covariance
 from .objective import spring
@@ -78,7 +78,7 @@ def estimate_noise(positions, q, field: ChannelField, least: float) -> tuple[flo
 
     Returns
     -------
-    noise : float, share of the power;  spread : float, metres;  cost : float, -log likelihood
+    noise : float, share of the power;  spread : float, metres;  alone : float, the noise where there is no spread
     """
     weight = 1 / np.sqrt(field.channel_noise)
     K = field_covariance(positions, field) * np.multiply.outer(weight, weight)
@@ -96,6 +96,8 @@ def estimate_noise(positions, q, field: ChannelField, least: float) -> tuple[flo
     bounds = [(np.log(least), np.log(MOST_SHARE)), (np.log(least / top), np.log(MOST_SHARE / top))]
     grid = [np.linspace(*bound, 8) for bound in bounds]
     start = min(((a, b) for a in grid[0] for b in grid[1]), key=cost)
-    best = minimize(cost, start, method="Nelder-Mead", bounds=bounds, options={"xatol": 0.05, "fatol": 0.1})
+    options = {"xatol": 0.05, "fatol": 0.1}
+    best = minimize(cost, start, method="Nelder-Mead", bounds=bounds, options=options)
+    alone = minimize_scalar(lambda log: cost((log, bounds[1][0])), bounds=bounds[0], method="bounded")
     noise, variance = np.exp(best.x)
-    return float(noise), float(np.sqrt(variance)), float(best.fun)
+    return float(noise), float(np.sqrt(variance)), float(np.exp(alone.x))

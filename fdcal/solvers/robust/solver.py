@@ -27,6 +27,7 @@ SAME_SCORE = 30.0  # nats between the ends of two attempts that are one
 SAME_PLACE = 0.01  # of the shortest wavelength, likewise
 SETTLED_NOISE = 0.15  # change of the logarithm of the noise after which a round is the last
 MOST_FINAL = 6  # rounds of the last stage
+NEAR_GAIN = 0.5  # of what the series leaves unexplained, below which the near kernel is taken
 NEAR_DEFLATION = 3.0  # noise that the near kernel leaves, over what is supposed
 
 
@@ -102,7 +103,7 @@ def _end_row(problem: Problem, state: State, chosen, trial, settled: bool) -> St
     before = state.model.share
     kernel = supposing.kernel_of(problem, state, False) if not row.degree else "diffuse"
     state = replace(state, model=replace(state.model, kernel=kernel), shape=state.positions)
-    state = supposing.with_noise(problem, state)
+    state = supposing.with_noise(problem, state, rough=row.name != "gains")
     if row.degree:
         state = _relocated(problem, state)[0] if state.row == 1 else state
         return _begin_row(problem, state, state.row + 1)
@@ -136,7 +137,7 @@ def _relocated(problem: Problem, state: State) -> tuple[State, bool]:
         return state, False
     model = replace(m, channel_noise=tau)
     elsewhere = replace(state, positions=frozen_array(x, float), gains=gains, offsets=offsets, model=model)
-    return supposing.with_noise(problem, elsewhere), True
+    return supposing.with_noise(problem, elsewhere, rough=state.row < 3), True
 
 
 def _end_attempt(problem: Problem, state: State, score: float, settled: bool) -> State:
@@ -181,11 +182,19 @@ def _begin_final(problem: Problem, state: State) -> State:
 
 
 def _refined(problem: Problem, state: State) -> State:
-    """A round of the last stage: kernel and noise anew."""
-    kernel = supposing.kernel_of(problem, state, True) if state.model.kernel != "near" else "near"
-    state = replace(state, model=replace(state.model, kernel=kernel), shape=state.positions)
-    state = supposing.with_noise(problem, state, NEAR_DEFLATION if kernel == "near" else 1.0)
-    return _begin_row(problem, state, len(SCHEDULE) - 1)
+    """A round of the last stage: kernel and noise anew; the near kernel only where it leaves much less unexplained."""
+    plain = _with_kernel(problem, state, state.model.kernel, 1.0)
+    if state.model.kernel != "near" and supposing.kernel_of(problem, plain, True) == "near":
+        near = _with_kernel(problem, state, "near", NEAR_DEFLATION)
+        plain = near if near.model.share < NEAR_GAIN * plain.model.share else plain
+    elif state.model.kernel == "near":
+        plain = _with_kernel(problem, state, "near", NEAR_DEFLATION)
+    return _begin_row(problem, plain, len(SCHEDULE) - 1)
+
+
+def _with_kernel(problem: Problem, state: State, kernel: str, deflation: float) -> State:
+    chosen = replace(state, model=replace(state.model, kernel=kernel), shape=state.positions)
+    return supposing.with_noise(problem, chosen, deflation, rough=False)
 
 
 def _end_final(problem: Problem, state: State, settled: bool) -> State:
