@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...cost.channel_likelihood import ChannelField, Terms
+from ...cost.channel_likelihood import ChannelField, Terms, channel_terms
 from ...model.measurement import Problem
 from . import noise_model
 from .objective import Objective, Priors
@@ -91,10 +91,11 @@ def with_noise(problem: Problem, state: State, deflation: float = 1.0, rough: bo
     )
     k = np.real(problem.wavenumbers)
     share = share if rough else alone
-    noise = np.full(len(k), max(share / deflation, least))
+    noise = np.full(len(k), max(share, least))
     given = given_noise(problem, state)
     if given is not None and 1 / BELIEVED < share / np.median(given) < BELIEVED:
         noise = np.maximum(given, least)
+    noise = np.maximum(noise / deflation, least)
     noise = np.minimum(noise + rough * (k * spread) ** 2 / problem.dimension, noise_model.MOST_SHARE)
     return replace(state, model=replace(model, noise=noise, share=share, spread=spread))
 
@@ -119,7 +120,7 @@ def with_spreads(problem: Problem, state: State, free, matrix) -> State:
         e = np.linalg.norm(state.positions[known] - problem.known_positions, axis=1)
         e = np.append(e, KNOWN_SIGMA * np.sqrt(D) * np.ones(int(KNOWN_COUNT)))
         v = np.append(variance[known, :D].mean(axis=1), np.zeros(int(KNOWN_COUNT)))
-        sigma = noise_model.updated_sigma(sigma, e, v, D, 1e-5)
+        sigma = min(noise_model.updated_sigma(sigma, e, v, D, 1e-5), state.settings.known_sigma)
     return replace(
         state, model=replace(model, gain_sigma=sigmas[0], phase_sigma=sigmas[1], known_sigma=sigma)
     )
