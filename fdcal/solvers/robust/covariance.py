@@ -44,14 +44,21 @@ class Uncertainty:
     terms: Terms
 
 
-def uncertainty(problem: Problem, state: State) -> Uncertainty:
-    """Covariance of positions and gains where the solver ended."""
+def uncertainty(problem: Problem, state: State, weaker: float = 1.0) -> Uncertainty:
+    """Covariance of positions and gains where the solver ended.
+
+    weaker : factor on the power of the field in H alone, which weakens the prior of an isotropic field: what then
+        becomes uncertain rests on that prior and not on the wave equation
+    """
     state = replace(state, row=len(SCHEDULE) - 1, shape=state.positions)
     used = supposing.used_modes(problem, state, 0)
     goal = supposing.objective(problem, state, used)
     goal = replace(goal, field=replace(goal.field, noise=_undeflated(problem, state, goal.field)))
     terms = supposing.channel_terms(state.positions, state.gains, goal.pressures, goal.field, 3)
     slopes = terms.slopes
+    if weaker != 1.0:
+        loose = replace(goal.field, power=weaker * goal.field.power)
+        terms = supposing.channel_terms(state.positions, state.gains, goal.pressures, loose)
     add_priors(state.positions, state.gains, goal.priors, terms)
     N, D = state.positions.shape
     P = D + 2
