@@ -34,8 +34,10 @@ def spaced(count: int, most: int) -> np.ndarray:
 
 
 def used_modes(problem: Problem, state: State, most: int) -> np.ndarray:
-    """Modes of a row of the schedule : int64."""
-    count = len(problem.pressures[modes_of(problem, state)])
+    """At most so many of the modes that the row of the schedule works with : int64; 0 for all."""
+    count, row = len(problem.pressures[modes_of(problem, state)]), SCHEDULE[state.row]
+    if row.lowest and len(problem.known):
+        count = min(count, row.modes)
     return spaced(count, most) if most else np.arange(count)
 
 

@@ -14,6 +14,7 @@ class Stage:
     name : of the stage, for display
     degree : of the polynomials by which the array may deform as a whole; 0 lets every microphone move for itself
     modes : at most so many modes, evenly taken; 0 for all
+    lowest : with given positions the lowest ones instead: they hold the scale
     gains : whether channel gains are free
     steps : at most
     settled : metres, a stage ends when nothing moves further
@@ -23,6 +24,7 @@ class Stage:
     name: str
     degree: int
     modes: int
+    lowest: bool
     gains: bool
     steps: int
     settled: float
@@ -30,11 +32,11 @@ class Stage:
 
 
 SCHEDULE = (
-    Stage("bend", 2, 30, False, 12, 2e-3, 0.5),
-    Stage("bend", 3, 30, False, 12, 2e-3, 0.5),
-    Stage("free", 0, 0, False, 5, 1e-3, 2.0),
-    Stage("gains", 0, 0, True, 10, 1e-4, 0.3),
-    Stage("final", 0, 0, True, 16, 1e-5, 0.01),
+    Stage("bend", 2, 30, True, False, 12, 2e-3, 0.5),
+    Stage("bend", 3, 30, False, False, 12, 2e-3, 0.5),
+    Stage("free", 0, 0, False, False, 5, 1e-3, 2.0),
+    Stage("gains", 0, 0, False, True, 10, 1e-4, 0.3),
+    Stage("final", 0, 0, False, True, 16, 1e-5, 0.01),
 )
 
 

@@ -103,7 +103,8 @@ def _end_row(problem: Problem, state: State, chosen, trial, settled: bool) -> St
     before = state.model.share
     kernel = supposing.kernel_of(problem, state, False) if not row.degree else "diffuse"
     state = replace(state, model=replace(state.model, kernel=kernel), shape=state.positions)
-    state = supposing.with_noise(problem, state, rough=row.name != "gains")
+    ahead = replace(state, row=state.row + 1) if row.degree else state
+    state = replace(supposing.with_noise(problem, ahead, rough=row.name != "gains"), row=state.row)
     if row.degree:
         state = _relocated(problem, state)[0] if state.row == 1 else state
         return _begin_row(problem, state, state.row + 1)
