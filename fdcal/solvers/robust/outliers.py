@@ -11,13 +11,14 @@ so a channel of inverted polarity, and one in a wrong basin, both find their pla
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from ...cost.channel_kernels import diffuse_kernel
 from .objective import NU
 
 SPACING = 0.125  # of the shortest wavelength, between candidates
-MOST_CANDIDATES = 3000
-MOST_MOVED = 8  # at once
+MOST_CANDIDATES = 1500
+MOST_MOVED = 6  # at once
 SUSPICIOUS = 4.0  # channel noise over that of the others
 GAIN_SIGMA = 0.05  # nepers and radians, of the prior of a gross gain
 MOST_GAIN = 1.5  # nepers
@@ -76,7 +77,7 @@ def _predicted(x, q, candidates, k, power, noise, tau, dimension: int):
             for r in (between, across)
         )
         K[np.diag_indices(len(K))] += noise[m] * tau
-        y = np.linalg.solve(np.linalg.cholesky(K), np.column_stack([q[m].real, q[m].imag, c]))
+        y = solve_triangular(np.linalg.cholesky(K), np.column_stack([q[m].real, q[m].imag, c]), lower=True, check_finite=False)
         e[m] = (y[:, 0] + 1j * y[:, 1]) @ y[:, 2:]
         V[m] = np.maximum(power[m] - np.sum(y[:, 2:] ** 2, axis=0), 0.0) + noise[m]
     return e, V

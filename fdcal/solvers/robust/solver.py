@@ -26,6 +26,7 @@ NAMES = [row.name for row in SCHEDULE]
 SAME_SCORE = 30.0  # nats between the ends of two attempts that are one
 SAME_PLACE = 0.01  # of the shortest wavelength, likewise
 SETTLED_NOISE = 0.15  # change of the logarithm of the noise after which a round is the last
+SEARCH_MODES, MOST_SEARCHES = 16, 1  # modes of a search for other places; rounds after which there is none
 MOST_FINAL = 6  # rounds of the last stage
 NEAR_GAIN = 0.5  # of what the series leaves unexplained, below which the near kernel is taken
 NEAR_DEFLATION = 3.0  # noise that the near kernel leaves, over what is supposed
@@ -108,7 +109,7 @@ def _end_row(problem: Problem, state: State, chosen, trial, settled: bool) -> St
     if row.degree:
         state = _relocated(problem, state)[0] if state.row == 1 else state
         return _begin_row(problem, state, state.row + 1)
-    state, moved = _relocated(problem, state)
+    state, moved = _relocated(problem, state) if state.rounds <= MOST_SEARCHES else (state, False)
     if row.name == "free":
         return _begin_row(problem, state, state.row + 1)
     k = float(np.real(problem.wavenumbers[supposing.modes_of(problem, state)]).max())
@@ -121,7 +122,7 @@ def _end_row(problem: Problem, state: State, chosen, trial, settled: bool) -> St
 
 def _relocated(problem: Problem, state: State) -> tuple[State, bool]:
     """Channels that do not fit, elsewhere or with another gain."""
-    used = supposing.used_modes(problem, state, supposing.NOISE_MODES)
+    used = supposing.used_modes(problem, state, SEARCH_MODES)
     m = state.model
     x, gains, offsets, tau, moved = outliers.relocate(
         state.positions,
