@@ -18,7 +18,7 @@ TOO_NOISY = 0.3  # share of the power
 LOOSE = 0.1  # one sigma over the array's root mean square radius
 STRAIN = 0.06  # one sigma of the least certain stretching of a blind array
 MISFIT = 2.0  # noise found over the noise given
-CROWD = 0.25  # part of the channels that may be odd
+CROWD = 2, 0.12  # channels that may be odd, and part of them
 MANY = 0.2  # part of the given positions that may be misplaced
 RIVAL = 8.0  # nats within which another end counts
 AGREED = 3.0  # sigmas within which two ends are one
@@ -72,7 +72,7 @@ def _code(problem: Problem, state: State, found, sigma, odd, sound) -> str:
     if share > TOO_NOISY:
         return "too_noisy"
     x = state.positions[sound]
-    if np.sum(~sound) > CROWD * len(sigma):
+    if np.sum(~sound) > max(CROWD[0], CROWD[1] * len(sigma)):
         return "model_mismatch"
     wrong = [one for one in odd if one.number in problem.known and one.kind in ("misplaced", "exchanged")]
     displaced = [one for one in wrong if one.kind == "misplaced"]
