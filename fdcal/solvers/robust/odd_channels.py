@@ -21,6 +21,7 @@ from .state import State
 INVERTED = 2.5  # radians
 GAIN = 4.0, 0.12  # times the spread of the channels, and nepers or radians: further away is odd
 NOISY = 12.0  # channel noise over that of the others
+LEAST_NOISE = 1e-6  # of the power, that matters at all
 DEAD = 0.5  # part of its variance, or of its power, that the others do not predict
 COHERENT = 0.5  # of the power that a delay must explain
 MISPLACED = 3.0, 0.006  # sigmas and metres
@@ -43,6 +44,7 @@ def odd_channels(problem: Problem, state: State, found: Uncertainty) -> tuple[Od
     tau, terms = state.model.channel_noise, found.terms
     predicted = terms.corrected - terms.weighted / terms.precision
     N = len(tau)
+    tau = np.where(tau * state.model.share < LEAST_NOISE, 1.0, tau)
     alone = np.mean(1 / (terms.precision * _variance(state, terms)), axis=0)
     lost = (alone > DEAD) & (alone > 3 * np.median(alone))
     for n in range(N):

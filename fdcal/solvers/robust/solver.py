@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...model.gauge import align, place
+from ...model.gauge import align, fixes_gauge, place
 from ...model.measurement import Problem
 from ...model.validation import InputError, frozen_array
 from .. import initial_positions
@@ -27,6 +27,7 @@ SAME_SCORE = 30.0  # nats between the ends of two attempts that are one
 SAME_PLACE = 0.01  # of the shortest wavelength, likewise
 SETTLED_NOISE = 0.15  # change of the logarithm of the noise after which a round is the last
 SEARCH_MODES, MOST_SEARCHES = 16, 1  # modes of a search for other places; rounds after which there is none
+OUTLIER = 3.0  # times the median deviation, or the spread, of the given positions
 MOST_FINAL = 6  # rounds of the last stage
 NEAR_GAIN = 0.5  # of what the series leaves unexplained, below which the near kernel is taken
 NEAR_DEFLATION = 3.0  # noise that the near kernel leaves, over what is supposed
@@ -210,4 +211,20 @@ def _end_final(problem: Problem, state: State, settled: bool) -> State:
 
 def _finished(problem: Problem, state: State, settled: bool) -> State:
     x = state.positions if problem.frame is None else place(state.positions, problem.frame)
+    x = _anchored(problem, state) if len(problem.known) else x
     return replace(state, positions=frozen_array(x, float), finished=True, converged=settled)
+
+
+def _anchored(problem: Problem, state: State) -> np.ndarray:
+    """Positions moved as a whole onto the given ones, which the pressures leave open; outliers among them left out.
+
+    Where hardly any noise is left the last steps do not see the weak pull of the given positions.
+    """
+    x, known, places = state.positions, problem.known, problem.known_positions
+    away = np.linalg.norm(x[known] - places, axis=1)
+    near = away <= max(OUTLIER * float(np.median(away)), OUTLIER * state.model.known_sigma)
+    if np.sum(near) <= x.shape[1] or not fixes_gauge(places[near]):
+        return x
+    moved = starts.onto(x, known[near], places[near])
+    before, after = (np.sum((y[known[near]] - places[near]) ** 2) for y in (x, moved))
+    return moved if after < before else x

@@ -66,14 +66,14 @@ def _aligned(problem: Problem, x) -> np.ndarray:
     known, places, D = problem.known, problem.known_positions, x.shape[1]
     best, score = None, np.inf
     for chosen in list(combinations(range(len(known)), min(D + 1, len(known))))[:MOST_SUBSETS]:
-        moved = _onto(x, known[list(chosen)], places[list(chosen)])
+        moved = onto(x, known[list(chosen)], places[list(chosen)])
         error = np.median(np.linalg.norm(moved[known] - places, axis=1))
         if error < score:
             best, score = moved, error
     return best
 
 
-def _onto(x, known, places) -> np.ndarray:
+def onto(x, known, places) -> np.ndarray:
     """`x` moved, turned and mirrored as a whole so that microphones `known` come to `places`."""
     goal = np.zeros_like(x)
     goal[known] = places
