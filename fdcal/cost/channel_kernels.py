@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import j0, j1
 
 from ..acoustics.compiled import adjoint, compiled, writable
-from .low_rank_covariance import _about_centre, _circular
+from .low_rank_covariance import expansion_centre, fill_circular
 from .spherical_covariance import cosine, directions, series
 
 SMALL = 1e-6  # argument below which J_1(z) / z is 1/2
@@ -54,7 +54,7 @@ def series_kernel(positions, about, wavenumbers, dimension: int, near: bool, slo
     D : (D, M, N, N) complex128, 1/m; None unless wanted
     """
     x, k = writable(positions, float), writable(wavenumbers, complex)
-    centre, orders, amplification = _about_centre(x, k, dimension, near, about)
+    centre, orders, amplification = expansion_centre(x, k, dimension, near, about)
     (N, axes), M = x.shape, len(k)
     K = np.empty((M, N, N), complex)
     D = np.empty((axes, M, N, N) if slope else (axes, M, 0, 0), complex)
@@ -68,7 +68,7 @@ def _plane_series(x, centre, k, orders, amplification, slope, K, D):
     for m in range(len(k)):
         width = 2 * orders[m] + 1
         W, dW = np.empty((len(x), width), np.complex128), np.empty((2, len(x), width), np.complex128)
-        _circular(x, centre, k[m], orders[m], amplification[m], slope, W, dW)
+        fill_circular(x, centre, k[m], orders[m], amplification[m], slope, W, dW)
         WH = adjoint(W)
         K[m] = W @ WH
         if slope:
@@ -89,4 +89,3 @@ def _space_series(x, centre, k, orders, amplification, slope, K, D):
                     c = cosine(e, i, j)
                     for a in range(x.shape[1]):
                         D[a, m, i, j] = R[i, j] * e[i, a] + A[i, j] * (e[j, a] - c * e[i, a]) / reach[i]
-

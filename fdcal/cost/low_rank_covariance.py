@@ -58,7 +58,7 @@ def expansion_terms(
         A position is not finite.
     """
     x, k, p = writable(positions, float), writable(wavenumbers), writable(pressures, complex)
-    centre, orders, gains = _about_centre(x, k, dimension, near_field, reference)
+    centre, orders, gains = expansion_centre(x, k, dimension, near_field, reference)
     noise = np.maximum(noise, LEAST_WEIGHT * power)
     scale = np.ones_like(noise) if log_det else noise
     if dimension == 2:
@@ -68,7 +68,7 @@ def expansion_terms(
     return sum_over_modes(series_modes, (x, centre), modes, (float(log_det), derivatives), derivatives)
 
 
-def _about_centre(x, k, dimension: int, near_field: bool, reference=None):
+def expansion_centre(x, k, dimension: int, near_field: bool, reference=None):
     """Return the centre (D,), the orders (M,) and the gain of every order (M, L + 1).
 
     The centre is a little off the centre of mass, so that no microphone stands on it: directions are undefined there.
@@ -94,12 +94,12 @@ def _circular_modes(x, centre, p, k, orders, gains, mu, scale, log_det, derivati
     for m in range(len(k)):
         r = 2 * orders[m] + 1
         W, dW = np.empty((len(x), r), k.dtype), np.empty((2, len(x), r), k.dtype)
-        _fill_circular(x, centre, k[m], orders[m], gains[m], derivatives > 0, W, dW)
+        fill_circular(x, centre, k[m], orders[m], gains[m], derivatives > 0, W, dW)
         add_mode(W, dW, p[m], mu[m], scale[m], log_det, derivatives, cost, gradient, H)
 
 
 @compiled
-def _fill_circular(x, centre, k, L, gain, slopes, W, dW):
+def fill_circular(x, centre, k, L, gain, slopes, W, dW):
     """Fill W (N, 2L + 1) and, if `slopes`, dW (2, N, 2L + 1), its derivatives along x and y, 1/m."""
     J = np.empty(L + 2, W.dtype)
     root = np.sqrt(2.0)
@@ -143,7 +143,7 @@ def expansion_spectra(
     list of two (N,) float64 arrays per mode; where eigenvalues are zero, the rest of |p|^2 is spread evenly over them
     """
     x, k = writable(positions, float), writable(wavenumbers)
-    centre, orders, gains = _about_centre(x, k, dimension, near_field)
+    centre, orders, gains = expansion_centre(x, k, dimension, near_field)
 
     def of_mode(mode) -> tuple[np.ndarray, np.ndarray]:
         kk, order, gain, p = mode
@@ -172,7 +172,7 @@ def circular_dictionary(points, k, order: int, centre, gain=None) -> np.ndarray:
     """
     x, centre = writable(points, float), writable(centre, float)
     W = np.empty((len(x), 2 * order + 1), np.asarray(k).dtype)
-    _fill_circular(
+    fill_circular(
         x, centre, k, order, np.ones(order + 1) if gain is None else gain, False, W, np.empty((2, 0, 0), W.dtype)
     )
     return W

@@ -155,7 +155,8 @@ class SolverSettings:
     Attributes
     ----------
     name : str
-        "joint"; "descent", the paper's; "descent+joint", one after the other; or "room".
+        "joint"; "robust", which also seeks the gains of the channels and names faulty ones; "descent", the paper's;
+        "descent+joint", one after the other; or "room".
     modes, first_modes : int
         Modes in use at the end and at the start.
     order_offset : int
@@ -180,6 +181,12 @@ class SolverSettings:
         or "none".
     room : tuple of float or None
         Size of the rectangular room of solver "room", metres; that of the scene unless given.
+    gains : str
+        Of "robust": "auto" seeks gain and phase of every channel and estimates their spread; "fixed" holds them.
+    gain_sigma_db, phase_sigma_deg : float or None
+        Of "robust": standard deviation of the gains, decibels, and of the phases, degrees; estimated unless given.
+    known_sigma : float or None
+        Of "robust": standard deviation of each coordinate of a given position, metres; at most 3 mm unless given.
     """
 
     name: str = "joint"
@@ -195,8 +202,14 @@ class SolverSettings:
     noise: str = "reported"
     known: str = "all"
     room: Point | None = None
+    gains: str = "auto"
+    gain_sigma_db: float | None = None
+    phase_sigma_deg: float | None = None
+    known_sigma: float | None = None
 
-    OPTIONAL: typing.ClassVar = ("start", "cost", "noise", "known", "room")
+    OPTIONAL: typing.ClassVar = (
+        "start", "cost", "noise", "known", "room", "gains", "gain_sigma_db", "phase_sigma_deg", "known_sigma",
+    )  # fmt: skip
 
     def __post_init__(self):
         if self.noise == "told":  # the old spelling
@@ -220,6 +233,11 @@ class SolverSettings:
             require_choice("solver.start", self.start, ("affine", "random"))
         for length in self.room or ():
             require_positive("solver.room", length, "m")
+        require_choice("solver.gains", self.gains, ("auto", "fixed"))
+        for key, unit in (("gain_sigma_db", "dB"), ("phase_sigma_deg", "degrees"), ("known_sigma", "m")):
+            value = getattr(self, key)
+            if value is not None:
+                require_positive(f"solver.{key}", value, unit)
         _ = self.snr_db  # raises for a `noise` that is neither a choice nor a number
 
     @property

@@ -74,6 +74,7 @@ class AssessmentMethod(enum.Enum):
     """How the result of a solver is assessed."""
 
     LIKELIHOOD = "likelihood"  # `fdcal.assessment.verdict`: positions up to what the known microphones fix
+    CHANNELS = "channels"  # `fdcal.assessment.channel_verdict`: the same, with gain and noise of every channel
     KNOWN_ROOM = "known room"  # `fdcal.assessment.room_verdict`: positions up to the symmetries of the room
 
 

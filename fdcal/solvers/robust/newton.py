@@ -33,14 +33,14 @@ class Step:
     matrix: np.ndarray | None
 
 
-def free_basis(positions, bends, gains: bool, phases: bool) -> np.ndarray | None:
+def free_basis(positions, bends, gains: bool) -> np.ndarray:
     """Directions (N P, F) in which the parameters may move, P = D + 2; an index vector where no bend confines them.
 
     bends : (N D, F) float64 or None, directions of the positions; None lets all move
     """
     N, D = positions.shape
     index = np.arange(N * (D + 2)).reshape(N, D + 2)
-    columns = [index[:, D]] * gains + [index[:, D + 1]] * phases
+    columns = [index[:, D]] * gains + [index[:, D + 1]] * gains
     if bends is None:
         return np.concatenate([index[:, :D].ravel(), *columns]) if columns else index[:, :D].ravel()
     freed = np.concatenate(columns) if columns else np.zeros(0, int)
@@ -70,9 +70,7 @@ def damped_step(positions, gains, objective: Objective, free, damping: float, fu
         moved = float(np.abs(delta[:, :D]).max())
         lower = _cost(objective, tried, turned) if moved <= furthest else np.inf
         if lower < cost:
-            return Step(
-                tried, turned, lower, cost - lower, max(damping / 10, LEAST_DAMPING), moved, terms, free, H
-            )
+            return Step(tried, turned, lower, cost - lower, max(damping / 10, LEAST_DAMPING), moved, terms, free, H)
         if -(g @ y) < LEAST_FALL * abs(cost):
             break
         damping = max(damping, FIRST_DAMPING) * 6

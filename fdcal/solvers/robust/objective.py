@@ -1,6 +1,9 @@
 """What a stage minimises: the likelihood of the modes in use, and the priors of gains and given positions.
 
-Gains and given positions have Student t priors of NU degrees of freedom: -log p = (NU + d) / 2 log(1 + e^2 / (NU sigma^2)),
+Gains and given positions have Student t priors of NU degrees of freedom,
+
+    -log p = (NU + d) / 2 log(1 + e^2 / (NU sigma^2)),
+
 e the deviation, d its number of components. One wrong entry is outvoted, and a small sigma costs a matched array
 nothing. In the Gauss-Newton matrix such a prior is a spring of stiffness w = (NU + d) / (NU sigma^2 + e^2).
 """

@@ -77,7 +77,9 @@ def _predicted(x, q, candidates, k, power, noise, tau, dimension: int):
             for r in (between, across)
         )
         K[np.diag_indices(len(K))] += noise[m] * tau
-        y = solve_triangular(np.linalg.cholesky(K), np.column_stack([q[m].real, q[m].imag, c]), lower=True, check_finite=False)
+        y = solve_triangular(
+            np.linalg.cholesky(K), np.column_stack([q[m].real, q[m].imag, c]), lower=True, check_finite=False
+        )
         e[m] = (y[:, 0] + 1j * y[:, 1]) @ y[:, 2:]
         V[m] = np.maximum(power[m] - np.sum(y[:, 2:] ** 2, axis=0), 0.0) + noise[m]
     return e, V

@@ -1,4 +1,4 @@
-"""Numbers that the solver works with, with their units; all of them may be changed."""
+"""The schedule of the solver `robust`, and the numbers that decide beside it."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ class Stage:
 
 
 SCHEDULE = (
-    Stage("bend", 2, 30, True, False, 12, 2e-3, 0.5),
-    Stage("bend", 3, 30, False, False, 12, 2e-3, 0.5),
+    Stage("deformation", 2, 30, True, False, 12, 2e-3, 0.5),
+    Stage("deformation", 3, 30, False, False, 12, 2e-3, 0.5),
     Stage("free", 0, 0, False, False, 5, 1e-3, 2.0),
     Stage("gains", 0, 0, False, True, 10, 1e-4, 0.3),
     Stage("final", 0, 0, False, True, 16, 1e-5, 0.01),
@@ -41,27 +41,44 @@ SCHEDULE = (
 
 
 @dataclass(frozen=True)
-class RobustSettings:
-    """Settings of the solver `robust`.
+class Rules:
+    """What decides beside the schedule.
 
     Attributes
     ----------
-    gains : "auto" estimates their spread from the data, "fixed" holds them
-    gain_sigma, phase_sigma : nepers and radians, spread of the channels to begin with
-    known_sigma : metres, one sigma of a given coordinate to begin with; 0 holds the given positions
-    noise_given : whether the noise of the measurement is used
-    stride : of the shortest wavelength, the longest move of a microphone in one step
+    gain_sigma : nepers, spread of the channel gains to begin with
+    phase_sigma : radians, spread of the channel phases to begin with
+    known_sigma : metres, one sigma of a given coordinate to begin with, and at most
+    stride : longest move of a microphone in one step, over the shortest wavelength
     rounds : stages "gains" at most in one attempt
     attempts : starts tried at most
-    modes : number of modes used, the lowest; None for all
+    final_rounds : stages "final" at most
+    search_modes : modes of a search for other places of outliers
+    searches : rounds with such a search
+    same_score : nats between the ends of two attempts that are one
+    same_place : distance of these ends, over the shortest wavelength
+    settled_noise : change of the logarithm of the noise after which a round is the last
+    known_outlier : distance of a given position over the median of all of them, or their sigma, that leaves it out
+        when the array is moved onto the given positions
+    near_gain : part of the residual of the series that the near-field kernel must leave to be taken
+    near_deflation : residual of the near-field kernel over the noise that is assumed with it
     """
 
-    gains: str = "auto"
     gain_sigma: float = 0.02
     phase_sigma: float = 0.02
     known_sigma: float = 0.003
-    noise_given: bool = True
     stride: float = 0.125
     rounds: int = 8
     attempts: int = 6
-    modes: int | None = None
+    final_rounds: int = 6
+    search_modes: int = 16
+    searches: int = 1
+    same_score: float = 30.0
+    same_place: float = 0.01
+    settled_noise: float = 0.15
+    known_outlier: float = 3.0
+    near_gain: float = 0.5
+    near_deflation: float = 3.0
+
+
+RULES = Rules()

@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from ...model.gauge import align, fixes_gauge
-from ...model.measurement import Problem
+from ...model.problem import Problem
 from ...model.validation import InputError
 from .. import initial_positions
 
@@ -18,7 +18,7 @@ EXTENT = 30.0  # metres: no array is larger
 
 def plan(problem: Problem, modes: int) -> list[tuple[str, int]]:
     """Starts in the order in which they are tried: kind and number of lowest modes."""
-    counts = list(dict.fromkeys(min(n, modes) for n in initial_positions.LOWEST[problem.dimension]))
+    counts = list(dict.fromkeys(min(n, modes) for n in initial_positions.RULES.lowest(problem.dimension)))
     if not len(problem.known):
         return [("metric", n) for n in counts] + [("redirected", counts[0])]
     kinds = [("map", counts[0]), ("metric", counts[0])]

@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
-from .settings import RobustSettings
+from ..interface import RunState
 
 
 @dataclass(frozen=True)
 class Model:
-    """What is supposed beside positions and gains; updated by maximum likelihood as the solver goes.
+    """Field, noise and spreads that are assumed; updated by maximum likelihood while the solver runs.
 
     Attributes
     ----------
-    power : (M,) float64, of the field, in the unit of abs(pressures)**2
-    noise : (M,) float64, of a sound channel, in the same unit
+    power : (M,) float64, of the field; every mode of the problem has a mean power of 1
+    noise : (M,) float64, of a healthy channel, likewise
     channel_noise : (N,) float64, noise of each channel over that, tau
-    share, spread : float, noise as a share of the power of the pressures, and the error of the positions, metres,
-        that together explain what is left
-    gain_sigma, phase_sigma : float, nepers and radians
-    known_sigma : float, metres
+    share : noise as a part of the mean power
+    spread : metres, error of the positions that, with the noise, explains the residual
+    gain_sigma, phase_sigma : nepers and radians
+    known_sigma : metres
     kernel : "diffuse", "series" or "near"
     """
 
@@ -34,12 +34,12 @@ class Model:
     gain_sigma: float
     phase_sigma: float
     known_sigma: float
-    kernel: str = "diffuse"
+    kernel: str
 
 
 @dataclass(frozen=True)
 class End:
-    """Where an attempt ended: positions (N, D), gains and offsets (N, 2), model, and the score that ranks it."""
+    """The end of an attempt: positions (N, D), metres, gains and offsets (N, 2), model, and the score that ranks it."""
 
     positions: np.ndarray
     gains: np.ndarray
@@ -50,27 +50,44 @@ class End:
 
 
 @dataclass(frozen=True)
-class State:
-    """Attributes: positions (N, D) metres; gains, offsets (N, 2) nepers and radians; row of the schedule and steps
-    taken in it; ends of the attempts so far.
+class Progress:
+    """Where the solver is.
+
+    Attributes
+    ----------
+    attempt : number of the start, see `starts.plan`
+    row : of the schedule
+    rounds : stages of this row so far
+    steps : in this stage
+    damping : of the next step
+    """
+
+    attempt: int
+    row: int
+    rounds: int
+    steps: int
+    damping: float
+
+
+@dataclass(frozen=True)
+class State(RunState):
+    """State of the solver `robust`.
+
+    Attributes
+    ----------
+    gains : (N, 2) float64, logarithm of the gain, nepers, and phase, radians, of each channel
+    offsets : (N, 2) float64, likewise, about which the gains scatter: 0 but for a channel with a gross fault
+    model : Model
+    progress : Progress
+    shape : (N, D) float64, metres, positions at the beginning of the stage, which fix the deformations and the centre
+    ends : tuple of End, of the attempts so far
     """
 
     solver: ClassVar[str] = "robust"
-    positions: np.ndarray
+
     gains: np.ndarray
     offsets: np.ndarray
     model: Model
-    settings: RobustSettings
-    seed: int
-    step: int = 0
-    stage: int = 0
-    row: int = 0
-    stage_steps: int = 0
-    rounds: int = 0
-    attempt: int = 0
-    damping: float = 1e-3
-    cost: float = 0.0
-    shape: np.ndarray | None = None
-    ends: tuple[End, ...] = field(default=())
-    finished: bool = False
-    converged: bool = False
+    progress: Progress
+    shape: np.ndarray
+    ends: tuple[End, ...]

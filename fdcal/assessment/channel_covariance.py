@@ -14,14 +14,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...cost.channel_likelihood import Terms
-from ...model.gauge import Frame, rigid_motions
-from ...model.measurement import Problem
-from . import model as supposing
-from .newton import reduced
-from .objective import add_priors
-from .settings import SCHEDULE
-from .state import State
+from ..cost.channel_likelihood import Terms, channel_terms
+from ..model.gauge import GaugeFrame, rigid_motions
+from ..model.problem import Problem
+from ..solvers.robust import assumptions
+from ..solvers.robust.newton import reduced
+from ..solvers.robust.objective import add_priors
+from ..solvers.robust.settings import RULES, SCHEDULE
+from ..solvers.robust.state import State
 
 NEIGHBOURS, GROUPS = 8, 6  # modes in a group, and how many groups there must be for that
 
@@ -50,15 +50,16 @@ def uncertainty(problem: Problem, state: State, weaker: float = 1.0) -> Uncertai
     weaker : factor on the power of the field in H alone, which weakens the prior of an isotropic field: what then
         becomes uncertain rests on that prior and not on the wave equation
     """
-    state = replace(state, row=len(SCHEDULE) - 1, shape=state.positions)
-    used = supposing.used_modes(problem, state, 0)
-    goal = supposing.objective(problem, state, used)
+    progress = replace(state.progress, row=len(SCHEDULE) - 1)
+    state = replace(state, progress=progress, shape=state.positions)
+    used = assumptions.used_modes(problem, state, 0)
+    goal = assumptions.objective(problem, state, used)
     goal = replace(goal, field=replace(goal.field, noise=_undeflated(problem, state, goal.field)))
-    terms = supposing.channel_terms(state.positions, state.gains, goal.pressures, goal.field, 3)
+    terms = channel_terms(state.positions, state.gains, goal.pressures, goal.field, 3)
     slopes = terms.slopes
     if weaker != 1.0:
         loose = replace(goal.field, power=weaker * goal.field.power)
-        terms = supposing.channel_terms(state.positions, state.gains, goal.pressures, loose)
+        terms = channel_terms(state.positions, state.gains, goal.pressures, loose)
     add_priors(state.positions, state.gains, goal.priors, terms)
     N, D = state.positions.shape
     P = D + 2
@@ -81,7 +82,7 @@ def uncertainty(problem: Problem, state: State, weaker: float = 1.0) -> Uncertai
 
 def _undeflated(problem: Problem, state: State, field) -> np.ndarray:
     """The noise without what the near kernel's stage takes off it; never below what the kernel explains."""
-    return field.noise * (3.0 if state.model.kernel == "near" else 1.0)
+    return field.noise * (RULES.near_deflation if state.model.kernel == "near" else 1.0)
 
 
 def _grouped(slopes) -> np.ndarray:
@@ -106,7 +107,7 @@ def _gauge(problem: Problem, positions) -> np.ndarray:
     return np.eye(size) - R @ np.linalg.solve(fixed @ R, fixed)
 
 
-def _frame_rows(frame: Frame, positions) -> np.ndarray:
+def _frame_rows(frame: GaugeFrame, positions) -> np.ndarray:
     """Linear functions of the positions (F, N D) that the frame fixes: the first point, then what is across."""
     N, D = positions.shape
     first = positions[frame.microphones[0]]

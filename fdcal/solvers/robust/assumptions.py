@@ -1,4 +1,4 @@
-"""What each row of the schedule supposes: objective, kernel, noise; and how it learns from where the row ended."""
+"""What each row of the schedule assumes: objective, kernel and noise, estimated again where a stage ends."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...cost.channel_likelihood import ChannelField, Terms, channel_terms
-from ...model.measurement import Problem
+from ...cost.channel_likelihood import ChannelField, Terms
+from ...model.problem import Problem
+from ...model.settings import SolverSettings
 from . import noise_model
 from .objective import Objective, Priors
-from .settings import SCHEDULE
+from .settings import RULES, SCHEDULE
 from .state import Model, State
 
 NOISE_MODES = 24  # at most, evenly taken, to estimate the noise from
@@ -23,11 +24,6 @@ SAME_SPREAD = 0.2  # change of the logarithm of a spread that does not count
 KNOWN_COUNT, KNOWN_SIGMA = 2.0, 2e-3  # given positions that a spread of so many metres is worth
 
 
-def modes_of(problem: Problem, state: State) -> slice:
-    """The modes that may be used."""
-    return slice(0, state.settings.modes)
-
-
 def spaced(count: int, most: int) -> np.ndarray:
     """At most `most` numbers below `count`, evenly taken : int64."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.int64))
@@ -35,10 +31,10 @@ def spaced(count: int, most: int) -> np.ndarray:
 
 def used_modes(problem: Problem, state: State, most: int) -> np.ndarray:
     """At most so many of the modes that the row of the schedule works with : int64; 0 for all."""
-    count, row = len(problem.pressures[modes_of(problem, state)]), SCHEDULE[state.row]
+    count, row = len(problem.pressures[state.modes]), SCHEDULE[state.progress.row]
     if row.lowest and len(problem.known):
         count = min(count, row.modes)
-    return spaced(count, most) if most else np.arange(count)
+    return state.first - 1 + (spaced(count, most) if most else np.arange(count))
 
 
 def field(problem: Problem, state: State, used) -> ChannelField:
@@ -57,10 +53,15 @@ def field(problem: Problem, state: State, used) -> ChannelField:
     )
 
 
+def gains_are_free(state: State) -> bool:
+    """Return whether the gains of the channels are sought."""
+    return state.settings.gains != "fixed"
+
+
 def objective(problem: Problem, state: State, used) -> Objective:
     """What the row minimises."""
-    row, model = SCHEDULE[state.row], state.model
-    gains = row.gains and state.settings.gains != "fixed"
+    row, model = SCHEDULE[state.progress.row], state.model
+    gains = row.gains and gains_are_free(state)
     loose = float(np.hypot(model.known_sigma, model.spread if row.degree else 0.0))
     spread = (model.gain_sigma, model.phase_sigma) if gains else (0.0, 0.0)
     priors = Priors(*spread, problem.known, problem.known_positions, loose, state.offsets)
@@ -104,7 +105,9 @@ def with_noise(problem: Problem, state: State, deflation: float = 1.0, rough: bo
 
 def given_noise(problem: Problem, state: State) -> np.ndarray | None:
     """Noise power of the measurement (M,), None where it is not given or not to be used."""
-    return problem.noise_power if state.settings.noise_given and problem.noise_power is not None else None
+    if state.settings.snr_db is not None:
+        return np.full(len(problem.pressures), 10 ** (-state.settings.snr_db / 10))
+    return problem.noise_power if state.settings.noise == "reported" else None
 
 
 def with_spreads(problem: Problem, state: State, free, matrix) -> State:
@@ -114,18 +117,19 @@ def with_spreads(problem: Problem, state: State, free, matrix) -> State:
     variance[free] = np.diag(np.linalg.inv(matrix + 1e-12 * np.diag(np.diag(matrix))))
     variance = variance.reshape(N, D + 2)
     model, sigmas = state.model, []
+    stated = state.settings.gain_sigma_db is not None, state.settings.phase_sigma_deg is not None
     for column, sigma in enumerate((model.gain_sigma, model.phase_sigma)):
         e = np.append(state.gains[:, column] - state.offsets[:, column], PRIOR_GAIN * np.sqrt(PRIOR_COUNT))
-        sigmas.append(noise_model.updated_sigma(sigma, e, np.append(variance[:, D + column], 0.0)))
+        fresh = noise_model.updated_sigma(sigma, e, np.append(variance[:, D + column], 0.0))
+        sigmas.append(sigma if stated[column] else fresh)
     known, sigma = problem.known, model.known_sigma
-    if len(known) and state.settings.known_sigma > 0:
+    if len(known):
         e = np.linalg.norm(state.positions[known] - problem.known_positions, axis=1)
         e = np.append(e, KNOWN_SIGMA * np.sqrt(D) * np.ones(int(KNOWN_COUNT)))
         v = np.append(variance[known, :D].mean(axis=1), np.zeros(int(KNOWN_COUNT)))
-        sigma = min(noise_model.updated_sigma(sigma, e, v, D, 1e-5), state.settings.known_sigma)
-    return replace(
-        state, model=replace(model, gain_sigma=sigmas[0], phase_sigma=sigmas[1], known_sigma=sigma)
-    )
+        sigma = min(noise_model.updated_sigma(sigma, e, v, D, 1e-5), first_known_sigma(state.settings))
+    model = replace(model, gain_sigma=sigmas[0], phase_sigma=sigmas[1], known_sigma=sigma)
+    return replace(state, model=model)
 
 
 def same_spreads(before: Model, after: Model) -> bool:
@@ -135,13 +139,13 @@ def same_spreads(before: Model, after: Model) -> bool:
 
 
 def score(problem: Problem, state: State, chosen: ChannelField, trial) -> float:
-    """-log evidence of where an attempt ended (Laplace's approximation), up to a constant: the least is the likeliest."""
+    """Return -log evidence of the end of an attempt, by Laplace's approximation, up to a constant."""
     used = used_modes(problem, state, 0)
     N, D = state.positions.shape
     m = state.model
     cost = state.cost + noise_model.hyper_cost(chosen, corrected(problem, state, used))
     cost += 0.5 * np.linalg.slogdet(trial.matrix)[1] + len(problem.known) * D * np.log(max(m.known_sigma, 1e-6))
-    if SCHEDULE[state.row].gains and state.settings.gains != "fixed":
+    if SCHEDULE[state.progress.row].gains and gains_are_free(state):
         cost += N * (np.log(m.gain_sigma) + np.log(m.phase_sigma))
     return float(cost)
 
@@ -154,17 +158,31 @@ def centred(state: State) -> State:
     return replace(state, gains=state.gains - shift, model=replace(state.model, power=power, noise=noise))
 
 
-def first_model(problem: Problem, state: State) -> Model:
-    """What an attempt begins with."""
-    N, M = problem.pressures.shape[1], len(problem.pressures)
-    s = state.settings
-    ones = np.ones(M)
-    return Model(ones, 0.1 * ones, np.ones(N), 0.1, 0.0, s.gain_sigma, s.phase_sigma, s.known_sigma)
+def first_known_sigma(settings: SolverSettings) -> float:
+    """Return one sigma of a given coordinate to begin with, and at most, metres."""
+    return RULES.known_sigma if settings.known_sigma is None else settings.known_sigma
+
+
+def first_model(problem: Problem, settings: SolverSettings) -> Model:
+    """Return the model that an attempt begins with."""
+    M, N = problem.pressures.shape
+    gain, phase = settings.gain_sigma_db, settings.phase_sigma_deg
+    return Model(
+        power=np.ones(M),
+        noise=0.1 * np.ones(M),
+        channel_noise=np.ones(N),
+        share=0.1,
+        spread=0.0,
+        gain_sigma=RULES.gain_sigma if gain is None else gain * np.log(10) / 20,
+        phase_sigma=RULES.phase_sigma if phase is None else float(np.radians(phase)),
+        known_sigma=first_known_sigma(settings),
+        kernel="diffuse",
+    )
 
 
 def kernel_of(problem: Problem, state: State, final: bool) -> str:
     """The kernel that the noise left calls for."""
-    k = problem.wavenumbers[modes_of(problem, state)]
+    k = problem.wavenumbers[state.modes]
     radius = float(np.sqrt(np.mean(np.sum((state.positions - state.positions.mean(axis=0)) ** 2, axis=1))))
     share = state.model.share
     if final and share <= NEAR_SHARE[problem.dimension]:

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...acoustics.fourier_bessel import f_max
-from ...model.gauge import align
-from ...model.measurement import Problem
-from .covariance import uncertainty
+from ..acoustics.fourier_bessel import array_f_max
+from ..model.gauge import align
+from ..model.problem import Problem
+from ..solvers.robust.state import State
+from ..solvers.robust.unit_power import in_unit_power
+from .channel_covariance import uncertainty
 from .odd_channels import OddChannel, exchange_back, odd_channels
-from .state import State
 
 WEAKER = 4.0  # factor on the power of the field in the covariance: rooms are less isotropic than their model
 TOO_NOISY = 0.3  # share of the power
@@ -54,6 +55,7 @@ class RobustVerdict:
 
 def judge(problem: Problem, state: State) -> RobustVerdict:
     """Verdict on where the solver ended."""
+    problem = in_unit_power(problem)
     found = uncertainty(problem, state, WEAKER)
     sigma = np.sqrt(np.maximum(np.trace(found.covariance, axis1=1, axis2=2), 0.0))
     odd = odd_channels(problem, state, found)
@@ -79,7 +81,7 @@ def _code(problem: Problem, state: State, found, sigma, odd, sound) -> str:
     few = len(wrong) > 0 and len(problem.known) - len(wrong) < problem.array_dimension + 1
     if few or len(displaced) > max(1, MANY * len(problem.known)):
         return "known_position"
-    if _highest(problem, x) < problem.frequencies[supposed(state, problem)][-1]:
+    if array_f_max(x, problem.sound_speed, problem.dimension) < problem.frequencies[state.modes][-1]:
         return "undersampled"
     given = problem.noise_power
     if given is not None and share > max(MISFIT * float(np.median(given)), 1e-4 if np.median(given) == 0 else 0.0):
@@ -90,20 +92,6 @@ def _code(problem: Problem, state: State, found, sigma, odd, sound) -> str:
     if np.sqrt(np.mean(sigma[sound] ** 2)) > LOOSE * size or _rival(problem, state, sigma, sound):
         return "ambiguous"
     return "good"
-
-
-def supposed(state: State, problem: Problem) -> slice:
-    """Modes in use."""
-    return slice(0, state.settings.modes)
-
-
-def _highest(problem: Problem, x) -> float:
-    """f_max of the sound channels, Hz: Eq. 9 and its like in space."""
-    R = float(np.linalg.norm(x - x.mean(axis=0), axis=1).max())
-    if problem.dimension == 2:
-        return f_max(len(x), R, problem.sound_speed)
-    order = np.sqrt(len(x)) - 1 if problem.array_dimension == 3 else (np.sqrt(8 * len(x) + 1) - 3) / 2
-    return float(order) * problem.sound_speed / (2 * np.pi * R)
 
 
 def _rival(problem: Problem, state: State, sigma, sound) -> bool:

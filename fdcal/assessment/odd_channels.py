@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...model.measurement import Problem
-from .covariance import Uncertainty
-from .state import State
+from ..model.problem import Problem
+from ..solvers.robust.state import State
+from .channel_covariance import Uncertainty
 
 INVERTED = 2.5  # radians
 GAIN = 4.0, 0.12  # times the spread of the channels, and nepers or radians: further away is odd
@@ -61,8 +61,7 @@ def odd_channels(problem: Problem, state: State, found: Uncertainty) -> tuple[Od
 
 def _variance(state: State, terms) -> np.ndarray:
     """Variance of every channel's corrected pressures (M, N)."""
-    used = slice(0, len(terms.corrected))
-    return state.model.power[used, None] + state.model.noise[used, None] * state.model.channel_noise
+    return state.model.power[state.modes, None] + state.model.noise[state.modes, None] * state.model.channel_noise
 
 
 def _far(value: float, sigma: float) -> bool:
@@ -72,7 +71,7 @@ def _far(value: float, sigma: float) -> bool:
 def _faulty(problem: Problem, state: State, terms, predicted, n: int, lost: bool) -> OddChannel:
     """A channel that its place and gain do not explain: delayed, dead or noisy."""
     q, e = terms.corrected[:, n], predicted[:, n]
-    f = problem.frequencies[: len(q)]
+    f = problem.frequencies[state.modes]
     delays = np.linspace(-2e-3, 2e-3, 401)
     turned = np.abs((np.conj(e) * q) @ np.exp(2j * np.pi * np.outer(f, delays)))
     norm = np.sqrt(np.sum(np.abs(e) ** 2) * np.sum(np.abs(q) ** 2))
@@ -97,7 +96,9 @@ def _misplaced(problem: Problem, state: State, found: Uncertainty) -> dict:
         apart[n] = np.inf
         other = int(np.argmin(apart))
         exchanged = apart[other] < max(EXCHANGED[0] * sigma[other], EXCHANGED[1]) and apart[other] < 0.3 * away
-        odd[int(n)] = OddChannel(int(n), "exchanged" if exchanged else "misplaced", float(away), other if exchanged else -1)
+        odd[int(n)] = OddChannel(
+            int(n), "exchanged" if exchanged else "misplaced", float(away), other if exchanged else -1
+        )
         if exchanged and other not in odd:
             odd[other] = OddChannel(other, "exchanged", float(away), int(n))
     return odd

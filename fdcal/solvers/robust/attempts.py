@@ -1,0 +1,123 @@
+"""Attempts from several starts, and the refinement of the likeliest of their ends."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ...model.gauge import align, fixes_gauge, move_to_frame
+from ...model.problem import Problem
+from ...model.validation import InputError, frozen_array
+from . import assumptions, outliers, starts
+from .settings import RULES, SCHEDULE
+from .state import End, Progress, State
+
+DEFORMATION_DAMPING, DAMPING = 1e-3, 1e-6  # of the first step of a row
+
+
+def begin_attempt(problem: Problem, state: State, positions: np.ndarray, attempt: int) -> State:
+    """Return `state` at the beginning of attempt number `attempt`, at `positions` (N, D), metres."""
+    zero = frozen_array(np.zeros((len(positions), 2)), float)
+    begun = replace(
+        state,
+        positions=frozen_array(positions, float),
+        shape=frozen_array(positions, float),
+        gains=zero,
+        offsets=zero,
+        model=assumptions.first_model(problem, state.settings),
+        progress=Progress(attempt=attempt, row=0, rounds=0, steps=0, damping=0.0),
+    )
+    return begin_row(problem, assumptions.with_noise(problem, begun), 0)
+
+
+def begin_row(problem: Problem, state: State, row: int) -> State:
+    """Return `state` at the beginning of a row of the schedule."""
+    damping = DEFORMATION_DAMPING if SCHEDULE[row].degree else DAMPING
+    progress = replace(state.progress, row=row, steps=0, damping=damping)
+    return replace(state, stage=state.stage + 1, progress=progress, shape=state.positions)
+
+
+def end_attempt(problem: Problem, state: State, score: float, settled: bool) -> State:
+    """Return the beginning of another attempt, or of the last row from the likeliest end."""
+    end = End(state.positions, state.gains, state.offsets, state.model, float(score), settled)
+    state = replace(state, ends=(*state.ends, end))
+    plan = starts.plan(problem, state.last)[: RULES.attempts]
+    if not _agreed(problem, state):
+        for attempt in range(state.progress.attempt + 1, len(plan)):
+            try:
+                positions = starts.start(problem, state.last, *plan[attempt])
+            except (InputError, np.linalg.LinAlgError):  # this start needs more than the modes show
+                continue
+            return begin_attempt(problem, state, positions, attempt)
+    return _begin_final(problem, state)
+
+
+def _agreed(problem: Problem, state: State) -> bool:
+    """Whether two attempts ended in the same place and none is likelier."""
+    ends = sorted(state.ends, key=lambda end: end.score)
+    if len(ends) < 2 or not np.isfinite(ends[1].score) or ends[1].score - ends[0].score > RULES.same_score:
+        return False
+    wavelength = 2 * np.pi / float(np.real(problem.wavenumbers[state.modes]).max())
+    other = align(ends[1].positions, ends[0].positions)
+    healthy = ends[0].model.channel_noise < outliers.SUSPICIOUS
+    away = (other - ends[0].positions)[healthy]
+    return bool(np.sqrt(np.mean(away**2)) < RULES.same_place * wavelength)
+
+
+def _begin_final(problem: Problem, state: State) -> State:
+    best = min(state.ends, key=lambda end: end.score)
+    state = replace(
+        state,
+        positions=best.positions,
+        gains=best.gains,
+        offsets=best.offsets,
+        model=best.model,
+        shape=best.positions,
+        progress=replace(state.progress, rounds=0, row=len(SCHEDULE) - 1),
+    )
+    return _refined(problem, state)
+
+
+def _refined(problem: Problem, state: State) -> State:
+    """Begin a round of the last row: noise anew; the near-field kernel only if its residual is much smaller."""
+    plain = _with_kernel(problem, state, state.model.kernel, 1.0)
+    if state.model.kernel != "near" and assumptions.kernel_of(problem, plain, final=True) == "near":
+        near = _with_kernel(problem, state, "near", RULES.near_deflation)
+        plain = near if near.model.share < RULES.near_gain * plain.model.share else plain
+    elif state.model.kernel == "near":
+        plain = _with_kernel(problem, state, "near", RULES.near_deflation)
+    return begin_row(problem, plain, len(SCHEDULE) - 1)
+
+
+def _with_kernel(problem: Problem, state: State, kernel: str, deflation: float) -> State:
+    chosen = replace(state, model=replace(state.model, kernel=kernel), shape=state.positions)
+    return assumptions.with_noise(problem, chosen, deflation, rough=False)
+
+
+def end_final(problem: Problem, state: State, settled: bool) -> State:
+    """Return another round of the last row if the noise or the kernel has changed; otherwise the end."""
+    before = state.model.share, state.model.kernel
+    again = _refined(problem, replace(state, progress=replace(state.progress, rounds=state.progress.rounds + 1)))
+    changed = abs(np.log(again.model.share / before[0])) > RULES.settled_noise or again.model.kernel != before[1]
+    if changed and again.progress.rounds < RULES.final_rounds:
+        return again
+    framed = state.positions if problem.frame is None else move_to_frame(state.positions, problem.frame)
+    positions = _anchored(problem, state) if len(problem.known) and problem.frame is None else framed
+    return replace(state, positions=frozen_array(positions, float), finished=True, converged=settled)
+
+
+def _anchored(problem: Problem, state: State) -> np.ndarray:
+    """Return the array moved as a whole onto the given positions, without outliers among them.
+
+    The pressures do not fix the array as a whole, and the last steps hardly see the weak pull of the given positions
+    where there is hardly any noise.
+    """
+    x, known, given = state.positions, problem.known, problem.known_positions
+    away = np.linalg.norm(x[known] - given, axis=1)
+    near = away <= RULES.known_outlier * max(float(np.median(away)), state.model.known_sigma)
+    if np.sum(near) <= x.shape[1] or not fixes_gauge(given[near]):
+        return x
+    moved = starts.onto(x, known[near], given[near])
+    before, after = (np.sum((y[known[near]] - given[near]) ** 2) for y in (x, moved))
+    return moved if after < before else x

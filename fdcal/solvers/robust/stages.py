@@ -1,0 +1,96 @@
+"""What follows a row of the schedule: the next row, another round of the same, or the end of the attempt."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ...cost.channel_likelihood import ChannelField
+from ...model.problem import Problem
+from ...model.validation import frozen_array
+from . import assumptions, outliers
+from .attempts import begin_row, end_attempt, end_final
+from .newton import Step
+from .settings import RULES, SCHEDULE
+from .state import State
+
+__all__ = ["begin_row", "end_row"]
+
+
+def end_row(problem: Problem, state: State, field: ChannelField, trial: Step, settled: bool) -> State:
+    """Return the state that follows the last step `trial` of a row; `field` is what that step assumed."""
+    row = SCHEDULE[state.progress.row]
+    if trial.terms is None and row.name == "final":
+        return replace(state, finished=True, converged=False)
+    if trial.terms is None:
+        return end_attempt(problem, state, np.inf, False)
+    if not state.automatic:
+        return replace(state, finished=True, converged=settled)
+    if row.name == "final":
+        return end_final(problem, state, settled)
+    before = state.model.share
+    kernel = "diffuse" if row.degree else assumptions.kernel_of(problem, state, final=False)
+    state = replace(state, model=replace(state.model, kernel=kernel), shape=state.positions)
+    if row.degree:
+        return _end_deformation(problem, state)
+    state = assumptions.with_noise(problem, state, rough=row.name != "gains")
+    moved = False
+    if state.progress.rounds <= RULES.searches:
+        state, moved = _relocated(problem, state)
+    if row.name == "free":
+        return begin_row(problem, state, state.progress.row + 1)
+    if (not moved and _settled_noise(problem, state, before)) or state.progress.rounds + 1 >= RULES.rounds:
+        return end_attempt(problem, state, assumptions.score(problem, state, field, trial), settled)
+    return begin_row(problem, _next_round(state), state.progress.row)
+
+
+def _end_deformation(problem: Problem, state: State) -> State:
+    """Begin the next row, with the noise that its modes show; after the last deformation outliers are moved."""
+    row = state.progress.row
+    ahead = assumptions.with_noise(problem, _at_row(state, row + 1))
+    state = _at_row(ahead, row)
+    if not SCHEDULE[row + 1].degree:
+        state, _ = _relocated(problem, state)
+    return begin_row(problem, state, row + 1)
+
+
+def _settled_noise(problem: Problem, state: State, before: float) -> bool:
+    """Whether the noise has hardly changed and explains more than the error of the positions."""
+    k = float(np.real(problem.wavenumbers[state.modes]).max())
+    rough = (k * state.model.spread) ** 2 / problem.dimension > state.model.share
+    return not rough and bool(abs(np.log(state.model.share / before)) < RULES.settled_noise)
+
+
+def _at_row(state: State, row: int) -> State:
+    return replace(state, progress=replace(state.progress, row=row))
+
+
+def _next_round(state: State) -> State:
+    return replace(state, progress=replace(state.progress, rounds=state.progress.rounds + 1))
+
+
+def _relocated(problem: Problem, state: State) -> tuple[State, bool]:
+    """Return `state` with channels that do not fit moved elsewhere or given another gain, and whether any was."""
+    used, m = assumptions.used_modes(problem, state, RULES.search_modes), state.model
+    x, gains, offsets, tau, moved = outliers.relocate(
+        state.positions,
+        state.gains,
+        state.offsets,
+        problem.pressures[used],
+        problem.wavenumbers[used],
+        m.power[used],
+        m.noise[used],
+        m.channel_noise,
+        problem.dimension,
+    )
+    if not moved:
+        return state, False
+    elsewhere = replace(
+        state,
+        positions=frozen_array(x, float),
+        gains=frozen_array(gains, float),
+        offsets=frozen_array(offsets, float),
+        model=replace(m, channel_noise=tau),
+    )
+    return assumptions.with_noise(problem, elsewhere, rough=not SCHEDULE[state.progress.row].gains), True
