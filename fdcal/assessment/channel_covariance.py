@@ -34,13 +34,13 @@ class Uncertainty:
     ----------
     covariance : (N, D, D) float64, metres^2
     gains : (N, 2) float64, one sigma of log gain, nepers, and phase, radians
-    strain : float, one sigma of the least certain stretching or shearing of the array as a whole, relative
+    stretch_sigma : float, one sigma of the least certain stretching or shearing of the array as a whole, relative
     terms : the cost where the solver ended
     """
 
     covariance: np.ndarray
     gains: np.ndarray
-    strain: float
+    stretch_sigma: float
     terms: Terms
 
 
@@ -70,13 +70,13 @@ def uncertainty(problem: Problem, state: State, weaker: float = 1.0) -> Uncertai
     scale = 1 / np.sqrt(np.diag(H))
     inverse = scale[:, None] * ((vectors / np.maximum(values, 1e-13)) @ vectors.T) * scale
     flat = slopes.reshape(len(slopes), -1)[:, free]
-    votes = [-(part @ inverse) for part in (_about_zero(flat), _about_zero(_grouped(flat)))]
+    influences = [-(part @ inverse) for part in (_about_zero(flat), _about_zero(_grouped(flat)))]
     where = np.searchsorted(free, index[:, :D].ravel())
     gauge = _gauge(problem, state.positions)
     newton = gauge @ inverse[np.ix_(where, where)] @ gauge.T
-    moves = [v[:, where] @ gauge.T for v in votes]
+    moves = [v[:, where] @ gauge.T for v in influences]
     return Uncertainty(
-        _enlarged(newton, moves, N, D), _gain_sigma(inverse, free, index, D), _strain(newton, moves, state), terms
+        _enlarged(newton, moves, N, D), _gain_sigma(inverse, free, index, D), _stretch_sigma(newton, moves, state), terms
     )
 
 
@@ -90,8 +90,8 @@ def _grouped(slopes) -> np.ndarray:
     return np.array([part.sum(axis=0) for part in np.array_split(slopes, count)])
 
 
-def _about_zero(votes) -> np.ndarray:
-    return (votes - votes.mean(axis=0)) * np.sqrt(len(votes) / max(len(votes) - 1, 1))
+def _about_zero(influences) -> np.ndarray:
+    return (influences - influences.mean(axis=0)) * np.sqrt(len(influences) / max(len(influences) - 1, 1))
 
 
 def _gauge(problem: Problem, positions) -> np.ndarray:
@@ -130,9 +130,9 @@ def _row(N: int, D: int, n: int, direction) -> np.ndarray:
 def _enlarged(newton, moves, N: int, D: int) -> np.ndarray:
     """Blocks (N, D, D) of the covariance, enlarged where the modes disagree."""
     blocks = np.einsum("nanb->nab", newton.reshape(N, D, N, D))
-    votes = np.max([np.sum(v.reshape(-1, N, D) ** 2, axis=(0, 2)) for v in moves], axis=0)
+    influences = np.max([np.sum(v.reshape(-1, N, D) ** 2, axis=(0, 2)) for v in moves], axis=0)
     size = np.trace(blocks, axis1=1, axis2=2)
-    return np.maximum(1.0, votes / np.maximum(size, np.finfo(float).tiny))[:, None, None] * blocks
+    return np.maximum(1.0, influences / np.maximum(size, np.finfo(float).tiny))[:, None, None] * blocks
 
 
 def _gain_sigma(inverse, free, index, D: int) -> np.ndarray:
@@ -141,8 +141,8 @@ def _gain_sigma(inverse, free, index, D: int) -> np.ndarray:
     return np.sqrt(np.maximum(np.diag(inverse)[index[:, D:]], 0.0))
 
 
-def _strain(newton, moves, state: State) -> float:
-    """`Uncertainty.strain`: of the maps x -> x + B x that fit a move best."""
+def _stretch_sigma(newton, moves, state: State) -> float:
+    """`Uncertainty.stretch_sigma`: of the maps x -> x + B x that fit a move best."""
     x = state.positions - state.positions.mean(axis=0)
     N, D = x.shape
     fit = np.kron(np.linalg.pinv(np.column_stack([x, np.ones(N)]))[:D], np.eye(D))  # (D D, N D)

@@ -17,7 +17,7 @@ from .odd_channels import OddChannel, exchange_back, odd_channels
 WEAKER = 4.0  # factor on the power of the field in the covariance: rooms are less isotropic than their model
 TOO_NOISY = 0.3  # share of the power
 LOOSE = 0.1  # one sigma over the array's root mean square radius
-STRAIN = 0.06  # one sigma of the least certain stretching of a blind array
+LOOSE_STRETCH = 0.06  # one sigma of the least certain stretching of a blind array
 MISFIT = 2.0  # noise found over the noise given
 CROWD = 2, 0.12  # channels that may be odd, and part of them
 MANY = 0.2  # part of the given positions that may be misplaced
@@ -38,7 +38,7 @@ class RobustVerdict:
     gains, gain_sigma : (N, 2) float64, nepers and radians
     channel_noise : (N,) float64, over that of a sound channel
     odd : tuple of OddChannel
-    strain, noise_share : float
+    stretch_sigma, noise_share : float
     """
 
     code: str
@@ -49,7 +49,7 @@ class RobustVerdict:
     gain_sigma: np.ndarray
     channel_noise: np.ndarray
     odd: tuple[OddChannel, ...]
-    strain: float
+    stretch_sigma: float
     noise_share: float
 
 
@@ -65,7 +65,7 @@ def judge(problem: Problem, state: State) -> RobustVerdict:
     x = exchange_back(problem, state, odd)
     m = state.model
     return RobustVerdict(
-        code, x, found.covariance, sigma, state.gains, found.gains, m.channel_noise, odd, found.strain, m.share
+        code, x, found.covariance, sigma, state.gains, found.gains, m.channel_noise, odd, found.stretch_sigma, m.share
     )
 
 
@@ -87,7 +87,7 @@ def _code(problem: Problem, state: State, found, sigma, odd, sound) -> str:
     if given is not None and share > max(MISFIT * float(np.median(given)), 1e-4 if np.median(given) == 0 else 0.0):
         return "model_mismatch"
     size = float(np.sqrt(np.mean(np.sum((x - x.mean(axis=0)) ** 2, axis=1))))
-    if not len(problem.known) and found.strain > STRAIN:
+    if not len(problem.known) and found.stretch_sigma > LOOSE_STRETCH:
         return "scale_undetermined"
     if np.sqrt(np.mean(sigma[sound] ** 2)) > LOOSE * size or _rival(problem, state, sigma, sound):
         return "ambiguous"

@@ -25,7 +25,7 @@ from .channel_kernels import diffuse_kernel, series_kernel
 
 @dataclass(frozen=True)
 class ChannelField:
-    """What is supposed of the sound field and of the noise.
+    """What is assumed of the sound field and of the noise.
 
     Attributes
     ----------

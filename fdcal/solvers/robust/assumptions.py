@@ -38,7 +38,7 @@ def used_modes(problem: Problem, state: State, most: int) -> np.ndarray:
 
 
 def field(problem: Problem, state: State, used) -> ChannelField:
-    """What is supposed of the modes `used`."""
+    """What is assumed of the modes `used`."""
     model = state.model
     k = problem.wavenumbers[used]
     plain = model.kernel == "diffuse"

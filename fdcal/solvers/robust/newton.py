@@ -33,20 +33,20 @@ class Step:
     matrix: np.ndarray | None
 
 
-def free_basis(positions, bends, gains: bool) -> np.ndarray:
-    """Directions (N P, F) in which the parameters may move, P = D + 2; an index vector where no bend confines them.
+def free_basis(positions, deformations, gains: bool) -> np.ndarray:
+    """Directions (N P, F) in which the parameters may move, P = D + 2; an index vector where no deformation confines them.
 
-    bends : (N D, F) float64 or None, directions of the positions; None lets all move
+    deformations : (N D, F) float64 or None, directions of the positions; None lets all move
     """
     N, D = positions.shape
     index = np.arange(N * (D + 2)).reshape(N, D + 2)
     columns = [index[:, D]] * gains + [index[:, D + 1]] * gains
-    if bends is None:
+    if deformations is None:
         return np.concatenate([index[:, :D].ravel(), *columns]) if columns else index[:, :D].ravel()
     freed = np.concatenate(columns) if columns else np.zeros(0, int)
-    basis = np.zeros((N * (D + 2), bends.shape[1] + len(freed)))
-    basis[index[:, :D].ravel(), : bends.shape[1]] = bends
-    basis[freed, bends.shape[1] + np.arange(len(freed))] = 1.0
+    basis = np.zeros((N * (D + 2), deformations.shape[1] + len(freed)))
+    basis[index[:, :D].ravel(), : deformations.shape[1]] = deformations
+    basis[freed, deformations.shape[1] + np.arange(len(freed))] = 1.0
     return basis
 
 

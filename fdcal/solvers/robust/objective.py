@@ -42,7 +42,7 @@ class Priors:
 
 @dataclass(frozen=True)
 class Objective:
-    """Pressures (M, N) of the modes in use, what is supposed of their field, and the priors."""
+    """Pressures (M, N) of the modes in use, what is assumed of their field, and the priors."""
 
     pressures: np.ndarray
     field: ChannelField
