@@ -76,7 +76,10 @@ def uncertainty(problem: Problem, state: State, weaker: float = 1.0) -> Uncertai
     newton = gauge @ inverse[np.ix_(where, where)] @ gauge.T
     moves = [v[:, where] @ gauge.T for v in influences]
     return Uncertainty(
-        _enlarged(newton, moves, N, D), _gain_sigma(inverse, free, index, D), _stretch_sigma(newton, moves, state), terms
+        _enlarged(newton, moves, N, D),
+        _gain_sigma(inverse, free, index, D),
+        _stretch_sigma(newton, moves, state),
+        terms,
     )
 
 

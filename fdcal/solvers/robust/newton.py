@@ -34,7 +34,7 @@ class Step:
 
 
 def free_basis(positions, deformations, gains: bool) -> np.ndarray:
-    """Directions (N P, F) in which the parameters may move, P = D + 2; an index vector where no deformation confines them.
+    """Return the directions (N P, F) in which the parameters may move, P = D + 2, or the indices of free parameters.
 
     deformations : (N D, F) float64 or None, directions of the positions; None lets all move
     """
