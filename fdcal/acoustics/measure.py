@@ -8,9 +8,11 @@ import numpy as np
 
 from ..model.arrays import positions_of
 from ..model.arrays_3d import positions_3d
+from ..model.measured_room import response_path
 from ..model.measurement import Measurement
 from ..model.power import mode_power
 from ..model.scene import Scene
+from ..model.sdm_response import SdmResponse, load_sdm_response
 from .modal import ModalPressures
 
 
@@ -21,8 +23,15 @@ def require_measurable(scene: Scene) -> None:
     ------
     InputError
         For a recording that is too short, or a band that is too high.
+    StorageError
+        The response of a measured room cannot be read.
     """
-    source, sensing = scene.source, scene.measurement
+    if scene.room.response is not None:
+        from .plane_waves import require_rendered
+
+        require_rendered(_response(scene.room.response), scene.measurement)
+        return
+    source, sensing = scene.emitter, scene.measurement
     if scene.room.dimension == 3:
         from .box_field import require_resolved
 
@@ -59,9 +68,7 @@ def measure(scene: Scene, recordings: np.ndarray | None = None, progress=None) -
     require_measurable(scene)
     positions, dimension = positions_of(scene), scene.room.dimension
     if dimension == 3:
-        from .box_field import modal_pressures
-
-        modes = modal_pressures(scene.room, scene.source, positions_3d(scene), scene.measurement, progress)
+        modes = _in_closed_form(scene, progress)
     else:
         modes = _from_recordings(scene, positions, recordings, progress)
     clean = modes.pressures
@@ -84,6 +91,24 @@ def measure(scene: Scene, recordings: np.ndarray | None = None, progress=None) -
     )
 
 
+def _in_closed_form(scene: Scene, progress) -> ModalPressures:
+    """Return the pressures in a room of three dimensions, measured or a box."""
+    if scene.room.response is not None:
+        from . import plane_waves
+
+        response = _response(scene.room.response)
+        return plane_waves.modal_pressures(
+            response, positions_3d(scene), scene.measurement, scene.room.sound_speed, progress
+        )
+    from .box_field import modal_pressures
+
+    return modal_pressures(scene.room, scene.emitter, positions_3d(scene), scene.measurement, progress)
+
+
+def _response(text: str) -> SdmResponse:
+    return load_sdm_response(response_path(text))
+
+
 def _from_recordings(scene: Scene, positions, recordings, progress) -> ModalPressures:
     """Return the pressures at the modes of recordings, which are simulated unless given."""
     from . import spectrum, wavenumbers  # load the signal library, which reading a measurement does not need
@@ -91,8 +116,8 @@ def _from_recordings(scene: Scene, positions, recordings, progress) -> ModalPres
     if recordings is None:
         from .fdtd import simulate
 
-        recordings = simulate(scene.room, scene.source, positions, progress)
-    fs, c, sensing = scene.source.band.sample_rate, scene.room.sound_speed, scene.measurement
+        recordings = simulate(scene.room, scene.emitter, positions, progress)
+    fs, c, sensing = scene.emitter.band.sample_rate, scene.room.sound_speed, scene.measurement
     first, step, power = spectrum.mean_power(recordings, fs, sensing.lowest, sensing.highest, sensing.resolution)
     frequencies = spectrum.pick_peaks(power, first, step, sensing.prominence_db, sensing.resolution)
     s = spectrum.window_rate(recordings, fs)

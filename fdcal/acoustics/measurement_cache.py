@@ -12,6 +12,7 @@ import dataclasses
 import numpy as np
 
 from ..model.arrays import positions_of
+from ..model.measured_room import response_digest
 from ..model.measurement import Measurement
 from ..model.measurement_file import load_measurement, save_measurement
 from ..model.scene import Scene
@@ -39,12 +40,12 @@ def cached_recordings(scene: Scene, progress=None) -> np.ndarray:
         As `fdcal.acoustics.fdtd.simulate` does.
     """
     positions = positions_of(scene)
-    key = cache_key("recordings", dataclasses.asdict(scene.room), dataclasses.asdict(scene.source), positions.tolist())
+    key = cache_key("recordings", dataclasses.asdict(scene.room), dataclasses.asdict(scene.emitter), positions.tolist())
 
     def make() -> np.ndarray:
         from .fdtd import simulate
 
-        return simulate(scene.room, scene.source, positions, progress)
+        return simulate(scene.room, scene.emitter, positions, progress)
 
     return load_or_make(f"{key}.npy", make, np.load, np.save)
 
@@ -84,4 +85,6 @@ def _measurement_name(scene: Scene) -> str:
     table = dataclasses.asdict(scene)
     for name in ("name", "title", "solver"):  # these do not affect what is measured
         del table[name]
+    if scene.room.response is not None:  # the file may change, and its path does not matter
+        table["room"]["response"] = response_digest(scene.room.response)
     return f"{cache_key('measurement with its spectrum', table)}.npz"

@@ -173,7 +173,7 @@ def pick_peaks(power: np.ndarray, lowest: float, step: float, prominence_db: flo
     lowest, step : float
         Hz.
     prominence_db, resolution
-        As of `pick_modes`.
+        As of `pick_modes`; a prominence of 0 takes every frequency, `resolution` apart, instead of peaks.
 
     Returns
     -------
@@ -185,6 +185,8 @@ def pick_peaks(power: np.ndarray, lowest: float, step: float, prominence_db: flo
     InputError
         If there is no peak.
     """
+    if prominence_db == 0:
+        return np.arange(lowest, lowest + step * (len(power) - 0.5), resolution)
     from scipy.signal import find_peaks  # takes a second to load, likewise
 
     decibels = 10 * np.log10(power / power.max() + 1e-30)

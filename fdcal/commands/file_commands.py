@@ -36,12 +36,14 @@ from .parameter_types import RenamedChoice
 )
 @click.option("--reference", metavar="FILE.wav", help="Signal that the source emitted, for deconvolution.")
 @click.option("--reference-microphone", metavar="NAME", help="Take cross-spectra against this channel.")
+@click.option("--array", metavar="FILE.csv", help="Positions to render a measured room at: name,x,y,z from its centre.")
 @click.option("--array-radius", type=float, metavar="R", help="Metres; determines the highest usable frequency.")
 @force_option
 def import_(source, output, number, dimension, force, **options):
     """Turn recordings or impulse responses into a measurement.
 
-    INPUT is a WAV or FLAC file, a SOFA file, a folder of MeshRIR, an HDF5 file of Acoular, or an .npz file.
+    INPUT is a WAV or FLAC file, a SOFA file, a folder of MeshRIR, an HDF5 file of Acoular, or an .npz file;
+    or, with --array, the .mat file of a measured room: an impulse response with directions of arrival.
     """
     path = output_path(output, ".npz", force, source, options["reference"])
     from ..model.measurement_file import save_measurement

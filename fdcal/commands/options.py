@@ -24,6 +24,7 @@ SESSIONS = (".zip", ".json")
 
 # How the command line calls the arguments that an error's remedy mentions (`InputError.worded`).
 OPTIONS = {
+    "array": "--array FILE.csv",
     "array_radius": "--array-radius R",
     "check": "--check",
     "cost": "--cost",

@@ -25,6 +25,8 @@ def summary(inputs: CalibrationInput, result: Calibration) -> str:
     ]
     if result.evidence is not None:
         lines.append(f"predict {_prediction(result, result.evidence)}")
+    if inputs.scene is not None and inputs.scene.room.response is not None:
+        lines.append("field   plane waves of a measured impulse response: modelled between the microphones")
     lines.append(f"verdict {result.verdict}: {result.verdict_text}")
     return "\n".join([*lines, *_room_lines(result)])
 

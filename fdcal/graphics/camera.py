@@ -86,12 +86,12 @@ def _oblique(corners: np.ndarray, size, free, middle: np.ndarray, fov: float, ma
 def _corners(picture: Picture, view: str) -> np.ndarray:
     """Corners (8, 3), metres, of the box that a 3-D view shows."""
     x0, y0, x1, y1 = picture.bounds if view == "3d" else picture.focus
-    low, high = (0.0, picture.z_range[1]) if view == "3d" else picture.z_range
-    if view == "3d":
-        room = [
-            part.segments[..., 2].max() for part in picture.lines if part.name.startswith("room") and part.segments.size
-        ]
-        high = float(max([*room, high]))
+    low, high = picture.z_range
+    room = [
+        part.segments[..., 2].max() for part in picture.lines if part.name.startswith("room") and part.segments.size
+    ]
+    if view == "3d" and room:  # it stands on a floor at z = 0; the room of a measurement is unknown
+        low, high = 0.0, float(max([*room, high]))
     if picture.floor is not None and picture.floor.heights is not None:
         high = max(high, picture.floor.height + float(picture.floor.heights.max()))
     return np.array([(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in (low, high)])

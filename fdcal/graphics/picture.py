@@ -87,7 +87,7 @@ def static_picture(
         upper_lines, upper_labels = upper_frame(focus, z_range, radius, theme)
         drawn, labels = drawn + upper_lines, labels + upper_labels
     bounds, meshes = focus, ()
-    if scene is not None:
+    if scene is not None and scene.room.response is None:  # the walls and the source of a measured room are unknown
         vertices = scene.room.vertices
         (x0, y0), (x1, y1) = vertices.min(axis=0).tolist(), vertices.max(axis=0).tolist()
         bounds = (x0, y0, x1, y1)

@@ -71,7 +71,7 @@ def _static_data(scene: Scene | None, measurement: Measurement) -> dict:
         "source": None,
         "tall": 0.0,
     }
-    if scene is not None:
+    if scene is not None and scene.source is not None:
         outline = np.asarray(scene.room.vertices, float).tolist()
         data |= {"outline": outline, "source": list(scene.source.position), "tall": wall_height(scene)}
     return data

@@ -94,9 +94,9 @@ def upper_frame(
 def room_and_source(
     scene: Scene, marker_radius: float, theme: Theme
 ) -> tuple[tuple[Lines, ...], tuple[Label, ...], tuple[Mesh, ...]]:
-    """Return the walls, the grid on the floor and the source of a scene."""
+    """Return the walls, the grid on the floor and the source of a scene that is no measured room."""
     room_lines, meshes = _room(scene, marker_radius, theme)
-    place = glyphs.lift(np.array([scene.source.position], float), layer_height(Layer.SOURCE, marker_radius))
+    place = glyphs.lift(np.array([scene.emitter.position], float), layer_height(Layer.SOURCE, marker_radius))
     meshes += strokes("source", glyphs.stars(place, 2 * marker_radius, arms=4), marker_radius, TRUE, 0.4)
     x, y, z = place[0].tolist()
     label = Label("source/name", "source", (x, y - 3 * marker_radius, z), theme.foreground, "top-center")
@@ -110,7 +110,7 @@ def _room(scene: Scene, marker_radius: float, theme: Theme) -> tuple[tuple[Lines
     edges = glyphs.loop(vertices, layer_height(Layer.WALLS, marker_radius))
     grid = glyphs.floor_grid(vertices, 1.0 if extent > 3.0 else 0.2, layer_height(Layer.GRID, marker_radius))
     if scene.room.dimension == 3:
-        feet = np.concatenate([glyphs.lift(vertices, height), np.array([scene.source.position], float)])
+        feet = np.concatenate([glyphs.lift(vertices, height), np.array([scene.emitter.position], float)])
         box = np.concatenate([glyphs.loop(vertices, height), glyphs.stems(feet, 0.0)])
         meshes, before = (), (lines("room/box", box, theme.grid, 2.0),)
     else:

@@ -108,8 +108,8 @@ def _check_walls(positions: np.ndarray, scene: Scene) -> None:
 
 
 def _check_source(positions: np.ndarray, scene: Scene) -> None:
-    place = f"source.position = {list(scene.source.position)} m lies"
-    cell = snap(np.array(scene.source.position), scene.room.cell_size)
+    place = f"source.position = {list(scene.emitter.position)} m lies"
+    cell = snap(np.array(scene.emitter.position), scene.room.cell_size)
     if not in_polygon(cell, scene.room.vertices):
         raise InputError(f"{place} outside the room or in a wall", "move it inside the room", key="source.position")
     if encloses(positions, cell):

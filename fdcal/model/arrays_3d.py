@@ -29,15 +29,23 @@ def positions_3d(scene: Scene) -> np.ndarray:
     Raises
     ------
     InputError
-        Two microphones at one position, one outside the room, the source outside the room or inside the array.
+        Two microphones at one position, one outside the room, the source outside the room or inside the array. Where
+        the walls and the source of a measured room are is unknown.
     """
     positions = _geometry(scene.array, np.random.default_rng([scene.seed, 0])) + (scene.array.center or 0.0)
-    size, source = np.array(scene.room.size), np.array(scene.source.position)
     distance = np.linalg.norm(positions[:, None] - positions[None], axis=-1) + np.eye(len(positions))
     first, second = np.unravel_index(distance.argmin(), distance.shape)
     if distance[first, second] < CLEARANCE:
         problem = f"array puts microphones {first} and {second} in one place"
         raise InputError(problem, "move one of them", key="array")
+    if scene.room.response is None:
+        _check_room(scene, positions)
+    return positions
+
+
+def _check_room(scene: Scene, positions: np.ndarray) -> None:
+    """Raise InputError for a microphone or a source outside the room, or a source inside the array."""
+    size, source = np.array(scene.room.size), np.array(scene.emitter.position)
     outside = np.flatnonzero(np.any((positions <= 0) | (positions >= size), axis=1))
     if len(outside):
         raise InputError(
@@ -46,7 +54,6 @@ def positions_3d(scene: Scene) -> np.ndarray:
             key="array.center",
         )
     _check_source(source, positions, size)
-    return positions
 
 
 def _check_source(source: np.ndarray, positions: np.ndarray, size: np.ndarray) -> None:

@@ -1,7 +1,8 @@
 """Build a frozen dataclass from a TOML table: every key known, present and of its type.
 
 Defaults apply in Python alone. A table must give every field except those that its class lists in OPTIONAL, or in
-`optional(table)` where that depends on other keys, so that no constant of a run is hidden in code.
+`optional(table)` where that depends on other keys, so that no constant of a run is hidden in code. A class with
+`from_text(text)` may be given as a text in place of a table.
 """
 
 from __future__ import annotations
@@ -63,6 +64,9 @@ def build(cls, table: dict, prefix: str = "", whole: str = "scene"):
 def _convert(hint, value, key: str, whole: str):
     """Return `value` as the type `hint`, or raise InputError with `key`."""
     if dataclasses.is_dataclass(hint):
+        from_text = getattr(hint, "from_text", None)
+        if from_text is not None and isinstance(value, str):
+            return from_text(value)
         if not isinstance(value, dict):
             raise InputError(f"{key} = {value!r} must be a table", f"write it as [{key}]", key=key, value=value)
         return build(hint, value, f"{key}.", whole)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .limits import LIMITS
+from .measured_room import UNKNOWN_WALLS, require_no_walls
 from .validation import InputError, require_choice, require_point, require_positive
 
 Point = tuple[float, ...]
@@ -18,7 +19,7 @@ WALLS = ("rigid", "pressure-release", "absorbing")
 
 @dataclass(frozen=True)
 class Room:
-    """Walls and air. Give either `size` or `outline`.
+    """Walls and air. Give `size`, `outline` or `response`.
 
     Attributes
     ----------
@@ -27,8 +28,11 @@ class Room:
         three-dimensional, has a closed form (`fdcal.acoustics.box_field`) and needs no cells.
     outline : tuple of points or None
         Corners of the floor in order, metres.
+    response : str or None
+        Name or path of the response of a measured room (`fdcal.model.measured_room`), whose field is of three
+        dimensions. In a scene file, `room = "NAME"` is short for a table with this key alone.
     walls : str
-        One of WALLS.
+        One of WALLS, rigid unless given; UNKNOWN_WALLS of a measured room.
     admittance : float
         Specific admittance rho c / Z of absorbing walls, dimensionless.
     sound_speed : float
@@ -39,18 +43,31 @@ class Room:
 
     size: Point | None = None
     outline: tuple[Point, ...] | None = None
-    walls: str = "rigid"
+    walls: str = ""
     admittance: float = 0.0
     sound_speed: float = 343.0
     cell: float | None = None
+    response: str | None = None
+
+    @classmethod
+    def from_text(cls, text: str) -> Room:
+        """Return the measured room whose response has this name or path."""
+        return cls(response=text)
 
     @staticmethod
     def optional(table: dict) -> tuple[str, ...]:
         """Return the keys that a scene file may leave out."""
-        return "size", "outline", "admittance", *(("cell",) if is_no_pair(table.get("size")) else ())
+        if "response" in table:
+            return "size", "outline", "admittance", "cell", "walls", "sound_speed"
+        return "response", "size", "outline", "admittance", *(("cell",) if is_no_pair(table.get("size")) else ())
 
     def __post_init__(self):
         require_positive("room.sound_speed", self.sound_speed, "m/s")
+        if self.response is not None:
+            require_no_walls(vars(self))
+            object.__setattr__(self, "walls", UNKNOWN_WALLS)
+            return
+        object.__setattr__(self, "walls", self.walls or "rigid")
         if self.dimension == 2:
             object.__setattr__(self, "cell", 0.02 if self.cell is None else self.cell)
             require_positive("room.cell", self.cell_size, "m")
@@ -116,7 +133,7 @@ class Room:
     @property
     def dimension(self) -> int:
         """Dimension of the sound field, 2 or 3."""
-        return 3 if is_triple(self.size) else 2
+        return 3 if self.response is not None or is_triple(self.size) else 2
 
     @property
     def cell_size(self) -> float:
@@ -127,7 +144,9 @@ class Room:
 
     @property
     def vertices(self) -> np.ndarray:
-        """Corners of the outline, or of the floor of a box : (V, 2) float64 array, metres."""
+        """Corners of the outline, or of the floor of a box; none of a measured room : (V, 2) float64 array, metres."""
+        if self.response is not None:
+            return np.empty((0, 2))
         if self.outline is not None:
             return np.array(self.outline, dtype=float)
         width, depth = (self.size or (0.0, 0.0))[:2]
@@ -152,8 +171,7 @@ class Band(typing.NamedTuple):
 class Source:
     """The one source, outside the array: a zero-mean pulse of flat spectrum from `low` to `high`.
 
-    A source with three coordinates emits all frequencies equally, since its field has a closed form; then only
-    `duration` matters.
+    With three coordinates it emits all frequencies equally: its field has a closed form, and only `duration` matters.
 
     Attributes
     ----------

@@ -30,7 +30,7 @@ class Scene:
     name, title : str
         The name is that of the file; the title is shown.
     room, source, array, gauge, search, measurement, solver
-        See the module. `search` may be None in a room of three dimensions.
+        See the module. `search` may be None in a room of three dimensions; `source` is None in a measured room.
     seed : int
         Of everything random: microphones, noise and random starts.
 
@@ -45,7 +45,7 @@ class Scene:
     name: str
     title: str
     room: Room
-    source: Source
+    source: Source | None = field(default=None, kw_only=True)
     array: Array
     gauge: Gauge
     search: Search | None = None
@@ -57,12 +57,21 @@ class Scene:
     def optional(table: dict) -> tuple[str, ...]:
         """Return the keys that a scene file may leave out; `load_scene` takes name and title from the file's name."""
         room = table.get("room")
-        boxed = isinstance(room, dict) and is_no_pair(room.get("size"))
-        return "name", "title", *(("search",) if boxed else ())
+        measured = isinstance(room, str) or (isinstance(room, dict) and "response" in room)
+        boxed = measured or (isinstance(room, dict) and is_no_pair(room.get("size")))
+        return "name", "title", *(("source",) if measured else ()), *(("search",) if boxed else ())
+
+    @property
+    def emitter(self) -> Source:
+        """The source; InputError in a measured room, which has an unknown one."""
+        if self.source is None:
+            raise InputError("source is missing", "add it to the scene", key="source")
+        return self.source
 
     def __post_init__(self):
         if self.seed < 0:
             raise InputError(f"seed = {self.seed} is negative", "use 0 or more", key="seed", value=self.seed)
+        self._check_source()
         self._check_dimensions()
         self._check_search()
         if self.room.dimension == 2:
@@ -71,16 +80,24 @@ class Scene:
             require_rectangle(self)
             object.__setattr__(self, "solver", replace(self.solver, room=self.solver.room or self.room.size))
 
-    def _check_dimensions(self):
+    def _check_source(self):
         D = self.room.dimension
-        if len(self.source.position) != D:
+        if self.room.response is not None:
+            if self.source is not None:
+                problem = "source has no meaning in a measured room, whose response contains the sound of its own"
+                raise InputError(problem, "remove it", key="source")
+            return
+        position = self.emitter.position
+        if len(position) != D:
             raise InputError(
-                f"source.position = {list(self.source.position)} has {len(self.source.position)} numbers and the room"
-                f" has {D} lengths",
+                f"source.position = {list(position)} has {len(position)} numbers and the room has {D} lengths",
                 "give as many coordinates",
                 key="source.position",
-                value=self.source.position,
+                value=position,
             )
+
+    def _check_dimensions(self):
+        D = self.room.dimension
         if self.array.room_dimension != D:
             wanted = '"ball", "box", "plane", or "positions" of three' if D == 3 else "a geometry of two"
             raise InputError(
@@ -107,7 +124,7 @@ class Scene:
         require_point("search.size", self.search.size, (self.array.dimension,))
 
     def _check_band(self):
-        sensing, band = self.measurement, self.source.band
+        sensing, band = self.measurement, self.emitter.band
         if not band.low <= sensing.lowest < sensing.highest <= band.high:
             raise InputError(
                 f"measurement.lowest = {sensing.lowest:g} Hz to measurement.highest = {sensing.highest:g} Hz exceeds"

@@ -6,6 +6,7 @@ import tomllib
 from pathlib import Path
 
 from .from_table import build
+from .measured_room import is_response_file
 from .scene import Scene
 from .validation import InputError, StorageError
 
@@ -49,7 +50,18 @@ def load_scene(path: str | Path) -> Scene:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         reason = f"{error}".replace("\n", " ")
         raise InputError(f"{path} is not valid TOML: {reason}", key="scene", value=path) from error
-    return build(Scene, {"name": path.stem, "title": path.stem, **table})
+    table = {"name": path.stem, "title": path.stem, **table}
+    return build(Scene, _with_response_beside(table, path.resolve().parent))
+
+
+def _with_response_beside(table: dict, folder: Path) -> dict:
+    """Return the table of a scene with the path of a measured room's file, which is relative to the scene's folder."""
+    room = table.get("room")
+    text = room.get("response") if isinstance(room, dict) else room
+    if not isinstance(text, str) or not is_response_file(text):
+        return table
+    found = str(folder / text)
+    return {**table, "room": {**room, "response": found} if isinstance(room, dict) else found}
 
 
 def _file_of(path: Path) -> Path:

@@ -96,7 +96,7 @@ class Sensing:
     lowest, highest : float
         Band in which modes are picked, Hz.
     prominence_db : float
-        Height of a spectral peak above its surroundings, dB.
+        Height of a spectral peak above its surroundings, dB; 0 takes every frequency of the band, `resolution` apart.
     resolution : float
         Smallest distance of two modes, Hz.
     wavenumber : str
@@ -125,7 +125,8 @@ class Sensing:
             )
         for key in ("lowest", "highest", "resolution"):
             require_positive(f"measurement.{key}", getattr(self, key), "Hz")
-        require_positive("measurement.prominence_db", self.prominence_db, "dB")
+        if self.prominence_db != 0:
+            require_positive("measurement.prominence_db", self.prominence_db, "dB")
         if not self.lowest < self.highest:
             raise InputError(
                 f"measurement.lowest = {self.lowest:g} Hz must lie below measurement.highest = {self.highest:g} Hz",

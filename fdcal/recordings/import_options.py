@@ -85,8 +85,9 @@ class ImportOptions:
         File with the signal that the source emitted.
     reference_microphone : str or None
         Name of the channel against which cross-spectra are taken.
-    array_radius : float or None
-        Metres.
+    array_radius : float or None, metres
+    array : str or None
+        Table (.csv) with name,x,y,z of the array that is rendered in the field of a measured room, metres.
     """
 
     frequencies: str = "auto"
@@ -105,6 +106,7 @@ class ImportOptions:
     reference: str | None = None
     reference_microphone: str | None = None
     array_radius: float | None = None
+    array: str | None = None
 
     def __post_init__(self):
         object.__setattr__(self, "kind", OLD_KINDS.get(self.kind, self.kind))
@@ -142,14 +144,14 @@ def check_options(options: ImportOptions) -> None:
         )
 
 
-def sound_speed_of(recording: Recording, options: ImportOptions) -> tuple[float, str]:
-    """Return the sound speed, m/s, and where it is from, in words."""
+def sound_speed_of(in_file: float | None, options: ImportOptions) -> tuple[float, str]:
+    """Return the sound speed, m/s, given that `in_file`, and where it is from, in words."""
     if options.sound_speed is not None:
         return options.sound_speed, "as given"
     if options.temperature is not None:
         return sound_speed(options.temperature), f"at {options.temperature:g} degrees Celsius"
-    if recording.sound_speed is not None:
-        return recording.sound_speed, "according to the file"
+    if in_file is not None:
+        return in_file, "according to the file"
     return sound_speed(LIMITS.celsius), f"at an assumed temperature of {LIMITS.celsius:g} degrees Celsius"
 
 
@@ -213,7 +215,7 @@ def frequency_band(
     InputError
         The band is empty, or beyond what the recording or the array can hold.
     """
-    top = LIMITS.max_frequency * recording.sample_rate
+    top = min(LIMITS.max_frequency * recording.sample_rate, recording.highest or np.inf)
     if options.frequencies == "auto":
         low, high = max(LIMITS.low, LIMITS.min_periods / recording.duration), LIMITS.high
         if limit is not None:  # a radius that was given may also raise it

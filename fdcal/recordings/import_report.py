@@ -63,7 +63,7 @@ def import_summary(measurement: Measurement, report: ImportReport) -> str:
         f"sound speed  {report.speed:.1f} m/s {report.speed_from}",
         f"known        {len(measurement.known)} of {measurement.count} microphones",
     ]
-    return "\n".join(lines + _snr_lines(taken))
+    return "\n".join(lines + ([f"modelled     {recording.modelled}"] if recording.modelled else _snr_lines(taken)))
 
 
 def _left_out(reasons: dict[str, str]) -> str:

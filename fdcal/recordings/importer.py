@@ -47,7 +47,7 @@ def import_recording(path: str | Path, options: ImportOptions = DEFAULTS) -> tup
         The recording cannot be used, or cannot be read.
     """
     check_options(options)
-    return measurement_of_recording(formats.read(path, options.source), options)
+    return measurement_of_recording(_read(path, options), options)
 
 
 def measurement_of_recording(
@@ -62,13 +62,25 @@ def measurement_of_recording(
     known, known_positions = np.zeros(0, int), None
     if options.known is not None:
         known, known_positions = channel_selection.known_microphones(recording, options.known)
-    speed, speed_from = sound_speed_of(recording, options)
+    speed, speed_from = sound_speed_of(recording.sound_speed, options)
     limit, limit_from = highest_frequency(recording, options, known_positions, speed)
     band = frequency_band(recording, options, limit, limit_from)
     recording, kind, noise = _classified(recording, options, band)
     pressures = _pressures(recording, kind, options, band, speed, noise)
     measurement = _measurement(recording, options, known, known_positions, pressures, speed)
     return measurement, ImportReport(recording, kind, left_out, pressures, speed, speed_from, limit, limit_from)
+
+
+def _read(path: str | Path, options: ImportOptions) -> Recording:
+    """Return the recording in a file, or what an array would record in the measured room of a file."""
+    if options.array is None:
+        return formats.read(path, options.source)
+    from .formats.table import read_positions
+
+    names, positions = read_positions(options.array)
+    if positions.shape[1] != 3:
+        raise InputError(f"array = {options.array} has two coordinates", "give name,x,y,z", key="array")
+    return formats.render(path, tuple(names), positions, sound_speed_of(None, options)[0])
 
 
 def _selected(recording: Recording, options: ImportOptions) -> tuple[Recording, dict[str, str]]:

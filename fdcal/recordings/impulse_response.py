@@ -86,6 +86,8 @@ def impulse_response_pressures(
             "give <kind> stationary",
             key="kind",
         )
+    if recording.modelled:
+        return _complete_pressures(recording, band, sound_speed, most)
     decay = extend_to_last_mode(recording, band, estimate_decay(recording, band), noise)
     s = max(0.0, DECAY / recording.duration - decay.rate) if window is None else window
     noise = noise or noise_of_tail(recording, decay)
@@ -106,6 +108,18 @@ def impulse_response_pressures(
         how += f" after {used.duration:.3g} s, where the rest is left out"
     k = wavenumber_continuous(f, s, sound_speed)
     return Pressures(f, k, pressures, None if noise is None else density[chosen], how)
+
+
+def _complete_pressures(recording: Recording, band: tuple[float, float], sound_speed: float, most: int) -> Pressures:
+    """Return the pressures of rendered responses: sums of waves that are complete however they end, without noise.
+
+    All frequencies of the band that are independent of one another are taken, evenly spaced.
+    """
+    step = max(1 / recording.duration, (band[1] - band[0]) / most)
+    f = np.arange(band[0], band[1], step)
+    pressures = laplace_transform(read_samples(recording, 0, recording.samples), recording.sample_rate, 0.0, f)
+    how = "rendering at the positions given: no window is needed, and there is no noise but that of the response"
+    return Pressures(f, wavenumber_continuous(f, 0.0, sound_speed), pressures, None, how)
 
 
 def mean_power(recording: Recording, band: tuple[float, float], s: float) -> tuple[np.ndarray, np.ndarray]:

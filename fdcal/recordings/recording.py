@@ -61,6 +61,10 @@ class Recording:
         According to the file, m/s.
     full_scale : float or None
         Greatest value that a sample can take.
+    highest : float or None
+        Up to which the samples represent the sound, Hz, if below what the sampling rate allows.
+    modelled : str
+        What is modelled, not measured, as a sentence; "" for a recording that is all measured.
 
     Raises
     ------
@@ -78,6 +82,8 @@ class Recording:
     positions: np.ndarray | None = None
     sound_speed: float | None = None
     full_scale: float | None = None
+    highest: float | None = None
+    modelled: str = ""
 
     def __post_init__(self):
         object.__setattr__(self, "kind", OLD_KINDS.get(self.kind or "", self.kind))

@@ -33,7 +33,7 @@ class SceneParameters:
     microphones : int, N; a regular array takes the nearest number that fills its rows
     radius : metres; radius of a circle or ball, half the longest side of a rectangle, plane or box, greatest distance
         of given positions from their mean
-    walls : "rigid", "pressure-release" or "absorbing"
+    walls : "rigid", "pressure-release" or "absorbing"; "unknown" of a measured room, and then neither can be changed
     absorption : fraction of the energy absorbed at normal incidence, 1 - r^2, of absorbing walls
     snr_db : decibels, inf for no noise
     sound_speed_error : relative error of the sound speed given to the solver, positive if it is too high
@@ -154,6 +154,8 @@ def _rows(array: Array, wanted: int, count: int) -> tuple[tuple[int, ...], int]:
 
 
 def _admittance(parameters: SceneParameters, before: SceneParameters, scene: Scene) -> float:
+    if scene.room.response is not None:  # the room refuses walls
+        return 0.0
     require_choice("walls", parameters.walls, WALLS)
     if parameters.walls != "absorbing":
         return 0.0

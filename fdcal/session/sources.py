@@ -171,7 +171,7 @@ def check_scene(scene: Scene) -> None:
     positions_of(scene)
     require_measurable(scene)
     if scene.room.dimension == 2:
-        make_grid(scene.room, scene.source.band.sample_rate)
+        make_grid(scene.room, scene.emitter.band.sample_rate)
 
 
 def with_settings(

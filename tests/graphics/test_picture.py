@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 import trimesh
 
+from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.markers import ESTIMATE, HALO, KNOWN, SOLVER_MARKS, TRUE
 from fdcal.graphics.overlays import with_comparison, with_ellipses, with_trails
 from fdcal.graphics.picture import compose, static_picture, with_estimate
 from fdcal.graphics.surroundings import z_range_of
 from fdcal.graphics.units import error_summary
+from fdcal.model.arrays import positions_of
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene_file import load_scene
 
@@ -280,3 +282,18 @@ def test_compared_solvers_have_marks_of_different_shape_and_colour_at_their_esti
         middles = np.split(mark.vertices[:, :2], 2)
         for middle, n in zip(middles, (3, 4), strict=True):
             np.testing.assert_allclose(middle.mean(axis=0), positions[n], atol=1e-6, err_msg=name)
+
+
+def test_a_measured_room_has_no_walls_and_no_source_in_any_picture():
+    scene = load_scene("listening_lab")
+    places = positions_of(scene)
+    measurement = Measurement(
+        np.array([100.0]), np.ones((1, 64), complex), 343.0, 3, positions=places, search=scene.search
+    )
+    picture = static_picture(scene, measurement)
+    parts = [part.name for part in (*picture.meshes, *picture.lines, *picture.labels)]
+    assert not [name for name in parts if name.startswith(("room", "source"))]
+    assert picture.bounds == picture.focus
+    corners = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    pixels = project(camera_for(picture, (640, 480), "3d"), (640, 480), corners)
+    assert (pixels >= 0).all() and (pixels <= (640, 480)).all(), "there is no floor at z = 0 to stand on"

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
+import shutil
 
 import numpy as np
 import pytest
 
+from fdcal.acoustics.measure import measure
 from fdcal.model.arrays import positions_of
+from fdcal.model.measured_room import response_path
+from fdcal.model.scene import no_rectangle
 from fdcal.model.scene_file import load_scene, scene_folder, scene_names
 from fdcal.model.settings import Search
 from fdcal.model.validation import InputError, StorageError
 
 
 def test_the_scenes_that_come_with_fdcal():
-    names = ["array1_circle", "array2_random", "ball3d", "fig1_square", "lshape", "plane3d", "tiny"]
+    names = ["array1_circle", "array2_random", "ball3d", "fig1_square", "listening_lab", "lshape", "plane3d", "tiny"]
     assert scene_names() == names
 
 
@@ -272,3 +276,76 @@ def test_a_measurement_is_no_scene(tmp_path):
 def test_noise_of_older_scenes_is_still_read(edited):
     """The value "reported" was called "told"."""
     assert load_scene(edited({"solver.noise": '"told"'})).solver.noise == "reported"
+
+
+@pytest.mark.parametrize("room", ['room = "listening_lab"', '[room]\nresponse = "listening_lab"'])
+def test_a_measured_room_has_neither_walls_nor_a_source(written_room, room):
+    scene = load_scene(written_room(room))
+    assert (scene.room.response, scene.room.walls, scene.room.size) == ("listening_lab", "unknown", None)
+    assert (scene.source, scene.room.dimension, len(scene.room.vertices)) == (None, 3, 0)
+    assert positions_of(scene).shape == (64, 3)
+
+
+def test_the_file_of_a_measured_room_is_beside_the_scene(written_room, tmp_path):
+    scene = load_scene(written_room('room = "hall.mat"'))
+    assert scene.room.response == str(tmp_path / "hall.mat")
+    with pytest.raises(StorageError, match="hall"):
+        measure(scene)
+    shutil.copy(response_path("listening_lab"), tmp_path / "hall.mat")
+    own, shipped = measure(scene), measure(load_scene("listening_lab"))
+    assert np.array_equal(own.pressures, shipped.pressures)
+    (tmp_path / "other").mkdir()
+    shutil.move(tmp_path / "hall.mat", tmp_path / "other" / "hall.mat")
+    assert load_scene(written_room('room = "other/hall.mat"')).room.response == str(tmp_path / "other/hall.mat")
+
+
+@pytest.mark.parametrize(
+    ("room", "words"),
+    [
+        ('room = "cellar"', ['room.response = "cellar" is unknown', "listening_lab", ".mat"]),
+        ('[room]\nresponse = "listening_lab"\nwalls = "rigid"', ["room.walls = 'rigid'", "unknown", "remove it"]),
+        ('[room]\nresponse = "listening_lab"\nsize = [3.0, 4.0, 2.5]', ["room.size", "unknown", "remove it"]),
+        ('[room]\nresponse = "listening_lab"\ncell = 0.02', ["room.cell = 0.02", "remove it"]),
+        ('room = "listening_lab"\n[source]\nposition = [1.0, 1.0, 1.0]\nduration = 1.0', ["source", "remove it"]),
+    ],
+)
+def test_walls_or_a_source_in_a_measured_room_are_refused(written_room, room, words):
+    with pytest.raises(InputError) as caught:
+        load_scene(written_room(room))
+    for word in words:
+        assert word in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"resolution = 8.1": "resolution = 2.0"}, ["measurement.resolution = 2 Hz", "0.125 s", "use at least 8.1 Hz"]),
+        ({"highest = 785.0": "highest = 9000.0"}, ["measurement.highest = 9000 Hz", "use at most 8000 Hz"]),
+        ({"lowest = 20.0": "lowest = 790.0"}, ["measurement.lowest"]),
+        ({'"continuous"': '"discrete"'}, ["measurement.wavenumber"]),
+    ],
+)
+def test_frequencies_that_a_measured_room_does_not_have_are_refused(boxed, changes, words):
+    with pytest.raises(InputError) as caught:
+        measure(load_scene(boxed(changes, "listening_lab")))
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_a_solver_of_known_rooms_is_refused_in_a_measured_one():
+    assert no_rectangle(load_scene("listening_lab")) != ""
+
+
+@pytest.fixture
+def written_room(tmp_path):
+    """Function that writes the listening lab with another room: written_room('room = "hall.mat"') -> path."""
+
+    def write(room: str):
+        text = (scene_folder() / "listening_lab.toml").read_text(encoding="utf-8")
+        head, _, tables = text.partition("[array]")
+        lines = "".join(line for line in head.splitlines(keepends=True) if not line.startswith("room"))
+        path = tmp_path / "own.toml"
+        path.write_text(f"{lines}{room}\n[array]{tables}", encoding="utf-8")
+        return path
+
+    return write

@@ -115,3 +115,13 @@ def test_a_wrong_sound_speed_scales_the_wavenumbers_and_no_pressure():
     assert wrong_speed.sound_speed == pytest.approx(1.02 * right_speed.sound_speed)
     np.testing.assert_array_equal(wrong_speed.pressures, right_speed.pressures)
     assert math.isinf(parameters_of(wrong).snr_db)
+
+
+def test_a_measured_room_keeps_its_unknown_walls():
+    scene = load_scene("listening_lab")
+    parameters = parameters_of(scene)
+    assert (parameters.walls, parameters.absorption, parameters.known) == ("unknown", 0.0, 0)
+    changed = with_parameters(scene, dataclasses.replace(parameters, microphones=40, radius=0.3, snr_db=30.0, known=4))
+    assert changed.room == scene.room and positions_of(changed).shape == (40, 3)
+    with pytest.raises(InputError, match=r"room\.walls = 'rigid'.*unknown"):
+        with_parameters(scene, dataclasses.replace(parameters, walls="rigid"))

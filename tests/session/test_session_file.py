@@ -294,3 +294,13 @@ def test_reading_changes_nothing(joint_session, tmp_path):
     path.write_bytes(session_file.write(joint_session))
     path.write_bytes(session_file.write(session_file.read(path)))
     assert all(map(same, session_file.read(path).states, before))
+
+
+def test_a_session_in_a_measured_room_comes_back(tmp_path):
+    scene = load_scene("listening_lab")
+    scene = dataclasses.replace(scene, solver=dataclasses.replace(scene.solver, modes=12))
+    measurement = cached_measurement(scene)
+    problem, solver = measurement.problem(scene.solver.weights), solvers.load("joint")
+    path = tmp_path / "lab.zip"
+    path.write_bytes(session_file.write(OpenRequest(scene, 0, measurement, (solver.init(problem, scene.solver, 0),))))
+    assert session_file.read(path).scene == scene

@@ -85,3 +85,19 @@ def test_a_measurement_has_no_simulation_settings(server, work):
     set_by_client(tab.name, "tiny")
     assert tab.apply.visible, "the scene of that name is there, too"
     server.gui.reset()
+
+
+def test_a_measured_room_has_no_walls_to_set_and_says_what_is_modelled(controls):
+    panel, session = controls
+    tab = panel.scene
+    set_by_client(tab.walls, "absorbing")
+    set_by_client(tab.name, "listening_lab")
+    assert not tab.walls.visible and not tab.absorption.visible and tab.microphones.visible
+    assert "response is measured" in tab.message.content and "is modelled" in tab.message.content
+    set_by_client(tab.snr, 30)
+    set_by_client(tab.walls, "rigid")  # a client can set what is hidden
+    set_by_client(tab.apply, True)
+    (opening,) = session.opened
+    assert opening.scene.room == load_scene("listening_lab").room and opening.scene.measurement.snr_db == 30
+    set_by_client(tab.name, "tiny")
+    assert tab.walls.visible and tab.message.content == ""

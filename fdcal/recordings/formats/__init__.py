@@ -4,6 +4,7 @@ A format has a `NAME` and `SUFFIXES`, `SEVERAL` if a file of it may hold several
 
     read(path, source) -> Recording         if it holds recordings; `source` selects one of several, or is None
     recognises(path) -> bool                optional: where the suffix alone does not identify the format
+    render(path, names, positions, speed)   -> Recording of an array in the field of a measured room
     write(path, placed, original)           if it can hold positions; see `fdcal.model.microphones.MicrophonePositions`
 
 To add a format, add its module.
@@ -16,6 +17,8 @@ import pkgutil
 from functools import cache
 from pathlib import Path
 from types import ModuleType
+
+import numpy as np
 
 from ...model.microphones import MicrophonePositions
 from ...model.validation import InputError, StorageError
@@ -94,6 +97,36 @@ def read(path: str | Path, source: int | None = None) -> Recording:
         raise
     except OSError as error:
         raise StorageError(f"cannot read {path}: {error.strerror or error}") from error
+
+
+def render(path: str | Path, names: tuple[str, ...], positions: np.ndarray, sound_speed: float) -> Recording:
+    """Return what an array would record in the measured room of a file.
+
+    Parameters
+    ----------
+    path : str or Path
+    names : tuple of N str
+    positions : (N, 3) float64
+        Relative to the point of the measurement, metres.
+    sound_speed : float
+        m/s.
+
+    Raises
+    ------
+    InputError
+        The file is damaged, or holds no measured room.
+    StorageError
+        The file cannot be opened.
+    """
+    path = Path(path)
+    module = reader_of(path) if path.exists() else None
+    if path.exists() and not hasattr(module, "render"):
+        raise InputError(
+            f"{path} holds channels that were recorded; none can be rendered", "leave out <array>", key="array"
+        )
+    if module is None:
+        raise StorageError(f"cannot read {path}: there is no such file or folder")
+    return module.render(path, names, positions, sound_speed)
 
 
 def write(path: str | Path, target: str | Path, placed: MicrophonePositions, original: str | None = None) -> None:

@@ -6,6 +6,7 @@ from html import escape
 
 import viser
 
+from ...model.measured_room import MEASURED_AND_MODELLED
 from ..gui.html import CARD
 from ..gui.legend_html import legend
 from ..hotkeys import KEYS
@@ -42,7 +43,8 @@ def text() -> str:
     keys = {key.name: escape(key.label) for key in KEYS}
     return (
         f"{_table('Keys', keys)}{_table('Mouse', MOUSE)}{_head('Marks')}{legend()}<div style='{CARD}'>{MARKS}</div>"
-        f"{_table('Numbers', NUMBERS)}{_head('More')}<div style='{CARD}'>{MORE}</div>"
+        f"{_table('Numbers', NUMBERS)}{_head('Measured rooms')}<div style='{CARD}'>{MEASURED_AND_MODELLED}</div>"
+        f"{_head('More')}<div style='{CARD}'>{MORE}</div>"
     )
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import viser
 
+from ...model.measured_room import MEASURED_AND_MODELLED
 from ...model.measured_scene import MeasuredScene
 from ...model.room import WALLS
 from ...model.scene import Scene
@@ -75,7 +76,7 @@ class SceneTab:
 
     def _add_room(self) -> None:
         gui, (low, high) = self._binding.gui, RANGES.absorption
-        self.walls = gui.add_dropdown("Walls", WALLS, initial_value=parameters_of(self._scene).walls)
+        self.walls = gui.add_dropdown("Walls", WALLS, initial_value=one_of(self._scene.room.walls, WALLS, WALLS[0]))
         self.absorption = gui.add_number(
             "Absorption (%)", 1.0, min=low, max=high, step=0.1, hint="Absorbed energy of a wave at normal incidence"
         )
@@ -109,12 +110,15 @@ class SceneTab:
     def _show_scene(self, scene: Scene) -> None:
         """Set the controls to the scene's parameters; hide them for a measurement, which has none."""
         self._scene, measured = scene, isinstance(scene, MeasuredScene)
+        has_walls = not measured and scene.room.response is None
         for handle in (
-            self.microphones, self.radius, self.walls, self.absorption, self.noise, self.snr, self.speed, self.known,
-            self.seed, self.apply,
+            self.microphones, self.radius, self.absorption, self.noise, self.snr, self.speed, self.known, self.seed,
+            self.apply,
         ):  # fmt: skip
             handle.visible = not measured
-        self.message.content = html.remark(MEASURED) if measured else ""
+        self.walls.visible = has_walls
+        remark = MEASURED if measured else "" if has_walls else MEASURED_AND_MODELLED
+        self.message.content = html.remark(remark) if remark else ""
         if not measured:
             self._show_parameters(parameters_of(scene))
 
@@ -122,7 +126,9 @@ class SceneTab:
         self.microphones.max = max(RANGES.microphones[1], parameters.microphones)
         self.microphones.value = parameters.microphones
         self.microphones.disabled = self._scene.array.positions is not None
-        self.radius.value, self.walls.value = round(parameters.radius, 4), parameters.walls
+        self.radius.value = round(parameters.radius, 4)
+        if parameters.walls in WALLS:  # those of a measured room are unknown
+            self.walls.value = parameters.walls
         self.absorption.value = round(100 * parameters.absorption, 2) or 1.0
         self.noise.value = noisy = math.isfinite(parameters.snr_db)
         default = RANGES.default_snr
@@ -166,7 +172,7 @@ class SceneTab:
         return SceneParameters(
             microphones=old.microphones if self.microphones.disabled else count,
             radius=_unless_same(bounded_number(self.radius.value, *RANGES.radius, old.radius), old.radius, 1e-4),
-            walls=one_of(self.walls.value, WALLS, old.walls),
+            walls=one_of(self.walls.value, WALLS, old.walls) if self._scene.room.response is None else old.walls,
             absorption=self._absorption(old.absorption),
             snr_db=self._snr(old.snr_db),
             sound_speed_error=_unless_same(speed_error, old.sound_speed_error, 1e-5),
@@ -175,7 +181,7 @@ class SceneTab:
         )
 
     def _absorption(self, old: float) -> float:
-        if self.walls.value != "absorbing":
+        if self.walls.value != "absorbing" or self._scene.room.response is not None:
             return old
         return _unless_same(bounded_number(self.absorption.value, *RANGES.absorption, 1.0) / 100, old, 1e-4)
 

@@ -1,0 +1,60 @@
+"""MATLAB's .mat with an impulse response from the spatial decomposition method: one point, a direction for each sample.
+
+It has no channels of its own: those of an array are rendered at given positions. The response is measured; the field
+between the microphones is modelled (`fdcal.acoustics.plane_waves`).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ...acoustics.plane_waves import MAX_FREQUENCY, plane_wave_responses
+from ...model.measured_room import MEASURED_AND_MODELLED
+from ...model.sdm_response import load_sdm_response
+from ...model.validation import InputError
+from ..recording import Recording, recording_of
+
+NAME = "SDM response"
+SUFFIXES = (".mat",)
+
+
+def read(path: Path, source: int | None = None) -> Recording:
+    """Raise InputError: the file has no channels."""
+    load_sdm_response(path)  # a damaged file is reported first
+    raise InputError(
+        f"{path} is an impulse response at one point, with directions, and has no channels",
+        "import it with <array>, the positions at which to render them",
+        key="array",
+    )
+
+
+def render(path: Path, names: tuple[str, ...], positions: np.ndarray, sound_speed: float) -> Recording:
+    """Return what an array would record in the field of the response, from the direct sound on.
+
+    Parameters
+    ----------
+    path : Path
+    names : tuple of N str
+    positions : (N, 3) float64
+        Relative to the point of the measurement, metres.
+    sound_speed : float
+        m/s.
+
+    Raises
+    ------
+    InputError
+        The file is damaged, or its response wraps round.
+    """
+    response = load_sdm_response(path)
+    return recording_of(
+        str(path),
+        "impulse",
+        response.sample_rate,
+        plane_wave_responses(response, positions, sound_speed),
+        names=names,
+        positions=positions,
+        highest=MAX_FREQUENCY * response.sample_rate,
+        modelled=MEASURED_AND_MODELLED,
+    )

@@ -1,0 +1,94 @@
+"""A measured room imported: an array rendered at the positions given, with what is modelled said plainly."""
+
+from __future__ import annotations
+
+import shutil
+
+import numpy as np
+import pytest
+from scipy.io import loadmat, savemat
+
+from fdcal.acoustics.plane_waves import plane_wave_pressures
+from fdcal.commands.cli import main
+from fdcal.model.measured_room import MEASURED_AND_MODELLED, response_path
+from fdcal.model.measurement_file import load_measurement
+from fdcal.model.sdm_response import load_sdm_response
+from fdcal.model.validation import InputError
+from fdcal.recordings.import_options import ImportOptions
+from fdcal.recordings.import_report import import_summary
+from fdcal.recordings.importer import import_recording
+
+PLACES = np.random.default_rng(0).uniform(-0.3, 0.3, (24, 3))
+ROOM = str(response_path("listening_lab"))
+
+
+def run_command(arguments: list[str]) -> int:
+    """Run a command and return its exit code."""
+    with pytest.raises(SystemExit) as end:
+        main(arguments)
+    return end.value.code or 0
+
+
+@pytest.fixture
+def layout(tmp_path):
+    path = tmp_path / "layout.csv"
+    rows = [f"m{n},{x!r},{y!r},{z!r}" for n, (x, y, z) in enumerate(PLACES.tolist())]
+    path.write_text("\n".join(["name,x,y,z", *rows]), encoding="utf-8")
+    return str(path)
+
+
+def test_the_pressures_are_those_of_the_plane_waves(layout):
+    measurement, report = import_recording(ROOM, ImportOptions(array=layout, sound_speed=340.0, known="m0,m3,m7,m9"))
+    assert measurement.names[:2] == ("m0", "m1") and np.array_equal(measurement.positions, PLACES)
+    assert np.array_equal(measurement.known_positions, PLACES[[0, 3, 7, 9]])
+    f, k = measurement.frequencies, measurement.wavenumbers
+    assert np.allclose(k, 2 * np.pi * f / 340.0), "the sound is complete: no window"
+    expected = plane_wave_pressures(load_sdm_response(ROOM), PLACES, f, 340.0)
+    found = measurement.pressures
+    common = np.sum(found.conj() * expected, axis=1) / np.sum(np.abs(found) ** 2, axis=1)  # of the time of beginning
+    assert np.allclose(common[:, None] * found, expected, atol=1e-6 * np.abs(expected).max())
+    assert f"modelled     {MEASURED_AND_MODELLED}" in import_summary(measurement, report)
+
+
+def test_frequencies_are_evenly_spaced_and_independent(layout):
+    few, _ = import_recording(ROOM, ImportOptions(array=layout, most=10))
+    many, report = import_recording(ROOM, ImportOptions(array=layout, most=500, frequencies="20:700"))
+    assert len(few.frequencies) == 10 and np.ptp(np.diff(few.frequencies)) < 1e-9
+    assert np.diff(many.frequencies).min() == pytest.approx(1 / report.recording.duration)
+
+
+def test_the_command_says_what_is_modelled(layout, tmp_path, capsys):
+    path = tmp_path / "lab.npz"
+    assert run_command(["import", ROOM, "--array", layout, "-o", str(path)]) == 0
+    assert "between the microphones is modelled" in capsys.readouterr().out
+    assert load_measurement(path).count == 24
+
+
+def test_positions_are_needed_and_belong_to_a_measured_room_alone(layout, tmp_path, capsys):
+    for command in (["import", ROOM, "-o", str(tmp_path / "lab.npz")], ["calibrate", ROOM]):
+        assert run_command(command) == 2
+        assert "--array FILE.csv" in capsys.readouterr().err
+    other = tmp_path / "recording.npz"
+    np.savez(other, recordings=np.ones((3, 400)), sample_rate=8000.0)
+    with pytest.raises(InputError, match="leave out array"):
+        import_recording(other, ImportOptions(array=layout))
+    flat = tmp_path / "flat.csv"
+    flat.write_text("name,x,y\na,0,0\nb,1,0\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"flat\.csv has two coordinates"):
+        import_recording(ROOM, ImportOptions(array=str(flat)))
+
+
+def test_a_band_that_is_not_rendered_is_refused(layout):
+    with pytest.raises(InputError, match=r"20:12000.*HI <= 8000 Hz"):
+        import_recording(ROOM, ImportOptions(array=layout, frequencies="20:12000"))
+
+
+def test_a_response_that_wraps_round_or_is_missing_is_refused(layout, tmp_path, capsys):
+    table = {key: value for key, value in loadmat(ROOM).items() if key[0] != "_"}
+    path, output = tmp_path / "wrapped.mat", str(tmp_path / "lab.npz")
+    savemat(path, table | {key: np.roll(table[key], -100) for key in ("p", "azi_rad", "ele_rad")})
+    assert run_command(["import", str(path), "--array", layout, "-o", output]) == 2
+    assert "wraps round" in capsys.readouterr().err
+    assert run_command(["import", str(tmp_path / "none.mat"), "--array", layout, "-o", output]) == 3
+    shutil.copy(layout, tmp_path / "layout.mat")
+    assert run_command(["import", str(tmp_path / "layout.mat"), "--array", layout, "-o", output]) == 2

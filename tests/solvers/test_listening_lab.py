@@ -1,0 +1,24 @@
+"""A measured room: the array is found blind, to millimetres, and the verdict is good."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from fdcal.session.calibrate import solve
+from fdcal.commands.report import summary
+from fdcal.commands.sources import scene_input
+from fdcal.model.scene_file import load_scene
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_listening_lab_is_found_blind(seed):
+    inputs = scene_input(dataclasses.replace(load_scene("listening_lab"), seed=seed))
+    assert inputs.measurement.blind
+    result = solve(inputs)
+    errors = inputs.measurement.errors(result.positions)
+    assert np.sqrt(np.mean(errors**2)) < 4e-3 and errors.max() < 10e-3
+    assert result.verdict == "good"
+    assert "modelled between the microphones" in summary(inputs, result)
