@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from fdcal.session.calibrate import solve
 from fdcal.commands.report import summary
-from fdcal.commands.sources import scene_input
 from fdcal.model.scene_file import load_scene
+from fdcal.session.calibrate import solve
+from fdcal.session.sources import scene_input
 
 
 @pytest.mark.parametrize("seed", [0, 1])
