@@ -49,7 +49,7 @@ def draw_calibration(result: Calibration, truth=None) -> Figure:
     error = "" if result.mean_error is None else f", mean error {1e3 * result.mean_error:.2g} mm"
     figure.suptitle(f"{len(result.positions)} microphones, {result.verdict or 'no verdict'}{error}", parse_math=False)
     handles, labels = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
+    figure.legend(handles, labels, loc="outside lower center", ncols=2 * len(views), frameon=False)
     return figure
 
 

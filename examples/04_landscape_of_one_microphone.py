@@ -1,0 +1,20 @@
+"""Draw the cost of moving one microphone: many minima at each frequency, one that all frequencies share.
+
+Usage: python 04_landscape_of_one_microphone.py [SCENE]
+"""
+
+import sys
+
+import numpy as np
+
+import fdcal
+
+measurement = fdcal.load(sys.argv[1] if len(sys.argv) > 1 else "fig1_square")
+microphone = measurement.count - 1
+last = len(measurement.frequencies)
+panels = fdcal.landscape(measurement, microphone, modes=[last // 4, last // 2, 3 * last // 4])
+
+true = measurement.positions[microphone]
+for mode, minimum in zip([*panels.modes, "all"], panels.minima, strict=True):
+    print(f"mode {mode}: minimum {np.linalg.norm(minimum - true):.3f} m from the microphone")
+panels.plot(true).savefig("landscape.png")

@@ -1,0 +1,93 @@
+"""Every script in examples/ runs and finds what it says, and so does the notebook."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import runpy
+import sys
+from pathlib import Path
+
+import pytest
+
+import fdcal
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+SCRIPTS = sorted(EXAMPLES.glob("*.py"))
+NOTEBOOK = EXAMPLES / "first_calibration.ipynb"
+SLOW = ("01", "04")  # these take another scene than the paper's, which take a minute to simulate
+
+
+def printed(script: Path, tmp_path, monkeypatch, capsys) -> str:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", [str(script), *["tiny"][: script.name.startswith(SLOW)]])
+    runpy.run_path(str(script), run_name="__main__")
+    return capsys.readouterr().out
+
+
+# What each script must print: text, and the most that a number in it may be.
+EXPECTED = {
+    "01_paper_array": (r"mean error ([\d.]+) mm", 5.0),
+    "02_recording_from_wav": (r"largest error ([\d.]+) mm", 10.0),
+    "03_blind_in_space": (r"mean error ([\d.]+) mm after the best rigid motion: True", 6.0),
+    "04_landscape_of_one_microphone": (r"mode all: minimum ([\d.]+) m", 0.05),
+    "05_check_channel_order": (r"channels (3) and 12 are exchanged", 3.0),
+    "06_scene_of_your_own": (r"12 modes: good +mean error +([\d.]+) mm", 5.0),
+}
+WRITTEN = {
+    "01_paper_array": {"array.png", "array.json"},
+    "02_recording_from_wav": {"recording.wav", "microphones.xml"},
+    "03_blind_in_space": {"ball.csv", "ball.png"},
+    "04_landscape_of_one_microphone": {"landscape.png"},
+    "05_check_channel_order": {"geometry.xml"},
+    "06_scene_of_your_own": set(),
+}
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
+def test_an_example_runs_and_finds_what_it_says(script, tmp_path, monkeypatch, capsys):
+    text = printed(script, tmp_path, monkeypatch, capsys)
+    pattern, most = EXPECTED[script.stem]
+    match = re.search(pattern, text)
+    assert match is not None, text
+    assert float(match.group(1)) <= most
+    assert {path.name for path in tmp_path.iterdir()} == WRITTEN[script.stem]
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
+def test_an_example_is_short_and_says_what_it_does(script):
+    text = script.read_text(encoding="utf-8")
+    docstring = ast.get_docstring(ast.parse(text))
+    assert docstring
+    code = [line for line in text.split('"""')[2].splitlines() if line.strip()]
+    assert len(code) <= 22
+
+
+def cells(kind: str) -> list[str]:
+    notebook = json.loads(NOTEBOOK.read_text(encoding="utf-8"))
+    assert (notebook["nbformat"], len({cell["id"] for cell in notebook["cells"]})) == (4, len(notebook["cells"]))
+    return ["".join(cell["source"]) for cell in notebook["cells"] if cell["cell_type"] == kind]
+
+
+def shown(source: str, namespace: dict) -> object:
+    """Run a cell, and return what a notebook shows below it: the value of its last line, if that is an expression."""
+    tree = ast.parse(source)
+    last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
+    exec(compile(tree, "cell", "exec"), namespace)
+    return None if last is None else eval(compile(ast.Expression(last.value), "cell", "eval"), namespace)
+
+
+def test_the_cells_of_the_notebook_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    namespace: dict = {}
+    outputs = [shown(source, namespace) for source in cells("code")]
+    assert isinstance(outputs[1], fdcal.Calibration)
+    assert "<b>good</b>" in outputs[1]._repr_html_()
+    assert len(outputs[2]) == 3
+    assert outputs[3].shape == (4, 2)
+
+
+def test_the_notebook_holds_no_output():
+    notebook = json.loads(NOTEBOOK.read_text(encoding="utf-8"))
+    assert all(not cell.get("outputs") for cell in notebook["cells"])
