@@ -63,7 +63,7 @@ def fine_landscape(problem: Problem, solver, state, n: int, mode: int, search: S
     -------
     (ny, nx) float64
     """
-    if not hasattr(state, "centre"):  # a likelihood has no centre and takes any lattice
+    if state.landscape_takes_lattice:
         return solver.landscape(problem, state, n, slice(mode - 1, mode), search)[0]
     from .lattice_search import candidate_costs  # compiled code, loaded with the first map
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .. import solvers
 from ..model.validation import frozen_array
 from . import glyphs
 from .primitives import Colour, Floor, Lines, Mesh, Theme
@@ -52,16 +53,18 @@ class SolverMark:
 
     Attributes
     ----------
-    colour : as in CSS, of the palette of Okabe and Ito, which colour-blind eyes tell apart
+    colour : as in CSS, of the palette of Okabe and Ito, which colour-blind readers can distinguish
     shape : in words
     corners : of the polygon; 0 for a plus
     radius : in radii of a marker
+    dash : pixels drawn and left out of a curve, () for a solid line
     """
 
     colour: str
     shape: str
     corners: int
     radius: float
+    dash: tuple[int, ...]
 
     @property
     def rgb(self) -> Colour:
@@ -70,11 +73,19 @@ class SolverMark:
         return red, green, blue
 
 
-SOLVER_MARKS = {
-    "joint": SolverMark("#009e73", "plus", 0, 0.8),
-    "descent": SolverMark("#d55e00", "triangle", 3, 1.3),
-    "descent+joint": SolverMark("#cc79a7", "square", 4, 1.9),
-}
+SOLVER_MARKS = (
+    SolverMark("#d55e00", "triangle", 3, 1.3, (8, 5)),
+    SolverMark("#cc79a7", "square", 4, 1.9, (2, 4)),
+    SolverMark("#009e73", "plus", 0, 0.8, ()),
+    SolverMark("#e69f00", "pentagon", 5, 2.5, (12, 3)),
+    SolverMark("#56b4e9", "hexagon", 6, 3.1, (5, 3)),
+)
+
+
+def solver_mark(name: str) -> SolverMark:
+    """Return the mark of a solver: the solvers take the marks in alphabetical order, any other name the last one."""
+    names = solvers.names()
+    return SOLVER_MARKS[names.index(name) % len(SOLVER_MARKS) if name in names else -1]
 
 
 def layer_height(layer: int, marker_radius: float) -> float:

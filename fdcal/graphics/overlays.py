@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from . import glyphs
-from .markers import ELLIPSE, SOLVER_MARKS, TRAIL, Layer, drape, lines, on_layer, strokes
+from .markers import ELLIPSE, TRAIL, Layer, drape, lines, on_layer, solver_mark, strokes
 from .primitives import Floor, Picture
 
 ELLIPSE_SIDES = 36  # of the polygon that is drawn for an ellipse
@@ -67,13 +67,13 @@ def with_comparison(
 
     Parameters
     ----------
-    positions : by the name of the solver, a key of SOLVER_MARKS: (N, D) float64, metres
+    positions : by the name of the solver: (N, D) float64, metres
     free : (F,) numbers of the microphones to be marked
     floor : a map in relief, on which the microphones stand, or None
     """
     radius, base, meshes = picture.marker_radius, picture.z_range[0], picture.meshes
     for i, (name, estimate) in enumerate(positions.items()):
-        mark = SOLVER_MARKS[name]
+        mark = solver_mark(name)
         centres = on_layer(drape(np.asarray(estimate)[free], floor), base, radius, Layer.COMPARISON + 2 * i)
         if mark.corners:
             segments = glyphs.polygons(centres, mark.radius * radius, mark.corners)

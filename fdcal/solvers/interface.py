@@ -65,6 +65,11 @@ class RunState:
         return 0
 
     @property
+    def landscape_takes_lattice(self) -> bool:
+        """Whether the solver's `landscape` takes another lattice; Eq. 7 depends on the centre of the state instead."""
+        return True
+
+    @property
     def assessment_noise(self) -> np.ndarray | None:
         """Noise power (M,) with which the result is assessed, in the unit of abs(pressures)**2; None: estimate it."""
         return None
@@ -149,7 +154,7 @@ class Solver(Protocol):
     def landscape(self, problem: Problem, state: Any, n: int, modes: slice) -> np.ndarray:
         """Return the cost of microphone `n` over the search lattice, mode by mode : (modes, ny, nx) float64.
 
-        Solvers whose states have no `centre` also take another `Search` as a fifth argument.
+        If the state's `landscape_takes_lattice` is true, a fifth argument may be another `Search`.
         """
         ...
 

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import trimesh
 
+from fdcal import solvers
 from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.heatmap import cost_floor
-from fdcal.graphics.markers import ESTIMATE, HALO, KNOWN, SOLVER_MARKS, TRUE
+from fdcal.graphics.markers import ESTIMATE, HALO, KNOWN, SOLVER_MARKS, TRUE, solver_mark
 from fdcal.graphics.overlays import with_comparison, with_ellipses, with_trails
 from fdcal.graphics.picture import compose, static_picture, with_estimate
 from fdcal.graphics.surroundings import z_range_of
@@ -271,13 +272,14 @@ def test_ellipses_have_the_half_axes_given(scene, measurement):
 
 def test_compared_solvers_have_marks_of_different_shape_and_colour_at_their_estimates(measurement):
     picture = static_picture(None, measurement)
-    placed = {name: measurement.positions + 0.01 * i for i, name in enumerate(SOLVER_MARKS)}
+    placed = {name: measurement.positions + 0.01 * i for i, name in enumerate(solvers.names())}
     drawn = with_comparison(picture, placed, np.array([3, 4]))
     marks = {
         solid.name: solid for solid in drawn.meshes if solid.name.startswith("comparison/") and "halo" not in solid.name
     }
-    assert len(marks) == 3 and len({mark.colour for mark in marks.values()}) == 3
-    assert len({len(mark.faces) for mark in marks.values()}) == 3, "shapes differ, too"
+    count = len(placed)
+    assert len(marks) == count and len({mark.colour for mark in marks.values()}) == count
+    assert len({len(mark.faces) for mark in marks.values()}) == count, "shapes differ, too"
     for (name, positions), mark in zip(placed.items(), marks.values(), strict=True):
         middles = np.split(mark.vertices[:, :2], 2)
         for middle, n in zip(middles, (3, 4), strict=True):
@@ -297,3 +299,10 @@ def test_a_measured_room_has_no_walls_and_no_source_in_any_picture():
     corners = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     pixels = project(camera_for(picture, (640, 480), "3d"), (640, 480), corners)
     assert (pixels >= 0).all() and (pixels <= (640, 480)).all(), "there is no floor at z = 0 to stand on"
+
+
+def test_a_solver_that_is_added_has_a_mark_of_its_own(monkeypatch):
+    monkeypatch.setattr(solvers, "names", lambda: ["descent", "descent+joint", "joint", "newest"])
+    marks = {solver_mark(name) for name in solvers.names()}
+    assert len({mark.shape for mark in marks}) == len({mark.colour for mark in marks}) == 4
+    assert solver_mark("from another machine") in SOLVER_MARKS

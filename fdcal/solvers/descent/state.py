@@ -36,6 +36,11 @@ class State(RunState):
         """The number added to ceil(kR) with the modes in use (`order_offset_of`)."""
         return order_offset_of(self.settings, self.last)
 
+    @property
+    def landscape_takes_lattice(self) -> bool:
+        """False: the landscape is that of the search domain, about `centre`."""
+        return False
+
 
 def order_offset_of(settings: SolverSettings, modes: int) -> int:
     """Return the number added to ceil(kR) in the order rule.

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 from html import escape
 
 import numpy as np
 import viser
 from viser import uplot
 
-from ...graphics.markers import SOLVER_MARKS
+from ... import solvers
+from ...graphics.markers import solver_mark
 from ..background.comparison import ComparisonSetup, ComparisonWorker, RunSummary
 from ..gui import html
 from ..gui.binding import Binding
@@ -16,17 +18,16 @@ from ..gui.plots import Plot, decades_of
 from ..server.client_values import bounded, one_of
 from .solver import MAX_SEED, STARTS
 
-ALL = "all three"
-SOLVERS = {
-    ALL: ("joint", "descent", "descent+joint"),
-    "joint, descent": ("joint", "descent"),
-    "joint, descent+joint": ("joint", "descent+joint"),
-    "descent, descent+joint": ("descent", "descent+joint"),
-}
-DASHES = {"joint": (), "descent": (8, 5), "descent+joint": (2, 4)}  # pixels
+ALL = "all"
 INTERVAL = 0.5  # s between two updates of the curves
 MIN_ERROR = 1e-3  # mm, drawn for anything below: logarithms have no zero
-IMPOSSIBLE = "No race: descent needs a two-dimensional sound field and a search domain."
+IMPOSSIBLE = "No race: it needs a two-dimensional sound field and a search domain."
+
+
+def combinations() -> dict[str, tuple[str, ...]]:
+    """Return which solvers can be compared, by label: all that need no known room, and each two of them."""
+    names = tuple(name for name in solvers.names() if not solvers.load(name).TRAITS.needs_room)
+    return {ALL: names} | {", ".join(pair): pair for pair in itertools.combinations(names, 2)}
 
 
 class ComparisonTab:
@@ -46,7 +47,8 @@ class ComparisonTab:
 
     def _add_controls(self) -> None:
         gui, worker = self._binding.gui, self._worker
-        self.solvers = gui.add_dropdown("Solvers", tuple(SOLVERS), initial_value=ALL)
+        self._combinations = combinations()
+        self.solvers = gui.add_dropdown("Solvers", tuple(self._combinations), initial_value=ALL)
         self.start = gui.add_dropdown("Start from", STARTS, initial_value="random", hint="The same for all solvers")
         self.seed = gui.add_number(
             "Random seed", self._binding.choices.seed, min=0, max=MAX_SEED, step=1,
@@ -63,7 +65,7 @@ class ComparisonTab:
     @property
     def setup(self) -> ComparisonSetup:
         """What the controls show, bounded."""
-        names = SOLVERS[one_of(self.solvers.value, SOLVERS, ALL)]
+        names = self._combinations[one_of(self.solvers.value, self._combinations, ALL)]
         seed = bounded(self.seed.value, 0, MAX_SEED, 0)
         return ComparisonSetup(names, one_of(self.start.value, STARTS, "random"), seed)
 
@@ -101,11 +103,10 @@ class ComparisonTab:
             plot.show(data, decades_of(*data[1:]) if "error" in plot.title else None)
 
     def _plot(self, title: str, names: tuple[str, ...]) -> Plot:
+        marks = {name: solver_mark(name) for name in names}
         drawn = [
-            uplot.Series(
-                label=name, stroke=SOLVER_MARKS[name].colour, width=2.5, dash=DASHES[name], points={"show": False}
-            )
-            for name in names
+            uplot.Series(label=name, stroke=mark.colour, width=2.5, dash=mark.dash, points={"show": False})
+            for name, mark in marks.items()
         ]
         series = (uplot.Series(label="s"), *drawn)
         return Plot(self._binding.gui, title, series, "processor time (s)", height=200)
@@ -139,7 +140,8 @@ def table(summaries: tuple[RunSummary, ...]) -> str:
     """Return time, steps, error and cost of each run as HTML."""
     rows = []
     for summary in summaries:
-        mark, dashes = SOLVER_MARKS[summary.name], ",".join(map(str, DASHES[summary.name]))
+        mark = solver_mark(summary.name)
+        dashes = ",".join(map(str, mark.dash))
         line = (
             f"<svg width='30' height='10'><line x1='0' y1='5' x2='30' y2='5' stroke='{mark.colour}' stroke-width='3'"
             f" stroke-dasharray='{dashes}'/></svg> {mark.shape}"
