@@ -241,6 +241,19 @@ def test_modes_set_by_the_user():
     assert state.finished
 
 
+def test_use_modes_drops_the_angular_prior_of_other_modes():
+    problem = measured(TRUTH, KNOWN, snr_db=6, seed=3).problem()
+    states = solvers.run(problem, SETTINGS, 0)
+    state = next(state for state in states if state.field.prior is not None)
+    without = replace(state, field=replace(state.field, prior=None, prior_updates=0))
+    for first, last in ((1, 20), (1, 40), (5, 30)):
+        changed, expected = (joint.use_modes(problem, s, first, last, True) for s in (state, without))
+        assert changed.field.prior is None and changed.field.prior_updates == 0
+        assert changed.cost == expected.cost
+        after = joint.step(problem, changed)
+        np.testing.assert_array_equal(after.positions, joint.step(problem, expected).positions)
+
+
 def test_an_unsolvable_problem_is_refused():
     with pytest.raises(InputError, match="use at least"):
         solve(measured(TRUTH, KNOWN), replace(SETTINGS, modes=5, first_modes=3))
