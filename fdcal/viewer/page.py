@@ -29,6 +29,7 @@ from .tabs.help import add_help
 from .tabs.lessons import LessonsTab
 
 CLOSE_TIME = 1.2  # s that the page waits for threads at the end
+COMPILING = "Finishing a compilation; Ctrl-C again does not wait ..."
 RATE = 25.0  # updates of the screen per second
 MAX_RATE = 50.0  # updates per second while the user waits for something
 CANVAS_INTERVAL = 1.0  # s between two looks at the sizes of all canvases
@@ -147,7 +148,7 @@ class Page:
                     old.take_down()
         except Exception as error:
             folders.remove()
-            prepared.session.close(0.5)
+            prepared.close(0.5)
             if old is None:
                 raise
             self.switcher.refuse(error)
@@ -172,11 +173,12 @@ class Page:
 
     def close(self) -> None:
         """End all threads except those of the server."""
-        self._report_progress("")
-        end = time.perf_counter() + CLOSE_TIME
-        self.switcher.close(CLOSE_TIME)
+        self._report_progress(COMPILING if self.switcher.compiling else "")
         if self.viewer is not None:
-            self.viewer.close(max(end - time.perf_counter(), 0.2))
+            self.viewer.close(CLOSE_TIME)
+        self.switcher.close(CLOSE_TIME)
+        self._report_progress("")
+        if self.viewer is not None:
             from ..acoustics.compiled import shut_down_threads  # loaded by the session that was shown
 
             shut_down_threads()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import collections
 import logging
+import time
 
 import viser
 
@@ -20,6 +21,8 @@ from .gui import html
 from .gui.layout import Panels
 
 log = logging.getLogger(__name__)
+
+COMPILE_TIMEOUT = 60.0  # s; the longest compilation takes 8 s of processor time
 
 
 class Preparation:
@@ -56,6 +59,7 @@ class SessionSwitcher:
         self._worker = LatestWorker(Preparation.execute, "fdcal-prepare")
         self._current: Preparation | None = None
         self._cancelled: list[Preparation] = []  # some of which may still be in progress
+        self._begun: list[PreparationProgress] = []  # whose compilations may still be in progress
         self.error: Exception | None = None
 
     def open(self, request: OpenRequest) -> None:
@@ -90,6 +94,11 @@ class SessionSwitcher:
         """The title of the scene in progress, or ""."""
         return "" if self._current is None else self._current.request.scene.title
 
+    @property
+    def compiling(self) -> bool:
+        """Whether a compilation is in progress, of a session that is shown or of one that nobody waits for."""
+        return any(progress.warmup is not None and progress.warmup.busy for progress in self._begun)
+
     def poll(self) -> PreparedRun | None:
         """Execute the commands that wait; return the run that is ready, once, or None."""
         while self._commands:
@@ -109,15 +118,24 @@ class SessionSwitcher:
             log.error("a request could not be opened", exc_info=error)
         self.error = error
 
-    def close(self, timeout: float = 1.0) -> None:
-        """End the thread and close the sessions that were not taken; wait `timeout` at most, s.
+    def close(self, timeout: float = 1.0, compile_timeout: float = COMPILE_TIMEOUT) -> None:
+        """End the threads and close the sessions that were not taken.
 
-        The thread may be writing to the cache. A file is moved into its place when it is complete, so a thread that
-        is left behind does no harm.
+        The thread of a preparation may be writing to the cache. A file is moved into its place when it is complete, so
+        a thread that is left behind does no harm. A compiler that is left behind can end the interpreter with an error.
+
+        Parameters
+        ----------
+        timeout : how long to wait for the preparation, s
+        compile_timeout : how long to wait for compilations, which cannot be interrupted, s
         """
         self._begin(None)
         self._worker.close(timeout)
         self._close_cancelled()
+        end = time.perf_counter() + compile_timeout
+        for progress in self._begun:
+            if progress.warmup is not None:
+                progress.warmup.close(max(end - time.perf_counter(), 0.0))
 
     def _begin(self, request: OpenRequest | None) -> None:
         if self._current is not None:
@@ -126,13 +144,15 @@ class SessionSwitcher:
         self._current, self.error = None, None
         if request is not None:
             self._current = Preparation(request)
+            self._begun = [progress for progress in self._begun if not progress.ended]
+            self._begun.append(self._current.progress)
             self._worker.request(self._current)
 
     def _close_cancelled(self) -> None:
         """Close the sessions of preparations that were cancelled too late."""
         for preparation in self._cancelled:
             if preparation.done and preparation.run is not None:
-                preparation.run.session.close(0.0)
+                preparation.run.close(0.0)
         self._cancelled = [preparation for preparation in self._cancelled if not preparation.done]
 
 

@@ -120,7 +120,7 @@ class Viewer:
         owners = (self.maps, self._uncertainty, self._comparison, self.side_panel.maps.worker, self.run.session)
         end = time.perf_counter() + timeout
         if self.run.warmup is not None:
-            self.run.warmup.close(0.0)
+            self.run.warmup.close(0.0)  # the switcher waits for a compilation
         for owner in (*owners, self.exports):  # all are asked to stop before any is waited for
             owner.close(0.0)
         for owner in owners:

@@ -15,9 +15,9 @@ import msgspec
 import numpy as np
 import pytest
 import viser
+from clients import CAMERA, join_address, say
 from viser import _messages
 from websockets.exceptions import ConnectionClosed
-from websockets.sync.client import connect
 
 from fdcal.viewer.gui import html as words
 from fdcal.viewer.server import error_log
@@ -127,18 +127,7 @@ def test_a_lesson_runs_from_its_start_to_the_answer(page):
 
 def join(served):
     """A client other than a browser."""
-    return connect(served[1].replace("http", "ws"), subprotocols=[f"viser-v{viser.__version__}"], open_timeout=WAIT)
-
-
-def say(client, **message):
-    with contextlib.suppress(ConnectionClosed):
-        client.send(msgspec.msgpack.encode(message))
-
-
-CAMERA = {
-    "type": "ViewerCameraMessage", "wxyz": [1, 0, 0, 0], "position": [0, 0, 5], "fov": 1.0, "near": 0.1, "far": 9.0,
-    "image_height": 700, "image_width": 600, "look_at": [0, 0, 0], "up_direction": [0, 0, 1],
-}  # fmt: skip
+    return join_address(served[1].replace("http", "ws"))
 
 
 def test_malformed_messages_do_not_disturb_other_clients(served, page):

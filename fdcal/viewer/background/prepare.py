@@ -44,6 +44,12 @@ class PreparedRun:
     opening: OpenRequest
     warmup: Warmup | None = None
 
+    def close(self, timeout: float) -> None:
+        """End the threads of a run that is not shown; wait `timeout` at most, s."""
+        if self.warmup is not None:
+            self.warmup.close(0.0)
+        self.session.close(timeout)
+
     @property
     def known_scene(self) -> Scene | None:
         """The scene, or None where it only stands in for an unknown room."""
@@ -72,6 +78,11 @@ class PreparationProgress:
             raise Cancelled
 
     @property
+    def ended(self) -> bool:
+        """Whether it was cancelled or closed, and no thread of it compiles any more."""
+        return self.stop if self.warmup is None else self.warmup.ended
+
+    @property
     def text(self) -> str:
         """The progress in words."""
         if self.done < 1:
@@ -98,7 +109,7 @@ def prepare_run(opening: OpenRequest, progress: PreparationProgress) -> Prepared
     try:
         return _prepare(opening, progress, warmup)
     except BaseException:
-        warmup.stop = True
+        warmup.close(0.0)
         raise
 
 

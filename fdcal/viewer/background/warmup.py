@@ -14,11 +14,15 @@ COMPILE_TIME = 1.0  # s; a piece that takes longer is compiled, a faster one is 
 
 
 class Warmup:
-    """Starts at once. Setting `stop` ends it after the piece in progress.
+    """Starts at once; `close` ends it after the piece in progress.
 
     Parameters
     ----------
     scene : whose room's dimension and whose solver decide what is compiled
+
+    Attributes
+    ----------
+    stop : bool, whether no other piece is begun
     """
 
     def __init__(self, scene: Scene):
@@ -40,6 +44,11 @@ class Warmup:
     def busy(self) -> bool:
         """Whether something is still to be compiled; False after a failure, which the solver will report."""
         return self._worker.busy
+
+    @property
+    def ended(self) -> bool:
+        """Whether `close` was called and the thread has ended."""
+        return self.stop and self._worker.close(0.0)
 
     @property
     def text(self) -> str:

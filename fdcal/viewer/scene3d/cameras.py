@@ -9,8 +9,10 @@ the camera that was commanded.
 from __future__ import annotations
 
 import collections
+import contextlib
 import logging
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,11 +93,26 @@ class Cameras:
     def place(self, client: viser.ClientHandle, view: str) -> None:
         """Place one page's camera so that the search domain fills what the panels leave free.
 
+        A page that reports an impossible camera is left alone; the others go on.
+
         Parameters
         ----------
         client : the page
         view : as in graphics.camera.VIEWS
         """
+        with self._guarded(client):
+            self._place(client, view)
+
+    @contextlib.contextmanager
+    def _guarded(self, client: viser.ClientHandle) -> Iterator[None]:
+        """Keep an exception that a page's camera causes from the main loop."""
+        try:
+            yield
+        except Exception:
+            log.debug("a page reports an impossible camera", exc_info=True)
+            self.forget(client)
+
+    def _place(self, client: viser.ClientHandle, view: str) -> None:
         if self.picture is None:
             return
         camera = client.camera
@@ -129,22 +146,19 @@ class Cameras:
         client : the page
         check : number of the check at which the page is made to report its canvas, or None
         """
-        try:
+        with self._guarded(client):
             self._place_if_changed(client)
             if check is not None:
                 self._nudge(client, 1 + FOV_NUDGE if check % 2 else 1 / (1 + FOV_NUDGE))
-        except Exception:
-            log.debug("a page reports an impossible camera", exc_info=True)
-            self.forget(client)
 
     def _place_if_changed(self, client: viser.ClientHandle) -> None:
         placement, camera = self._placements.get(client.client_id, Placement()), client.camera
         if placement.camera is None:
-            self.place(client, placement.view)
+            self._place(client, placement.view)
             return
         placed = _canvas(camera) == placement.size and _is_at(camera, placement.camera)
         if not placed and any(_stands_at(camera, position) for position in placement.positions):
-            self.place(client, placement.view)
+            self._place(client, placement.view)
 
     def follow_all(self, clients) -> None:
         """`follow` pages whose canvas has changed without a report; called by the main loop now and then."""

@@ -6,6 +6,7 @@ import math
 from collections.abc import Container
 
 MAX_TEXT_LENGTH = 200  # characters of a text from a browser
+MAX_NUMBER = 2**53  # what a browser can count to; larger integers cannot be sent to the other browsers
 
 
 def is_plain(updates) -> bool:
@@ -15,7 +16,29 @@ def is_plain(updates) -> bool:
     value = updates["value"]
     if isinstance(value, str):
         return len(value) <= MAX_TEXT_LENGTH
-    return isinstance(value, int) or (isinstance(value, float) and math.isfinite(value))
+    return isinstance(value, (int, float)) and abs(value) <= MAX_NUMBER  # False for NaN, too
+
+
+def fits(control, value) -> bool:
+    """Return whether a plain value is one that a control can have.
+
+    Parameters
+    ----------
+    control : handle of a control of viser
+    value : truth value, number or text, as `is_plain` accepts it
+
+    Returns
+    -------
+    bool
+    """
+    options = getattr(control, "options", None)
+    if options is not None:
+        return isinstance(value, str) and value in options
+    if isinstance(control.value, (bool, str)):
+        return isinstance(value, type(control.value))
+    low, high = getattr(control, "min", None), getattr(control, "max", None)
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    return number and (low is None or value >= low) and (high is None or value <= high)
 
 
 def bounded(value, low: int, high: int, otherwise: int) -> int:

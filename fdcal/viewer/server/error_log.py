@@ -1,7 +1,12 @@
-"""The log of errors while a page is served: a file in the cache folder, and one line each on the terminal."""
+"""The log of errors while a page is served: a file in the cache folder, and one line each on the terminal.
+
+What happens on the event loop is written to the file alone. The terminal may be a pipe that nobody reads, and an event
+loop that waits for a reader serves no page.
+"""
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import logging
 import logging.handlers
@@ -10,7 +15,15 @@ from collections.abc import Iterator
 from ...model.storage import cache_folder
 
 LOG_NAME, MAX_LOG_BYTES = "view.log", 1_000_000  # one older file is kept
+MAX_RECORD = 20_000  # characters of one record in the file
 ROOT = "fdcal"  # root of this project's loggers
+OTHERS = ("asyncio", "websockets", "py.warnings")  # loggers that would print to the terminal by themselves
+
+
+def printable(text: str, limit: int = 200) -> str:
+    """Return a text of a stranger, cut to `limit` characters and without control characters."""
+    cut = text if len(text) <= limit else f"{text[:limit]}..."
+    return "".join(x if x.isprintable() else x.encode("unicode_escape").decode("ascii") for x in cut)
 
 
 class _OneLine(logging.Formatter):
@@ -20,27 +33,52 @@ class _OneLine(logging.Formatter):
         return f"{record.getMessage()} (details in {log_location()})" if record.exc_info else record.getMessage()
 
 
+class _Lines(logging.Formatter):
+    """Date, level, name and message with its traceback, of bounded length."""
+
+    def format(self, record) -> str:
+        lines = super().format(record)[:MAX_RECORD].split("\n")
+        return "\n".join(printable(line, MAX_RECORD) for line in lines)
+
+
+def _off_the_event_loop(record: logging.LogRecord) -> bool:
+    """Return whether the thread that logs runs no event loop of viser, which must never wait for the terminal."""
+    if record.threadName == "MainThread":  # where viser has none, and a notebook has its own
+        return True
+    try:
+        asyncio.get_running_loop()
+    except RuntimeError:
+        return True
+    return False
+
+
 @contextlib.contextmanager
 def error_log() -> Iterator[None]:
-    """Log warnings and errors of fdcal meanwhile; on the terminal alone where the file cannot be written."""
-    logger, terminal = logging.getLogger(ROOT), logging.StreamHandler()
+    """Log warnings and errors meanwhile; on the terminal alone where the file cannot be written."""
+    terminal = logging.StreamHandler()
     terminal.setFormatter(_OneLine())
+    terminal.addFilter(_off_the_event_loop)
     handlers: list[logging.Handler] = [terminal]
     with contextlib.suppress(OSError):
         cache_folder().mkdir(parents=True, exist_ok=True)
         file = logging.handlers.RotatingFileHandler(
             cache_folder() / LOG_NAME, maxBytes=MAX_LOG_BYTES, backupCount=1, encoding="utf-8", delay=True
         )
-        file.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s"))
+        file.setFormatter(_Lines("%(asctime)s %(levelname)s %(name)s: %(message)s"))
         handlers.append(file)
+    loggers = [logging.getLogger(name) for name in (ROOT, *OTHERS)]
     for handler in handlers:
         handler.setLevel(logging.WARNING)
-        logger.addHandler(handler)
+        for logger in loggers:
+            logger.addHandler(handler)
+    logging.captureWarnings(True)
     try:
         yield
     finally:
+        logging.captureWarnings(False)
         for handler in handlers:
-            logger.removeHandler(handler)
+            for logger in loggers:
+                logger.removeHandler(handler)
             handler.close()
 
 

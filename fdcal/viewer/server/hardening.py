@@ -2,29 +2,31 @@
 
 viser does not authenticate its clients. This module refuses pages of other sites by their Origin header, disables the
 public share tunnel and all other messages that the page of fdcal does not use, limits the size of messages, and drops
-updates that are not plain values. All hooks are private parts of viser, which is why its version is pinned.
+updates that are not values of their control. All hooks are private parts of viser, which is why its version is pinned,
+and why no page is served unless a foreign origin has been refused in fact.
 """
 
 from __future__ import annotations
 
 import contextlib
+import inspect
 import io
-import logging
 import re
 import socket
 from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
 import viser
+import websockets
 import websockets.asyncio.server
-import websockets.exceptions
 from viser import _messages
 
 from ...model.validation import InputError
-from .client_values import is_plain
+from .client_values import fits, is_plain
+from .connections import GuardedConnection, version_checked
+from .connections import log as connection_log
 from .message_buffer import use_safe_buffers
-
-log = logging.getLogger(__name__)
+from .origin_probe import require_foreign_origin_refused
 
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
 MAX_MESSAGE_BYTES = 100_000  # of one message of a browser: a camera, a value, a click
@@ -59,30 +61,33 @@ def open_server(host: str, port: int) -> viser.ViserServer:
     Raises
     ------
     InputError
-        The address cannot be used, or the port is in use.
+        The address cannot be used, the port is in use, or viser can no longer be restricted.
     """
     _require_address(host, port)
-    use_safe_buffers()
-    with _restricted_listening(host):
-        server = without_output(lambda: viser.ViserServer(host=host, port=port, verbose=False))
+    server = _open_restricted(host, port)
     if port and server.get_port() != port:  # viser takes the next free port without a message
-        server.stop()
+        without_output(server.stop)
         raise InputError(f"port = {port} is in use", "give another <port>, or 0 for a free one", key="port", value=port)
-    for message in BLOCKED_MESSAGES:
-        server._websock_server.unregister_handler(message)
-    _drop_bad_updates(server)
     return server
 
 
 @contextlib.contextmanager
 def _restricted_listening(host: str) -> Iterator[None]:
-    """Give the sockets that are opened meanwhile a list of allowed origins and a limit of the size of messages."""
+    """Give the sockets that are opened meanwhile a list of allowed origins and bounds of what a client may send."""
     module = websockets.asyncio.server
     serve = module.serve
+    options = {
+        "origins": allowed_origins(host),
+        "max_size": MAX_MESSAGE_BYTES,
+        "create_connection": GuardedConnection,
+        "logger": connection_log,
+    }
+    unknown = set(options) - set(inspect.signature(serve).parameters)
+    if unknown:  # viser would wait for ever for its thread, which fails
+        raise TypeError(f"websockets.asyncio.server.serve has no {', '.join(sorted(unknown))}")
 
-    def restricted(handler: Handler, *arguments, **options):
-        options |= {"origins": allowed_origins(host), "max_size": MAX_MESSAGE_BYTES}
-        return serve(_tolerant(handler), *arguments, **options)
+    def restricted(handler: Handler, *arguments, **given):
+        return serve(version_checked(handler), *arguments, **(given | options))
 
     module.serve = restricted
     try:
@@ -91,18 +96,24 @@ def _restricted_listening(host: str) -> Iterator[None]:
         module.serve = serve
 
 
-def _tolerant(handler: Handler) -> Handler:
-    """Wrap the handler of a connection: a client that sends malformed messages is disconnected without a traceback."""
-
-    async def handle(connection) -> None:
-        try:
-            await handler(connection)
-        except websockets.exceptions.ConnectionClosed:
-            raise
-        except Exception as error:
-            log.warning("a client sent a malformed message and was disconnected (%s)", type(error).__name__)
-
-    return handle
+def _open_restricted(host: str, port: int) -> viser.ViserServer:
+    """Open a server, or refuse where viser or websockets no longer have what the restrictions hang on."""
+    server = None
+    try:
+        use_safe_buffers()
+        with _restricted_listening(host):
+            server = without_output(lambda: viser.ViserServer(host=host, port=port, verbose=False))
+        for message in BLOCKED_MESSAGES:
+            server._websock_server.unregister_handler(message)
+        _drop_bad_updates(server)
+        require_foreign_origin_refused(host, server.get_port())
+    except Exception as error:  # whatever a renamed name leads to
+        if server is not None:
+            without_output(server.stop)
+        names = f"viser {viser.__version__} and websockets {websockets.__version__}"
+        problem = f"{names} cannot be restricted to this page ({type(error).__name__}: {error})"
+        raise InputError(problem, "install the versions that pyproject.toml names", key="viser") from error
+    return server
 
 
 def without_output(function: Callable[[], Result]) -> Result:
@@ -150,12 +161,15 @@ def _require_address(host: str, port: int) -> None:
 
 
 def _drop_bad_updates(server: viser.ViserServer) -> None:
-    """Let a message about a control pass only if it sets its value, and only to a plain value."""
-    handlers = server._websock_server._incoming_handlers
+    """Let a message about a control pass only if it sets its value, to one that the control can have."""
+    handlers, controls = server._websock_server._incoming_handlers, server.gui._gui_input_handle_from_uuid
 
     def checked(handler: Handler) -> Handler:
         async def handle(client_id, message) -> None:
-            if is_plain(message.updates):
+            control = controls.get(message.uuid)
+            if not (hasattr(control, "on_update") or hasattr(control, "on_click")):  # none, or a progress bar
+                return
+            if is_plain(message.updates) and fits(control, message.updates["value"]):
                 with contextlib.suppress(ValueError, TypeError, OverflowError):  # the control holds another type
                     await handler(client_id, message)
 

@@ -26,5 +26,12 @@ class SafeMessageBuffer(AsyncMessageBuffer):
 
 
 def use_safe_buffers() -> None:
-    """Have viser use these buffers for servers and clients that are created from now on."""
+    """Have viser use these buffers for servers and clients that are created from now on.
+
+    Raises
+    ------
+    AttributeError
+        viser no longer has the name under which it takes them.
+    """
+    _ = _infra.AsyncMessageBuffer
     setattr(_infra, "AsyncMessageBuffer", SafeMessageBuffer)  # noqa: B010  the name is private to viser's module

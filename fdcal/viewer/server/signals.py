@@ -9,6 +9,8 @@ import signal
 class Interrupt:
     """A flag in place of KeyboardInterrupt: the main loop reads `received` and ends in good order.
 
+    A second signal raises KeyboardInterrupt, for a user who does not want to wait for that.
+
     A context manager; it restores the previous handlers of SIGINT and SIGTERM.
     """
 
@@ -23,6 +25,8 @@ class Interrupt:
         return self
 
     def _receive(self, *_) -> None:
+        if self.received:
+            raise KeyboardInterrupt
         self.received = True
 
     def __exit__(self, *_) -> None:

@@ -1,0 +1,250 @@
+"""Clients that send what no page sends, too much of it, or read nothing: the others go on."""
+
+import contextlib
+import os
+import re
+import secrets
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from types import SimpleNamespace
+
+import msgspec
+import pytest
+from browsing import WAIT
+from clients import CAMERA, HOSTILE_CAMERAS, is_served, join, join_address, say
+from viser import _messages
+from websockets.exceptions import ConnectionClosed
+
+from fdcal.graphics.picture import compose
+from fdcal.session.request import OpenRequest
+from fdcal.viewer.scene3d import cameras
+from fdcal.viewer.server import connections, hardening
+
+OUT_OF_RANGE = (10**20, 2**63, 2**64 - 1, 2**53 + 2, -(10**10), 1e20, 1e308, -1e308, float("nan"), float("inf"))
+
+
+def until(happened):
+    """Wait until something happens on the server's thread."""
+    for _ in range(round(WAIT / 0.02)):
+        if happened():
+            return
+        time.sleep(0.02)
+    pytest.fail("it does not happen")
+
+
+@pytest.fixture
+def dark(page_of, scene):
+    """A page, a function that ticks it, and one that has a client set a value and waits for that."""
+    page, turn_until = page_of
+    page.open(OpenRequest(scene))
+    turn_until(lambda: page.viewer is not None)
+
+    def set_dark(client):
+        control = page.viewer.main_panel.view.dark
+        value = not control.value
+        say(client, type="GuiUpdateMessage", uuid=control._impl.uuid, updates={"value": value})
+        turn_until(lambda: control.value == value)
+
+    return page, turn_until, set_dark
+
+
+def test_no_camera_ends_the_loop(dark, server, scene):
+    page, turn_until, set_dark = dark
+    with join(server) as client:
+        say(client, **CAMERA)
+        turn_until(lambda: server.get_clients())
+        for change in HOSTILE_CAMERAS:
+            say(client, **{**CAMERA, **change})
+        for missing in CAMERA.keys() - {"type"}:
+            say(client, **{name: value for name, value in CAMERA.items() if name != missing})
+        set_dark(client)
+        old = page.viewer
+        page.open(OpenRequest(scene, start_seed=4))
+        turn_until(lambda: page.viewer is not old)
+        page.nodes.cameras.request_all("3d")
+        set_dark(client)
+
+
+@pytest.mark.parametrize("change", HOSTILE_CAMERAS[::7], ids=str)
+def test_a_client_that_begins_with_an_impossible_camera_disturbs_nobody(dark, server, change):
+    _, _, set_dark = dark
+    with join(server) as client, join(server) as other:
+        say(client, **{**CAMERA, **change})
+        say(other, **CAMERA)
+        set_dark(other)
+
+
+def test_a_camera_that_raises_is_left_alone(server, scene, measurement):
+    class Raising:
+        image_width = image_height = 500
+
+        def __setattr__(self, name, value):
+            raise ValueError("Camera position must be finite")
+
+    placed = cameras.Cameras(server)
+    placed.picture = compose(scene, measurement)
+    placed.place(SimpleNamespace(client_id=1, camera=Raising(), atomic=contextlib.nullcontext), "top")
+
+
+def test_no_number_that_a_page_sends_keeps_others_from_connecting(dark, server):
+    page, _, set_dark = dark
+    controls = list(server.gui._gui_input_handle_from_uuid.items())
+    before = {uuid: control.value for uuid, control in controls}
+    with join(server) as client:
+        say(client, **CAMERA)
+        for uuid, control in controls:
+            for value in OUT_OF_RANGE if not isinstance(control.value, str) else ():
+                with contextlib.suppress(OverflowError):
+                    say(client, type="GuiUpdateMessage", uuid=uuid, updates={"value": value})
+        set_dark(client)
+        assert is_served(server)
+    dark = page.viewer.main_panel.view.dark._impl.uuid
+    changed = {type(control).__name__ for uuid, control in controls if uuid != dark and control.value != before[uuid]}
+    assert not changed
+
+
+def test_a_value_outside_its_control_is_dropped_before_viser_stores_it(server):
+    slider = server.gui.add_slider("Bounded", 1, 9, 1, 5)
+    number = server.gui.add_number("Unbounded", 5.0)
+    choice = server.gui.add_dropdown("Choice", ("a", "b"), initial_value="a")
+    cases = [
+        (slider, 10, 5),
+        (slider, 0, 5),
+        (slider, True, 5),
+        (slider, 9, 9),
+        (number, 1e17, 5.0),
+        (number, -3, -3.0),
+    ]
+    for control, value, expected in [*cases, (choice, "c", "a"), (choice, 1, "a"), (choice, "b", "b")]:
+        message = _messages.GuiUpdateMessage(control._impl.uuid, {"value": value})
+        with contextlib.suppress(StopIteration):
+            server._websock_server._handle_incoming_message(0, message).send(None)
+        assert control.value == expected
+    server.gui.reset()
+
+
+# -- too much ----------------------------------------------------------------------------------------------------------
+
+
+def test_a_client_that_sends_too_much_is_disconnected(server, monkeypatch):
+    monkeypatch.setattr(connections, "FLOOD_TIME", 0.5)
+    raw = msgspec.msgpack.encode({"type": "CommandTriggerMessage", "uuid": "nobody"})
+    with join(server) as client, pytest.raises(ConnectionClosed):
+        for _ in range(10**6):
+            client.send(raw)
+
+
+@pytest.mark.parametrize("kind", ["update", "drag"])
+def test_a_flood_is_handled_at_a_bounded_rate(server, kind, monkeypatch):
+    """However many messages a client sends, others wait only for those that its budget allows."""
+    slider, handled = server.gui.add_slider("Flood", 0, 10**6, 1, 0), []
+    handlers = server._websock_server._incoming_handlers
+    count, cost = (30_000, 1.0) if kind == "update" else (600, connections.message_checks.DRAG_START_COST)
+    name = _messages.GuiUpdateMessage if kind == "update" else _messages.SceneNodeDragMessage
+    monkeypatch.setitem(handlers, name, [lambda client_id, message: handled.append(message)])
+    message = {"type": "GuiUpdateMessage", "uuid": slider._impl.uuid, "updates": {"value": 1}}
+    if kind == "drag":
+        message = {
+            "type": "SceneNodeDragMessage", "phase": "start", "name": "/picking/0", "instance_index": 1,
+            "start_position": [0, 0, 0], "start_screen_pos": [0, 0], "end_position": [0, 0, 0],
+            "end_screen_pos": [0, 0], "button": "left", "modifier": None,
+        }  # fmt: skip
+    raw, ready = msgspec.msgpack.encode(message), threading.Event()
+
+    def flood(client):
+        with contextlib.suppress(ConnectionClosed):
+            for n in range(count):
+                client.send(raw)
+                if n == 10:
+                    ready.set()
+
+    began = time.monotonic()
+    with join(server) as client:
+        thread = threading.Thread(target=flood, args=(client,), daemon=True)
+        thread.start()
+        ready.wait(5.0)
+        assert is_served(server)
+        time.sleep(1.0)
+        allowed = (connections.BURST + connections.RATE * (time.monotonic() - began)) / cost + 1
+        assert 0 < len(handled) <= allowed
+        client.socket.shutdown(socket.SHUT_RDWR)
+    thread.join(WAIT)
+    server.gui.reset()
+
+
+HANDSHAKE = (
+    "GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+    "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Protocol: viser-v{}\r\n\r\n"
+)
+
+
+@contextlib.contextmanager
+def deaf(server):
+    """A client that has connected and reads nothing more."""
+    with socket.socket() as client:
+        client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        client.settimeout(WAIT)
+        client.connect(("127.0.0.1", server.get_port()))
+        client.sendall(HANDSHAKE.format(hardening.viser.__version__).encode())
+        assert b"101" in client.recv(16)
+        yield client
+
+
+def test_a_client_that_reads_nothing_is_disconnected(server, monkeypatch):
+    monkeypatch.setattr(connections, "STALL_TIME", 0.2)
+    text, connected = server.gui.add_html(""), server._websock_server._client_state_from_id
+    before = set(connected)
+    with deaf(server):
+        until(lambda: connected.keys() - before)
+        for _ in range(round(WAIT / 0.05)):
+            text.content = secrets.token_hex(500_000)  # hardly compressible
+            if not connected.keys() - before:
+                break
+            time.sleep(0.05)
+        assert not connected.keys() - before
+    server.gui.reset()
+
+
+def test_a_client_that_asks_for_answers_and_reads_none_is_disconnected(server, monkeypatch):
+    monkeypatch.setattr(connections, "MAX_UNREAD_BYTES", 100_000)
+    ping = bytes([0x89, 0x80 + 100, 0, 0, 0, 0]) + b"x" * 100
+    with deaf(server) as client, pytest.raises(ConnectionError):
+        for _ in range(10**6):
+            client.sendall(ping * 1000)
+
+
+# -- what is printed ---------------------------------------------------------------------------------------------------
+
+
+def test_nothing_is_printed_on_the_event_loop(tmp_path):
+    """Neither output is read; each stranger's text alone would fill a pipe after 16 connections."""
+    environment = {**os.environ, "FDCAL_CACHE": str(tmp_path)}
+    command = [sys.executable, "-m", "fdcal", "view", "tiny", "--port", "0", "--no-browser"]
+    served = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
+    try:
+        url = served.stdout.readline().strip()
+        assert re.fullmatch(r"http://127\.0\.0\.1:\d+", url), url or served.stderr.read()
+        port = int(url.rpartition(":")[2])
+        for _ in range(20):  # before the first page
+            socket.create_connection(("127.0.0.1", port), WAIT).close()
+        for _ in range(50):
+            with contextlib.suppress(ConnectionClosed), join_address(url.replace("http", "ws"), "x" * 4000) as client:
+                client.recv(timeout=WAIT)
+        for _ in range(50):
+            with join_address(url.replace("http", "ws")) as client, contextlib.suppress(ConnectionClosed):
+                client.send(b"\xc1" * 4000)
+                client.send(msgspec.msgpack.encode({**CAMERA, "wxyz": ["\n" * 4000]}))
+                for _ in range(20):
+                    client.recv(timeout=WAIT)
+        assert is_served(SimpleNamespace(get_port=lambda: port))
+        served.send_signal(signal.SIGINT)
+        output, errors = served.communicate(timeout=WAIT)
+    finally:
+        served.kill()
+    assert served.returncode == 0 and "Traceback" not in errors and "viser" not in output + errors, errors
+    log = (tmp_path / "view.log").read_text(encoding="utf-8")
+    assert "another version" in log and "Traceback" not in log and len(log) < 5000

@@ -1,0 +1,77 @@
+"""Which messages of a browser are passed on, at what rate, and what the log keeps of the others."""
+
+import logging
+
+import pytest
+from clients import CAMERA, HOSTILE_CAMERAS
+
+from fdcal.viewer.server import connections, error_log, message_checks
+
+
+@pytest.mark.parametrize("change", HOSTILE_CAMERAS, ids=str)
+def test_an_impossible_camera_is_refused(change):
+    assert not message_checks.is_acceptable({**CAMERA, **change})
+
+
+@pytest.mark.parametrize("change", [{}, {"fov": 0.06, "far": 4e4}, {"image_width": 0}, {"position": [1.5, -2, 900.0]}])
+def test_a_possible_camera_is_passed_on(change):
+    assert message_checks.is_acceptable({**CAMERA, **change})
+
+
+@pytest.mark.parametrize("name", sorted(CAMERA.keys() - {"type"}))
+def test_a_camera_is_complete(name):
+    assert not message_checks.is_acceptable({key: value for key, value in CAMERA.items() if key != name})
+
+
+@pytest.mark.parametrize(
+    "value", [1e400, float("nan"), 2**53 + 1, -(2**63), "x" * 201, [0] * 99, [[[[[[0]]]]]], {1: 2}, b"raw"], ids=repr
+)
+def test_a_value_that_is_not_plain_is_refused(value):
+    message = {"type": "GuiUpdateMessage", "uuid": "a", "updates": {"value": 1}}
+    assert message_checks.is_acceptable(message)
+    assert not message_checks.is_acceptable({**message, "updates": {"value": value}})
+    assert not message_checks.is_acceptable({**message, "uuid": value})
+
+
+@pytest.mark.parametrize(
+    "kind", ["FileTransferStartUpload", "ShareUrlRequest", "NoSuchMessage", "RunJavascriptMessage"]
+)
+def test_a_kind_that_the_page_does_not_send_is_refused(kind):
+    assert not message_checks.is_acceptable({"type": kind})
+
+
+@pytest.mark.parametrize("raw", ["text", b"", b"\xc1", b"\x01", b"\x80", b"\x81\xa4type\x01"])
+def test_what_is_no_message_is_an_error(raw):
+    with pytest.raises(ValueError):
+        message_checks.decode(raw)
+
+
+def test_a_client_waits_once_its_budget_is_spent():
+    now = [0.0]
+    budget = connections.Budget(rate=10.0, burst=5.0, clock=lambda: now[0])
+    assert [budget.spend(1.0) for _ in range(5)] == [0.0] * 5
+    assert budget.spend(1.0) == pytest.approx(0.1) and budget.spend(2.0) == pytest.approx(0.3)
+    now[0] = 100.0
+    assert [budget.spend(1.0) for _ in range(6)] == [0.0] * 5 + [pytest.approx(0.1)], "a long rest saves up no more"
+
+
+def test_the_log_counts_what_strangers_do():
+    """A million refused connections are seven short lines."""
+    kept, log = connections.StrangerFilter(), logging.getLogger("fdcal.test")
+    lines = []
+    for _ in range(1500):
+        try:
+            raise ValueError("line one\nline two \x1b[31m" + "x" * 999)
+        except ValueError as error:
+            record = log.makeRecord(
+                log.name, logging.WARNING, "", 0, "refused %s", ("it",), (type(error), error, error.__traceback__)
+            )
+        if kept.filter(record):
+            lines.append(logging.Formatter().format(record))
+    assert len(lines) == 4 and all(len(line) < 300 and line.isprintable() for line in lines)
+    assert "1000 times" in lines[-1]
+
+
+def test_a_strangers_text_is_cut_and_escaped():
+    assert error_log.printable("a\nb\x1b[0m\u202e") == r"a\nb\x1b[0m\u202e"
+    assert error_log.printable("x" * 500, 10) == "x" * 10 + "..."
