@@ -58,12 +58,12 @@ def test_a_compilation_is_waited_for(scene, monkeypatch, stop):
         switcher.cancel()
         switcher.poll()
         go_on.set()
-        until(lambda: names()["fdcal-warmup"] == before)
+        until(lambda: names()["fdcal-warmup"] <= before)
         switcher.close()
     else:
         threading.Timer(1.5, go_on.set).start()
         switcher.close(timeout=WAIT)
-        assert names()["fdcal-warmup"] == before
+        assert names()["fdcal-warmup"] <= before
 
 
 def test_a_refused_opening_leaves_no_thread(scene, monkeypatch):
@@ -75,4 +75,4 @@ def test_a_refused_opening_leaves_no_thread(scene, monkeypatch):
     monkeypatch.setattr(preparing, "cached_measurement", failing)
     with pytest.raises(OSError):
         preparing.prepare_run(OpenRequest(scene), preparing.PreparationProgress())
-    until(lambda: names()["fdcal-warmup"] == before)
+    until(lambda: names()["fdcal-warmup"] <= before)
