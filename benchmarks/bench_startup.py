@@ -43,7 +43,7 @@ def run() -> list[Figure]:
     first = serving_time("array1_circle")
     second = min(serving_time("array1_circle") for _ in range(2))
     return [
-        Figure("import fdcal", alone, "s", "below 0.3", alone < 0.3),
+        Figure("import fdcal", alone, "s", "below 0.06", alone < 0.06),
         Figure("import fdcal with scene, measurement and session", with_rooms, "s"),
         Figure("first view of array1_circle in this run, until it serves", first, "s"),
         Figure("second view of array1_circle, until it serves", second, "s", "below 5", second < 5),
