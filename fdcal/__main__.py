@@ -1,5 +1,62 @@
-"""`python -m fdcal ...` is the same as `fdcal ...`."""
+"""`python -m fdcal ...` and the command `fdcal`.
 
-from .commands.cli import main
+Loading the libraries takes a moment; an interrupt in it ends the process with one line, like any other interrupt.
+"""
 
-main()
+from __future__ import annotations
+
+import os
+import signal
+import sys
+
+LEAST_ADDRESS_SPACE = 700 * 2**20  # bytes; a small calibration takes 640 MB
+
+
+def main() -> None:
+    """Load the command line and run it."""
+    _require_streams()
+    _require_address_space()
+    before = signal.signal(signal.SIGINT, _end_at_once)
+    from .commands.cli import main as run
+
+    signal.signal(signal.SIGINT, before)
+    run()
+
+
+def _require_address_space() -> None:
+    """End the process where `ulimit -v` leaves too little: libraries that cannot be loaded hang or end in silence."""
+    try:
+        import resource
+    except ImportError:  # not on Windows, which has no such limit
+        return
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if limit != resource.RLIM_INFINITY and limit < LEAST_ADDRESS_SPACE:
+        have, need = limit // 2**20, LEAST_ADDRESS_SPACE // 2**20
+        print(
+            f"error: ulimit -v leaves {have} MB of address space, and fdcal needs {need} MB; raise it", file=sys.stderr
+        )
+        sys.exit(1)
+
+
+def _end_at_once(*_) -> None:
+    """End the process: a library that is interrupted while it loads raises anything, or nothing."""
+    os.write(2, b"error: interrupted; nothing is left half-written\n")
+    os._exit(130)
+
+
+def _require_streams() -> None:
+    """Open the standard streams that are closed, so that no file of ours gets their numbers and no print fails."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # it takes the lowest free number, which is this one
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(number, "w" if number else "r", encoding="utf-8", closefd=False))
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")  # a file's name need not be of any encoding
+
+
+if __name__ == "__main__":
+    main()

@@ -28,6 +28,7 @@ import math
 
 import numpy as np
 
+from ..model.limits import LIMITS
 from ..model.power import mode_power
 from ..model.room import Room, Source
 from ..model.settings import Sensing
@@ -96,6 +97,21 @@ def require_resolved(source: Source, sensing: Sensing) -> None:
             f" {sensing.resolution:g} Hz",
             f"use at least {math.ceil(LINE_WIDTH / sensing.resolution * 100) / 100:g} s, or a resolution of"
             f" {math.ceil(LINE_WIDTH / source.duration * 100) / 100:g} Hz",
+            key="source.duration",
+            value=source.duration,
+        )
+
+
+def require_affordable(source: Source, sensing: Sensing, microphones: int) -> None:
+    """Raise InputError for a spectrum with more values than can be computed in a reasonable time."""
+    band = sensing.highest - sensing.lowest
+    values = microphones * band * source.duration * POINTS / LINE_WIDTH
+    if values > LIMITS.field_values:
+        most = LIMITS.field_values * LINE_WIDTH / POINTS / microphones / band
+        raise InputError(
+            f"source.duration = {source.duration:g} s resolves {values:.3g} values of the spectrum from"
+            f" {sensing.lowest:g} Hz to {sensing.highest:g} Hz at {microphones} microphones",
+            f"use at most {most:.3g} s, a narrower band or fewer microphones",
             key="source.duration",
             value=source.duration,
         )

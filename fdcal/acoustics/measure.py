@@ -33,9 +33,10 @@ def require_measurable(scene: Scene) -> None:
         return
     source, sensing = scene.emitter, scene.measurement
     if scene.room.dimension == 3:
-        from .box_field import require_resolved
+        from .box_field import require_affordable, require_resolved
 
         require_resolved(source, sensing)
+        require_affordable(source, sensing, scene.array.number)
         return
     from .spectrum import check_band
 

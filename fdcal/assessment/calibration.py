@@ -9,6 +9,7 @@ import numpy as np
 
 from ..model.gauge import align, position_errors
 from ..model.measurement import Measurement
+from ..model.reading import parse_json
 from ..model.validation import InputError, frozen_array
 from .calibration_views import CalibrationViews
 from .result_parts import Evidence, KnownRoom, evidence_of, evidence_table, plain, room_of, room_table
@@ -111,12 +112,12 @@ class Calibration(CalibrationViews):
         return json.dumps(kept, indent=1, allow_nan=False) + "\n"
 
     @classmethod
-    def from_json(cls, text: str, where: str = "the result") -> Calibration:
+    def from_json(cls, text: str | bytes, where: str = "the result") -> Calibration:
         """Return the calibration of a result file with this text.
 
         Parameters
         ----------
-        text : str
+        text : str, or bytes in UTF-8
         where : str
             What an error calls the text, as the path of its file.
 
@@ -125,10 +126,7 @@ class Calibration(CalibrationViews):
         InputError
             `text` is no JSON, or a key is missing or malformed.
         """
-        try:
-            table = json.loads(text)
-        except ValueError as error:
-            raise InputError(f"{where} is not valid JSON: {error}".replace("\n", " ")) from error
+        table = parse_json(text, where)
         if not isinstance(table, dict):
             raise InputError(f"{where} must hold one JSON object with the keys {', '.join(REQUIRED)}")
         table = require_result(table, where)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ..model.limits import LIMITS
+from ..model.reading import read_bytes
 from ..model.storage import write_atomically
-from ..model.validation import InputError, StorageError
 from .calibration import Calibration
 
 
@@ -40,10 +41,5 @@ def load_result(path: str | Path) -> Calibration:
     StorageError
         The file cannot be read.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except OSError as error:
-        raise StorageError(f"cannot read {path}: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path} is not valid JSON: {error}".replace("\n", " ")) from error
-    return Calibration.from_json(text, str(path))
+    content = read_bytes(path, LIMITS.result)
+    return Calibration.from_json(content, str(path))

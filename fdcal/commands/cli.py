@@ -1,8 +1,9 @@
 """The command line: it reads arguments and options, and calls the other packages.
 
-Exit codes: 0 done, 2 bad input, 3 a file that cannot be read or written, 4 calibrated but the verdict is not "good"
-(everything is written all the same, with the verdict), 130 interrupted. An error is one line on standard error.
-Libraries that take long to load are imported by the command that needs them.
+Exit codes: 0 done, 1 out of memory or a fault of fdcal itself, 2 bad input, 3 a file that cannot be read or written,
+4 calibrated but the verdict is not "good" (everything is written all the same, with the verdict), 130 interrupted. An
+error is one line on standard error; `--debug` shows the traceback as well. Libraries that take long to load are
+imported by the command that needs them.
 """
 
 from __future__ import annotations
@@ -13,10 +14,10 @@ from dataclasses import replace
 import click
 
 from ..model.scene_file import load_scene, scene_names
-from ..model.validation import InputError
 from ..session.blas_threads import one_blas_thread_for_command
 from ..session.lesson_file import lesson_names, load_lesson
 from . import file_commands, plot_commands
+from .guard import flush_output, guarded, without_debug
 from .options import (
     OPTIONS,
     force_option,
@@ -37,26 +38,15 @@ from .parameter_types import Distance, NameList, NoiseLevel, RoomSize, room_solv
 
 def main(args: list[str] | None = None) -> None:
     """Run a command and exit with its code."""
-    try:
-        with one_blas_thread_for_command():
-            code = commands.main(args=args, prog_name="fdcal", standalone_mode=False)
-    except (click.exceptions.Abort, KeyboardInterrupt):
-        code = _fail("interrupted; nothing is left half-written", 130)
-    except click.ClickException as error:
-        code = _fail(error.format_message(), 2)
-    except InputError as error:
-        code = _fail(error.worded(OPTIONS), 2)
-    except OSError as error:
-        code = _fail(error, 3)
-    sys.exit(code)
-
-
-def _fail(message, code: int) -> int:
-    print("error:", " ".join(str(message).split()), file=sys.stderr)
-    return code
+    given, debug = without_debug(sys.argv[1:] if args is None else args)
+    with guarded(debug) as end, one_blas_thread_for_command():
+        end.code = commands.main(args=given, prog_name="fdcal", standalone_mode=False) or 0
+        flush_output()
+    sys.exit(end.code)
 
 
 @click.group(invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]})
+@click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error.")
 @click.pass_context
 def commands(context):
     """Microphone positions from the resonances of a room.
@@ -149,6 +139,13 @@ def simulate(scene: str, output: str, force: bool):
 @click.option(
     "--room", type=RoomSize(), metavar="LxW[xH]", help="Size of a rectangular room, metres; implies solver room."
 )
+@click.option(
+    "--time-limit",
+    type=float,
+    metavar="SECONDS",
+    help="Of processor time, after which the best positions so far are written; Ctrl-C does the same."
+    "  [default: 45, more for large arrays, 600 for solver descent]",
+)
 @click.option("--check", is_flag=True, help="Compare with the positions in the file and name swapped channels.")
 @click.option(
     "--positions", metavar="FILE.xml|csv", help="Positions to compare with instead: Acoular's XML, or name,x,y[,z]."
@@ -158,8 +155,8 @@ def simulate(scene: str, output: str, force: bool):
 @radius_option
 @force_option
 def calibrate(
-    source, solver, start, known, noise, cost, modes, seed, exclude, estimate_sound_speed, distance, room, check,
-    positions, output, search, radius, force,
+    source, solver, start, known, noise, cost, modes, seed, exclude, estimate_sound_speed, distance, room,
+    time_limit, check, positions, output, search, radius, force,
 ):  # fmt: skip
     """Find the microphones and assess the result; exit code 4 if it cannot be trusted."""
     path = output_path(output, ".json", force, source) if output else None
@@ -169,7 +166,7 @@ def calibrate(
 
     inputs, solver = input_of(source, search, radius, exclude, positions), room_solver(room, solver)
     inputs = with_settings(inputs, solver, modes, seed, start=start, known=known, noise=noise, cost=cost, room=room)
-    inputs = replace(inputs, estimate_sound_speed=estimate_sound_speed, distance=distance)
+    inputs = replace(inputs, estimate_sound_speed=estimate_sound_speed, distance=distance, time_limit=time_limit)
     if check:
         report.require_positions(inputs.measurement)
     with progress_bar("calibrating") as progress:

@@ -63,6 +63,7 @@ OPTIONS = {
     "step": "--step",
     "subset": "--subset",
     "temperature": "--temperature",
+    "time_limit": "--time-limit SECONDS",
     "window": "--window",
 }
 

@@ -58,7 +58,7 @@ def microphone_index(text: str, names: Sequence[str], key: str) -> int:
     names = list(names)
     if text in names:
         return names.index(text)
-    if text.isascii() and text.isdigit() and int(text) < len(names):
+    if text.isascii() and text.isdigit() and len(text) < 10 and int(text) < len(names):
         return int(text)
     remedy = f"give <{key}> names, or numbers from 0 to {len(names) - 1}"
     raise InputError(f'"{text}" names no microphone', remedy, key=key, value=text)

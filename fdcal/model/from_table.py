@@ -13,7 +13,7 @@ import functools
 import math
 import typing
 
-from .validation import InputError
+from .validation import InputError, shown_literal
 
 WORDS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false", dict: "a table"}
 
@@ -68,20 +68,28 @@ def _convert(hint, value, key: str, whole: str):
         if from_text is not None and isinstance(value, str):
             return from_text(value)
         if not isinstance(value, dict):
-            raise InputError(f"{key} = {value!r} must be a table", f"write it as [{key}]", key=key, value=value)
+            raise InputError(
+                f"{key} = {shown_literal(value)} must be a table", f"write it as [{key}]", key=key, value=value
+            )
         return build(hint, value, f"{key}.", whole)
     arguments = typing.get_args(hint)
     if type(None) in arguments:
         return _convert(arguments[0], value, key, whole)
     if typing.get_origin(hint) is tuple:
         if not isinstance(value, list):
-            raise InputError(f"{key} = {value!r} must be a list", "write it as [1, 2]", key=key, value=value)
+            raise InputError(
+                f"{key} = {shown_literal(value)} must be a list", "write it as [1, 2]", key=key, value=value
+            )
         tables = dataclasses.is_dataclass(arguments[0])  # each with keys of its own, hence its number from 1
         names = (f"{key}[{i}]" if tables else key for i in range(1, len(value) + 1))
         return tuple(_convert(arguments[0], entry, name, whole) for entry, name in zip(value, names, strict=True))
     accepted = (int, float) if hint is float else hint
     if not isinstance(value, accepted) or (isinstance(value, bool) and hint is not bool):
-        raise InputError(f"{key} = {value!r} must be {WORDS[hint]}", key=key, value=value)
+        raise InputError(
+            f"{key} = {shown_literal(value)} must be {WORDS[hint]}",
+            key=key,
+            value=value,
+        )
     if isinstance(value, int) and abs(value) >= 2**63:
         raise InputError(f"{key} is too large a number", "use a smaller one", key=key)
     converted = hint(value)

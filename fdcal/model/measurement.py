@@ -120,7 +120,9 @@ class Measurement(MeasurementSources):
         put("known_positions", places)
         put("search", search)
         checks.require_search_dimension(search, self.array_dimension)
-        checks.require_usable(self.frequencies, self.pressures, self.wavenumbers, self.noise_power, self.names)
+        checks.require_usable(
+            self.frequencies, self.pressures, self.wavenumbers, self.noise_power, self.names, self.sound_speed
+        )
 
     @property
     def count(self) -> int:

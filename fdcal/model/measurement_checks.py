@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from .limits import LIMITS
 from .settings import Search
 from .validation import InputError, frozen_array, require_array, require_choice, require_positive
 
@@ -120,7 +121,7 @@ def require_search_dimension(search: Search | None, D: int) -> None:
         )
 
 
-def require_usable(frequencies, values, k, noise_power, labels: tuple[str, ...]) -> None:
+def require_usable(frequencies, values, k, noise_power, labels: tuple[str, ...], speed: float) -> None:
     """Raise InputError for too few pressures, a wrong order or sign, or a microphone or mode without pressure."""
     modes, count = values.shape
     if modes == 0 or count < 2:
@@ -130,6 +131,7 @@ def require_usable(frequencies, values, k, noise_power, labels: tuple[str, ...])
         problem = "frequencies must be above zero and ascending, each once"
         raise InputError(problem, "sort them (and the pressures)", key="frequencies")
     _require_time_sign(k)
+    _require_possible_speed(k, frequencies, speed)
     silent = np.flatnonzero(~np.any(values, axis=0))
     if len(silent):
         name = labels[silent[0]]
@@ -142,6 +144,49 @@ def require_usable(frequencies, values, k, noise_power, labels: tuple[str, ...])
     if noise_power is not None and np.any(noise_power < 0):
         problem = f"noise_power = {noise_power.min():g} is negative"
         raise InputError(problem, "use 0 for no noise", key="noise_power", value=noise_power.min())
+    if noise_power is not None:
+        _require_noise_below_signal(values, noise_power, frequencies)
+
+
+CERTAIN = 6.0  # sigmas: chance does not lower the power of noise alone any further
+
+
+def _require_noise_below_signal(values: np.ndarray, noise_power: np.ndarray, frequencies: np.ndarray) -> None:
+    """Raise InputError where the noise is stronger than all that was measured, which includes it.
+
+    The mean power of n values of noise alone is of a gamma distribution of shape n (Wilson-Hilferty approximation).
+    """
+    largest = np.maximum(np.abs(values).max(axis=1), np.finfo(float).tiny)
+    power = np.mean(np.abs(values / largest[:, None]) ** 2, axis=1)
+    noise = np.sqrt(noise_power) / largest  # squared after the division: no unit leaves the range of floats
+    with np.errstate(over="ignore"):
+        ratio = np.minimum(noise**2 / power, 1e30)
+    for m, n in ((int(ratio.argmax()), values.shape[1]), (-1, values.size)):
+        lowest = max(0.0, 1 - 1 / (9 * n) - CERTAIN / np.sqrt(9 * n)) ** 3
+        share = ratio[m] if m >= 0 else 1 / np.mean(1 / np.maximum(ratio, 1e-30))
+        if share * lowest > 1:
+            where = f"at {frequencies[m]:g} Hz" if m >= 0 else "on average"
+            raise InputError(
+                f"noise_power is {share:.3g} times the power of the pressures {where}, which holds the noise as well",
+                "give it in the unit of abs(pressures)**2, not in decibels, or leave that frequency out",
+                key="noise_power",
+                value=noise_power[m],
+            )
+
+
+def _require_possible_speed(k: np.ndarray, frequencies: np.ndarray, speed: float) -> None:
+    """Raise InputError for wavenumbers that no wave of these frequencies has at about this speed of sound."""
+    ratio = np.abs(k) * speed / (2 * np.pi * frequencies)
+    wrong = np.flatnonzero((ratio > LIMITS.dispersion) | (ratio < 1 / LIMITS.dispersion))
+    if len(wrong):
+        m = wrong[0]
+        raise InputError(
+            f"wavenumbers[{m}] = {k[m]:.6g} rad/m cannot be that of {frequencies[m]:g} Hz with sound_speed ="
+            f" {speed:g} m/s, where 2 pi f / c = {2 * np.pi * frequencies[m] / speed:.6g} rad/m",
+            "correct them, or leave them out",
+            key="wavenumbers",
+            value=k[m],
+        )
 
 
 def _require_time_sign(k: np.ndarray) -> None:

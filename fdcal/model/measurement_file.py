@@ -14,6 +14,7 @@ import numpy as np
 
 from .channels import exclude_microphones
 from .measurement import Measurement
+from .reading import read_archive
 from .settings import Search
 from .validation import InputError, StorageError, require_array
 
@@ -100,23 +101,14 @@ def load_measurement(path, excluded: Sequence[str] = (), called: str = "") -> Me
 
 def _read_arrays(path: str | Path) -> dict[str, np.ndarray]:
     """Return the arrays of an .npz file whose keys are those of a measurement; no pickled objects are read."""
-    key = ""
     try:
         # Opened here, since NumPy does not close a file that it finds damaged.
-        with (
-            open(path, "rb") if isinstance(path, (str, Path)) else nullcontext(path) as file,
-            np.load(file, allow_pickle=False) as archive,
-        ):
-            table = {}
-            for key in archive.files:
-                if key in REQUIRED + OPTIONAL + SEARCH:
-                    table[key] = archive[key]
-            return table
+        with open(path, "rb") if isinstance(path, (str, Path)) else nullcontext(path) as file:
+            return read_archive(file, lambda key: key in REQUIRED + OPTIONAL + SEARCH)
     except (FileNotFoundError, PermissionError, IsADirectoryError) as error:
         raise StorageError(f"cannot read {path}: {error.strerror}") from error
+    except InputError as error:
+        raise error.within(path) from error
     except Exception as error:  # a damaged archive raises anything from zipfile, zlib or NumPy
-        if key:
-            problem = f'{path}: "{key}" is damaged or not a plain array of numbers ({error})'
-            raise InputError(problem, "write it again", key=key) from error
         problem = f"{path} is not an .npz file that can be read ({type(error).__name__})"
         raise InputError(problem, "write it with numpy.savez") from error

@@ -16,6 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from .array_layout import Array, Gauge
+from .limits import LIMITS
 from .room import Room, Source, is_no_pair
 from .settings import KNOWN_ROOM_SOLVERS, Search, Sensing, SolverSettings
 from .validation import InputError, require_point
@@ -76,6 +77,13 @@ class Scene:
         self._check_search()
         if self.room.dimension == 2:
             self._check_band()
+        elif self.array.number > LIMITS.microphones_3d:
+            raise InputError(
+                f"array has {self.array.number} microphones",
+                f"use at most {LIMITS.microphones_3d} in a room of three dimensions",
+                key="array.count",
+                value=self.array.number,
+            )
         if self.solver.name in KNOWN_ROOM_SOLVERS:
             require_rectangle(self)
             object.__setattr__(self, "solver", replace(self.solver, room=self.solver.room or self.room.size))

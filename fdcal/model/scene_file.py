@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 
 from .from_table import build
 from .measured_room import is_response_file
+from .reading import parse_toml, read_bytes
 from .scene import Scene
-from .validation import InputError, StorageError
+from .validation import InputError
 
 
 def scene_folder() -> Path:
@@ -43,13 +43,7 @@ def load_scene(path: str | Path) -> Scene:
     (1.68, 1.2)
     """
     path = _file_of(Path(path))
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise StorageError(f"cannot read scene {path}: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        reason = f"{error}".replace("\n", " ")
-        raise InputError(f"{path} is not valid TOML: {reason}", key="scene", value=path) from error
+    table = parse_toml(read_bytes(path, what="scene"), path)
     table = {"name": path.stem, "title": path.stem, **table}
     return build(Scene, _with_response_beside(table, path.resolve().parent))
 
@@ -69,7 +63,7 @@ def _file_of(path: Path) -> Path:
     available = f"a .toml file or one of {', '.join(scene_names())}"
     if path.suffix == ".npz":
         raise InputError(f"{path} is a measurement", f"give a scene: {available}", key="scene", value=path)
-    if path.suffix == ".toml" or path.is_file():
+    if path.suffix == ".toml" or "\0" in str(path) or path.is_file():
         return path
     if path.name not in scene_names() or path.name != str(path):
         raise InputError(f'scene "{path}" is unknown', f"use {available}", key="scene", value=path)

@@ -6,6 +6,7 @@ Every message names the key, its value and the remedy, on one line.
 from __future__ import annotations
 
 import re
+import reprlib
 from collections.abc import Iterable, Mapping
 
 import numpy as np
@@ -66,6 +67,32 @@ def word_arguments(text: str, names: Mapping[str, str]) -> str:
 
 class StorageError(OSError):
     """A file cannot be read or written; the command line exits with 3."""
+
+
+def shown(value: object, most: int = 60) -> str:
+    """Return a value for a message: as Python writes it, a text as it is, in one line and cut to a number of letters.
+
+    Examples
+    --------
+    >>> shown([1, 2])
+    '[1, 2]'
+    >>> shown(10**5000)
+    'a number of very many digits'
+    """
+    try:
+        if isinstance(value, (dict, list, tuple)):
+            value = reprlib.repr(value)
+        if isinstance(value, int) and abs(value) >= LIMITS.digits:
+            raise ValueError
+    except ValueError:  # Python writes no whole number of more than 4300 digits
+        return "a number of very many digits"
+    text = " ".join((value if isinstance(value, str) else repr(value)).split())
+    return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
+def shown_literal(value: object) -> str:
+    """Return a value as `shown`, a text in quotes."""
+    return shown(repr(value) if isinstance(value, str) else value)
 
 
 def frozen_array(values, dtype) -> np.ndarray:

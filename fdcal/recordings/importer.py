@@ -22,7 +22,7 @@ from .import_options import (
     sound_speed_of,
 )
 from .import_report import ImportReport
-from .impulse_response import MAX_SAMPLES, Pressures, impulse_response_pressures
+from .impulse_response import MAX_SAMPLES, Pressures, impulse_response_pressures, require_quiet_end
 from .recording import Recording
 from .reverberation import segment_levels
 
@@ -130,7 +130,10 @@ def _classified(
     if options.reference_microphone is not None:
         return recording, "stationary", None
     kind = recording.kind if options.kind == "auto" else options.kind
-    return recording, kind or ("impulse" if _decays(recording, band) else "stationary"), None
+    kind = kind or ("impulse" if _decays(recording, band) else "stationary")
+    if kind == "impulse" and recording.samples <= MAX_SAMPLES and not (recording.modelled):
+        require_quiet_end(recording, band)
+    return recording, kind, None
 
 
 def _decays(recording: Recording, band: tuple[float, float]) -> bool:

@@ -22,8 +22,9 @@ from ..acoustics.wavenumbers import wavenumber_continuous
 from ..model.validation import InputError
 from . import frequency_selection
 from .recording import Recording, channel_groups, read_samples
-from .reverberation import SETTINGS, Decay, estimate_decay, extend_to_last_mode
+from .reverberation import SETTINGS, Decay, estimate_decay, extend_to_last_mode, segment_levels
 
+RISE = 10.0  # factor of power by which the level may differ in what is noise
 MAX_SAMPLES = 20_000_000  # of an impulse response: longer recordings are of a stationary source
 
 
@@ -120,6 +121,29 @@ def _complete_pressures(recording: Recording, band: tuple[float, float], sound_s
     pressures = laplace_transform(read_samples(recording, 0, recording.samples), recording.sample_rate, 0.0, f)
     how = "rendering at the positions given: no window is needed, and there is no noise but that of the response"
     return Pressures(f, wavenumber_continuous(f, 0.0, sound_speed), pressures, None, how)
+
+
+def require_quiet_end(recording: Recording, band: tuple[float, float]) -> None:
+    """Check that the sound does not rise again before the end, as a response does that wraps round.
+
+    Raises
+    ------
+    InputError
+        The level in the band rises before the end, or the response begins before its end.
+    """
+    level = segment_levels(recording, band)
+    top, last = int(np.argmax(level)), len(level) - 2
+    end, lowest = float(level[last:].mean()), float(level[min(top, last) :].min())
+    if top >= last:  # the direct sound stands at the end, and what follows it at the beginning
+        end, lowest = float(level[0]), float(level.min())
+    if end > max(RISE * lowest, SETTINGS.min_power * level.max()):
+        raise InputError(
+            f"{recording.path}: the sound has decayed and rises again by {10 * np.log10(end / max(lowest, 1e-300)):.0f}"
+            f" dB before the end of {recording.duration:.3g} s: the response wraps round, as after a circular"
+            " deconvolution, or another sound begins",
+            "move that part to the beginning (numpy.roll), or cut it off",
+            key="kind",
+        )
 
 
 def mean_power(recording: Recording, band: tuple[float, float], s: float) -> tuple[np.ndarray, np.ndarray]:

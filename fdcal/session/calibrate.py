@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import collections
 import time
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,9 +13,11 @@ from ..model.channels import check_channels
 from ..model.measurement import Measurement
 from ..model.problem import Problem
 from ..model.settings import SolverSettings
-from ..model.validation import InputError, require_positive
+from ..model.validation import InputError, require_positive, word_arguments
 from ..solvers import load
+from ..solvers.bounds import ended_early, time_limit
 from ..solvers.identifiability import check_solvable
+from ..solvers.interface import RunState
 from .assess import ARGUMENTS, assess, distance_pair
 from .blas_threads import one_blas_thread
 from .sources import CalibrationInput, Progress
@@ -78,13 +80,20 @@ def solve(
     ------
     InputError
         The solver cannot start.
+    KeyboardInterrupt
+        Before the solver has started. An interrupt of the solver ends it, as `inputs.time_limit` does: the best
+        positions so far are assessed, with the verdict "not_converged".
     """
     problem = problem_of(inputs)
     _require_length(inputs, problem)
+    if inputs.time_limit is not None:
+        require_positive("time_limit", inputs.time_limit, "s")
     start = time.perf_counter()
     with one_blas_thread():
-        state = collections.deque(states_of(inputs, progress, problem), maxlen=1).pop()
+        state, stopped = _last_state(inputs, progress, problem)
         found = assess(inputs, problem, state, wording)
+    if stopped:
+        found = replace(found, verdict="not_converged", verdict_text=word_arguments(stopped, wording))
     measurement = inputs.measurement
     return Calibration(
         positions=found.positions,
@@ -107,6 +116,26 @@ def solve(
         evidence=found.evidence,
         room=found.room,
     ).compared_with(measurement)
+
+
+def _last_state(inputs: CalibrationInput, progress: Progress | None, problem: Problem) -> tuple[RunState, str]:
+    """Return the state at the end of a run, and why it ended before the solver did; "" if it did not."""
+    limit = inputs.time_limit
+    if limit is None:
+        limit = time_limit(problem, inputs.settings.modes, load(inputs.settings.name).TRAITS)
+    began, state = time.process_time(), None
+    try:
+        for state in states_of(inputs, progress, problem):
+            if time.process_time() - began > limit and not state.finished:
+                why = f"the solver was stopped after {limit:g} s of processor time; use fewer <modes> or a longer"
+                return ended_early(state), f"{why} <time_limit>"
+    except KeyboardInterrupt:
+        if state is None:
+            raise
+        return ended_early(state), "the solver was interrupted; these are the best positions so far"
+    if state is None:
+        raise ValueError("a run has at least one state")
+    return state, ""
 
 
 def _require_length(inputs: CalibrationInput, problem: Problem) -> None:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import difflib
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
 from ..model import mode_ranges
 from ..model.arrays import positions_of
 from ..model.from_table import build
+from ..model.reading import parse_toml, read_bytes
 from ..model.scene import Scene
-from ..model.validation import InputError, StorageError, require_choice
+from ..model.validation import InputError, StorageError, require_choice, shown
 from .lesson import IN_USE, MAPS, RUN, SCALES, VIEWS, Lesson, Setting, Step
 
 
@@ -86,16 +86,7 @@ def _file_of(path: str | Path) -> Path:
 
 
 def _read(path: Path) -> dict:
-    try:
-        if path.stat().st_size > LIMITS.file_bytes:
-            remedy = "shorten it; a lesson is a page of text"
-            raise InputError(f"{path} has more than {LIMITS.file_bytes} bytes", remedy, key="lesson", value=str(path))
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise StorageError(f"cannot read lesson {path}: {error.strerror}") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        problem = f"{path} is not valid TOML: {error}".replace("\n", " ")
-        raise InputError(problem, "correct that line", key="lesson", value=str(path)) from error
+    return parse_toml(read_bytes(path, LIMITS.file_bytes, "lesson"), path)
 
 
 def check(lesson: Lesson) -> None:
@@ -192,4 +183,4 @@ def _modes(key: str, text: str) -> tuple[int, ...]:
     try:
         return mode_ranges.parse(text, LIMITS.mode)
     except InputError as error:
-        raise error.within(f'{key} = "{text}"') from error
+        raise error.within(f'{key} = "{shown(text)}"') from error

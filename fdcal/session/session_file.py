@@ -19,8 +19,9 @@ import numpy as np
 from ..model.from_table import build
 from ..model.measured_scene import MeasuredScene
 from ..model.measurement_file import load_measurement, save_measurement
+from ..model.reading import parse_json, read_archive, require_regular
 from ..model.scene import Scene
-from ..model.validation import InputError, StorageError
+from ..model.validation import InputError, StorageError, shown
 from .history import MOST_STATES
 from .request import OpenRequest, plain
 from .state_codec import read_states, write_states
@@ -90,6 +91,7 @@ def read(path: str | Path) -> OpenRequest:
     """
     path = Path(path)
     try:
+        require_regular(path)
         text, arrays = _of_zip(path) if path.suffix.lower() == ".zip" else _of_two(path)
     except OSError as error:
         raise StorageError(f"cannot read {error.filename or path}: {error.strerror or error}") from error
@@ -115,6 +117,7 @@ def _of_zip(path: Path) -> tuple[bytes, bytes]:
 def _of_two(path: Path) -> tuple[bytes, bytes]:
     beside = path.with_suffix(".npz")
     for file in (path, beside):
+        require_regular(file)
         if (size := file.stat().st_size) > LIMITS.unpacked_bytes:
             raise _too_large(file, size)
     return path.read_bytes(), beside.read_bytes()
@@ -135,14 +138,11 @@ def _too_large(name: str | Path, size: int) -> InputError:
 
 
 def _table(text: bytes) -> dict:
-    try:
-        table = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{TABLE} is not valid JSON ({type(error).__name__})") from None
+    table = parse_json(text, TABLE)
     if not isinstance(table, dict) or not set(KEYS) <= set(table):
         raise InputError("it is not a session", f"{TABLE} of a session holds {', '.join(KEYS)}", key="session")
     if table["fdcal_session"] != VERSION:
-        found = str(table["fdcal_session"])[:20]
+        found = shown(table["fdcal_session"], 20)
         remedy = f"this fdcal reads version {VERSION}"
         raise InputError(f"fdcal_session = {found!r}", remedy, key="fdcal_session", value=found)
     for key, kind in (("scene", dict), ("choices", dict), ("start_seed", int), ("index", int)):
@@ -156,8 +156,7 @@ def _opening(table: dict, packed: bytes) -> OpenRequest:
     try:
         with zipfile.ZipFile(io.BytesIO(packed)) as archive:
             _require_small(archive, ARRAYS)
-        with np.load(io.BytesIO(packed), allow_pickle=False) as archive:
-            arrays = {key: archive[key] for key in archive.files if key.startswith("states_")}
+        arrays = read_archive(io.BytesIO(packed), lambda key: key.startswith("states_"))
     except InputError:
         raise
     except Exception as error:  # a damaged archive raises anything

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..model.validation import frozen_array
+from ..solvers.bounds import bounded_step
 from .history import MOST_STATES, History, SessionView, thinned
 
 log = logging.getLogger(__name__)
@@ -102,7 +103,7 @@ class SolverRun:
             self._goal = None
             self._publish(running=False)
             return
-        state = self._module.step(self._problem, view.state)
+        state = bounded_step(self._module, self._problem, view.state)
         if state.finished or self._goal is None or self._goal(state):
             self._goal = None
         states, lineage = self._up_to(view.index + 1)

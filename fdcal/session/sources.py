@@ -44,6 +44,9 @@ class CalibrationInput:
     estimate_sound_speed : bool
     distance : (str, str, float) or None
         Two microphones, by name or number, and how far they are apart, metres.
+    time_limit : float or None
+        Seconds of processor time after which the best positions so far are assessed; `fdcal.solvers.bounds.time_limit`
+        unless given.
     """
 
     name: str
@@ -54,6 +57,7 @@ class CalibrationInput:
     excluded: tuple[str, ...] = ()
     estimate_sound_speed: bool = False
     distance: tuple[str, str, float] | None = None
+    time_limit: float | None = None
 
 
 def load_input(

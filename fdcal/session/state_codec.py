@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import sys
 import types
 import typing
 from collections.abc import Mapping, Sequence
@@ -28,7 +29,7 @@ from ..model.from_table import build
 from ..model.limits import LIMITS
 from ..model.problem import Problem
 from ..model.settings import SolverSettings
-from ..model.validation import InputError, frozen_array
+from ..model.validation import InputError, frozen_array, shown
 from ..solvers.interface import RunState
 from .request import plain
 
@@ -133,7 +134,9 @@ def read_states(
     for number in order:
         state = next(queues[number], None) if isinstance(number, int) and 0 <= number < len(queues) else None
         if state is None:
-            raise InputError(f"states.order names a state of kind {number}, which is not there", key="states.order")
+            raise InputError(
+                f"states.order names a state of kind {shown(number)}, which is not there", key="states.order"
+            )
         states.append(state)
     return tuple(states)
 
@@ -209,12 +212,14 @@ class _Reader:
             low, high = self._ranges.get(key, (0, LARGEST_COUNT))
             if low <= value <= high:
                 return value
-            raise InputError(f"states.{key} = {value} must be from {low} to {high}", key=f"states.{key}", value=value)
-        elif isinstance(value, (int, float)) and float in options and math.isfinite(value):
+            raise InputError(
+                f"states.{key} = {shown(value)} must be from {low} to {high}", key=f"states.{key}", value=value
+            )
+        elif isinstance(value, (int, float)) and float in options and abs(value) <= sys.float_info.max:
             return float(value)
         elif isinstance(value, str) and any(value in typing.get_args(option) for option in options):
             return value
-        raise InputError(f"states.{key} holds {str(value)[:60]!r}, which is impossible", key=f"states.{key}")
+        raise InputError(f"states.{key} holds {shown(value)!r}, which is impossible", key=f"states.{key}")
 
     def _composed(self, key: str, kind: str, inner: Any, option: Any) -> Any:
         """A value that is more than one JSON value, of the type `option`; None if it is not of that type."""

@@ -50,6 +50,8 @@ def load(name: str) -> Solver:
 def run(problem: Problem, settings: SolverSettings, seed: int) -> Iterator[RunState]:
     """Yield the states of the solver `settings.name` from the start to the end.
 
+    A microphone that leaves what the frequencies can resolve ends the run (`fdcal.solvers.bounds`).
+
     Parameters
     ----------
     problem : Problem
@@ -59,11 +61,14 @@ def run(problem: Problem, settings: SolverSettings, seed: int) -> Iterator[RunSt
     Raises
     ------
     InputError
-        For a problem that the solver cannot work on.
+        For a problem that the solver cannot work on, or one too large for memory.
     """
+    from .bounds import bounded_step, require_affordable
+
     solver = load(settings.name)
+    require_affordable(problem, settings, solver.TRAITS)
     state = solver.init(problem, settings, seed)
     yield state
     while not state.finished:
-        state = solver.step(problem, state)
+        state = bounded_step(solver, problem, state)
         yield state

@@ -60,6 +60,11 @@ class RunState:
         return slice(self.first - 1, self.last)
 
     @property
+    def best_positions(self) -> np.ndarray:
+        """The best positions (N, D) so far, metres, for a run that ends early; a solver with several attempts says."""
+        return self.positions
+
+    @property
     def order_offset(self) -> int:
         """The number added to ceil(kR) in the order rule of the paper; 0 if the solver expands no field."""
         return 0

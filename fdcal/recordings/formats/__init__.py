@@ -21,6 +21,7 @@ from types import ModuleType
 import numpy as np
 
 from ...model.microphones import MicrophonePositions
+from ...model.reading import require_regular
 from ...model.validation import InputError, StorageError
 from ..recording import Recording
 
@@ -70,6 +71,7 @@ def read(path: str | Path, source: int | None = None) -> Recording:
     try:
         if not path.exists():
             raise StorageError(f"cannot read {path}: there is no such file or folder")
+        require_regular(path)
         module = reader_of(path)
         if module is None:
             raise InputError(

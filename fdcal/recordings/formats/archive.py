@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ...model.reading import read_archive
 from ...model.validation import InputError, require_array, require_choice
 from ..recording import KINDS, OLD_KINDS, Recording, recording_of
 
@@ -36,8 +37,10 @@ def keys_of(path: Path) -> list[str]:
 def read(path: Path, source: int | None = None) -> Recording:
     """Return the recording of an archive; raise InputError for one that is damaged or has no recordings."""
     try:
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
-            table = {key: archive[key] for key in KEYS if key in archive.files}
+        with open(path, "rb") as file:
+            table = read_archive(file, KEYS.__contains__)
+    except InputError as error:
+        raise error.within(path) from error
     except OSError as error:
         raise error if error.strerror else InputError(f"{path} is not a .npz file: {error}") from error
     except MemoryError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 
@@ -24,7 +25,7 @@ def read(path: Path, source: int | None = None) -> Recording:
     import soundfile
 
     try:
-        with soundfile.SoundFile(path) as file:
+        with soundfile.SoundFile(os.fsencode(path)) as file:
             channels, samples, rate = file.channels, file.frames, file.samplerate
             log, whole, seekable = (
                 file.extra_info,
@@ -41,7 +42,7 @@ def read(path: Path, source: int | None = None) -> Recording:
         dtype = "float32" if whole else "float64"
         values = np.empty((len(chosen), stop - start), dtype=dtype)
         try:
-            with soundfile.SoundFile(path) as file:
+            with soundfile.SoundFile(os.fsencode(path)) as file:
                 file.seek(start)
                 for first, last in sample_ranges(stop - start, channels):
                     part = file.read(last - first, dtype=dtype, always_2d=True)

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import csv
-import math
+import io
+import re
 from pathlib import Path
 
 import numpy as np
 
 from ...model.microphones import MicrophonePositions
-from ...model.validation import InputError, StorageError
+from ...model.reading import read_bytes
+from ...model.validation import InputError, require_point, shown
 
 NAME = "table"
 SUFFIXES = (".csv",)
+MOST_BYTES = 10_000_000
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)  # Python also takes 1_0 for a number
 HEADER = ["name", "x", "y", "z", "uncertainty"]
 
 
@@ -41,10 +45,8 @@ def read_positions(path: str | Path) -> tuple[list[str], np.ndarray]:
         The file cannot be read.
     """
     try:
-        with open(path, encoding="utf-8-sig", newline="") as file:
-            rows = [row for row in csv.reader(file) if any(cell.strip() for cell in row)]
-    except OSError as error:
-        raise StorageError(f"cannot read {path}: {error.strerror}") from error
+        text = read_bytes(path, MOST_BYTES).decode("utf-8-sig")
+        rows = [row for row in csv.reader(io.StringIO(text, newline="")) if any(cell.strip() for cell in row)]
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path} is not a table in text form: {error}") from error
     head = [cell.strip().lower() for cell in rows[0]] if rows else []
@@ -53,12 +55,12 @@ def read_positions(path: str | Path) -> tuple[list[str], np.ndarray]:
     axes = 3 if head[3:4] == ["z"] else 2
     names, places = [], []
     for number, row in enumerate(rows[1:], 2):
-        try:
-            places.append([float(cell) for cell in row[1 : 1 + axes]])
-        except ValueError:
-            places.append([])
-        if len(places[-1]) != axes or not all(map(math.isfinite, places[-1])):
-            raise InputError(f"{path}, line {number}: {','.join(row)!r} must be a name and {axes} numbers, metres")
+        cells = [cell.strip() for cell in row[1 : 1 + axes]]
+        if len(cells) != axes or not all(map(NUMBER.fullmatch, cells)):
+            line = shown(",".join(row))
+            raise InputError(f"{path}, line {number}: {line!r} must be a name and {axes} numbers, metres")
+        places.append([float(cell) for cell in cells])
+        require_point(f"{path}, line {number}", places[-1], (axes,))
         names.append(row[0].strip())
     if len(set(names)) < len(names):
         raise InputError(f"{path} names a microphone twice", "keep one line of each")

@@ -115,6 +115,11 @@ class State(RunState):
     attempt: Attempt
 
     @property
+    def best_positions(self) -> np.ndarray:
+        """The end of the best attempt (N, D), metres; before the first has ended, the present positions."""
+        return self.positions if self.finished or self.attempt.best is None else self.attempt.best.positions
+
+    @property
     def assessment_noise(self) -> np.ndarray | None:
         """The noise power of the measurement; None in the near field, where the assessment estimates it."""
         return None if self.field.near_field else self.field.noise_power

@@ -1,0 +1,6 @@
+"""Broken files for every reader, from a seed: what a reader makes of one is an object that is in order, or one line.
+
+mutations   how a file is broken
+readers     each reader with files that it reads, and what must hold of what it returns
+examine     one case: no traceback, no hang, bounded memory, nothing left behind, no misread taken as good
+"""

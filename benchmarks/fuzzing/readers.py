@@ -1,0 +1,152 @@
+"""Each reader with files that it reads, and what must hold of whatever it returns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fdcal.assessment.calibration import Calibration
+from fdcal.assessment.result_file import load_result, save_result
+from fdcal.model.measurement import Measurement
+from fdcal.model.measurement_file import load_measurement, save_measurement
+from fdcal.model.scene_file import load_scene, scene_folder
+from fdcal.model.settings import Search, SolverSettings
+from fdcal.recordings import formats
+from fdcal.recordings.formats.table import read_positions
+from fdcal.recordings.recording import read_samples
+from fdcal.session import session_file
+from fdcal.session.lesson_file import lesson_folder, load_lesson
+from fdcal.session.sources import check_scene
+
+
+@dataclass(frozen=True)
+class Reader:
+    """A reader.
+
+    Attributes
+    ----------
+    suffix : of its files
+    make : writes a good file
+    read : reads a file, and raises AssertionError for an object that is not in order
+    apart : whether a C library reads it, so that a fault may end the process
+    """
+
+    suffix: str
+    make: Callable[[Path], object]
+    read: Callable[[Path], object]
+    apart: bool = False
+
+
+def measurement(count: int = 8, modes: int = 6) -> Measurement:
+    """Return a small measurement with all optional keys."""
+    rng = np.random.default_rng(0)
+    pressures = rng.normal(size=(modes, count)) + 1j * rng.normal(size=(modes, count))
+    return Measurement(
+        np.linspace(100.0, 300.0, modes), pressures, 343.0, noise_power=np.full(modes, 0.01),
+        positions=rng.normal(size=(count, 2)), known=range(3), search=Search((-3.0, -3.0), (6.0, 6.0), 0.5, 1.0),
+        spectrum=np.stack([np.arange(10.0), np.ones(10)]),
+    )  # fmt: skip
+
+
+def _make_session(path: Path) -> None:
+    from fdcal import solvers
+    from fdcal.model.measured_scene import placeholder_scene
+    from fdcal.session.request import OpenRequest
+
+    settings = SolverSettings(modes=6, name="descent", start="random", first_modes=2)
+    own = measurement(count=24)
+    scene = placeholder_scene(own, "fuzz", settings)
+    state = solvers.load("descent").init(own.problem(), settings, 0)
+    path.write_bytes(session_file.write(OpenRequest(scene, 0, own, (state, state), 0, {"mode": "1"})))
+
+
+def _make_result(path: Path) -> None:
+    rng = np.random.default_rng(0)
+    save_result(
+        Calibration(
+            rng.normal(size=(5, 2)), tuple("abcde"), "joint", 0, np.arange(1.0, 7.0), 0.1, 3, 1.5, True, known=("a",),
+            verdict="good", uncertainty=np.ones(5), covariance=np.ones((5, 2, 2)), sound_speed=343.0,
+        ),
+        path,
+    )  # fmt: skip
+
+
+def _finite(*arrays) -> None:
+    assert all(np.isfinite(array).all() for array in arrays if array is not None), "numbers that are not finite"
+
+
+def _read_measurement(path: Path) -> None:
+    found = load_measurement(path)
+    _finite(found.pressures, found.wavenumbers, found.positions, found.known_positions, found.noise_power)
+    problem = found.problem()
+    _finite(problem.pressures, problem.noise_power)
+
+
+def _read_result(path: Path) -> None:
+    found = load_result(path)
+    _finite(found.positions, found.uncertainty, found.covariance)
+    assert Calibration.from_json(found.to_json()).positions.tolist() == found.positions.tolist()
+
+
+def _read_session(path: Path) -> None:
+    found = session_file.read(path)
+    for state in found.states:
+        _finite(state.positions)
+
+
+def _read_recording(path: Path) -> None:
+    found = formats.read(path)
+    assert found.count * found.samples < 10**6, "more samples than the file has bytes"
+    _finite(read_samples(found, 0, found.samples), found.positions)
+
+
+def _read_scene(path: Path) -> None:
+    check_scene(load_scene(path))
+
+
+def _read_table(path: Path) -> None:
+    names, positions = read_positions(path)
+    assert len(names) == len(positions)
+    _finite(positions)
+
+
+SAMPLES = np.random.default_rng(0).uniform(-0.5, 0.5, (3, 200))
+
+
+def _make_sound(path: Path) -> None:
+    import soundfile
+
+    soundfile.write(path, SAMPLES.T, 8000)
+
+
+def _make_hdf5(path: Path) -> None:
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        file.create_dataset("time_data", data=SAMPLES.T).attrs["sample_freq"] = 8000.0
+
+
+def _copy(source: Path) -> Callable[[Path], object]:
+    return lambda path: path.write_bytes(source.read_bytes())
+
+
+def _make_recordings(path: Path) -> None:
+    np.savez(path, recordings=SAMPLES, sample_rate=8000.0, names=np.array(list("abc")), kind="impulse")
+
+
+READERS = {
+    "scene": Reader(".toml", _copy(scene_folder() / "tiny.toml"), _read_scene),
+    "scene in space": Reader(".toml", _copy(scene_folder() / "ball3d.toml"), _read_scene),
+    "lesson": Reader(".toml", _copy(sorted(lesson_folder().glob("*.toml"))[0]), load_lesson),
+    "measurement": Reader(".npz", lambda path: save_measurement(measurement(), path), _read_measurement),
+    "result": Reader(".json", _make_result, _read_result),
+    "session": Reader(".zip", _make_session, _read_session),
+    "table": Reader(".csv", lambda path: path.write_text("name,x,y,z\na,1,2,3\nb,0.5,1e-1,-2\n"), _read_table),
+    "archive": Reader(".npz", _make_recordings, _read_recording),
+    "wav": Reader(".wav", _make_sound, _read_recording),
+    "flac": Reader(".flac", _make_sound, _read_recording),
+    "hdf5": Reader(".h5", _make_hdf5, _read_recording, apart=True),
+}

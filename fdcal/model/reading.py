@@ -1,0 +1,175 @@
+"""Reading of files that anyone may have written: text within a length, TOML, JSON and NumPy archives.
+
+read_bytes      the content of a file, refused beyond a number of bytes, so that a device without an end is no hang
+parse_toml      a table, or InputError for whatever is no TOML: too deeply nested, or a number with too many digits
+parse_json      a value, likewise
+read_archive    arrays of an .npz file, refused before they are unfolded if they would fill the memory
+shown           a value for a message, cut to a few words
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import stat
+import tomllib
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .limits import LIMITS
+from .validation import InputError, StorageError, shown
+
+MOST_DOTS = 500  # before the "=" of a line: the parser's time grows with the square of the parts of a key
+
+
+def read_bytes(path: str | Path, most: int = LIMITS.text, what: str = "") -> bytes:
+    """Return the content of a file.
+
+    Parameters
+    ----------
+    path : str or Path
+    most : int
+        Bytes that it may have.
+    what : str, optional
+        What an error calls its content, as "scene".
+
+    Raises
+    ------
+    InputError
+        It has more bytes, or its name holds a NUL.
+    StorageError
+        It cannot be read.
+    """
+    if "\0" in str(path):
+        raise InputError(f"{shown(str(path))} is no name of a file, it holds a NUL character", "correct it")
+    try:
+        with open(path, "rb") as file:
+            content = file.read(most + 1)
+    except OSError as error:
+        raise StorageError(f"cannot read {what}{what and ' '}{path}: {error.strerror or error}") from error
+    if len(content) > most:
+        raise InputError(f"{path} has more than {most:,} bytes", "give a smaller file")
+    return content
+
+
+def parse_toml(content: bytes, where: object) -> dict[str, Any]:
+    """Return the table of a TOML file.
+
+    Parameters
+    ----------
+    content : bytes
+    where : object
+        What an error calls the file.
+
+    Raises
+    ------
+    InputError
+        It is no TOML.
+    """
+    try:
+        text = content.decode("utf-8-sig")
+        for number, line in enumerate(text.splitlines(), 1):
+            if line.partition("=")[0].count(".") > MOST_DOTS:
+                raise ValueError(f"a key of more than {MOST_DOTS} parts in line {number}")
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{where} is not valid TOML: {_reason(error)}") from error
+
+
+def parse_json(content: bytes | str, where: object) -> Any:
+    """Return the value of a JSON file.
+
+    Parameters
+    ----------
+    content : bytes or str
+    where : object
+        What an error calls the file.
+
+    Raises
+    ------
+    InputError
+        It is no JSON.
+    """
+    try:
+        return json.loads(content.decode("utf-8") if isinstance(content, bytes) else content)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{where} is not valid JSON: {_reason(error)}") from error
+
+
+def _reason(error: Exception) -> str:
+    """Return what a parser says, in one line."""
+    if isinstance(error, RecursionError):
+        return "it is nested too deeply"
+    return " ".join(str(error).split(";")[0].split())
+
+
+def read_archive(file, wanted: Callable[[str], bool]) -> dict[str, np.ndarray]:
+    """Return the arrays of an .npz file whose names are wanted; no pickled objects are read.
+
+    Parameters
+    ----------
+    file : open binary file
+    wanted : callable(str) -> bool
+
+    Raises
+    ------
+    InputError
+        It unfolds to more than `LIMITS.unfolded` bytes, or a member is not an array.
+    Exception
+        Anything, for a damaged archive.
+    """
+    with zipfile.ZipFile(file) as archive:
+        _require_small([entry for entry in archive.infolist() if wanted(_name(entry))], _length(file))
+    file.seek(0)
+    table, key = {}, ""
+    with np.load(file, allow_pickle=False) as archive:
+        for key in filter(wanted, archive.files):
+            try:
+                table[key] = archive[key]
+            except Exception as error:  # a damaged member raises anything from zipfile, zlib or NumPy
+                raise _damaged(key, str(error)) from error
+            if not isinstance(table[key], np.ndarray):
+                raise _damaged(key, "it does not begin as an array of NumPy does")
+    return table
+
+
+def _damaged(key: str, reason: str) -> InputError:
+    reason = shown(reason, 120)
+    return InputError(f'"{key}" is damaged or not a plain array of numbers ({reason})', "write it again", key=key)
+
+
+def _name(entry: zipfile.ZipInfo) -> str:
+    """Return the name of a member as NumPy knows it."""
+    return entry.filename.removesuffix(".npy")
+
+
+def _length(file) -> int:
+    """Return the number of bytes of an open file, which is left at its beginning."""
+    length = file.seek(0, os.SEEK_END)
+    file.seek(0)
+    return length
+
+
+def _require_small(entries: list[zipfile.ZipInfo], length: int) -> None:
+    """Raise InputError for members that would fill the memory; none gives more bytes than the directory says.
+
+    Members that are not compressed may be as large as the file itself.
+    """
+    stored = sum(entry.file_size for entry in entries if entry.compress_type == zipfile.ZIP_STORED)
+    packed = sum(entry.file_size for entry in entries if entry.compress_type != zipfile.ZIP_STORED)
+    if packed > LIMITS.unfolded or stored > length:
+        raise InputError(
+            f"it unfolds to {packed + stored:.3g} bytes, and a compressed file may to {LIMITS.unfolded:.3g}",
+            "write it with numpy.savez, which does not compress",
+        )
+
+
+def require_regular(path: str | Path) -> None:
+    """Raise InputError for what is neither file nor folder, as a device without an end; OSError if it is missing."""
+    kind = os.stat(path).st_mode
+    if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
+        raise InputError(f"{path} is no regular file", "give a file")

@@ -1,0 +1,118 @@
+"""What the command line does with what nobody foresaw: one line, an exit code, no traceback."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from running import FDCAL
+
+from fdcal.commands import cli, guard
+
+
+@pytest.fixture
+def broken(monkeypatch):
+    """Function that makes the command `scenes` raise."""
+
+    def breaks(error: BaseException) -> None:
+        def fail():
+            raise error
+
+        monkeypatch.setattr(cli, "scene_names", fail)
+
+    return breaks
+
+
+def ended(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as caught:
+        cli.main(list(arguments))
+    return caught.value.code
+
+
+def test_an_unforeseen_error_is_one_line_with_a_way_to_report_it(broken, capsys):
+    broken(ZeroDivisionError("division\nby zero"))
+    assert ended("scenes") == 1
+    out, errors = capsys.readouterr()
+    assert out == "" and errors.count("\n") == 1
+    for word in ("error: ", "report", "--debug", "ZeroDivisionError: division by zero"):
+        assert word in errors
+
+
+@pytest.mark.parametrize("arguments", [("scenes", "--debug"), ("--debug", "scenes")])
+def test_debug_shows_the_traceback(arguments, broken, capsys):
+    broken(ZeroDivisionError("by zero"))
+    assert ended(*arguments) == 1
+    errors = capsys.readouterr().err
+    assert "Traceback" in errors and errors.splitlines()[-1].startswith("error: ")
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "words"),
+    [
+        (MemoryError(), 1, "not enough memory"),
+        (KeyboardInterrupt(), 130, "interrupted"),
+        (RecursionError("too deep"), 1, "report"),
+        (OSError("disk on fire"), 3, "disk on fire"),
+        (ValueError("x" * 10**6), 1, "..."),
+    ],
+)
+def test_each_kind_of_error_has_its_code(error, code, words, broken, capsys):
+    broken(error)
+    assert ended("scenes") == code
+    errors = capsys.readouterr().err
+    assert words in errors and errors.strip().count("\n") == 0 and len(errors) < 1000
+
+
+def test_debug_after_two_dashes_is_an_argument():
+    assert guard.without_debug(["a", "--debug", "--", "--debug"]) == (["a", "--", "--debug"], True)
+    assert guard.without_debug(["a", "--", "--debug"]) == (["a", "--", "--debug"], False)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.15, 0.3, 0.5])
+def test_an_interrupt_while_the_libraries_load_is_one_line(delay):
+    script = "import fdcal; print(flush=True); from fdcal.__main__ import main; main()"
+    command = [sys.executable, "-c", script, "calibrate", "tiny"]
+    run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    run.stdout.readline()  # Python itself has started
+    time.sleep(max(delay, 0.05))
+    run.send_signal(signal.SIGINT)
+    _, errors = run.communicate(timeout=60)
+    assert run.returncode in (130, 4, 0), errors
+    assert "Traceback" not in errors
+
+
+@pytest.mark.parametrize("closed", [(2,), (0, 1, 2)])
+def test_closed_streams_are_no_fault(closed, tmp_path):
+    def close():
+        for number in closed:
+            os.close(number)
+
+    run = subprocess.run(
+        [*FDCAL, "simulate", "tiny", "-o", "tiny.npz"], preexec_fn=close, cwd=tmp_path, timeout=120, capture_output=True
+    )
+    assert run.returncode == 0
+    assert (tmp_path / "tiny.npz").read_bytes()[:2] == b"PK"
+
+
+def test_standard_output_that_nobody_reads_ends_the_command():
+    reader, writer = os.pipe()
+    os.close(reader)
+    run = subprocess.run([*FDCAL, "scenes"], stdout=writer, stderr=subprocess.PIPE, text=True, timeout=60)
+    os.close(writer)
+    assert run.returncode == 1
+    assert run.stderr == ""
+
+
+@pytest.mark.parametrize("megabytes", [150, 690, 700])
+def test_little_memory_is_one_line(megabytes):
+    def limit():
+        resource.setrlimit(resource.RLIMIT_AS, (megabytes * 2**20,) * 2)
+
+    run = subprocess.run([*FDCAL, "calibrate", "tiny"], preexec_fn=limit, timeout=120, capture_output=True, text=True)
+    assert run.returncode in (0, 1, 3, 4), run.stderr
+    assert "Traceback" not in run.stderr
