@@ -13,8 +13,9 @@ import functools
 import math
 import typing
 
-from .validation import InputError, shown_literal
+from .validation import InputError, shown, shown_literal
 
+LONGEST_KEY = 100  # letters that are compared
 WORDS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false", dict: "a table"}
 
 
@@ -51,9 +52,9 @@ def build(cls, table: dict, prefix: str = "", whole: str = "scene"):
     fields = {f.name: f for f in dataclasses.fields(cls)}
     for key in table:
         if key not in fields:
-            near = difflib.get_close_matches(key, fields, 1)
+            near = difflib.get_close_matches(key[:LONGEST_KEY], fields, 1)
             remedy = f'did you mean "{prefix}{near[0]}"?' if near else f"known keys: {', '.join(fields)}"
-            raise InputError(f"{prefix}{key} is not a key of a {whole}", remedy, key=f"{prefix}{key}")
+            raise InputError(f"{prefix}{shown(key)} is not a key of a {whole}", remedy, key=f"{prefix}{key}")
     optional = cls.optional(table) if hasattr(cls, "optional") else getattr(cls, "OPTIONAL", ())
     for key in fields:
         if key not in table and key not in optional:

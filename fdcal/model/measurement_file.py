@@ -14,7 +14,7 @@ import numpy as np
 
 from .channels import exclude_microphones
 from .measurement import Measurement
-from .reading import read_archive
+from .reading import read_archive, require_regular
 from .settings import Search
 from .validation import InputError, StorageError, require_array
 
@@ -102,6 +102,8 @@ def load_measurement(path, excluded: Sequence[str] = (), called: str = "") -> Me
 def _read_arrays(path: str | Path) -> dict[str, np.ndarray]:
     """Return the arrays of an .npz file whose keys are those of a measurement; no pickled objects are read."""
     try:
+        if isinstance(path, (str, Path)):
+            require_regular(path)
         # Opened here, since NumPy does not close a file that it finds damaged.
         with open(path, "rb") if isinstance(path, (str, Path)) else nullcontext(path) as file:
             return read_archive(file, lambda key: key in REQUIRED + OPTIONAL + SEARCH)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from .from_table import build
 from .measured_room import is_response_file
 from .reading import parse_toml, read_bytes
 from .scene import Scene
-from .validation import InputError
+from .validation import InputError, shown
 
 
 def scene_folder() -> Path:
@@ -63,8 +64,8 @@ def _file_of(path: Path) -> Path:
     available = f"a .toml file or one of {', '.join(scene_names())}"
     if path.suffix == ".npz":
         raise InputError(f"{path} is a measurement", f"give a scene: {available}", key="scene", value=path)
-    if path.suffix == ".toml" or "\0" in str(path) or path.is_file():
+    if path.suffix == ".toml" or "\0" in str(path) or os.path.isfile(path):  # False for a name that is too long
         return path
     if path.name not in scene_names() or path.name != str(path):
-        raise InputError(f'scene "{path}" is unknown', f"use {available}", key="scene", value=path)
+        raise InputError(f'scene "{shown(str(path))}" is unknown', f"use {available}", key="scene", value=path)
     return scene_folder() / f"{path.name}.toml"

@@ -138,8 +138,12 @@ def require_array(key: str, values, kind: str, shape: tuple[int | None, ...], un
     remedy = f"give {words}{unit and ', ' + unit}, of shape {wanted}" if shape else f"give one of {words}"
     try:
         array = np.asarray(values)
+        if array.dtype.kind == "U":
+            array.tolist()  # raises for a letter that does not exist
     except ValueError as error:
         raise InputError(f"{key} has rows of different lengths", remedy, key=key) from error
+    except SystemError as error:
+        raise InputError(f"{key} is damaged: it holds letters that do not exist", remedy, key=key) from error
     if array.size and array.dtype.kind not in letters:
         found = {"f": "real", "c": "complex", "b": "true or false", "U": "text"}.get(array.dtype.kind, array.dtype.name)
         raise InputError(f"{key} is {found} ({array.dtype})", remedy, key=key)
@@ -167,7 +171,7 @@ def require_choice(key: str, value: object, choices: Iterable[object]) -> None:
     choices = tuple(choices)
     if value not in choices:
         remedy = f"use one of {', '.join(map(str, choices))}"
-        raise InputError(f'{key} = "{value}" is unknown', remedy, key=key, value=value)
+        raise InputError(f'{key} = "{shown(value)}" is unknown', remedy, key=key, value=value)
 
 
 def require_finite(key: str, values) -> None:

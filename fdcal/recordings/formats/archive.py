@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...model.reading import read_archive
+from ...model.reading import read_archive, require_regular
 from ...model.validation import InputError, require_array, require_choice
 from ..recording import KINDS, OLD_KINDS, Recording, recording_of
 
@@ -37,6 +37,7 @@ def keys_of(path: Path) -> list[str]:
 def read(path: Path, source: int | None = None) -> Recording:
     """Return the recording of an archive; raise InputError for one that is damaged or has no recordings."""
     try:
+        require_regular(path)
         with open(path, "rb") as file:
             table = read_archive(file, KEYS.__contains__)
     except InputError as error:

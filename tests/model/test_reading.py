@@ -1,0 +1,186 @@
+"""Files that anyone may have written: refused in one line and at once, before they fill the memory."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import resource
+import time
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fdcal.assessment.result_file import load_result
+from fdcal.model.limits import LIMITS
+from fdcal.model.measurement_file import load_measurement
+from fdcal.model.reading import parse_json, parse_toml, read_archive, read_bytes
+from fdcal.model.scene_file import load_scene, scene_folder
+from fdcal.model.validation import InputError, shown
+from fdcal.recordings import formats
+from fdcal.recordings.formats.table import read_positions
+from fdcal.session import session_file
+from fdcal.session.lesson import load_lesson
+
+DEEP = 100_000
+READERS = {".toml": load_scene, ".json": load_result, ".csv": read_positions, ".npz": load_measurement}
+
+
+def refusal(call, *arguments) -> str:
+    """Return the one line of an error that comes within 0.5 s of processor time, and takes less than 200 MB."""
+    began, memory = time.process_time(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(InputError) as caught:
+        call(*arguments)
+    assert time.process_time() - began < 0.5
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - memory < 200_000
+    line = str(caught.value)
+    assert "\n" not in line and len(line) < 1000
+    return line
+
+
+@pytest.mark.parametrize("content", [b"a = " + b"[" * DEEP, b"a = " + b"{a=" * DEEP, b"a." * DEEP + b"b = 1"])
+def test_deeply_nested_toml_is_refused(content):
+    assert "f is not valid TOML" in refusal(parse_toml, content, "f")
+
+
+@pytest.mark.parametrize("content", [b"[" * DEEP, b'{"a":' * DEEP])
+def test_deeply_nested_json_is_refused(content):
+    assert "f is not valid JSON: it is nested too deeply" in refusal(parse_json, content, "f")
+
+
+@pytest.mark.parametrize("number", [b"9" * 5000, b"0x" + b"f" * 5000, b"-" + b"9" * 5000])
+def test_a_number_of_5000_digits_is_refused(number, tmp_path):
+    tiny = (scene_folder() / "tiny.toml").read_bytes()
+    (tmp_path / "scene.toml").write_bytes(b"seed = " + number + b"\n" + tiny.replace(b"\nseed", b"\n# seed"))
+    refusal(load_scene, tmp_path / "scene.toml")
+    (tmp_path / "scene.toml").write_bytes(tiny.replace(b"walls = ", b"walls = " + number + b" # "))
+    refusal(load_scene, tmp_path / "scene.toml")
+    (tmp_path / "result.json").write_bytes(b'{"positions": ' + number + b"}")
+    refusal(load_result, tmp_path / "result.json")
+
+
+def test_a_value_of_many_digits_or_letters_is_cut_in_a_message():
+    assert shown(16**10_000) == shown([16**10_000]) == "a number of very many digits"
+    assert len(shown("x" * 10_000)) == 60
+
+
+def test_a_nul_in_the_name_of_a_scene_is_refused(tmp_path):
+    assert "NUL" in refusal(load_scene, "a\0b.toml")
+    lesson = tmp_path / "mine.toml"
+    page = '[steps.page]\nscene = "a\\u0000b.toml"\n'
+    lesson.write_text(f'title = "Mine"\n[[steps]]\ntext = "Look"\n{page}', encoding="utf-8")
+    assert "NUL" in refusal(load_lesson, lesson)
+
+
+@pytest.mark.parametrize("suffix", READERS)
+def test_a_link_to_a_device_without_end_is_refused(suffix, tmp_path):
+    path = tmp_path / f"zero{suffix}"
+    path.symlink_to("/dev/zero")
+    refusal(READERS[suffix], path)
+
+
+@pytest.mark.parametrize("name", ["zero.wav", "zero.h5", "zero.sofa", "zero.flac"])
+def test_a_recording_on_a_device_without_end_is_refused(name, tmp_path):
+    (tmp_path / name).symlink_to("/dev/zero")
+    assert "no regular file" in refusal(formats.read, tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["zero.zip", "zero.json"])
+def test_a_session_on_a_device_without_end_is_refused(name, tmp_path):
+    (tmp_path / name).symlink_to("/dev/zero")
+    assert "no regular file" in refusal(session_file.read, tmp_path / name)
+
+
+def test_a_file_beyond_the_limit_is_not_read_whole(tmp_path):
+    (tmp_path / "long").write_bytes(bytes(2000))
+    assert "more than 1,000 bytes" in refusal(read_bytes, tmp_path / "long", 1000)
+
+
+def bomb(path: Path, key: str, megabytes: int = 480) -> Path:
+    """Write an archive of a few MB of which one member unfolds to hundreds of megabytes of zeros."""
+    header = io.BytesIO()
+    shape = (megabytes * 2**20 // 16, 1)
+    np.lib.format.write_array_header_1_0(header, {"descr": "<c16", "fortran_order": False, "shape": shape})
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        with archive.open(f"{key}.npy", "w", force_zip64=True) as member:
+            member.write(header.getvalue())
+            for _ in range(megabytes // 8):
+                member.write(bytes(8 * 2**20))
+    return path
+
+
+@pytest.mark.parametrize(("key", "read"), [("pressures", load_measurement), ("recordings", formats.read)])
+def test_what_would_fill_the_memory_is_refused_before_it_is_unfolded(key, read, tmp_path):
+    path = bomb(tmp_path / "bomb.npz", key)
+    assert path.stat().st_size < 10 * 2**20
+    line = refusal(read, path)
+    assert "unfolds to" in line and "does not compress" in line
+
+
+def test_arrays_that_are_not_compressed_may_be_larger_than_that(tmp_path, monkeypatch):
+    monkeypatch.setattr("fdcal.model.reading.LIMITS", type(LIMITS)(unfolded=1000))
+    np.savez(tmp_path / "plain.npz", a=np.ones(1000))
+    np.savez_compressed(tmp_path / "packed.npz", a=np.ones(1000))
+    with open(tmp_path / "plain.npz", "rb") as file:
+        assert read_archive(file, lambda key: True)["a"].sum() == 1000
+    with open(tmp_path / "packed.npz", "rb") as file, pytest.raises(InputError):
+        read_archive(file, lambda key: True)
+
+
+@pytest.mark.parametrize("key", ["pressures", "positions", "known", "names", "sound_speed"])
+def test_a_member_that_is_no_array_is_refused(key, tmp_path):
+    with zipfile.ZipFile(tmp_path / "odd.npz", "w") as archive:
+        for other in ("frequencies", "pressures", "sound_speed", "dimension"):
+            file = io.BytesIO()
+            np.save(file, np.ones((3, 8), complex))
+            archive.writestr(f"{other}.npy", b"text" if other == key else file.getvalue())
+        archive.writestr(f"{key}.npy", b"text")
+    assert f'"{key}"' in refusal(load_measurement, tmp_path / "odd.npz")
+
+
+def test_a_recording_that_is_no_array_is_refused(tmp_path):
+    with zipfile.ZipFile(tmp_path / "odd.npz", "w") as archive:
+        archive.writestr("recordings.npy", b"text")
+    assert '"recordings" is damaged' in refusal(formats.read, tmp_path / "odd.npz")
+
+
+@pytest.mark.parametrize("cell", ["1_0", "1_0.5", "٣", "nan", "inf", "1e400", "0x10", ""])
+def test_what_only_python_takes_for_a_number_is_none(cell, tmp_path):
+    table = tmp_path / "known.csv"
+    table.write_text(f"name,x,y\na,1,2\nb,{cell},3\n", encoding="utf-8")
+    assert "line 3" in refusal(read_positions, table)
+
+
+@pytest.mark.parametrize("cell", ["1", "-.5", "+1.5e-3", " 2. "])
+def test_numbers_of_a_table_are_read(cell, tmp_path):
+    table = tmp_path / "known.csv"
+    table.write_text(f"name,x,y\na,{cell},2\n", encoding="utf-8")
+    assert read_positions(table)[1].tolist() == [[float(cell), 2.0]]
+
+
+def test_a_session_state_beyond_floats_is_refused(tmp_path):
+    from benchmarks.fuzzing.readers import READERS as MAKERS
+
+    path = tmp_path / "session.zip"
+    MAKERS["session"].make(path)
+    with zipfile.ZipFile(path) as archive:
+        members = {name: archive.read(name) for name in archive.namelist()}
+    table = json.loads(members["session.json"])
+    fields = table["states"]["kinds"][0]["fields"]
+    fields["cost"] = [10**400 for _ in fields["cost"]]
+    members["session.json"] = json.dumps(table).encode()
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    assert "states.cost holds a number of very many digits" in refusal(session_file.read, path).replace("'", "")
+
+
+def test_a_sound_whose_name_is_not_utf8_is_opened(tmp_path):
+    import soundfile
+
+    soundfile.write(tmp_path / "plain.wav", np.random.default_rng(0).uniform(-0.5, 0.5, (400, 3)), 8000)
+    name = os.fsencode(tmp_path) + b"/M\xfcnchen.wav"
+    os.rename(tmp_path / "plain.wav", name)
+    assert formats.read(os.fsdecode(name)).count == 3
