@@ -9,7 +9,7 @@ import os
 import signal
 import sys
 
-LEAST_ADDRESS_SPACE = 700 * 2**20  # bytes; a small calibration takes 640 MB
+LEAST_ADDRESS_SPACE = 1500 * 2**20  # bytes; a small calibration takes half of it, the compiler the rest
 
 
 def main() -> None:

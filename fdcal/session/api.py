@@ -138,6 +138,7 @@ def calibrate(
     exclude: Sequence[str | int] = (),
     estimate_sound_speed: bool = False,
     distance: tuple[str | int, str | int, float] | None = None,
+    time_limit: float | None = None,
     settings: SolverSettings | None = None,
     progress: Progress | None = None,
     **others: Any,
@@ -166,6 +167,9 @@ def calibrate(
         Whether the sound speed is estimated, too: from the known microphones or `distance`.
     distance : (microphone, microphone, float), optional
         Two microphones, by name or number, and how far they are apart, metres, where no microphone is known.
+    time_limit : float, optional
+        Seconds of processor time after which the best positions so far are assessed, with the verdict
+        "not_converged"; 45, more for large arrays, 600 for solver "descent". An interrupt does the same.
     settings : SolverSettings, optional
         Settings to begin with, such as those of a scene (`scene.solver`).
     progress : callable, optional
@@ -201,4 +205,5 @@ def calibrate(
     inputs = with_settings(inputs, solver, modes, seed, **others)
     if distance is not None:
         distance = (str(distance[0]), str(distance[1]), float(distance[2]))
-    return solve(replace(inputs, estimate_sound_speed=estimate_sound_speed, distance=distance), progress)
+    inputs = replace(inputs, estimate_sound_speed=estimate_sound_speed, distance=distance, time_limit=time_limit)
+    return solve(inputs, progress)

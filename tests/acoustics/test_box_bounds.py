@@ -8,9 +8,9 @@ from dataclasses import replace
 import pytest
 
 from fdcal.acoustics.measure import measure
-from fdcal.commands.sources import check_scene
 from fdcal.model.scene_file import load_scene, scene_folder
 from fdcal.model.validation import InputError
+from fdcal.session.sources import check_scene
 
 
 @pytest.fixture

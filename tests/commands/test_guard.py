@@ -108,7 +108,7 @@ def test_standard_output_that_nobody_reads_ends_the_command():
     assert run.stderr == ""
 
 
-@pytest.mark.parametrize("megabytes", [150, 690, 700])
+@pytest.mark.parametrize("megabytes", [150, 1490, 1500])
 def test_little_memory_is_one_line(megabytes):
     def limit():
         resource.setrlimit(resource.RLIMIT_AS, (megabytes * 2**20,) * 2)

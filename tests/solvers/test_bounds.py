@@ -126,7 +126,7 @@ def test_positions_that_are_no_numbers_end_the_run(monkeypatch):
 def test_a_time_limit_gives_the_best_so_far():
     result = solve(inputs_of(diffuse(), time_limit=1e-9))
     assert result.verdict == "not_converged" and not result.converged
-    assert "processor time" in result.verdict_text and "--time-limit" in result.verdict_text
+    assert "processor time" in result.verdict_text and "time_limit" in result.verdict_text
     assert np.isfinite(result.positions).all()
 
 
