@@ -131,7 +131,7 @@ def _classified(
         return recording, "stationary", None
     kind = recording.kind if options.kind == "auto" else options.kind
     kind = kind or ("impulse" if _decays(recording, band) else "stationary")
-    if kind == "impulse" and recording.samples <= MAX_SAMPLES and not (recording.modelled):
+    if kind == "impulse" and recording.samples <= MAX_SAMPLES and not recording.modelled:
         require_quiet_end(recording, band)
     return recording, kind, None
 
