@@ -19,7 +19,7 @@ from ...cost.eq7 import known_weights, leave_one_out_fits
 from ...cost.mode_limits import require_modes, search_lattice
 from ...model.gauge import fixes_gauge
 from ...model.problem import Problem
-from ...model.settings import SolverSettings
+from ...model.settings import Search, SolverSettings
 from ...model.validation import InputError, frozen_array
 from .. import initial_positions
 from ..interface import AssessmentMethod, Traits
@@ -160,12 +160,11 @@ def _require_solvable(problem: Problem, settings: SolverSettings) -> None:
             key="known",
             value=settings.known,
         )
-    search, count = problem.search, problem.pressures.shape[1]
     if problem.dimension != 2:
         raise InputError(
             "descent works on two-dimensional fields; this measurement has dimension = 3", "use <solver> joint"
         )
-    if search is None:
+    if problem.search is None:
         raise InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
     if not fixes_gauge(problem.known_positions):
         raise InputError(
@@ -174,6 +173,12 @@ def _require_solvable(problem: Problem, settings: SolverSettings) -> None:
             key="known",
             value=problem.known.tolist(),
         )
+    _require_lattice(problem, problem.search)
+
+
+def _require_lattice(problem: Problem, search: Search) -> None:
+    """Raise InputError for a search domain with too few points, or too far from a known microphone."""
+    count = problem.pressures.shape[1]
     if np.prod(search.shape) < count:
         raise InputError(
             f"search.step = {search.step:g} m leaves {np.prod(search.shape)} candidates for {count} microphones",

@@ -44,7 +44,7 @@ def _blind(problem: Problem) -> Problem:
 def _mapped(problem: Problem, modes: int, lowest: int) -> np.ndarray:
     """The affine image under the map of the given positions that most of them agree on (least median of squares)."""
     if not fixes_gauge(problem.known_positions):
-        raise InputError("the given positions do not fix the gauge; give more of them, or none")
+        raise InputError("the given positions do not fix the gauge", "give more of them, or none", key="known")
     shape, _, _ = initial_positions.singular_vectors(problem, modes, lowest)
     extended = np.column_stack([shape, np.ones(len(shape))])
     rows, places = extended[problem.known], problem.known_positions
