@@ -34,13 +34,13 @@ from ..model.room import Room, Source
 from ..model.settings import Sensing
 from ..model.validation import InputError
 from .modal import ModalPressures
-from .spectrum import DECAY, pick_peaks
+from .spectrum import SPECTRUM, pick_peaks
 from .wavenumbers import wavenumber_continuous
 
 EXACT = 36.0  # nepers by which the first omitted term has decayed: exp(-36) = 2e-16
 ROUGH = 10.0  # likewise, for finding the peaks alone
 MOST_TERMS = 40_000
-LINE_WIDTH = 2 * math.sqrt(3) / math.pi / 2 * DECAY  # width at -6 dB of a line that decays by DECAY, times duration
+LINE_WIDTH = math.sqrt(3) / math.pi * SPECTRUM.decay  # width at -6 dB of a line with this decay, times duration
 POINTS = 6  # points of the spectrum in the width of a line
 STEPS = 4.0  # continuation steps from a rigid to an absorbing wall, times |h| l; each takes a few Newton iterations
 MOST_STEPS = 100
@@ -73,7 +73,7 @@ def modal_pressures(room: Room, source: Source, positions, sensing: Sensing, pro
         If lines would overlap, if there is no peak, or for a microphone too close to the source.
     """
     require_resolved(source, sensing)
-    s, c = DECAY / source.duration, room.sound_speed
+    s, c = SPECTRUM.decay / source.duration, room.sound_speed
     step = LINE_WIDTH / source.duration / POINTS
     grid = sensing.lowest + step * np.arange(math.ceil((sensing.highest - sensing.lowest) / step) + 1)
     power = np.empty(len(grid))

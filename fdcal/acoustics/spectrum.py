@@ -13,16 +13,33 @@ then computed with the exponential window at exactly these frequencies.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..model.validation import InputError
 from .fft import fast_length, rfft
 
-DECAY = 12.0  # nepers from the start to the end of a recording: the remainder is exp(-12) = 6e-6
-LINE_WIDTH = 2.72  # width at -6 dB of a line under the Blackman-Harris window, times the duration
-RANGE_DB = 60.0  # dB: peaks further below the strongest may be side lobes (those of the window are at -92 dB)
-PADDING = 2  # points of the spectrum per 1 / duration
+
+@dataclass(frozen=True)
+class SpectrumRules:
+    """How spectra are computed and their peaks picked.
+
+    Attributes
+    ----------
+    decay : nepers from the start to the end of a recording; the remainder is exp(-12) = 6e-6
+    line_width : width at -6 dB of a line under the Blackman-Harris window, times the duration, dimensionless
+    range_db : dB; peaks further below the strongest may be side lobes (those of the window are at -92 dB)
+    padding : points of the spectrum per 1 / duration
+    """
+
+    decay: float = 12.0
+    line_width: float = 2.72
+    range_db: float = 60.0
+    padding: int = 2
+
+
+SPECTRUM = SpectrumRules()
 BLOCK = 4096  # samples transformed at a time
 
 
@@ -38,7 +55,7 @@ def window_rate(recordings: np.ndarray, fs: float) -> float:
     Returns
     -------
     float
-        s, 1/s, such that exp(-s t) times the recording has decayed by DECAY nepers at its end: 12 / duration for a
+        s, 1/s, such that exp(-s t) times the recording has decayed by 12 nepers at its end: 12 / duration for a
         room that does not decay, 0 for one that has decayed, or a value between.
 
     Raises
@@ -54,7 +71,7 @@ def window_rate(recordings: np.ndarray, fs: float) -> float:
         raise InputError("recordings are silent", "check source.position, source.low and source.high")
     end = np.sqrt(np.mean(recordings[:, -max(1, recordings.shape[1] // 20) :] ** 2))
     decayed = math.log(level / end) if end > 0 else math.inf
-    return float(np.clip(DECAY - decayed, 0.0, DECAY)) * fs / recordings.shape[1]
+    return float(np.clip(SPECTRUM.decay - decayed, 0.0, SPECTRUM.decay)) * fs / recordings.shape[1]
 
 
 def laplace_transform(recordings: np.ndarray, fs: float, s: float, frequencies: np.ndarray) -> np.ndarray:
@@ -152,13 +169,13 @@ def mean_power(
 
     samples = recordings.shape[1]
     check_band(samples / fs, fs, highest, resolution)
-    ringing = window_rate(recordings, fs) * samples / fs / DECAY
+    ringing = window_rate(recordings, fs) * samples / fs / SPECTRUM.decay
     window = get_window("blackmanharris", samples, fftbins=False) ** ringing
-    padded = fast_length(PADDING * samples)
+    padded = fast_length(SPECTRUM.padding * samples)
     step = fs / padded
     first, last = max(1, math.floor(lowest / step)), math.ceil(highest / step)
     power = np.zeros(last - first + 1)
-    for recording in recordings:  # one at a time: all of them, padded, would take PADDING times the memory
+    for recording in recordings:  # one at a time: all of them, padded, would take twice the memory
         power += np.abs(rfft(recording * window, padded)[first : last + 1]) ** 2
     return first * step, step, power / len(recordings)
 
@@ -190,7 +207,9 @@ def pick_peaks(power: np.ndarray, lowest: float, step: float, prominence_db: flo
     from scipy.signal import find_peaks  # takes a second to load, likewise
 
     decibels = 10 * np.log10(power / power.max() + 1e-30)
-    peaks = find_peaks(decibels, height=-RANGE_DB, prominence=prominence_db, distance=max(1.0, resolution / step))[0]
+    peaks = find_peaks(
+        decibels, height=-SPECTRUM.range_db, prominence=prominence_db, distance=max(1.0, resolution / step)
+    )[0]
     if len(peaks) == 0:
         raise InputError(
             f"no mode stands out by measurement.prominence_db = {prominence_db:g} dB between measurement.lowest ="
@@ -218,12 +237,12 @@ def check_band(duration: float, fs: float, highest: float, resolution: float) ->
     ------
     InputError
     """
-    least = LINE_WIDTH / resolution
+    least = SPECTRUM.line_width / resolution
     if duration < least * (1 - 1e-9):
         raise InputError(
             f"source.duration = {duration:g} s is too short for measurement.resolution = {resolution:g} Hz",
             f"use at least {math.ceil(least * 100) / 100:g} s, or a resolution of"
-            f" {math.ceil(LINE_WIDTH / duration * 100) / 100:g} Hz",
+            f" {math.ceil(SPECTRUM.line_width / duration * 100) / 100:g} Hz",
             key="source.duration",
             value=duration,
         )

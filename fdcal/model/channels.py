@@ -3,13 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from .validation import InputError
 
-DUPLICATE = 1e-9  # relative to a channel's norm: two that differ less, up to a factor, are one recording
-NEARLY_PARALLEL = 1e-6  # 1 - abs(correlation) of the pairs that are examined more closely
+
+@dataclass(frozen=True)
+class DuplicateLimits:
+    """When two channels count as one recording.
+
+    Attributes
+    ----------
+    duplicate : difference of the channels, up to a factor, over the norm of one : dimensionless
+    parallel : 1 - abs(correlation) of the pairs whose difference is computed : dimensionless
+    """
+
+    duplicate: float = 1e-9
+    parallel: float = 1e-6
+
+
+LIMITS = DuplicateLimits()
 
 
 def exclude_microphones(table: dict, chosen: Sequence[str]) -> dict:
@@ -87,9 +102,9 @@ def check_channels(pressures: np.ndarray, names: Sequence[str]) -> None:
     unit = pressures / scale
     unit = unit / np.linalg.norm(unit, axis=0)
     correlation = np.abs(unit.conj().T @ unit)
-    for a, b in np.argwhere(np.triu(correlation > 1 - NEARLY_PARALLEL, 1)):
+    for a, b in np.argwhere(np.triu(correlation > 1 - LIMITS.parallel, 1)):
         difference = unit[:, b] - unit[:, a] * (unit[:, a].conj() @ unit[:, b])
-        if np.linalg.norm(difference) < DUPLICATE:
+        if np.linalg.norm(difference) < LIMITS.duplicate:
             raise InputError(
                 f'microphones "{names[a]}" and "{names[b]}" recorded the same at every frequency: one recording, or one'
                 " place",

@@ -11,7 +11,20 @@ import numpy as np
 
 from .validation import InputError, frozen_array
 
-FLAT = 1e-3  # of the largest extent of an array: a smaller extent counts as none
+
+@dataclass(frozen=True)
+class GaugeLimits:
+    """When microphones count as lying on one line or in one plane.
+
+    Attributes
+    ----------
+    flat : smallest extent of an array over its largest one, dimensionless, that counts as an extent
+    """
+
+    flat: float = 1e-3
+
+
+LIMITS = GaugeLimits()
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +90,7 @@ def _axes(points: np.ndarray) -> np.ndarray:
 def _spans(points: np.ndarray) -> bool:
     """Return whether A points span A - 1 directions."""
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(spread[len(points) - 2] > FLAT * spread[0])
+    return bool(spread[len(points) - 2] > LIMITS.flat * spread[0])
 
 
 def rigid_motions(positions) -> np.ndarray:
@@ -136,10 +149,10 @@ def align(estimate, truth, by: slice | np.ndarray = slice(None)) -> np.ndarray:
 def fixes_gauge(positions) -> bool:
     """Return whether microphones at `positions` (A, D), metres, fix translation, rotation and mirror image.
 
-    They do if they span all D directions, each by more than FLAT times their largest extent.
+    They do if they span all D directions, each by more than a thousandth of their largest extent.
     """
     positions = np.asarray(positions, float)
     if len(positions) <= positions.shape[1]:
         return False
     spread = np.linalg.svd(positions - positions.mean(axis=0), compute_uv=False)
-    return bool(spread[-1] > FLAT * spread[0])
+    return bool(spread[-1] > LIMITS.flat * spread[0])

@@ -6,7 +6,7 @@ emitted, if the sound has decayed before the recording ends, or else has been we
 `fdcal.recordings.reverberation`).
 
     d    rate at which the sound decays, nepers per second
-    s    rate of the exponential window; (d + s) T = DECAY
+    s    rate of the exponential window; (d + s) T = 12 nepers
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..acoustics.fft import fast_length, rfft
-from ..acoustics.spectrum import DECAY, PADDING, laplace_transform
+from ..acoustics.spectrum import SPECTRUM, laplace_transform
 from ..acoustics.wavenumbers import wavenumber_continuous
 from ..model.validation import InputError
 from . import frequency_selection
@@ -90,12 +90,12 @@ def impulse_response_pressures(
     if recording.modelled:
         return _complete_pressures(recording, band, sound_speed, most)
     decay = extend_to_last_mode(recording, band, estimate_decay(recording, band), noise)
-    s = max(0.0, DECAY / recording.duration - decay.rate) if window is None else window
+    s = max(0.0, SPECTRUM.decay / recording.duration - decay.rate) if window is None else window
     noise = noise or noise_of_tail(recording, decay)
     used = recording
     if decay.tail is not None and decay.noisy:
         used = replace(recording, samples=min(recording.samples, int(decay.tail * recording.sample_rate) + 1))
-    resolution = max(1 / used.duration, min(decay.rate + s, DECAY / used.duration) / np.pi)
+    resolution = max(1 / used.duration, min(decay.rate + s, SPECTRUM.decay / used.duration) / np.pi)
     grid, power = mean_power(used, band, s)
     gain = used.sample_rate * -np.expm1(-2 * s * used.duration) / (2 * s) if s > 0 else used.samples
     density = np.zeros(len(grid)) if noise is None else noise(grid) * gain
@@ -149,7 +149,7 @@ def require_quiet_end(recording: Recording, band: tuple[float, float]) -> None:
 def mean_power(recording: Recording, band: tuple[float, float], s: float) -> tuple[np.ndarray, np.ndarray]:
     """Return frequencies (B,), Hz, and the power (B,) of the weighted recordings there, mean over the microphones."""
     samples, fs = recording.samples, recording.sample_rate
-    padded = fast_length(PADDING * samples)
+    padded = fast_length(SPECTRUM.padding * samples)
     first, last = int(np.ceil(band[0] * padded / fs)), int(np.floor(band[1] * padded / fs))
     if last - first < 2:
         raise InputError(

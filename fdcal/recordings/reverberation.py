@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import fdtri
 
 from ..acoustics.fft import fast_length, irfft, rfft
-from ..acoustics.spectrum import PADDING
+from ..acoustics.spectrum import SPECTRUM
 from ..model.validation import InputError
 from .recording import GROUP_SAMPLES, Recording, read_samples
 
@@ -149,7 +149,7 @@ def _rings_on(recording: Recording, band: tuple[float, float], start: int, noise
     fs = recording.sample_rate
     length = min(start, (recording.samples - start) // 2, int(SETTINGS.max_ringing * fs))
     channels = _measured_channels(recording)
-    padded = fast_length(PADDING * length)
+    padded = fast_length(SPECTRUM.padding * length)
     f = np.arange(padded // 2 + 1) * fs / padded
     inside = (f >= band[0]) & (f <= band[1])
     first, end = (
@@ -205,7 +205,7 @@ def segment_levels(recording: Recording, band: tuple[float, float]) -> np.ndarra
     """Return the power in the band in each segment, mean over a few channels : (segments,) float64."""
     reduced, fs = _reduced(recording, _measured_channels(recording), 16 * band[1])
     samples = reduced.shape[1]
-    padded = fast_length(PADDING * samples)  # so that nothing of the start wraps round to the end
+    padded = fast_length(SPECTRUM.padding * samples)  # so that nothing of the start wraps round to the end
     f = np.arange(padded // 2 + 1) * fs / padded
     smooth = np.sin(np.pi / 2 * np.clip(2 - f / band[1], 0, 1) * np.clip(f / band[0], 0, 1)) ** 2
     total = np.zeros(SETTINGS.segments)

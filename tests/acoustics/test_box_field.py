@@ -9,7 +9,7 @@ from fields import rigid_room
 
 from fdcal.acoustics import box_field
 from fdcal.acoustics.box_field import modal_pressures, point_source_pressures
-from fdcal.acoustics.spectrum import DECAY
+from fdcal.acoustics.spectrum import SPECTRUM
 from fdcal.model.room import Room, Source
 from fdcal.model.settings import Sensing
 from fdcal.model.validation import InputError
@@ -153,7 +153,7 @@ def test_peaks_are_the_eigenfrequencies_of_the_room():
     assert len(alone) > 8
     found = np.abs(alone[:, None] - frequencies).min(axis=1)
     assert found.max() < 0.05
-    np.testing.assert_allclose(wavenumbers, (2 * np.pi * frequencies - 1j * DECAY / 6.0) / c)
+    np.testing.assert_allclose(wavenumbers, (2 * np.pi * frequencies - 1j * SPECTRUM.decay / 6.0) / c)
     np.testing.assert_allclose(pressures, point_source_pressures(room, SOURCE, PLACES[:4], wavenumbers))
     peaks = np.array([spectrum[1][np.abs(spectrum[0] - f) < 1].max() for f in frequencies])
     assert np.all(peaks > np.median(spectrum[1])) and spectrum[0][0] == 50 and spectrum[0][-1] >= highest

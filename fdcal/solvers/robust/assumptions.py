@@ -12,7 +12,7 @@ from ...model.settings import SolverSettings
 from . import noise_model
 from .objective import Objective, Priors
 from .settings import RULES, SCHEDULE
-from .state import Model, State
+from .state import KernelName, Model, State
 
 NOISE_MODES = 24  # at most, evenly taken, to estimate the noise from
 LEAST_SHARE = {"diffuse": 1e-6, "series": 1e-8, "near": 1e-11}  # of noise in the power
@@ -180,7 +180,7 @@ def first_model(problem: Problem, settings: SolverSettings) -> Model:
     )
 
 
-def kernel_of(problem: Problem, state: State, final: bool) -> str:
+def kernel_of(problem: Problem, state: State, final: bool) -> KernelName:
     """The kernel that the noise left calls for."""
     k = problem.wavenumbers[state.modes]
     radius = float(np.sqrt(np.mean(np.sum((state.positions - state.positions.mean(axis=0)) ** 2, axis=1))))

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
 from ..interface import RunState
+
+KernelName = Literal["diffuse", "series", "near"]
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,7 @@ class Model:
     gain_sigma: float
     phase_sigma: float
     known_sigma: float
-    kernel: str
+    kernel: KernelName
 
 
 @dataclass(frozen=True)

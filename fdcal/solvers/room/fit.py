@@ -18,8 +18,22 @@ from ...acoustics.room_modes import DiffuseModel, point_source_model, room_press
 from ...model.power import mode_power
 from ..levenberg_marquardt import NewtonTerms, Step, damped_step
 
-PRIOR = 0.05  # one sigma of the admittance, dimensionless, of the real and of the imaginary part
-SMALL = 1e-6  # difference of admittance or of relative length for a derivative, dimensionless
+
+@dataclass(frozen=True)
+class FitRules:
+    """The prior of the walls, and the step of numerical derivatives.
+
+    Attributes
+    ----------
+    admittance_sigma : one standard deviation of the real and of the imaginary part of the admittance, dimensionless
+    difference : of the admittance or of a relative length, for a derivative, dimensionless
+    """
+
+    admittance_sigma: float = 0.05
+    difference: float = 1e-6
+
+
+RULES = FitRules()
 
 
 def field_power(pressures, noise) -> np.ndarray:
@@ -85,7 +99,7 @@ class Exact:
 def _walls(theta, count: int, D: int) -> np.ndarray:
     """One over the standard deviation of each unknown in the prior of the admittance; 0 for the others."""
     walls = np.zeros(len(theta))
-    walls[count * D + D : count * D + D + 2] = 1 / PRIOR
+    walls[count * D + D : count * D + D + 2] = 1 / RULES.admittance_sigma
     return walls
 
 
@@ -115,14 +129,15 @@ def exact(theta, pressures, noise, wavenumbers, size, slopes: bool = True) -> Ex
     for a in range(D):
         dg[:, np.arange(N), D * np.arange(N) + a] = room_pressures(excited, room.shapes(x, a))
         dg[:, :, N * D + a] = room_pressures(room.excitation(source, a), shapes)
-    changed = point_source_model(size, wavenumbers, beta + SMALL)
-    dg[:, :, N * D + D] = (room_pressures(changed.excitation(source), changed.shapes(x)) - g) / SMALL
+    changed = point_source_model(size, wavenumbers, beta + RULES.difference)
+    dg[:, :, N * D + D] = (room_pressures(changed.excitation(source), changed.shapes(x)) - g) / RULES.difference
     dg[:, :, N * D + D + 1] = 1j * dg[:, :, N * D + D]
     for a in range(D if len(theta) > N * D + D + 2 else 0):
-        grown = 1 + SMALL / (1 + theta[N * D + D + 2 + a])
+        grown = 1 + RULES.difference / (1 + theta[N * D + D + 2 + a])
         longer = tuple(length * (grown if a == b else 1) for b, length in enumerate(size))
         changed = point_source_model(longer, wavenumbers, beta)
-        dg[:, :, N * D + D + 2 + a] = (room_pressures(changed.excitation(source), changed.shapes(x)) - g) / SMALL
+        pressures_there = room_pressures(changed.excitation(source), changed.shapes(x))
+        dg[:, :, N * D + D + 2 + a] = (pressures_there - g) / RULES.difference
     along = np.sum(g.conj()[..., None] * dg, axis=1, keepdims=True) / square[..., None]
     jacobian = -(scale * A)[..., None] * (dg - g[..., None] * along)
     return Exact(scale * (pressures - A * g), A * g, jacobian.reshape(-1, len(theta)))
