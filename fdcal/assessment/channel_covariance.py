@@ -18,7 +18,7 @@ from ..cost.channel_likelihood import Terms, channel_terms
 from ..model.gauge import GaugeFrame, rigid_motions
 from ..model.problem import Problem
 from ..solvers.robust import assumptions
-from ..solvers.robust.newton import reduced
+from ..solvers.robust.channel_fit import reduced
 from ..solvers.robust.objective import add_priors
 from ..solvers.robust.settings import RULES, SCHEDULE
 from ..solvers.robust.state import State

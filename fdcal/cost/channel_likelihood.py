@@ -18,7 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotri, zpotrf, zpotri
+from scipy.linalg import get_lapack_funcs
 
 from .channel_kernels import diffuse_kernel, series_kernel
 
@@ -72,6 +72,12 @@ class Terms:
     corrected: np.ndarray
     slopes: np.ndarray | None = None
 
+    def newton(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return gradient and curvature. Raises ValueError where the cost alone was computed."""
+        if self.gradient is None or self.curvature is None:
+            raise ValueError("these terms were computed without derivatives")
+        return self.gradient, self.curvature
+
 
 def channel_terms(positions, gains, pressures, field: ChannelField, derivatives: int = 2) -> Terms:
     """Cost at `positions` (N, D), metres, and `gains` (N, 2), nepers and radians, of `pressures` (M, N).
@@ -88,7 +94,7 @@ def channel_terms(positions, gains, pressures, field: ChannelField, derivatives:
     K[:, diagonal, diagonal] += np.multiply.outer(field.noise, field.channel_noise)
     precision, log_det = _inverses(K)
     u = _apply(precision, q)
-    costs = log_det + np.sum((np.conj(q) * u).real, axis=1) + 2 * gains[:, 0].sum()
+    costs = log_det + np.sum(np.real(np.conj(q) * u), axis=1) + 2 * gains[:, 0].sum()
     d = np.ascontiguousarray(precision[:, diagonal, diagonal].real)
     if not derivatives:
         return Terms(float(costs.sum()), costs, None, None, u, d, q)
@@ -125,13 +131,13 @@ def _kernel(x, field: ChannelField, slope: bool):
 
 def _inverses(C):
     """C^-1 (M, N, N) and log det C (M,) of Hermitian matrices; C is overwritten."""
-    factor, invert = (zpotrf, zpotri) if np.iscomplexobj(C) else (dpotrf, dpotri)
+    factor, invert = get_lapack_funcs(("potrf", "potri"), (C,))
     log_det = np.empty(len(C))
     for m, A in enumerate(C):  # the transpose of a row-major matrix is column-major: no copies
         G, fault = factor(A.T, lower=0, overwrite_a=1, clean=1)
         if fault:
             raise np.linalg.LinAlgError(f"covariance of mode {m} is not positive definite")
-        log_det[m] = 2 * np.log(np.diagonal(G).real).sum()
+        log_det[m] = 2 * np.log(np.real(np.diagonal(G))).sum()
         A.T[:] = invert(G, lower=0, overwrite_c=1)[0]
     upper = np.conj(np.swapaxes(C, 1, 2))  # A.T holds the upper triangle, so A the lower
     N = C.shape[1]

@@ -187,4 +187,4 @@ def kernel_of(problem: Problem, state: State, final: bool) -> KernelName:
     share = state.model.share
     if final and share <= NEAR_SHARE[problem.dimension]:
         return "near"
-    return "series" if (np.abs(k.imag).max() * radius) ** 2 > DAMPED * share else "diffuse"
+    return "series" if (np.abs(np.imag(k)).max() * radius) ** 2 > DAMPED * share else "diffuse"

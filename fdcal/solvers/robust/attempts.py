@@ -11,7 +11,7 @@ from ...model.problem import Problem
 from ...model.validation import InputError, frozen_array
 from . import assumptions, outliers, starts
 from .settings import RULES, SCHEDULE
-from .state import End, Progress, State
+from .state import End, KernelName, Progress, State
 
 DEFORMATION_DAMPING, DAMPING = 1e-3, 1e-6  # of the first step of a row
 
@@ -90,7 +90,7 @@ def _refined(problem: Problem, state: State) -> State:
     return begin_row(problem, plain, len(SCHEDULE) - 1)
 
 
-def _with_kernel(problem: Problem, state: State, kernel: str, deflation: float) -> State:
+def _with_kernel(problem: Problem, state: State, kernel: KernelName, deflation: float) -> State:
     chosen = replace(state, model=replace(state.model, kernel=kernel), shape=state.positions)
     return assumptions.with_noise(problem, chosen, deflation, rough=False)
 

@@ -11,6 +11,8 @@ An inverse gamma prior adds so many observations of an expected value to the num
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
@@ -37,7 +39,7 @@ def updated_power(field: ChannelField, terms: Terms) -> np.ndarray:
     """Power of the field (M,), s."""
     v = field.noise[:, None] * field.channel_noise
     gamma = np.maximum(np.sum(1 - v * terms.precision, axis=1), 0.0)
-    energy = np.sum((np.conj(terms.weighted) * terms.corrected).real - v * np.abs(terms.weighted) ** 2, axis=1)
+    energy = np.sum(np.real(np.conj(terms.weighted) * terms.corrected) - v * np.abs(terms.weighted) ** 2, axis=1)
     expected = expected_power(field, terms.corrected)
     fresh = (field.power * np.maximum(energy, 0.0) + POWER_COUNT * expected) / (gamma + POWER_COUNT)
     return np.maximum(fresh, 1e-2 * expected)
@@ -98,6 +100,6 @@ def estimate_noise(positions, q, field: ChannelField, least: float) -> tuple[flo
     start = min(((a, b) for a in grid[0] for b in grid[1]), key=cost)
     options = {"xatol": 0.05, "fatol": 0.1}
     best = minimize(cost, start, method="Nelder-Mead", bounds=bounds, options=options)
-    alone = minimize_scalar(lambda log: cost((log, bounds[1][0])), bounds=bounds[0], method="bounded")
+    alone: Any = minimize_scalar(lambda log: cost((log, bounds[1][0])), bounds=bounds[0], method="bounded")
     noise, variance = np.exp(best.x)
     return float(noise), float(np.sqrt(variance)), float(np.exp(alone.x))

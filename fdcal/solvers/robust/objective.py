@@ -80,6 +80,6 @@ def spring(square, sigma: float, components: int):
 
 
 def _add(terms: Terms, rows, column: int, gradient, stiffness) -> None:
-    if terms.gradient is not None:
+    if terms.gradient is not None and terms.curvature is not None:
         terms.gradient[rows, column] += gradient
         terms.curvature[rows, column, rows, column] += stiffness

@@ -89,7 +89,7 @@ def _fitted(p, e, V):
     """Cost (C,) and log gain (C,) complex128 of a channel p (M,) of which e (M, C) is predicted with variance V."""
     gain = np.sum(np.conj(e) * p[:, None] / V, axis=0) / (np.sum(np.abs(e) ** 2 / V, axis=0) + 1e-6)
     value = np.log(np.where(np.abs(gain) < 1e-6, 1e-6, gain))
-    value = np.clip(value.real, -MOST_GAIN, MOST_GAIN) + 1j * value.imag
-    prior = sum((NU + 1) / 2 * np.log1p(part**2 / (NU * GAIN_SIGMA**2)) for part in (value.real, value.imag))
+    value = np.clip(np.real(value), -MOST_GAIN, MOST_GAIN) + 1j * np.imag(value)
+    prior = sum((NU + 1) / 2 * np.log1p(part**2 / (NU * GAIN_SIGMA**2)) for part in (np.real(value), np.imag(value)))
     misfit = np.sum(np.log(V) + np.abs(p[:, None] * np.exp(-value) - e) ** 2 / V, axis=0)
-    return misfit + 2 * len(p) * value.real + prior, value
+    return misfit + 2 * len(p) * np.real(value) + prior, value

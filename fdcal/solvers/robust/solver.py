@@ -24,7 +24,7 @@ from ..joint.requirements import require_modes
 from ..polynomial_deformation import polynomial_deformations
 from . import assumptions, starts
 from .attempts import begin_attempt
-from .newton import damped_step, free_basis
+from .channel_fit import channel_step, free_basis
 from .settings import RULES, SCHEDULE
 from .stages import begin_row, end_row
 from .state import Progress, State
@@ -100,7 +100,7 @@ def step(problem: Problem, state: State) -> State:
     shapes = polynomial_deformations(state.shape, np.zeros(0, int), row.degree) if row.degree else None
     free = free_basis(state.positions, shapes, gains)
     furthest = RULES.stride * 2 * np.pi / float(np.real(problem.wavenumbers[used]).max())
-    trial = damped_step(state.positions, state.gains, goal, free, progress.damping, furthest, not len(problem.known))
+    trial = channel_step(state.positions, state.gains, goal, free, progress.damping, furthest, not len(problem.known))
     moved = replace(
         state,
         positions=frozen_array(trial.positions, float),

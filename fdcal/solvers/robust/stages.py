@@ -11,14 +11,14 @@ from ...model.problem import Problem
 from ...model.validation import frozen_array
 from . import assumptions, outliers
 from .attempts import begin_row, end_attempt, end_final
-from .newton import Step
+from .channel_fit import ChannelStep
 from .settings import RULES, SCHEDULE
 from .state import State
 
 __all__ = ["begin_row", "end_row"]
 
 
-def end_row(problem: Problem, state: State, field: ChannelField, trial: Step, settled: bool) -> State:
+def end_row(problem: Problem, state: State, field: ChannelField, trial: ChannelStep, settled: bool) -> State:
     """Return the state that follows the last step `trial` of a row; `field` is what that step assumed."""
     row = SCHEDULE[state.progress.row]
     if trial.terms is None and row.name == "final":

@@ -64,7 +64,7 @@ def _mapped(problem: Problem, modes: int, lowest: int) -> np.ndarray:
 def _aligned(problem: Problem, x) -> np.ndarray:
     """A blind array onto the given positions; onto the subset of D + 1 that leaves the least median error."""
     known, places, D = problem.known, problem.known_positions, x.shape[1]
-    best, score = None, np.inf
+    best, score = x, np.inf
     for chosen in list(combinations(range(len(known)), min(D + 1, len(known))))[:MOST_SUBSETS]:
         moved = onto(x, known[list(chosen)], places[list(chosen)])
         error = np.median(np.linalg.norm(moved[known] - places, axis=1))

@@ -1,0 +1,78 @@
+"""The likelihood with channel gains: derivatives, invariances, the likelihood of positions alone."""
+
+import numpy as np
+import pytest
+
+from fdcal.cost.channel_likelihood import ChannelField, channel_terms
+from fdcal.cost.likelihood import diffuse_field, newton_terms
+
+K = np.array([1.5, 2.5, 4.0])  # rad/m
+SHARE = 1e-2  # of noise in the power
+
+
+def drawn(dimension, damped=False, count=9, seed=0):
+    """Positions (N, D), pressures of a diffuse field (M, N), and what is assumed of it."""
+    rng = np.random.default_rng(seed)
+    x = rng.uniform(-0.4, 0.4, (count, dimension))
+    directions = rng.normal(size=(60, dimension))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    amplitudes = rng.normal(size=(2, len(K), 60)) / np.sqrt(120)
+    waves = np.exp(1j * K[:, None, None] * (x @ directions.T))
+    noise = np.sqrt(SHARE / 2) * rng.normal(size=(2, len(K), count))
+    p = np.einsum("mnw,mw->mn", waves, amplitudes[0] + 1j * amplitudes[1]) + noise[0] + 1j * noise[1]
+    k = K - 0.02j if damped else K
+    ones = np.ones(len(K))
+    return x, p, ChannelField(k, ones, SHARE * ones, np.ones(count), dimension, about=x.copy() if damped else None)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("damped", [False, True])
+def test_gradient_is_that_of_finite_differences(dimension, damped):
+    x, p, field = drawn(dimension, damped)
+    rng = np.random.default_rng(1)
+    gains = 0.1 * rng.normal(size=(len(x), 2))
+    gradient, _ = channel_terms(x, gains, p, field).newton()
+    direction = rng.normal(size=gradient.shape)
+    h = 1e-5
+
+    def cost(step):
+        moved = step * h * direction
+        return channel_terms(x + moved[:, :dimension], gains + moved[:, dimension:], p, field, 0).cost
+
+    slope = (cost(1) - cost(-1)) / (2 * h)
+    assert slope == pytest.approx(np.sum(gradient * direction), rel=1e-5)
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_without_gains_it_is_the_likelihood_of_the_positions(dimension):
+    x, p, field = drawn(dimension)
+    plain = diffuse_field(p, K, SHARE * np.ones(len(K)), dimension)
+    same = ChannelField(K, plain.power, plain.noise, field.channel_noise, dimension)
+    cost, gradient, curvature = newton_terms(x, p, plain)
+    terms = channel_terms(x, np.zeros((len(x), 2)), p, same)
+    found, matrix = terms.newton()
+    np.testing.assert_allclose(found[:, :dimension], gradient, atol=1e-7 * np.abs(gradient).max())
+    np.testing.assert_allclose(matrix[:, :dimension, :, :dimension], curvature, atol=1e-7 * np.abs(curvature).max())
+    there = np.array(x) + 1e-3
+    moved = newton_terms(there, p, plain)[0] - cost
+    assert channel_terms(there, np.zeros((len(x), 2)), p, same, 0).cost - terms.cost == pytest.approx(moved, abs=1e-6)
+
+
+def test_gains_multiplied_into_the_pressures_cost_only_their_jacobian():
+    x, p, field = drawn(2)
+    gains = 0.3 * np.random.default_rng(2).normal(size=(len(x), 2))
+    plain = channel_terms(x, np.zeros_like(gains), p, field, 0).cost
+    turned = channel_terms(x, gains, p * np.exp(gains[:, 0] + 1j * gains[:, 1]), field, 0).cost
+    assert turned == pytest.approx(plain + 2 * len(K) * gains[:, 0].sum())
+
+
+def test_a_channel_of_pure_noise_pulls_on_no_other_microphone():
+    x, p, field = drawn(2)
+    others = np.arange(1, len(x))
+    loud = np.where(np.arange(len(x)) == 0, 1e9, 1.0)
+    noisy = ChannelField(field.wavenumbers, field.power, field.noise, loud, 2)
+    without = ChannelField(field.wavenumbers, field.power, field.noise, np.ones(len(others)), 2)
+    gains = np.zeros((len(x), 2))
+    whole, _ = channel_terms(x, gains, p, noisy).newton()
+    rest, _ = channel_terms(x[others], gains[others], p[:, others], without).newton()
+    np.testing.assert_allclose(whole[others], rest, atol=1e-5 * np.abs(rest).max())

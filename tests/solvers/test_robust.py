@@ -1,0 +1,124 @@
+"""The solver `robust`: gains come back, faults are found, and positions stay what they are."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fields import rigid_room, room_frequencies
+
+from fdcal.assessment.channel_verdict import judge
+from fdcal.model.gauge import align
+from fdcal.model.measurement import Measurement
+from fdcal.model.settings import SolverSettings
+from fdcal.model.validation import InputError
+from fdcal.solvers import load, run
+
+SIZE, SOURCE, SNR = (5.2, 4.1), (4.8, 3.7), 40.0  # metres, metres, dB
+MODES = 40
+COUNT = 24
+KNOWN = np.array([0, 5, 11, 17])
+
+
+def measured(change=lambda p, rng: p, given=None, known=KNOWN):
+    """A measurement in a rigid room whose pressures `change` spoils."""
+    rng = np.random.default_rng(4)
+    radius, angle = 0.5 * np.sqrt(rng.random(COUNT)), 2 * np.pi * rng.random(COUNT)
+    x = np.array([1.7, 1.5]) + np.c_[radius * np.cos(angle), radius * np.sin(angle)]
+    frequencies = np.array(room_frequencies(500.0, size=SIZE))[:MODES]
+    k = 2 * np.pi * frequencies / 343 - 0.02j
+    p = change(rigid_room(x, SOURCE, k, SIZE), rng)
+    p = p / np.sqrt(np.mean(np.abs(p) ** 2, axis=1))[:, None]
+    noise = rng.normal(size=(2, *p.shape)) * np.sqrt(10 ** (-SNR / 10) / 2)
+    places = x[known] if given is None else given(x[known])
+    return Measurement(
+        frequencies=frequencies,
+        pressures=p + noise[0] + 1j * noise[1],
+        sound_speed=343.0,
+        positions=x,
+        known=known,
+        known_positions=places,
+        wavenumbers=k,
+    )
+
+
+def solved(measurement, **settings):
+    """The last state, and its verdict."""
+    chosen = SolverSettings(name="robust", modes=MODES, **settings)
+    problem = measurement.problem("unit", chosen.known)
+    *_, state = run(problem, chosen, 0)
+    return problem, state, judge(problem, state)
+
+
+def rms(found, truth, chosen):
+    return float(np.sqrt(np.mean(np.sum((found - truth)[chosen] ** 2, axis=1))))
+
+
+@pytest.fixture(scope="module")
+def spoiled():
+    """Gains of 1 dB and phases of 5 degrees, channel 3 inverted, channel 8 dead; and the gains."""
+    gains = np.random.default_rng(7).normal(size=(COUNT, 2)) * [np.log(10) / 20, np.radians(5)]
+
+    def change(p, rng):
+        p = p * np.exp(gains[:, 0] + 1j * gains[:, 1])
+        p[:, 3] *= -1
+        p[:, 8] = np.sqrt(np.mean(np.abs(p) ** 2)) * (rng.normal(size=len(p)) + 1j * rng.normal(size=len(p)))
+        return p
+
+    measurement = measured(change)
+    return measurement, gains, solved(measurement)
+
+
+def test_faulty_channels_are_named_and_the_others_are_right(spoiled):
+    measurement, _, (_, _, verdict) = spoiled
+    assert {one.number: one.kind for one in verdict.odd} == {3: "inverted", 8: "dead"}
+    assert verdict.code == "good"
+    healthy = np.setdiff1d(np.arange(COUNT), [3, 8])
+    assert rms(verdict.positions, measurement.positions, healthy) < 0.006
+
+
+def test_gains_come_back(spoiled):
+    _, gains, (_, state, verdict) = spoiled
+    healthy = np.setdiff1d(np.arange(COUNT), [3, 8])
+    error = (state.gains - gains)[healthy]
+    error = error - np.median(error, axis=0)  # a gain that all share belongs to the source
+    assert np.sqrt(np.mean((20 / np.log(10) * error[:, 0]) ** 2)) < 0.25  # dB
+    assert np.sqrt(np.mean(np.degrees(error[:, 1]) ** 2)) < 1.5  # degrees
+    assert np.mean(np.abs(error) < 2.5 * verdict.gain_sigma[healthy]) > 0.85
+
+
+def test_matched_channels_cost_little():
+    measurement = measured()
+    truth, free = measurement.positions, np.setdiff1d(np.arange(COUNT), KNOWN)
+    errors = [rms(solved(measurement, gains=gains)[2].positions, truth, free) for gains in ("auto", "fixed")]
+    assert errors[0] < 1.3 * errors[1] + 5e-4 and errors[1] < 0.004
+
+
+def test_a_wrong_given_position_is_found_and_named():
+    measurement = measured(given=lambda places: places + np.array([[0, 0], [0.08, -0.05], [0, 0], [0, 0]]))
+    _, _, verdict = solved(measurement)
+    assert [(one.number, one.kind) for one in verdict.odd] == [(5, "misplaced")]
+    assert rms(verdict.positions, measurement.positions, np.arange(COUNT)) < 0.008
+
+
+def test_blind_it_finds_the_array_up_to_a_motion():
+    measurement = measured(known=np.zeros(0, int))
+    _, _, verdict = solved(measurement, known="none")
+    found = align(verdict.positions, measurement.positions)
+    assert rms(found, measurement.positions, np.arange(COUNT)) < 0.01
+
+
+def test_scaling_the_pressures_changes_nothing():
+    measurement = measured()
+    louder = replace(measurement, pressures=measurement.pressures * np.linspace(1, 50, MODES)[:, None])
+    first, second = solved(measurement)[1], solved(louder)[1]
+    np.testing.assert_allclose(first.positions, second.positions, atol=1e-6)
+
+
+def test_modes_chosen_by_hand_are_checked():
+    measurement = measured()
+    solver, settings = load("robust"), SolverSettings(name="robust", modes=MODES)
+    problem = measurement.problem()
+    state = solver.init(problem, settings, 0)
+    with pytest.raises(InputError, match="range"):
+        solver.use_modes(problem, state, 9, 3, True)
+    assert solver.use_modes(problem, state, 1, 20, True).last == 20
