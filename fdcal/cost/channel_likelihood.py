@@ -95,7 +95,7 @@ def channel_terms(positions, gains, pressures, field: ChannelField, derivatives:
     precision, log_det = _inverses(K)
     u = _apply(precision, q)
     costs = log_det + np.sum(np.real(np.conj(q) * u), axis=1) + 2 * gains[:, 0].sum()
-    d = np.ascontiguousarray(precision[:, diagonal, diagonal].real)
+    d = np.ascontiguousarray(np.real(precision[:, diagonal, diagonal]))
     if not derivatives:
         return Terms(float(costs.sum()), costs, None, None, u, d, q)
     slopes, J = _gradients(x, q, u, precision, D, field)
