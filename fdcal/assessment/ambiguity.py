@@ -16,7 +16,7 @@ from ..solvers.levenberg_marquardt import DAMPING
 from ..solvers.position_fit import position_step
 from .diagnostics import Diagnostics
 from .error_ellipses import one_sigma
-from .findings import only_wavenumber_scales, root_mean_square
+from .findings import equally_likely, hardly_determined, only_wavenumber_scales, root_mean_square
 from .thresholds import LIMITS
 from .uncertainty import pressures_and_field
 
@@ -36,18 +36,12 @@ def ambiguous(problem: Problem, positions: np.ndarray, figures: Diagnostics, riv
     size = rms_radius(positions)
     sigma = root_mean_square(one_sigma(figures.covariance))
     if sigma > LIMITS.relative_sigma * size and not only_wavenumber_scales(problem, figures):
-        return (
-            f"the positions are uncertain by {100 * sigma:.2g} cm; use more <modes>, more known microphones, or less"
-            " noise"
-        )
+        return hardly_determined(sigma)
     for rival, excess in rivals:
         placed = rival if len(problem.known) else align(rival, positions)
         away = root_mean_square(position_errors(placed, positions))
         if excess < LIMITS.rival_cost and away > max(LIMITS.rival_sigmas * sigma, LIMITS.rival_distance * size):
-            return (
-                f"another array, {100 * away:.2g} cm away, explains the pressures as well; use more <modes>, or known"
-                " microphones that lie less on one line"
-            )
+            return equally_likely(away)
     return ""
 
 

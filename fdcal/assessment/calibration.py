@@ -12,8 +12,21 @@ from ..model.measurement import Measurement
 from ..model.reading import parse_json
 from ..model.validation import InputError, frozen_array
 from .calibration_views import CalibrationViews
-from .result_parts import Evidence, KnownRoom, evidence_of, evidence_table, plain, room_of, room_table
+from .result_parts import (
+    Channels,
+    Evidence,
+    KnownRoom,
+    channels_of,
+    channels_table,
+    evidence_of,
+    evidence_table,
+    plain,
+    room_of,
+    room_table,
+)
 from .result_schema import REQUIRED, require_result
+
+PARTS = ("evidence", "room", "channels")  # attributes that have several keys in the file
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,12 +68,14 @@ class Calibration(CalibrationViews):
     verdict_text : str
         The verdict in words.
     uncertainty : (N,) float64 or None
-        One sigma of each position, metres; 0 for a known microphone.
+        One sigma of each position, metres; 0 for a known microphone whose position the solver held.
     covariance : (N, D, D) float64 or None
         Of each position, metres^2.
     evidence : Evidence or None
     room : KnownRoom or None
         Of solver "room" only.
+    channels : Channels or None
+        Gain and noise of every channel, and what is wrong with it; of solver "robust" only.
 
     Examples
     --------
@@ -91,6 +106,7 @@ class Calibration(CalibrationViews):
     covariance: np.ndarray | None = field(default=None, metadata={"key": "covariance_m2"})
     evidence: Evidence | None = None
     room: KnownRoom | None = None
+    channels: Channels | None = None
 
     def __post_init__(self):
         for name in ("positions", "frequencies", "errors", "uncertainty", "covariance"):
@@ -105,8 +121,8 @@ class Calibration(CalibrationViews):
         InputError
             A value is not finite, or an array has the wrong shape.
         """
-        table = {_key(f): plain(getattr(self, f.name)) for f in fields(self) if f.name not in ("evidence", "room")}
-        table |= evidence_table(self.evidence) | room_table(self.room)
+        table = {_key(f): plain(getattr(self, f.name)) for f in fields(self) if f.name not in PARTS}
+        table |= evidence_table(self.evidence) | room_table(self.room) | channels_table(self.channels)
         kept = {key: value for key, value in table.items() if key in REQUIRED or value is not None}
         require_result(kept, "the result")
         return json.dumps(kept, indent=1, allow_nan=False) + "\n"
@@ -131,7 +147,7 @@ class Calibration(CalibrationViews):
             raise InputError(f"{where} must hold one JSON object with the keys {', '.join(REQUIRED)}")
         table = require_result(table, where)
         known, count = table.get("known"), len(table["positions"])
-        plain = {f.name: table[_key(f)] for f in fields(cls) if _key(f) in table and f.name not in ("evidence", "room")}
+        plain = {f.name: table[_key(f)] for f in fields(cls) if _key(f) in table and f.name not in PARTS}
         return cls(
             **plain
             | {
@@ -140,6 +156,7 @@ class Calibration(CalibrationViews):
                 "excluded": tuple(table.get("excluded", ())),
                 "evidence": evidence_of(table),
                 "room": room_of(table),
+                "channels": channels_of(table),
             }
         )
 

@@ -23,19 +23,35 @@ from ..solvers.robust.objective import add_priors
 from ..solvers.robust.settings import RULES, SCHEDULE
 from ..solvers.robust.state import State
 
-NEIGHBOURS, GROUPS = 8, 6  # modes in a group, and how many groups there must be for that
+
+@dataclass(frozen=True)
+class Grouping:
+    """How neighbouring modes are grouped, whose gradients are not independent.
+
+    Attributes
+    ----------
+    neighbours : modes in a group
+    groups : fewest groups there must be; the groups are smaller where there are fewer modes
+    """
+
+    neighbours: int = 8
+    groups: int = 6
+
+
+GROUPING = Grouping()
+LEAST_EIGENVALUE = 1e-13  # of the scaled Gauss-Newton matrix, dimensionless
 
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """What is left uncertain.
+    """The uncertainty of positions and gains.
 
     Attributes
     ----------
     covariance : (N, D, D) float64, metres^2
     gains : (N, 2) float64, one sigma of log gain, nepers, and phase, radians
     stretch_sigma : float, one sigma of the least certain stretching or shearing of the array as a whole, relative
-    terms : the cost where the solver ended
+    terms : Terms, the cost where the solver ended
     """
 
     covariance: np.ndarray
@@ -45,10 +61,16 @@ class Uncertainty:
 
 
 def uncertainty(problem: Problem, state: State, weaker: float = 1.0) -> Uncertainty:
-    """Covariance of positions and gains where the solver ended.
+    """Return the covariance of positions and gains where the solver ended.
 
-    weaker : factor on the power of the field in H alone, which weakens the prior of an isotropic field: what then
-        becomes uncertain rests on that prior and not on the wave equation
+    Parameters
+    ----------
+    problem : Problem
+        With modes of unit power (`fdcal.solvers.robust.unit_power`).
+    state : State
+    weaker : float
+        Factor on the power of the field in H alone, which weakens the prior of an isotropic field: what then becomes
+        uncertain rests on that prior and not on the wave equation.
     """
     progress = replace(state.progress, row=len(SCHEDULE) - 1)
     state = replace(state, progress=progress, shape=state.positions)
@@ -56,7 +78,7 @@ def uncertainty(problem: Problem, state: State, weaker: float = 1.0) -> Uncertai
     goal = assumptions.objective(problem, state, used)
     goal = replace(goal, field=replace(goal.field, noise=_undeflated(problem, state, goal.field)))
     terms = channel_terms(state.positions, state.gains, goal.pressures, goal.field, 3)
-    slopes = terms.slopes
+    slopes = np.asarray(terms.slopes)  # derivatives = 3 computes them
     if weaker != 1.0:
         loose = replace(goal.field, power=weaker * goal.field.power)
         terms = channel_terms(state.positions, state.gains, goal.pressures, loose)
@@ -68,7 +90,7 @@ def uncertainty(problem: Problem, state: State, weaker: float = 1.0) -> Uncertai
     H = reduced(state.positions, terms, free, not len(problem.known))[1]
     values, vectors = np.linalg.eigh(H / np.sqrt(np.outer(np.diag(H), np.diag(H))))
     scale = 1 / np.sqrt(np.diag(H))
-    inverse = scale[:, None] * ((vectors / np.maximum(values, 1e-13)) @ vectors.T) * scale
+    inverse = scale[:, None] * ((vectors / np.maximum(values, LEAST_EIGENVALUE)) @ vectors.T) * scale
     flat = slopes.reshape(len(slopes), -1)[:, free]
     influences = [-(part @ inverse) for part in (_about_zero(flat), _about_zero(_grouped(flat)))]
     where = np.searchsorted(free, index[:, :D].ravel())
@@ -89,7 +111,7 @@ def _undeflated(problem: Problem, state: State, field) -> np.ndarray:
 
 
 def _grouped(slopes) -> np.ndarray:
-    count = max(1, len(slopes) // max(1, min(NEIGHBOURS, len(slopes) // GROUPS)))
+    count = max(1, len(slopes) // max(1, min(GROUPING.neighbours, len(slopes) // GROUPING.groups)))
     return np.array([part.sum(axis=0) for part in np.array_split(slopes, count)])
 
 

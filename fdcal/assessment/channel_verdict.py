@@ -1,7 +1,12 @@
-"""Whether the array found can be trusted. A faulty channel is named and does not spoil the verdict of the others."""
+"""Whether the array that solver "robust" found can be trusted.
+
+The codes and their order are those of `fdcal.assessment.verdict`. A faulty channel does not spoil the verdict of the
+others: it is named, and the verdict is that of the rest.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,39 +14,83 @@ import numpy as np
 from ..acoustics.fourier_bessel import array_f_max
 from ..model.gauge import align
 from ..model.problem import Problem
+from ..model.validation import frozen_array, word_arguments
 from ..solvers.robust.state import State
 from ..solvers.robust.unit_power import in_unit_power
-from .channel_covariance import uncertainty
+from . import findings
+from .ambiguity import rms_radius
+from .channel_covariance import Uncertainty, uncertainty
+from .error_ellipses import one_sigma
 from .odd_channels import OddChannel, exchange_back, odd_channels
+from .result_parts import ChannelFault
 
-WEAKER = 4.0  # factor on the power of the field in the covariance: rooms are less isotropic than their model
-TOO_NOISY = 0.3  # share of the power
-LOOSE = 0.1  # one sigma over the array's root mean square radius
-LOOSE_STRETCH = 0.06  # one sigma of the least certain stretching of a blind array
-MISFIT = 2.0  # noise found over the noise given
-CROWD = 2, 0.12  # channels that may be odd, and part of them
-MANY = 0.2  # part of the given positions that may be misplaced
-RIVAL = 8.0  # nats within which another end counts
-AGREED = 3.0  # sigmas within which two ends are one
+
+@dataclass(frozen=True)
+class ChannelThresholds:
+    """Limits beyond which a figure becomes a finding.
+
+    Attributes
+    ----------
+    weaker_field : factor on the power of the field in the covariance: rooms are less isotropic than their model
+    noise_share : noise over the power of the pressures
+    relative_sigma : one sigma of the positions over the root mean square radius of the array
+    stretch_sigma : one sigma of the least certain stretching of a blind array, relative
+    noise_to_given : noise found over the noise given
+    unexplained_share : share of the power left unexplained where the measurement is said to be free of noise
+    odd_channels, odd_share : odd channels, and their part of all; more than the larger one are no single faults
+    misplaced_share : part of the given positions that may be misplaced; one may always be
+    rival_cost : nats within which another end of the solver counts
+    rival_sigmas, rival_distance : sigmas and metres within which two ends are one; the larger one counts
+    """
+
+    weaker_field: float = 4.0
+    noise_share: float = 0.3
+    relative_sigma: float = 0.1
+    stretch_sigma: float = 0.06
+    noise_to_given: float = 2.0
+    unexplained_share: float = 1e-4
+    odd_channels: int = 2
+    odd_share: float = 0.12
+    misplaced_share: float = 0.2
+    rival_cost: float = 8.0
+    rival_sigmas: float = 3.0
+    rival_distance: float = 1e-3
+
+
+LIMITS = ChannelThresholds()
 
 
 @dataclass(frozen=True)
 class RobustVerdict:
-    """What to think of an array found.
+    """The judgement on an array with the gains of its channels.
 
     Attributes
     ----------
-    code : good, too_noisy, undersampled, known_position, model_mismatch, ambiguous or scale_undetermined
-    positions : (N, D) float64, metres, exchanges undone
-    covariance : (N, D, D) float64, metres^2
-    sigma : (N,) float64, metres, root of its trace
-    gains, gain_sigma : (N, 2) float64, nepers and radians
-    channel_noise : (N,) float64, over that of a sound channel
+    code : str
+        good, too_noisy, undersampled, not_converged, known_position, model_mismatch, ambiguous or scale_undetermined.
+    message : str
+        What it means and what to do, one line; arguments stand in angle brackets.
+    positions : (N, D) float64
+        Metres, exchanges undone.
+    covariance : (N, D, D) float64
+        Metres^2.
+    sigma : (N,) float64
+        Metres, square root of the trace of the covariance.
+    gains, gain_sigma : (N, 2) float64
+        Log gain, nepers, and phase, radians.
+    channel_noise : (N,) float64
+        Over that of a healthy channel.
     odd : tuple of OddChannel
-    stretch_sigma, noise_share : float
+    stretch_sigma : float
+        One sigma of the least certain stretching of the array, relative.
+    noise_share : float
+        Of the power.
+    residual_to_noise : float
+        Reduced chi-square of the pressures of the healthy channels.
     """
 
     code: str
+    message: str
     positions: np.ndarray
     covariance: np.ndarray
     sigma: np.ndarray
@@ -51,60 +100,158 @@ class RobustVerdict:
     odd: tuple[OddChannel, ...]
     stretch_sigma: float
     noise_share: float
+    residual_to_noise: float
+
+    def worded(self, names: Mapping[str, str]) -> str:
+        """Return the message with its arguments called as in `names`."""
+        return word_arguments(self.message, names)
 
 
-def judge(problem: Problem, state: State) -> RobustVerdict:
-    """Verdict on where the solver ended."""
+def judge(problem: Problem, state: State, names: Sequence[str] | None = None) -> RobustVerdict:
+    """Return the verdict on where the solver ended.
+
+    Parameters
+    ----------
+    problem : Problem
+    state : State
+    names : sequence of N str, optional
+        Of the microphones; their numbers unless given.
+    """
     problem = in_unit_power(problem)
-    found = uncertainty(problem, state, WEAKER)
-    sigma = np.sqrt(np.maximum(np.trace(found.covariance, axis1=1, axis2=2), 0.0))
+    names = [str(n) for n in range(len(state.positions))] if names is None else list(names)
+    found = uncertainty(problem, state, LIMITS.weaker_field)
+    sigma = np.asarray(one_sigma(found.covariance))
     odd = odd_channels(problem, state, found)
-    sound = np.ones(len(sigma), bool)
-    sound[[one.number for one in odd]] = False
-    code = _code(problem, state, found, sigma, odd, sound)
-    x = exchange_back(problem, state, odd)
+    healthy = healthy_channels(len(sigma), odd)
+    residual = _residual_to_noise(problem, state, found, healthy)
+    code, message = _finding(problem, state, found, sigma, odd, names, residual)
     m = state.model
     return RobustVerdict(
-        code, x, found.covariance, sigma, state.gains, found.gains, m.channel_noise, odd, found.stretch_sigma, m.share
+        code, message, frozen_array(exchange_back(problem, state, odd), float), frozen_array(found.covariance, float),
+        frozen_array(sigma, float), state.gains, found.gains, m.channel_noise, odd, found.stretch_sigma, m.share,
+        residual,
+    )  # fmt: skip
+
+
+def healthy_channels(count: int, odd: Sequence[OddChannel]) -> np.ndarray:
+    """Return which of `count` channels are not odd : (N,) bool."""
+    healthy = np.ones(count, bool)
+    healthy[[one.number for one in odd]] = False
+    return healthy
+
+
+def channel_faults(odd: Sequence[OddChannel], names: Sequence[str]) -> tuple[ChannelFault, ...]:
+    """Return odd channels as a result holds them, with the names of the microphones."""
+    return tuple(
+        ChannelFault(
+            names[one.number],
+            one.kind,
+            one.value if np.isfinite(one.value) else None,
+            one.unit if np.isfinite(one.value) else "",
+            names[one.partner] if one.partner >= 0 else None,
+        )
+        for one in odd
     )
 
 
-def _code(problem: Problem, state: State, found, sigma, odd, sound) -> str:
-    share = state.model.share
-    if share > TOO_NOISY:
-        return "too_noisy"
-    x = state.positions[sound]
-    if np.sum(~sound) > max(CROWD[0], CROWD[1] * len(sigma)):
-        return "model_mismatch"
+def _finding(
+    problem: Problem, state: State, found: Uncertainty, sigma, odd, names: Sequence[str], residual: float
+) -> tuple[str, str]:
+    """Return code and message of the first finding in this order."""
+    healthy = healthy_channels(len(sigma), odd)
+    x, share = state.positions[healthy], state.model.share
+    checks = (
+        ("too_noisy", lambda: findings.mostly_noise(share) if share > LIMITS.noise_share else ""),
+        ("model_mismatch", lambda: _many_odd(odd, names)),
+        ("known_position", lambda: _known_position(problem, odd, names)),
+        ("undersampled", lambda: _undersampled(problem, x, state.modes)),
+        ("not_converged", lambda: "" if state.converged else findings.NOT_CONVERGED),
+        ("model_mismatch", lambda: _excess_noise(problem, share)),
+        ("scale_undetermined", lambda: _loose_scale(problem, found)),
+        ("ambiguous", lambda: _ambiguous(state, sigma, healthy)),
+        ("good", lambda: _good(problem, sigma, odd, names, residual)),
+    )
+    return next((code, message) for code, check in checks if (message := check()))
+
+
+def _residual_to_noise(problem: Problem, state: State, found: Uncertainty, healthy) -> float:
+    """Return `RobustVerdict.residual_to_noise`."""
+    terms, v = found.terms, state.model.noise[state.modes, None] * state.model.channel_noise
+    free = problem.array_dimension + 2  # parameters of a channel, real ones
+    freedom = np.sum((v * terms.precision)[:, healthy]) - free * np.sum(healthy) / 2  # in complex numbers
+    return float(np.sum((v * np.abs(terms.weighted) ** 2)[:, healthy]) / max(freedom, 1.0))
+
+
+def _many_odd(odd: Sequence[OddChannel], names: Sequence[str]) -> str:
+    """Report that the odd channels are too many for single faults."""
+    if len(odd) <= max(LIMITS.odd_channels, LIMITS.odd_share * len(names)):
+        return ""
+    return findings.unfitted([names[one.number] for one in odd])
+
+
+def _known_position(problem: Problem, odd: Sequence[OddChannel], names: Sequence[str]) -> str:
+    """Report wrong given positions that are too many, or leave too few, to hold the array."""
     wrong = [one for one in odd if one.number in problem.known and one.kind in ("misplaced", "exchanged")]
-    displaced = [one for one in wrong if one.kind == "misplaced"]
+    misplaced = [one for one in wrong if one.kind == "misplaced"]
     few = len(wrong) > 0 and len(problem.known) - len(wrong) < problem.array_dimension + 1
-    if few or len(displaced) > max(1, MANY * len(problem.known)):
-        return "known_position"
-    if array_f_max(x, problem.sound_speed, problem.dimension) < problem.frequencies[state.modes][-1]:
-        return "undersampled"
-    given = problem.noise_power
-    if given is not None and share > max(MISFIT * float(np.median(given)), 1e-4 if np.median(given) == 0 else 0.0):
-        return "model_mismatch"
-    size = float(np.sqrt(np.mean(np.sum((x - x.mean(axis=0)) ** 2, axis=1))))
-    if not len(problem.known) and found.stretch_sigma > LOOSE_STRETCH:
-        return "scale_undetermined"
-    if np.sqrt(np.mean(sigma[sound] ** 2)) > LOOSE * size or _rival(problem, state, sigma, sound):
-        return "ambiguous"
-    return "good"
+    if few or len(misplaced) > max(1, LIMITS.misplaced_share * len(problem.known)):
+        return findings.contradicted([names[one.number] for one in wrong])
+    return ""
 
 
-def _rival(problem: Problem, state: State, sigma, sound) -> bool:
-    """Whether another attempt ended elsewhere, as likely; or no two ends agree although several were tried."""
-    ends = sorted(state.ends, key=lambda end: end.score)
-    best, allowed = ends[0], max(AGREED * float(np.sqrt(np.mean(sigma[sound] ** 2))), 1e-3)
-    agree = 1
-    for end in ends[1:]:
-        if not np.isfinite(end.score):
-            continue
-        apart = (align(end.positions, best.positions, sound) - best.positions)[sound]
-        away = float(np.sqrt(np.mean(np.sum(apart**2, axis=1)))) > allowed
-        if away and end.score - best.score < RIVAL:
-            return True
-        agree += not away
-    return agree < 2 and len(ends) > 2
+def _undersampled(problem: Problem, healthy: np.ndarray, modes: slice) -> str:
+    if array_f_max(healthy, problem.sound_speed, problem.dimension) >= problem.frequencies[modes][-1]:
+        return ""
+    return findings.undersampled(problem, healthy, modes)
+
+
+def _excess_noise(problem: Problem, share: float) -> str:
+    """Report that more is left unexplained than the noise given."""
+    if problem.noise_power is None:
+        return ""
+    given = float(np.median(problem.noise_power))
+    if given > 0 and share > LIMITS.noise_to_given * given:
+        return f"the residual is {share / given:.2g} times what the noise explains: {findings.CAUSES}"
+    if given == 0 and share > LIMITS.unexplained_share:
+        return findings.unexplained(share)
+    return ""
+
+
+def _loose_scale(problem: Problem, found: Uncertainty) -> str:
+    loose = not len(problem.known) and found.stretch_sigma > LIMITS.stretch_sigma
+    return findings.SCALE_UNDETERMINED if loose else ""
+
+
+def _ambiguous(state: State, sigma, healthy) -> str:
+    """Report positions that are hardly determined, or another end of the solver that is as likely."""
+    size = rms_radius(state.positions[healthy])
+    spread = findings.root_mean_square(sigma[healthy])
+    if spread > LIMITS.relative_sigma * size:
+        return findings.hardly_determined(spread)
+    return _rival(state, max(LIMITS.rival_sigmas * spread, LIMITS.rival_distance), healthy)
+
+
+def _rival(state: State, same: float, healthy) -> str:
+    """Report another end that is as likely, or several ends of which no two agree; `same` is in metres."""
+    ends = sorted((end for end in state.ends if np.isfinite(end.score)), key=lambda end: end.score)
+    others = [align(end.positions, ends[0].positions, healthy) - ends[0].positions for end in ends[1:]]
+    away = [float(np.sqrt(np.mean(np.sum(apart[healthy] ** 2, axis=1)))) for apart in others]
+    for end, distance in zip(ends[1:], away, strict=True):
+        if distance > same and end.score - ends[0].score < LIMITS.rival_cost:
+            return findings.equally_likely(distance)
+    if len(state.ends) > 2 and min(away, default=np.inf) > same:
+        return (
+            f"each of {len(state.ends)} starts of the search ended at another array; use more <modes>, or more known"
+            " microphones"
+        )
+    return ""
+
+
+def _good(problem: Problem, sigma, odd, names: Sequence[str], residual: float) -> str:
+    """Return the message of an array that no check contradicts, and what is wrong with its odd channels."""
+    given = problem.noise_power is not None and bool(np.any(problem.noise_power > 0))
+    precision = findings.precision(sigma[healthy_channels(len(sigma), odd)], residual, given)
+    if not odd:
+        return f"nothing speaks against these positions; {precision}"
+    faults = "; ".join(fault.text for fault in channel_faults(odd, names))
+    return f"nothing speaks against the positions of the other microphones; {precision}; odd: {faults}"

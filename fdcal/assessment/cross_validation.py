@@ -16,7 +16,7 @@ the pressures of a microphone also helped to estimate its own position.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
@@ -33,6 +33,7 @@ from .uncertainty import pressures_and_field
 
 NOISE_DEFLATION = 3.0  # times less noise is assumed: a room's field is less isotropic than this prior
 BLOCK = 4096  # points evaluated at a time
+TINY = np.finfo(float).tiny
 
 
 @dataclass(frozen=True)
@@ -156,6 +157,34 @@ class CrossValidation:
 def cross_validate(problem: Problem, positions, modes: slice, noise: np.ndarray | None = None) -> CrossValidation:
     """Return the normalised leave-one-out errors; parameters as of `expansions`."""
     return summarise(problem.pressures[modes], leave_one_out_errors(problem, positions, modes, noise))
+
+
+def cross_validate_healthy(problem: Problem, positions, modes: slice, healthy: np.ndarray) -> CrossValidation:
+    """Return the normalised leave-one-out errors where some channels are faulty.
+
+    The healthy microphones predict each other and the faulty ones; the figures of the array and of each frequency are
+    those of the healthy microphones alone.
+
+    Parameters
+    ----------
+    problem : Problem, with pressures divided by the gains of the channels
+    positions : (N, D) float64, metres
+    modes : slice, the modes in use
+    healthy : (N,) bool
+    """
+    positions = np.asarray(positions, float)
+    if np.all(healthy) or np.sum(healthy) <= problem.array_dimension:
+        return cross_validate(problem, positions, modes)
+    some = replace(problem, pressures=problem.pressures[:, healthy])
+    found = cross_validate(some, positions[healthy], modes)
+    fields = expansions(some, positions[healthy], modes)
+    predicted = np.array([field.at(positions[~healthy])[0] for field in fields])
+    p = problem.pressures[modes][:, ~healthy]
+    power = mode_power(some.pressures[modes])[:, None]
+    error, signal = (np.sum(np.abs(x) ** 2 / power, axis=0) for x in (p - predicted, p))
+    microphones = np.empty(len(positions))
+    microphones[healthy], microphones[~healthy] = found.microphones, _decibels(error / np.maximum(signal, TINY))
+    return CrossValidation(found.overall, frozen_array(microphones, float), found.modes)
 
 
 def summarise(pressures: np.ndarray, errors: np.ndarray) -> CrossValidation:

@@ -18,6 +18,10 @@ from .error_ellipses import one_sigma
 from .thresholds import LIMITS
 
 FEWEST_MODES = 8  # with fewer modes below the limit, fewer modes are no remedy
+SCALE_UNDETERMINED = (
+    "the shape is found but its scale is not determined; name known microphones, or give one <distance>"
+)
+NOT_CONVERGED = "the solver stopped while microphones still moved; use other <modes>"
 CAUSES = "a source or an obstacle inside the array, odd channels, or positions not found yet (try another solver)"
 
 
@@ -77,19 +81,27 @@ def known_position(problem: Problem, figures: Diagnostics, names: Sequence[str],
         out |= (figures.known_shift > LIMITS.known_shift) & (figures.known_mahalanobis > LIMITS.known_sigmas)
     if not np.any(out):
         return ""
-    named = [names[int(n)] for n in problem.known[out]]
+    return contradicted([names[int(n)] for n in problem.known[out]])
+
+
+def contradicted(names: Sequence[str]) -> str:
+    """Return the message of known microphones that are elsewhere than given."""
     return (
-        f"known microphone {_enumerated(named)}: the position given contradicts the recordings; it is wrong, or the"
+        f"known microphone {_enumerated(names)}: the position given contradicts the recordings; it is wrong, or the"
         " channel is swapped with another; check the positions and the cables of the known microphones"
     )
 
 
 def too_noisy(figures: Diagnostics) -> str:
     """Report that most of the power is noise."""
-    if figures.noise_share <= LIMITS.noise_share:
-        return ""
-    share = 100 * figures.noise_share
-    return f"about {share:.0f} % of the power is noise or unexplained; measure longer, louder, or use fewer <modes>"
+    return "" if figures.noise_share <= LIMITS.noise_share else mostly_noise(figures.noise_share)
+
+
+def mostly_noise(share: float) -> str:
+    """Return the message of a measurement with so much noise as a share of the power."""
+    return (
+        f"about {100 * share:.0f} % of the power is noise or unexplained; measure longer, louder, or use fewer <modes>"
+    )
 
 
 def sound_speed(problem: Problem, figures: Diagnostics) -> str:
@@ -133,9 +145,16 @@ def _excess_residual(problem: Problem, figures: Diagnostics, modes: slice) -> st
     if np.all(given[modes] > 0) and figures.residual_to_noise > LIMITS.residual_to_noise:
         return f"the residual is {figures.residual_to_noise:.2g} times what the noise explains: {CAUSES}"
     if not np.any(given[modes]) and figures.noise_share > LIMITS.unexplained_share:
-        share = f"{100 * figures.noise_share:.1g} % of the power"
-        return f"{share} is left unexplained, though the measurement is said to be free of noise: {CAUSES}"
+        return unexplained(figures.noise_share)
     return ""
+
+
+def unexplained(share: float) -> str:
+    """Return the message of so much unexplained, as a share of the power, without any noise given."""
+    return (
+        f"{100 * share:.1g} % of the power is left unexplained, though the measurement is said to be free of noise:"
+        f" {CAUSES}"
+    )
 
 
 def _unfitted_channels(figures: Diagnostics, names: Sequence[str], modes: slice, problem: Problem) -> str:
@@ -144,7 +163,12 @@ def _unfitted_channels(figures: Diagnostics, names: Sequence[str], modes: slice,
     count = len(problem.frequencies[modes])
     limit = LIMITS.studentised_to_median * (1 + LIMITS.studentised_modes / np.sqrt(count))
     worst = [names[int(n)] for n in np.argsort(-ratio) if ratio[n] > limit][:3]
-    return f"no sound field without sources explains microphone {_enumerated(worst)}: {CAUSES}" if worst else ""
+    return unfitted(worst) if worst else ""
+
+
+def unfitted(names: Sequence[str]) -> str:
+    """Return the message of channels that no sound field without sources explains."""
+    return f"no sound field without sources explains microphone {_enumerated(names)}: {CAUSES}"
 
 
 def only_wavenumber_scales(problem: Problem, figures: Diagnostics) -> bool:
@@ -156,11 +180,26 @@ def only_wavenumber_scales(problem: Problem, figures: Diagnostics) -> bool:
     return len(problem.known) < 2 and (flat or figures.scale_sigma > LIMITS.scale_sigma)
 
 
+def hardly_determined(sigma: float) -> str:
+    """Return the message of positions with so large a one sigma, metres."""
+    return (
+        f"the positions are uncertain by {100 * sigma:.2g} cm; use more <modes>, more known microphones, or less noise"
+    )
+
+
+def equally_likely(away: float) -> str:
+    """Return the message of another array so far away, metres, that fits as well."""
+    return (
+        f"another array, {100 * away:.2g} cm away, explains the pressures as well; use more <modes>, or known"
+        " microphones that lie less on one line"
+    )
+
+
 def scale_undetermined(problem: Problem, figures: Diagnostics) -> str:
     """Report that the size of the array is hardly determined."""
     if not only_wavenumber_scales(problem, figures):
         return ""
-    return "the shape is found but its scale is not determined; name known microphones, or give one <distance>"
+    return SCALE_UNDETERMINED
 
 
 def good(problem: Problem, figures: Diagnostics) -> str:

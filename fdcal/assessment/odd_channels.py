@@ -1,6 +1,6 @@
 """Channels and given positions that are not what they should be, and what is wrong with each.
 
-inverted, gain     the gain is far from that of the others
+inverted, gain     the gain or phase is far from that of the others
 delayed            the phase against what the others predict falls with the frequency
 dead               the others predict nothing of it, or it holds no more than they expect of noise
 noisy              its noise is far above that of the others
@@ -17,95 +17,156 @@ import numpy as np
 from ..model.problem import Problem
 from ..solvers.robust.state import State
 from .channel_covariance import Uncertainty
+from .result_parts import DECIBELS_PER_NEPER
 
-INVERTED = 2.5  # radians
-GAIN = 4.0, 0.12  # times the spread of the channels, and nepers or radians: further away is odd
-NOISY = 12.0  # channel noise over that of the others
-LEAST_NOISE = 1e-6  # of the power, that matters at all
-DEAD = 0.5  # part of its variance, or of its power, that the others do not predict
-COHERENT = 0.5  # of the power that a delay must explain
-MISPLACED = 3.0, 0.006  # sigmas and metres
-EXCHANGED = 4.0, 0.02  # sigmas and metres within which a channel is in another's place
+
+@dataclass(frozen=True)
+class OddThresholds:
+    """Limits beyond which a channel or a given position is odd.
+
+    Attributes
+    ----------
+    inverted : radians, phase
+    gain_sigmas : spreads of the gains, or phases, of all channels
+    least_gain : nepers of the gain, or radians of the phase, that are never odd
+    noise : noise of a channel over that of the median channel
+    least_noise : share of the power below which noise is not odd
+    unpredicted : share of a channel's variance, or of its power, that the others do not predict
+    unpredicted_to_median : the same over that of the median channel
+    coherent : share of the power that a delay must explain
+    delay_gain : coherence at the best delay over that without delay
+    longest_delay, delay_step : seconds, delays tried
+    misplaced_sigmas, misplaced : sigmas and metres, distance from a given position; the larger one counts
+    exchanged_sigmas, exchanged : sigmas and metres within which a channel is in another's place, likewise
+    exchanged_share : the same over the distance from its own given position
+    """
+
+    inverted: float = 2.5
+    gain_sigmas: float = 4.0
+    least_gain: float = 0.12
+    noise: float = 12.0
+    least_noise: float = 1e-6
+    unpredicted: float = 0.5
+    unpredicted_to_median: float = 3.0
+    coherent: float = 0.5
+    delay_gain: float = 1.02
+    longest_delay: float = 2e-3
+    delay_step: float = 1e-5
+    misplaced_sigmas: float = 3.0
+    misplaced: float = 0.006
+    exchanged_sigmas: float = 4.0
+    exchanged: float = 0.02
+    exchanged_share: float = 0.3
+
+
+LIMITS = OddThresholds()
 
 
 @dataclass(frozen=True)
 class OddChannel:
-    """number : of the microphone;  kind : as above;  partner : of an exchange, or -1;  value : dB, s, m or tau."""
+    """A channel or a given position that stands out.
+
+    Attributes
+    ----------
+    number : int, of the microphone, from 0
+    kind : str, as above
+    value : float, gain in decibels, phase in degrees, delay in seconds, distance from the given position in metres, or
+        noise in decibels over the median channel; nan for an inverted channel
+    unit : str, of the value; "" without one
+    partner : int, the other microphone of an exchange, or -1
+    """
 
     number: int
     kind: str
     value: float
+    unit: str
     partner: int = -1
 
 
 def odd_channels(problem: Problem, state: State, found: Uncertainty) -> tuple[OddChannel, ...]:
-    """All channels and given positions that stand out, in the order of the microphones."""
+    """Return all channels and given positions that stand out, in the order of the microphones.
+
+    Parameters
+    ----------
+    problem : Problem
+        With modes of unit power (`fdcal.solvers.robust.unit_power`).
+    state : State
+    found : Uncertainty
+    """
     odd = {}
     tau, terms = state.model.channel_noise, found.terms
     predicted = terms.corrected - terms.weighted / terms.precision
-    N = len(tau)
-    tau = np.where(tau * state.model.share < LEAST_NOISE, 1.0, tau)
+    tau = np.where(tau * state.model.share < LIMITS.least_noise, 1.0, tau)
     alone = np.mean(1 / (terms.precision * _variance(state, terms)), axis=0)
-    lost = (alone > DEAD) & (alone > 3 * np.median(alone))
-    for n in range(N):
-        gain = state.gains[n]
-        if abs(gain[1]) > INVERTED and tau[n] < NOISY:
-            odd[n] = OddChannel(n, "inverted", 0.0)
-        elif tau[n] > NOISY or lost[n]:
+    lost = (alone > LIMITS.unpredicted) & (alone > LIMITS.unpredicted_to_median * np.median(alone))
+    for n in range(len(tau)):
+        if abs(state.gains[n, 1]) > LIMITS.inverted and tau[n] < LIMITS.noise:
+            odd[n] = OddChannel(n, "inverted", np.nan, "")
+        elif tau[n] > LIMITS.noise or lost[n]:
             odd[n] = _faulty(problem, state, terms, predicted, n, bool(lost[n]))
-        elif _far(gain[0], state.model.gain_sigma) or _far(gain[1], state.model.phase_sigma):
-            odd[n] = OddChannel(n, "gain", float(20 / np.log(10) * gain[0]))
+        elif _far(state.gains[n, 0], state.model.gain_sigma):
+            odd[n] = OddChannel(n, "gain", float(DECIBELS_PER_NEPER * state.gains[n, 0]), "dB")
+        elif _far(state.gains[n, 1], state.model.phase_sigma):
+            odd[n] = OddChannel(n, "gain", float(np.degrees(state.gains[n, 1])), "degrees")
     odd.update(_misplaced(problem, state, found))
     return tuple(odd[n] for n in sorted(odd))
 
 
 def _variance(state: State, terms) -> np.ndarray:
-    """Variance of every channel's corrected pressures (M, N)."""
+    """Return the variance of every channel's corrected pressures : (M, N) float64."""
     return state.model.power[state.modes, None] + state.model.noise[state.modes, None] * state.model.channel_noise
 
 
 def _far(value: float, sigma: float) -> bool:
-    return abs(value) > max(GAIN[0] * sigma, GAIN[1])
+    return abs(value) > max(LIMITS.gain_sigmas * sigma, LIMITS.least_gain)
 
 
 def _faulty(problem: Problem, state: State, terms, predicted, n: int, lost: bool) -> OddChannel:
-    """A channel that its place and gain do not explain: delayed, dead or noisy."""
+    """Return what is wrong with a channel that its place and gain do not explain: delayed, dead or noisy."""
     q, e = terms.corrected[:, n], predicted[:, n]
     f = problem.frequencies[state.modes]
-    delays = np.linspace(-2e-3, 2e-3, 401)
+    steps = round(LIMITS.longest_delay / LIMITS.delay_step)
+    delays = LIMITS.delay_step * np.arange(-steps, steps + 1)
     turned = np.abs((np.conj(e) * q) @ np.exp(2j * np.pi * np.outer(f, delays)))
     norm = np.sqrt(np.sum(np.abs(e) ** 2) * np.sum(np.abs(q) ** 2))
-    best = int(np.argmax(turned))
-    if not lost and turned[best] > np.sqrt(COHERENT) * norm and turned[best] > 1.02 * turned[200]:
-        return OddChannel(n, "delayed", float(delays[best]))
-    if lost or turned[200] < np.sqrt(1 - DEAD) * norm:
-        return OddChannel(n, "dead", float(state.model.channel_noise[n]))
-    return OddChannel(n, "noisy", float(state.model.channel_noise[n]))
+    best, undelayed = int(np.argmax(turned)), turned[steps]
+    if not lost and turned[best] > np.sqrt(LIMITS.coherent) * norm and turned[best] > LIMITS.delay_gain * undelayed:
+        return OddChannel(n, "delayed", float(delays[best]), "s")
+    tau = state.model.channel_noise
+    noise = float(10 * np.log10(tau[n] / np.median(tau)))
+    if lost or undelayed < np.sqrt(1 - LIMITS.unpredicted) * norm:
+        return OddChannel(n, "dead", noise, "dB")
+    return OddChannel(n, "noisy", noise, "dB")
 
 
-def _misplaced(problem: Problem, state: State, found: Uncertainty) -> dict:
-    """Given positions that the pressures contradict, and exchanges."""
-    known, places, x = problem.known, problem.known_positions, state.positions
+def _misplaced(problem: Problem, state: State, found: Uncertainty) -> dict[int, OddChannel]:
+    """Return the given positions that the pressures contradict, and exchanges."""
+    x = state.positions
     sigma = np.sqrt(np.trace(found.covariance, axis1=1, axis2=2))
     odd = {}
-    for i, n in enumerate(known):
-        away = np.linalg.norm(x[n] - places[i])
-        if away < max(MISPLACED[0] * sigma[n], MISPLACED[1]):
+    for n, given in zip(problem.known.tolist(), problem.known_positions, strict=True):
+        away = float(np.linalg.norm(x[n] - given))
+        if away < max(LIMITS.misplaced_sigmas * sigma[n], LIMITS.misplaced):
             continue
-        apart = np.linalg.norm(x - places[i], axis=1)
+        apart = np.linalg.norm(x - given, axis=1)
         apart[n] = np.inf
         other = int(np.argmin(apart))
-        exchanged = apart[other] < max(EXCHANGED[0] * sigma[other], EXCHANGED[1]) and apart[other] < 0.3 * away
-        odd[int(n)] = OddChannel(
-            int(n), "exchanged" if exchanged else "misplaced", float(away), other if exchanged else -1
-        )
-        if exchanged and other not in odd:
-            odd[other] = OddChannel(other, "exchanged", float(away), int(n))
+        within = max(LIMITS.exchanged_sigmas * sigma[other], LIMITS.exchanged)
+        if apart[other] >= min(within, LIMITS.exchanged_share * away):
+            odd[n] = OddChannel(n, "misplaced", away, "m")
+            continue
+        odd[n] = OddChannel(n, "exchanged", away, "m", other)
+        odd.setdefault(other, OddChannel(other, "exchanged", away, "m", n))
     return odd
 
 
-def exchange_back(problem: Problem, state: State, odd) -> np.ndarray:
-    """Positions (N, D) with a free channel that was exchanged with a given one put in its own place."""
+def exchange_back(problem: Problem, state: State, odd: tuple[OddChannel, ...]) -> np.ndarray:
+    """Return the positions with a free channel that was exchanged with a given one put in its own place.
+
+    Returns
+    -------
+    (N, D) float64, metres
+    """
     x = np.array(state.positions)
     known = set(problem.known.tolist())
     for one in odd:

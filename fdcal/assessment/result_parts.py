@@ -1,10 +1,14 @@
-"""Parts of a calibration, and their keys in a result file: the evidence of a verdict, and the room of solver "room"."""
+"""Parts of a calibration, and their keys in a result file: the evidence of a verdict, channels, a known room."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
+
+from ..model.validation import frozen_array
+
+DECIBELS_PER_NEPER = 20 / np.log(10)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,3 +101,106 @@ def room_of(table: dict) -> KnownRoom | None:
         return None
     size, walls = tuple(table["room"].tolist()), complex(*table["admittance"])
     return KnownRoom(size, table["source"], walls, tuple(table["symmetries"]))
+
+
+@dataclass(frozen=True)
+class ChannelFault:
+    """What is wrong with a channel, or with the position given for it.
+
+    Attributes
+    ----------
+    name : str
+        Of the microphone.
+    kind : str
+        "inverted", "dead", "noisy", "delayed", "gain", "misplaced" or "exchanged", see
+        `fdcal.assessment.odd_channels`.
+    value : float or None
+        Gain or noise over the median channel in decibels, phase in degrees, delay in seconds, or distance from the
+        given position in metres.
+    unit : str
+        Of the value: "dB", "degrees", "s" or "m"; "" without a value.
+    partner : str or None
+        Name of the other microphone of an exchange.
+    """
+
+    name: str
+    kind: str
+    value: float | None = None
+    unit: str = ""
+    partner: str | None = None
+
+    @property
+    def text(self) -> str:
+        """The fault in words.
+
+        Examples
+        --------
+        >>> ChannelFault("17", "inverted").text
+        'microphone 17: inverted'
+        >>> ChannelFault("4", "delayed", 3e-4, "s").text
+        'microphone 4: delayed by 0.3 ms'
+        """
+        value = self.value or 0.0
+        words = {
+            "noisy": f"noise {value:.0f} dB over the others'",
+            "delayed": f"delayed by {1e3 * value:.2g} ms",
+            "gain": f"phase {value:.0f} degrees" if self.unit == "degrees" else f"gain {value:+.1f} dB",
+            "misplaced": f"{1e3 * value:.3g} mm from the position given",
+            "exchanged": f"exchanged with microphone {self.partner}",
+        }
+        return f"microphone {self.name}: {words.get(self.kind, self.kind)}"
+
+
+@dataclass(frozen=True, eq=False)
+class Channels:
+    """Gain and noise of every channel, which solver "robust" finds beside the positions.
+
+    Attributes
+    ----------
+    gain_db, gain_sigma_db : (N,) float64
+        Gain over that of the median channel and its one sigma, decibels.
+    phase_deg, phase_sigma_deg : (N,) float64
+        Phase against that of the median channel and its one sigma, degrees, from -180 to 180.
+    noise_db : (N,) float64
+        Noise over that of the median channel, decibels.
+    faults : tuple of ChannelFault
+        In the order of the microphones.
+    """
+
+    gain_db: np.ndarray
+    gain_sigma_db: np.ndarray
+    phase_deg: np.ndarray
+    phase_sigma_deg: np.ndarray
+    noise_db: np.ndarray
+    faults: tuple[ChannelFault, ...] = ()
+
+    def __post_init__(self):
+        for key in CHANNEL_KEYS.values():
+            object.__setattr__(self, key, frozen_array(getattr(self, key), float))
+
+
+UNITS = ("", "dB", "degrees", "s", "m")  # of the value of a fault
+CHANNEL_KEYS = {  # key in a result file, and attribute of `Channels`
+    "channel_gain_db": "gain_db",
+    "channel_gain_sigma_db": "gain_sigma_db",
+    "channel_phase_deg": "phase_deg",
+    "channel_phase_sigma_deg": "phase_sigma_deg",
+    "channel_noise_db": "noise_db",
+}
+
+
+def channels_table(channels: Channels | None) -> dict:
+    """Return the keys of the channels in a result file; none without them."""
+    if channels is None:
+        return {}
+    table: dict = {key: plain(getattr(channels, name)) for key, name in CHANNEL_KEYS.items()}
+    table["odd_channels"] = [fault.name for fault in channels.faults]
+    return table | {"odd_channel_details": [asdict(fault) for fault in channels.faults]}
+
+
+def channels_of(table: dict) -> Channels | None:
+    """Return the channels in the table of a result file; None unless it is of a solver that finds them."""
+    if "channel_gain_db" not in table:
+        return None
+    arrays = {name: table[key] for key, name in CHANNEL_KEYS.items()}
+    return Channels(**arrays, faults=tuple(ChannelFault(**one) for one in table.get("odd_channel_details", ())))

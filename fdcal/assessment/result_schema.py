@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from ..model.validation import InputError
+from .result_parts import CHANNEL_KEYS, UNITS
 
 # Of each key: the type of a value, and the number of dimensions of an array (0: a single value).
 REQUIRED = {
@@ -37,9 +38,10 @@ OPTIONAL = {  # files written by older versions lack some of these; "room" and w
     "room": (float, 1),
     "source": (float, 1),
     "admittance": (float, 1),
+    **dict.fromkeys(CHANNEL_KEYS, (float, 1)),
 }
 NULLABLE = ("mean_error_m", "max_error_m", "errors_m")  # null where the true positions are unknown
-OF_EACH_MICROPHONE = ("names", "uncertainty_m", "covariance_m2", "errors_m", "left_out_microphones_db")
+OF_EACH_MICROPHONE = ("names", "uncertainty_m", "covariance_m2", "errors_m", "left_out_microphones_db", *CHANNEL_KEYS)
 
 
 def require_result(table: dict, where: str) -> dict:
@@ -48,7 +50,8 @@ def require_result(table: dict, where: str) -> dict:
     Parameters
     ----------
     table : dict
-        The keys of REQUIRED and any of OPTIONAL, "names", "excluded", "known" and "symmetries"; others are ignored.
+        The keys of REQUIRED and any of OPTIONAL, "names", "excluded", "known", "symmetries", "odd_channels" and
+        "odd_channel_details"; others are ignored.
     where : str
         What an error calls the table, as the path of its file.
 
@@ -75,10 +78,11 @@ def require_result(table: dict, where: str) -> dict:
             words = f"{dimensions}-dimensional list of numbers" if dimensions else f"value of type {kind.__name__}"
             raise InputError(f'{where}: "{key}" must be a {words} without NaN or infinity', key=key, value=value)
         checked[key] = np.array(value, dtype=float) if dimensions else value
-    for key in ("names", "excluded", "known"):
+    for key in ("names", "excluded", "known", "odd_channels"):
         if not all(isinstance(name, str) for name in _list_of(checked.get(key, []))):
             raise InputError(f'{where}: "{key}" must be a list of texts', key=key, value=checked[key])
     _require_shapes(checked, where)
+    _require_channels(checked, where)
     if "symmetries" in checked:
         checked["symmetries"] = _symmetries(checked, where)
     return checked
@@ -119,6 +123,22 @@ def _symmetries(table: dict, where: str) -> list[tuple[str, np.ndarray]]:
         if found[-1][1].shape != table["positions"].shape:
             raise problem
     return found
+
+
+def _require_channels(table: dict, where: str) -> None:
+    """Raise InputError for some keys of the channels without the others, or a malformed fault."""
+    missing = [key for key in CHANNEL_KEYS if key not in table]
+    if missing and len(missing) < len(CHANNEL_KEYS):
+        raise InputError(f'{where} has some gains of the channels but no "{missing[0]}"', key=missing[0])
+    key, names = "odd_channel_details", table.get("names")
+    for fault in _list_of(table.get(key, [])):
+        right = isinstance(fault, dict) and set(fault) == {"name", "kind", "value", "unit", "partner"}
+        right = right and all(isinstance(fault[part], str) for part in ("name", "kind")) and fault["unit"] in UNITS
+        right = right and (fault["value"] is None or _is_of(fault["value"], float, 0))
+        right = right and (fault["partner"] is None or isinstance(fault["partner"], str))
+        if not right or (names is not None and fault["name"] not in names):
+            problem = f'{where}: "{key}" must be a list of {{"name", "kind", "value", "unit", "partner"}}'
+            raise InputError(problem, key=key, value=fault)
 
 
 def _list_of(value) -> list:

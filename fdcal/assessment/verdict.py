@@ -88,7 +88,7 @@ def judge(
         ("too_noisy", findings.too_noisy(figures)),
         ("known_position", findings.known_position(problem, figures, names, clear_only=True)),
         ("undersampled", findings.undersampled(problem, positions, modes)),
-        ("not_converged", "" if converged else "the solver stopped while microphones still moved; use other <modes>"),
+        ("not_converged", "" if converged else findings.NOT_CONVERGED),
         ("sound_speed", findings.sound_speed(problem, figures)),
         ("known_position", findings.known_position(problem, figures, names)),
         ("model_mismatch", findings.model_mismatch(problem, figures, names, modes)),

@@ -33,7 +33,7 @@ from .options import (
     solver_option,
 )
 from .outputs import output_path
-from .parameter_types import Distance, NameList, NoiseLevel, RoomSize, room_solver
+from .parameter_types import Distance, GainSigma, Length, NameList, NoiseLevel, RoomSize, room_solver
 
 
 def main(args: list[str] | None = None) -> None:
@@ -127,6 +127,23 @@ def simulate(scene: str, output: str, force: bool):
     type=click.Choice(["likelihood", "projection"]),
     help="What solver joint minimises; projection is Eq. 7.",
 )
+@click.option(
+    "--gains",
+    type=click.Choice(["auto", "fixed"]),
+    help="Whether solver robust seeks gain and phase of every channel.",
+)
+@click.option(
+    "--gain-sigma",
+    type=GainSigma(),
+    metavar="DB,DEG",
+    help="Spread of the channels for solver robust, as 1dB,5deg.  [default: estimated]",
+)
+@click.option(
+    "--known-sigma",
+    type=Length(),
+    metavar="LENGTH",
+    help="One sigma of each given coordinate for solver robust, as 5mm.  [default: estimated, 3mm at most]",
+)
 @modes_option
 @seed_option
 @click.option(
@@ -155,8 +172,8 @@ def simulate(scene: str, output: str, force: bool):
 @radius_option
 @force_option
 def calibrate(
-    source, solver, start, known, noise, cost, modes, seed, exclude, estimate_sound_speed, distance, room,
-    time_limit, check, positions, output, search, radius, force,
+    source, solver, start, known, noise, cost, gains, gain_sigma, known_sigma, modes, seed, exclude,
+    estimate_sound_speed, distance, room, time_limit, check, positions, output, search, radius, force,
 ):  # fmt: skip
     """Find the microphones and assess the result; exit code 4 if it cannot be trusted."""
     path = output_path(output, ".json", force, source) if output else None
@@ -165,7 +182,11 @@ def calibrate(
     from . import report
 
     inputs, solver = input_of(source, search, radius, exclude, positions), room_solver(room, solver)
-    inputs = with_settings(inputs, solver, modes, seed, start=start, known=known, noise=noise, cost=cost, room=room)
+    gain_sigma_db, phase_sigma_deg = gain_sigma or (None, None)
+    inputs = with_settings(
+        inputs, solver, modes, seed, start=start, known=known, noise=noise, cost=cost, room=room, gains=gains,
+        gain_sigma_db=gain_sigma_db, phase_sigma_deg=phase_sigma_deg, known_sigma=known_sigma,
+    )  # fmt: skip
     inputs = replace(inputs, estimate_sound_speed=estimate_sound_speed, distance=distance, time_limit=time_limit)
     if check:
         report.require_positions(inputs.measurement)

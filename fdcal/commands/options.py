@@ -35,9 +35,12 @@ OPTIONS = {
     "force": "--force",
     "frame": "--frame",
     "frequencies": "--frequencies",
+    "gain_sigma_db": "--gain-sigma",
+    "gains": "--gains",
     "host": "--host",
     "kind": "--kind",
     "known": "--known",
+    "known_sigma": "--known-sigma",
     "leave_out": "--leave-out",
     "microphone": "--microphone",
     "modes": "--modes",
@@ -45,6 +48,7 @@ OPTIONS = {
     "noise": "--noise",
     "original": "--original",
     "output": "-o",
+    "phase_sigma_deg": "--gain-sigma",
     "plane": "--plane",
     "positions": "--positions",
     "port": "--port",
@@ -62,6 +66,7 @@ OPTIONS = {
     "start": "--start",
     "step": "--step",
     "subset": "--subset",
+    "table": "--table",
     "temperature": "--temperature",
     "time_limit": "--time-limit SECONDS",
     "window": "--window",
@@ -103,7 +108,7 @@ seed_option = click.option(
 solver_option = click.option(
     "--solver",
     type=click.Choice(names()),
-    help="joint, descent (the paper's), descent+joint or room.  [default: the scene's]",
+    help="joint, robust, descent (the paper's), descent+joint or room.  [default: the scene's]",
 )
 search_option = click.option(
     "--search",

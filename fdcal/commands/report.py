@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ..assessment.calibration import Calibration
 from ..assessment.result_parts import Evidence
 from ..model.measurement import Measurement
@@ -9,9 +11,11 @@ from ..model.validation import InputError
 from ..session.sources import CalibrationInput
 from .options import OPTIONS
 
+LEAST_MOVE = 1e-3  # metres, of a given position that is mentioned
+
 
 def summary(inputs: CalibrationInput, result: Calibration) -> str:
-    """Return a calibration in seven lines, and two more of a known room."""
+    """Return a calibration in seven lines, and more of its channels or of a known room."""
     count, f = inputs.measurement.count, result.frequencies
     free = count - len(inputs.measurement.known) * (inputs.settings.known == "all")
     end = "converged" if result.converged else "stopped before it converged"
@@ -27,6 +31,7 @@ def summary(inputs: CalibrationInput, result: Calibration) -> str:
         lines.append(f"predict {_prediction(result, result.evidence)}")
     if inputs.scene is not None and inputs.scene.room.response is not None:
         lines.append("field   plane waves of a measured impulse response: modelled between the microphones")
+    lines += _channel_lines(result, inputs.measurement)
     lines.append(f"verdict {result.verdict}: {result.verdict_text}")
     return "\n".join([*lines, *_room_lines(result)])
 
@@ -50,6 +55,26 @@ def _prediction(result: Calibration, evidence: Evidence) -> str:
         f"leave-one-out error {evidence.leave_one_out_db:.1f} dB; worst microphone {result.names[n]},"
         f" {microphones[n]:.1f} dB, worst frequency {result.frequencies[m]:.1f} Hz, {modes[m]:.1f} dB"
     )
+
+
+def _channel_lines(result: Calibration, measurement: Measurement) -> list[str]:
+    """Return the spread of the channels' gains, the odd channels, and how far given positions moved."""
+    channels = result.channels
+    if channels is None:
+        return []
+    faulty = {fault.name for fault in channels.faults if fault.kind != "misplaced"}
+    healthy = [n for n, name in enumerate(result.names) if name not in faulty]
+    gain, phase = (float(np.std(values[healthy])) for values in (channels.gain_db, channels.phase_deg))
+    odd = "; ".join(fault.text for fault in channels.faults)
+    lines = [f"channels spread {gain:.2g} dB and {phase:.2g} degrees; {'odd: ' + odd if odd else 'none is odd'}"]
+    given = [n for n in measurement.known if measurement.names[n] in (result.known or ())]
+    if given and measurement.known_positions is not None:
+        rows = np.isin(measurement.known, given)
+        moved = np.linalg.norm(result.positions[given] - measurement.known_positions[rows], axis=1)
+        if moved.max() > LEAST_MOVE:
+            name = result.names[given[int(moved.argmax())]]
+            lines.append(f"known   given positions moved by up to {1e3 * moved.max():.2g} mm (microphone {name})")
+    return lines
 
 
 def _room_lines(result: Calibration) -> list[str]:

@@ -1,14 +1,14 @@
-"""How far to trust the end of a run: sound speed, verdict and leave-one-out errors, of either kind of solver."""
+"""How far to trust the end of a run: sound speed, verdict and leave-one-out errors, of every kind of solver."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
 
-from ..assessment.result_parts import Evidence, KnownRoom
+from ..assessment.result_parts import DECIBELS_PER_NEPER, Channels, Evidence, KnownRoom
 from ..model.channels import microphone_index
 from ..model.gauge import move_to_frame
 from ..model.power import mode_power
@@ -39,6 +39,8 @@ class Assessment:
     evidence : Evidence
     room : KnownRoom or None
         Of solver "room".
+    channels : Channels or None
+        Of solver "robust".
     """
 
     positions: np.ndarray
@@ -49,6 +51,7 @@ class Assessment:
     covariance: np.ndarray
     evidence: Evidence
     room: KnownRoom | None = None
+    channels: Channels | None = None
 
 
 def assess(inputs: CalibrationInput, problem: Problem, state, wording: Mapping[str, str] = ARGUMENTS) -> Assessment:
@@ -62,8 +65,12 @@ def assess(inputs: CalibrationInput, problem: Problem, state, wording: Mapping[s
     wording : mapping of str to str
         How the text of the verdict calls the arguments that it mentions; by their names in Python unless given.
     """
-    in_room = load(inputs.settings.name).TRAITS.assessment is AssessmentMethod.KNOWN_ROOM
-    return (_assess_in_room if in_room else _assess_array)(inputs, problem, state, wording)
+    methods = {
+        AssessmentMethod.LIKELIHOOD: _assess_array,
+        AssessmentMethod.CHANNELS: _assess_channels,
+        AssessmentMethod.KNOWN_ROOM: _assess_in_room,
+    }
+    return methods[load(inputs.settings.name).TRAITS.assessment](inputs, problem, state, wording)
 
 
 def distance_pair(inputs: CalibrationInput) -> tuple[int, int]:
@@ -99,6 +106,28 @@ def _assess_array(inputs: CalibrationInput, problem: Problem, state, wording: Ma
     return Assessment(
         positions, problem, verdict.code, verdict.worded(wording), verdict.uncertainty, verdict.covariance, evidence
     )
+
+
+def _assess_channels(inputs: CalibrationInput, problem: Problem, state, wording: Mapping[str, str]) -> Assessment:
+    from ..assessment.channel_verdict import channel_faults, healthy_channels, judge  # these load the compiler
+    from ..assessment.cross_validation import cross_validate_healthy
+
+    names = inputs.measurement.names
+    verdict = judge(problem, state, names)
+    gains = verdict.gains
+    corrected = replace(problem, pressures=problem.pressures * np.exp(-gains[:, 0] - 1j * gains[:, 1]))
+    healthy = healthy_channels(len(names), verdict.odd)
+    prediction = cross_validate_healthy(corrected, verdict.positions, state.modes, healthy)
+    tau, phase = verdict.channel_noise, np.degrees(np.angle(np.exp(1j * gains[:, 1])))
+    channels = Channels(
+        DECIBELS_PER_NEPER * gains[:, 0], DECIBELS_PER_NEPER * verdict.gain_sigma[:, 0],
+        phase, np.degrees(verdict.gain_sigma[:, 1]),
+        10 * np.log10(tau / np.median(tau)), channel_faults(verdict.odd, names),
+    )  # fmt: skip
+    return Assessment(
+        verdict.positions, problem, verdict.code, verdict.worded(wording), verdict.sigma, verdict.covariance,
+        _evidence(verdict, prediction), channels=channels,
+    )  # fmt: skip
 
 
 def _at_estimated_sound_speed(inputs: CalibrationInput, problem: Problem, state, noise) -> tuple[np.ndarray, Problem]:

@@ -17,7 +17,7 @@ from ..model.validation import InputError, require_positive, word_arguments
 from ..solvers import load
 from ..solvers.bounds import ended_early, time_limit
 from ..solvers.identifiability import check_solvable
-from ..solvers.interface import RunState
+from ..solvers.interface import AssessmentMethod, RunState
 from .assess import ARGUMENTS, assess, distance_pair
 from .blas_threads import one_blas_thread
 from .sources import CalibrationInput, Progress
@@ -115,6 +115,7 @@ def solve(
         covariance=found.covariance,
         evidence=found.evidence,
         room=found.room,
+        channels=found.channels,
     ).compared_with(measurement)
 
 
@@ -145,6 +146,11 @@ def _require_length(inputs: CalibrationInput, problem: Problem) -> None:
         raise InputError(
             "a known room fixes size and place", "leave out <estimate_sound_speed> and <known> minimal", key="room"
         )
+    name, method = inputs.settings.name, load(inputs.settings.name).TRAITS.assessment
+    if inputs.estimate_sound_speed and method is AssessmentMethod.CHANNELS:
+        problem_text = f"solver {name} holds the sound speed as given"
+        remedy = "leave out <estimate_sound_speed>, or use <solver> joint"
+        raise InputError(problem_text, remedy, key="estimate_sound_speed", value=True)
     if inputs.distance is not None:
         if not inputs.estimate_sound_speed:
             raise InputError(

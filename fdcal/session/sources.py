@@ -18,9 +18,12 @@ from ..model.scene_file import load_scene
 from ..model.settings import SolverSettings
 from ..model.validation import InputError
 from ..solvers import load
+from ..solvers.interface import AssessmentMethod
 
 if TYPE_CHECKING:
     from ..recordings.import_options import ImportOptions
+
+CHANNEL_SETTINGS = ("gains", "gain_sigma_db", "phase_sigma_deg", "known_sigma")  # of solvers that seek gains
 
 Progress = Callable[[float, str], None]  # fraction done, 0 to 1, and a note
 
@@ -183,7 +186,7 @@ def with_settings(
     solver: str | None = None,
     modes: int | None = None,
     seed: int | None = None,
-    **others: str | tuple[float, ...] | None,
+    **others: str | float | tuple[float, ...] | None,
 ) -> CalibrationInput:
     """Return `inputs` with another solver, number of modes, seed, or other fields of `SolverSettings`.
 
@@ -209,15 +212,23 @@ def with_settings(
         settings = replace(settings, modes=modes, first_modes=min(settings.first_modes, modes))
     settings = replace(settings, name=solver or settings.name)
     traits = load(settings.name).TRAITS
-    unused = [key for key in ("noise", "cost") if key in given and traits.ignores(key)]
-    if unused:
-        raise InputError(
-            f'{unused[0]} = "{given[unused[0]]}" does nothing with solver.name = "{settings.name}"',
-            f"leave out <{unused[0]}>, or use <solver> joint",
-            key=unused[0],
-            value=given[unused[0]],
-        )
+    _require_used(given, settings)
     if traits.needs_room and inputs.scene is not None:
         require_rectangle(inputs.scene)
         settings = replace(settings, room=settings.room or inputs.scene.room.size)
     return replace(inputs, settings=settings, seed=inputs.seed if seed is None else seed)
+
+
+def _require_used(given: dict, settings: SolverSettings) -> None:
+    """Raise InputError for a given setting that does nothing with the solver of `settings`."""
+    traits, remedies = load(settings.name).TRAITS, dict.fromkeys(("noise", "cost"), "joint")
+    remedies |= dict.fromkeys(CHANNEL_SETTINGS, "robust")
+    for key, other in remedies.items():
+        channels = key not in CHANNEL_SETTINGS or traits.assessment is AssessmentMethod.CHANNELS
+        if key in given and (traits.ignores(key) or not channels):
+            problem = f'{key} = "{given[key]}" does nothing with solver.name = "{settings.name}"'
+            raise InputError(problem, f"leave out <{key}>, or use <solver> {other}", key=key, value=given[key])
+    for key in ("gain_sigma_db", "phase_sigma_deg"):
+        if key in given and settings.gains == "fixed":
+            problem = f"{key} = {given[key]:g} does nothing with solver.gains = fixed"
+            raise InputError(problem, f"leave out <{key}>, or use <gains> auto", key=key, value=given[key])
