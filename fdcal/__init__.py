@@ -47,6 +47,7 @@ EXTENSIONS = {
     "calibration_html": "graphics.calibration_html:calibration_html",
     "data_frame": "assessment.data_frame:data_frame",
     "draw_calibration": "graphics.calibration_figure:draw_calibration",
+    "export_gains": "recordings.export:export_gains",
     "export_positions": "recordings.export:export_positions",
     "load_result": "assessment.result_file:load_result",
     "measurement_of_pyfar": "recordings.pyfar_objects:measurement_of_pyfar",

@@ -10,6 +10,8 @@ from typing import Any
 
 import fdcal
 
+from ..model.validation import require_choice
+
 
 class CalibrationViews:
     """Methods of `fdcal.assessment.calibration.Calibration`."""
@@ -58,9 +60,10 @@ class CalibrationViews:
         *,
         frame: str | None = None,
         original: str | PathLike[str] | None = None,
+        table: str = "positions",
         force: bool = False,
     ) -> None:
-        """Write the positions for another program; the suffix selects the format.
+        """Write the positions, or the gains of the channels, for another program; the suffix selects the format.
 
         Parameters
         ----------
@@ -70,6 +73,8 @@ class CalibrationViews:
             "known", the axes of the known microphones, as by default; "minimal" or "axes", as by default without any.
         original : str or path, optional
             A SOFA file into a copy of which the positions are written.
+        table : str
+            "positions", or "gains": a .csv table of gain, phase and noise of every channel, of solver "robust".
         force : bool
             Whether an existing file is overwritten.
 
@@ -80,7 +85,11 @@ class CalibrationViews:
         StorageError
             The file cannot be written.
         """
-        fdcal.extension("export_positions")(self, path, frame, original, force)
+        require_choice("table", table, ("positions", "gains"))
+        if table == "gains":
+            fdcal.extension("export_gains")(self, path, force)
+        else:
+            fdcal.extension("export_positions")(self, path, frame, original, force)
 
     def to_pyfar(self, *, frame: str | None = None) -> Any:
         """Return the positions as `pyfar.Coordinates`; needs the extra "pyfar".

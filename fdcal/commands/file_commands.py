@@ -65,19 +65,40 @@ def import_(source, output, number, dimension, force, **options):
     "--frame", type=click.Choice(["known", "minimal", "axes"]), help="Coordinate axes.  [default: known, else axes]"
 )
 @click.option("--original", metavar="FILE.sofa", help="Write the positions into a copy of this file.")
+@click.option(
+    "--table",
+    type=click.Choice(["positions", "gains"]),
+    default="positions",
+    show_default=True,
+    help="gains: a .csv table of gain, phase, noise and fault of every channel, of solver robust.",
+)
 @force_option
-def export(result, output, frame, original, force):
-    """Write the positions of a result for other programs; the suffix selects the format."""
+def export(result, output, frame, original, table, force):
+    """Write the positions, or the gains, of a result for other programs; the suffix selects the format."""
     from ..assessment.result_file import load_result
     from ..recordings import formats
-    from ..recordings.export import export_positions
+    from ..recordings.export import export_gains, export_positions
 
+    if table == "gains":
+        _require_positions(frame=frame, original=original)
+        path = output_path(output, ".csv", force, result)
+        calibration = load_result(result)
+        export_gains(calibration, path, force)
+        print(f"{path}: gains of {len(calibration.names)} channels")
+        return
     path = output_path(output, formats.suffixes("write"), force, result, original)
     if original is not None and path.suffix.lower() != ".sofa":
         remedy = f"leave it out for {path.suffix}"
         raise InputError(f"--original {original} is for -o FILE.sofa", remedy, key="original", value=original)
     placed = export_positions(load_result(result), path, frame, original, force)
     print(f"{path}: {len(placed.names)} microphones, frame: {placed.frame}")
+
+
+def _require_positions(**given: str | None) -> None:
+    """Raise InputError for options that only positions have."""
+    for key, value in given.items():
+        if value is not None:
+            raise InputError("--table gains writes no positions", f"leave out <{key}>", key=key, value=value)
 
 
 COMMANDS = (import_, export)

@@ -36,11 +36,23 @@ def summary(inputs: CalibrationInput, result: Calibration) -> str:
     return "\n".join([*lines, *_room_lines(result)])
 
 
+def _healthy(result: Calibration) -> np.ndarray:
+    """Return the numbers of the microphones whose channels are not odd, of all if there are no others : int64."""
+    faults = () if result.channels is None else result.channels.faults
+    faulty = [fault.name for fault in faults if fault.kind != "misplaced"]
+    healthy = np.flatnonzero([name not in faulty for name in result.names])
+    return healthy if len(healthy) else np.arange(len(result.names))
+
+
 def _error(result: Calibration) -> str:
     if result.mean_error is None or result.max_error is None:
         return "unknown, since the true positions are"
-    mean, largest = round(1e3 * result.mean_error, 3), round(1e3 * result.max_error, 3)
-    text = f"mean {mean:.3g} mm, largest {largest:.3g} mm over all {len(result.positions)} microphones"
+    mean, largest, healthy = result.mean_error, result.max_error, _healthy(result)
+    over = f"all {len(result.positions)}"
+    if len(healthy) < len(result.names) and result.errors is not None:
+        mean, largest = float(result.errors[healthy].mean()), float(result.errors[healthy].max())
+        over = f"the {len(healthy)} healthy"
+    text = f"mean {round(1e3 * mean, 3):.3g} mm, largest {round(1e3 * largest, 3):.3g} mm over {over} microphones"
     text += ", moved as a whole onto the truth" if result.aligned else ""
     return text + (", in the nearest of the room's symmetries" if result.room is not None else "")
 
@@ -50,7 +62,8 @@ def _prediction(result: Calibration, evidence: Evidence) -> str:
     microphones, modes = evidence.microphones_db, evidence.frequencies_db
     if evidence.leave_one_out_db is None or microphones is None or modes is None:
         return "no leave-one-out prediction in the file"
-    n, m = int(microphones.argmax()), int(modes.argmax())
+    healthy = _healthy(result)
+    n, m = int(healthy[microphones[healthy].argmax()]), int(modes.argmax())
     return (
         f"leave-one-out error {evidence.leave_one_out_db:.1f} dB; worst microphone {result.names[n]},"
         f" {microphones[n]:.1f} dB, worst frequency {result.frequencies[m]:.1f} Hz, {modes[m]:.1f} dB"
@@ -62,9 +75,7 @@ def _channel_lines(result: Calibration, measurement: Measurement) -> list[str]:
     channels = result.channels
     if channels is None:
         return []
-    faulty = {fault.name for fault in channels.faults if fault.kind != "misplaced"}
-    healthy = [n for n, name in enumerate(result.names) if name not in faulty]
-    gain, phase = (float(np.std(values[healthy])) for values in (channels.gain_db, channels.phase_deg))
+    gain, phase = (float(np.std(values[_healthy(result)])) for values in (channels.gain_db, channels.phase_deg))
     odd = "; ".join(fault.text for fault in channels.faults)
     lines = [f"channels spread {gain:.2g} dB and {phase:.2g} degrees; {'odd: ' + odd if odd else 'none is odd'}"]
     given = [n for n in measurement.known if measurement.names[n] in (result.known or ())]

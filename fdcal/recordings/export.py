@@ -1,4 +1,4 @@
-"""The positions of a calibration in a file of another program: what `fdcal export` and `Calibration.export` write."""
+"""A calibration in a file of another program: what `fdcal export` and `Calibration.export` write."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ..assessment.alignment import placed_in_frame
 from ..assessment.calibration import Calibration
+from ..assessment.channel_table import channel_table
 from ..model.microphones import MicrophonePositions
 from ..model.storage import write_atomically
 from ..model.validation import InputError
@@ -35,3 +36,20 @@ def export_positions(
     placed = placed_in_frame(result, frame)
     write_atomically(path, lambda file: formats.write(file, path, placed, given), force)
     return placed
+
+
+def export_gains(result: Calibration, path: str | PathLike[str], force: bool = False) -> None:
+    """Write the gains of the channels as a table; see `fdcal.assessment.channel_table`.
+
+    Raises
+    ------
+    InputError
+        The result holds no gains, the suffix is not .csv, or the file exists and `force` is not set.
+    StorageError
+        The file cannot be written.
+    """
+    path, text = Path(path), channel_table(result)
+    if path.suffix.lower() != ".csv":
+        problem = f'"{path}" does not end in .csv, as the table of gains does'
+        raise InputError(problem, f"write {path.stem or 'gains'}.csv", key="output", value=str(path))
+    write_atomically(path, lambda file: file.write_text(text, encoding="utf-8"), force)

@@ -152,7 +152,7 @@ def calibrate(
         Microphones whose positions the solver gets: "all" that the measurement knows (as by default), "minimal" or
         "none"; names or numbers, whose positions the measurement has; or a mapping of these to positions (D,), metres.
     solver : str, optional
-        "joint" (as by default), "descent", "descent+joint" or "room".
+        "joint" (as by default), "robust", "descent", "descent+joint" or "room".
     modes : int, optional
         Number of modes in use at the end, the lowest first; 57, or all if there are fewer.
     noise : str or float, optional
@@ -175,7 +175,8 @@ def calibrate(
     progress : callable, optional
         Called with the fraction done, 0 to 1, and a note; what it raises ends the run.
     **others
-        Any other field of `SolverSettings`, such as `start="random"` or `cost="projection"`.
+        Any other field of `SolverSettings`, such as `start="random"`, `cost="projection"`, or for solver "robust"
+        `gains="fixed"`, `gain_sigma_db=1.0` (decibels), `phase_sigma_deg=5.0` (degrees), `known_sigma=0.005` (metres).
 
     Returns
     -------

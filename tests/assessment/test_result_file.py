@@ -12,7 +12,7 @@ import pytest
 
 from fdcal.assessment.calibration import Calibration
 from fdcal.assessment.result_file import load_result, save_result
-from fdcal.assessment.result_parts import Evidence, KnownRoom
+from fdcal.assessment.result_parts import ChannelFault, Channels, Evidence, KnownRoom
 from fdcal.model.measurement import Measurement
 from fdcal.model.validation import InputError, StorageError
 
@@ -49,6 +49,11 @@ FULL = Calibration(
     np.array([0.0, 0.001]), np.array([np.zeros((2, 2)), [[1e-6, 1e-7], [1e-7, 2e-6]]]),
     Evidence(1.02, -37.5, np.array([-37.0, -38.0]), np.array([-36.0, -39.0])),
     KnownRoom((6.0, 5.0), np.array([1.0, 2.0]), 0.01 + 0.02j, (("(x, y)", POSITIONS), ("(6 - x, y)", POSITIONS + 1))),
+    Channels(
+        np.array([0.0, 3.2]), np.array([0.1, 0.2]), np.array([0.0, -178.0]), np.array([0.5, 0.6]),
+        np.array([0.0, 31.0]),
+        (ChannelFault("a", "exchanged", 0.4, "m", "b"), ChannelFault("b", "inverted")),
+    ),
 )  # fmt: skip
 
 
@@ -79,6 +84,51 @@ def test_the_keys_of_the_file_stay_what_they_were():
     assert {key: table[key] for key in NEWER} == NEWER
     assert table["symmetries"][1] == {"map": "(6 - x, y)", "positions": (POSITIONS + 1).tolist()}
     assert (table["room"], table["source"], table["admittance"]) == ([6.0, 5.0], [1.0, 2.0], [0.01, 0.02])
+
+
+def test_the_channels_have_keys_of_their_own_and_the_odd_ones_are_names():
+    table = json.loads(FULL.to_json())
+    assert table["channel_gain_db"] == [0.0, 3.2] and table["channel_gain_sigma_db"] == [0.1, 0.2]
+    assert table["channel_phase_deg"] == [0.0, -178.0] and table["channel_phase_sigma_deg"] == [0.5, 0.6]
+    assert table["channel_noise_db"] == [0.0, 31.0] and table["odd_channels"] == ["a", "b"]
+    assert table["odd_channel_details"] == [
+        {"name": "a", "kind": "exchanged", "value": 0.4, "unit": "m", "partner": "b"},
+        {"name": "b", "kind": "inverted", "value": None, "unit": "", "partner": None},
+    ]
+    without = json.loads(replace(FULL, channels=None).to_json())
+    assert not any("channel" in key for key in without)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("channel_gain_db", [0.0]),
+        ("channel_noise_db", [0.0, math.inf]),
+        ("channel_phase_sigma_deg", None),
+        ("odd_channels", [3]),
+        ("odd_channel_details", "b"),
+        ("odd_channel_details", [{"name": "b"}]),
+        ("odd_channel_details", [{"name": "z", "kind": "dead", "value": None, "unit": "", "partner": None}]),
+        ("odd_channel_details", [{"name": "b", "kind": "dead", "value": "2", "unit": "dB", "partner": None}]),
+        ("odd_channel_details", [{"name": "b", "kind": "gain", "value": 2.0, "unit": ["dB"], "partner": None}]),
+    ],
+)
+def test_malformed_channels_are_named(key, value):
+    table = json.loads(FULL.to_json()) | {key: value}
+    with pytest.raises(InputError, match=f'"{key}"'):
+        Calibration.from_json(json.dumps(table))
+    if key not in ("odd_channels", "odd_channel_details"):
+        del table[key]
+        with pytest.raises(InputError, match=f'no "{key}"'):
+            Calibration.from_json(json.dumps(table))
+
+
+def test_a_fault_is_plain_english():
+    assert ChannelFault("17", "inverted").text == "microphone 17: inverted"
+    assert ChannelFault("a", "dead", 40.0, "dB").text == "microphone a: dead"
+    assert ChannelFault("a", "gain", 3.21, "dB").text == "microphone a: gain +3.2 dB"
+    assert ChannelFault("a", "misplaced", 0.0234, "m").text == "microphone a: 23.4 mm from the position given"
+    assert ChannelFault("a", "exchanged", 0.4, "m", "b").text == "microphone a: exchanged with microphone b"
 
 
 def test_a_file_of_an_older_version_is_read():

@@ -1,0 +1,86 @@
+"""Solver robust through the command line: faulty channels are named, the others stay right, gains become a table."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from running import done
+
+COUNT, INVERTED, DEAD = 16, 9, 3
+HEALTHY = np.setdiff1d(np.arange(COUNT), [INVERTED, DEAD])
+
+
+@pytest.fixture(scope="module")
+def spoiled(made, tmp_path_factory):
+    """Folder with tiny's measurement, one channel inverted and one dead, and its result; and what was printed."""
+    folder = tmp_path_factory.mktemp("spoiled")
+    with np.load(made / "tiny.npz") as archive:
+        table = dict(archive)
+    p, rng = table["pressures"], np.random.default_rng(1)
+    p[:, INVERTED] *= -1
+    p[:, DEAD] = 1e-3 * np.abs(p).mean() * (rng.normal(size=len(p)) + 1j * rng.normal(size=len(p)))
+    np.savez(folder / "spoiled.npz", **table)
+    return folder, done("calibrate", "spoiled.npz", "--solver", "robust", "-o", "result.json", folder=folder)
+
+
+def test_faulty_channels_are_named_and_the_verdict_of_the_others_is_good(spoiled):
+    folder, printed = spoiled
+    result = json.loads((folder / "result.json").read_text())
+    assert result["verdict"] == "good" and result["odd_channels"] == [str(DEAD), str(INVERTED)]
+    assert [one["kind"] for one in result["odd_channel_details"]] == ["dead", "inverted"]
+    assert np.max(np.array(result["errors_m"])[HEALTHY]) < 0.003
+    assert np.max(np.array(result["left_out_microphones_db"])[HEALTHY]) < -20
+    assert "odd: microphone 3: dead; microphone 9: inverted" in printed
+    assert "over the 14 healthy microphones" in printed and "channels spread" in printed
+
+
+def test_the_gains_become_a_table(spoiled, refused):
+    folder, _ = spoiled
+    done("export", "result.json", "--table", "gains", "-o", "gains.csv", "--force", folder=folder)
+    rows = list(csv.DictReader((folder / "gains.csv").open()))
+    result = json.loads((folder / "result.json").read_text())
+    assert list(rows[0]) == ["name", "gain_db", "gain_sigma_db", "phase_deg", "phase_sigma_deg", "noise_db", "fault"]
+    assert [float(row["gain_db"]) for row in rows] == result["channel_gain_db"]
+    assert {row["name"]: row["fault"] for row in rows if row["fault"]} == {"3": "dead", "9": "inverted"}
+    assert abs(float(rows[INVERTED]["phase_deg"])) > 170
+    done("export", "result.json", "-o", "positions.csv", "--force", folder=folder)
+    assert "gain_db" not in (folder / "positions.csv").read_text()
+    path = folder / "result.json"
+    assert ".csv" in refused("export", path, "--table", "gains", "-o", "gains.xml")
+    assert "--frame" in refused("export", path, "--table", "gains", "--frame", "axes", "-o", "gains.csv")
+
+
+def test_a_result_without_gains_has_no_such_table(made, refused):
+    assert "--solver robust" in refused("export", made / "result.json", "--table", "gains", "-o", "gains.csv")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--gains", "fixed"], "--solver robust"),
+        (["--gain-sigma", "1dB,5deg"], "leave out --gain-sigma"),
+        (["--known-sigma", "5mm", "--solver", "descent+joint"], "leave out --known-sigma"),
+        (["--solver", "robust", "--gains", "fixed", "--gain-sigma", "1dB,5deg"], "--gains auto"),
+        (["--solver", "robust", "--gain-sigma", "1,5"], "as 1dB,5deg"),
+        (["--solver", "robust", "--gain-sigma", "1..2dB,5deg"], "as 1dB,5deg"),
+        (["--solver", "robust", "--gain-sigma", "0dB,5deg"], "solver.gain_sigma_db"),
+        (["--solver", "robust", "--known-sigma", "5"], "as 5mm"),
+        (["--solver", "robust", "--estimate-sound-speed"], "leave out --estimate-sound-speed"),
+    ],
+)
+def test_options_that_do_nothing_or_are_malformed_are_refused(made, refused, options, words):
+    assert words in refused("calibrate", made / "tiny.npz", *options)
+
+
+def test_the_options_reach_the_solver(made, tmp_path):
+    table = []
+    for options in (["--gains", "fixed"], ["--gain-sigma", "1dB,5deg"], ["--known-sigma", "5mm"]):
+        arguments = ("--solver", "robust", "--modes", 12, *options, "-o", "r.json", "--force")
+        done("calibrate", made / "tiny.npz", *arguments, folder=tmp_path)
+        table.append(json.loads((tmp_path / "r.json").read_text()))
+    fixed, stated, _ = table
+    assert set(fixed["channel_gain_sigma_db"]) == {0.0} and set(fixed["channel_gain_db"]) == {0.0}
+    assert np.median(stated["channel_gain_sigma_db"]) > 0.05
