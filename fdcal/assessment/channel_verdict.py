@@ -21,8 +21,7 @@ from . import findings
 from .ambiguity import rms_radius
 from .channel_covariance import Uncertainty, uncertainty
 from .error_ellipses import one_sigma
-from .odd_channels import OddChannel, exchange_back, odd_channels
-from .result_parts import ChannelFault
+from .odd_channels import OddChannel, channel_faults, exchange_back, healthy_channels, odd_channels
 
 
 @dataclass(frozen=True)
@@ -131,27 +130,6 @@ def judge(problem: Problem, state: State, names: Sequence[str] | None = None) ->
         frozen_array(sigma, float), state.gains, found.gains, m.channel_noise, odd, found.stretch_sigma, m.share,
         residual,
     )  # fmt: skip
-
-
-def healthy_channels(count: int, odd: Sequence[OddChannel]) -> np.ndarray:
-    """Return which of `count` channels are not odd : (N,) bool."""
-    healthy = np.ones(count, bool)
-    healthy[[one.number for one in odd]] = False
-    return healthy
-
-
-def channel_faults(odd: Sequence[OddChannel], names: Sequence[str]) -> tuple[ChannelFault, ...]:
-    """Return odd channels as a result holds them, with the names of the microphones."""
-    return tuple(
-        ChannelFault(
-            names[one.number],
-            one.kind,
-            one.value if np.isfinite(one.value) else None,
-            one.unit if np.isfinite(one.value) else "",
-            names[one.partner] if one.partner >= 0 else None,
-        )
-        for one in odd
-    )
 
 
 def _finding(

@@ -10,6 +10,7 @@ exchanged          two channels, or two given positions, each in the other's pla
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +18,7 @@ import numpy as np
 from ..model.problem import Problem
 from ..solvers.robust.state import State
 from .channel_covariance import Uncertainty
-from .result_parts import DECIBELS_PER_NEPER
+from .result_parts import DECIBELS_PER_NEPER, ChannelFault
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ class OddThresholds:
     gain_sigmas: float = 4.0
     least_gain: float = 0.12
     noise: float = 12.0
-    least_noise: float = 1e-6
+    least_noise: float = 3e-5
     unpredicted: float = 0.5
     unpredicted_to_median: float = 3.0
     coherent: float = 0.5
@@ -173,3 +174,24 @@ def exchange_back(problem: Problem, state: State, odd: tuple[OddChannel, ...]) -
         if one.kind == "exchanged" and one.number in known and one.partner not in known:
             x[[one.number, one.partner]] = x[[one.partner, one.number]]
     return x
+
+
+def healthy_channels(count: int, odd: Sequence[OddChannel]) -> np.ndarray:
+    """Return which of `count` channels are not odd : (N,) bool."""
+    healthy = np.ones(count, bool)
+    healthy[[one.number for one in odd]] = False
+    return healthy
+
+
+def channel_faults(odd: Sequence[OddChannel], names: Sequence[str]) -> tuple[ChannelFault, ...]:
+    """Return odd channels as a result holds them, with the names of the microphones."""
+    return tuple(
+        ChannelFault(
+            names[one.number],
+            one.kind,
+            one.value if np.isfinite(one.value) else None,
+            one.unit if np.isfinite(one.value) else "",
+            names[one.partner] if one.partner >= 0 else None,
+        )
+        for one in odd
+    )

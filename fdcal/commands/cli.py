@@ -33,7 +33,8 @@ from .options import (
     solver_option,
 )
 from .outputs import output_path
-from .parameter_types import Distance, GainSigma, Length, NameList, NoiseLevel, RoomSize, room_solver
+from .parameter_types import Distance, NameList, NoiseLevel, RoomSize, room_solver
+from .sigma_types import GainSigma, Length
 
 
 def main(args: list[str] | None = None) -> None:

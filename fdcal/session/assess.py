@@ -109,8 +109,9 @@ def _assess_array(inputs: CalibrationInput, problem: Problem, state, wording: Ma
 
 
 def _assess_channels(inputs: CalibrationInput, problem: Problem, state, wording: Mapping[str, str]) -> Assessment:
-    from ..assessment.channel_verdict import channel_faults, healthy_channels, judge  # these load the compiler
+    from ..assessment.channel_verdict import judge  # these load the compiler
     from ..assessment.cross_validation import cross_validate_healthy
+    from ..assessment.odd_channels import channel_faults, healthy_channels
 
     names = inputs.measurement.names
     verdict = judge(problem, state, names)
