@@ -5,6 +5,7 @@ Loading the libraries takes a moment; an interrupt in it ends the process with o
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import sys
@@ -54,7 +55,7 @@ def _require_streams() -> None:
         if getattr(sys, name) is None:
             setattr(sys, name, open(number, "w" if number else "r", encoding="utf-8", closefd=False))
     for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):
+        if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a file's name need not be of any encoding
 
 

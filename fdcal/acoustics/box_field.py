@@ -31,7 +31,7 @@ import numpy as np
 from ..model.limits import LIMITS
 from ..model.power import mode_power
 from ..model.room import Room, Source
-from ..model.settings import Sensing
+from ..model.sensing import Sensing
 from ..model.validation import InputError
 from .modal import ModalPressures
 from .spectrum import SPECTRUM, pick_peaks

@@ -20,7 +20,7 @@ import numpy as np
 
 from ..model.power import mode_power
 from ..model.sdm_response import SdmResponse
-from ..model.settings import Sensing
+from ..model.sensing import Sensing
 from ..model.validation import InputError
 from .fft import fast_length, rfft
 from .modal import ModalPressures

@@ -40,7 +40,7 @@ class SpectrumRules:
 
 
 SPECTRUM = SpectrumRules()
-BLOCK = 4096  # samples transformed at a time
+BLOCK = 4096  # samples
 
 
 def window_rate(recordings: np.ndarray, fs: float) -> float:
@@ -150,8 +150,7 @@ def mean_power(
 
     Parameters
     ----------
-    recordings, fs, lowest, highest, resolution
-        As of `pick_modes`.
+    recordings, fs, lowest, highest, resolution : as of `pick_modes`
 
     Returns
     -------

@@ -13,7 +13,8 @@ from .array_layout import Array, Gauge
 from .measurement import Measurement
 from .room import Room, Source
 from .scene import Scene
-from .settings import Search, Sensing, SolverSettings
+from .sensing import Sensing
+from .settings import Search, SolverSettings
 
 CELLS = 50  # steps along the search domain of a placeholder
 MARGIN = 1.0  # metres around the known positions of the array

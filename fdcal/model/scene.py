@@ -18,7 +18,8 @@ from dataclasses import dataclass, field, replace
 from .array_layout import Array, Gauge
 from .limits import LIMITS
 from .room import Room, Source, is_no_pair
-from .settings import KNOWN_ROOM_SOLVERS, Search, Sensing, SolverSettings
+from .sensing import Sensing
+from .settings import KNOWN_ROOM_SOLVERS, Search, SolverSettings
 from .validation import InputError, require_point
 
 

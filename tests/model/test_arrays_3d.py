@@ -15,7 +15,7 @@ from fdcal.model.arrays_3d import encloses_3d, positions_3d
 from fdcal.model.gauge import position_errors
 from fdcal.model.geometries import ball, box, plane
 from fdcal.model.scene_file import load_scene
-from fdcal.model.settings import Sensing
+from fdcal.model.sensing import Sensing
 from fdcal.model.validation import InputError
 from fdcal.solvers import load, run
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,12 +21,17 @@ UNKNOWN_LENGTH = 0xFFFFFFFF  # of an .au file written to a pipe
 SUFFIXES = (".wav", ".flac", ".w64", ".rf64", ".aiff", ".aif", ".caf", ".au")
 
 
+def _name(path: Path) -> Any:
+    """The name as bytes, which libsndfile opens whatever their encoding; its type stubs know texts only."""
+    return os.fsencode(path)
+
+
 def read(path: Path, source: int | None = None) -> Recording:
     """Return the recording of a sound file, read in pieces; raise InputError for a file that is damaged."""
     import soundfile
 
     try:
-        with soundfile.SoundFile(os.fsencode(path)) as file:
+        with soundfile.SoundFile(_name(path)) as file:
             channels, samples, rate = file.channels, file.frames, file.samplerate
             log, whole, seekable = (
                 file.extra_info,
@@ -42,7 +48,7 @@ def read(path: Path, source: int | None = None) -> Recording:
         dtype = "float32" if whole else "float64"
         values = np.empty((len(chosen), stop - start), dtype=dtype)
         try:
-            with soundfile.SoundFile(os.fsencode(path)) as file:
+            with soundfile.SoundFile(_name(path)) as file:
                 file.seek(start)
                 for first, last in sample_ranges(stop - start, channels):
                     part = file.read(last - first, dtype=dtype, always_2d=True)

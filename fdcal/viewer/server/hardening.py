@@ -14,6 +14,7 @@ import io
 import re
 import socket
 from collections.abc import Callable, Iterator
+from importlib import metadata
 from typing import Any, TypeVar
 
 import viser
@@ -110,7 +111,8 @@ def _open_restricted(host: str, port: int) -> viser.ViserServer:
     except Exception as error:  # whatever a renamed name leads to
         if server is not None:
             without_output(server.stop)
-        names = f"viser {viser.__version__} and websockets {websockets.__version__}"
+        versions = [f"{name} {metadata.version(name)}" for name in ("viser", "websockets")]
+        names = " and ".join(versions)
         problem = f"{names} cannot be restricted to this page ({type(error).__name__}: {error})"
         raise InputError(problem, "install the versions that pyproject.toml names", key="viser") from error
     return server

@@ -33,5 +33,6 @@ def use_safe_buffers() -> None:
     AttributeError
         viser no longer has the name under which it takes them.
     """
-    _ = _infra.AsyncMessageBuffer
+    if not hasattr(_infra, "AsyncMessageBuffer"):
+        raise AttributeError("viser has no AsyncMessageBuffer")
     setattr(_infra, "AsyncMessageBuffer", SafeMessageBuffer)  # noqa: B010  the name is private to viser's module

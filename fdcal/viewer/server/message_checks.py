@@ -80,10 +80,10 @@ def _is_plain(value, depth: int, items) -> bool:
 
 
 def _is_camera(message: dict[str, Any]) -> bool:
-    vectors = [message.get(name) for name in ("position", "look_at", "up_direction")]
+    vectors: list[Any] = [message.get(name) for name in ("position", "look_at", "up_direction")]
     if not all(_is_vector(vector, 3) for vector in vectors) or not _is_vector(message.get("wxyz"), 4):
         return False
-    numbers = [message.get(name) for name in ("fov", "near", "far", "image_width", "image_height")]
+    numbers: list[Any] = [message.get(name) for name in ("fov", "near", "far", "image_width", "image_height")]
     if not all(map(_is_number, numbers)):
         return False
     (position, look_at, up), (fov, near, far, width, height) = vectors, numbers
