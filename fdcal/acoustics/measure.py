@@ -8,6 +8,7 @@ import numpy as np
 
 from ..model.arrays import positions_of
 from ..model.arrays_3d import positions_3d
+from ..model.faults import DEAD_SHARE
 from ..model.measured_room import response_path
 from ..model.measurement import Measurement
 from ..model.power import mode_power
@@ -79,7 +80,7 @@ def measure(scene: Scene, recordings: np.ndarray | None = None, progress=None) -
     speed_factor = 1 + scene.measurement.sound_speed_error
     return Measurement(
         frequencies=modes.frequencies,
-        pressures=clean + np.sqrt(noise_power)[:, None] * (noise[0] + 1j * noise[1]),
+        pressures=_with_faults(scene, clean) + np.sqrt(noise_power)[:, None] * (noise[0] + 1j * noise[1]),
         sound_speed=speed_factor * scene.room.sound_speed,
         dimension=dimension,
         array_dimension=positions.shape[1],
@@ -90,6 +91,15 @@ def measure(scene: Scene, recordings: np.ndarray | None = None, progress=None) -
         search=scene.search,
         spectrum=modes.spectrum,
     )
+
+
+def _with_faults(scene: Scene, pressures: np.ndarray) -> np.ndarray:
+    """Return the pressures as the scene's faulty channels record them."""
+    faulty = pressures * scene.faults.gains(pressures.shape[1], scene.seed)
+    dead = list(scene.faults.dead)
+    noise = np.random.default_rng([scene.seed, 3]).normal(scale=math.sqrt(0.5), size=(2, len(pressures), len(dead)))
+    faulty[:, dead] = np.sqrt(DEAD_SHARE * mode_power(pressures))[:, None] * (noise[0] + 1j * noise[1])
+    return faulty
 
 
 def _in_closed_form(scene: Scene, progress) -> ModalPressures:

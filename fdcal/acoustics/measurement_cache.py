@@ -12,6 +12,7 @@ import dataclasses
 import numpy as np
 
 from ..model.arrays import positions_of
+from ..model.faults import Faults
 from ..model.measured_room import response_digest
 from ..model.measurement import Measurement
 from ..model.measurement_file import load_measurement, save_measurement
@@ -85,6 +86,8 @@ def _measurement_name(scene: Scene) -> str:
     table = dataclasses.asdict(scene)
     for name in ("name", "title", "solver"):  # these do not affect what is measured
         del table[name]
+    if scene.faults == Faults():
+        del table["faults"]
     if scene.room.response is not None:  # the file may change, and its path does not matter
         table["room"]["response"] = response_digest(scene.room.response)
     return f"{cache_key('measurement with its spectrum', table)}.npz"

@@ -7,6 +7,7 @@
     search          lattice of candidate positions, expansion radius R of Eq. 3
     measurement     how pressures are derived from recordings: SNR, mode picking, wavenumber
     solver          which solver, how many modes, order rule
+    faults          channels that are inverted or dead, spread of gains and phases
 
 Lengths are metres, frequencies hertz, speeds metres per second. `fdcal.model.scene_file` reads a scene from TOML.
 """
@@ -16,6 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from .array_layout import Array, Gauge
+from .faults import Faults
 from .limits import LIMITS
 from .room import Room, Source, is_no_pair
 from .sensing import Sensing
@@ -31,7 +33,7 @@ class Scene:
     ----------
     name, title : str
         The name is that of the file; the title is shown.
-    room, source, array, gauge, search, measurement, solver
+    room, source, array, gauge, search, measurement, solver, faults
         See the module. `search` may be None in a room of three dimensions; `source` is None in a measured room.
     seed : int
         Of everything random: microphones, noise and random starts.
@@ -54,6 +56,7 @@ class Scene:
     measurement: Sensing = field(default_factory=Sensing)
     solver: SolverSettings = field(default_factory=SolverSettings)
     seed: int = 0
+    faults: Faults = field(default_factory=Faults)
 
     @staticmethod
     def optional(table: dict) -> tuple[str, ...]:
@@ -61,7 +64,7 @@ class Scene:
         room = table.get("room")
         measured = isinstance(room, str) or (isinstance(room, dict) and "response" in room)
         boxed = measured or (isinstance(room, dict) and is_no_pair(room.get("size")))
-        return "name", "title", *(("source",) if measured else ()), *(("search",) if boxed else ())
+        return "name", "title", "faults", *(("source",) if measured else ()), *(("search",) if boxed else ())
 
     @property
     def emitter(self) -> Source:
@@ -73,6 +76,7 @@ class Scene:
     def __post_init__(self):
         if self.seed < 0:
             raise InputError(f"seed = {self.seed} is negative", "use 0 or more", key="seed", value=self.seed)
+        self.faults.require_channels(self.array.number)
         self._check_source()
         self._check_dimensions()
         self._check_search()

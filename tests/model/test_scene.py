@@ -18,8 +18,8 @@ from fdcal.model.validation import InputError, StorageError
 
 
 def test_the_scenes_that_come_with_fdcal():
-    names = ["array1_circle", "array2_random", "ball3d", "fig1_square", "listening_lab", "lshape", "plane3d", "tiny"]
-    assert scene_names() == names
+    arrays = ["array1_circle", "array2_faults", "array2_random"]
+    assert scene_names() == [*arrays, "ball3d", "fig1_square", "listening_lab", "lshape", "plane3d", "tiny"]
 
 
 @pytest.mark.parametrize("name", ["array1_circle", "array2_random", "fig1_square", "lshape", "tiny"])
