@@ -130,6 +130,8 @@ def read_archive(file, wanted: Callable[[str], bool]) -> dict[str, np.ndarray]:
         for key in filter(wanted, archive.files):
             try:
                 table[key] = archive[key]
+            except MemoryError:
+                raise
             except Exception as error:  # a damaged member raises anything from zipfile, zlib or NumPy
                 raise _damaged(key, str(error)) from error
             if not isinstance(table[key], np.ndarray):

@@ -29,7 +29,7 @@ from fdcal.assessment.result_schema import REQUIRED
         (["calibrate", "tiny", "--seed", "-4"], ["seed = -4", "0 or more"]),
         (
             ["calibrate", "tiny", "--solver", "magic"],
-            ["'--solver'", "'magic'", "'descent', 'descent+joint', 'joint', 'room'"],
+            ["'--solver'", "'magic'", "'descent', 'descent+joint', 'joint', 'robust', 'room'"],
         ),
         (
             ["calibrate", "tiny", "--solver", "joint+descent"],

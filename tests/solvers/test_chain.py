@@ -34,7 +34,7 @@ def turning_point(states) -> int:
 
 
 def test_the_names_are_documented():
-    assert solvers.names() == ["descent", "descent+joint", "joint", "room"]
+    assert solvers.names() == ["descent", "descent+joint", "joint", "robust", "room"]
     assert (solvers.load("descent"), solvers.load("joint")) == (descent, joint)
     assert solvers.load("descent+joint").members == (descent, joint)
     for name in ("joint+descent", "descent+", "+", "chain", "newton", "staging", "starts", "descent+joint+joint", ""):

@@ -58,7 +58,12 @@ def test_a_compilation_is_waited_for(scene, monkeypatch, stop):
         switcher.cancel()
         switcher.poll()
         go_on.set()
-        until(lambda: names()["fdcal-warmup"] <= before)
+
+        def ended():
+            switcher.poll()  # as the main loop of the page does
+            return names()["fdcal-warmup"] <= before
+
+        until(ended)
         switcher.close()
     else:
         threading.Timer(1.5, go_on.set).start()
