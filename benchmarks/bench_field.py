@@ -1,7 +1,7 @@
 """Arrays, rooms and faults that were not drawn for the solver: `benchmarks.field`, through the command line.
 
 FDCAL_BENCH_DRAWS cases of each family (8 unless given), FDCAL_BENCH_FAMILIES of them (all unless given, separated by
-commas). FDCAL_BENCH_CSV names a file for one row a case.
+commas), by FDCAL_BENCH_SOLVER ("robust" unless given). FDCAL_BENCH_CSV names a file for one row a case.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from .report import Figure
 ALONE = True
 DRAWS = int(os.environ.get("FDCAL_BENCH_DRAWS", "8"))
 WANTED = [name for name in os.environ.get("FDCAL_BENCH_FAMILIES", "").split(",") if name] or list(FAMILIES)
+SOLVER = os.environ.get("FDCAL_BENCH_SOLVER", "robust")
 RIGHT = {  # part of the cases of a family that have to come out right
     "clean2d": 0.95,
     "clean3d": 0.85,
@@ -59,7 +60,7 @@ def _scores(name: str, rows: list[dict]) -> Iterator[Score]:
     folder = Path(cache_folder()) / "field"
     for number, spec in enumerate(FAMILIES[name](DRAWS)):
         try:
-            score = run_case(build(spec, folder))
+            score = run_case(build(spec, folder), arguments=("--solver", SOLVER))
         except NoCaseError:
             continue
         rows.append({"family": name, "case": number, "fault": spec.fault, **asdict(score)})
