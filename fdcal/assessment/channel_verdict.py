@@ -137,13 +137,14 @@ def _finding(
 ) -> tuple[str, str]:
     """Return code and message of the first finding in this order."""
     healthy = healthy_channels(len(sigma), odd)
+    done = state.converged or state.finished  # the last rounds may end on their limit of steps, moving very little
     x, share = state.positions[healthy], state.model.share
     checks = (
         ("too_noisy", lambda: findings.mostly_noise(share) if share > LIMITS.noise_share else ""),
         ("model_mismatch", lambda: _many_odd(odd, names)),
         ("known_position", lambda: _known_position(problem, odd, names)),
         ("undersampled", lambda: _undersampled(problem, x, state.modes)),
-        ("not_converged", lambda: "" if state.converged else findings.NOT_CONVERGED),
+        ("not_converged", lambda: "" if done else findings.NOT_CONVERGED),
         ("model_mismatch", lambda: _excess_noise(problem, share)),
         ("scale_undetermined", lambda: _loose_scale(problem, found)),
         ("ambiguous", lambda: _ambiguous(state, sigma, healthy)),

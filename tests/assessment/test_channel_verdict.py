@@ -31,7 +31,7 @@ def test_a_healthy_array_is_good_and_its_residual_is_the_noise(solved):
 
 def test_a_run_that_was_stopped_is_not_converged(solved):
     problem, state = solved
-    verdict = judge(problem, replace(state, converged=False))
+    verdict = judge(problem, replace(state, converged=False, finished=False))
     assert verdict.code == "not_converged"
     assert verdict.worded({"modes": "the number of modes"}).endswith("use other the number of modes")
 
