@@ -96,7 +96,8 @@ def with_noise(problem: Problem, state: State, deflation: float = 1.0, rough: bo
     share = share if rough else alone
     noise = np.full(len(k), max(share, least))
     given = given_noise(problem, state)
-    if given is not None and 1 / BELIEVED < share / np.median(given) < BELIEVED:
+    level = 0.0 if given is None else float(np.median(given))
+    if given is not None and level / BELIEVED < share < level * BELIEVED:
         noise = np.maximum(given, least)
     noise = np.maximum(noise / deflation, least)
     noise = np.minimum(noise + rough * (k * spread) ** 2 / problem.dimension, noise_model.MOST_SHARE)
