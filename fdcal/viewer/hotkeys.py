@@ -15,8 +15,6 @@ from viser._messages import HotkeyKey, KeyModifier
 from .tabs.lessons import BACK, NEXT
 from .tabs.map import KINDS, LINEAR, LOG
 
-CAMERA_KEYS = (*"WASDQE", "arrowup", "arrowdown", "arrowleft", "arrowright")  # used by viser
-
 
 @dataclass(frozen=True)
 class Key:

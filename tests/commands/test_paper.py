@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import csv
+import importlib
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from fdcal import solvers
 from fdcal.commands import paper
 from fdcal.commands.cli import main
 from fdcal.commands.paper import drawing, study, table, trails
@@ -153,3 +155,13 @@ def test_an_array_that_descent_cannot_search_is_refused(array):
     unbounded = replace(array.inputs, measurement=replace(array.measurement, search=None))
     with pytest.raises(InputError, match="tiny has no search domain"):
         paper.array_of(unbounded, 1, True)
+
+
+@pytest.mark.parametrize("name", solvers.names())
+def test_the_digest_of_a_solver_covers_its_code(name):
+    """A cached run must not outlive a change of the code that made it, wherever a module moves."""
+    found = {path.stem for path in trails.sources(name)}
+    assert "solver" in found and len(found) > 5
+    for part in name.split("+"):
+        package = Path(importlib.import_module(f"fdcal.solvers.{part}").__file__).parent
+        assert set(package.glob("*.py")) <= set(trails.sources(name)), f"the digest misses code of {part}"

@@ -7,9 +7,11 @@ from types import SimpleNamespace
 import pytest
 from viser import _messages
 
-from fdcal.viewer.hotkeys import CAMERA_KEYS, KEYS, add_keys
+from fdcal.viewer.hotkeys import KEYS, add_keys
 from fdcal.viewer.tabs import help
 from fdcal.viewer.tabs.map import KINDS, LINEAR, LOG
+
+CAMERA_KEYS = (*"WASDQE", "arrowup", "arrowdown", "arrowleft", "arrowright")  # used by viser
 
 
 def finish(coroutine):

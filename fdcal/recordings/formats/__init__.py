@@ -1,6 +1,6 @@
 """File formats: every module here that can read recordings or write positions is a format.
 
-A format has a `NAME` and `SUFFIXES`, `SEVERAL` if a file of it may hold several sources, and
+A format has `SUFFIXES`, and `SEVERAL` if a file of it may hold several sources, and
 
     read(path, source) -> Recording         if it holds recordings; `source` selects one of several, or is None
     recognises(path) -> bool                optional: where the suffix alone does not identify the format

@@ -13,7 +13,6 @@ from ...model.reading import read_archive, require_regular
 from ...model.validation import InputError, require_array, require_choice
 from ..recording import KINDS, OLD_KINDS, Recording, recording_of
 
-NAME = "NumPy archive"
 SUFFIXES = (".npz",)
 KEYS = {
     "recordings": ("real", (None, None)),

@@ -8,7 +8,6 @@ import numpy as np
 
 from ...model.microphones import MicrophonePositions
 
-NAME = "pyroomacoustics array"
 SUFFIXES = (".npy",)
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from ...model.validation import InputError
 from ..recording import Recording, sample_ranges
 
-NAME = "Acoular HDF5"
 SUFFIXES = (".h5", ".hdf5")
 
 

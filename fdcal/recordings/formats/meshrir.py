@@ -16,7 +16,6 @@ import numpy as np
 from ...model.validation import InputError, StorageError
 from ..recording import Recording
 
-NAME = "MeshRIR folder"
 SUFFIXES = ()
 SEVERAL = True
 SAMPLE_RATE = 48_000.0  # Hz, of the whole data set; no file contains it

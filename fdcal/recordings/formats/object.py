@@ -7,7 +7,6 @@ from pathlib import Path
 
 from ...model.microphones import MicrophonePositions
 
-NAME = "JSON"
 SUFFIXES = (".json",)
 
 

@@ -16,7 +16,6 @@ from ...model.sdm_response import load_sdm_response
 from ...model.validation import InputError
 from ..recording import Recording, recording_of
 
-NAME = "SDM response"
 SUFFIXES = (".mat",)
 
 

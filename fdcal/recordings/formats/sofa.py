@@ -24,7 +24,6 @@ from .sofa_fields import (
     values_of,
 )
 
-NAME = "SOFA"
 SUFFIXES = (".sofa",)
 SEVERAL = True
 

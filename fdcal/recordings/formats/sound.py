@@ -12,7 +12,6 @@ import numpy as np
 from ...model.validation import InputError
 from ..recording import Recording, sample_ranges
 
-NAME = "multichannel sound"
 # What libsndfile logs about a chunk longer than the file: of WAV, AIFF, AU, W64 and RF64.
 LENGTH = re.compile(
     r"^\s*(?:data|SSND|data\s*chunk|Data Size|riff|Riff size)\s*:\s*(\d+)\s*\(should be (\d+)\)", re.MULTILINE

@@ -13,7 +13,6 @@ from ...model.microphones import MicrophonePositions
 from ...model.reading import read_bytes
 from ...model.validation import InputError, require_point, shown
 
-NAME = "table"
 SUFFIXES = (".csv",)
 MOST_BYTES = 10_000_000
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)  # Python also takes 1_0 for a number

@@ -11,7 +11,6 @@ import numpy as np
 from ...model.microphones import MicrophonePositions
 from ...model.validation import InputError, StorageError
 
-NAME = "Acoular microphone geometry"
 SUFFIXES = (".xml",)
 
 

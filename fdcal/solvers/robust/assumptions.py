@@ -11,17 +11,11 @@ from ...model.problem import Problem
 from ...model.settings import SolverSettings
 from . import noise_model
 from .objective import Objective, Priors
-from .settings import RULES, SCHEDULE
+from .settings import ASSUMED, NOISE_RULES, RULES, SCHEDULE
 from .state import KernelName, Model, State
 
-NOISE_MODES = 24  # at most, evenly taken, to estimate the noise from
 LEAST_SHARE = {"diffuse": 1e-6, "series": 1e-8, "near": 1e-11}  # of noise in the power
 NEAR_SHARE = {2: 1e-5, 3: 2e-6}  # with less noise a source near the array counts
-DAMPED = 0.1  # (Im k R)^2 over the noise from which the imaginary part of the wavenumber counts
-BELIEVED = 2.0  # factor within which the noise given is believed
-PRIOR_COUNT, PRIOR_GAIN = 1.0, 1e-3  # channels that a spread of so many nepers or radians is worth
-SAME_SPREAD = 0.2  # change of the logarithm of a spread that does not count
-KNOWN_COUNT, KNOWN_SIGMA = 2.0, 2e-3  # given positions that a spread of so many metres is worth
 
 
 def spaced(count: int, most: int) -> np.ndarray:
@@ -86,7 +80,7 @@ def with_noise(problem: Problem, state: State, deflation: float = 1.0, rough: bo
 
     rough : whether the spread adds to the noise; where every microphone has found its place, all is noise
     """
-    used = used_modes(problem, state, NOISE_MODES)
+    used = used_modes(problem, state, ASSUMED.noise_modes)
     model = state.model
     least = LEAST_SHARE[model.kernel]
     share, spread, alone = noise_model.estimate_noise(
@@ -97,10 +91,10 @@ def with_noise(problem: Problem, state: State, deflation: float = 1.0, rough: bo
     noise = np.full(len(k), max(share, least))
     given = given_noise(problem, state)
     level = 0.0 if given is None else float(np.median(given))
-    if given is not None and level / BELIEVED < share < level * BELIEVED:
+    if given is not None and level / ASSUMED.believed < share < level * ASSUMED.believed:
         noise = np.maximum(given, least)
     noise = np.maximum(noise / deflation, least)
-    noise = np.minimum(noise + rough * (k * spread) ** 2 / problem.dimension, noise_model.MOST_SHARE)
+    noise = np.minimum(noise + rough * (k * spread) ** 2 / problem.dimension, NOISE_RULES.most_share)
     return replace(state, model=replace(model, noise=noise, share=share, spread=spread))
 
 
@@ -120,14 +114,16 @@ def with_spreads(problem: Problem, state: State, free, matrix) -> State:
     model, sigmas = state.model, []
     stated = state.settings.gain_sigma_db is not None, state.settings.phase_sigma_deg is not None
     for column, sigma in enumerate((model.gain_sigma, model.phase_sigma)):
-        e = np.append(state.gains[:, column] - state.offsets[:, column], PRIOR_GAIN * np.sqrt(PRIOR_COUNT))
+        e = np.append(
+            state.gains[:, column] - state.offsets[:, column], ASSUMED.prior_gain * np.sqrt(ASSUMED.prior_count)
+        )
         fresh = noise_model.updated_sigma(sigma, e, np.append(variance[:, D + column], 0.0))
         sigmas.append(sigma if stated[column] else fresh)
     known, sigma = problem.known, model.known_sigma
     if len(known):
         e = np.linalg.norm(state.positions[known] - problem.known_positions, axis=1)
-        e = np.append(e, KNOWN_SIGMA * np.sqrt(D) * np.ones(int(KNOWN_COUNT)))
-        v = np.append(variance[known, :D].mean(axis=1), np.zeros(int(KNOWN_COUNT)))
+        e = np.append(e, ASSUMED.given_sigma * np.sqrt(D) * np.ones(int(ASSUMED.known_count)))
+        v = np.append(variance[known, :D].mean(axis=1), np.zeros(int(ASSUMED.known_count)))
         sigma = min(noise_model.updated_sigma(sigma, e, v, D, 1e-5), first_known_sigma(state.settings))
     model = replace(model, gain_sigma=sigmas[0], phase_sigma=sigmas[1], known_sigma=sigma)
     return replace(state, model=model)
@@ -136,7 +132,7 @@ def with_spreads(problem: Problem, state: State, free, matrix) -> State:
 def same_spreads(before: Model, after: Model) -> bool:
     """Whether the spreads of gain and phase have hardly changed."""
     pairs = (before.gain_sigma, after.gain_sigma), (before.phase_sigma, after.phase_sigma)
-    return all(abs(np.log(new / old)) < SAME_SPREAD for old, new in pairs)
+    return all(abs(np.log(new / old)) < ASSUMED.same_spread for old, new in pairs)
 
 
 def score(problem: Problem, state: State, chosen: ChannelField, trial) -> float:
@@ -188,4 +184,4 @@ def kernel_of(problem: Problem, state: State, final: bool) -> KernelName:
     share = state.model.share
     if final and share <= NEAR_SHARE[problem.dimension]:
         return "near"
-    return "series" if (np.abs(np.imag(k)).max() * radius) ** 2 > DAMPED * share else "diffuse"
+    return "series" if (np.abs(np.imag(k)).max() * radius) ** 2 > ASSUMED.damped * share else "diffuse"

@@ -9,8 +9,8 @@ import numpy as np
 from ...model.gauge import align, fixes_gauge, move_to_frame
 from ...model.problem import Problem
 from ...model.validation import InputError, frozen_array
-from . import assumptions, outliers, starts
-from .settings import RULES, SCHEDULE
+from . import assumptions, starts
+from .settings import OUTLIERS, RULES, SCHEDULE
 from .state import End, KernelName, Progress, State
 
 DEFORMATION_DAMPING, DAMPING = 1e-3, 1e-6  # of the first step of a row
@@ -60,7 +60,7 @@ def _agreed(problem: Problem, state: State) -> bool:
         return False
     wavelength = 2 * np.pi / float(np.real(problem.wavenumbers[state.modes]).max())
     other = align(ends[1].positions, ends[0].positions)
-    healthy = ends[0].model.channel_noise < outliers.SUSPICIOUS
+    healthy = ends[0].model.channel_noise < OUTLIERS.suspicious
     away = (other - ends[0].positions)[healthy]
     return bool(np.sqrt(np.mean(away**2)) < RULES.same_place * wavelength)
 

@@ -18,13 +18,7 @@ from scipy.optimize import minimize, minimize_scalar
 
 from ...cost.channel_likelihood import ChannelField, Terms, field_covariance
 from .objective import spring
-
-POWER_COUNT = 2.0  # observations that the mean power of the pressures is worth
-CHANNEL_COUNT = 6.0  # observations that a channel is like the others
-LEAST_TAU, MOST_TAU = 0.3, 1e6
-LEAST_POWER = 1e-3  # of the mean power of the pressures
-MOST_SHARE = 0.7  # of noise in the power
-LEAST_SIGMA, MOST_SIGMA = 1e-4, 0.6  # nepers and radians
+from .settings import NOISE_RULES
 
 
 def expected_power(field: ChannelField, corrected) -> np.ndarray:
@@ -32,7 +26,7 @@ def expected_power(field: ChannelField, corrected) -> np.ndarray:
     q2 = np.abs(corrected) ** 2
     sound = 1 / (1 + field.channel_noise * field.noise[:, None])
     mean = np.sum(sound * q2, axis=1) / np.sum(sound, axis=1)
-    return np.maximum(mean - field.noise, LEAST_POWER * mean)
+    return np.maximum(mean - field.noise, NOISE_RULES.least_power * mean)
 
 
 def updated_power(field: ChannelField, terms: Terms) -> np.ndarray:
@@ -41,7 +35,9 @@ def updated_power(field: ChannelField, terms: Terms) -> np.ndarray:
     gamma = np.maximum(np.sum(1 - v * terms.precision, axis=1), 0.0)
     energy = np.sum(np.real(np.conj(terms.weighted) * terms.corrected) - v * np.abs(terms.weighted) ** 2, axis=1)
     expected = expected_power(field, terms.corrected)
-    fresh = (field.power * np.maximum(energy, 0.0) + POWER_COUNT * expected) / (gamma + POWER_COUNT)
+    fresh = (field.power * np.maximum(energy, 0.0) + NOISE_RULES.power_count * expected) / (
+        gamma + NOISE_RULES.power_count
+    )
     return np.maximum(fresh, 1e-2 * expected)
 
 
@@ -50,11 +46,13 @@ def updated_channel_noise(field: ChannelField, terms: Terms) -> np.ndarray:
     v, tau = field.noise[:, None], field.channel_noise
     left = tau * np.sum(v * terms.precision, axis=0)
     seen = tau**2 * np.sum(v * np.abs(terms.weighted) ** 2, axis=0)
-    fresh = (seen + CHANNEL_COUNT) / (left + CHANNEL_COUNT)
-    return np.clip(fresh / np.median(fresh), LEAST_TAU, MOST_TAU)
+    fresh = (seen + NOISE_RULES.channel_count) / (left + NOISE_RULES.channel_count)
+    return np.clip(fresh / np.median(fresh), NOISE_RULES.least_channel_noise, NOISE_RULES.most_channel_noise)
 
 
-def updated_sigma(sigma: float, deviation, variance, components: int = 1, floor: float = LEAST_SIGMA) -> float:
+def updated_sigma(
+    sigma: float, deviation, variance, components: int = 1, floor: float = NOISE_RULES.least_sigma
+) -> float:
     """Spread of a prior by empirical Bayes (MacKay): squared deviations over how many the data determine.
 
     deviation : (K,) root of the sum of squares of the components;  variance : (K,) posterior, per component
@@ -62,14 +60,17 @@ def updated_sigma(sigma: float, deviation, variance, components: int = 1, floor:
     weight = spring(deviation**2, sigma, components) * sigma**2
     determined = components * np.clip(1 - weight * variance / sigma**2, 0.0, 1.0)
     fresh = np.sqrt(np.sum(weight * deviation**2) / max(float(determined.sum()), 1e-3))
-    return float(np.clip(np.clip(fresh, sigma / 4, 4 * sigma), floor, MOST_SIGMA))
+    return float(np.clip(np.clip(fresh, sigma / 4, 4 * sigma), floor, NOISE_RULES.most_sigma))
 
 
 def hyper_cost(field: ChannelField, corrected) -> float:
     """-log density of power and channel noise, up to a constant."""
     expected = expected_power(field, corrected)
     ratio, tau = expected / field.power, field.channel_noise
-    return float(POWER_COUNT * np.sum(ratio - 1 - np.log(ratio)) + CHANNEL_COUNT * np.sum(1 / tau - 1 + np.log(tau)))
+    return float(
+        NOISE_RULES.power_count * np.sum(ratio - 1 - np.log(ratio))
+        + NOISE_RULES.channel_count * np.sum(1 / tau - 1 + np.log(tau))
+    )
 
 
 def estimate_noise(positions, q, field: ChannelField, least: float) -> tuple[float, float, float]:
@@ -91,11 +92,14 @@ def estimate_noise(positions, q, field: ChannelField, least: float) -> tuple[flo
 
     def cost(logs) -> float:
         noise, spread = np.exp(logs)
-        spectrum = values + np.minimum(noise + slope * spread, MOST_SHARE)
+        spectrum = values + np.minimum(noise + slope * spread, NOISE_RULES.most_share)
         return float(np.sum(np.log(spectrum) + along / spectrum))
 
     top = float(slope.max())
-    bounds = [(np.log(least), np.log(MOST_SHARE)), (np.log(least / top), np.log(MOST_SHARE / top))]
+    bounds = [
+        (np.log(least), np.log(NOISE_RULES.most_share)),
+        (np.log(least / top), np.log(NOISE_RULES.most_share / top)),
+    ]
     grid = [np.linspace(*bound, 8) for bound in bounds]
     start = min(((a, b) for a in grid[0] for b in grid[1]), key=cost)
     options = {"xatol": 0.05, "fatol": 0.1}

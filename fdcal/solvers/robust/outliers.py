@@ -15,15 +15,7 @@ from scipy.linalg import solve_triangular
 
 from ...cost.channel_kernels import diffuse_kernel
 from .objective import NU
-
-SPACING = 0.125  # of the shortest wavelength, between candidates
-MOST_CANDIDATES = 1500
-MOST_MOVED = 6  # at once
-SUSPICIOUS = 4.0  # channel noise over that of the others
-GAIN_SIGMA = 0.05  # nepers and radians, of the prior of a gross gain
-MOST_GAIN = 1.5  # nepers
-NATS = 3.0  # by which a place must be better than the channel as it is, with its own noise
-GROSS = 0.5  # |log g| from which a gain is gross: the channel is another kind, or inverted
+from .settings import OUTLIERS
 
 
 def relocate(positions, gains, offsets, pressures, wavenumbers, power, noise, channel_noise, dimension: int):
@@ -37,23 +29,23 @@ def relocate(positions, gains, offsets, pressures, wavenumbers, power, noise, ch
     """
     x, g, off, tau = (np.array(v) for v in (positions, gains, offsets, channel_noise))
     k = np.real(wavenumbers)
-    spacing = SPACING * 2 * np.pi / float(k.max())
+    spacing = OUTLIERS.spacing * 2 * np.pi / float(k.max())
     noise = noise + power * (k * spacing / 2) ** 2 / dimension  # a candidate is only near the place
-    suspects = [n for n in np.argsort(-tau)[:MOST_MOVED] if tau[n] > SUSPICIOUS]
+    suspects = [n for n in np.argsort(-tau)[: OUTLIERS.moved] if tau[n] > OUTLIERS.suspicious]
     moved = []
     for n in suspects:
         others = np.delete(np.arange(len(x)), n)
         q = pressures[:, others] * np.exp(-g[others, 0] - 1j * g[others, 1])
-        candidates = np.vstack([x[n], _lattice(x[tau < SUSPICIOUS], spacing)])
+        candidates = np.vstack([x[n], _lattice(x[tau < OUTLIERS.suspicious], spacing)])
         e, V = _predicted(x[others], q, candidates, k, power, noise, tau[others], dimension)
         cost, value = _fitted(pressures[:, n], e, V)
         extra = noise * (tau[n] - 1)
         own = pressures[:, n] * np.exp(-g[n, 0] - 1j * g[n, 1]) - e[:, 0]
         noisy = np.sum(np.log(V[:, 0] + extra) + np.abs(own) ** 2 / (V[:, 0] + extra) + 2 * g[n, 0])
         best = int(np.argmin(cost))
-        if cost[best] < noisy - NATS:
+        if cost[best] < noisy - OUTLIERS.nats:
             x[n], tau[n] = candidates[best], 1.0
-            off[n] = (value[best].real, value[best].imag) if abs(value[best]) > GROSS else 0.0
+            off[n] = (value[best].real, value[best].imag) if abs(value[best]) > OUTLIERS.gross else 0.0
             g[n] = off[n]
             moved.append(int(n))
     return x, g, off, tau, moved
@@ -61,7 +53,7 @@ def relocate(positions, gains, offsets, pressures, wavenumbers, power, noise, ch
 
 def _lattice(x, spacing: float) -> np.ndarray:
     low, high = x.min(axis=0) - 2 * spacing, x.max(axis=0) + 2 * spacing
-    spacing = max(spacing, float((np.prod(high - low) / MOST_CANDIDATES) ** (1 / x.shape[1])))
+    spacing = max(spacing, float((np.prod(high - low) / OUTLIERS.candidates) ** (1 / x.shape[1])))
     axes = [np.arange(a, b + spacing, spacing) for a, b in zip(low, high, strict=True)]
     return np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, x.shape[1])
 
@@ -89,7 +81,9 @@ def _fitted(p, e, V):
     """Cost (C,) and log gain (C,) complex128 of a channel p (M,) of which e (M, C) is predicted with variance V."""
     gain = np.sum(np.conj(e) * p[:, None] / V, axis=0) / (np.sum(np.abs(e) ** 2 / V, axis=0) + 1e-6)
     value = np.log(np.where(np.abs(gain) < 1e-6, 1e-6, gain))
-    value = np.clip(np.real(value), -MOST_GAIN, MOST_GAIN) + 1j * np.imag(value)
-    prior = sum((NU + 1) / 2 * np.log1p(part**2 / (NU * GAIN_SIGMA**2)) for part in (np.real(value), np.imag(value)))
+    value = np.clip(np.real(value), -OUTLIERS.most_gain, OUTLIERS.most_gain) + 1j * np.imag(value)
+    prior = sum(
+        (NU + 1) / 2 * np.log1p(part**2 / (NU * OUTLIERS.gain_sigma**2)) for part in (np.real(value), np.imag(value))
+    )
     misfit = np.sum(np.log(V) + np.abs(p[:, None] * np.exp(-value) - e) ** 2 / V, axis=0)
     return misfit + 2 * len(p) * np.real(value) + prior, value

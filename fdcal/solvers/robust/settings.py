@@ -82,3 +82,90 @@ class Rules:
 
 
 RULES = Rules()
+
+
+@dataclass(frozen=True)
+class NoiseRules:
+    """Priors and bounds of the noise model.
+
+    Attributes
+    ----------
+    power_count : observations that the mean power of the pressures is worth
+    channel_count : observations that a channel is like the others
+    least_channel_noise : least channel noise over that of the array
+    most_channel_noise : greatest, likewise
+    least_power : least power of the field over the mean power of the pressures
+    most_share : greatest noise over the power
+    least_sigma : least spread of gains and phases, nepers and radians
+    most_sigma : greatest, likewise
+    """
+
+    power_count: float = 2.0
+    channel_count: float = 6.0
+    least_channel_noise: float = 0.3
+    most_channel_noise: float = 1e6
+    least_power: float = 1e-3
+    most_share: float = 0.7
+    least_sigma: float = 1e-4
+    most_sigma: float = 0.6
+
+
+NOISE_RULES = NoiseRules()
+
+
+@dataclass(frozen=True)
+class OutlierRules:
+    """When a channel is moved elsewhere or given another gain.
+
+    Attributes
+    ----------
+    spacing : distance of candidates over the shortest wavelength
+    candidates : candidates at most
+    moved : channels examined at once
+    suspicious : channel noise over that of the others from which a channel is examined
+    gain_sigma : nepers and radians, of the prior of a gross gain
+    most_gain : nepers, greatest gross gain
+    nats : by which a place must be likelier than the channel as it is, with its own noise
+    gross : absolute log gain from which a gain is gross, as that of an inverted channel
+    """
+
+    spacing: float = 0.125
+    candidates: int = 1500
+    moved: int = 6
+    suspicious: float = 4.0
+    gain_sigma: float = 0.05
+    most_gain: float = 1.5
+    nats: float = 3.0
+    gross: float = 0.5
+
+
+OUTLIERS = OutlierRules()
+
+
+@dataclass(frozen=True)
+class AssumptionRules:
+    """What the stages assume of noise, kernel and spreads.
+
+    Attributes
+    ----------
+    noise_modes : modes, evenly taken, to estimate the noise from, at most
+    damped : (Im k R)^2 over the noise from which the imaginary part of k counts
+    believed : factor within which the reported noise is believed
+    prior_count : channels that `prior_gain` is worth
+    prior_gain : nepers or radians, expected spread of gains and phases
+    same_spread : change of the logarithm of a spread that does not count
+    known_count : given positions that `given_sigma` is worth
+    given_sigma : metres, expected error of each coordinate of a given position
+    """
+
+    noise_modes: int = 24
+    damped: float = 0.1
+    believed: float = 2.0
+    prior_count: float = 1.0
+    prior_gain: float = 1e-3
+    same_spread: float = 0.2
+    known_count: float = 2.0
+    given_sigma: float = 2e-3
+
+
+ASSUMED = AssumptionRules()
