@@ -60,7 +60,7 @@ def test_a_channel_of_pure_noise_moves_no_other_microphone(sound, reference):
     assert [(one.number, one.kind) for one in found.odd] == [(FAULTY, "dead")] and found.code == "good"
     others = healthy_channels(COUNT, found.odd)
     shift = np.linalg.norm(found.positions - reference.positions, axis=1)[others]
-    # what the channel told of the others is lost, which is within their uncertainty
+    # what the channel said about the others is lost, which is within their uncertainty
     assert np.all(shift < 2 * found.sigma[others])
 
 

@@ -1,4 +1,4 @@
-"""A response that wraps round, as after a circular deconvolution, is seen and told."""
+"""A response that wraps round, as after a circular deconvolution, is recognised and reported."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ def square():
     return problem, descent, state, maps, fine, truth, measurement
 
 
-def hollows(cost, fine, truth):
+def local_minima(cost, fine, truth):
     """Distance from the truth, metres, and cost of each local minimum, the deepest first."""
     found = landscapes.local_minima(cost)
     return np.hypot(*(landscapes.map_positions(found, fine) - truth).T), cost[tuple(found.T)]
@@ -47,11 +47,11 @@ def hollows(cost, fine, truth):
 def test_one_mode_has_many_minima(square, lesson_text):
     _, _, _, maps, fine, truth, measurement = square
     text, f = lesson_text("1_many_minima"), measurement.frequencies
-    distances, costs = hollows(maps[38], fine, truth)
+    distances, costs = local_minima(maps[38], fine, truth)
     assert len(costs) == 3 and np.ptp(costs) < 0.01 * costs[0], "three, whose costs agree within 1 %"
     assert distances[0] > 0.1, "and the lowest is not at the truth"
     assert landscapes.interpolate(maps[38], fine, truth) < 1.02 * costs[0]
-    _, costs = hollows(maps[37], fine, truth)
+    _, costs = local_minima(maps[37], fine, truth)
     assert len(costs) == 4 and landscapes.interpolate(maps[37], fine, truth) < 1.01 * costs[0], (
         "its valley passes there"
     )
@@ -66,7 +66,7 @@ def test_one_mode_has_many_minima(square, lesson_text):
 def test_one_mode_alone_leaves_a_valley(square):
     """Its dark cells span the map: one number does not fix two coordinates."""
     _, _, _, maps, fine, truth, _ = square
-    assert len(hollows(maps[1], fine, truth)[1]) == 1
+    assert len(local_minima(maps[1], fine, truth)[1]) == 1
     rows, columns = np.nonzero(maps[1] < maps[1].min() + 0.01 * np.ptp(maps[1]))
     assert np.ptp(rows) + 1 == maps[1].shape[0] and fine.step * (np.ptp(columns) + 1) == pytest.approx(0.16, abs=0.005)
     rows, columns = np.nonzero(maps[38] < maps[38].min() + 0.01 * np.ptp(maps[38]))
@@ -76,10 +76,10 @@ def test_one_mode_alone_leaves_a_valley(square):
 def test_modes_together_share_one_minimum(square, lesson_text):
     problem, descent, state, maps, fine, truth, _ = square
     text = lesson_text("2_joint_minimum")
-    distances, costs = hollows(maps[38] + maps[39], fine, truth)
+    distances, costs = local_minima(maps[38] + maps[39], fine, truth)
     assert len(costs) == 4 and distances[0] < 0.002 and distances[1] == pytest.approx(0.24, abs=0.005)
     assert costs[1] / costs[0] == pytest.approx(1.06, abs=0.01) and "24 cm away and only 6 % costlier" in text
-    distances, costs = hollows(maps[38] + maps[39] + maps[40], fine, truth)
+    distances, costs = local_minima(maps[38] + maps[39] + maps[40], fine, truth)
     assert len(costs) == 2 and distances[0] < 0.002 and distances[1] == pytest.approx(0.76, abs=0.01)
     assert costs[1] / costs[0] == pytest.approx(75, abs=1) and "one 75 times as costly, 76 cm away" in text
     whole = landscapes.mode_landscapes(problem, descent, state, 16, tuple(range(1, 58))).sum(axis=0)
