@@ -31,7 +31,7 @@ class OddThresholds:
     gain_sigmas : spreads of the gains, or phases, of all channels
     least_gain : nepers of the gain, or radians of the phase, that are never odd
     noise : noise of a channel over that of the median channel
-    least_noise : share of the power below which noise is not odd
+    least_noise : share of the power below which noise is not odd: the misfit of the field model may be a channel's
     unpredicted : share of a channel's variance, or of its power, that the others do not predict
     unpredicted_to_median : the same over that of the median channel
     coherent : share of the power that a delay must explain
@@ -46,7 +46,7 @@ class OddThresholds:
     gain_sigmas: float = 4.0
     least_gain: float = 0.12
     noise: float = 12.0
-    least_noise: float = 3e-5
+    least_noise: float = 1e-4
     unpredicted: float = 0.5
     unpredicted_to_median: float = 3.0
     coherent: float = 0.5
