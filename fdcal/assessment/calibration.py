@@ -56,8 +56,8 @@ class Calibration(CalibrationViews):
     aligned : bool
         Whether nothing fixes translation, rotation and mirror image, so that the errors are those after the best
         rigid motion.
-    mean_error, max_error : float or None
-        Over all microphones, metres; None where the true positions are unknown.
+    mean_error, rms_error, max_error : float or None
+        Over the microphones that `counted` names, metres; None where the true positions are unknown.
     errors : (N,) float64 or None
         Distance of each microphone from its true position, metres.
     sound_speed : float or None
@@ -107,6 +107,7 @@ class Calibration(CalibrationViews):
     evidence: Evidence | None = None
     room: KnownRoom | None = None
     channels: Channels | None = None
+    rms_error: float | None = field(default=None, metadata={"key": "rms_error_m"})
 
     def __post_init__(self):
         for name in ("positions", "frequencies", "errors", "uncertainty", "covariance"):
@@ -160,11 +161,34 @@ class Calibration(CalibrationViews):
             }
         )
 
+    @property
+    def healthy(self) -> np.ndarray:
+        """Numbers of the microphones with a sound channel, of all if there is none : (K,) int64."""
+        faults = () if self.channels is None else self.channels.faults
+        faulty = {fault.name for fault in faults if fault.kind != "misplaced"}
+        healthy = np.flatnonzero([name not in faulty for name in self.names])
+        return healthy if len(healthy) else np.arange(len(self.names))
+
+    def counted(self, given=()) -> np.ndarray:
+        """Return the numbers of the microphones whose errors are averaged: those sought, with a sound channel.
+
+        Parameters
+        ----------
+        given : sequence of int
+            Microphones whose positions were given; they count only where no other is left.
+
+        Returns
+        -------
+        (K,) int64
+        """
+        sought = np.setdiff1d(self.healthy, np.asarray(given, np.int64))
+        return sought if len(sought) else self.healthy
+
     def positions_for(self, measurement: Measurement) -> np.ndarray:
         """Return the positions in the axes of a measurement's true positions, where it has them.
 
-        A blind result is moved as a whole onto the true positions; of the symmetries of a known room the nearest one
-        is taken.
+        A blind result is moved as a whole onto the true positions, by its sound channels; of the symmetries of a known
+        room the nearest one is taken.
 
         Returns
         -------
@@ -193,14 +217,23 @@ class Calibration(CalibrationViews):
         if truth is not None and self.room is not None:
             arrays = [positions for _, positions in self.room.symmetries]
             return min(arrays, key=lambda positions: float(np.sum((positions - truth) ** 2)))
-        return align(self.positions, truth) if truth is not None and self.aligned else self.positions
+        return align(self.positions, truth, self.healthy) if truth is not None and self.aligned else self.positions
 
-    def compared_with(self, measurement: Measurement) -> Calibration:
-        """Return this calibration with its errors against the true positions of a measurement, where it has them."""
+    def compared_with(self, measurement: Measurement, given=()) -> Calibration:
+        """Return this calibration with its errors against the true positions of a measurement, where it has them.
+
+        Parameters
+        ----------
+        measurement : Measurement
+        given : sequence of int
+            As of `counted`.
+        """
         if measurement.positions is None:
             return self
         errors = position_errors(self.positions_for(measurement), measurement.positions)
-        return replace(self, errors=errors, mean_error=float(errors.mean()), max_error=float(errors.max()))
+        of = errors[self.counted(given)]
+        rms = float(np.sqrt(np.mean(of**2)))
+        return replace(self, errors=errors, mean_error=float(of.mean()), rms_error=rms, max_error=float(of.max()))
 
 
 def _key(attribute) -> str:

@@ -24,6 +24,7 @@ REQUIRED = {
     "max_error_m": (float, 0),
 }
 OPTIONAL = {  # files written by older versions lack some of these; "room" and what follows are those of solver "room"
+    "rms_error_m": (float, 0),
     "errors_m": (float, 1),
     "aligned": (bool, 0),
     "uncertainty_m": (float, 1),
@@ -40,7 +41,7 @@ OPTIONAL = {  # files written by older versions lack some of these; "room" and w
     "admittance": (float, 1),
     **dict.fromkeys(CHANNEL_KEYS, (float, 1)),
 }
-NULLABLE = ("mean_error_m", "max_error_m", "errors_m")  # null where the true positions are unknown
+NULLABLE = ("mean_error_m", "rms_error_m", "max_error_m", "errors_m")  # null where the true positions are unknown
 OF_EACH_MICROPHONE = ("names", "uncertainty_m", "covariance_m2", "errors_m", "left_out_microphones_db", *CHANNEL_KEYS)
 
 

@@ -17,7 +17,7 @@ LEAST_MOVE = 1e-3  # metres, of a given position that is mentioned
 def summary(inputs: CalibrationInput, result: Calibration) -> str:
     """Return a calibration in seven lines, and more of its channels or of a known room."""
     count, f = inputs.measurement.count, result.frequencies
-    free = count - len(inputs.measurement.known) * (inputs.settings.known == "all")
+    free = count - len(inputs.given)
     end = "converged" if result.converged else "stopped before it converged"
     unit = "dimensionless" if inputs.settings.weights == "unit" else "pressure squared"
     lines = [
@@ -25,7 +25,7 @@ def summary(inputs: CalibrationInput, result: Calibration) -> str:
         f"modes   {len(f)}, {f[0]:.1f} to {f[-1]:.1f} Hz",
         f"run     {result.sweeps} sweeps in {result.elapsed:.1f} s, {end}",
         f"cost    {result.cost:.3g} ({unit})",
-        f"error   {_error(result)}",
+        f"error   {_error(result, inputs.given)}",
     ]
     if result.evidence is not None:
         lines.append(f"predict {_prediction(result, result.evidence)}")
@@ -36,23 +36,15 @@ def summary(inputs: CalibrationInput, result: Calibration) -> str:
     return "\n".join([*lines, *_room_lines(result)])
 
 
-def _healthy(result: Calibration) -> np.ndarray:
-    """Return the numbers of the microphones whose channels are not odd, of all if there are no others : int64."""
-    faults = () if result.channels is None else result.channels.faults
-    faulty = [fault.name for fault in faults if fault.kind != "misplaced"]
-    healthy = np.flatnonzero([name not in faulty for name in result.names])
-    return healthy if len(healthy) else np.arange(len(result.names))
-
-
-def _error(result: Calibration) -> str:
+def _error(result: Calibration, given) -> str:
+    """Return the errors over the microphones sought whose channels are sound; `given` as of `Calibration.counted`."""
     if result.mean_error is None or result.max_error is None:
         return "unknown, since the true positions are"
-    mean, largest, healthy = result.mean_error, result.max_error, _healthy(result)
-    over = f"all {len(result.positions)}"
-    if len(healthy) < len(result.names) and result.errors is not None:
-        mean, largest = float(result.errors[healthy].mean()), float(result.errors[healthy].max())
-        over = f"the {len(healthy)} healthy"
-    text = f"mean {round(1e3 * mean, 3):.3g} mm, largest {round(1e3 * largest, 3):.3g} mm over {over} microphones"
+    mean, largest, counted = result.mean_error, result.max_error, result.counted(given)
+    healthy = " healthy" if len(result.healthy) < len(result.names) else ""
+    sought = " sought" if len(given) and not np.isin(counted, given).any() else ""
+    over = f"{'the' if healthy or sought else 'all'} {len(counted)}{healthy} microphones{sought}"
+    text = f"mean {round(1e3 * mean, 3):.3g} mm, largest {round(1e3 * largest, 3):.3g} mm over {over}"
     text += ", moved as a whole onto the truth" if result.aligned else ""
     return text + (", in the nearest of the room's symmetries" if result.room is not None else "")
 
@@ -62,7 +54,7 @@ def _prediction(result: Calibration, evidence: Evidence) -> str:
     microphones, modes = evidence.microphones_db, evidence.frequencies_db
     if evidence.leave_one_out_db is None or microphones is None or modes is None:
         return "no leave-one-out prediction in the file"
-    healthy = _healthy(result)
+    healthy = result.healthy
     n, m = int(healthy[microphones[healthy].argmax()]), int(modes.argmax())
     return (
         f"leave-one-out error {evidence.leave_one_out_db:.1f} dB; worst microphone {result.names[n]},"
@@ -75,7 +67,7 @@ def _channel_lines(result: Calibration, measurement: Measurement) -> list[str]:
     channels = result.channels
     if channels is None:
         return []
-    gain, phase = (float(np.std(values[_healthy(result)])) for values in (channels.gain_db, channels.phase_deg))
+    gain, phase = (float(np.std(values[result.healthy])) for values in (channels.gain_db, channels.phase_deg))
     odd = "; ".join(fault.text for fault in channels.faults)
     lines = [f"channels spread {gain:.2g} dB and {phase:.2g} degrees; {'odd: ' + odd if odd else 'none is odd'}"]
     given = [n for n in measurement.known if measurement.names[n] in (result.known or ())]

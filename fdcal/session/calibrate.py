@@ -116,7 +116,7 @@ def solve(
         evidence=found.evidence,
         room=found.room,
         channels=found.channels,
-    ).compared_with(measurement)
+    ).compared_with(measurement, inputs.given)
 
 
 def _last_state(inputs: CalibrationInput, progress: Progress | None, problem: Problem) -> tuple[RunState, str]:

@@ -62,6 +62,12 @@ class CalibrationInput:
     distance: tuple[str, str, float] | None = None
     time_limit: float | None = None
 
+    @property
+    def given(self) -> tuple[int, ...]:
+        """Numbers of the microphones whose positions the solver is given; the others are sought."""
+        takes = self.settings.known == "all" and not load(self.settings.name).TRAITS.needs_room
+        return tuple(map(int, self.measurement.known)) if takes else ()
+
 
 def load_input(
     text: str,
