@@ -1,40 +1,214 @@
-"""docs/: options and files that it names are there, and it names all options of import."""
+"""docs/: what it says runs, what it names is there, and it names everything that a reader may look for."""
 
 from __future__ import annotations
 
 import dataclasses
 import re
-from pathlib import Path
+import tomllib
 
+import click
 import pytest
+from documents import ALL, DOCS, PAGES, ROOT, blocks, name_of, run_fdcal, run_python, shows, text_of
+from PIL import Image
 
+import fdcal
+from fdcal.assessment import room_verdict, verdict
+from fdcal.assessment.result_parts import ChannelFault, Evidence, KnownRoom, channels_table, evidence_table, room_table
+from fdcal.assessment.result_schema import OPTIONAL as RESULT_OPTIONAL
+from fdcal.assessment.result_schema import REQUIRED as RESULT_REQUIRED
 from fdcal.commands.cli import commands
+from fdcal.model.measurement_file import OPTIONAL, REQUIRED, SEARCH
+from fdcal.model.scene_file import scene_names
 from fdcal.recordings import formats
 from fdcal.session.lesson import MAPS, SCALES, VIEWS, Lesson, Setting, Step
 from fdcal.session.lesson_file import load_lesson
+from fdcal.solvers import names as solver_names
 
-DOCS = Path(__file__).parent.parent / "docs"
-TEXT = (DOCS / "bring-your-recording.md").read_text(encoding="utf-8")
-LESSONS = (DOCS / "lessons.md").read_text(encoding="utf-8")
+RECORDING = text_of(DOCS / "how-to" / "bring-your-recording.md")
+LESSONS = text_of(DOCS / "how-to" / "write-a-lesson.md")
+COMMANDS = text_of(DOCS / "reference" / "command-line.md")
+FILES = text_of(DOCS / "reference" / "files.md")
+VERDICTS = text_of(DOCS / "reference" / "verdicts.md")
+DEPENDENCIES = text_of(DOCS / "reference" / "dependencies.md")
+PICTURES = sorted((DOCS / "pictures").iterdir())
+# Pages whose lines of the shell run as they stand, with what other pages made before.
+TUTORIAL, CHANNELS = DOCS / "tutorials" / "first-recording.md", DOCS / "how-to" / "check-channels.md"
 
 
 def options(name: str) -> set[str]:
     return {text for option in commands.commands[name].params for text in option.opts if text.startswith("-")}
 
 
-def test_every_option_told_is_there():
-    known = options("import") | options("calibrate") | options("export")
-    assert set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", TEXT)) <= known
+def run_page(page, namespace: dict, skip: str = "") -> None:
+    """Run the Python code and the commands of a page in their order, and compare what they print."""
+    for block in blocks(text_of(page)):
+        if block.language == "python":
+            printed = run_python(block.code, name_of(page), namespace)
+        elif block.language == "sh" and not (skip and skip in block.code):
+            printed = run_fdcal(block.code)
+        else:
+            continue
+        if block.output is not None:
+            assert shows(block.output, printed), f"{name_of(page)} shows\n{block.output}\nand it prints\n{printed}"
+
+
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if "```python" in text_of(page) and page not in (TUTORIAL, CHANNELS)], ids=name_of
+)
+def test_the_python_code_of_a_page_runs_and_prints_what_it_shows(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    namespace: dict = {}
+    for block in blocks(text_of(page)):
+        if block.language == "python":
+            printed = run_python(block.code, name_of(page), namespace)
+            assert block.output is None or shows(block.output, printed), printed
+
+
+def test_the_tutorial_runs_from_beginning_to_end_and_then_the_check_of_its_channels(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run_page(TUTORIAL, {})
+    known = "".join(block.code for block in blocks(text_of(TUTORIAL)) if block.code.startswith("name,x,y"))
+    assert (tmp_path / "known.csv").read_text() == known, "the table that it shows is the one that it writes"
+    assert {"plate.wav", "plate.npz", "result.json", "positions.csv", "positions.xml"} <= set(
+        path.name for path in tmp_path.iterdir()
+    )
+    rows = (tmp_path / "layout.csv").read_text().splitlines()
+    rows[4], rows[13] = rows[13].replace("12,", "3,", 1), rows[4].replace("3,", "12,", 1)
+    (tmp_path / "layout.csv").write_text("\n".join(rows))
+    (tmp_path / "result.json").unlink()
+    (shown,) = [b.code for b in blocks(text_of(CHANNELS)) if b.code.startswith("channels 3 and 12")]
+    (line,) = [b.code for b in blocks(text_of(CHANNELS)) if b.code.startswith("fdcal calibrate plate.npz")]
+    printed = run_fdcal(line)
+    assert shows("\n".join(shown.splitlines()[:3]), printed), printed
+    for block in blocks(text_of(CHANNELS)):
+        if block.language == "python":
+            assert shows(block.output, run_python(block.code, name_of(CHANNELS), {}))
+
+
+@pytest.mark.parametrize("page", ALL, ids=name_of)
+def test_every_command_and_option_of_a_page_is_there(page):
+    for line in re.findall(r"(?:^|`|&& |\.venv/bin/)fdcal ((?!COMMAND)[a-z]+[^`\n]*)", text_of(page), re.MULTILINE):
+        name = line.split()[0]
+        assert name in commands.commands, line
+        given = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", line.partition(" && ")[0]))
+        assert given <= options(name) | {"--debug", "--help"}, line
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_links_lead_somewhere(page):
+    for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text_of(page)):
+        assert (page.parent / target).exists(), target
+
+
+def test_every_page_is_in_a_table_of_contents():
+    listed = set()
+    for page in PAGES:
+        for block in re.findall(r"```\{toctree\}\n(.*?)```", text_of(page), re.DOTALL):
+            entries = [line for line in block.split() if not line.startswith(":")]
+            listed |= {page.parent / entry for entry in entries}
+    for page in PAGES:
+        assert page == DOCS / "index.md" or page.with_suffix("") in listed, page
+
+
+@pytest.mark.parametrize("picture", PICTURES, ids=lambda path: path.name)
+def test_a_picture_is_small_is_shown_and_can_be_made_anew(picture):
+    assert picture.stat().st_size < 200_000
+    assert any(f"pictures/{picture.name}" in text_of(page) for page in ALL)
+    assert f'"{picture.stem}"' in text_of(DOCS / "pictures.py")
+    with Image.open(picture) as image:
+        assert image.format == "PNG"
+
+
+def test_pictures_are_small_together():
+    assert sum(picture.stat().st_size for picture in PICTURES) < 3_000_000
+
+
+@pytest.mark.parametrize("page", ALL, ids=name_of)
+def test_every_picture_of_a_page_has_a_text_for_those_who_cannot_see_it(page):
+    text = text_of(page)
+    assert text.count("```{image}") == len(re.findall(r"```\{image\} [^\n]*\n:alt: \S", text))
+    assert "![](" not in text
+
+
+@pytest.mark.parametrize("name", scene_names())
+def test_every_scene_is_described(name):
+    assert f"| `{name}` |" in text_of(DOCS / "reference" / "scenes.md")
+
+
+@pytest.mark.parametrize("name", solver_names())
+def test_every_solver_is_described(name):
+    assert f"| `{name}` |" in text_of(DOCS / "reference" / "solvers.md")
+
+
+@pytest.mark.parametrize("name", sorted(commands.commands))
+def test_every_command_is_documented_with_its_options(name):
+    (usage,) = re.findall(rf"^\| `fdcal {name}([^`]*)` \|", COMMANDS, re.MULTILINE)
+    known = {text for option in commands.commands[name].params for text in option.opts if text.startswith("-")}
+    documented = set(re.findall(r"(?<![\w-])--?[a-z-]+", usage))
+    assert documented <= known
+    required = [p for p in commands.commands[name].params if isinstance(p, click.Option) and p.required]
+    for option in required:
+        assert documented & set(option.opts)
+
+
+def test_the_reference_of_the_command_line_and_of_python_is_generated_from_the_code():
+    assert ".. click:: fdcal.commands.cli:commands" in COMMANDS
+    api = text_of(DOCS / "reference" / "api.rst")
+    for name in fdcal.__all__:
+        assert f"\n   {name}\n" in api, name
+
+
+@pytest.mark.parametrize("key", REQUIRED + OPTIONAL + SEARCH)
+def test_every_key_of_the_measurement_file_is_documented(key):
+    assert f"`{key}`" in FILES
+
+
+def result_keys() -> set[str]:
+    """All keys that a result file can hold."""
+    found = fdcal.calibrate(fdcal.load("tiny"), modes=12)
+    parts = room_table(KnownRoom((), found.positions, 0j, ())) | evidence_table(Evidence(1.0)) | channels_table(None)
+    return set(RESULT_REQUIRED) | set(RESULT_OPTIONAL) | set(re.findall(r'"(\w+)":', found.to_json())) | set(parts)
+
+
+def test_every_key_of_the_result_file_is_documented():
+    keys = result_keys() | {"odd_channels", "odd_channel_details"} | {f.name for f in dataclasses.fields(ChannelFault)}
+    for key in keys:
+        assert f"`{key}`" in FILES, key
+
+
+def test_every_verdict_is_documented_with_a_remedy():
+    codes = {code for module in (verdict, room_verdict) for code in re.findall(r'^ +\("(\w+)",', source(module), re.M)}
+    assert {"good", "room_size", "scale_undetermined"} <= codes
+    for code in codes:
+        assert VERDICTS.count(f"| `{code}` |") == (1 if code == "good" else 2), code
+
+
+def source(module) -> str:
+    with open(module.__file__, encoding="utf-8") as file:
+        return file.read()
+
+
+def test_every_dependency_has_its_reason():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = project["optional-dependencies"]
+    for requirement in project["dependencies"] + extras["test"] + extras["docs"]:
+        name = re.match(r"[\w-]+", requirement).group()
+        assert re.search(rf"^\|[^|]*\b{name}\b[^|]*\|", DEPENDENCIES, re.MULTILINE), f"{name} is not explained"
 
 
 def test_every_option_of_import_is_documented():
     for option in options("import") - {"-o", "--output", "--force", "--seed"}:
-        assert f"`{option}" in TEXT, option
+        assert f"`{option}" in RECORDING, option
+
+
+def test_every_option_told_is_there():
+    known = options("import") | options("calibrate") | options("export")
+    assert set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", RECORDING)) <= known
 
 
 def test_every_suffix_of_positions_is_told():
     for suffix in formats.suffixes("write"):
-        assert f"| `{suffix}` |" in TEXT
+        assert f"| `{suffix}` |" in RECORDING
 
 
 def test_the_worked_example_can_be_loaded_and_its_error_is_the_documented_one(tmp_path):

@@ -1,24 +1,20 @@
-"""The README does what it says: its example runs, and it names what is there."""
+"""README.md does what it says: its example runs, its lines are there, and it leads to the documentation."""
 
 from __future__ import annotations
 
 import re
-import tomllib
-from pathlib import Path
 
 import click
-import pytest
+from documents import README, ROOT, blocks, text_of
 
 from fdcal.commands.cli import commands
-from fdcal.model.measurement_file import OPTIONAL, REQUIRED, SEARCH
-from fdcal.model.scene_file import scene_names
 
-ROOT = Path(__file__).parent.parent
-TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
+TEXT = text_of(README)
+FIRST_SCREEN = "\n".join(TEXT.splitlines()[:30])
 
 
 def test_python_example_runs_and_finds_the_array(capsys):
-    (example,) = re.findall(r"```python\n(.*?)```", TEXT, re.DOTALL)
+    (example,) = [block.code for block in blocks(TEXT) if block.language == "python"]
     exec(compile(example, "README.md", "exec"), {})
     printed = capsys.readouterr().out
     sweeps, modes, error = re.fullmatch(r"(\d+) sweeps, (\d+) modes, mean error ([\d.]+) mm\n", printed).groups()
@@ -27,35 +23,34 @@ def test_python_example_runs_and_finds_the_array(capsys):
     assert float(error) < 40, "within two steps of the search lattice"
 
 
-@pytest.mark.parametrize("name", scene_names())
-def test_every_scene_is_told(name):
-    assert f"| `{name}` |" in TEXT
+def test_it_is_short():
+    assert len(TEXT.splitlines()) <= 150
 
 
-@pytest.mark.parametrize("name", sorted(commands.commands))
-def test_every_command_is_documented_with_its_options(name):
-    (usage,) = re.findall(rf"^\| `fdcal {name}([^`]*)` \|", TEXT, re.MULTILINE)
-    known = {text for option in commands.commands[name].params for text in option.opts if text.startswith("-")}
-    documented = set(re.findall(r"(?<![\w-])--?[a-z-]+", usage))
-    assert documented <= known
-    required = [p for p in commands.commands[name].params if isinstance(p, click.Option) and p.required]
-    for option in required:
-        assert documented & set(option.opts)
+def test_the_question_of_an_array_s_owner_is_on_the_first_screen():
+    assert "Which channel is which microphone?" in FIRST_SCREEN
+    (line,) = [block.code for block in blocks(FIRST_SCREEN) if block.code.startswith("fdcal calibrate")]
+    known = {text for option in commands.commands["calibrate"].params for text in option.opts}
+    assert set(re.findall(r"--[a-z-]+", line)) <= known
 
 
-@pytest.mark.parametrize("key", REQUIRED + OPTIONAL + SEARCH)
-def test_every_key_of_the_measurement_file_is_documented(key):
-    assert f"`{key}`" in TEXT
+def test_its_two_lines_install_and_open_the_page_and_run_the_tests():
+    lines = [block.code.strip() for block in blocks(TEXT) if block.language == "sh"]
+    assert "python3 -m venv .venv && .venv/bin/pip install -e . && .venv/bin/fdcal view" in lines
+    assert ".venv/bin/pip install -e '.[test]' && .venv/bin/pytest" in lines
 
 
-def test_every_dependency_has_its_reason():
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    table = TEXT[TEXT.index("## Dependencies") :]
-    for requirement in project["dependencies"] + project["optional-dependencies"]["test"]:
-        name = re.match(r"[\w-]+", requirement).group()
-        assert re.search(rf"^\|[^|]*\b{name}\b[^|]*\|", table, re.MULTILINE), f"{name} is not explained"
+def test_the_line_that_builds_the_documentation_is_the_one_that_ci_runs():
+    command = ".venv/bin/sphinx-build -W docs build/docs"
+    assert command.replace(" -W", "") in TEXT
+    assert command in text_of(ROOT / ".ci" / "run")
 
 
 def test_links_lead_somewhere():
     for target in re.findall(r"\]\(([^)#:]+)\)", TEXT):
         assert (ROOT / target).exists(), target
+
+
+def test_every_command_that_it_names_exists():
+    for name in re.findall(r"`fdcal ([a-z]+)", TEXT):
+        assert isinstance(commands.commands[name], click.Command)

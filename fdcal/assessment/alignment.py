@@ -100,9 +100,12 @@ class PositionCheck:
 
     Attributes
     ----------
-    errors : (N,) float64, metres, distance from the given position after the best rigid motion
-    swapped : pairs of channels whose positions are exchanged
-    permuted : cycles of more than two channels that stand at each other's positions
+    errors : (N,) float64
+        Metres, distance from the given position after the best rigid motion.
+    swapped : tuple of (int, int)
+        Pairs of channels whose positions are exchanged.
+    permuted : tuple of tuple of int
+        Cycles of more than two channels that stand at each other's positions.
     """
 
     errors: np.ndarray
@@ -117,8 +120,14 @@ def compare_positions(found, given, known=()) -> PositionCheck:
 
     Parameters
     ----------
-    found, given : (N, D) float64, metres
-    known : numbers of known microphones; without any, the positions are first moved onto each other as a whole
+    found, given : (N, D) array_like
+        Metres.
+    known : sequence of int
+        Numbers of known microphones; without any, the positions are first moved onto each other as a whole.
+
+    Returns
+    -------
+    PositionCheck
 
     Raises
     ------

@@ -117,6 +117,10 @@ class Calibration(CalibrationViews):
     def to_json(self) -> str:
         """Return the text of a result file.
 
+        Returns
+        -------
+        str
+
         Raises
         ------
         InputError
@@ -137,6 +141,10 @@ class Calibration(CalibrationViews):
         text : str, or bytes in UTF-8
         where : str
             What an error calls the text, as the path of its file.
+
+        Returns
+        -------
+        Calibration
 
         Raises
         ------
@@ -190,6 +198,10 @@ class Calibration(CalibrationViews):
         A blind result is moved as a whole onto the true positions, by its sound channels; of the symmetries of a known
         room the nearest one is taken.
 
+        Parameters
+        ----------
+        measurement : Measurement
+
         Returns
         -------
         (N, D) float64
@@ -227,6 +239,10 @@ class Calibration(CalibrationViews):
         measurement : Measurement
         given : sequence of int
             As of `counted`.
+
+        Returns
+        -------
+        Calibration
         """
         if measurement.positions is None:
             return self

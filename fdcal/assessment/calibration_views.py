@@ -47,6 +47,14 @@ class CalibrationViews:
     def load(path: str | PathLike[str]) -> fdcal.Calibration:
         """Return the calibration in a file that `save` or `fdcal calibrate -o` wrote.
 
+        Parameters
+        ----------
+        path : str or path
+
+        Returns
+        -------
+        Calibration
+
         Raises
         ------
         InputError, StorageError
@@ -98,6 +106,10 @@ class CalibrationViews:
         ----------
         frame : str, optional
             As of `export`.
+
+        Returns
+        -------
+        pyfar.Coordinates
         """
         return fdcal.extension("pyfar_coordinates")(fdcal.extension("placed_in_frame")(self, frame))
 
@@ -106,6 +118,10 @@ class CalibrationViews:
 
         Columns: x, y (z), metres; known; uncertainty, one sigma in metres; error, metres, where it is known. The index
         are the names.
+
+        Returns
+        -------
+        pandas.DataFrame
 
         Raises
         ------

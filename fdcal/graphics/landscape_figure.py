@@ -33,13 +33,19 @@ class LandscapePanels:
 
     Attributes
     ----------
-    microphone : int, counted from 0
-    modes : (P,) int64, counted from 1
-    frequencies : (P,) float64, Hz
-    maps : (P + 1, ny, nx) float64, dimensionless; one for each mode, the last their sum; row 0 at low y
-    minima : (P + 1, 2) float64, metres, the minimum of each map
+    microphone : int
+        Counted from 0.
+    modes : (P,) int64
+        Counted from 1.
+    frequencies : (P,) float64
+        Hz.
+    maps : (P + 1, ny, nx) float64
+        Dimensionless; one for each mode, the last their sum; row 0 at low y.
+    minima : (P + 1, 2) float64
+        Metres, the minimum of each map.
     search : Search
-    mode_count : int, modes in the sum, not all of which need a map here
+    mode_count : int
+        Modes in the sum, not all of which need a map here.
     """
 
     microphone: int
@@ -51,7 +57,17 @@ class LandscapePanels:
     mode_count: int
 
     def plot(self, truth=None) -> Figure:
-        """Return the figure of `draw_landscape`; `truth` (2,), metres, is the true position, drawn as a circle."""
+        """Return a matplotlib figure of the maps.
+
+        Parameters
+        ----------
+        truth : (2,) array_like, optional
+            True position of the microphone, metres, drawn as a circle.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+        """
         return draw_landscape(self, truth)
 
 

@@ -151,7 +151,18 @@ class Measurement(MeasurementSources):
         return align(self.positions, positions) if self.blind and self.positions is not None else self.positions
 
     def errors(self, positions) -> np.ndarray | None:
-        """Return the distance of each of `positions` (N, D), metres, from `aligned_truth` : (N,) float64, or None."""
+        """Return the distance of each position from the true one, as of `aligned_truth`.
+
+        Parameters
+        ----------
+        positions : (N, D) array_like
+            Metres.
+
+        Returns
+        -------
+        (N,) float64 or None
+            Metres; None where the true positions are unknown.
+        """
         truth = self.aligned_truth(positions)
         return None if truth is None else position_errors(positions, truth)
 
@@ -164,6 +175,10 @@ class Measurement(MeasurementSources):
             "unit", modes of unit RMS; or "raw", as measured, the paper's.
         known : str
             "all" that are known; "minimal", the minimal gauge of them (`fdcal.model.gauge.GaugeFrame`); or "none".
+
+        Returns
+        -------
+        Problem
 
         Raises
         ------

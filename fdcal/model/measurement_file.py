@@ -1,4 +1,4 @@
-"""The .npz file of a measurement, a public format (README, "The measurement file").
+"""The .npz file of a measurement, a public format (docs/reference/files.md).
 
 Its keys are the fields of `fdcal.model.measurement.Measurement`, and those of the search domain.
 """

@@ -54,6 +54,10 @@ class MeasurementSources:
         **others
             Any other parameter of `Measurement`.
 
+        Returns
+        -------
+        Measurement
+
         Raises
         ------
         InputError
@@ -101,6 +105,10 @@ class MeasurementSources:
         **options
             Of frequency data, as of `from_arrays`; of a signal, fields of
             `fdcal.recordings.import_options.ImportOptions`.
+
+        Returns
+        -------
+        Measurement
 
         Raises
         ------

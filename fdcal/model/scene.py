@@ -60,7 +60,17 @@ class Scene:
 
     @staticmethod
     def optional(table: dict) -> tuple[str, ...]:
-        """Return the keys that a scene file may leave out; `load_scene` takes name and title from the file's name."""
+        """Return the keys that a scene file may leave out; `load_scene` takes name and title from the file's name.
+
+        Parameters
+        ----------
+        table : dict
+            What the file holds.
+
+        Returns
+        -------
+        tuple of str
+        """
         room = table.get("room")
         measured = isinstance(room, str) or (isinstance(room, dict) and "response" in room)
         boxed = measured or (isinstance(room, dict) and is_no_pair(room.get("size")))

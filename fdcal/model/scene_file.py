@@ -31,6 +31,10 @@ def load_scene(path: str | Path) -> Scene:
     path : str or Path
         A .toml file, or one of `scene_names()`.
 
+    Returns
+    -------
+    Scene
+
     Raises
     ------
     InputError

@@ -74,7 +74,12 @@ class Search:
         return tuple(round(length / self.step) + 1 for length in self.size)
 
     def layer(self, height: float = 0.0) -> np.ndarray:
-        """Return the candidates of the horizontal layer at `height`, metres; all of them in two dimensions.
+        """Return the candidates of a horizontal layer; all of them in two dimensions.
+
+        Parameters
+        ----------
+        height : float
+            Of the layer, metres.
 
         Returns
         -------

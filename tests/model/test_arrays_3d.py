@@ -87,7 +87,7 @@ def shipped(request):
 
 
 def test_scenes_in_space_are_calibrated_all_at_once(shipped):
-    """The figures of the README, with a margin."""
+    """The figures of the documentation, with a margin."""
     scene, measurement = shipped
     *_, state = run(measurement.problem(), scene.solver, scene.seed)
     assert state.finished and state.converged

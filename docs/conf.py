@@ -1,0 +1,84 @@
+"""Settings of the documentation; `sphinx-build -W docs build/docs` makes it, without network."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+from docutils import nodes
+from docutils.utils.math.latex2mathml import tex2mathml
+
+PROJECT = tomllib.loads((Path(__file__).parent.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+
+project = PROJECT["name"]
+author = "the authors of fdcal"
+copyright = f"{author}, MIT licence"
+version = release = PROJECT["version"]
+
+extensions = [
+    "myst_parser",
+    "numpydoc",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx_click",
+]
+exclude_patterns = ["build", "_templates"]
+templates_path = ["_templates"]
+default_role = "code"  # docstrings and help texts write code in single backticks
+pygments_style = "friendly"
+
+myst_enable_extensions = ["attrs_block", "colon_fence", "deflist", "dollarmath"]
+myst_heading_anchors = 3
+
+autosummary_generate = True
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"  # numpydoc's sections name the types
+autoclass_content = "class"
+numpydoc_show_class_members = False  # the template of a class lists them
+numpydoc_class_members_toctree = False
+# What each docstring of the public API must have: sections in their order, every parameter of the signature, a type
+# for each, and a summary; `sphinx-build -W` makes an error of a fault.
+numpydoc_validation_checks = {
+    "GL02", "GL03", "GL05", "GL06", "GL07", "GL08", "GL09", "GL10", "SS01", "SS02", "SS03", "SS04",
+    "PR01", "PR02", "PR03", "PR04", "PR05", "PR10", "RT01", "YD01",
+}  # fmt: skip
+
+numpydoc_validation_overrides = {"PR01": [r"Attributes\s+-{10}"]}  # a dataclass describes its parameters there
+
+html_math_renderer = "mathml"  # browsers draw it themselves: MathJax would have to be loaded from the network
+
+html_theme = "pydata_sphinx_theme"
+html_title = f"fdcal {version}"
+html_static_path = ["_static"]
+html_css_files = ["fdcal.css"]
+html_show_sourcelink = False
+html_copy_source = False
+html_theme_options = {
+    "logo": {"text": "fdcal"},
+    "navbar_align": "left",
+    "navbar_end": ["theme-switcher"],
+    "secondary_sidebar_items": ["page-toc"],
+    "footer_start": ["copyright"],
+    "footer_end": [],
+    "show_prev_next": True,
+    "pygments_light_style": "friendly",
+    "pygments_dark_style": "github-dark",
+}
+html_sidebars = {"index": []}
+
+
+def inline_math(translator, node) -> None:
+    """Write a formula within a line as MathML."""
+    translator.body.append(tex2mathml(node.astext()))
+    raise nodes.SkipNode
+
+
+def displayed_math(translator, node) -> None:
+    """Write a formula on a line of its own as MathML."""
+    translator.body.append(f'<div class="math">{tex2mathml(node.astext(), as_block=True)}</div>')
+    raise nodes.SkipNode
+
+
+def setup(app) -> None:
+    """Add the writer of formulas."""
+    app.add_html_math_renderer("mathml", (inline_math, None), (displayed_math, None))

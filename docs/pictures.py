@@ -1,0 +1,112 @@
+"""Make the pictures of the documentation: `python docs/pictures.py [NAME ...]`, all of them without a name.
+
+Each comes from commands of fdcal; those of the page from a real browser (playwright and Chromium, as for the tests).
+Pictures are committed, because the scenes of the paper take a minute to simulate. Look at them before you do.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+
+ROOT = Path(__file__).parent.parent
+PICTURES = ROOT / "docs" / "pictures"
+COLOURS = 256  # of a picture that is larger than LARGEST with all its colours
+LARGEST = 150_000  # bytes
+PAGE_SIZE = {"width": 1280, "height": 720}  # pixels
+
+# Of each picture: the commands that make it, in a folder of their own; the last writes picture.png.
+COMMANDS = {
+    "landscape": ["landscape fig1_square --microphone 16 --mode-numbers 20,40,57 -o picture.png"],
+    "descent-stalls": [
+        "calibrate array1_circle --solver descent -o result.json",
+        "snapshot array1_circle --result result.json --microphone 8 --view close -o picture.png",
+    ],
+    "all-at-once": [
+        "calibrate array1_circle --solver joint -o result.json",
+        "snapshot array1_circle --result result.json --microphone 8 --view close -o picture.png",
+    ],
+    "ball": [
+        "calibrate ball3d -o result.json",
+        "snapshot ball3d --result result.json --view close -o picture.png",
+    ],
+    "field": [
+        "calibrate array2_random -o result.json",
+        "field array2_random --result result.json --frequencies 220 -o picture.png",
+    ],
+}
+BROWSED = {"page-start": False, "page": True}  # pictures of the page, and whether the run has ended
+
+
+def commanded(lines: list[str], folder: Path) -> None:
+    """Run commands of fdcal in a folder; a verdict that is not good is no failure here."""
+    for line in lines:
+        print("fdcal", line, flush=True)
+        run = subprocess.run([sys.executable, "-m", "fdcal", *line.split()], cwd=folder, check=False)
+        if run.returncode not in (0, 4):
+            raise SystemExit(f"fdcal {line} ended with {run.returncode}")
+
+
+def plate(folder: Path) -> None:
+    """Draw the result of the tutorial "Your first recording"."""
+    sys.path.insert(0, str(ROOT))
+    import fdcal
+
+    measurement = fdcal.load("tiny")
+    fdcal.calibrate(measurement).plot(measurement.positions).savefig(folder / "picture.png", dpi=110)
+
+
+def browsed(ended: bool, folder: Path) -> None:
+    """Take a picture of the page of array 1, before or after a run."""
+    sys.path.insert(0, str(ROOT))
+    from playwright.sync_api import sync_playwright
+
+    from benchmarks.pages import ARGUMENTS, Served
+
+    with Served("array1_circle", {}) as served, sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=list(ARGUMENTS))
+        page = browser.new_page(viewport=PAGE_SIZE, color_scheme="light")
+        page.goto(served.url)
+        page.get_by_role("button", name="Run", exact=True).wait_for(timeout=180e3)
+        page.wait_for_timeout(20e3)  # software rendering: the room appears a little after the controls
+        for close in page.locator(".mantine-Notification-closeButton").all():
+            close.click()  # a browser without a graphics card says so
+        if ended:
+            page.get_by_role("button", name="Run", exact=True).click()
+            page.get_by_text("Converged").first.wait_for(timeout=180e3)
+            page.wait_for_timeout(10e3)
+        page.screenshot(path=str(folder / "picture.png"))
+        browser.close()
+
+
+def keep(path: Path, target: Path) -> None:
+    """Write a picture to the documentation, with fewer colours where it is large."""
+    picture = Image.open(path).convert("RGB")
+    picture.save(target, optimize=True)
+    if target.stat().st_size > LARGEST:
+        picture.quantize(COLOURS, dither=Image.Dither.NONE).save(target, optimize=True)
+    print(f"{target.relative_to(ROOT)}: {target.stat().st_size / 1000:.0f} kB", flush=True)
+
+
+def make(name: str) -> None:
+    """Make one picture."""
+    with tempfile.TemporaryDirectory() as folder:
+        if name in COMMANDS:
+            commanded(COMMANDS[name], Path(folder))
+        elif name in BROWSED:
+            browsed(BROWSED[name], Path(folder))
+        else:
+            plate(Path(folder))
+        keep(Path(folder) / "picture.png", PICTURES / f"{name}.png")
+
+
+if __name__ == "__main__":
+    every = [*COMMANDS, "plate", *BROWSED]
+    for wanted in sys.argv[1:] or every:
+        if wanted not in every:
+            raise SystemExit(f"no picture is called {wanted}: give any of {', '.join(every)}")
+        make(wanted)
