@@ -155,6 +155,7 @@ def snapshot(scene, result, microphone, view, size, output, force):
 def replay(source, solver, modes, seed, output, search, radius, force):
     """Calibrate, and write the whole run as one page that plays offline in any browser."""
     path = output_path(output, ".html", force)
+    from ..cost.yardstick import yardstick_of
     from ..graphics.replay import replay_html
     from ..model.storage import write_atomically
     from ..session.calibrate import states_of
@@ -165,7 +166,8 @@ def replay(source, solver, modes, seed, output, search, radius, force):
     with progress_bar("calibrating") as progress:
         states = recorded(states_of(inputs, progress))
     title = inputs.name if inputs.scene is None else inputs.scene.title
-    text = replay_html(inputs.scene, inputs.measurement, states, title, inputs.settings.weights)
+    yardstick = yardstick_of(inputs.measurement.problem(inputs.settings.weights))
+    text = replay_html(inputs.scene, inputs.measurement, states, title, yardstick)
     write_atomically(path, lambda file: file.write_text(text, encoding="utf-8"), force)
     print(f"{path}: {len(states)} states of {inputs.settings.name}, {len(text) / 1e6:.2g} MB")
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from html import escape
 from pathlib import Path
 
@@ -18,17 +18,22 @@ import numpy as np
 from ..model.gauge import align
 from ..model.measurement import Measurement
 from ..model.scene import Scene
-from .heatmap import cost_label
 from .surroundings import focus_of, wall_height, z_range_of
 
 MAX_BYTES = 4_500_000  # of a file; of a longer run fewer states are kept, evenly spaced
 STATE_NUMBERS = ("step", "sweep", "stage", "moved", "first", "last")  # of a state, in the file as they are called here
+MOST_COSTS = 400  # states whose cost is computed, evenly spaced
 BASE_BYTES, NAME_BYTES = 100_000, 60  # of the page itself, and of what it holds about one microphone
 TEMPLATE = Path(__file__).with_name("replay.html")
 
 
 def replay_html(
-    scene: Scene | None, measurement: Measurement, states: Sequence, title: str, weights: str = "unit"
+    scene: Scene | None,
+    measurement: Measurement,
+    states: Sequence,
+    title: str,
+    yardstick: Callable[..., float] | None = None,
+    sought=None,
 ) -> str:
     """Return the HTML of a run.
 
@@ -39,13 +44,13 @@ def replay_html(
     states : of any solver, oldest first, at least one. Beyond MAX_BYTES fewer of them are kept, evenly spaced, with the
         first and the last
     title : str
-    weights : of the modes, "unit" or "raw", which decide the unit of the cost
+    yardstick : returns the cost of positions (N, D), dB (`fdcal.cost.yardstick`); without it no cost is shown
+    sought : numbers of the microphones whose errors count; those that are not known unless given
     """
     scored, shape = measurement.positions is not None, states[0].positions.shape
     kept = [states[i] for i in _kept_states(len(states), scored, shape)]
-    data = _static_data(scene, measurement) | _state_data(measurement, kept)
-    name, _, unit = cost_label(weights).partition(" (")
-    data |= {"title": title, "taken": len(states), "cost_name": name, "cost_unit": unit.removesuffix(")")}
+    data = _static_data(scene, measurement) | _state_data(measurement, kept, yardstick, sought)
+    data |= {"title": title, "taken": len(states)}
     text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")  # so that no tag ends in it
     return TEMPLATE.read_text(encoding="utf-8").replace("@TITLE@", escape(title), 1).replace("@DATA@", text, 1)
 
@@ -77,7 +82,7 @@ def _static_data(scene: Scene | None, measurement: Measurement) -> dict:
     return data
 
 
-def _state_data(measurement: Measurement, states: Sequence) -> dict:
+def _state_data(measurement: Measurement, states: Sequence, yardstick, sought) -> dict:
     """What changes from state to state."""
     positions, truth = np.array([state.positions for state in states], float), measurement.positions
     if measurement.blind and truth is not None:
@@ -90,12 +95,21 @@ def _state_data(measurement: Measurement, states: Sequence) -> dict:
         "truth": None if truth is None else _packed(truth - origin, "<f4"),
         "mean": None,
         "largest": None,
-        "cost": _packed([state.cost for state in states], "<f8"),
+        "cost": None if yardstick is None else _packed(_costs(states, yardstick), "<f8"),
     }
     if truth is not None:
-        errors = np.linalg.norm(positions - truth, axis=2)
+        free = np.setdiff1d(np.arange(measurement.count), measurement.known) if sought is None else sought
+        errors = np.linalg.norm(positions - truth, axis=2)[:, free if len(free) else slice(None)]
         data |= {"mean": _packed(errors.mean(axis=1), "<f8"), "largest": _packed(errors.max(axis=1), "<f8")}
     return data | {name: _packed([getattr(state, name) for state in states], "<i4") for name in STATE_NUMBERS}
+
+
+def _costs(states: Sequence, yardstick: Callable[..., float]) -> np.ndarray:
+    """Cost of each state, dB; of a long run that of MOST_COSTS states, and straight lines between them."""
+    computed = np.unique(np.linspace(0, len(states) - 1, min(len(states), MOST_COSTS)).round().astype(int))
+    costs = np.array([yardstick(states[i].positions) for i in computed])
+    finite = np.isfinite(costs)
+    return np.interp(np.arange(len(states)), computed[finite], costs[finite]) if finite.any() else np.zeros(len(states))
 
 
 def _packed(values, dtype: str) -> str:

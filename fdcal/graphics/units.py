@@ -6,19 +6,22 @@ import numpy as np
 
 from ..model.measurement import Measurement
 
+ALL = slice(None)
 
-def error_summary(measurement: Measurement, positions: np.ndarray) -> str:
+
+def error_summary(measurement: Measurement, positions: np.ndarray, sought: np.ndarray | slice = ALL) -> str:
     """Return the mean and the largest position error in words, or that the true positions are unknown.
 
     Parameters
     ----------
     measurement : Measurement
     positions : (N, D) float64, metres, the estimate
+    sought : numbers of the microphones whose errors count, all unless given
     """
     errors = measurement.errors(positions)
     if errors is None:
         return "true positions unknown"
-    aligned = ", after alignment" if measurement.blind else ""
+    aligned, errors = ", after alignment" if measurement.blind else "", errors[sought]
     return f"mean error {format_mm(errors.mean())}, largest {format_mm(errors.max())}{aligned}"
 
 

@@ -2,7 +2,6 @@
 
     Comparison     the runs; play, pause, reset
     ComparisonRun  one solver: its session and its timer
-    common_cost    Eq. 7 of all modes, the same for all: solvers minimise costs of their own
 
 Time is processor time of the run's own thread, spent in steps, so that sharing a core makes no run slower.
 """
@@ -12,15 +11,9 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from .. import solvers
-from ..acoustics.fourier_bessel import fourier_bessel, max_order
-from ..cost.eq7 import leave_one_out_fits
-from ..cost.mode_limits import require_modes
 from ..model.problem import Problem
 from ..model.settings import SolverSettings
-from ..model.validation import InputError
 from ..solvers.interface import RunState
 from .session import Session
 
@@ -113,30 +106,3 @@ def same_start(problem: Problem, settings: SolverSettings, names, seed: int) -> 
         else:
             states[name] = solver.init(problem, own, seed)
     return {name: states[name] for name in names}
-
-
-def common_cost(problem: Problem, settings: SolverSettings, positions) -> float:
-    """Return Eq. 7 of all modes of `settings`, relative to the power of their pressures : float, 0 to 1.
-
-    Parameters
-    ----------
-    problem : Problem
-    settings : SolverSettings
-    positions : (N, 2) float64, metres
-
-    Raises
-    ------
-    InputError
-        For more modes than the microphones can resolve, or without a search domain.
-    """
-    count, offset = settings.modes, settings.order_offset
-    require_modes(problem, offset, count)
-    if problem.search is None:
-        raise InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
-    positions = np.asarray(positions, float)
-    k, p, centre = problem.wavenumbers[:count], problem.pressures[:count], positions.mean(axis=0)
-    orders = max_order(k, problem.search.radius, offset)
-    W = [fourier_bessel(positions, complex(k), int(L), centre) for k, L in zip(k, orders, strict=True)]
-    fits = leave_one_out_fits(W, p, 0)
-    left = sum(float(fit.cost_of(w[:1])[0]) for fit, w in zip(fits, W, strict=True))
-    return left / float(np.sum(np.abs(p) ** 2))

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, overload
+
+from .state_costs import StateCosts
 
 MOST_STATES = 4000  # of a run that are kept, about 6 kB each; beyond it every second one is dropped
 
@@ -66,6 +69,7 @@ class SessionView:
     running : bool, whether steps are being taken
     error : str, the last exception of the solver, "" if there is none
     history : sequence of states, oldest first
+    costs : StateCosts, of the states in the history
     """
 
     state: Any
@@ -74,3 +78,10 @@ class SessionView:
     running: bool
     error: str
     history: History
+    costs: StateCosts = field(default_factory=StateCosts, compare=False)
+
+    @property
+    def cost(self) -> float:
+        """Cost of the state by the yardstick, dB; while the solver runs, perhaps that of a state just before."""
+        value = self.costs.of(self.state)
+        return self.costs.newest if self.running and math.isnan(value) else value

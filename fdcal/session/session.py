@@ -16,6 +16,7 @@ from collections.abc import Callable
 from .commands import CommandQueue, YieldTimer
 from .history import SessionView
 from .solver_run import SolverRun
+from .state_costs import StateCosts
 
 YIELD_TIME = 0.15  # s without a step after a request of the user
 
@@ -37,6 +38,9 @@ class Session:
         With which the history begins, oldest first; the start alone unless given.
     index : int, optional
         Which of them is shown; the last unless given.
+    yardstick : callable, optional
+        Returns the cost of positions (N, D), dB, by which the states of all solvers are compared
+        (`fdcal.cost.yardstick`); without one their cost is NaN.
     yield_time : float
         Time without a step after `yield_to_ui`, s.
 
@@ -65,12 +69,13 @@ class Session:
         module=None,
         states=(),
         index: int | None = None,
+        yardstick: Callable[..., float] | None = None,
         yield_time: float = YIELD_TIME,
     ):
         self._commands, self._yielding = CommandQueue(), YieldTimer(yield_time)
         self._changed = threading.Condition()
         self._stepped = 0.0  # reading of `time.monotonic` at the last step
-        self._run = SolverRun(problem, settings, seed, module, states, index, self._notify)
+        self._run = SolverRun(problem, settings, seed, module, states, index, self._notify, StateCosts(yardstick))
         self._thread = threading.Thread(target=self._serve, name="fdcal-solver", daemon=True)
         self._thread.start()
 
@@ -158,15 +163,24 @@ class Session:
                     self._run.pause()
                     return
                 self._run.guarded(getattr(self._run, command[0]), *command[1:])
-            if self._run.running and time.monotonic() >= self._yielding.until:
-                self._run.guarded(self._run.advance)
-                self._stepped = time.monotonic()
-                self._yielding.step_taken()
+            if time.monotonic() >= self._yielding.until:
+                self._work()
             time.sleep(0)  # release the interpreter: a solver that never does would starve the page
+
+    def _work(self) -> None:
+        """Take a step; when idle, compute a cost that was left out while the solver ran."""
+        if self._run.running:
+            self._run.guarded(self._run.advance)
+            self._stepped = time.monotonic()
+            self._yielding.step_taken()
+        elif self._run.costs_missing:
+            self._run.fill_in()
 
     def _pending(self) -> list[tuple]:
         """Return the commands that wait; when idle, or before the next step is due, block for one."""
-        if not self._run.running:
+        due = self._yielding.until
+        if self._run.running:
+            due = max(self._stepped + self._run.pause_between_steps, due)
+        elif not self._run.costs_missing:
             return self._commands.take(None)
-        due = max(self._stepped + self._run.pause_between_steps, self._yielding.until)
         return self._commands.take(due - time.monotonic())

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -15,6 +16,7 @@ import numpy as np
 from ..model.validation import frozen_array
 from ..solvers.bounds import bounded_step
 from .history import MOST_STATES, History, SessionView, thinned
+from .state_costs import StateCosts
 
 log = logging.getLogger(__name__)
 
@@ -37,6 +39,8 @@ class SolverRun:
         Which of them is shown; the last unless given.
     on_change : callable
         Called after `view` has changed.
+    costs : StateCosts, optional
+        Of the states.
 
     Attributes
     ----------
@@ -46,17 +50,29 @@ class SolverRun:
         Least time between two steps, s.
     """
 
-    def __init__(self, problem, settings, seed: int, module, states, index: int | None, on_change: Callable[[], None]):
+    def __init__(
+        self,
+        problem,
+        settings,
+        seed: int,
+        module,
+        states,
+        index: int | None,
+        on_change: Callable[[], None],
+        costs: StateCosts | None = None,
+    ):
         self._problem, self._settings, self._seed = problem, settings, int(seed)
         self._module = _solver(settings.name) if module is None else module
-        self._on_change = on_change
+        self._on_change, self._costs = on_change, costs or StateCosts()
         self._states = list(states) or [self._module.init(problem, settings, self._seed)]
         count = len(self._states)
         index = count - 1 if index is None else min(max(int(index), 0), count - 1)
         self._goal: Callable[[Any], bool] | None = None  # true once the state reached ends the run
         self._gesture: object = None  # the gesture that the last state came from, if the user placed a microphone
         self.pause_between_steps = 0.0
-        self.view = SessionView(self._states[index], index, count, False, "", History(self._states, count))
+        history = History(self._states, count)
+        self._costs.compute(self._states[index])
+        self.view = SessionView(self._states[index], index, count, False, "", history, self._costs)
 
     @property
     def running(self) -> bool:
@@ -80,6 +96,8 @@ class SolverRun:
         """Show the last of `states`. Published lists are only appended to, never cut."""
         self._states, count = states, len(states)
         self._gesture = None
+        if self._goal is None:
+            self._costs.compute(states[-1])
         self._publish(
             state=states[-1],
             index=count - 1,
@@ -103,7 +121,9 @@ class SolverRun:
             self._goal = None
             self._publish(running=False)
             return
+        began = time.thread_time()
         state = bounded_step(self._module, self._problem, view.state)
+        self._costs.compute_in_passing(state, time.thread_time() - began)
         if state.finished or self._goal is None or self._goal(state):
             self._goal = None
         states, lineage = self._up_to(view.index + 1)
@@ -121,6 +141,7 @@ class SolverRun:
     def pause(self) -> None:
         """Stop after the present step."""
         self._goal = None
+        self._costs.compute(self.view.state)
         self._publish(running=False)
 
     def step(self, count: int) -> None:
@@ -158,12 +179,23 @@ class SolverRun:
         """Show state `index` of the history, clipped to it, and pause."""
         self._goal = self._gesture = None
         index = min(max(index, 0), len(self._states) - 1)
+        self._costs.compute(self._states[index])
         self._publish(state=self._states[index], index=index, running=False)
 
     def use_modes(self, first: int, last: int, automatic: bool) -> None:
         """Replace the state that is shown: a slider that is dragged must not fill the history."""
         state = self._module.use_modes(self._problem, self.view.state, first, last, automatic)
         self._keep([*self._states[: self.view.index], state])
+
+    @property
+    def costs_missing(self) -> bool:
+        """Whether costs were left out while the solver ran."""
+        return bool(self._costs.missing(self.view.history))
+
+    def fill_in(self) -> None:
+        """Compute one of the costs that were left out."""
+        for state in self._costs.missing(self.view.history)[:1]:
+            self._costs.compute(state)
 
     def place(self, microphone: int, position: tuple, gesture: object) -> None:
         """Append a state with the microphone moved; the next one of the same gesture replaces it."""

@@ -68,5 +68,5 @@ class RunBar:
 
     def show_status(self, view: SessionView, fault: str = "", note: str = "") -> None:
         """Bring the status lines up to date, with a fault of the page and a note on background work."""
-        text = html.status(view, self._binding.measurement, self._binding.weights, fault, note)
+        text = html.status(view, self._binding.measurement, fault, note, self._binding.run.sought)
         self._binding.send("status", text, self.status, "content")

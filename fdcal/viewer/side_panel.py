@@ -21,7 +21,7 @@ class SidePanel:
 
     def __init__(self, folders: SessionFolders, binding: Binding, map_tab: MapTab, comparison: ComparisonWorker):
         with folders.tab("Curves"):
-            self.curves = CurvesTab(binding.gui, binding.measurement)
+            self.curves = CurvesTab(binding.gui, binding.measurement, binding.run.sought)
         with folders.tab("Maps"):
             self.maps = MapsTab(binding)
         with folders.tab("Modes"):

@@ -8,11 +8,11 @@ import time
 import numpy as np
 import pytest
 
-from fdcal.acoustics.fourier_bessel import max_order
+from fdcal import solvers
 from fdcal.acoustics.measurement_cache import cached_measurement
-from fdcal.cost.eq7 import cost
+from fdcal.cost.yardstick import Yardstick
 from fdcal.model.scene_file import load_scene
-from fdcal.session.comparison import Comparison, common_cost, same_start
+from fdcal.session.comparison import Comparison, same_start
 from fdcal.viewer.background import comparison as races
 from fdcal.viewer.background import prepare
 from fdcal.viewer.tabs import comparison as racetab
@@ -49,15 +49,6 @@ def test_all_start_at_the_same_place(scene, problem):
     assert inside.sum() > 5 and apart[inside].max() <= 0.5 * scene.search.step + 1e-9
 
 
-def test_the_rule_for_all_is_equation_7(scene, problem, measurement):
-    rng = np.random.default_rng(0)
-    for positions in (measurement.positions, measurement.positions + 0.02 * rng.normal(size=(16, 2))):
-        k, p = problem.wavenumbers[:12], problem.pressures[:12]
-        orders = max_order(k, scene.search.radius, scene.solver.order_offset)
-        expected = cost(positions, p, k, orders, positions.mean(axis=0)).sum() / np.sum(np.abs(p) ** 2)
-        assert common_cost(problem, scene.solver, positions) == pytest.approx(expected, rel=1e-6, abs=1e-12)
-
-
 def test_a_race_runs_pauses_and_goes_back_to_the_start(scene, problem):
     comparison = Comparison(problem, scene.solver, ("descent", "joint"), "random", 0)
     try:
@@ -80,7 +71,9 @@ def test_a_race_runs_pauses_and_goes_back_to_the_start(scene, problem):
 
 @pytest.fixture
 def owner(scene, measurement, problem):
-    made = races.ComparisonWorker(prepare.PreparedRun(scene, measurement, problem, None, None, None))
+    made = races.ComparisonWorker(
+        prepare.PreparedRun(scene, measurement, problem, solvers.load("joint"), None, None, Yardstick(problem))
+    )
     clock = itertools.count()
 
     def turn_until(happened):

@@ -1,6 +1,8 @@
 """A session stops within one step, rewinds for free, survives an exception and carries out only the newest command."""
 
 import dataclasses
+import gc
+import math
 import threading
 import time
 from dataclasses import dataclass
@@ -9,6 +11,7 @@ import pytest
 
 from fdcal.model.validation import InputError, StorageError
 from fdcal.session.session import Session
+from fdcal.session.state_costs import SHARE, StateCosts
 from fdcal.session.worker import LatestWorker, WakeEvent
 
 WAIT = 20.0  # s, bound of every wait; none is ever waited out when the law holds
@@ -392,3 +395,57 @@ def test_a_long_run_keeps_a_bounded_history(make, monkeypatch):
     assert len(steps) <= 9 and view.index == len(steps) - 1 and view.history.lineage is before
     assert steps[0] == 0 and steps[-1] == 12 and steps == sorted(set(steps))
     assert 6 in steps, "the first state of a stage stays"
+
+
+class Slow:
+    """A yardstick that takes far longer than a step, and notes how often it is used."""
+
+    def __init__(self, seconds=0.0):
+        self.seconds, self.used = seconds, 0
+
+    def __call__(self, positions):
+        self.used += 1
+        end = time.thread_time() + self.seconds
+        while time.thread_time() < end:
+            pass
+        return -10.0 - self.used
+
+
+def test_the_state_that_is_shown_has_its_cost_and_the_others_get_theirs_at_rest(make):
+    session = make(Counter(), yardstick=Slow())
+    assert session.view.cost == -11.0
+    session.play()
+    assert session.wait_for(lambda view: view.state.finished and not view.running, WAIT)
+    assert session.view.cost < -11.0
+    end = time.monotonic() + WAIT
+    while session.view.costs.missing(session.view.history):
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    costs = [session.view.costs.of(state) for state in session.view.history]
+    assert len(set(costs)) == len(costs) == 13 and session.view.costs.count == 13, "each was computed once"
+    session.seek(4)
+    assert session.wait_for(lambda view: view.index == 4, WAIT) and session.view.cost == costs[4]
+
+
+def test_costs_take_a_bounded_share_of_a_run():
+    yardstick, spent = Slow(0.004), 0.0
+    costs = StateCosts(yardstick)
+    for step in range(300):
+        costs.compute_in_passing(Count(step=step), 0.001)
+        spent += 0.001
+    assert 0 < yardstick.used * yardstick.seconds <= 1.2 * SHARE * spent + 2 * yardstick.seconds
+
+
+def test_a_session_without_a_yardstick_has_no_costs(make):
+    session = make(Counter())
+    assert math.isnan(session.view.cost) and not session.view.costs.missing(session.view.history)
+
+
+def test_costs_of_states_that_are_gone_are_forgotten():
+    costs = StateCosts(Slow())
+    kept, gone = Count(step=1), Count(step=2)
+    for state in (kept, gone):
+        costs.compute(state)
+    del gone, state
+    gc.collect()
+    assert costs.knows(kept) and not costs.knows(Count(step=2))

@@ -8,6 +8,8 @@ from doubles import State, set_by_client, view_of
 
 from fdcal.acoustics.fourier_bessel import array_f_max
 from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.session.state_costs import StateCosts
+from fdcal.viewer.gui import html
 from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.tabs import map, modes, spectrum_plot
 from fdcal.viewer.tabs.curves import CurvesTab
@@ -15,14 +17,10 @@ from fdcal.viewer.tabs.curves import CurvesTab
 
 def test_plots_hold_finite_numbers_only(server, measurement):
     """uPlot never stops looking for axis ticks if it meets a NaN."""
-    curves = CurvesTab(server.gui, measurement)
+    curves = CurvesTab(server.gui, measurement, np.arange(10))
     worse = measurement.positions + 0.1
-    states = [
-        State(worse, cost=float("nan")),
-        State(measurement.positions, 1, cost=0.0),
-        State(worse, 2, last=4, cost=2.0),
-    ]
-    curves.show(view_of(states), now=0.0)
+    states = [State(worse), State(measurement.positions, 1), State(worse, 2, last=4)]
+    curves.show(view_of(states, costs=costs_of(states, [np.nan, -160.0, 2.0])), now=0.0)
     for plot in (curves.error, curves.cost):
         assert all(np.isfinite(column).all() for column in plot.data)
         assert len({len(column) for column in plot.data}) == 1 and (np.diff(plot.data[0]) >= 0).all()
@@ -31,22 +29,37 @@ def test_plots_hold_finite_numbers_only(server, measurement):
         assert (stage == 1).all()
 
 
-def test_stages_are_marked_and_a_negative_log_likelihood_is_drawn_linearly(server, measurement):
-    curves, place = CurvesTab(server.gui, measurement), measurement.positions
-    states = [State(place, i, i, stage=i // 2, last=6, cost=cost) for i, cost in enumerate((9.0, 3.0, -2.0, -5.0))]
-    curves.show(view_of(states[:2]), now=0.0)
-    np.testing.assert_allclose(curves.cost.data[1], 10 * np.log10([9, 3]))
-    assert "dB" in curves.cost.title
-    curves.show(view_of(states), now=1.0)
+def costs_of(states, values):
+    """The costs of states as a session publishes them, NaN for one that was left out while the solver ran."""
+    computed = [(state, value) for state, value in zip(states, values, strict=True) if not np.isnan(value)]
+    numbers = iter([*(value for _, value in computed), -4.0])
+    costs = StateCosts(lambda positions: next(numbers))
+    for state, _ in computed:
+        costs.compute(state)
+    return costs
+
+
+def test_stages_are_marked_and_the_cost_is_that_of_the_yardstick(server, measurement):
+    curves, place = CurvesTab(server.gui, measurement, np.arange(10)), measurement.positions
+    states = [State(place.copy(), i, i, stage=i // 2, last=6, cost=1e5) for i in range(4)]
+    costs = costs_of(states, [-1.0, -3.0, np.nan, -9.0])
+    curves.show(view_of(states[:2], costs=costs), now=0.0)
+    np.testing.assert_allclose(curves.cost.data[1], [-1, -3])
+    assert "dB" in curves.cost.title and "Eq. 7" in curves.cost.title
+    curves.show(view_of(states, costs=costs), now=1.0)
     x, cost, marks, stage = curves.cost.data
-    assert cost.min() == -5 and cost.max() == 9 and "dB" not in curves.cost.title
+    assert cost[np.unique(x, return_index=True)[1]].tolist() == [-1, -3, -6, -9], "straight where one was left out"
+    costs.compute(states[2])
+    curves.show(view_of(states, costs=costs), now=2.0)
+    assert -4.0 in curves.cost.data[1], "computed when the solver rested"
     assert x[marks == 1.0].tolist() == [2.0], "the one stage that began"
     assert stage[x < 2].tolist() == [1, 1] and stage[x > 2].tolist() == [2]
 
 
 def test_many_stages_do_not_hide_the_curves(server, measurement):
-    curves = CurvesTab(server.gui, measurement)
-    curves.show(view_of([State(measurement.positions, i, i, stage=i, last=6) for i in range(57)]), now=0.0)
+    curves = CurvesTab(server.gui, measurement, np.arange(10))
+    states = [State(measurement.positions, i, i, stage=i, last=6) for i in range(57)]
+    curves.show(view_of(states, costs=costs_of(states, np.full(57, -20.0))), now=0.0)
     x, _, marks, stage = curves.cost.data
     seen = marks > 0
     assert x[seen].tolist() == list(range(1, 57)) and marks.max() < 0.1, "a tick at the bottom for each"
@@ -54,7 +67,7 @@ def test_many_stages_do_not_hide_the_curves(server, measurement):
 
 
 def test_errors_are_drawn_over_whole_decades(server, measurement):
-    curves = CurvesTab(server.gui, measurement)
+    curves = CurvesTab(server.gui, measurement, np.arange(10))
     for now, shift, wanted in ((0.0, 0.2, (100, 1000)), (1.0, 0.0002, (0.1, 1000))):
         curves.show(view_of([State(measurement.positions + 0.2), State(measurement.positions + shift, 1)]), now=now)
         handle = curves.error.handle
@@ -65,7 +78,7 @@ def test_errors_are_drawn_over_whole_decades(server, measurement):
 
 
 def test_plots_follow_a_rewound_history(server, measurement):
-    curves = CurvesTab(server.gui, measurement)
+    curves = CurvesTab(server.gui, measurement, np.arange(10))
     states = [State(measurement.positions + 0.1 / (i + 1), i) for i in range(6)]
     curves.show(view_of(states), now=0.0)
     another = [*states[:3], State(measurement.positions + 0.5, 3)]
@@ -121,3 +134,15 @@ def test_sliders_choose_the_modes_of_the_map(server, scene, measurement, has_spe
     set_by_client(tab.same, True)
     assert binding.choices.modes is None
     server.gui.reset()
+
+
+def test_errors_are_averaged_over_the_microphones_sought(server, measurement):
+    curves = CurvesTab(server.gui, measurement, np.array([4, 5]))
+    away = np.zeros((10, 2))
+    away[4], away[5], away[9] = [0.001, 0.0], [0.003, 0.0], [0.5, 0.0]
+    state = State(measurement.positions + away)
+    curves.show(view_of([state]), now=0.0)
+    assert [column[0] for column in curves.error.data[1:3]] == pytest.approx([2.0, 3.0])
+    text = html.status(view_of([state]), measurement, sought=np.array([4, 5]))
+    assert "mean <b>2 mm</b>, largest 3 mm" in text
+    assert "<b>1 mm</b>" in html.status(view_of([state]), measurement, sought=np.array([4]))

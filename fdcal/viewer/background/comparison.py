@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from ...session.comparison import Comparison, ComparisonRun, common_cost
+from ...session.comparison import Comparison, ComparisonRun
 from ...session.history import SessionView
 from ...session.worker import LatestWorker
 from ...solvers.interface import RunState
@@ -51,10 +51,10 @@ class RunSummary:
     status : "running", "converged", ...
     step : int
     seconds : processor time since the start, s
-    mean_error, largest_error : of the positions, mm; None where the true positions are unknown
+    mean_error, largest_error : of the positions sought, mm; None where the true positions are unknown
     times : (P,) float64, s, of the points of the curves
     mean_errors : (P,) float64, mm, or None
-    costs : (P,) float64, dB relative to the power of the pressures
+    costs : (P,) float64, dB, of `fdcal.cost.yardstick`
     """
 
     name: str
@@ -195,19 +195,18 @@ class ComparisonWorker:
         )
 
     def _errors(self, state: RunState) -> np.ndarray | None:
-        """Position error of each microphone, (N,) float64, mm."""
+        """Position error of each microphone that is sought, float64, mm."""
         errors = self.run.measurement.errors(state.positions)
-        return None if errors is None else 1e3 * errors
+        return None if errors is None else 1e3 * errors[self.run.sought]
 
     def _compute_curves(self, points: dict, missing: list) -> None:
         """Compute error and cost of the states that have none yet; on the curves' thread."""
-        problem, settings = self.run.problem, self.run.scene.solver
+        yardstick = self.run.yardstick
         for name, states in missing:
             for state in states:
                 errors = self._errors(state)
                 error = 0.0 if errors is None else float(errors.mean())
-                cost = common_cost(problem, settings, state.positions)
-                points[name][state.step] = error, 10 * np.log10(max(cost, 1e-16))
+                points[name][state.step] = error, yardstick(state.positions) if yardstick else 0.0
 
     def close(self, timeout: float) -> bool:
         """End the threads after the work in progress; False if that takes longer than `timeout`, s."""

@@ -75,9 +75,13 @@ class ViewSnapshot:
 
 def _picture(snapshot: ViewSnapshot) -> bytes:
     """Rendered again in a child process."""
-    title = f"{snapshot.caption}\n{error_summary(snapshot.run.measurement, snapshot.view.state.positions)}"
+    title = f"{snapshot.caption}\n{_errors(snapshot)}"
     choices = snapshot.choices
     return render_png(replace(snapshot.picture, title=title), choices.export_size, choices.export_view)
+
+
+def _errors(snapshot: ViewSnapshot) -> str:
+    return error_summary(snapshot.run.measurement, snapshot.view.state.positions, snapshot.run.sought)
 
 
 def _panels(snapshot: ViewSnapshot, count: int) -> LandscapePanels:
@@ -119,7 +123,8 @@ def _points(snapshot: ViewSnapshot) -> bytes:
 
 def _replay(snapshot: ViewSnapshot) -> bytes:
     run, history = snapshot.run, snapshot.view.history
-    return replay_html(run.known_scene, run.measurement, history, run.scene.title, run.scene.solver.weights).encode()
+    text = replay_html(run.known_scene, run.measurement, history, run.scene.title, run.yardstick, run.sought)
+    return text.encode()
 
 
 def _session(snapshot: ViewSnapshot) -> bytes:

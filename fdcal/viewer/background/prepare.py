@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from ... import solvers
 from ...acoustics.measurement_cache import cached_measurement
+from ...cost.yardstick import Yardstick, yardstick_of
 from ...model.measured_scene import MeasuredScene
 from ...model.measurement import Measurement
 from ...model.problem import Problem
@@ -33,6 +36,7 @@ class PreparedRun:
     solver : Solver
     session : Session
     opening : the request that the run was prepared for
+    yardstick : Yardstick, the cost of any positions, or None where there is none
     warmup : what is still being compiled beside the page, or None
     """
 
@@ -42,6 +46,7 @@ class PreparedRun:
     solver: Solver
     session: Session
     opening: OpenRequest
+    yardstick: Yardstick | None = None
     warmup: Warmup | None = None
 
     def close(self, timeout: float) -> None:
@@ -49,6 +54,12 @@ class PreparedRun:
         if self.warmup is not None:
             self.warmup.close(0.0)
         self.session.close(timeout)
+
+    @property
+    def sought(self) -> np.ndarray:
+        """Numbers of the microphones over which errors are averaged: those whose positions are not given."""
+        everyone = np.arange(self.measurement.count)
+        return everyone if self.solver.TRAITS.needs_room or not len(self.problem.free) else self.problem.free
 
     @property
     def known_scene(self) -> Scene | None:
@@ -124,7 +135,8 @@ def _prepare(opening: OpenRequest, progress: PreparationProgress, warmup: Warmup
     if opening.fewer_modes:
         scene = _with_available_modes(scene, problem)
     solver = solvers.load(scene.solver.name)
-    session = Session(problem, scene.solver, opening.seed, solver, opening.states, opening.index)
+    yardstick = yardstick_of(problem)
+    session = Session(problem, scene.solver, opening.seed, solver, opening.states, opening.index, yardstick)
     try:
         _compile_step_and_map(problem, solver, session.view.history[0])
     except BaseException as error:
@@ -134,7 +146,7 @@ def _prepare(opening: OpenRequest, progress: PreparationProgress, warmup: Warmup
         raise
     if opening.play:
         session.play()
-    return PreparedRun(scene, measurement, problem, solver, session, opening, warmup)
+    return PreparedRun(scene, measurement, problem, solver, session, opening, yardstick, warmup)
 
 
 def _with_available_modes(scene: Scene, problem: Problem) -> Scene:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from html import escape
 
 import numpy as np
 
 from ...graphics.heatmap import cost_label
-from ...graphics.primitives import format_number
-from ...graphics.units import format_mm
+from ...graphics.units import ALL, format_mm
 from ...model.measurement import Measurement
 from ...model.validation import InputError
 from ...session.history import SessionView
@@ -87,12 +87,14 @@ def modes_text(measurement: Measurement, first: int, last: int) -> str:
     return f"modes {first} to {last}, {f[first - 1]:.1f} to {f[last - 1]:.1f} Hz"
 
 
-def error_text(measurement: Measurement, positions: np.ndarray) -> str:
-    """Return the mean and largest position error of (N, D) positions, in metres."""
+def error_text(measurement: Measurement, positions: np.ndarray, sought: np.ndarray | slice = ALL) -> str:
+    """Return the mean and largest error of (N, D) positions, in metres, over the microphones `sought`."""
     errors = measurement.errors(positions)
     if errors is None:
         return "unknown (no true positions)"
-    aligned = ", after alignment" if measurement.blind else ""
+    aligned, errors = ", after alignment" if measurement.blind else "", errors[sought]
+    if len(errors) == 1:
+        return f"<b>{format_mm(errors[0])}</b>{aligned}"
     return f"mean <b>{format_mm(errors.mean())}</b>, largest {format_mm(errors.max())}{aligned}"
 
 
@@ -101,16 +103,24 @@ def cost_unit(weights: str) -> str:
     return cost_label(weights).removeprefix("cost ")
 
 
-def status(view: SessionView, measurement: Measurement, weights: str = "unit", fault: str = "", note: str = "") -> str:
+def cost_text(cost: float) -> str:
+    """Return a cost of `fdcal.cost.yardstick`, dB, and what it is; "unknown" for NaN."""
+    number = "unknown" if math.isnan(cost) else f"{cost:.1f} dB"
+    return f"{number} <span style='opacity: 0.65'>(Eq. 7, all modes)</span>"
+
+
+def status(
+    view: SessionView, measurement: Measurement, fault: str = "", note: str = "", sought: np.ndarray | slice = ALL
+) -> str:
     """Return the lines at the top of the main panel.
 
     Parameters
     ----------
     view : SessionView
     measurement : Measurement, with the true positions where they are known
-    weights : of the cost, as in the solver's settings
     fault : an exception of the page itself, as text
     note : on work in the background
+    sought : numbers of the microphones whose errors count, all unless given
 
     Returns
     -------
@@ -121,8 +131,8 @@ def status(view: SessionView, measurement: Measurement, weights: str = "unit", f
     rows = {
         "Progress": f"step {state.step}, sweep {state.sweep}, stage {state.stage + 1}",
         "In use": escape(modes_text(measurement, state.first, state.last)),
-        "Error": error_text(measurement, state.positions),
-        "Cost": f"{format_number(state.cost, 4)} <span style='opacity: 0.65'>{cost_unit(weights)}</span>",
+        "Error": error_text(measurement, state.positions, sought),
+        "Cost": cost_text(view.cost),
     }
     cells = "".join(
         f"<tr><td style='opacity: 0.65; padding-right: 0.9em; vertical-align: top'>{name}</td><td>{text}</td></tr>"

@@ -1,4 +1,4 @@
-"""The tab Curves: position error and cost against sweeps, with a line where a stage began.
+"""The tab Curves: error of the positions sought and cost against sweeps, with a line where a stage began.
 
 The lines of the stages have a scale of their own, from 0 at the bottom to 1 at the top. They run over the whole height
 while there are few of them; many are drawn as ticks at the bottom, which do not hide the curves. The number of the
@@ -20,8 +20,8 @@ from ..gui.plots import BLUE, GREY, ORANGE, RED, Plot, decades_of
 
 MAX_POINTS = 600  # of a plot, which is sent whole each time
 INTERVAL = 0.25  # s between two updates
-MIN_ERROR, MIN_COST = 1e-6, 1e-12  # m and 1, drawn for anything below: logarithms have no zero
-COST_TITLES = {True: "Cost of the modes in use (dB re 1)", False: "Cost of the modes in use (-log likelihood)"}
+MIN_ERROR = 1e-6  # m, drawn for anything below: logarithms have no zero
+COST_TITLE = "Cost (Eq. 7, all modes; dB re the power)"
 MAX_LINES = 10  # stages that are drawn as lines over the whole height
 TICK, HIDDEN = 0.06, -1.0  # height of the other stages' ticks, and a height below the plot
 SCALES = {"stage": uplot.Scale(range=(0.0, 1.0)), "number": uplot.Scale(range=(0.0, 1e4))}
@@ -42,10 +42,11 @@ class CurvesTab:
     cost : Plot
     """
 
-    def __init__(self, gui: viser.GuiApi, measurement: Measurement):
+    def __init__(self, gui: viser.GuiApi, measurement: Measurement, sought: np.ndarray):
         self._measurement, self._free = measurement, max(measurement.count - len(measurement.known), 1)
+        self._sought, self._costs = sought, -1  # microphones whose errors count; how many costs were computed
         self._states: list[Any] = []  # whose numbers are in _rows
-        self._rows: list[tuple] = []  # sweeps, mean error, largest error, cost, last mode in use, stage
+        self._rows: list[tuple] = []  # sweeps, mean error, largest error, last mode in use, stage
         self._updated = -1e9
         gui.add_html(legend())
         self.error: Plot | None = None
@@ -53,23 +54,26 @@ class CurvesTab:
             series = _series(("mean", RED, 2.0), ("largest", ORANGE, 1.25))
             title = "Position error (mm, after alignment)" if measurement.blind else "Position error (mm)"
             self.error = Plot(gui, title, series, "sweeps", SCALES)
-        self.cost = Plot(gui, COST_TITLES[True], _series(("cost", BLUE, 2.0)), "sweeps", SCALES)
+        self.cost = Plot(gui, COST_TITLE, _series(("cost", BLUE, 2.0)), "sweeps", SCALES)
         gui.add_html(REMARK)
 
     def show(self, view: SessionView, now: float) -> None:
         """Bring the plots up to date, not more often than every INTERVAL; called by the main loop."""
-        if now - self._updated < INTERVAL or not self._update_rows(view.history):
+        if now - self._updated < INTERVAL:
             return
-        self._updated = now
-        x, mean, largest, cost, last, stage = np.array(self._rows, float).T
+        if not self._update_rows(view.history) and view.costs.count == self._costs:
+            return
+        self._updated, self._costs = now, view.costs.count
+        x, mean, largest, last, stage = np.array(self._rows, float).T
         drawn = np.unique(np.linspace(0, len(x) - 1, min(len(x), MAX_POINTS)).round().astype(int))
         begins = np.flatnonzero((np.diff(last) > 0) | (np.diff(stage) > 0)) + 1
         if self.error is not None:
             self.error.show(_with_stages(x, (mean, largest), drawn, begins, stage), decades_of(mean, largest))
-        decibels = bool((cost > 0).all())
-        if decibels:
-            cost = 10 * np.log10(cost)
-        self.cost.show(_with_stages(x, (cost,), drawn, begins, stage), title=COST_TITLES[decibels])
+        cost = np.array([view.costs.of(state) for state in self._states])
+        known = np.flatnonzero(np.isfinite(cost))
+        if len(known):  # between the costs that are known the curve is straight
+            cost = np.interp(np.arange(len(cost)), known, cost[known])
+            self.cost.show(_with_stages(x, (cost,), drawn, begins, stage))
 
     def _update_rows(self, history) -> bool:
         """Compute the rows of new states; return whether anything is new."""
@@ -84,13 +88,12 @@ class CurvesTab:
 
     def _row(self, state) -> tuple:
         errors = self._measurement.errors(state.positions)
-        errors = np.zeros(1) if errors is None else errors
+        errors = np.zeros(1) if errors is None else errors[self._sought]
         all_at_once = state.step == state.sweep  # each step of the solver moves all microphones
         return (
             state.step if all_at_once else state.step / self._free,
             1e3 * _drawable(errors.mean(), MIN_ERROR),
             1e3 * _drawable(errors.max(), MIN_ERROR),
-            _drawable_cost(state.cost),
             state.last,
             state.stage,
         )
@@ -99,14 +102,6 @@ class CurvesTab:
 def _drawable(value, minimum: float) -> float:
     """Return a finite number of at least `minimum`, which also stands for NaN."""
     return min(max(minimum, float(value)), 1e12)
-
-
-def _drawable_cost(value) -> float:
-    """Return a finite number whose logarithm can be drawn, or a negative one; MIN_COST for NaN."""
-    value = float(value)
-    if np.isfinite(value) and value < 0:
-        return max(value, -1e12)
-    return _drawable(value, MIN_COST)
 
 
 def _with_stages(x, curves, drawn, begins, stage) -> tuple[np.ndarray, ...]:

@@ -1,0 +1,173 @@
+"""The rows of the dictionary W of many modes at any points at once, from tables of the radial functions.
+
+A row of one mode, order l, about a centre that may change with every call:
+
+    2-D             J_l(k r) exp(j l theta)            = c_l g_l(k r) (x + j y)^l
+    plane in 3-D    j_l(k r) exp(j m phi), l + m even  = c_l g_l(k r) r^(l - |m|) (x + j y)^m
+    3-D             j_l(k r) Y_lm(theta, phi)          = c_l g_l(k r) r^l Y_lm(theta, phi)
+
+g_l(z) = J_l(z) l! (2 / z)^l, or j_l(z) (2 l + 1)!! / z^l, is entire and even, so that a Chebyshev series in r^2 holds
+it to rounding errors. The constants c_l are left out: Eq. 7 depends on the column space of W alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial.chebyshev import chebvander
+from scipy.special import factorial, factorial2, jv, sph_harm_y_all, spherical_jn
+
+from ..acoustics.fourier_bessel import max_order
+from ..acoustics.spherical_harmonics import degrees
+from ..model.problem import Problem
+from ..model.validation import InputError
+
+TABLE_RADIUS = 2.0  # of the tables, in search radii; points further from the centre are evaluated one by one
+TERMS = 48  # of the Chebyshev series before the negligible ones are dropped
+NEGLIGIBLE = 1e-16  # Chebyshev coefficient that is left out; the functions are 1 at the centre
+
+
+@dataclass(frozen=True)
+class CarriedModes:
+    """The modes of a problem that its microphones can carry at a fixed order, and their orders.
+
+    Attributes
+    ----------
+    modes : (K,) int64, counted from 0, ascending
+    orders : (K,) int64, L of each
+    order_offset : int, added to ceil(k R)
+    """
+
+    modes: np.ndarray
+    orders: np.ndarray
+    order_offset: int
+
+
+def carried_modes(problem: Problem, order_offset: int) -> CarriedModes:
+    """Return the modes with fewer functions than there are microphones, at the order L = ceil(k R) + `order_offset`.
+
+    Parameters
+    ----------
+    problem : Problem
+    order_offset : int
+
+    Raises
+    ------
+    InputError
+        The problem has no search domain, whose radius R the order rule takes.
+    """
+    if problem.search is None:
+        raise InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
+    orders = np.asarray(max_order(problem.wavenumbers, problem.search.radius, order_offset))
+    counts = np.array([functions(problem, int(L)) for L in orders])
+    carried = np.flatnonzero(counts < problem.pressures.shape[1])
+    return CarriedModes(carried, orders[carried], order_offset)
+
+
+def functions(problem: Problem, order: int) -> int:
+    """Return the number of functions of an expansion of `order` L: 2L + 1, (L + 1)^2 or (L + 1)(L + 2) / 2."""
+    if problem.dimension == 2:
+        return 2 * order + 1
+    return (order + 1) ** 2 if problem.array_dimension == 3 else (order + 1) * (order + 2) // 2
+
+
+class FieldExpansion:
+    """Rows of W of the modes that the microphones can carry.
+
+    Parameters
+    ----------
+    problem : Problem
+    order_offset : added to ceil(k R)
+
+    Attributes
+    ----------
+    carried : CarriedModes
+
+    Raises
+    ------
+    InputError
+        The problem has no search domain.
+    """
+
+    def __init__(self, problem: Problem, order_offset: int):
+        self.carried = carried_modes(problem, order_offset)
+        if problem.search is None:
+            raise ValueError("carried_modes has checked that there is a search domain")
+        self._dimension, self._planar = problem.dimension, problem.array_dimension == 2
+        self._radius = TABLE_RADIUS * problem.search.radius
+        self._k = problem.wavenumbers[self.carried.modes]
+        self._tables: dict[int, np.ndarray] = {}  # by order: (terms, modes of this order, L + 1)
+
+    def groups(self, chosen) -> list[np.ndarray]:
+        """Return the modes of `chosen`, indices of `carried`, in groups of one order."""
+        chosen = np.asarray(chosen, np.int64)
+        orders = self.carried.orders[chosen]
+        return [chosen[orders == order] for order in np.unique(orders)]
+
+    def rows(self, points: np.ndarray, centre: np.ndarray, group: np.ndarray) -> np.ndarray:
+        """Return the rows of W, up to a factor of each column.
+
+        Parameters
+        ----------
+        points : (C, D) float64, metres
+        centre : (D,) float64, metres
+        group : (B,) indices of `carried`, of one order L
+
+        Returns
+        -------
+        (B, C, K) complex128
+        """
+        order = int(self.carried.orders[group[0]])
+        offsets = (points - centre) / self._radius
+        radial = self._radial(np.einsum("cd,cd->c", offsets, offsets), order, group)
+        l, angular = self._angular(offsets, order)  # noqa: E741
+        return radial[:, :, l] * angular
+
+    def _radial(self, squared: np.ndarray, order: int, group: np.ndarray) -> np.ndarray:
+        """Return g_l at the points whose squared distance, in units of the tables' radius, is given : (B, C, L + 1)."""
+        k = self._k[group] * self._radius
+        if squared.max(initial=0.0) > 1.0:
+            return np.moveaxis(self._functions(np.sqrt(squared), k, order), 0, 1)
+        everyone = np.flatnonzero(self.carried.orders == order)
+        if order not in self._tables:
+            self._tables[order] = self._series(self._k[everyone] * self._radius, order)
+        table = self._tables[order][:, np.searchsorted(everyone, group)]
+        powers = chebvander(2 * squared - 1, len(table) - 1)
+        values = (powers @ table.reshape(len(table), -1).view(float)).view(complex)
+        return np.moveaxis(values.reshape(len(squared), len(group), order + 1), 0, 1)
+
+    def _series(self, k: np.ndarray, order: int) -> np.ndarray:
+        """Return the Chebyshev coefficients of g_l for wavenumbers `k`, times the radius : (terms, B, L + 1)."""
+        t = np.cos(np.pi * (np.arange(TERMS) + 0.5) / TERMS)
+        values = self._functions(np.sqrt((1 + t) / 2), k, order)
+        weights = chebvander(t, TERMS - 1).T * (2 / TERMS)
+        weights[0] /= 2
+        series = np.tensordot(weights, values, axes=1)
+        largest = np.abs(series).reshape(TERMS, -1).max(axis=1)
+        return np.ascontiguousarray(series[: int(np.flatnonzero(largest > NEGLIGIBLE)[-1]) + 1])
+
+    def _functions(self, r: np.ndarray, k: np.ndarray, order: int) -> np.ndarray:
+        """Return g_l(k r) : (C, B, L + 1)."""
+        l = np.arange(order + 1)  # noqa: E741
+        z = np.maximum(r, 1e-3)[:, None, None] * k[:, None]  # below it g_l is 1 to rounding errors
+        if self._dimension == 2:
+            return jv(l, z) * factorial(l) * (2 / z) ** l
+        return spherical_jn(l, z) * factorial2(2 * l + 1) / z**l
+
+    def _angular(self, offsets: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the degree l of each column (K,), and the other factor (C, K) of the rows."""
+        across = offsets[:, 0] + 1j * offsets[:, 1]
+        powers = np.cumprod(np.column_stack([np.ones(len(across)), *[across] * order]), axis=1)
+        if self._dimension == 2:
+            l = np.arange(-order, order + 1)  # noqa: E741
+            return np.abs(l), np.concatenate([powers[:, :0:-1].conj(), powers], axis=1)
+        if self._planar:
+            l, m = degrees(order, True)  # noqa: E741
+            squared = (np.abs(across) ** 2)[:, None]
+            turning = np.where(m < 0, powers[:, np.abs(m)].conj(), powers[:, np.abs(m)])
+            return l, turning * squared ** ((l - np.abs(m)) // 2)
+        l, m = degrees(order)  # noqa: E741
+        height, distance = offsets[:, 2], np.linalg.norm(offsets, axis=1)
+        Y = sph_harm_y_all(order, order, np.arctan2(np.abs(across), height), np.angle(across))
+        return l, distance[:, None] ** l * Y[l, m].T

@@ -1,0 +1,95 @@
+"""One number for any positions, whatever solver found them: Eq. 7 over all modes, relative to their power, in decibels.
+
+    Yardstick   the number, for many positions of one problem
+    decibels    a relative cost in decibels
+    yardstick_of  the yardstick of a problem, where there is one
+
+Solvers minimise costs of their own, which cannot be compared: a likelihood of other modes or another noise, Eq. 7 of
+the modes in use with a weight of the known microphones. Here the modes are all that the microphones can carry, the
+order of each is fixed, every microphone has the weight 1, and the pressures are those measured. It is a residual: 0 dB
+where the positions explain nothing, and it falls as the positions improve, down to the noise or the truncation of the
+expansion. Rotations, translations and mirror images do not change it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..model.problem import Problem
+from ..model.validation import InputError
+from .field_expansion import FieldExpansion
+
+ORDER_OFFSET = 2  # added to ceil(k R): with the paper's 0 the truncation hides a centimetre
+LEAST_MODES = 3  # with fewer carried modes the order is lowered
+LOWEST = 1e-16  # relative cost at which the decibels end
+
+
+def decibels(relative_cost: float) -> float:
+    """Return a relative cost in decibels, -160 at least; NaN for NaN."""
+    return float(10 * np.log10(np.maximum(relative_cost, LOWEST)))
+
+
+def yardstick_of(problem: Problem) -> Yardstick | None:
+    """Return the yardstick of a problem; None without a search domain, or with too few microphones for any mode."""
+    try:
+        return Yardstick(problem)
+    except InputError:
+        return None
+
+
+class Yardstick:
+    """Eq. 7 over all modes that the microphones can carry, relative to the power of their pressures.
+
+    Parameters
+    ----------
+    problem : Problem
+    order_offset : added to ceil(k R) in the order of every mode; lowered for an array that carries fewer than
+        LEAST_MODES modes with it
+
+    Attributes
+    ----------
+    order_offset : int, the one in use
+    count : int, number of modes
+
+    Raises
+    ------
+    InputError
+        The problem has no search domain, or too few microphones for any mode.
+
+    Examples
+    --------
+    >>> import fdcal
+    >>> measurement = fdcal.load("tiny")
+    >>> round(Yardstick(measurement.problem())(measurement.positions))
+    -59
+    """
+
+    def __init__(self, problem: Problem, order_offset: int = ORDER_OFFSET):
+        for offset in range(order_offset, -1, -1):
+            self._expansion = FieldExpansion(problem, offset)
+            if len(self._expansion.carried.modes) >= min(LEAST_MODES, len(problem.pressures)):
+                break
+        carried = self._expansion.carried
+        self.order_offset, self.count = carried.order_offset, len(carried.modes)
+        if not self.count:
+            raise InputError(
+                f"{problem.pressures.shape[1]} microphones are too few for the cost of any mode",
+                "use a smaller <radius>, or more microphones",
+                key="radius",
+            )
+        self._groups = self._expansion.groups(np.arange(self.count))
+        self._pressures = problem.pressures[carried.modes]
+        self._power = float(np.sum(np.abs(self._pressures) ** 2))
+
+    def __call__(self, positions) -> float:
+        """Return the cost of positions (N, D), metres, in dB : float; NaN where a position is not finite."""
+        positions = np.asarray(positions, float)
+        if not np.isfinite(positions).all():
+            return float("nan")
+        return decibels(sum(self._residual(positions, group) for group in self._groups) / self._power)
+
+    def _residual(self, positions: np.ndarray, group: np.ndarray) -> float:
+        """Return |W W^+ p - p|^2 summed over modes of one order, the last diagonal of R in [W p] = Q R."""
+        W = self._expansion.rows(positions, positions.mean(axis=0), group)
+        R = np.asarray(np.linalg.qr(np.concatenate([W, self._pressures[group][:, :, None]], axis=2), mode="r"))
+        return float(np.sum(np.abs(R[:, -1, -1]) ** 2))
