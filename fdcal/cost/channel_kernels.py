@@ -8,6 +8,8 @@
                   `near`, columns of high order are amplified as a source close to the array does
                   (`fdcal.cost.low_rank_covariance`). Needed where the noise is below what a real wavenumber, or a
                   field without near sources, leaves unexplained.
+
+Waves whose power depends on their direction: `fdcal.cost.angular_prior.plane_wave_kernel`.
 """
 
 from __future__ import annotations

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import get_lapack_funcs
 
+from .angular_prior import plane_wave_kernel
 from .channel_kernels import diffuse_kernel, series_kernel
 
 
@@ -36,6 +37,7 @@ class ChannelField:
     near : whether a source may be close to the array; with the series only
     about : (N, D) float64, metres, or None: positions that give the centre of the series, those of the microphones
         unless given; the gradient takes it as fixed
+    directions : (M, Q) float64 or None: power by direction, mean 1 (`fdcal.cost.angular_prior`), in two dimensions
     """
 
     wavenumbers: np.ndarray
@@ -45,6 +47,7 @@ class ChannelField:
     dimension: int
     near: bool = False
     about: np.ndarray | None = None
+    directions: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -109,7 +112,10 @@ def field_covariance(positions, field: ChannelField) -> np.ndarray:
 
 
 def _kernel(x, field: ChannelField, slope: bool):
-    """K (M, N, N); and, if wanted, of the series D (D, M, N, N), of the diffuse one its slope (M, N, N)."""
+    """K (M, N, N); and, if wanted, of the diffuse one its slope (M, N, N), of the others D (D, M, N, N)."""
+    if field.directions is not None:
+        about = x if field.about is None else field.about
+        return plane_wave_kernel(x, about, field.wavenumbers, field.directions, slope)
     if np.iscomplexobj(field.wavenumbers):
         return series_kernel(x, field.about, field.wavenumbers, field.dimension, field.near, slope)
     N, M = len(x), len(field.wavenumbers)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fields import measured as mode_measurement
 from fields import rigid_room, room_frequencies
 
 from fdcal.assessment.channel_verdict import judge
@@ -105,6 +106,17 @@ def test_blind_it_finds_the_array_up_to_a_motion():
     _, _, verdict = solved(measurement, known="none")
     found = align(verdict.positions, measurement.positions)
     assert rms(found, measurement.positions, np.arange(COUNT)) < 0.01
+
+
+@pytest.mark.parametrize(("count", "centre", "seed"), [(16, (2.91, 2.1), 1), (24, (2.6, 2.3), 0)])
+def test_the_directions_of_the_field_hold_the_shape_of_a_blind_circle(count, centre, seed):
+    # a mode is a few plane waves; with an isotropic field both are more than 25 mm off
+    angle = 2 * np.pi * np.arange(count) / count
+    x = np.array(centre) + 0.4 * np.c_[np.cos(angle), np.sin(angle)]
+    measurement = mode_measurement(x, np.zeros(0, int), highest=330, snr_db=30, seed=seed, modes=45)
+    problem = measurement.problem("unit", "none")
+    *_, state = run(problem, SolverSettings(name="robust", modes=len(measurement.frequencies), known="none"), 0)
+    assert rms(align(state.positions, x), x, np.arange(count)) < 0.02
 
 
 def test_scaling_the_pressures_changes_nothing():

@@ -57,7 +57,7 @@ def begin_angular_prior(problem: Problem, state: State) -> State:
     field = diffuse_field(p, k, assumed.noise_power[state.modes], 2)
     prior = diffuse_prior(state.positions, k)
     iterations = (assumed.prior_updates + 1) * PRIOR.iterations
-    prior = learned_prior(state.positions, p, k, field.power, field.noise, prior, iterations)
+    prior = learned_prior(state.positions, p, np.real(k), field.power, field.noise, prior, iterations)
     deflation = noise_schedule.noise_deflation(assumed.noise_power / mode_power(problem.pressures), problem)
     begun = replace(
         state,

@@ -6,15 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...cost.angular_prior import diffuse_prior, learned_prior
 from ...cost.channel_likelihood import ChannelField, Terms
 from ...model.problem import Problem
 from ...model.settings import SolverSettings
+from ...model.validation import frozen_array
 from . import noise_model
 from .objective import Objective, Priors
 from .settings import ASSUMED, NOISE_RULES, RULES, SCHEDULE
 from .state import KernelName, Model, State
 
-LEAST_SHARE = {"diffuse": 1e-6, "series": 1e-8, "near": 1e-11}  # of noise in the power
+LEAST_SHARE = {"diffuse": 1e-6, "series": 1e-8, "directional": 1e-8, "near": 1e-11}  # of noise in the power
 NEAR_SHARE = {2: 1e-5, 3: 2e-6}  # with less noise a source near the array counts
 
 
@@ -44,6 +46,7 @@ def field(problem: Problem, state: State, used) -> ChannelField:
         problem.dimension,
         model.kernel == "near",
         None if plain else state.shape,
+        model.directions[used] if model.kernel == "directional" and model.directions is not None else None,
     )
 
 
@@ -73,6 +76,34 @@ def with_power(state: State, used, chosen: ChannelField, terms: Terms) -> State:
     power[used] = noise_model.updated_power(chosen, terms)
     tau = noise_model.updated_channel_noise(chosen, terms)
     return replace(state, model=replace(state.model, power=power, channel_noise=tau))
+
+
+def with_directions(problem: Problem, state: State, used, updates: int) -> State:
+    """`state` with the power of the field by direction learned a little further, where its kernel has one."""
+    model = state.model
+    if model.kernel != "directional":
+        return state
+    k = problem.wavenumbers
+    learned = np.array(diffuse_prior(state.positions, k) if model.directions is None else model.directions)
+    learned[used] = learned_prior(
+        state.positions,
+        corrected(problem, state, used),
+        k[used],
+        model.power[used],
+        model.noise[used],
+        learned[used],
+        updates,
+        model.channel_noise,
+        NOISE_RULES.direction_count,
+        state.shape,
+    )
+    return replace(state, model=replace(model, directions=frozen_array(learned, float)))
+
+
+def with_turned_directions(problem: Problem, state: State) -> State:
+    """`state` with directions learned anew, for an array that was turned as a whole."""
+    anew = replace(state, model=replace(state.model, directions=None), shape=state.positions)
+    return with_directions(problem, anew, used_modes(problem, anew, 0), ASSUMED.turned_updates)
 
 
 def with_noise(problem: Problem, state: State, deflation: float = 1.0, rough: bool = True) -> State:
@@ -177,11 +208,13 @@ def first_model(problem: Problem, settings: SolverSettings) -> Model:
     )
 
 
-def kernel_of(problem: Problem, state: State, final: bool) -> KernelName:
-    """The kernel that the noise left calls for."""
+def kernel_of(problem: Problem, state: State) -> KernelName:
+    """The kernel of an isotropic field that the noise left calls for."""
     k = problem.wavenumbers[state.modes]
     radius = float(np.sqrt(np.mean(np.sum((state.positions - state.positions.mean(axis=0)) ** 2, axis=1))))
-    share = state.model.share
-    if final and share <= NEAR_SHARE[problem.dimension]:
-        return "near"
-    return "series" if (np.abs(np.imag(k)).max() * radius) ** 2 > ASSUMED.damped * share else "diffuse"
+    return "series" if (np.abs(np.imag(k)).max() * radius) ** 2 > ASSUMED.damped * state.model.share else "diffuse"
+
+
+def near_field_counts(problem: Problem, state: State) -> bool:
+    """Whether the noise is so low that a source near the array would count."""
+    return state.model.share <= NEAR_SHARE[problem.dimension]

@@ -66,13 +66,15 @@ def _agreed(problem: Problem, state: State) -> bool:
 
 
 def _begin_final(problem: Problem, state: State) -> State:
+    """Go on from the likeliest end; only now, with all in place, can the directions of the field be learned."""
     best = min(state.ends, key=lambda end: end.score)
+    kernel = "directional" if problem.dimension == 2 else best.model.kernel
     state = replace(
         state,
         positions=best.positions,
         gains=best.gains,
         offsets=best.offsets,
-        model=best.model,
+        model=replace(best.model, kernel=kernel),
         shape=best.positions,
         progress=replace(state.progress, rounds=0, row=len(SCHEDULE) - 1),
     )
@@ -82,7 +84,7 @@ def _begin_final(problem: Problem, state: State) -> State:
 def _refined(problem: Problem, state: State) -> State:
     """Begin a round of the last row: noise anew; the near-field kernel only if its residual is much smaller."""
     plain = _with_kernel(problem, state, state.model.kernel, 1.0)
-    if state.model.kernel != "near" and assumptions.kernel_of(problem, plain, final=True) == "near":
+    if state.model.kernel != "near" and assumptions.near_field_counts(problem, plain):
         near = _with_kernel(problem, state, "near", RULES.near_deflation)
         plain = near if near.model.share < RULES.near_gain * plain.model.share else plain
     elif state.model.kernel == "near":
@@ -104,7 +106,8 @@ def end_final(problem: Problem, state: State, settled: bool) -> State:
         return again
     framed = state.positions if problem.frame is None else move_to_frame(state.positions, problem.frame)
     positions = _anchored(problem, state) if len(problem.known) and problem.frame is None else framed
-    return replace(state, positions=frozen_array(positions, float), finished=True, converged=settled)
+    ended = replace(state, positions=frozen_array(positions, float), finished=True, converged=settled)
+    return assumptions.with_turned_directions(problem, ended)
 
 
 def _anchored(problem: Problem, state: State) -> np.ndarray:

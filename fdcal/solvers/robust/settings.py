@@ -92,6 +92,7 @@ class NoiseRules:
     ----------
     power_count : observations that the mean power of the pressures is worth
     channel_count : observations that a channel is like the others
+    direction_count : observations that the field's power is the same from every direction
     least_channel_noise : least channel noise over that of the array
     most_channel_noise : greatest, likewise
     least_power : least power of the field over the mean power of the pressures
@@ -102,6 +103,7 @@ class NoiseRules:
 
     power_count: float = 2.0
     channel_count: float = 6.0
+    direction_count: float = 1.0
     least_channel_noise: float = 0.3
     most_channel_noise: float = 1e6
     least_power: float = 1e-3
@@ -156,6 +158,8 @@ class AssumptionRules:
     same_spread : change of the logarithm of a spread that does not count
     known_count : given positions that `given_sigma` is worth
     given_sigma : metres, expected error of each coordinate of a given position
+    direction_updates : steps of expectation and maximisation of the directions' power after every step
+    turned_updates : the same after the array was turned as a whole
     """
 
     noise_modes: int = 24
@@ -166,6 +170,8 @@ class AssumptionRules:
     same_spread: float = 0.2
     known_count: float = 2.0
     given_sigma: float = 2e-3
+    direction_updates: int = 3
+    turned_updates: int = 60
 
 
 ASSUMED = AssumptionRules()

@@ -25,7 +25,7 @@ from ..polynomial_deformation import polynomial_deformations
 from . import assumptions, starts
 from .attempts import begin_attempt
 from .channel_fit import channel_step, free_basis
-from .settings import RULES, SCHEDULE
+from .settings import ASSUMED, RULES, SCHEDULE
 from .stages import begin_row, end_row
 from .state import Progress, State
 from .unit_power import in_unit_power
@@ -113,6 +113,7 @@ def step(problem: Problem, state: State) -> State:
     settled = trial.moved < row.settled or trial.fall < row.negligible
     if trial.terms is not None and trial.matrix is not None:
         moved = assumptions.with_power(moved, used, goal.field, trial.terms)
+        moved = assumptions.with_directions(problem, moved, used, ASSUMED.direction_updates)
         if gains:
             moved = assumptions.centred(assumptions.with_spreads(problem, moved, trial.free, trial.matrix))
             settled = settled and assumptions.same_spreads(state.model, moved.model)

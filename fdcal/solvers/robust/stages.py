@@ -30,7 +30,7 @@ def end_row(problem: Problem, state: State, field: ChannelField, trial: ChannelS
     if row.name == "final":
         return end_final(problem, state, settled)
     before = state.model.share
-    kernel = "diffuse" if row.degree else assumptions.kernel_of(problem, state, final=False)
+    kernel = "diffuse" if row.degree else assumptions.kernel_of(problem, state)
     state = replace(state, model=replace(state.model, kernel=kernel), shape=state.positions)
     if row.degree:
         return _end_deformation(problem, state)

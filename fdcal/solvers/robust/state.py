@@ -9,7 +9,7 @@ import numpy as np
 
 from ..interface import RunState
 
-KernelName = Literal["diffuse", "series", "near"]
+KernelName = Literal["diffuse", "series", "near", "directional"]
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,8 @@ class Model:
     spread : metres, error of the positions that, with the noise, explains the residual
     gain_sigma, phase_sigma : nepers and radians
     known_sigma : metres
-    kernel : "diffuse", "series" or "near"
+    kernel : "diffuse", "series", "near" or "directional"
+    directions : (M, Q) float64, power of the field by direction, mean 1; of the kernel "directional" only
     """
 
     power: np.ndarray
@@ -37,6 +38,7 @@ class Model:
     phase_sigma: float
     known_sigma: float
     kernel: KernelName
+    directions: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
