@@ -8,6 +8,7 @@ from ..session.lesson import Lesson
 from ..session.request import OpenRequest
 from .server.error_log import error_log
 from .server.hardening import open_server, without_output
+from .server.memory import share_one_heap
 from .server.signals import Interrupt
 
 
@@ -39,6 +40,7 @@ def serve(
     StorageError
         A file of the scene cannot be read.
     """
+    share_one_heap()
     with Interrupt() as interrupt, error_log():
         server = open_server(host, port)
         page = None

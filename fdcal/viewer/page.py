@@ -8,6 +8,7 @@ opened, the status bar says why in one line. Otherwise its controls replace the 
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 
@@ -22,6 +23,7 @@ from .gui.layout import Panels, SessionFolders
 from .hotkeys import add_keys
 from .preview import show_room
 from .scene3d.nodes import SceneNodes
+from .server.memory import release_memory
 from .server.signals import Interrupt
 from .session_switch import SessionSwitcher, StatusBar
 from .session_view import Viewer
@@ -33,6 +35,7 @@ COMPILING = "Finishing a compilation; Ctrl-C again does not wait ..."
 RATE = 25.0  # updates of the screen per second
 MAX_RATE = 50.0  # updates per second while the user waits for something
 CANVAS_INTERVAL = 1.0  # s between two looks at the sizes of all canvases
+RELEASE_DELAY = 1.5  # s from the end of a session, when its threads have ended, until its memory is released
 
 
 class Page:
@@ -68,7 +71,7 @@ class Page:
             add_help(server.gui)
         add_keys(server.gui, self)
         self._progress, self._on_progress = "", on_progress
-        self._canvases_checked, self._wake = 0.0, WakeEvent()
+        self._canvases_checked, self._release_time, self._wake = 0.0, math.inf, WakeEvent()
         self._follow_clients(server)
 
     def open(self, request: OpenRequest) -> None:
@@ -136,6 +139,9 @@ class Page:
         if now - self._canvases_checked > CANVAS_INTERVAL:
             self._canvases_checked = now
             self.nodes.cameras.follow_all(clients)
+        if now > self._release_time:
+            self._release_time = math.inf
+            release_memory(self._server)
 
     def _replace_session(self, prepared: PreparedRun) -> None:
         """Show a new session in place of the old one, which stays where the new one cannot be shown."""
@@ -162,6 +168,7 @@ class Page:
             self.nodes.cameras.set_initial(new.picture)
             for client in self._server.get_clients().values():
                 self.nodes.cameras.place(client, "top")
+        self._release_time = min(self._release_time, time.perf_counter() + RELEASE_DELAY)
 
     def _report_progress(self, text: str | None = None) -> None:
         """Report the progress of the first session, or `text`, where it has changed."""

@@ -1,18 +1,7 @@
 """Clients of the page that are no browsers: what they send, and what they are sent."""
 
-import contextlib
+from benchmarks.protocol import CAMERA, connect, messages, send
 
-import msgspec
-import viser
-import zstandard
-from browsing import WAIT
-from websockets.exceptions import ConnectionClosed
-from websockets.sync.client import connect
-
-CAMERA = {
-    "type": "ViewerCameraMessage", "wxyz": [1, 0, 0, 0], "position": [0, 0, 5], "fov": 1.0, "near": 0.1, "far": 9.0,
-    "image_height": 700, "image_width": 600, "look_at": [0, 0, 0], "up_direction": [0, 0, 1],
-}  # fmt: skip
 NAN, INFINITE = float("nan"), float("inf")
 HOSTILE_CAMERAS = [
     *({name: [bad] * 3} for name in ("position", "look_at", "up_direction") for bad in (NAN, INFINITE, 1e308, -1e308)),
@@ -26,31 +15,13 @@ HOSTILE_CAMERAS = [
 ]  # fmt: skip
 
 
-def join(server, **options):
+def join(server):
     """Connect to a viser server of this process."""
-    return join_address(f"ws://127.0.0.1:{server.get_port()}", **options)
-
-
-def join_address(address: str, version: str = viser.__version__):
-    return connect(address, subprotocols=[f"viser-v{version}"], open_timeout=WAIT, close_timeout=1, max_size=None)
-
-
-def say(client, **message):
-    with contextlib.suppress(ConnectionClosed):
-        client.send(msgspec.msgpack.encode(message))
-
-
-def messages(client):
-    """Yield the messages that a client is sent."""
-    while True:
-        raw = client.recv(timeout=WAIT)
-        size = int.from_bytes(raw[8:16], "little")
-        inner = zstandard.ZstdDecompressor().decompress(raw[16 : 16 + size], int.from_bytes(raw[:8], "little"))
-        yield from msgspec.msgpack.decode(inner)["messages"]
+    return connect(f"ws://127.0.0.1:{server.get_port()}")
 
 
 def is_served(server) -> bool:
     """Whether a new client is sent the whole page."""
     with join(server) as client:
-        say(client, **CAMERA)
+        send(client, **CAMERA)
         return any(message["type"] == "ReplayDoneMessage" for message in messages(client))

@@ -15,10 +15,11 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 from browsing import WAIT
-from clients import CAMERA, HOSTILE_CAMERAS, is_served, join, join_address, say
+from clients import HOSTILE_CAMERAS, is_served, join
 from viser import _messages
 from websockets.exceptions import ConnectionClosed
 
+from benchmarks.protocol import CAMERA, connect, send
 from fdcal.graphics.picture import compose
 from fdcal.session.request import OpenRequest
 from fdcal.viewer.scene3d import cameras
@@ -46,7 +47,7 @@ def dark(page_of, scene):
     def set_dark(client):
         control = page.viewer.main_panel.view.dark
         value = not control.value
-        say(client, type="GuiUpdateMessage", uuid=control._impl.uuid, updates={"value": value})
+        send(client, type="GuiUpdateMessage", uuid=control._impl.uuid, updates={"value": value})
         turn_until(lambda: control.value == value)
 
     return page, turn_until, set_dark
@@ -55,12 +56,12 @@ def dark(page_of, scene):
 def test_no_camera_ends_the_loop(dark, server, scene):
     page, turn_until, set_dark = dark
     with join(server) as client:
-        say(client, **CAMERA)
+        send(client, **CAMERA)
         turn_until(lambda: server.get_clients())
         for change in HOSTILE_CAMERAS:
-            say(client, **{**CAMERA, **change})
+            send(client, **{**CAMERA, **change})
         for missing in CAMERA.keys() - {"type"}:
-            say(client, **{name: value for name, value in CAMERA.items() if name != missing})
+            send(client, **{name: value for name, value in CAMERA.items() if name != missing})
         set_dark(client)
         old = page.viewer
         page.open(OpenRequest(scene, start_seed=4))
@@ -73,8 +74,8 @@ def test_no_camera_ends_the_loop(dark, server, scene):
 def test_a_client_that_begins_with_an_impossible_camera_disturbs_nobody(dark, server, change):
     _, _, set_dark = dark
     with join(server) as client, join(server) as other:
-        say(client, **{**CAMERA, **change})
-        say(other, **CAMERA)
+        send(client, **{**CAMERA, **change})
+        send(other, **CAMERA)
         set_dark(other)
 
 
@@ -95,11 +96,11 @@ def test_no_number_that_a_page_sends_keeps_others_from_connecting(dark, server):
     controls = list(server.gui._gui_input_handle_from_uuid.items())
     before = {uuid: control.value for uuid, control in controls}
     with join(server) as client:
-        say(client, **CAMERA)
+        send(client, **CAMERA)
         for uuid, control in controls:
             for value in OUT_OF_RANGE if not isinstance(control.value, str) else ():
                 with contextlib.suppress(OverflowError):
-                    say(client, type="GuiUpdateMessage", uuid=uuid, updates={"value": value})
+                    send(client, type="GuiUpdateMessage", uuid=uuid, updates={"value": value})
         set_dark(client)
         assert is_served(server)
     dark = page.viewer.main_panel.view.dark._impl.uuid
@@ -232,10 +233,10 @@ def test_nothing_is_printed_on_the_event_loop(tmp_path):
         for _ in range(20):  # before the first page
             socket.create_connection(("127.0.0.1", port), WAIT).close()
         for _ in range(50):
-            with contextlib.suppress(ConnectionClosed), join_address(url.replace("http", "ws"), "x" * 4000) as client:
+            with contextlib.suppress(ConnectionClosed), connect(url, "x" * 4000) as client:
                 client.recv(timeout=WAIT)
         for _ in range(50):
-            with join_address(url.replace("http", "ws")) as client, contextlib.suppress(ConnectionClosed):
+            with connect(url) as client, contextlib.suppress(ConnectionClosed):
                 client.send(b"\xc1" * 4000)
                 client.send(msgspec.msgpack.encode({**CAMERA, "wxyz": ["\n" * 4000]}))
                 for _ in range(20):

@@ -15,10 +15,10 @@ import msgspec
 import numpy as np
 import pytest
 import viser
-from clients import CAMERA, join_address, say
 from viser import _messages
 from websockets.exceptions import ConnectionClosed
 
+from benchmarks.protocol import CAMERA, connect, send
 from fdcal.viewer.gui import html as words
 from fdcal.viewer.server import error_log
 
@@ -127,7 +127,7 @@ def test_a_lesson_runs_from_its_start_to_the_answer(page):
 
 def join(served):
     """A client other than a browser."""
-    return join_address(served[1].replace("http", "ws"))
+    return connect(served[1])
 
 
 def test_malformed_messages_do_not_disturb_other_clients(served, page):
@@ -135,15 +135,15 @@ def test_malformed_messages_do_not_disturb_other_clients(served, page):
         with join(served) as client, contextlib.suppress(ConnectionClosed):
             client.send(raw)
     with join(served) as client:
-        say(client, **CAMERA)
+        send(client, **CAMERA)
         for change in (
             {"image_width": "wide"}, {"image_height": float("nan")}, {"image_width": 10**18}, {"image_width": -5},
             {"position": ["a", "b", "c"]}, {"position": []}, {"position": None}, {"look_at": [1e308] * 3},
         ):  # fmt: skip
-            say(client, **{**CAMERA, **change})
-        say(client, type="GuiUpdateMessage", uuid="nobody", updates={"value": 1})
-        say(client, type="CommandTriggerMessage", uuid="nobody")
-        say(client, type="SceneNodeClickMessage", name="/picking/0", instance_index=10**9)
+            send(client, **{**CAMERA, **change})
+        send(client, type="GuiUpdateMessage", uuid="nobody", updates={"value": 1})
+        send(client, type="CommandTriggerMessage", uuid="nobody")
+        send(client, type="SceneNodeClickMessage", name="/picking/0", instance_index=10**9)
         alive(page)
         page.wait_for_timeout(1200)  # one look at all canvases
         alive(page)
@@ -151,7 +151,7 @@ def test_malformed_messages_do_not_disturb_other_clients(served, page):
 
 def test_a_client_that_disconnects_does_not_disturb_others(served, page):
     client = join(served)
-    say(client, **CAMERA)
+    send(client, **CAMERA)
     client.socket.close()
     alive(page)
 
@@ -160,7 +160,7 @@ def test_fifty_clients_do_not_disturb_the_page(served, page):
     with contextlib.ExitStack() as stack:
         clients = [stack.enter_context(join(served)) for _ in range(50)]
         for client in clients:
-            say(client, **CAMERA)
+            send(client, **CAMERA)
         alive(page)
         assert all(client.recv(timeout=WAIT) for client in clients), "each has been sent the page"
 

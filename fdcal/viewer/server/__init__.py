@@ -9,5 +9,6 @@ message_checks  checks of messages before viser reads them
 client_values   checks of the values that a browser sends
 message_buffer  viser's message buffer, made safe for threads
 error_log       where errors are written while a page is served
+memory          one heap for all threads; what removed controls have left
 signals         Ctrl-C and SIGTERM as a flag
 """

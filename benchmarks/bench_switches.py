@@ -1,0 +1,70 @@
+"""A page that shows one scene after the other: do threads stay, does memory grow?
+
+FDCAL_SWITCHES says how many scenes are opened, 200 unless given. Not part of a run of all benchmarks: name it.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from .pages import Served
+from .protocol import ProtocolPage
+from .report import Figure
+
+ALONE = True  # only when named
+SCENES = ("array1_circle", "tiny", "lshape")
+RUN_EVERY, RUN_TIME = 3, 0.5  # the solver runs in every third scene, for so many seconds
+SETTLE_TIME = 8.0  # s in which the maps of a scene are drawn and threads end
+MAX_GROWTH = 50e6  # bytes
+
+
+@dataclass(frozen=True)
+class Soak:
+    """Memory in bytes and threads of the server before the first switch, after each, and in the end."""
+
+    start: int
+    during: list[int]
+    end: int
+    threads: int
+    threads_left: int
+    errors: list[str]
+
+
+def soak(count: int, scenes: Sequence[str] = SCENES, settle_time: float = SETTLE_TIME) -> Soak:
+    """Open `count` scenes one after the other in a page."""
+    with Served(scenes[-1], {}) as served, ProtocolPage(served.url) as page:
+        page.wait_for(lambda: "Apply" in page.controls)
+        time.sleep(settle_time)
+        threads, start, during = len(served.threads()), served.memory(), []
+        for n in range(count):
+            _switch(page, scenes[n % len(scenes)], n % RUN_EVERY == 0)
+            during.append(served.memory())
+        time.sleep(settle_time)
+        return Soak(start, during, served.memory(), threads, len(served.threads()) - threads, served.complaints())
+
+
+def run() -> list[Figure]:
+    count = int(os.environ.get("FDCAL_SWITCHES", "200"))
+    seen = soak(count)
+    grown, left, errors = seen.end - seen.start, seen.threads_left, len(seen.errors)
+    return [
+        Figure("resident memory of the server before the first switch", seen.start / 1e6, "MB"),
+        Figure("the most right after a switch", max(seen.during) / 1e6, "MB"),
+        Figure(f"its growth by {count} switches", grown / 1e6, "MB", "at most 50", grown <= MAX_GROWTH),
+        Figure(f"threads at the start {seen.threads}, and more at the end", left, "", "none", left <= 0),
+        Figure("errors in the log", errors, "lines", "none", not errors),
+    ]
+
+
+def _switch(page: ProtocolPage, scene: str, runs: bool) -> None:
+    """Open a scene as a user does, and wait until its controls are there."""
+    before = page.controls["Apply"]
+    page.set("Scene", scene)
+    page.set("Apply", True)
+    page.wait_for(lambda: page.controls["Apply"] != before)
+    if runs:
+        page.set("Run", True)
+        time.sleep(RUN_TIME)

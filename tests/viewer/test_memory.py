@@ -1,0 +1,36 @@
+"""A page that shows one scene after the other keeps neither the memory nor the threads of the old ones."""
+
+import gc
+import weakref
+
+import numpy as np
+
+from benchmarks.bench_switches import MAX_GROWTH, soak
+from fdcal.session.request import OpenRequest
+from fdcal.viewer import page as page_module
+
+
+def test_a_session_that_was_replaced_is_released(page_of, scene, server, monkeypatch):
+    """Without waiting for Python's own collector, and with no message left about controls that were removed."""
+    monkeypatch.setattr(page_module, "RELEASE_DELAY", 0.1)
+    page, turn_until = page_of
+    page.open(OpenRequest(scene))
+    turn_until(lambda: page.viewer is not None)
+    messages, sizes = server._websock_server._broadcast_buffer.message_from_id, []
+    gc.disable()
+    try:
+        for n in range(4):
+            old, viewer = weakref.ref(page.viewer), page.viewer
+            page.open(OpenRequest(scene, start_seed=n))
+            turn_until(lambda viewer=viewer: page.viewer is not viewer)
+            del viewer
+            turn_until(lambda old=old: old() is None)
+            sizes.append(len(messages))
+    finally:
+        gc.enable()
+    assert np.ptp(sizes[1:]) < 20, sizes
+
+
+def test_the_memory_of_a_server_does_not_grow_by_scene_switches():
+    seen = soak(16, ["tiny"], settle_time=4.0)
+    assert seen.end - seen.start <= MAX_GROWTH and seen.threads_left <= 0 and not seen.errors
