@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..model.scene_file import load_scene, scene_names
+from ..model.settings import ALL_MODES
 from ..model.validation import InputError
 from ..session.request import OpenRequest
 from ..solvers import names
@@ -101,7 +102,12 @@ def output_option(what: str, required: bool = True):
 
 force_option = click.option("--force", is_flag=True, help="Overwrite an existing output file.")
 result_option = click.option("--result", metavar="RESULT.json", help="Positions found by `fdcal calibrate -o`.")
-modes_option = click.option("--modes", type=int, metavar="M", help="Number of modes in use at the end, lowest first.")
+modes_option = click.option(
+    "--modes",
+    type=int,
+    metavar="M",
+    help="Number of modes in use at the end, lowest first.  [default: all that the array can interpolate]",
+)
 seed_option = click.option(
     "--seed", type=int, metavar="S", help="Random seed of the solver's start.  [default: the scene's]"
 )
@@ -182,7 +188,8 @@ def open_request_of(text: str) -> OpenRequest:
         from ..model.measured_scene import placeholder_scene
 
         inputs = load_input(text)
-        scene = placeholder_scene(inputs.measurement, inputs.name, inputs.settings, inputs.seed)
+        settings = replace(inputs.settings, modes=ALL_MODES) if inputs.all_modes else inputs.settings
+        scene = placeholder_scene(inputs.measurement, inputs.name, settings, inputs.seed)
         return OpenRequest(scene, measurement=inputs.measurement, fewer_modes=True)
     scene = load_scene(text)
     check_scene(scene)  # a scene that cannot be simulated is refused before a page opens

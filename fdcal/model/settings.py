@@ -90,6 +90,8 @@ class Search:
         return np.stack(axes[: len(self.origin)], axis=-1)
 
 
+ALL_MODES = 10**9  # `SolverSettings.modes`: as many as the measurement, its array and the solver allow
+
 # Solvers that need the size of a rectangular room; the traits of the solvers say the same (`fdcal.solvers.interface`).
 KNOWN_ROOM_SOLVERS = ("room",)
 
@@ -104,7 +106,8 @@ class SolverSettings:
         "joint"; "robust", which also seeks the gains of the channels and names faulty ones; "descent", the paper's;
         "descent+joint", one after the other; or "room".
     modes, first_modes : int
-        Modes in use at the end and at the start.
+        Modes in use at the end and at the start. `modes` is ALL_MODES unless given: all that were measured, up to what
+        the array can interpolate and the solver can use (`fdcal.solvers.mode_count`).
     order_offset : int
         Added to the order ceil(kR) of Eq. 3; 0 is the paper's.
     ample_modes : int
@@ -136,7 +139,7 @@ class SolverSettings:
     """
 
     name: str = "joint"
-    modes: int = 57
+    modes: int = ALL_MODES
     first_modes: int = 3
     order_offset: int = 2
     ample_modes: int = 15
@@ -154,7 +157,7 @@ class SolverSettings:
     known_sigma: float | None = None
 
     OPTIONAL: typing.ClassVar = (
-        "start", "cost", "noise", "known", "room", "gains", "gain_sigma_db", "phase_sigma_deg", "known_sigma",
+        "modes", "start", "cost", "noise", "known", "room", "gains", "gain_sigma_db", "phase_sigma_deg", "known_sigma",
     )  # fmt: skip
 
     def __post_init__(self):

@@ -154,7 +154,7 @@ def calibrate(
     solver : str, optional
         "joint" (as by default), "robust", "descent", "descent+joint" or "room".
     modes : int, optional
-        Number of modes in use at the end, the lowest first; 57, or all if there are fewer.
+        Number of modes in use at the end, the lowest first; all, up to what array and solver can use, unless given.
     noise : str or float, optional
         "reported" (as by default), "auto", or the signal-to-noise ratio of each mode, dB.
     seed : int, optional

@@ -54,7 +54,8 @@ class Comparison:
     """Solvers side by side. Raises InputError if one of them cannot start."""
 
     def __init__(self, problem: Problem, settings: SolverSettings, names: tuple[str, ...], start: str, seed: int):
-        begun = same_start(problem, replace(settings, start=start), names, seed)
+        settings = with_common_modes(problem, replace(settings, start=start), names)
+        begun = same_start(problem, settings, names, seed)
         runs = []
         for name, state in begun.items():
             timed = TimedSolver(solvers.load(name))
@@ -89,6 +90,12 @@ class Comparison:
         for run in self.runs:
             run.session.close(0.0)
         return all([run.session.close(timeout) for run in self.runs])
+
+
+def with_common_modes(problem: Problem, settings: SolverSettings, names) -> SolverSettings:
+    """Return settings with as many modes as every solver of `names` can use, where they ask for all."""
+    each = [solvers.with_mode_count(problem, replace(settings, name=name)) for name in names]
+    return replace(min(each, key=lambda one: one.modes), name=settings.name) if each else settings
 
 
 def same_start(problem: Problem, settings: SolverSettings, names, seed: int) -> dict[str, RunState]:

@@ -16,6 +16,7 @@ from typing import Any
 from ..model.from_table import build
 from ..model.measurement import Measurement
 from ..model.scene import Scene
+from ..model.settings import ALL_MODES
 from ..model.validation import InputError
 
 
@@ -80,7 +81,10 @@ def table_of(scene: Scene) -> dict[str, Any]:
 
     `fdcal.model.from_table.build(Scene, table)` makes the same scene of it.
     """
-    return plain(dataclasses.asdict(scene))
+    table = plain(dataclasses.asdict(scene))
+    if scene.solver.modes == ALL_MODES:
+        del table["solver"]["modes"]
+    return table
 
 
 def edited(scene: Scene, changes: Mapping[str, Any]) -> Scene:

@@ -23,7 +23,7 @@ from ..model.reading import parse_json, read_archive, require_regular
 from ..model.scene import Scene
 from ..model.validation import InputError, StorageError, shown
 from .history import MOST_STATES
-from .request import OpenRequest, plain
+from .request import OpenRequest, plain, table_of
 from .state_codec import read_states, write_states
 
 VERSION = 2
@@ -63,7 +63,7 @@ def write(opening: OpenRequest) -> bytes:
     table, arrays = write_states([opening.states[i] for i in kept])
     content = {
         "fdcal_session": VERSION,
-        "scene": _finite(plain(dataclasses.asdict(opening.scene))),
+        "scene": _finite(table_of(opening.scene)),
         "measured": isinstance(opening.scene, MeasuredScene),  # the scene is a placeholder
         "start_seed": opening.seed,
         "index": kept.index(len(opening.states) - 1 if opening.index is None else opening.index),

@@ -15,9 +15,9 @@ from ..model.measurement import Measurement
 from ..model.measurement_file import load_measurement
 from ..model.scene import Scene, require_rectangle
 from ..model.scene_file import load_scene
-from ..model.settings import SolverSettings
+from ..model.settings import ALL_MODES, SolverSettings
 from ..model.validation import InputError
-from ..solvers import load
+from ..solvers import load, with_mode_count
 from ..solvers.interface import AssessmentMethod
 
 if TYPE_CHECKING:
@@ -41,6 +41,7 @@ class CalibrationInput:
     measurement : Measurement
         Without the `excluded` microphones.
     settings : SolverSettings
+        With a number of modes.
     seed : int
     excluded : tuple of str
         Names or numbers of microphones left out.
@@ -50,6 +51,8 @@ class CalibrationInput:
     time_limit : float or None
         Seconds of processor time after which the best positions so far are assessed; `fdcal.solvers.bounds.time_limit`
         unless given.
+    all_modes : bool
+        Whether the number of modes was left to the measurement, the array and the solver.
     """
 
     name: str
@@ -61,6 +64,7 @@ class CalibrationInput:
     estimate_sound_speed: bool = False
     distance: tuple[str, str, float] | None = None
     time_limit: float | None = None
+    all_modes: bool = False
 
     @property
     def given(self) -> tuple[int, ...]:
@@ -101,7 +105,8 @@ def load_input(
         measurement = load_measurement(text, excluded)
     else:
         inputs = scene_input(load_scene(text), progress)
-        return replace(inputs, measurement=_without(inputs.measurement, excluded), excluded=excluded)
+        inputs = replace(inputs, measurement=_without(inputs.measurement, excluded), excluded=excluded)
+        return _counted(inputs) if excluded else inputs
     return replace(measurement_input(measurement, Path(text).stem), excluded=excluded)
 
 
@@ -111,7 +116,7 @@ def measurement_input(
     excluded: tuple[str, ...] = (),
     settings: SolverSettings | None = None,
 ) -> CalibrationInput:
-    """Return a measurement with settings that suit its number of modes.
+    """Return a measurement with settings that suit it: all modes, up to what the array can interpolate.
 
     Parameters
     ----------
@@ -120,14 +125,24 @@ def measurement_input(
     excluded : tuple of str
         Names or numbers of microphones to leave out.
     settings : SolverSettings, optional
-        Settings to begin with.
+        Settings to begin with; of their number of modes as many as were measured.
     """
     settings = settings or SolverSettings()
-    modes = min(settings.modes, len(measurement.frequencies))
-    settings = replace(settings, modes=modes, first_modes=min(settings.first_modes, modes))
+    if settings.modes != ALL_MODES:
+        modes = min(settings.modes, len(measurement.frequencies))
+        settings = replace(settings, modes=modes, first_modes=min(settings.first_modes, modes))
     if excluded:
         measurement = _without(measurement, excluded)
-    return CalibrationInput(name, None, measurement, settings, 0, excluded)
+    return _counted(CalibrationInput(name, None, measurement, settings, 0, excluded))
+
+
+def _counted(inputs: CalibrationInput) -> CalibrationInput:
+    """Return `inputs` with a number of modes, where their settings leave it open."""
+    settings = replace(inputs.settings, modes=ALL_MODES) if inputs.all_modes else inputs.settings
+    if settings.modes != ALL_MODES:
+        return inputs
+    problem = inputs.measurement.problem(settings.weights, settings.known)
+    return replace(inputs, settings=with_mode_count(problem, settings), all_modes=True)
 
 
 def compared_with_file(inputs: CalibrationInput, path: str) -> CalibrationInput:
@@ -153,7 +168,8 @@ def scene_input(scene: Scene, progress: Progress | None = None) -> CalibrationIn
     """
     from ..acoustics.measurement_cache import cached_measurement  # brings the simulation, which only scenes need
 
-    return CalibrationInput(scene.name, scene, cached_measurement(scene, progress), scene.solver, scene.seed)
+    measurement = cached_measurement(scene, progress)
+    return _counted(CalibrationInput(scene.name, scene, measurement, scene.solver, scene.seed))
 
 
 def is_recording(text: str) -> bool:
@@ -216,13 +232,14 @@ def with_settings(
             count = len(inputs.measurement.frequencies)
             raise InputError(f"modes = {modes} must be at least 1", f"use 1 to {count}", key="modes", value=modes)
         settings = replace(settings, modes=modes, first_modes=min(settings.first_modes, modes))
+        inputs = replace(inputs, all_modes=False)
     settings = replace(settings, name=solver or settings.name)
     traits = load(settings.name).TRAITS
     _require_used(given, settings)
     if traits.needs_room and inputs.scene is not None:
         require_rectangle(inputs.scene)
         settings = replace(settings, room=settings.room or inputs.scene.room.size)
-    return replace(inputs, settings=settings, seed=inputs.seed if seed is None else seed)
+    return _counted(replace(inputs, settings=settings, seed=inputs.seed if seed is None else seed))
 
 
 def _require_used(given: dict, settings: SolverSettings) -> None:

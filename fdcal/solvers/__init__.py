@@ -11,11 +11,12 @@ from __future__ import annotations
 import importlib
 import pkgutil
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, cast
 
 from ..model.problem import Problem
-from ..model.settings import SolverSettings
+from ..model.settings import ALL_MODES, SolverSettings
 from ..model.validation import require_choice
 
 if TYPE_CHECKING:
@@ -47,6 +48,23 @@ def load(name: str) -> Solver:
     return Chain(members)
 
 
+def with_mode_count(problem: Problem, settings: SolverSettings) -> SolverSettings:
+    """Return settings with a number of modes, where they ask for all.
+
+    Parameters
+    ----------
+    problem : Problem
+    settings : SolverSettings
+        Those with a number of modes are returned as they are.
+    """
+    if settings.modes != ALL_MODES:
+        return settings
+    from .mode_count import mode_count
+
+    modes = mode_count(problem, load(settings.name).usable_modes(problem, settings))
+    return replace(settings, modes=modes, first_modes=min(settings.first_modes, modes))
+
+
 def run(problem: Problem, settings: SolverSettings, seed: int) -> Iterator[RunState]:
     """Yield the states of the solver `settings.name` from the start to the end.
 
@@ -55,7 +73,7 @@ def run(problem: Problem, settings: SolverSettings, seed: int) -> Iterator[RunSt
     Parameters
     ----------
     problem : Problem
-    settings : SolverSettings
+    settings : SolverSettings; where they ask for all modes, their number follows (`fdcal.solvers.mode_count`)
     seed : int, of whatever the solver draws
 
     Raises
@@ -65,7 +83,7 @@ def run(problem: Problem, settings: SolverSettings, seed: int) -> Iterator[RunSt
     """
     from .bounds import bounded_step, require_affordable
 
-    solver = load(settings.name)
+    solver, settings = load(settings.name), with_mode_count(problem, settings)
     require_affordable(problem, settings, solver.TRAITS)
     state = solver.init(problem, settings, seed)
     yield state

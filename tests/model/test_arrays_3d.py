@@ -17,7 +17,7 @@ from fdcal.model.geometries import ball, box, plane
 from fdcal.model.scene_file import load_scene
 from fdcal.model.sensing import Sensing
 from fdcal.model.validation import InputError
-from fdcal.solvers import load, run
+from fdcal.solvers import load, run, with_mode_count
 
 
 def test_a_ball_is_filled_evenly():
@@ -99,7 +99,7 @@ def test_scenes_in_space_are_calibrated_all_at_once(shipped):
 def test_the_map_of_one_microphone_is_lowest_at_its_place_in_its_own_layer(shipped):
     scene, measurement = shipped
     solver, problem = load(scene.solver.name), measurement.problem()
-    state = solver.init(problem, scene.solver, 0)
+    state = solver.init(problem, with_mode_count(problem, scene.solver), 0)
     there = dataclasses.replace(state, positions=measurement.positions)
     for n in (1, 40):
         cost = solver.landscape(problem, there, n, slice(0, 40)).sum(axis=0)

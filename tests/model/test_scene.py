@@ -220,7 +220,7 @@ def test_in_space_search_and_known_microphones_may_be_left_out(boxed):
     + [f"source.{name}" for name in ("position", "low", "high", "sample_rate", "duration")]
     + ["array.geometry", "search.origin", "search.size", "search.step", "search.radius"]
     + [f"measurement.{name}" for name in ("snr_db", "lowest", "highest", "prominence_db", "resolution", "wavenumber")]
-    + [f"solver.{name}" for name in ("name", "modes", "first_modes", "order_offset", "ample_modes", "known_weight")]
+    + [f"solver.{name}" for name in ("name", "first_modes", "order_offset", "ample_modes", "known_weight")]
     + ["solver.weights", "solver.max_sweeps"],
 )
 def test_a_missing_key_is_named_and_no_default_is_used(edited, key):

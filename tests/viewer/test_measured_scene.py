@@ -13,7 +13,7 @@ from fdcal.model.measured_scene import MeasuredScene, placeholder_scene
 from fdcal.model.measurement import Measurement
 from fdcal.model.measurement_file import save_measurement
 from fdcal.model.scene_file import load_scene
-from fdcal.model.settings import SolverSettings
+from fdcal.model.settings import ALL_MODES, SolverSettings
 from fdcal.session.sources import scene_input
 from fdcal.viewer.background.prepare import PreparationProgress, prepare_run
 
@@ -63,3 +63,14 @@ def test_every_kind_of_measurement_has_a_placeholder_scene(dimension, array_dime
     assert scene.room.dimension == dimension
     assert scene.array.dimension == array_dimension
     assert scene.gauge.indices(9) == tuple(range(known))
+
+
+def test_the_page_uses_all_modes_of_a_measurement(tiny, tmp_path):
+    path = tmp_path / "hall.npz"
+    save_measurement(tiny, path)
+    work = prepare_run(open_request_of(str(path)), PreparationProgress())
+    try:
+        assert work.session.view.state.settings.modes == len(tiny.frequencies)
+        assert work.scene.solver.modes == ALL_MODES, "so that another solver, or another scene, finds its own number"
+    finally:
+        work.session.close(2.0)

@@ -13,6 +13,7 @@ from ...model.measured_scene import MeasuredScene
 from ...model.measurement import Measurement
 from ...model.problem import Problem
 from ...model.scene import Scene
+from ...model.settings import ALL_MODES
 from ...model.validation import InputError
 from ...session.request import OpenRequest, as_given
 from ...session.session import Session
@@ -34,7 +35,7 @@ class PreparedRun:
     measurement : Measurement, as it is drawn and scored
     problem : Problem, as the solver receives it
     solver : Solver
-    session : Session
+    session : Session, whose states have the settings of `scene` with a number of modes
     opening : the request that the run was prepared for
     yardstick : Yardstick, the cost of any positions, or None where there is none
     warmup : what is still being compiled beside the page, or None
@@ -134,9 +135,9 @@ def _prepare(opening: OpenRequest, progress: PreparationProgress, warmup: Warmup
     problem = source.problem(scene.solver.weights, scene.solver.known)
     if opening.fewer_modes:
         scene = _with_available_modes(scene, problem)
-    solver = solvers.load(scene.solver.name)
+    solver, settings = solvers.load(scene.solver.name), solvers.with_mode_count(problem, scene.solver)
     yardstick = yardstick_of(problem)
-    session = Session(problem, scene.solver, opening.seed, solver, opening.states, opening.index, yardstick)
+    session = Session(problem, settings, opening.seed, solver, opening.states, opening.index, yardstick)
     try:
         _compile_step_and_map(problem, solver, session.view.history[0])
     except BaseException as error:
@@ -153,7 +154,7 @@ def _with_available_modes(scene: Scene, problem: Problem) -> Scene:
     """Limit the modes of the scene to those that its solver can use."""
     settings = scene.solver
     count = solvers.load(settings.name).usable_modes(problem, settings)
-    if not 0 < count < settings.modes:
+    if settings.modes == ALL_MODES or not 0 < count < settings.modes:
         return scene
     return replace(scene, solver=replace(settings, modes=count, first_modes=min(settings.first_modes, count)))
 

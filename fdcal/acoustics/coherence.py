@@ -1,0 +1,101 @@
+"""The extent of an array from the coherence of what it recorded, before any position is known.
+
+The mean of the pressures over an array loses power as the array grows beyond a wavelength. In a diffuse field
+
+    E |mean_n p_n|^2 / mean_n |p_n|^2 = h(k R),   h(z) = (2 J_1(z) / z)^2 in a plane, (3 j_1(z) / z)^2 in space
+
+for microphones spread evenly over a disc or a ball of radius R. Each frequency is one draw of this ratio, about
+exponentially distributed, so that the radius is the one of the highest likelihood over all frequencies. It is good to
+a factor of about 1.5; gains scale each channel and are divided out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class CoherenceRules:
+    """How a radius is sought.
+
+    Attributes
+    ----------
+    smallest, largest : float
+        Radii, metres.
+    steps : int
+        Radii that are tried, in equal ratios.
+    noise : tuple of float
+        Shares of the power that may be incoherent.
+    scatter : float
+        Coherent power at high frequencies relative to that of independent channels.
+    phase : float
+        Largest k R at the lowest frequency; beyond it the array is incoherent throughout and its radius unknown.
+    fewest : int
+        Frequencies.
+    """
+
+    smallest: float = 0.005
+    largest: float = 30.0
+    steps: int = 400
+    noise: tuple[float, ...] = (0.0, 0.03, 0.1, 0.25, 0.5)
+    scatter: float = 1.0
+    phase: float = 2.0
+    fewest: int = 6
+
+
+RULES = CoherenceRules()
+
+
+def array_radius(pressures: np.ndarray, wavenumbers: np.ndarray, dimension: int) -> float | None:
+    """Return the radius of the disc or ball that is as coherent as an array.
+
+    Parameters
+    ----------
+    pressures : (M, N) complex128
+        Any unit, any gains.
+    wavenumbers : (M,) float64 or complex128
+        k, rad/m.
+    dimension : int
+        2 or 3, of the sound field.
+
+    Returns
+    -------
+    float or None
+        Metres; None where the frequencies are too few, or all too high, to tell.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> x, k = rng.uniform(-0.3, 0.3, (40, 2)), np.linspace(1, 12, 60)
+    >>> directions = rng.uniform(0, 2 * np.pi, 200)
+    >>> waves = np.exp(1j * x @ np.stack([np.cos(directions), np.sin(directions)]))
+    >>> p = [waves**one @ (rng.normal(size=200) + 1j * rng.normal(size=200)) for one in k]
+    >>> 0.2 < array_radius(np.array(p), k, 2) < 0.5
+    True
+    """
+    p, k = np.asarray(pressures), np.abs(np.real(wavenumbers))
+    level = np.sqrt(np.mean(np.abs(p) ** 2, axis=0))
+    p = p[:, level > 0] / level[level > 0]
+    power = np.mean(np.abs(p) ** 2, axis=1)
+    p, k, power = p[power > 0], k[power > 0], power[power > 0]
+    if len(k) < RULES.fewest or p.shape[1] < 2:
+        return None
+    coherent = np.abs(p.mean(axis=1)) ** 2 / power
+    radii = np.geomspace(RULES.smallest, RULES.largest, RULES.steps)
+    expected = _mean_coherence(k[:, None] * radii, dimension)
+    least, radius = np.inf, 0.0
+    for share in RULES.noise:
+        mean = (1 - share) * expected + (share + RULES.scatter * (1 - share)) / p.shape[1]
+        costs = np.sum(np.log(mean) + coherent[:, None] / mean, axis=0)
+        if costs.min() < least:
+            least, radius = float(costs.min()), float(radii[costs.argmin()])
+    return radius if k.min() * radius <= RULES.phase else None
+
+
+def _mean_coherence(z: np.ndarray, dimension: int) -> np.ndarray:
+    """Return h of the module."""
+    from scipy.special import j1, spherical_jn
+
+    return (2 * j1(z) / z) ** 2 if dimension == 2 else (3 * spherical_jn(1, z) / z) ** 2

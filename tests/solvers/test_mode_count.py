@@ -1,0 +1,112 @@
+"""How many modes a calibration uses unless their number is given."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import fdcal
+from fdcal.acoustics.fourier_bessel import array_f_max
+from fdcal.model.limits import LIMITS
+from fdcal.model.measurement import Measurement
+from fdcal.model.scene_file import load_scene, scene_names
+from fdcal.model.settings import ALL_MODES, Search, SolverSettings
+from fdcal.session.request import edited, table_of
+from fdcal.session.sources import load_input, measurement_input, scene_input, with_settings
+from fdcal.solvers import load, run
+from fdcal.solvers.mode_count import highest_frequency, mode_count
+
+# Scenes with a number of modes of their own.
+PAPER = {
+    "array1_circle",
+    "array2_random",
+    "array2_faults",
+    "fig1_square",
+    "tiny",
+}
+
+
+def measurement(highest, count=40, radius=0.4, modes=120, known=()):
+    """A diffuse field in the plane, up to `highest` times what the array interpolates."""
+    rng = np.random.default_rng(5)
+    r, angle = radius * np.sqrt(rng.random(count)), 2 * np.pi * rng.random(count)
+    positions = np.stack([r * np.cos(angle), r * np.sin(angle)], axis=1)
+    limit = array_f_max(positions, 343.0, 2)
+    frequencies = np.linspace(20, highest * limit, modes)
+    k, directions = 2 * np.pi * frequencies / 343.0, rng.uniform(0, 2 * np.pi, 200)
+    phases = positions @ np.stack([np.cos(directions), np.sin(directions)])
+    waves = rng.normal(size=(modes, 200)) + 1j * rng.normal(size=(modes, 200))
+    pressures = np.array([np.exp(1j * one * phases) @ wave for one, wave in zip(k, waves, strict=True)])
+    given = np.array(known, int)
+    return Measurement(
+        frequencies=frequencies, pressures=pressures, sound_speed=343.0, positions=positions, known=given,
+        known_positions=positions[given],
+    ), limit  # fmt: skip
+
+
+def test_all_modes_that_the_array_can_interpolate_are_used_and_a_number_that_is_given_holds():
+    within, _ = measurement(1.0)
+    inputs = measurement_input(within)
+    assert (inputs.settings.modes, inputs.all_modes) == (120, True)
+    assert with_settings(inputs, modes=30).settings.modes == 30
+    assert not with_settings(inputs, modes=30).all_modes
+    assert measurement_input(within, settings=SolverSettings(modes=57)).settings.modes == 57
+    assert measurement_input(within, settings=SolverSettings(modes=300)).settings.modes == 120
+
+
+@pytest.mark.parametrize("known", [(), (0, 7, 13, 22)])
+def test_modes_far_beyond_the_array_are_left_out(known):
+    beyond, limit = measurement(8.0, modes=400, known=known)
+    count = measurement_input(beyond).settings.modes
+    assert limit < beyond.frequencies[count] < 3 * limit, "the radius is estimated to a factor of 1.5, on the safe side"
+
+
+def test_known_microphones_far_apart_say_more_than_the_coherence():
+    (beyond, limit), (blind, _) = measurement(4.0, modes=200, known=tuple(range(39))), measurement(4.0, modes=200)
+    found = highest_frequency(beyond.problem())
+    assert 0.99 * limit < found < 1.2 * limit, "half their largest distance is a radius that the array surely has"
+    assert found < highest_frequency(blind.problem())
+
+
+def test_no_solver_is_given_more_modes_than_it_can_use():
+    found = fdcal.load("tiny")
+    far = dataclasses.replace(found, search=Search((0.46, 0.3), (0.48, 0.48), 0.02, 1.2))
+    usable = load("descent").usable_modes(far.problem(), SolverSettings())
+    assert 0 < usable < len(found.frequencies)
+    inputs = measurement_input(far)
+    assert inputs.settings.modes == len(found.frequencies)
+    assert with_settings(inputs, "descent").settings.modes == usable
+    assert with_settings(with_settings(inputs, "descent"), "joint").settings.modes == len(found.frequencies)
+    assert with_settings(with_settings(inputs, modes=9), "descent").settings.modes == 9
+
+
+def test_so_many_modes_are_used_as_fit_into_memory(monkeypatch):
+    found = fdcal.load("tiny")
+    monkeypatch.setattr("fdcal.solvers.mode_count.LIMITS", dataclasses.replace(LIMITS, pairs=25 * found.count**2))
+    assert mode_count(found.problem(), 36) == 25
+
+
+def test_a_calibration_from_python_uses_all_modes():
+    found = fdcal.load("tiny")
+    assert fdcal.calibrate(found).frequencies.tolist() == found.frequencies.tolist()
+    assert len(fdcal.calibrate(found, modes=12).frequencies) == 12
+    *_, state = run(found.problem(), SolverSettings(), 0)
+    assert state.last == len(found.frequencies)
+
+
+@pytest.mark.parametrize("name", [name for name in scene_names() if name not in PAPER])
+def test_a_scene_without_a_number_of_modes_uses_all(name):
+    scene = load_scene(name)
+    assert scene.solver.modes == ALL_MODES
+    assert "modes" not in table_of(scene)["solver"] and edited(scene, {}) == scene, "no number is made up"
+
+
+def test_the_scene_of_a_measured_room_is_calibrated_with_all_its_frequencies():
+    inputs = scene_input(load_scene("listening_lab"))
+    assert inputs.settings.modes == len(inputs.measurement.frequencies) == 95
+
+
+@pytest.mark.parametrize("name", sorted(PAPER))
+def test_scenes_of_the_paper_and_of_the_lessons_state_their_number(name):
+    assert load_input("tiny").settings.modes == 20
+    assert load_scene(name).solver.modes in (20, 57)
