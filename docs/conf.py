@@ -75,7 +75,7 @@ def inline_math(translator, node) -> None:
 
 def displayed_math(translator, node) -> None:
     """Write a formula on a line of its own as MathML."""
-    translator.body.append(f'<div class="math">{tex2mathml(node.astext(), as_block=True)}</div>')
+    translator.body.append(f'<div class="formula">{tex2mathml(node.astext(), as_block=True)}</div>')
     raise nodes.SkipNode
 
 

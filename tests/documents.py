@@ -63,7 +63,7 @@ def run_python(code: str, where: str, namespace: dict) -> str:
 def run_fdcal(code: str) -> str:
     """Run the lines `fdcal ...` of a block, and return what they print; any of them may end with 0 or 4."""
     printed = io.StringIO()
-    for line in code.splitlines():
+    for line in code.replace("\\\n", " ").splitlines():
         program, *arguments = shlex.split(line, comments=True)
         assert program == "fdcal", line
         with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(io.StringIO()):
