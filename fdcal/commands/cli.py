@@ -16,7 +16,7 @@ import click
 from ..model.scene_file import load_scene, scene_names
 from ..session.blas_threads import one_blas_thread_for_command
 from ..session.lesson_file import lesson_names, load_lesson
-from . import file_commands, plot_commands
+from . import file_commands, plan_command, plot_commands
 from .guard import flush_output, guarded, without_debug
 from .options import (
     OPTIONS,
@@ -210,5 +210,5 @@ def scenes():
         print(f"{name:<16} {load_scene(name).title}")
 
 
-for command in (*file_commands.COMMANDS, *plot_commands.COMMANDS):
+for command in (*file_commands.COMMANDS, *plan_command.COMMANDS, *plot_commands.COMMANDS):
     commands.add_command(command)

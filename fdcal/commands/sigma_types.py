@@ -44,3 +44,20 @@ class Length(click.ParamType):
             return float(match[1]) * self.UNITS[match[2]]
         except ValueError:
             self.fail(f'"{value}" must be a length with its unit, mm, cm or m, as 5mm', param, ctx)
+
+
+class Decibels(click.ParamType):
+    """A number of decibels with its unit, such as "1dB"."""
+
+    name = "decibels"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        if isinstance(value, float):
+            return value
+        match = re.fullmatch(r"([0-9.]+(?:e-?[0-9]+)?)\s*dB", value.strip(), re.IGNORECASE)
+        try:
+            if match is None:
+                raise ValueError
+            return float(match[1])
+        except ValueError:
+            self.fail(f'"{value}" must be decibels with their unit, as 1dB', param, ctx)

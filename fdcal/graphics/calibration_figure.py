@@ -58,7 +58,7 @@ def _draw_view(panel: Any, result: Calibration, truth: np.ndarray | None, view: 
     known = np.isin(result.names, result.known or ())
     places = result.positions[:, view]
     if result.covariance is not None:
-        _draw_ellipses(panel, places, result.covariance[:, view][:, :, view], result.positions)
+        enlarged_ellipses(panel, places, result.covariance[:, view][:, :, view], result.positions)
     if truth is not None:
         panel.plot(*truth[:, view].T, "o", color=_rgb(TRUE), fillstyle="none", markersize=10, label="true")
     panel.plot(*places[~known].T, "x", color=_rgb(ESTIMATE), markersize=7, markeredgewidth=1.8, label="estimated")
@@ -70,7 +70,16 @@ def _draw_view(panel: Any, result: Calibration, truth: np.ndarray | None, view: 
     panel.grid(alpha=0.3)
 
 
-def _draw_ellipses(panel: Any, places: np.ndarray, covariance: np.ndarray, positions: np.ndarray) -> None:
+def enlarged_ellipses(panel: Any, places: np.ndarray, covariance: np.ndarray, positions: np.ndarray) -> None:
+    """Draw 95 % ellipses, enlarged by a round factor where they are too small to see.
+
+    Parameters
+    ----------
+    panel : matplotlib.axes.Axes
+    places : (N, 2) float64, metres
+    covariance : (N, 2, 2) float64, metres^2
+    positions : (N, D) float64, metres, whose extent decides on the factor
+    """
     axes = ellipse_axes(covariance, SIGMAS)
     longest = np.linalg.norm(axes[:, -1], axis=1)
     shown = longest > 0

@@ -1,0 +1,134 @@
+"""The command `plan`: how exact an array will be calibrated, before anything is recorded."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import click
+
+from ..model.limits import LIMITS
+from ..model.validation import InputError
+from .options import force_option, output_option, progress_bar
+from .outputs import output_path
+from .parameter_types import NameList, RoomSize
+from .sigma_types import Decibels, Length
+
+SUFFIXES = [".html", ".json", ".png"]
+MOST_TRIALS = 10_000
+
+
+class RoomOrScene(click.ParamType):
+    """Lengths of a rectangular room, metres, as 7x6x2.7, or a scene whose room is a rectangle."""
+
+    name = "room"
+
+    def convert(self, value, param, ctx) -> tuple[float, ...]:
+        if isinstance(value, tuple):
+            return value
+        if value[:1].isdigit():
+            return RoomSize().convert(value, param, ctx)
+        from ..model.scene_file import load_scene
+
+        size = load_scene(value).room.size
+        if size is None:
+            self.fail(f"the room of {value} is no rectangle; give its lengths, as 7x6x2.7", param, ctx)
+        return tuple(size)
+
+
+@click.command()
+@click.argument("layout", metavar="LAYOUT")
+@click.option("--room", type=RoomOrScene(), metavar="LxWxH|SCENE", help="Rectangular room.  [default: diffuse field]")
+@click.option("--rt60", type=float, default=0.5, show_default=True, metavar="S", help="Reverberation time, s.")
+@click.option("--snr", type=float, default=30.0, show_default=True, metavar="DB", help="Of each frequency.")
+@click.option(
+    "--frequencies", metavar="LO:HI", help="Band, Hz.  [default: 20 Hz to 0.7 of what the array can interpolate]"
+)
+@click.option("--known", type=NameList(), default=(), metavar="NAME,...", help="Microphones whose positions are given.")
+@click.option("--known-sigma", type=Length(), metavar="LENGTH", help="One sigma of each given coordinate, as 5mm.")
+@click.option("--gain-sigma", type=Decibels(), metavar="DB", help="Spread of the channels' gains, as 1dB.")
+@click.option("--accuracy", type=Length(), default="10mm", show_default=True, metavar="LENGTH", help="That is wanted.")
+@click.option("--trials", type=click.IntRange(0, MOST_TRIALS), default=0, metavar="T", help="Simulated calibrations.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, metavar="S", help="Of the trials.")
+@output_option("PLAN.html|json|png", required=False)
+@force_option
+def plan(layout, room, rt60, snr, frequencies, known, known_sigma, gain_sigma, accuracy, trials, seed, output, force):
+    """Tell how exact an array will be calibrated, before anything is recorded.
+
+    LAYOUT is a table name,x,y[,z] (.csv), a geometry of Acoular (.xml), a scene, or a geometry in words: "circle 16
+    0.2", "rectangle 4x4 0.6x0.6", "ball 32 0.3", "box 32 0.6x0.6x0.4", metres.
+    """
+    path = output_path(output, SUFFIXES, force, layout) if output else None
+    from ..session.planning.layout import read_layout
+    from ..session.planning.plan import make_plan, request_information
+    from ..session.planning.report import plan_lines
+    from ..session.planning.request import PlanRequest
+    from ..session.planning.trials import run_trials
+
+    array = read_layout(layout, seed)
+    request = PlanRequest(
+        layout=array,
+        room=room or _own_room(array),
+        reverberation_time=rt60,
+        snr_db=snr,
+        band=_band(frequencies),
+        known=_numbers(known, array.names),
+        known_sigma=known_sigma or 0.0,
+        gain_sigma_db=gain_sigma or 0.0,
+        accuracy=accuracy,
+        seed=seed,
+    )
+    found = make_plan(request)
+    if trials:
+        with progress_bar("simulating") as progress:
+            found = replace(found, trials=run_trials(request, request_information(request), trials, progress))
+    if path is not None:
+        _write(path, found, force)
+    print("\n".join(plan_lines(found)))
+
+
+def _own_room(array) -> tuple[float, ...] | None:
+    """Return the lengths of the room of an array's own scene, None without a rectangle."""
+    return None if array.scene is None or array.scene.room.size is None else tuple(array.scene.room.size)
+
+
+def _band(text: str | None) -> tuple[float, float] | None:
+    if text is None:
+        return None
+    low, _, high = text.partition(":")
+    try:
+        band = float(low), float(high)
+    except ValueError:
+        band = (0.0, 0.0)
+    if not 0 < band[0] < band[1] < LIMITS.largest:
+        raise InputError(f'"{text}" is no band', "give <frequencies> as LO:HI in hertz", key="frequencies", value=text)
+    return band
+
+
+def _numbers(wanted: tuple[str, ...], names: tuple[str, ...]) -> tuple[int, ...]:
+    unknown = [name for name in wanted if name not in names]
+    if unknown:
+        remedy = f"the layout has {', '.join(names[:8])}{', ...' if len(names) > 8 else ''}"
+        raise InputError(f"<known> names {unknown[0]}", remedy, key="known", value=unknown[0])
+    return tuple(sorted({names.index(name) for name in wanted}))
+
+
+def _write(path, found, force: bool) -> None:
+    """Write a plan in the format of the suffix."""
+    import json
+
+    from ..graphics.landscape_figure import figure_bytes
+    from ..graphics.plan_figure import draw_plan
+    from ..graphics.plan_html import plan_html
+    from ..model.storage import write_atomically
+    from ..session.planning.report import plan_dict
+
+    suffix = path.suffix.lower()
+    if suffix == ".png":
+        content = figure_bytes(draw_plan(found), "png")
+    else:
+        text = plan_html(found) if suffix == ".html" else json.dumps(plan_dict(found), indent=1) + "\n"
+        content = text.encode()
+    write_atomically(path, lambda file: file.write_bytes(content), force)
+
+
+COMMANDS = (plan,)

@@ -1,0 +1,120 @@
+"""A plan as a figure of matplotlib: the bound of each microphone, a map of one more microphone, the trials' errors."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..session.planning.plan import Plan
+from .calibration_figure import enlarged_ellipses
+from .markers import ELLIPSE, ESTIMATE, KNOWN, TRUE
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+BINS = 24  # of the histogram of the trials' errors
+
+
+def draw_plan(plan: Plan) -> Figure:
+    """Return the figure of a plan: two to four panels, depending on what it holds."""
+    from matplotlib.figure import Figure
+
+    panels = [_draw_bound]
+    if plan.advice is not None:
+        panels += [_draw_own_sigma, _draw_extra, _draw_sizes]
+    if plan.trials is not None:
+        panels.append(_draw_trials)
+    columns = min(3, len(panels))
+    rows = -(-len(panels) // columns)
+    figure = Figure(figsize=(5.2 * columns, 4.8 * rows), dpi=100, layout="constrained")
+    axes = figure.subplots(rows, columns, squeeze=False).ravel()
+    for draw, panel in zip(panels, axes, strict=False):
+        draw(plan, panel)
+    for panel in axes[len(panels) :]:
+        panel.set_axis_off()
+    return figure
+
+
+def _draw_bound(plan: Plan, panel: Any) -> None:
+    """Draw the microphones from above, with the ellipses of the bound."""
+    x, bound = plan.request.layout.positions[:, :2], plan.bound
+    enlarged_ellipses(panel, x, bound.covariance[:, :2, :2], plan.request.layout.positions)
+    panel.plot(*x[bound.free].T, "o", color=_rgb(TRUE), markersize=5, label="microphone")
+    if not bound.free.all():
+        panel.plot(*x[~bound.free].T, "s", color=_rgb(KNOWN), fillstyle="none", markersize=9, label="position given")
+    panel.set_title(f"Bound: {1e3 * bound.rms:.3g} mm rms")
+    _finish(panel)
+
+
+def _draw_own_sigma(plan: Plan, panel: Any) -> None:
+    """Draw one sigma of a microphone at each place of the map."""
+    assert plan.advice is not None
+    _draw_map(plan, panel, plan.advice.extra.own_sigma, "One sigma of a microphone here", "mm")
+
+
+def _draw_extra(plan: Plan, panel: Any) -> None:
+    """Draw by how much a microphone at each place of the map improves the others."""
+    assert plan.advice is not None
+    extra = plan.advice.extra
+    _draw_map(plan, panel, extra.rms, "Others, with one more microphone here", "mm rms")
+    panel.plot(*extra.best[:2], "*", color=_rgb(ESTIMATE), markersize=14, label="best place")
+    _finish(panel)
+
+
+def _draw_map(plan: Plan, panel: Any, values: np.ndarray, title: str, unit: str) -> None:
+    assert plan.advice is not None
+    places, x = plan.advice.extra.places, plan.request.layout.positions
+    if values.ndim == 3:  # of an array in space the layer of its best place
+        layer = int(np.argmin(np.abs(places[:, 0, 0, 2] - plan.advice.extra.best[2])))
+        title += f", z = {places[layer, 0, 0, 2]:.2g} m"
+        places, values = places[layer], values[layer]
+    drawn = panel.pcolormesh(places[0, :, 0], places[:, 0, 1], 1e3 * values, shading="nearest", cmap="viridis")
+    panel.figure.colorbar(drawn, ax=panel, label=unit)
+    panel.plot(*x[:, :2].T, "o", color=_rgb(TRUE), markeredgecolor="white", markersize=5)
+    panel.set_title(title)
+    _finish(panel, legend=False)
+
+
+def _draw_sizes(plan: Plan, panel: Any) -> None:
+    """Draw the bound against the size of the array."""
+    assert plan.advice is not None
+    factors, rms = plan.advice.sizes.T
+    panel.loglog(factors, 1e3 * rms, "o-", color=_rgb(KNOWN))
+    panel.axvline(1.0, color="grey", linestyle=":")
+    panel.set_xticks(factors, [f"{factor:g}" for factor in factors], minor=False)
+    panel.set_xticks([], minor=True)
+    panel.set_xlabel("size of the array, relative")
+    panel.set_ylabel("bound (mm rms)")
+    panel.set_title("Wider or smaller?")
+    panel.grid(alpha=0.3)
+
+
+def _draw_trials(plan: Plan, panel: Any) -> None:
+    """Draw the errors of the simulated calibrations beside the bound."""
+    trials = plan.trials
+    assert trials is not None
+    rms = 1e3 * trials.rms[np.isfinite(trials.rms)]
+    if len(rms):
+        low, high = min(rms.min(), 1e3 * trials.bound), max(rms.max(), 1e3 * trials.bound)
+        panel.hist(rms, np.geomspace(0.9 * low, 1.1 * high, BINS), color=_rgb(ELLIPSE), label="trials")
+    panel.axvline(1e3 * trials.bound, color=_rgb(TRUE), linestyle="--", label="bound")
+    panel.axvline(1e3 * trials.accuracy, color=_rgb(KNOWN), linestyle=":", label="wanted")
+    panel.set_xscale("log")
+    panel.set_xlabel("error (mm rms)")
+    panel.set_ylabel("trials")
+    panel.set_title(f"{trials.accurate:.0%} of {len(trials.verdicts)} trials within {1e3 * trials.accuracy:g} mm")
+    panel.legend(frameon=False)
+
+
+def _finish(panel: Any, legend: bool = True) -> None:
+    panel.set_aspect("equal", adjustable="datalim")
+    panel.set_xlabel("x (m)")
+    panel.set_ylabel("y (m)")
+    if legend:
+        panel.legend(loc="upper right", fontsize="small", frameon=True)
+
+
+def _rgb(colour: tuple[int, int, int]) -> tuple[float, float, float]:
+    red, green, blue = colour
+    return red / 255, green / 255, blue / 255

@@ -1,0 +1,167 @@
+"""The bounds of a plan, computed in about a second: `make_plan`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...assessment.fisher_information import Information, diffuse_information, field_information
+from ...assessment.position_bound import Bound, mirror_remains, position_bound, with_known
+from ...model.validation import InputError
+from ..blas_threads import one_blas_thread
+from .advice import Advice, advise
+from .fields import field_of, places_in_room, wavenumbers_of
+from .request import LIMITS, PlanRequest
+from .trials import Trials
+
+BLURRED = 0.01  # relative one sigma of the size or of a stretch from which a plan mentions it
+GAIN_SIGMA_DB = 1.0  # of the case with unknown gains, unless the request gives another spread
+TAPE_SIGMA = 0.005  # metres, of the case with uncertain given positions, likewise
+
+
+@dataclass(frozen=True)
+class Case:
+    """The bound under one set of assumptions.
+
+    Attributes
+    ----------
+    name : in words
+    rms : metres, root mean square over the microphones that are sought
+    worst : metres, greatest one sigma of a microphone
+    """
+
+    name: str
+    rms: float
+    worst: float
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is to be expected of an array.
+
+    Attributes
+    ----------
+    request : PlanRequest
+    f_max : float, Hz, the highest frequency that the array can interpolate (Eq. 9)
+    modes : int, independent frequencies in the band
+    bound : Bound, of the request, in a diffuse field
+    room_bound : Bound or None, in the room's own field, the mean of some sources
+    cases : bounds with other knowledge
+    degeneracies : what the pressures determine badly, in words
+    advice : what would improve the result; empty unless asked for
+    trials : simulated calibrations; None unless asked for
+    """
+
+    request: PlanRequest
+    f_max: float
+    modes: int
+    bound: Bound
+    room_bound: Bound | None
+    cases: tuple[Case, ...]
+    degeneracies: tuple[str, ...]
+    advice: Advice | None = None
+    trials: Trials | None = None
+
+
+def make_plan(request: PlanRequest, with_advice: bool = True) -> Plan:
+    """Return the bounds of a request, and the advice that follows from them.
+
+    Parameters
+    ----------
+    request : PlanRequest
+    with_advice : bool
+        Whether to search for better layouts, which takes longer.
+
+    Raises
+    ------
+    InputError
+        The room has no place for the array or for a source.
+    """
+    with one_blas_thread():
+        information = request_information(request)
+        bound = position_bound(information, request.prior)
+        room_bound, note = _room_bound(request)
+        return Plan(
+            request=request,
+            f_max=request.f_max,
+            modes=len(request.frequencies),
+            bound=bound,
+            room_bound=room_bound,
+            cases=_cases(request, information),
+            degeneracies=(*_degeneracies(request, information), *note),
+            advice=advise(request, information) if with_advice else None,
+        )
+
+
+def _room_bound(request: PlanRequest) -> tuple[Bound | None, tuple[str, ...]]:
+    """Return the bound in the room's own field; None without a room, or with a note where no source fits in."""
+    if request.room is None:
+        return None, ()
+    places_in_room(request)  # refuses an array that does not fit
+    try:
+        return position_bound(room_information(request), request.prior), ()
+    except InputError as error:
+        return None, (f"the field of the room itself is left out: {error.problem}",)
+
+
+def request_information(request: PlanRequest) -> Information:
+    """Return the information of all frequencies of a request on its array, in a diffuse field."""
+    used = request.spaced(LIMITS.most_frequencies)
+    k = np.real(wavenumbers_of(request, used))
+    found = diffuse_information(request.layout.positions, k, request.noise_share, request.dimension)
+    return found.scaled(len(request.frequencies) / len(used))
+
+
+def room_information(request: PlanRequest) -> Information:
+    """Return the information in the room's own field, the mean of `LIMITS.sources` sources."""
+    used = request.spaced(LIMITS.most_frequencies // 3)
+    k, matrices = wavenumbers_of(request, used), []
+    for source in range(LIMITS.sources):
+        pressures = field_of(request, used, np.random.default_rng([request.seed, source]))
+        found = field_information(request.layout.positions, pressures, k, request.noise_share, request.dimension)
+        matrices.append(found.matrix)
+    mean = Information(request.layout.positions, np.mean(matrices, axis=0))
+    return mean.scaled(len(request.frequencies) / len(used))
+
+
+def _cases(request: PlanRequest, information: Information) -> tuple[Case, ...]:
+    """Return the bound with and without given positions, uncertain ones, and unknown gains."""
+    prior = request.prior
+    blind = with_known(prior, (), 0.0)
+    gain = request.gain_sigma_db or GAIN_SIGMA_DB
+    cases = [("no position given", replace(blind, gain_sigma=0.0))]
+    cases += [(f"no position given, gains unknown ({gain:g} dB)", replace(blind, gain_sigma=gain * np.log(10) / 20))]
+    if len(prior.known):
+        tape = prior.known_sigma or TAPE_SIGMA
+        names = f"{len(prior.known)} positions given"
+        cases += [(f"{names}, exact", replace(with_known(prior, prior.known, 0.0), gain_sigma=0.0))]
+        cases += [(f"{names} to {1e3 * tape:g} mm", replace(with_known(prior, prior.known, tape), gain_sigma=0.0))]
+    bounds = [(name, position_bound(information, one)) for name, one in cases]
+    return tuple(Case(name, one.rms, float(one.sigma[one.free].max())) for name, one in bounds)
+
+
+def _degeneracies(request: PlanRequest, information: Information) -> list[str]:
+    """Return in words what pressures and given positions leave undetermined."""
+    x, prior, found = request.layout.positions, request.prior, []
+    bound = position_bound(information, prior)
+    if mirror_remains(x, prior.known):
+        found.append(_mirror_words(request))
+    if bound.scale_sigma > BLURRED:
+        found.append(f"size is determined to {100 * bound.scale_sigma:.2g} % only: give one distance or position more")
+    elif bound.deformations[-1] > BLURRED:
+        axis = np.linalg.eigh(bound.shapes[-1])[1][:, -1]
+        along = ", ".join(f"{value:.2g}" for value in axis)
+        found.append(f"a stretch along ({along}) is determined to {100 * bound.deformations[-1]:.2g} % only")
+    if len(request.frequencies) * 2 < x.size:
+        count = len(request.frequencies)
+        found.append(f"{count} frequencies for {x.size} coordinates are few: use a wider band")
+    return found
+
+
+def _mirror_words(request: PlanRequest) -> str:
+    D = request.layout.positions.shape[1]
+    need = f"{D + 1} given positions that are not {'on one line' if D == 2 else 'in one plane'} decide it"
+    plane = "; the side of the array's plane on which the source was is not determined" if D < request.dimension else ""
+    what = "the array's plane can be mirrored" if D == 2 else "the array can be mirrored"
+    return f"{what}: pressures determine it up to a rotation, a translation and a mirror image, {need}{plane}"

@@ -1,0 +1,146 @@
+"""A plan in words and as JSON. Lengths are metres in JSON, millimetres in words."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .advice import Advice
+from .plan import Plan
+from .trials import Trials
+
+FORMAT = 1  # of the JSON
+SIZES = (0.5, 0.71, 1.41, 2.0)  # factors on the size of the array that are put in words
+
+
+def plan_lines(plan: Plan) -> list[str]:
+    """Return what a plan says, a line each."""
+    request, bound = plan.request, plan.bound
+    low, high = request.limits
+    field = "a diffuse field" if request.room is None else f"a room of {'x'.join(f'{v:g}' for v in request.room)} m"
+    lines = [
+        f"{len(request.layout.names)} microphones ({request.layout.name}) in {field},"
+        f" reverberation time {request.reverberation_time:g} s, {request.snr_db:g} dB",
+        f"frequencies: {plan.modes} independent ones from {low:.0f} to {high:.0f} Hz;"
+        f" the array interpolates up to {plan.f_max:.0f} Hz",
+        f"least error (Cramer-Rao bound): {_mm(bound.rms)} rms, {_mm(bound.sigma[bound.free].max())} at the worst"
+        " microphone, in a diffuse field",
+    ]
+    if plan.room_bound is not None:
+        lines.append(f"in this room, mean of some source positions: {_mm(plan.room_bound.rms)} rms")
+    lines += [f"{case.name}: {_mm(case.rms)} rms, {_mm(case.worst)} at the worst" for case in plan.cases]
+    lines += list(plan.degeneracies)
+    if plan.trials is not None:
+        lines += trial_lines(plan.trials)
+    if plan.advice is not None:
+        lines += advice_lines(plan, plan.advice)
+    return lines
+
+
+def trial_lines(trials: Trials) -> list[str]:
+    """Return the results of simulated calibrations, a line each."""
+    count = len(trials.verdicts)
+    good = sum(verdict == "good" for verdict in trials.verdicts)
+    return [
+        f"{count} simulated calibrations: every microphone within {_mm(trials.accuracy)} in {trials.accurate:.0%},"
+        f" the array found in {trials.found:.0%}, verdict good in {good / count:.0%}",
+        f"their error: median {_mm(trials.percentile(50))}, 95th percentile {_mm(trials.percentile(95))};"
+        f" the bound is {_mm(trials.bound)}",
+    ]
+
+
+def advice_lines(plan: Plan, advice: Advice) -> list[str]:
+    """Return the advice, a line each."""
+    extra, tape, names = advice.extra, advice.tape, plan.request.layout.names
+    place = ", ".join(f"{value:.3g}" for value in extra.best)
+    chosen = ", ".join(names[n] for n in tape.microphones)
+    lines = [
+        f"one more microphone helps the others most at ({place}) m: {_mm(extra.before)} -> {_mm(extra.best_rms)}",
+        f"measure microphones {chosen} by tape: {_mm(tape.rms)} for the others with {_mm(tape.sigma)} a coordinate;"
+        f" a random choice gives {_mm(tape.usual_rms)}",
+        _snr_line(plan, advice),
+    ]
+    sizes = dict(advice.sizes.tolist())
+    others = [f"{factor:g} times as large {_mm(sizes[factor])}" for factor in SIZES if factor in sizes]
+    lines.append(f"size: {'; '.join(others)}; as it is {_mm(float(np.interp(1.0, *advice.sizes.T)))}")
+    return lines
+
+
+def _snr_line(plan: Plan, advice: Advice) -> str:
+    wanted = _mm(plan.request.accuracy)
+    if advice.snr_db is None or advice.recording_factor is None:
+        given = plan.request.known_sigma > 0 and len(plan.request.known) > 0
+        remedy = "measure the given positions better" if given else "add microphones or frequencies"
+        return f"no signal-to-noise ratio reaches {wanted}: {remedy}"
+    if advice.recording_factor <= 1:
+        return f"{wanted} needs {advice.snr_db:.0f} dB, which {plan.request.snr_db:g} dB exceeds"
+    longer = f"{advice.recording_factor:.2g} times as long a recording in the same noise"
+    return f"{wanted} needs {advice.snr_db:.0f} dB: {longer}, or a louder source"
+
+
+def _mm(metres: float) -> str:
+    return f"{1e3 * metres:.3g} mm" if np.isfinite(metres) else "none (trials were refused)"
+
+
+def plan_dict(plan: Plan) -> dict:
+    """Return a plan as JSON holds it: lengths in metres, frequencies in hertz."""
+    request = plan.request
+    return {
+        "format": FORMAT,
+        "layout": request.layout.name,
+        "names": list(request.layout.names),
+        "positions_m": request.layout.positions.tolist(),
+        "room_m": None if request.room is None else list(request.room),
+        "reverberation_time_s": request.reverberation_time,
+        "snr_db": request.snr_db,
+        "band_hz": list(request.limits),
+        "f_max_hz": plan.f_max,
+        "modes": plan.modes,
+        "known": [request.layout.names[n] for n in request.known],
+        "known_sigma_m": request.known_sigma,
+        "gain_sigma_db": request.gain_sigma_db,
+        "bound_rms_m": plan.bound.rms,
+        "bound_m": plan.bound.sigma.tolist(),
+        "covariance_m2": plan.bound.covariance.tolist(),
+        "room_bound_rms_m": None if plan.room_bound is None else plan.room_bound.rms,
+        "scale_sigma": plan.bound.scale_sigma,
+        "cases": [{"name": case.name, "rms_m": case.rms, "worst_m": case.worst} for case in plan.cases],
+        "degeneracies": list(plan.degeneracies),
+        "advice": None if plan.advice is None else _advice_dict(plan, plan.advice),
+        "trials": None if plan.trials is None else _trials_dict(plan.trials),
+        "text": plan_lines(plan),
+    }
+
+
+def _advice_dict(plan: Plan, advice: Advice) -> dict:
+    extra, tape = advice.extra, advice.tape
+    return {
+        "extra_microphone_m": extra.best.tolist(),
+        "extra_rms_m": extra.best_rms,
+        "rms_before_m": extra.before,
+        "tape": [plan.request.layout.names[n] for n in tape.microphones],
+        "tape_sigma_m": tape.sigma,
+        "tape_rms_m": tape.rms,
+        "accuracy_m": plan.request.accuracy,
+        "snr_needed_db": advice.snr_db,
+        "recording_factor": advice.recording_factor,
+        "sizes": advice.sizes.tolist(),
+    }
+
+
+def _trials_dict(trials: Trials) -> dict:
+    return {
+        "count": len(trials.verdicts),
+        "accurate": trials.accurate,
+        "found": trials.found,
+        "trusted_wrongly": trials.trusted_wrongly,
+        "median_m": _finite(trials.percentile(50)),
+        "percentile_95_m": _finite(trials.percentile(95)),
+        "bound_m": trials.bound,
+        "rms_m": [_finite(value) for value in trials.rms],
+        "verdicts": list(trials.verdicts),
+        "seconds": trials.seconds,
+    }
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,134 @@
+"""What a plan is asked for: array, room, noise, given positions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...acoustics.fourier_bessel import array_f_max
+from ...acoustics.mode_density import independent_frequencies
+from ...assessment.position_bound import Prior
+from ...model.validation import InputError, require_positive
+from .layout import Layout
+
+
+@dataclass(frozen=True)
+class PlanLimits:
+    """What is assumed where nothing is given, and how much is computed.
+
+    Attributes
+    ----------
+    low : lowest frequency by default, Hz
+    high : highest frequency by default, relative to what the array can interpolate (Eq. 9): there the functions are as
+        many as the microphones, and the pressures predict nothing
+    most_frequencies : of the bounds; more are accounted for by scaling the information
+    search_frequencies : of the maps and the advice, likewise
+    clearance : least distance of a source from the microphones in a room, metres
+    sources : source positions in a room that the bound is averaged over
+    place : centre of an array in a room where its own coordinates do not lie inside, relative to the room's lengths
+    most_microphones : of a plan
+    """
+
+    low: float = 20.0
+    high: float = 0.7
+    most_frequencies: int = 150
+    search_frequencies: int = 16
+    clearance: float = 0.7
+    sources: int = 4
+    place: tuple[float, float, float] = (0.43, 0.46, 0.45)
+    most_microphones: int = 300
+
+
+LIMITS = PlanLimits()
+LEAST_FREQUENCIES = 3  # of a calibration
+
+
+@dataclass(frozen=True)
+class PlanRequest:
+    """An array, and the circumstances of its calibration.
+
+    Attributes
+    ----------
+    layout : Layout
+    room : (2,) or (3,) tuple of float, metres, lengths of a rectangular room; None for a diffuse field in space
+    reverberation_time : float, T60, s
+    snr_db : float, signal-to-noise ratio of each frequency
+    band : (2,) tuple of float, Hz; from 20 Hz to 0.7 times what the array can interpolate (Eq. 9) unless given
+    known : (A,) tuple of int, microphones whose positions are given
+    known_sigma : float, metres, one sigma of each of their coordinates; 0 for exact ones
+    gain_sigma_db : float, spread of the channels' gains; 0 for equal channels
+    sound_speed : float, m/s
+    accuracy : float, metres, that is wanted
+    seed : int, of sources, noise and gains
+    """
+
+    layout: Layout
+    room: tuple[float, ...] | None = None
+    reverberation_time: float = 0.5
+    snr_db: float = 30.0
+    band: tuple[float, float] | None = None
+    known: tuple[int, ...] = ()
+    known_sigma: float = 0.0
+    gain_sigma_db: float = 0.0
+    sound_speed: float = 343.0
+    accuracy: float = 0.01
+    seed: int = 0
+
+    def __post_init__(self):
+        for key in ("reverberation_time", "sound_speed", "accuracy"):
+            require_positive(key, getattr(self, key), "s" if key == "reverberation_time" else "")
+        if not 0 < self.snr_db <= 120:
+            raise InputError(f"snr = {self.snr_db:g} dB is out of range", "use 0 to 120", key="snr", value=self.snr_db)
+        N = len(self.layout.positions)
+        least = self.layout.positions.shape[1] + 3
+        if not least <= N <= LIMITS.most_microphones:
+            remedy = f"give {least} to {LIMITS.most_microphones}"
+            raise InputError(f"the layout has {N} microphones", remedy, key="layout", value=N)
+        if self.room is not None and len(self.room) == 2 and self.layout.positions.shape[1] == 3:
+            raise InputError("the array has heights and the room has none", "give <room> three lengths", key="room")
+        if len(self.frequencies) < LEAST_FREQUENCIES:
+            low, high = self.limits
+            problem = f"{low:g} to {high:.0f} Hz with a reverberation time of {self.reverberation_time:g} s hold"
+            remedy = "use a wider band (<frequencies>), or a smaller array, whose band reaches higher"
+            raise InputError(f"{problem} {len(self.frequencies)} independent frequencies", remedy, key="frequencies")
+
+    @property
+    def dimension(self) -> int:
+        """Of the sound field, 2 or 3."""
+        return 3 if self.room is None else len(self.room)
+
+    @property
+    def f_max(self) -> float:
+        """The highest frequency that the array can interpolate (Eq. 9), Hz."""
+        return array_f_max(self.layout.positions, self.sound_speed, self.dimension)
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """The band in use, Hz."""
+        low, high = self.band or (min(LIMITS.low, self.f_max / 10), LIMITS.high * self.f_max)
+        if not 0 < low < high:
+            remedy = "give <frequencies> as LO:HI with LO below HI"
+            raise InputError(f"{low:g} to {high:g} Hz is no band", remedy, key="frequencies")
+        return low, high
+
+    @property
+    def frequencies(self) -> np.ndarray:
+        """All independent frequencies of the band : (M,) float64, Hz."""
+        return independent_frequencies(*self.limits, self.reverberation_time, self.sound_speed, self.room)
+
+    @property
+    def noise_share(self) -> float:
+        """Power of the noise in that of the pressures."""
+        noise = 10 ** (-self.snr_db / 10)
+        return noise / (1 + noise)
+
+    @property
+    def prior(self) -> Prior:
+        """What is given beside the pressures."""
+        return Prior(np.array(self.known, int), self.known_sigma, self.gain_sigma_db * np.log(10) / 20)
+
+    def spaced(self, most: int) -> np.ndarray:
+        """Return at most so many of the frequencies, evenly taken : float64, Hz."""
+        f = self.frequencies
+        return f[np.unique(np.linspace(0, len(f) - 1, min(len(f), most)).round().astype(int))]

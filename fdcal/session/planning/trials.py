@@ -1,0 +1,136 @@
+"""Simulated calibrations of a plan: random sources, noise and gains, and the real solver."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...assessment.calibration import Calibration
+from ...assessment.fisher_information import Information
+from ...assessment.position_bound import position_bound
+from ...model.measurement import Measurement
+from ...model.settings import SolverSettings
+from ...model.validation import InputError
+from ..calibrate import solve
+from ..sources import CalibrationInput
+from .fields import field_of, wavenumbers_of
+from .request import PlanRequest
+
+MOST_FREQUENCIES = 120  # of a simulated calibration: more take longer and hardly change the answer
+FOUND = 3.0  # times the bound: an array whose error is below was found
+LEAST_FOUND = 0.005  # metres, likewise
+
+
+@dataclass(frozen=True)
+class Trials:
+    """Results of simulated calibrations.
+
+    Attributes
+    ----------
+    errors : (T, N) float64, metres, of every microphone; NaN in a trial that was refused
+    verdicts : (T,) tuple of str, "refused" where the solver could not start
+    free : (N,) bool, microphones that are sought
+    bound : metres, root mean square of the bound for as many frequencies as the trials use
+    accuracy : metres, that is wanted
+    seconds : of processor time a calibration, median
+    """
+
+    errors: np.ndarray
+    verdicts: tuple[str, ...]
+    free: np.ndarray
+    bound: float
+    accuracy: float
+    seconds: float
+
+    @property
+    def rms(self) -> np.ndarray:
+        """Root mean square error of the sought microphones in each trial : (T,) float64, metres."""
+        return np.sqrt(np.mean(self.errors[:, self.free] ** 2, axis=1))
+
+    @property
+    def found(self) -> float:
+        """Share of trials in which the array was found: error below 5 mm or three times the bound."""
+        return float(np.mean(self.rms < max(LEAST_FOUND, FOUND * self.bound)))
+
+    @property
+    def accurate(self) -> float:
+        """Share of trials in which every microphone is within the accuracy that is wanted."""
+        return float(np.mean(np.all(self.errors[:, self.free] < self.accuracy, axis=1)))
+
+    @property
+    def trusted_wrongly(self) -> float:
+        """Share of trials with verdict good in which the array was not found."""
+        wrong = ~(self.rms < max(LEAST_FOUND, FOUND * self.bound))
+        return float(np.mean(wrong & (np.array(self.verdicts) == "good")))
+
+    def percentile(self, q: float) -> float:
+        """Return a percentile of the trials' root mean square errors, metres; infinite where trials were refused."""
+        return float(np.percentile(np.where(np.isfinite(self.rms), self.rms, np.inf), q, method="higher"))
+
+
+def run_trials(
+    request: PlanRequest,
+    information: Information,
+    count: int,
+    progress: Callable[[float, str], None] | None = None,
+) -> Trials:
+    """Return the results of `count` simulated calibrations.
+
+    Parameters
+    ----------
+    request : PlanRequest
+    information : Information
+        Of all frequencies of the request.
+    count : int
+    progress : callable, optional
+        Called with the fraction done, 0 to 1, and a note.
+    """
+    used = len(request.spaced(MOST_FREQUENCIES)) / len(request.frequencies)
+    bound = position_bound(information.scaled(used), request.prior)
+    errors, verdicts, seconds = [], [], []
+    for trial in range(count):
+        if progress is not None:
+            progress(trial / count, f"trial {trial + 1} of {count}")
+        began = time.process_time()
+        found = _calibrate(draw_measurement(request, trial), request, trial)
+        seconds.append(time.process_time() - began)
+        verdicts.append("refused" if found is None else found.verdict)
+        errors.append(np.full(len(bound.free), np.nan) if found is None else found.errors)
+    return Trials(np.array(errors), tuple(verdicts), bound.free, bound.rms, request.accuracy, float(np.median(seconds)))
+
+
+def draw_measurement(request: PlanRequest, trial: int) -> Measurement:
+    """Return what the microphones measure of a random source, with noise, gains and errors of the given positions."""
+    rng = np.random.default_rng([request.seed, 7, trial])
+    frequencies, x = request.spaced(MOST_FREQUENCIES), request.layout.positions
+    clean = field_of(request, frequencies, rng)
+    noise = 10 ** (-request.snr_db / 10)
+    gain = 10 ** (request.gain_sigma_db / 20 * rng.normal(size=len(x)))
+    parts = rng.normal(scale=np.sqrt(noise / 2), size=(2, *clean.shape))
+    known = np.array(request.known, int)
+    return Measurement(
+        frequencies=frequencies,
+        pressures=clean * gain + parts[0] + 1j * parts[1],
+        sound_speed=request.sound_speed,
+        dimension=request.dimension,
+        array_dimension=x.shape[1],
+        wavenumbers=wavenumbers_of(request, frequencies),
+        noise_power=np.full(len(frequencies), noise),
+        names=request.layout.names,
+        positions=x,
+        known=known,
+        known_positions=x[known] + request.known_sigma * rng.normal(size=(len(known), x.shape[1])),
+    )
+
+
+def _calibrate(measurement: Measurement, request: PlanRequest, trial: int) -> Calibration | None:
+    """Return the calibration of a simulated measurement, None if the solver refuses it."""
+    modes = len(measurement.frequencies)
+    settings = SolverSettings(modes=modes, first_modes=min(3, modes))
+    try:
+        return solve(CalibrationInput("plan", None, measurement, settings, trial))
+    except InputError:
+        return None

@@ -1,0 +1,142 @@
+"""Plans: layouts, fields of rooms, bounds, and what they say."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fdcal.acoustics.dictionary import dictionary
+from fdcal.graphics.plan_figure import draw_plan
+from fdcal.graphics.plan_html import plan_html
+from fdcal.model.validation import InputError, StorageError
+from fdcal.session.planning.fields import field_of, places_in_room, wavenumbers_of
+from fdcal.session.planning.layout import read_layout
+from fdcal.session.planning.plan import make_plan, request_information
+from fdcal.session.planning.report import plan_dict, plan_lines
+from fdcal.session.planning.request import PlanRequest
+from fdcal.session.planning.trials import draw_measurement, run_trials
+
+
+def request_of(text="circle 12 0.3", **others):
+    return PlanRequest(read_layout(text), **others)
+
+
+@pytest.mark.parametrize(
+    ("text", "count", "axes"),
+    [
+        ("circle 12 0.3", 12, 2),
+        ("rectangle 4x3 0.6x0.4", 12, 2),
+        ("ball 9 0.3", 9, 3),
+        ("box 9 1x1x0.5", 9, 3),
+        ("tiny", 16, 2),
+    ],
+)
+def test_layouts_in_words_and_scenes(text, count, axes):
+    assert read_layout(text).positions.shape == (count, axes)
+
+
+def test_layouts_from_files(tmp_path):
+    table, geometry = tmp_path / "a.csv", tmp_path / "a.xml"
+    table.write_text("name,x,y,z\na,0,0,1\nb,1,0,1\nc,0,1,1\n")
+    geometry.write_text('<MicArray><pos Name="p" x="0" y="0" z="0"/><pos Name="q" x="1" y="0" z="0.5"/></MicArray>')
+    assert read_layout(str(table)).names == ("a", "b", "c")
+    assert read_layout(str(table)).positions.shape == (3, 2)  # one height: a plane
+    assert read_layout(str(geometry)).positions.shape == (2, 3)
+
+
+@pytest.mark.parametrize("text", ["nothing", "circle", "circle 12", "circle x 0.3", "circle 12 -0.3", "cone 12 0.3"])
+def test_no_layout_is_one_line(text):
+    with pytest.raises(InputError) as caught:
+        read_layout(text)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    with pytest.raises((StorageError, InputError)):
+        read_layout(str(tmp_path / "none.csv"))
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"snr_db": 0.0},
+        {"snr_db": np.nan},
+        {"reverberation_time": -1.0},
+        {"band": (300.0, 200.0)},
+        {"band": (20.0, 21.0)},
+    ],
+)
+def test_requests_out_of_range(wrong):
+    with pytest.raises(InputError):
+        request_of(**wrong)
+
+
+def test_an_array_larger_than_the_room():
+    with pytest.raises(InputError, match="does not fit"):
+        places_in_room(request_of("rectangle 4x4 3x3", room=(2.0, 4.0, 2.5)))
+
+
+@pytest.mark.parametrize("room", [(6.0, 5.0), (6.0, 5.0, 2.7)])
+def test_the_field_of_a_room_solves_the_wave_equation(room):
+    """Its pressures lie in the span of the Fourier-Bessel functions, as those of no other field do."""
+    request = request_of("ball 60 0.3" if len(room) == 3 else "rectangle 6x6 0.6x0.6", room=room)
+    f = request.spaced(60)[:3]
+    p, k = field_of(request, f, np.random.default_rng(0)), wavenumbers_of(request, f)
+    x = request.layout.positions
+    for m in range(len(f)):
+        W = dictionary(x, k[m], 5, x.mean(axis=0), len(room))
+        rest = p[m] - W @ np.linalg.lstsq(W, p[m], rcond=None)[0]
+        assert np.linalg.norm(rest) < 2e-3 * np.linalg.norm(p[m])
+
+
+def test_the_measurement_of_a_trial_has_the_noise_and_errors_that_were_asked_for():
+    request = request_of("circle 12 0.3", snr_db=20.0, known=(0, 4, 8), known_sigma=0.005)
+    found = [draw_measurement(request, trial) for trial in range(30)]
+    errors = np.concatenate([one.known_positions - request.layout.positions[[0, 4, 8]] for one in found])
+    assert np.std(errors) == pytest.approx(0.005, rel=0.2)
+    assert found[0].noise_power is not None
+    assert np.allclose(found[0].noise_power, 0.01)
+    assert not np.array_equal(found[0].pressures, found[1].pressures)
+    assert np.array_equal(found[0].pressures, draw_measurement(request, 0).pressures)
+
+
+def test_a_plan_says_what_is_undetermined():
+    blind = make_plan(request_of(), with_advice=False)
+    given = make_plan(request_of(known=(0, 4, 8)), with_advice=False)
+    assert any("mirror" in line for line in blind.degeneracies)
+    assert not any("mirror" in line for line in given.degeneracies)
+    few = make_plan(request_of("rectangle 4x4 0.4x0.4", band=(20.0, 150.0)), with_advice=False)
+    assert any("determined to" in line for line in few.degeneracies)
+
+
+def test_noise_and_time_of_recording_exchange_against_each_other():
+    """The ratio that a plan asks for gives the accuracy that is wanted, by the bound."""
+    known = {"text": "rectangle 4x4 0.5x0.5", "known": (0, 3, 12)}
+    present = make_plan(request_of(**known, snr_db=10.0), with_advice=False).bound.rms
+    advice = make_plan(request_of(**known, snr_db=10.0, accuracy=present / 2)).advice
+    assert advice.snr_db > 10
+    assert advice.recording_factor == pytest.approx(10 ** ((advice.snr_db - 10) / 10))
+    louder = make_plan(request_of(**known, snr_db=advice.snr_db), with_advice=False)
+    assert louder.bound.rms == pytest.approx(present / 2, rel=0.1)
+
+
+def test_json_figure_and_page_hold_the_plan():
+    request = request_of("rectangle 4x4 0.5x0.5", room=(6.0, 5.0, 2.7), known=(0, 3, 12))
+    plan = make_plan(request)
+    table = json.loads(json.dumps(plan_dict(plan)))
+    assert table["bound_rms_m"] == plan.bound.rms
+    assert table["text"] == plan_lines(plan)
+    assert len(draw_plan(plan).axes) >= 4
+    page = plan_html(plan)
+    assert page.startswith("<!doctype html>")
+    assert "http" not in page.replace("http-equiv", "")
+    assert page.count("<tr>") == 17
+
+
+def test_trials_find_an_easy_array_and_never_an_impossible_accuracy():
+    easy = request_of("rectangle 4x4 0.6x0.6", room=(6.0, 5.0), snr_db=40.0, known=(0, 3, 12), band=(20.0, 400.0))
+    found = run_trials(easy, request_information(easy), 3)
+    assert found.accurate == 1.0
+    assert found.found == 1.0
+    assert replace(found, accuracy=1e-9).accurate == 0.0
