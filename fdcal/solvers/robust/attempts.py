@@ -42,14 +42,31 @@ def end_attempt(problem: Problem, state: State, score: float, settled: bool) -> 
     """Return the beginning of another attempt, or of the last row from the likeliest end."""
     end = End(state.positions, state.gains, state.offsets, state.model, float(score), settled)
     state = replace(state, ends=(*state.ends, end))
-    plan = starts.plan(problem, state.last)[: RULES.attempts]
-    if not _agreed(problem, state):
-        for attempt in range(state.progress.attempt + 1, len(plan)):
-            try:
-                positions = starts.start(problem, state.last, *plan[attempt])
-            except (InputError, np.linalg.LinAlgError):  # this start needs more than the modes show
+    if _agreed(problem, state):
+        return _begin_final(problem, state)
+    return next_attempt(problem, state, state.progress.attempt + 1)
+
+
+def next_attempt(problem: Problem, state: State, attempt: int) -> State:
+    """Return the beginning of the first attempt, from number `attempt` on, whose start there is; else of the last row.
+
+    Raises
+    ------
+    InputError
+        If there is no start at all.
+    """
+    given = assumptions.given_noise(problem, state)
+    noise = None if given is None else float(np.median(given[state.modes]))
+    for number, one in enumerate(starts.plan(problem, state.last)[: RULES.attempts]):
+        if number < attempt:
+            continue
+        try:
+            positions = starts.start(problem, state.last, noise, *one)
+        except (InputError, np.linalg.LinAlgError):  # this start needs more than the modes show
+            if state.ends or number + 1 < RULES.attempts:
                 continue
-            return begin_attempt(problem, state, positions, attempt)
+            raise
+        return begin_attempt(problem, state, positions, number)
     return _begin_final(problem, state)
 
 
@@ -58,11 +75,26 @@ def _agreed(problem: Problem, state: State) -> bool:
     ends = sorted(state.ends, key=lambda end: end.score)
     if len(ends) < 2 or not np.isfinite(ends[1].score) or ends[1].score - ends[0].score > RULES.same_score:
         return False
+    return _near(problem, state, ends[1].positions, ends[0])
+
+
+def confirm(problem: Problem, state: State) -> State | None:
+    """Return the beginning of the last row where `state`, on its way, comes to the likeliest end; None elsewhere.
+
+    The end of an attempt with outliers is not confirmed: another start may have a better place for them.
+    """
+    best = min(state.ends, key=lambda end: end.score, default=None)
+    if best is None or np.any(best.model.channel_noise > OUTLIERS.suspicious):
+        return None
+    return _begin_final(problem, state) if _near(problem, state, state.positions, best) else None
+
+
+def _near(problem: Problem, state: State, positions, end: End) -> bool:
+    """Whether every healthy microphone is, after alignment, within a part of the shortest wavelength of `end`."""
     wavelength = 2 * np.pi / float(np.real(problem.wavenumbers[state.modes]).max())
-    other = align(ends[1].positions, ends[0].positions)
-    healthy = ends[0].model.channel_noise < OUTLIERS.suspicious
-    away = (other - ends[0].positions)[healthy]
-    return bool(np.sqrt(np.mean(away**2)) < RULES.same_place * wavelength)
+    away = np.linalg.norm(align(positions, end.positions) - end.positions, axis=1)
+    healthy = end.model.channel_noise < OUTLIERS.suspicious
+    return bool(away[healthy].max(initial=0.0) < RULES.same_place * wavelength)
 
 
 def _begin_final(problem: Problem, state: State) -> State:

@@ -56,7 +56,7 @@ class Rules:
     search_modes : modes of a search for other places of outliers
     searches : rounds with such a search
     same_score : nats between the ends of two attempts that are one
-    same_place : distance of these ends, over the shortest wavelength
+    same_place : distance of every microphone in one from its place in the other, over the shortest wavelength
     settled_noise : change of the logarithm of the noise after which a round is the last
     known_outlier : distance of a given position over the median of all of them, or their sigma, that leaves it out
         when the array is moved onto the given positions
@@ -74,7 +74,7 @@ class Rules:
     search_modes: int = 16
     searches: int = 1
     same_score: float = 30.0
-    same_place: float = 0.01
+    same_place: float = 0.08
     settled_noise: float = 0.15
     known_outlier: float = 3.0
     near_gain: float = 0.5

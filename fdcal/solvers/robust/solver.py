@@ -22,8 +22,8 @@ from ...model.validation import InputError, frozen_array
 from ..interface import AssessmentMethod, Traits
 from ..joint.requirements import require_modes
 from ..polynomial_deformation import polynomial_deformations
-from . import assumptions, starts
-from .attempts import begin_attempt
+from . import assumptions
+from .attempts import begin_attempt, next_attempt
 from .channel_fit import channel_step, free_basis
 from .settings import ASSUMED, RULES, SCHEDULE
 from .stages import begin_row, end_row
@@ -62,10 +62,9 @@ def init(problem: Problem, settings: SolverSettings, seed: int, positions: np.nd
     """
     require_modes(problem, settings.modes)
     problem, N = in_unit_power(problem), problem.pressures.shape[1]
-    if positions is None:
-        positions = starts.start(problem, settings.modes, *starts.plan(problem, settings.modes)[0])
+    here = np.zeros((N, problem.array_dimension)) if positions is None else np.asarray(positions, float)
     empty = State(
-        positions=np.asarray(positions, float),
+        positions=here,
         settings=settings,
         seed=seed,
         step=0,
@@ -82,10 +81,10 @@ def init(problem: Problem, settings: SolverSettings, seed: int, positions: np.nd
         offsets=np.zeros((N, 2)),
         model=assumptions.first_model(problem, settings),
         progress=Progress(attempt=0, row=0, rounds=0, steps=0, damping=0.0),
-        shape=np.asarray(positions, float),
+        shape=here,
         ends=(),
     )
-    return begin_attempt(problem, empty, positions, 0)
+    return next_attempt(problem, empty, 0) if positions is None else begin_attempt(problem, empty, here, 0)
 
 
 def step(problem: Problem, state: State) -> State:

@@ -1,4 +1,7 @@
-"""Where attempts start: affine images of the low modes, with the map that the given positions or the metric fix."""
+"""Where attempts start: from the coherence of all modes, then affine images of the low ones.
+
+The map of an affine image is fixed by the given positions or, blind, by the metric of greatest likelihood.
+"""
 
 from __future__ import annotations
 
@@ -11,23 +14,33 @@ from ...model.gauge import align, fixes_gauge
 from ...model.problem import Problem
 from ...model.validation import InputError
 from .. import initial_positions
+from .coherence import coherence_start
 
 MOST_SUBSETS = 40
-EXTENT = 30.0  # metres: no array is larger
 
 
 def plan(problem: Problem, modes: int) -> list[tuple[str, int]]:
-    """Starts in the order in which they are tried: kind and number of lowest modes."""
+    """Starts in the order in which they are tried: kind and number of modes, the lowest for an affine image.
+
+    The second is of another kind than the first: ends that agree then say more.
+    """
     counts = list(dict.fromkeys(min(n, modes) for n in initial_positions.RULES.lowest(problem.dimension)))
-    if not len(problem.known):
-        return [("metric", n) for n in counts] + [("redirected", counts[0])]
-    kinds = [("map", counts[0]), ("metric", counts[0])]
-    return kinds + [(kind, n) for n in counts[1:] for kind in ("map", "metric")] + [("redirected", counts[0])]
+    kinds = ("map", "metric") if len(problem.known) else ("metric",)
+    affine = [(kind, n) for n in counts for kind in kinds]
+    others = [*affine[1:], ("redirected", counts[0])]
+    return [("coherence", modes), affine[0], ("coherence", modes // 2), *others]
 
 
-def start(problem: Problem, modes: int, kind: str, lowest: int) -> np.ndarray:
-    """Positions (N, D), metres, of one start. Raises InputError where the modes show too few directions."""
-    if kind == "redirected":
+def start(problem: Problem, modes: int, noise: float | None, kind: str, lowest: int) -> np.ndarray:
+    """Positions (N, D), metres, of one start. Raises InputError where the modes show too few directions.
+
+    problem : with modes of unit power;  noise : share of it that is reported;  kind, lowest : of `plan`
+    """
+    if kind == "coherence":
+        used = slice(0, modes, modes // lowest)
+        p, k = problem.pressures[used], problem.wavenumbers[used]
+        x = coherence_start(p, k, noise, problem.dimension, problem.array_dimension)
+    elif kind == "redirected":
         x = initial_positions.redirected(_blind(problem), modes)
     elif kind == "metric":
         x = initial_positions.affine(_blind(problem), modes, lowest)
