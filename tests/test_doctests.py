@@ -29,6 +29,16 @@ def test_the_examples_of_a_module_run(path, tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())  # an example leaves no file behind
 
 
-@pytest.mark.parametrize("name", ["calibrate", "landscape", "load", "load_scene", "simulate", "compare_positions"])
-def test_a_function_of_the_api_has_an_example(name):
-    assert ">>> " in (inspect.getdoc(getattr(fdcal, name)) or "")
+# What a user calls of the public classes; the rest of their methods serves other packages.
+METHODS = [
+    *(f"Calibration.{name}" for name in ("load", "save", "export", "to_dataframe", "to_pyfar", "plot")),
+    *(f"Measurement.{name}" for name in ("from_arrays", "from_pyfar")),
+]
+
+
+@pytest.mark.parametrize("name", [*fdcal.__all__, *METHODS])
+def test_a_public_function_class_or_method_has_an_example(name):
+    target = fdcal
+    for part in name.split("."):
+        target = getattr(target, part)
+    assert ">>> " in (inspect.getdoc(target) or "")

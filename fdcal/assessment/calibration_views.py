@@ -59,6 +59,14 @@ class CalibrationViews:
         ------
         InputError, StorageError
             The file is no result, or cannot be read.
+
+        Examples
+        --------
+        >>> import tempfile, fdcal
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     fdcal.calibrate(fdcal.load("tiny"), modes=12).save(f"{folder}/tiny.json")
+        ...     fdcal.Calibration.load(f"{folder}/tiny.json").known
+        ('0', '5', '7')
         """
         return fdcal.extension("load_result")(path)
 
@@ -92,6 +100,16 @@ class CalibrationViews:
             No format has this suffix, the frame does not exist, or the file exists and `force` is not set.
         StorageError
             The file cannot be written.
+
+        Examples
+        --------
+        >>> import tempfile, fdcal
+        >>> from pathlib import Path
+        >>> found = fdcal.calibrate(fdcal.load("tiny"), modes=12)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     found.export(f"{folder}/tiny.csv")
+        ...     Path(f"{folder}/tiny.csv").read_text().splitlines()[0]
+        'name,x,y,z,uncertainty'
         """
         require_choice("table", table, ("positions", "gains"))
         if table == "gains":
@@ -110,6 +128,12 @@ class CalibrationViews:
         Returns
         -------
         pyfar.Coordinates
+
+        Examples
+        --------
+        >>> import fdcal
+        >>> fdcal.calibrate(fdcal.load("tiny"), modes=12).to_pyfar().cshape
+        (16,)
         """
         return fdcal.extension("pyfar_coordinates")(fdcal.extension("placed_in_frame")(self, frame))
 

@@ -66,7 +66,17 @@ def word_arguments(text: str, names: Mapping[str, str]) -> str:
 
 
 class StorageError(OSError):
-    """A file cannot be read or written; the command line exits with 3."""
+    """A file cannot be read or written; the command line exits with 3.
+
+    Examples
+    --------
+    >>> import fdcal
+    >>> try:
+    ...     fdcal.load("nowhere.wav")
+    ... except fdcal.StorageError as error:
+    ...     print(error)
+    cannot read nowhere.wav: there is no such file or folder
+    """
 
 
 def shown(value: object, most: int = 60) -> str:
