@@ -121,7 +121,7 @@ class FieldExpansion:
         order = int(self.carried.orders[group[0]])
         offsets = (points - centre) / self._radius
         radial = self._radial(np.einsum("cd,cd->c", offsets, offsets), order, group)
-        l, angular = self._angular(offsets, order)  # noqa: E741
+        l, angular = self._angular(TABLE_RADIUS * offsets, order)  # noqa: E741
         return radial[:, :, l] * angular
 
     def _radial(self, squared: np.ndarray, order: int, group: np.ndarray) -> np.ndarray:

@@ -1,6 +1,7 @@
 """Cost maps for display: the cost of moving one microphone, mode by mode, at the resolution of a screen.
 
     mode_shape       the sound field of one mode, as the microphones recorded it
+    cost_maps        what the page shows: Eq. 7 at a fixed order, or the cost of the solver
     mode_landscapes  costs of single modes over the search lattice, as the running solver computes them
     refined          the same domain with a lattice as fine as the screen
     local_minima     minima of a map that are deeper than its ripple
@@ -22,6 +23,7 @@ from ..model.problem import Problem
 from ..model.settings import Search
 from ..model.validation import InputError
 from .eq7 import coefficients, known_weights, leave_one_out_fits
+from .eq7_maps import eq7_maps
 from .fine_lattice import OneModeLattice
 
 FINE = 500  # points along the longer edge of a fine map
@@ -48,6 +50,39 @@ def mode_landscapes(problem: Problem, solver, state, n: int, modes: Sequence[int
     low, high = min(modes), max(modes)
     maps = solver.landscape(problem, state, n, slice(low - 1, high))
     return maps[np.asarray(modes) - low]
+
+
+def cost_maps(
+    problem: Problem,
+    solver,
+    state,
+    n: int,
+    modes: Sequence[int],
+    order_offset: int | None,
+    search: Search | None = None,
+) -> np.ndarray:
+    """Return the maps that the page shows: Eq. 7 at a fixed order, or what the solver minimises.
+
+    Parameters
+    ----------
+    solver, state, modes : as of `mode_landscapes`
+    order_offset : added to ceil(k R); None for the cost of the solver
+    search : lattice; that of the search domain unless given
+
+    Returns
+    -------
+    (P, ny, nx) float64; of Eq. 7 relative to the power of the pressures of these modes
+
+    Raises
+    ------
+    InputError
+        As of `eq7_maps` and `solver.landscape`.
+    """
+    if order_offset is not None:
+        return eq7_maps(problem, state.positions, n, modes, order_offset, search)
+    if search is None:
+        return mode_landscapes(problem, solver, state, n, modes)
+    return np.stack([fine_landscape(problem, solver, state, n, mode, search) for mode in modes])
 
 
 def fine_landscape(problem: Problem, solver, state, n: int, mode: int, search: Search) -> np.ndarray:
@@ -119,17 +154,18 @@ def mode_shape(problem: Problem, positions, mode: int, order_offset: int) -> np.
 
 
 def refined(search: Search, count: int = FINE) -> Search:
-    """Return a finer lattice of the same area, the cells at its edge included.
+    """Return a finer lattice of the same area, the cells at its edge included; in space of one layer of it.
 
     Parameters
     ----------
     count : points along the longer edge
     """
-    step = search.step * max(search.shape) / count
-    corner = np.subtract(search.origin, search.step / 2)
-    numbers = [max(round(search.step * n / step), 2) for n in search.shape]
-    origin = tuple(float(x) for x in corner + step / 2)
-    return replace(search, origin=origin, size=tuple((n - 1) * step for n in numbers), step=step)
+    step = search.step * max(search.shape[:2]) / count
+    corner = np.subtract(search.origin[:2], search.step / 2)
+    numbers = [max(round(search.step * n / step), 2) for n in search.shape[:2]]
+    origin = (*(float(x) for x in corner + step / 2), *search.origin[2:])
+    size = (*((n - 1) * step for n in numbers), *(step for _ in search.origin[2:]))
+    return replace(search, origin=origin, size=size, step=step)
 
 
 def local_minima(cost: np.ndarray, depth: float = DEPTH) -> np.ndarray:

@@ -26,9 +26,7 @@ from __future__ import annotations
 import functools
 
 import numpy as np
-from numpy.polynomial.chebyshev import chebvander
 from scipy.linalg import solve_triangular
-from scipy.special import jv
 
 from ..acoustics.fourier_bessel import max_order
 from ..model.problem import Problem
@@ -36,9 +34,9 @@ from ..model.settings import Search
 from ..model.validation import InputError
 from .likelihood import DiffuseField, diffuse_field, kernel
 from .low_rank_covariance import circular_dictionary
+from .map_nodes import area, from_nodes, node_counts, node_points
 
 EXTRA_ORDERS = 12  # beyond ceil(k R): the rest of the kernel is below 1e-13
-NEGLIGIBLE = 1e-15  # Chebyshev coefficient of a plane wave of wavenumber 2 k that is left out
 MOST_FUNCTIONS = 4  # times the number of microphones: with more functions the kernel is cheaper
 
 
@@ -69,7 +67,7 @@ def likelihood_maps(problem: Problem, positions, n: int, modes: slice, noise, se
     field = diffuse_field(p, problem.wavenumbers[modes], noise, problem.dimension)
     maps = np.empty((len(p), *search.shape[1::-1]))
     for m, (constant, counts, h, f) in enumerate(_predictions(problem, x, n, modes, p, field)):
-        x_map, y_map = (_from_nodes(domain, search, axis, count) for axis, count in enumerate(counts))
+        x_map, y_map = (from_nodes(domain, search, axis, count) for axis, count in enumerate(counts))
         parts = np.stack([h, f.real, f.imag]).reshape(3, *counts[::-1])
         h, re, im = y_map @ (parts @ x_map.T)
         V = 1.0 + np.maximum(h, 0.0)
@@ -139,7 +137,7 @@ class _Distances:
     def to_nodes(self, counts) -> np.ndarray:
         """Return (N - 1, C) float64 for `counts` nodes along x and y."""
         if counts not in self._known:
-            x = _points(self._search, counts)
+            x = node_points(self._search, counts)
             x = np.concatenate([x, np.tile(self._height, (len(x), 1))], axis=1)
             self._known[counts] = _distances(self._others, x)
         return self._known[counts]
@@ -149,65 +147,17 @@ def _distances(a, b) -> np.ndarray:
     return np.sqrt(sum(np.subtract.outer(a[:, axis], b[:, axis]) ** 2 for axis in range(a.shape[1])))
 
 
-def _area(search: Search) -> np.ndarray:
-    """Return lowest and highest x and y, (2, 2) metres, the cells at the edge included."""
-    low = np.asarray(search.origin)[:2] - search.step / 2
-    return np.stack([low, low + search.step * np.array(search.shape[:2])])
-
-
 def _middle(search: Search) -> np.ndarray:
     """Return the centre of the expansion, (2,) metres, off every node and every microphone of a regular array."""
-    low, high = _area(search)
+    low, high = area(search)
     return (low + high) / 2 + 1e-3 * search.step * np.array([0.61, 0.37])
 
 
 def _reach(search: Search, others) -> float:
     """Return the distance from the middle to the furthest corner or microphone, metres."""
-    low, high = _area(search)
+    low, high = area(search)
     away = np.linalg.norm(others[:, :2] - _middle(search), axis=1)
     return float(np.maximum(away.max(initial=0.0), np.linalg.norm(high - low) / 2 + search.step))
-
-
-@functools.lru_cache(maxsize=1024)
-def node_counts(search: Search, wavenumber: float) -> tuple[int, int]:
-    """Return the numbers of nodes along x and y that resolve wavenumbers up to 2 k.
-
-    They are multiples of 4, so that modes share their tables.
-
-    Parameters
-    ----------
-    wavenumber : k, rad/m
-    """
-    low, high = _area(search)
-    counts = []
-    for half in (high - low) / 2:
-        z = 2 * wavenumber * half
-        degrees = np.arange(int(z) + 1, int(1.5 * z) + 60)  # beyond l = z the coefficients J_l(z) decrease
-        counts.append(4 * (int(degrees[np.argmax(jv(degrees, z) < NEGLIGIBLE)]) // 4 + 1))
-    return counts[0], counts[1]
-
-
-def _nodes(count: int) -> np.ndarray:
-    """Return the Chebyshev nodes between -1 and 1 : (count,) float64."""
-    return np.cos(np.pi * (np.arange(count) + 0.5) / count)
-
-
-def _points(search: Search, counts) -> np.ndarray:
-    """Return the nodes of the domain : (C, 2) metres, x fastest."""
-    low, high = _area(search)
-    x, y = (a + (b - a) * (1 + _nodes(count)) / 2 for a, b, count in zip(low, high, counts, strict=True))
-    return np.stack([np.tile(x, len(y)), np.repeat(y, len(x))], axis=1)
-
-
-@functools.lru_cache(maxsize=128)
-def _from_nodes(domain: Search, search: Search, axis: int, count: int) -> np.ndarray:
-    """Return the matrix (points, nodes) that interpolates from the nodes of `domain` to the lattice, on one axis."""
-    low, high = _area(domain)[:, axis]
-    places = search.origin[axis] + search.step * np.arange(search.shape[axis])
-    weight = np.full(count, 2.0 / count)
-    weight[0] /= 2
-    there = chebvander((2 * places - low - high) / (high - low), count - 1)
-    return (there * weight) @ chebvander(_nodes(count), count - 1).T
 
 
 @functools.lru_cache(maxsize=2)
@@ -220,6 +170,6 @@ def _kept_rows(tables, search: Search, mode: int, k: float, order: int) -> np.nd
     """Return the rows (C, 2L + 1) of the dictionary at the nodes; computed again only for a higher order."""
     rows = tables.get(mode)
     if rows is None or rows.shape[1] < 2 * order + 1:
-        rows = circular_dictionary(_points(search, node_counts(search, k)), k, order, _middle(search))
+        rows = circular_dictionary(node_points(search, node_counts(search, k)), k, order, _middle(search))
         tables[mode] = rows
     return rows[:, : 2 * order + 1]

@@ -24,6 +24,7 @@ def cost_floor(
     minima=(),
     relief: bool = False,
     height: float = 0.0,
+    decibels: bool = False,
 ) -> Floor:
     """Return a map of costs over the search lattice, or over one layer of it; a pixel is one lattice cell.
 
@@ -36,6 +37,7 @@ def cost_floor(
     minima : (K, 2) float64, metres, to be marked
     relief : whether the map has heights, which rise with its colours
     height : of the map, metres
+    decibels : whether the numbers of a logarithmic scale are decibels re 1
     """
     cost = np.asarray(cost, float)
     iy, ix = np.unravel_index(cost.argmin(), cost.shape)
@@ -43,6 +45,9 @@ def cost_floor(
     low, high, clipped = colour_limits(cost, log)
     log = log and low > 0
     fractions = normalise(cost, low, high, log)
+    bar = ColourBar(low, high, log, label, clipped)
+    if decibels and log:
+        bar = ColourBar(10 * float(np.log10(low)), 10 * float(np.log10(high)), False, label, clipped)
     half = search.step / 2
     size = (cost.shape[1] * search.step, cost.shape[0] * search.step)
     heights = frozen_array(RELIEF_HEIGHT * max(size) * fractions, np.float32) if relief else None
@@ -50,7 +55,7 @@ def cost_floor(
         rgb=frozen_array(to_rgb(fractions), np.uint8),
         origin=(search.origin[0] - half, search.origin[1] - half),
         size=size,
-        bar=ColourBar(low, high, log, label, clipped),
+        bar=bar,
         minimum=minimum,
         height=height,
         minima=tuple((float(x), float(y)) for x, y in minima),

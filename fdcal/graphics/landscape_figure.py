@@ -1,7 +1,7 @@
 """The paper's Fig. 1: the cost landscape of one microphone, mode by mode and summed.
 
 landscape_panels  computes the landscapes
-select_panels     takes a few of landscapes that exist
+panels_of         takes landscapes that exist
 draw_landscape    draws them
 figure_bytes      the figure as a file
 """
@@ -15,12 +15,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..cost.landscapes import local_minima, map_positions
 from ..cost.lattice_search import lattice_landscape
 from ..cost.mode_limits import require_modes, search_lattice
 from ..model.problem import Problem
 from ..model.settings import Search
 from ..model.validation import frozen_array
 from .heatmap import DECADES
+from .markers import ESTIMATE, LOWEST
+from .picture import PLANE_MARKER
 from .primitives import COLOUR_MAP
 
 if TYPE_CHECKING:
@@ -109,38 +112,36 @@ def landscape_panels(problem: Problem, positions, n: int, modes: Sequence[int], 
     )
 
 
-def select_panels(maps, modes: Sequence[int], frequencies, n: int, search: Search, count: int = 8) -> LandscapePanels:
-    """Return panels of some of the modes, evenly spaced, and of the sum over all.
+def panels_of(maps, total, modes: Sequence[int], frequencies, n: int, search: Search, count: int) -> LandscapePanels:
+    """Return panels of maps that exist, the last of the sum.
 
     Parameters
     ----------
     maps : (P, ny, nx) float64, of `modes`
+    total : (ny, nx) float64, the sum, perhaps over more modes
     modes : P modes, counted from 1
     frequencies : (M,) Hz, of all modes measured
     n : microphone, counted from 0
     search : lattice of the maps
-    count : of panels of single modes, at most
+    count : modes in the sum
     """
-    maps, numbers = np.asarray(maps, float), np.asarray(modes)
-    chosen = np.unique(np.linspace(0, len(maps) - 1, min(len(maps), count)).round().astype(int))
-    drawn = np.concatenate([maps[chosen], maps.sum(axis=0, keepdims=True)])
-    row, column = np.divmod(drawn.reshape(len(drawn), -1).argmin(axis=1), maps.shape[2])
-    minima = np.asarray(search.origin)[:2] + search.step * np.column_stack([column, row])
+    drawn = np.concatenate([np.asarray(maps, float), np.asarray(total, float)[None]])
+    lowest = np.column_stack(np.divmod(drawn.reshape(len(drawn), -1).argmin(axis=1), drawn.shape[2]))
     return LandscapePanels(
         microphone=n,
-        modes=frozen_array(numbers[chosen], np.int64),
-        frequencies=frozen_array(np.asarray(frequencies)[numbers[chosen] - 1], float),
+        modes=frozen_array(modes, np.int64),
+        frequencies=frozen_array(np.asarray(frequencies)[np.asarray(modes) - 1], float),
         maps=frozen_array(drawn, float),
-        minima=frozen_array(minima, float),
+        minima=frozen_array(map_positions(lowest, search), float),
         search=search,
-        mode_count=len(maps),
+        mode_count=count,
     )
 
 
 def draw_landscape(
-    panels: LandscapePanels, truth=None, label: str = "cost (dimensionless)", heading: str = ""
+    panels: LandscapePanels, truth=None, label: str = "cost (dimensionless)", heading: str = "", estimate=None
 ) -> Figure:
-    """Return a figure of the panels with a cross at each minimum.
+    """Return a figure of the panels with the marks of the page: diamonds at the minima, the lowest one large.
 
     Parameters
     ----------
@@ -148,6 +149,7 @@ def draw_landscape(
     truth : (2,) metres, the true position, drawn as a circle; or None
     label : of the colour bars
     heading : of the figure; by default it names the microphone
+    estimate : (2,) metres, the estimated position, drawn as a cross; or None
     """
     from matplotlib.figure import Figure
 
@@ -160,16 +162,34 @@ def draw_landscape(
     titles.append(f"sum of the {panels.mode_count} modes" if panels.mode_count > 1 else "sum (one mode)")
     for panel, title, cost, minimum in zip(axes, titles, panels.maps, panels.minima, strict=False):
         image = _draw_map(panel, cost, panels.search)
-        panel.plot(*minimum, "x", color="#d61828", markersize=11, markeredgewidth=2.5, label="minimum")
-        if truth is not None:
-            panel.plot(*truth, "o", color="black", fillstyle="none", markersize=15, markeredgewidth=2, label="true")
+        _draw_marks(panel, cost, panels.search, minimum, truth, estimate)
         panel.set_title(title)
         figure.colorbar(image, ax=panel, label=label)
     _label_axes(axes, count, columns)
     heading = heading or f"Cost of moving microphone {panels.microphone}"
     figure.suptitle(heading, x=0.02, ha="left", parse_math=False)
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper right", ncols=2, frameon=False)
+    marks = {name: line for panel in axes for line, name in zip(*panel.get_legend_handles_labels(), strict=True)}
+    figure.legend(marks.values(), marks.keys(), loc="outside upper right", ncols=4, frameon=False)
     return figure
+
+
+def _draw_marks(panel: Any, cost: np.ndarray, search: Search, lowest, truth, estimate) -> None:
+    """Draw the marks of the page on one map, each with a white halo."""
+    from matplotlib import patheffects
+
+    amber, red = (tuple(value / 255 for value in colour) for colour in (LOWEST, ESTIMATE))
+    others = map_positions(local_minima(cost), search)
+    near = PLANE_MARKER * search.step * max(cost.shape)
+    others = others[np.hypot(*(others - lowest).T) > near]
+    marks = [("true", truth, "o", "black", 15, 2.0), ("other minimum", others, "D", amber, 5, 1.5)]
+    marks += [("lowest cost", lowest, "D", amber, 11, 2.0), ("estimate", estimate, "x", red, 11, 2.5)]
+    for name, places, shape, colour, size, width in marks:
+        if places is None or not len(places):
+            continue
+        x, y = np.reshape(places, (-1, 2)).T
+        style = {"markersize": size, "markeredgewidth": width, "fillstyle": "none", "linestyle": "none"}
+        halo = [patheffects.withStroke(linewidth=width + 2, foreground="white")]
+        panel.plot(x, y, shape, color=colour, label=name, path_effects=halo, **style)
 
 
 def figure_bytes(figure: Figure, file_format: str) -> bytes:

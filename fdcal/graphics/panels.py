@@ -8,10 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from PIL import Image, ImageDraw
 
+from ..cost.landscapes import local_minima, map_positions
 from ..model.settings import Search
 from .annotations import font
 from .heatmap import colour_limits, normalise, to_rgb
 from .markers import ESTIMATE, HALO, LOWEST, TRUE
+from .picture import PLANE_MARKER
 from .primitives import DARK, Colour, Theme
 
 CELL, GAP, CAPTION = 252, 18, 34  # pixels: longer edge of a map, between maps, above each
@@ -30,10 +32,12 @@ class Marks:
     ----------
     true : of the microphone
     estimate : its estimated position
+    minima : whether the minima are marked
     """
 
     true: Point | None = None
     estimate: Point | None = None
+    minima: bool = True
 
 
 def mosaic(
@@ -47,7 +51,7 @@ def mosaic(
     shared: bool = False,
     columns: int = 2,
 ) -> np.ndarray:
-    """Return the maps side by side, each with its caption, a diamond at its lowest cost, and the marks.
+    """Return the maps side by side, each with its caption, diamonds at its lowest cost and its minima, and the marks.
 
     Parameters
     ----------
@@ -99,6 +103,17 @@ class _Tile:
         x, y = self.search.origin[:2]
         return float(x + column * self.search.step), float(y + row * self.search.step)
 
+    @property
+    def other_minima(self) -> list[Point]:
+        """The other local minima, metres, as on the floor of the scene."""
+        places = map_positions(local_minima(self.cost), self.search)
+        return [(float(x), float(y)) for x, y in places if np.hypot(x - self.lowest[0], y - self.lowest[1]) > self.near]
+
+    @property
+    def near(self) -> float:
+        """Distance from the lowest cost up to which a minimum has no mark of its own, metres."""
+        return PLANE_MARKER * self.search.step * max(self.cost.shape)
+
     def pixel(self, place: Point) -> Point | None:
         """The pixel of a place, metres; None outside the map."""
         across, up = ((place[a] - self.search.origin[a]) / self.search.step + 0.5 for a in (0, 1))
@@ -108,10 +123,12 @@ class _Tile:
 
 
 def _draw_marks(tile: _Tile, marks: Marks) -> None:
-    """Draw a circle at the truth, a diamond at the lowest cost and a cross at the estimate, each with a halo."""
+    """Draw a circle at the truth, diamonds at the minima, the lowest one large, and a cross at the estimate."""
+    small = [(place, _diamond, LOWEST, 6) for place in tile.other_minima] if marks.minima else []
     for place, shape, colour, radius in (
         (marks.true, _circle, TRUE, 9),
-        (tile.lowest, _diamond, LOWEST, 13),
+        *small,
+        (tile.lowest if marks.minima else None, _diamond, LOWEST, 13),
         (marks.estimate, _cross, ESTIMATE, 8),
     ):
         pixel = None if place is None else tile.pixel(place)

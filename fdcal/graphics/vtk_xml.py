@@ -14,6 +14,7 @@ import numpy as np
 
 # By the kind of a dtype: VTK's name of the type, and the dtype in the file; None for texts.
 TYPES = {"f": ("Float64", "<f8"), "i": ("Int64", "<i8"), "u": ("UInt8", "u1"), "U": ("String", None)}
+SINGLE = ("Float32", "<f4")
 
 
 def image(
@@ -64,7 +65,8 @@ def _cells(name: str, members: np.ndarray) -> str:
 
 def _array(name: str, values: np.ndarray) -> str:
     values = np.asarray(values)
-    vtk_type, dtype = TYPES["u" if values.dtype.kind == "b" else values.dtype.kind]
+    single = values.dtype == np.float32
+    vtk_type, dtype = SINGLE if single else TYPES["u" if values.dtype.kind == "b" else values.dtype.kind]
     if dtype is None:
         data = b"".join(text.encode() + b"\0" for text in values.tolist())
     else:

@@ -20,6 +20,8 @@ from .request import edited
 
 MAPS = ("flat", "relief", "shape", "none")
 SCALES = ("log", "linear")
+QUANTITIES = ("eq7", "objective")
+MAX_ORDER_OFFSET = 4  # of a map
 VIEWS = ("top", "3d", "close")
 IN_USE = "in use"  # value of map_modes: the modes that the solver uses
 RUN = re.compile(r"(\d{1,4}) (step|sweep|stage)s?")
@@ -42,7 +44,10 @@ class Setting:
     follow : whether the map is that of the microphone which the solver moves
     map : one of MAPS
     map_modes : modes of the map alone, as "38" or "1-9, 12", or "in use"
+    quantity : of the map, one of QUANTITIES: Eq. 7, or what the solver minimises
+    order_offset : of the map of Eq. 7, added to ceil(k R) in the order of every mode
     scale : of the map, one of SCALES
+    minima : whether the local minima of the map are marked and counted
     trails, ellipses : drawn or not
     view : one of VIEWS
     """
@@ -58,7 +63,10 @@ class Setting:
     follow: bool | None = None
     map: str | None = None
     map_modes: str | None = None
+    quantity: str | None = None
+    order_offset: int | None = None
     scale: str | None = None
+    minima: bool | None = None
     trails: bool | None = None
     ellipses: bool | None = None
     view: str | None = None
@@ -70,7 +78,7 @@ class Setting:
 
     OPTIONAL: typing.ClassVar = (
         "scene", "changes", "start_seed", "reset", "modes", "automatic", "run", "microphone", "follow", "map",
-        "map_modes", "scale", "trails", "ellipses", "view",
+        "map_modes", "quantity", "order_offset", "scale", "minima", "trails", "ellipses", "view",
     )  # fmt: skip
 
 

@@ -12,7 +12,7 @@ from ..model.from_table import build
 from ..model.reading import parse_toml, read_bytes
 from ..model.scene import Scene
 from ..model.validation import InputError, StorageError, require_choice, shown
-from .lesson import IN_USE, MAPS, RUN, SCALES, VIEWS, Lesson, Setting, Step
+from .lesson import IN_USE, MAPS, MAX_ORDER_OFFSET, QUANTITIES, RUN, SCALES, VIEWS, Lesson, Setting, Step
 
 
 @dataclass(frozen=True)
@@ -148,13 +148,17 @@ def _scene_of(lesson: Lesson, number: int, revealed: bool, key: str) -> Scene:
 
 
 def _check_setting(key: str, setting: Setting, scene: Scene) -> None:
-    for name, choices in (("map", MAPS), ("scale", SCALES), ("view", VIEWS)):
+    for name, choices in (("map", MAPS), ("quantity", QUANTITIES), ("scale", SCALES), ("view", VIEWS)):
         if getattr(setting, name) is not None:
             require_choice(f"{key}.{name}", getattr(setting, name), choices)
     _check_modes(key, setting)
     if setting.run not in (None, "end") and not RUN.fullmatch(setting.run):
         remedy = 'write "end", or as "3 sweeps", "1 step", "2 stages"'
         raise InputError(f'{key}.run = "{setting.run}" is unknown', remedy, key=f"{key}.run", value=setting.run)
+    offset = setting.order_offset
+    if offset is not None and not 0 <= offset <= MAX_ORDER_OFFSET:
+        remedy = f"use 0 to {MAX_ORDER_OFFSET}"
+        raise InputError(f"{key}.order_offset = {offset} is impossible", remedy, key=f"{key}.order_offset")
     seed = setting.start_seed
     if seed is not None and seed < 0:
         raise InputError(f"{key}.start_seed = {seed} is negative", "use 0 or more", key=f"{key}.start_seed", value=seed)

@@ -6,11 +6,12 @@ from collections.abc import Callable
 
 from ..model import mode_ranges
 from ..session.lesson import IN_USE, Setting, run_goal
-from .gui.choices import FLOOR, NOTHING, RELIEF, SHAPE
+from .gui.choices import FLOOR, NOTHING, RELIEF, SHAPE, Choices
 from .main_panel import MainPanel
-from .tabs.map import LINEAR, LOG
+from .tabs.map import EQ7, LINEAR, LOG, OBJECTIVE, kind_of
 
 KINDS = {"flat": FLOOR, "relief": RELIEF, "shape": SHAPE, "none": NOTHING}
+QUANTITIES = {"eq7": EQ7, "objective": OBJECTIVE}
 SCALES = {"log": LOG, "linear": LINEAR}
 
 
@@ -39,12 +40,33 @@ def apply_setting(setting: Setting, panel: MainPanel, place_all: Callable[[str],
     if setting.map_modes is not None:
         text = setting.map_modes
         panel.map.choose_modes(None if text == IN_USE else mode_ranges.parse(text, panel.binding.modes))
+    if setting.quantity is not None:
+        panel.map.show_quantity(QUANTITIES[setting.quantity])
+    if setting.order_offset is not None:
+        panel.map.set_order(setting.order_offset)
     if setting.scale is not None:
         panel.map.scale_as(SCALES[setting.scale])
+    if setting.minima is not None:
+        panel.map.mark_minima(setting.minima)
     drawn = {name: getattr(setting, name) for name in ("trails", "ellipses")}
     panel.view.draw(**{name: value for name, value in drawn.items() if value is not None})
     if setting.view is not None:
         place_all(setting.view)
+
+
+def restore(choices: Choices, panel: MainPanel) -> None:
+    """Put the controls of the map and of the view back to what they were before a lesson."""
+    if choices.microphone < panel.binding.measurement.count:
+        panel.map.pick(choices.microphone)
+    panel.map.follow_solver(choices.follow)
+    panel.map.show_as(kind_of(choices))
+    modes = choices.modes
+    panel.map.choose_modes(modes if modes is None or modes[-1] <= panel.binding.modes else None)
+    panel.map.show_quantity(OBJECTIVE if choices.objective else EQ7)
+    panel.map.set_order(choices.order_offset)
+    panel.map.scale_as(LOG if choices.style.log else LINEAR)
+    panel.map.mark_minima(choices.style.minima)
+    panel.view.draw(trails=choices.trails, ellipses=choices.ellipses)
 
 
 def _drive(setting: Setting, panel: MainPanel, restarted: bool) -> None:

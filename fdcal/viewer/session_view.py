@@ -189,6 +189,7 @@ class Viewer:
             revision=self._revision,
             microphone=state.moved if following and state.moved >= 0 else self._selected,
             modes=choices.modes or tuple(range(state.first, state.last + 1)),
+            order_offset=None if choices.objective else choices.order_offset,
             custom_modes=choices.modes is not None,
             style=replace(choices.style, opacity=1.0),  # another opacity needs no other map
             follow=following,

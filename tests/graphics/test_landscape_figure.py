@@ -51,7 +51,7 @@ def test_a_mode_of_too_high_an_order_is_refused(measured):
 def test_figure_says_what_it_shows(measured):
     measurement, problem = measured
     panels = landscape_panels(problem, measurement.positions, 9, [1, 5, 9], 2)
-    figure = draw_landscape(panels, measurement.positions[9])
+    figure = draw_landscape(panels, measurement.positions[9], estimate=measurement.positions[9] + 0.03)
     maps = [axes for axes in figure.axes if axes.images]
     bars = [axes for axes in figure.axes if axes not in maps]
     assert [axes.get_title() for axes in maps] == [
@@ -62,7 +62,8 @@ def test_figure_says_what_it_shows(measured):
     assert (maps[-1].get_xlabel(), maps[0].get_ylabel()) == ("x (m)", "y (m)")
     for axes, found in zip(maps, panels.minima, strict=True):
         marks = {line.get_label(): line.get_xydata()[0] for line in axes.lines}
-        assert np.allclose(marks["minimum"], found)
+        assert np.allclose(marks["lowest cost"], found)
+        assert np.allclose(marks["estimate"], measurement.positions[9] + 0.03)
         assert np.allclose(marks["true"], measurement.positions[9])
         left, right, low, high = axes.images[0].get_extent()
         assert np.allclose([left, low], np.array(problem.search.origin) - 0.01), "pixels are centred on candidates"

@@ -50,7 +50,8 @@ def measurement(scene):
 def work(scene, measurement):
     """What a page shows, its session one that notes its commands."""
     session, problem = Recorder(State(measurement.positions)), measurement.problem("unit")
-    return prepare.PreparedRun(scene, measurement, problem, Solver(measurement), session, OpenRequest(scene))
+    request = OpenRequest(scene, choices={"objective": True})  # the map of the double's own costs
+    return prepare.PreparedRun(scene, measurement, problem, Solver(measurement), session, request)
 
 
 @pytest.fixture

@@ -16,6 +16,7 @@ from ...graphics.heatmap import cost_floor, cost_label, field_floor
 from ...graphics.primitives import Floor
 from ...graphics.surroundings import z_range_of
 from ...model.settings import Search
+from ...model.validation import InputError
 from ...session.worker import LatestWorker
 from ..gui.html import error_message
 from .map_request import CostMapRequest
@@ -25,6 +26,25 @@ PAUSE = 0.15  # s at least between two maps while the solver runs, which needs t
 FOLLOW_TIME = 0.6  # s at least that the map of a microphone stays while the page follows a running solver
 DRAG_TIME = 1.0  # s at most that a map stays while another microphone is dragged and the next map is in progress
 IDLE_TIME = 0.35  # s without a change before a finer map is requested
+MAX_PANELS = 9  # maps of single modes that are drawn one by one
+
+
+@dataclass(frozen=True)
+class ModePanels:
+    """Maps of single modes, on the lattice of the map on the floor.
+
+    Attributes
+    ----------
+    modes : (K,) int, counted from 1
+    maps : (K, ny, nx) float64
+    total : (ny, nx) float64, the sum over all modes of the request
+    search : Search, the lattice
+    """
+
+    modes: tuple[int, ...]
+    maps: np.ndarray
+    total: np.ndarray
+    search: Search
 
 
 @dataclass(frozen=True)
@@ -35,7 +55,7 @@ class CostMap:
     ----------
     request : CostMapRequest
     floor : Floor
-    costs : (P, ny, nx) float64, dimensionless, of the single modes, the sum of which the floor shows; or None
+    panels : ModePanels of some of the single modes and of the sum, which the floor shows; or None
     minima : int, local minima in the map
     cost_here : cost at the estimated position of the microphone
     lowest : lowest cost of the map
@@ -44,7 +64,7 @@ class CostMap:
 
     request: CostMapRequest
     floor: Floor
-    costs: np.ndarray | None
+    panels: ModePanels | None
     minima: int
     cost_here: float
     lowest: float
@@ -132,12 +152,15 @@ class CostMapWorker:
         if request.style.shape:
             return self._compute_shape(request)
         run, search = self._run, self._search()
-        key = (request.revision, request.microphone, request.modes)
+        key = (request.revision, request.microphone, request.modes, request.order_offset)
         if self._costs.get("fast", (None,))[0] != key:
-            maps = landscapes.mode_landscapes(run.problem, run.solver, request.state, request.microphone, request.modes)
-            self._costs["fast"] = key, maps, landscapes.local_minima(maps.sum(axis=0))
-        _, maps, minima = self._costs["fast"]
-        return self._draw(request, maps.sum(axis=0), minima, search, maps)
+            n, modes = request.microphone, request.modes
+            maps = landscapes.cost_maps(run.problem, run.solver, request.state, n, modes, request.order_offset)
+            shown = shown_modes(len(modes))
+            panels = ModePanels(tuple(modes[i] for i in shown), maps[shown], maps.sum(axis=0), search)
+            self._costs["fast"] = key, panels, landscapes.local_minima(panels.total)
+        _, panels, minima = self._costs["fast"]
+        return self._draw(request, minima, panels)
 
     def _compute_shape(self, request: CostMapRequest) -> CostMap:
         """On the fast thread: the sound field of a mode."""
@@ -151,20 +174,14 @@ class CostMapWorker:
     def _compute_fine(self, request: CostMapRequest) -> CostMap | None:
         """On the slow thread: the finer map, mode by mode; None as soon as another one is requested."""
         run, n = self._run, request.microphone
-        key = (request.revision, n, request.modes)
-        search = landscapes.refined(self._search())
+        key = (request.revision, n, request.modes, request.order_offset)
         if self._costs.get("fine", (None,))[0] != key:
-            total = np.zeros(1)
-            for mode in request.modes:
-                if self._requested != request:
-                    return None
-                total = total + landscapes.fine_landscape(run.problem, run.solver, request.state, n, mode, search)
-            self._costs["fine"] = key, total, landscapes.local_minima(total)
-        _, total, minima = self._costs["fine"]
-        fast = self.worker.latest
-        costs = fast.result.costs if fast and fast.result and fast.request[0] == request else None
-        drawn = self._draw(request, total, minima, search, None)
-        return replace(drawn, costs=costs, fine=True)
+            panels = fine_panels(run, request, lambda: self._requested != request)
+            if panels is None:
+                return None
+            self._costs["fine"] = key, panels, landscapes.local_minima(panels.total)
+        _, panels, minima = self._costs["fine"]
+        return replace(self._draw(request, minima, panels), fine=True)
 
     def _search(self) -> Search:
         search = self._run.problem.search
@@ -172,14 +189,64 @@ class CostMapWorker:
             raise ValueError("a map needs a search domain")  # the page requests none without
         return search
 
-    def _draw(self, request: CostMapRequest, total: np.ndarray, minima, search: Search, maps) -> CostMap:
-        run, style, n = self._run, request.style, request.microphone
-        label = cost_label(run.scene.solver.weights)
+    def _draw(self, request: CostMapRequest, minima, panels: ModePanels) -> CostMap:
+        run, style, n, total = self._run, request.style, request.microphone, panels.total
+        label = map_label(run, request)
         if run.measurement.array_dimension == 3:
             label += f" at z = {request.state.positions[n, 2]:.2f} m"
         floor = cost_floor(
-            total, search, style.log, label, minima=landscapes.map_positions(minima, search),
+            total, panels.search, style.log, label, minima=landscapes.map_positions(minima, panels.search),
             relief=style.relief, height=z_range_of(run.known_scene, run.measurement)[0],
+            decibels=request.order_offset is not None,
         )  # fmt: skip
-        here = landscapes.interpolate(total, search, request.state.positions[n])
-        return CostMap(request, floor, maps, len(minima), here, float(total.min()))
+        floor = replace(floor, show_minima=style.minima)
+        here = landscapes.interpolate(total, panels.search, request.state.positions[n])
+        return CostMap(request, floor, panels, len(minima), here, float(total.min()))
+
+
+def map_label(run: PreparedRun, request: CostMapRequest) -> str:
+    """Return name and unit of what a map shows."""
+    if request.order_offset is not None:
+        return "cost, Eq. 7 (dB)" if request.style.log else "cost, Eq. 7 (relative to the power)"
+    if run.solver.TRAITS.uses_likelihood:
+        return "negative log-likelihood of the solver"
+    return cost_label(run.scene.solver.weights).replace("cost", "cost of the solver")
+
+
+def shown_modes(count: int, most: int = MAX_PANELS) -> np.ndarray:
+    """Return which of `count` maps are drawn one by one, evenly spaced : indices."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
+
+
+def fine_panels(
+    run: PreparedRun, request: CostMapRequest, cancelled: Callable[[], bool] = lambda: False, most: int = MAX_PANELS
+) -> ModePanels | None:
+    """Return the maps of a request on a lattice as fine as the screen, computed mode by mode; None once cancelled.
+
+    Parameters
+    ----------
+    run : PreparedRun
+    request : CostMapRequest
+    cancelled : tells whether the maps are no longer wanted
+    most : maps of single modes that are kept
+
+    Raises
+    ------
+    InputError
+        There is no search domain, or a mode cannot be shown at the order of the request.
+    """
+    problem, modes, offset = run.problem, request.modes, request.order_offset
+    if problem.search is None:
+        raise InputError("there is no map without a search domain", "give <search> and <radius>", key="search")
+    search, shown = landscapes.refined(problem.search), set(shown_modes(len(modes), most).tolist())
+    power = np.sum(np.abs(problem.pressures[np.asarray(modes) - 1]) ** 2, axis=1)
+    share = power / power.sum() if offset is not None else np.ones(len(modes))
+    total, kept = np.zeros(1), []
+    for i, mode in enumerate(modes):
+        if cancelled():
+            return None
+        cost = landscapes.cost_maps(problem, run.solver, request.state, request.microphone, (mode,), offset, search)[0]
+        total = total + share[i] * cost
+        if i in shown:
+            kept.append(share[i] * cost)
+    return ModePanels(tuple(modes[i] for i in sorted(shown)), np.stack(kept), total, search)

@@ -14,10 +14,8 @@ import numpy as np
 import viser
 
 from ...assessment import position_table
-from ...cost import landscapes
 from ...graphics import paraview
-from ...graphics.heatmap import cost_label
-from ...graphics.landscape_figure import LandscapePanels, draw_landscape, figure_bytes, select_panels
+from ...graphics.landscape_figure import LandscapePanels, draw_landscape, figure_bytes, panels_of
 from ...graphics.primitives import Picture
 from ...graphics.replay import replay_html
 from ...graphics.snapshot_process import render_png
@@ -30,6 +28,8 @@ from ...session.request import OpenRequest
 from ...session.worker import LatestWorker
 from ..gui import html
 from ..gui.choices import PICTURE, Choices
+from .cost_maps import fine_panels, map_label
+from .map_request import CostMapRequest
 from .prepare import PreparedRun
 
 MAX_WAITING = 8  # files that may wait to be made
@@ -84,23 +84,43 @@ def _errors(snapshot: ViewSnapshot) -> str:
     return error_summary(snapshot.run.measurement, snapshot.view.state.positions, snapshot.run.sought)
 
 
+def map_request(snapshot: ViewSnapshot) -> CostMapRequest:
+    """Return the request for the map on the page."""
+    state, choices = snapshot.view.state, snapshot.choices
+    return CostMapRequest(
+        revision=0,
+        microphone=snapshot.microphone,
+        modes=choices.modes or tuple(range(state.first, state.last + 1)),
+        order_offset=None if choices.objective else choices.order_offset,
+        custom_modes=choices.modes is not None,
+        style=choices.style,
+        follow=False,
+        state=state,
+        lineage=snapshot.view.history.lineage,
+    )
+
+
 def _panels(snapshot: ViewSnapshot, count: int) -> LandscapePanels:
-    """Maps of the selected microphone, of the modes of the map on the page, `count` of them at most."""
-    run, state, n = snapshot.run, snapshot.view.state, snapshot.microphone
-    if run.problem.search is None:
-        raise InputError("there is no map without a search domain", "give <search> and <radius>", key="search")
-    modes = snapshot.choices.modes or tuple(range(state.first, state.last + 1))
-    maps = landscapes.mode_landscapes(run.problem, run.solver, state, n, modes)
-    return select_panels(maps, modes, run.measurement.frequencies, n, run.problem.search, count)
+    """Maps as fine as the screen, of the modes of the map on the page, `count` of them at most, and their sum."""
+    run, request = snapshot.run, map_request(snapshot)
+    panels = fine_panels(run, request, most=count)
+    if panels is None:
+        raise ValueError("maps that nobody cancels are complete")
+    f, modes = run.measurement.frequencies, len(request.modes)
+    return panels_of(panels.maps, panels.total, panels.modes, f, snapshot.microphone, panels.search, modes)
 
 
 def _figure(file_format: str) -> Callable[[ViewSnapshot], bytes]:
     def make(snapshot: ViewSnapshot) -> bytes:
         measurement, n = snapshot.run.measurement, snapshot.microphone
-        truth = None if measurement.positions is None else measurement.positions[n][:2]
+        positions = snapshot.view.state.positions
+        truth = measurement.aligned_truth(positions)
+        truth = None if truth is None else truth[n][:2]
         heading = f"Cost of moving microphone {measurement.names[n]}\n{snapshot.caption}"
-        label = cost_label(snapshot.run.scene.solver.weights)
-        return figure_bytes(draw_landscape(_panels(snapshot, MAX_PANELS), truth, label, heading), file_format)
+        request = map_request(snapshot)
+        label = map_label(snapshot.run, replace(request, style=replace(request.style, log=False)))
+        panels = _panels(snapshot, MAX_PANELS)
+        return figure_bytes(draw_landscape(panels, truth, label, heading, positions[n][:2]), file_format)
 
     return make
 
@@ -108,7 +128,8 @@ def _figure(file_format: str) -> Callable[[ViewSnapshot], bytes]:
 def _map(snapshot: ViewSnapshot) -> bytes:
     place = snapshot.view.state.positions[snapshot.microphone]
     height = float(place[2]) if len(place) == 3 else snapshot.height
-    return paraview.landscape(_panels(snapshot, len(snapshot.run.measurement.pressures)), height).encode()
+    panels = _panels(snapshot, MAX_PANELS)
+    return paraview.landscape(replace(panels, maps=panels.maps.astype(np.float32)), height).encode()
 
 
 def _table(snapshot: ViewSnapshot) -> bytes:
@@ -166,7 +187,9 @@ KINDS = {
         "-maps.svg", "The same figure as vector graphics, for print.", _figure("svg"), slow=True
     ),
     "Map (VTI for ParaView)": Kind(
-        "-map.vti", "The values of all maps of the selected microphone, and of their sum.", _map
+        "-map.vti",
+        "Values of up to eight maps of the selected microphone and of the sum of all, as fine as on the screen.",
+        _map,
     ),
     "Microphones (CSV)": Kind(
         "-microphones.csv",

@@ -10,7 +10,6 @@ from ...session.worker import LatestWorker
 from .cost_maps import CostMap
 from .prepare import PreparedRun
 
-MAX_PANELS = 9  # maps of single modes side by side
 INTERVAL = 0.2  # s between two images
 
 
@@ -39,11 +38,11 @@ class MapGridWorker:
         -------
         (H, W, 3) uint8, or None where there are no maps of single modes
         """
-        if drawn is None or drawn.costs is None:
+        if drawn is None or drawn.panels is None:
             self._requested = None
             return None
         last = self._requested
-        current = last is not None and last.costs is drawn.costs and last.request.style == drawn.request.style
+        current = last is not None and last.panels is drawn.panels and last.request.style == drawn.request.style
         if not current and now - self._since > INTERVAL and not self.worker.busy:
             self._requested, self._since = drawn, now
             self.worker.request(drawn)
@@ -56,18 +55,18 @@ class MapGridWorker:
 
     def _draw(self, drawn: CostMap) -> np.ndarray | None:
         """On the thread."""
-        request, costs, run = drawn.request, drawn.costs, self._run
-        if costs is None or run.problem.search is None:
+        request, panels, run = drawn.request, drawn.panels, self._run
+        if panels is None:
             return None
         n, f = request.microphone, run.measurement.frequencies
-        shown = np.unique(np.linspace(0, len(costs) - 1, min(len(costs), MAX_PANELS)).round().astype(int))
-        captions = [f"{request.modes[i]}: {f[request.modes[i] - 1]:.1f} Hz" for i in shown]
-        captions.append(f"sum of {len(costs)}" if len(costs) > 1 else "sum (one mode)")
+        captions = [f"{mode}: {f[mode - 1]:.1f} Hz" for mode in panels.modes]
+        captions.append(f"sum of {len(request.modes)}" if len(request.modes) > 1 else "sum (one mode)")
         positions = np.asarray(request.state.positions)
         truth = run.measurement.aligned_truth(positions)
-        marks = Marks(None if truth is None else tuple(truth[n][:2]), tuple(positions[n][:2]))
+        true = None if truth is None else tuple(truth[n][:2])
+        marks = Marks(true, tuple(positions[n][:2]), request.style.minima)
         return mosaic(
-            [*costs[shown], costs.sum(axis=0)], captions, run.problem.search, marks,
+            [*panels.maps, panels.total], captions, panels.search, marks,
             DARK if request.style.dark else LIGHT,
-            log=request.style.log, shared=request.style.shared, columns=2 if len(shown) < 6 else 3,
+            log=request.style.log, shared=request.style.shared, columns=2 if len(panels.modes) < 6 else 3,
         )  # fmt: skip

@@ -20,6 +20,7 @@ class MapStyle:
     relief : whether its heights rise with its colours
     shared : one scale for all the maps side by side
     dark : whether the page is
+    minima : whether its local minima are marked and counted
     shape : the sound field of the last of the modes instead of a cost
     """
 
@@ -29,6 +30,7 @@ class MapStyle:
     shared: bool = False
     dark: bool = False
     shape: bool = False
+    minima: bool = True
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,7 @@ class CostMapRequest:
     revision : int, counts the states on the screen, which have no cheap equality of their own
     microphone : int, counted from 0
     modes : counted from 1
+    order_offset : of the map of Eq. 7; None for what the solver minimises
     custom_modes : whether the user has chosen the modes; otherwise they are those in use
     style : MapStyle
     follow : whether any microphone will do, as long as the solver has moved it lately
@@ -50,6 +53,7 @@ class CostMapRequest:
     revision: int
     microphone: int
     modes: tuple[int, ...]
+    order_offset: int | None
     custom_modes: bool
     style: MapStyle
     follow: bool = field(compare=False)
@@ -61,7 +65,12 @@ class CostMapRequest:
         if self == wanted or not running:
             return self == wanted
         mine, theirs = (
-            (None if wanted.follow else one.microphone, one.modes if one.custom_modes else None, one.style)
+            (
+                None if wanted.follow else one.microphone,
+                one.modes if one.custom_modes else None,
+                one.order_offset,
+                one.style,
+            )
             for one in (self, wanted)
         )
         return mine == theirs and self.lineage is wanted.lineage

@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from ...cost.yardstick import ORDER_OFFSET
 from ...model.validation import InputError
+from ...session.lesson import MAX_ORDER_OFFSET
 from ..background.map_request import MapStyle
 from ..background.prepare import PreparedRun
 
@@ -15,7 +17,7 @@ PICTURE = "Picture (PNG)"  # the first kind of file to save
 VIEWS = {"Top": "top", "3-D": "3d", "Close": "close"}  # label to view of a camera
 
 KEPT = ("trails", "ellipses", "export_kind", "export_view", "export_size")  # choices that another scene keeps
-SWITCHES = ("follow", "shown", "trails", "ellipses", "log", "relief", "shared", "dark", "shape")
+SWITCHES = ("follow", "shown", "trails", "ellipses", "log", "relief", "shared", "dark", "shape", "objective", "minima")
 
 
 @dataclass(frozen=True)
@@ -28,6 +30,8 @@ class Choices:
     follow : whether the map is that of the microphone which the last step moved
     shown : whether a map is shown
     modes : of the map, counted from 1; None for those that the solver uses
+    order_offset : of the map, added to ceil(k R) in the order of every mode
+    objective : whether the map shows what the solver minimises, in place of Eq. 7
     style : MapStyle
     trails : whether the path of each estimate is drawn
     ellipses : whether the error ellipses are drawn
@@ -42,6 +46,8 @@ class Choices:
     follow: bool = True
     shown: bool = True
     modes: tuple[int, ...] | None = None
+    order_offset: int = ORDER_OFFSET
+    objective: bool = False
     style: MapStyle = field(default_factory=MapStyle)
     trails: bool = False
     ellipses: bool = False
@@ -59,7 +65,7 @@ class Choices:
 
     def to_save(self) -> dict[str, Any]:
         """Return the values that an OpenRequest needs to restore these choices."""
-        keys = ("microphone", "modes", "opacity", *SWITCHES)
+        keys = ("microphone", "modes", "order_offset", "opacity", *SWITCHES)
         return {key: getattr(self.style if hasattr(self.style, key) else self, key) for key in keys}
 
 
@@ -95,6 +101,8 @@ def _checked(key: str, value: Any, count: int, modes: int) -> Any:
         return float(value)
     if key == "microphone" and isinstance(value, int) and 0 <= value < count:
         return value
+    if key == "order_offset" and isinstance(value, int) and 0 <= value <= MAX_ORDER_OFFSET:
+        return value
     if key == "modes" and value is None:
         return None
     if key == "modes" and isinstance(value, (list, tuple)) and value:
@@ -102,7 +110,8 @@ def _checked(key: str, value: Any, count: int, modes: int) -> Any:
             return tuple(sorted(set(value)))
     raise InputError(
         f"choices.{key} = {value!r} is not possible",
-        f"use microphone (0 to {count - 1}), modes (from 1 to {modes}), opacity (0.1 to 1) or, true or false,"
+        f"use microphone (0 to {count - 1}), modes (from 1 to {modes}), order_offset (0 to {MAX_ORDER_OFFSET}),"
+        " opacity (0.1 to 1) or, true or false,"
         f" {', '.join(SWITCHES)}",
         key=f"choices.{key}",
         value=value,

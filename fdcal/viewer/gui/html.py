@@ -7,7 +7,6 @@ from html import escape
 
 import numpy as np
 
-from ...graphics.heatmap import cost_label
 from ...graphics.units import ALL, format_mm
 from ...model.measurement import Measurement
 from ...model.validation import InputError
@@ -96,11 +95,6 @@ def error_text(measurement: Measurement, positions: np.ndarray, sought: np.ndarr
     if len(errors) == 1:
         return f"<b>{format_mm(errors[0])}</b>{aligned}"
     return f"mean <b>{format_mm(errors.mean())}</b>, largest {format_mm(errors.max())}{aligned}"
-
-
-def cost_unit(weights: str) -> str:
-    """Return the unit of the cost in brackets, as in "(dimensionless)"."""
-    return cost_label(weights).removeprefix("cost ")
 
 
 def cost_text(cost: float) -> str:

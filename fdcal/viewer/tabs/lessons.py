@@ -17,10 +17,11 @@ from ...session.lesson import Lesson, Setting, Step
 from ...session.request import OpenRequest
 from ..gui.html import complaint, error_message
 from ..gui.lesson_html import LETTERS, step_html
-from ..lesson_step import apply_setting
+from ..lesson_step import apply_setting, restore
 from ..server.client_values import one_of
 
 if TYPE_CHECKING:
+    from ..gui.choices import Choices
     from ..gui.layout import Panels
     from ..scene3d.nodes import SceneNodes
     from ..session_switch import SessionSwitcher
@@ -82,6 +83,7 @@ class LessonsTab:
         self._page, gui = page, page.panels.gui
         self._lessons = {lesson.title: lesson for lesson in lessons}
         self.progress, self._error = LessonProgress(), ""
+        self._before: Choices | None = None  # of the page before the first lesson
         self._pending: tuple[OpenRequest, list[Setting]] | None = None  # settings that wait for their scene
         with page.panels.tab("Lessons"):
             self.choice = gui.add_dropdown("Lesson", (NONE, *self._lessons), initial_value=NONE)
@@ -106,8 +108,14 @@ class LessonsTab:
 
     def start(self, title: str) -> None:
         """Start a lesson, by its title; any other text ends the present one."""
-        self.progress = LessonProgress(self._lessons.get(title))
+        viewer, lesson = self._page.viewer, self._lessons.get(title)
+        if viewer is not None and lesson is not None and self.progress.lesson is None:
+            self._before = viewer.binding.choices
+        self.progress = LessonProgress(lesson)
         self._set_up()
+        if viewer is not None and lesson is None and self._before is not None:
+            restore(self._before, viewer.main_panel)
+            self._before = None
 
     def go(self, where) -> None:
         """Go BACK or NEXT, or RESTORE the settings of the step; ignore anything else."""

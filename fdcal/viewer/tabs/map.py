@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import numpy as np
+
+from ...acoustics.fourier_bessel import max_order
+from ...cost.yardstick import ORDER_OFFSET, decibels
 from ...graphics.primitives import format_number
 from ...model import mode_ranges
 from ...model.validation import InputError
 from ..background.cost_maps import CostMap
+from ..background.prepare import PreparedRun
 from ..gui import html
 from ..gui.binding import Binding
-from ..gui.choices import FLOOR, NOTHING, RELIEF, SHAPE, Choices
+from ..gui.choices import FLOOR, MAX_ORDER_OFFSET, NOTHING, RELIEF, SHAPE, Choices
 from ..gui.legend_html import colour_bar
 from ..server.client_values import bounded, one_of
 
 SAME_AS_SOLVER, CUSTOM = "Same as solver", "Custom"
 KINDS = (FLOOR, RELIEF, SHAPE, NOTHING)
 LINEAR, LOG = "Linear", "Logarithmic"
+EQ7, OBJECTIVE = "Cost, Eq. 7", "Solver's objective"
+QUANTITIES: tuple[str, ...] = (EQ7, OBJECTIVE)
 SCALES: tuple[str, ...] = (LOG, LINEAR)
 NO_SEARCH = (
     "No map: the file has no search domain. Add search_origin, search_size, search_step and radius (metres) to the file"
@@ -30,6 +37,7 @@ class MapTab:
         self._possible = binding.run.problem.search is not None
         self._add_microphone()
         self._add_modes()
+        self._add_quantity()
         self._add_style()
         self.caption = binding.gui.add_html(colour_bar(None))
         self._show_relevant()
@@ -58,19 +66,32 @@ class MapTab:
         )
         self.text = binding.gui.add_text("Mode numbers", mode_ranges.to_text(modes), hint="For example 1-3, 5")
 
+    def _add_quantity(self) -> None:
+        gui, choices = self._binding.gui, self._binding.choices
+        self.quantity = gui.add_dropdown(
+            "Quantity", QUANTITIES, initial_value=OBJECTIVE if choices.objective else EQ7,
+            hint="Eq. 7 compares all solvers; the objective is what this solver minimises",
+        )  # fmt: skip
+        self.order = gui.add_slider(
+            "Extra orders", 0, MAX_ORDER_OFFSET, 1, choices.order_offset,
+            hint="Order of each mode L = ceil(k R) + this number; 0 is the paper's Eq. 3",
+        )  # fmt: skip
+
     def _add_style(self) -> None:
         gui, choices = self._binding.gui, self._binding.choices
-        self.kind = gui.add_dropdown("Show", KINDS, initial_value=_kind_of(choices), visible=self._possible)
+        self.kind = gui.add_dropdown("Show", KINDS, initial_value=kind_of(choices), visible=self._possible)
         self.scale = gui.add_dropdown("Scale", SCALES, initial_value=LOG if choices.style.log else LINEAR)
+        self.minima = gui.add_checkbox("Mark minima", choices.style.minima, hint="Mark and count the local minima")
         self.opacity = gui.add_slider("Opacity (%)", 10, 100, 5, round(100 * choices.style.opacity))
 
     def _show_relevant(self) -> None:
         """Hide the controls that have no effect on the kind of map, and all of them where there can be no map."""
         choices = self._binding.choices
-        kind = _kind_of(choices) if self._possible else NOTHING
+        kind = kind_of(choices) if self._possible else NOTHING
         self.which.visible = kind != NOTHING
         self.upto.visible = self.text.visible = choices.modes is not None and kind != NOTHING
-        self.scale.visible = kind in (FLOOR, RELIEF)
+        self.quantity.visible = self.scale.visible = self.minima.visible = kind in (FLOOR, RELIEF)
+        self.order.visible = kind in (FLOOR, RELIEF) and not choices.objective
         self.opacity.visible = kind in (FLOOR, SHAPE)
 
     def _listen(self) -> None:
@@ -80,8 +101,11 @@ class MapTab:
         binding.on(self.which, lambda value: self.choose_modes(self._in_use() if value == CUSTOM else None))
         binding.on(self.upto, lambda value: self.choose_modes(range(1, bounded(value, 1, binding.modes, 1) + 1)))
         binding.on(self.text, self._read)
+        binding.on(self.quantity, self.show_quantity)
+        binding.on(self.order, self.set_order)
         binding.on(self.kind, self.show_as)
         binding.on(self.scale, self.scale_as)
+        binding.on(self.minima, lambda value: self.mark_minima(bool(value)))
         binding.on(self.opacity, self.fade)
 
     @property
@@ -136,6 +160,21 @@ class MapTab:
         self._binding.choose(modes=modes, modes_error="")
         self.upto.value = modes[-1]
 
+    def show_quantity(self, value) -> None:
+        """Show EQ7 or OBJECTIVE."""
+        quantity = one_of(value, QUANTITIES, EQ7)
+        self._binding.choose(objective=quantity == OBJECTIVE)
+        self._show_relevant()
+        if self.quantity.value != quantity:
+            self.quantity.value = quantity
+
+    def set_order(self, value) -> None:
+        """Set what is added to ceil(k R) in the order of every mode of the map."""
+        offset = bounded(value, 0, MAX_ORDER_OFFSET, ORDER_OFFSET)
+        self._binding.choose(order_offset=offset)
+        if self.order.value != offset:
+            self.order.value = offset
+
     def show_as(self, value) -> None:
         """Show one of KINDS."""
         kind = one_of(value, KINDS, FLOOR)
@@ -151,6 +190,12 @@ class MapTab:
         self._binding.choose_style(log=scale == LOG)
         if self.scale.value != scale:
             self.scale.value = scale
+
+    def mark_minima(self, marked: bool) -> None:
+        """Mark and count the local minima, or not."""
+        self._binding.choose_style(minima=marked)
+        if self.minima.value != marked:
+            self.minima.value = marked
 
     def fade(self, value) -> None:
         """Set the opacity of the map, %."""
@@ -175,23 +220,34 @@ class MapTab:
         binding.sent["map"] = key
         reason = reason or (NO_SEARCH if not self._possible else "computing the map ..." if choices.shown else "no map")
         bar = colour_bar(drawn.floor.bar if drawn else None, reason)
-        text = html.complaint(choices.modes_error) + bar + caption(drawn, html.cost_unit(binding.weights))
+        text = html.complaint(choices.modes_error) + bar + caption(drawn, orders_text(binding.run, drawn))
         binding.send("caption of the map", text, self.caption, "content")
 
 
-def _kind_of(choices: Choices) -> str:
+def kind_of(choices: Choices) -> str:
+    """Return which of KINDS the choices ask for."""
     if not choices.shown:
         return NOTHING
     return RELIEF if choices.style.relief else SHAPE if choices.style.shape else FLOOR
 
 
-def caption(drawn: CostMap | None, unit: str) -> str:
+def orders_text(run: PreparedRun, drawn: CostMap | None) -> str:
+    """Return the orders of the modes of a map of Eq. 7, as "order L = 3 to 8, ceil(k R) + 2"; "" for others."""
+    if drawn is None or drawn.request.order_offset is None or run.problem.search is None:
+        return ""
+    k = run.problem.wavenumbers[np.asarray(drawn.request.modes) - 1]
+    orders = max_order(k, run.problem.search.radius, drawn.request.order_offset)
+    low, high = int(orders.min()), int(orders.max())
+    return f"order L = {low if low == high else f'{low} to {high}'}, ceil(k R) + {drawn.request.order_offset}"
+
+
+def caption(drawn: CostMap | None, orders: str = "") -> str:
     """Return what a map shows: its local minima, the cost at the estimated position, the lowest cost.
 
     Parameters
     ----------
     drawn : CostMap or None
-    unit : of the cost, in brackets
+    orders : of the modes, in words
 
     Returns
     -------
@@ -207,7 +263,12 @@ def caption(drawn: CostMap | None, unit: str) -> str:
     minima = "no local minimum" if not count else "1 local minimum" if count == 1 else f"{count} local minima"
     modes = len(request.modes)
     what = f"sum of {modes} modes" if modes > 1 else f"mode {request.modes[0]} alone"
-    return (
-        f"<div style='{html.CARD}'>microphone {request.microphone}, {what}: <b>{minima}</b> in the map<br>cost at the"
-        f" estimate <b>{format_number(drawn.cost_here, 4)}</b>, lowest {format_number(drawn.lowest, 4)} {unit}</div>"
-    )
+    if request.order_offset is None:
+        here, lowest = format_number(drawn.cost_here, 4), format_number(drawn.lowest, 4)
+    else:
+        here, lowest = (f"{decibels(cost):.1f} dB" for cost in (drawn.cost_here, drawn.lowest))
+    what = f"microphone {request.microphone}, {what}"
+    what += f": <b>{minima}</b> in the map" if request.style.minima else ""
+    lowest = f", lowest {lowest}" if request.style.minima else ""
+    orders = f"<br>{orders}" if orders else ""
+    return f"<div style='{html.CARD}'>{what}<br>cost at the estimate <b>{here}</b>{lowest}{orders}</div>"

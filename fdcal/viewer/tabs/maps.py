@@ -44,7 +44,7 @@ class MapsTab:
 
 def caption(drawn: CostMap | None) -> str:
     """Return what the maps show, as HTML."""
-    if drawn is None or drawn.costs is None:
+    if drawn is None or drawn.panels is None:
         return f"<div style='{CARD} opacity: 0.65'>no maps</div>"
     request, modes = drawn.request, len(drawn.request.modes)
     scale = "one scale for all maps" if request.style.shared else "each map with its own scale"

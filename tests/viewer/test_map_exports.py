@@ -1,0 +1,98 @@
+"""Map, thumbnails and exported files show the same minima and the same marks."""
+
+import dataclasses
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from browsing import WAIT
+from doubles import view_of
+from matplotlib.colors import to_rgb
+
+from fdcal import solvers
+from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.cost import landscapes
+from fdcal.graphics.markers import ESTIMATE, LOWEST
+from fdcal.session.request import OpenRequest
+from fdcal.viewer.background import exports, prepare
+from fdcal.viewer.background.cost_maps import IDLE_TIME, CostMapWorker
+from fdcal.viewer.gui.choices import Choices
+
+MICROPHONE, MODES = 9, (7, 9, 20)
+
+
+@pytest.fixture(scope="module")
+def snapshot(scene):
+    """The page on `tiny` with the map of a few modes, the array a little off the truth."""
+    measurement, solver = cached_measurement(scene), solvers.load("joint")
+    problem = measurement.problem()
+    state = solver.init(problem, scene.solver, 0)
+    away = 0.01 * np.random.default_rng(4).normal(size=measurement.positions.shape)
+    view = view_of([dataclasses.replace(state, positions=measurement.positions + away)])
+    run = prepare.PreparedRun(scene, measurement, problem, solver, SimpleNamespace(view=view), OpenRequest(scene))
+    choices = Choices(MICROPHONE, modes=MODES, order_offset=0)
+    return exports.ViewSnapshot(run, None, view, choices, MICROPHONE, None)
+
+
+@pytest.fixture(scope="module")
+def drawn(snapshot):
+    """The map as the page shows it once nothing changes."""
+    worker, wanted, began = CostMapWorker(snapshot.run), exports.map_request(snapshot), time.monotonic()
+    try:
+        while time.monotonic() - began < WAIT:
+            found, error = worker.newest(wanted, False, time.monotonic())
+            assert not error
+            if found is not None and found.fine:
+                return found
+            time.sleep(IDLE_TIME / 10)
+        pytest.fail("there is no fine map")
+    finally:
+        worker.close(WAIT)
+
+
+def test_the_file_for_paraview_has_the_map_of_the_screen(snapshot, drawn, tmp_path):
+    import pyvista
+
+    path = tmp_path / "map.vti"
+    path.write_bytes(exports.KINDS["Map (VTI for ParaView)"].make(snapshot))
+    grid = pyvista.read(path)
+    assert grid.dimensions[:2] == drawn.floor.rgb.shape[1::-1], "as fine as the screen"
+    total = grid["sum"].reshape(drawn.panels.total.shape)
+    np.testing.assert_allclose(total, drawn.panels.total, rtol=1e-6)
+    assert np.allclose(grid.points[grid["sum"].argmin()][:2], drawn.floor.minimum)
+    places = landscapes.map_positions(landscapes.local_minima(total.astype(float)), drawn.panels.search)
+    assert np.allclose(places, drawn.floor.minima) and len(places) == drawn.minima
+    assert path.stat().st_size < 30e6
+
+
+def test_the_figure_has_the_marks_of_the_page(snapshot, drawn, monkeypatch):
+    figures = []
+    monkeypatch.setattr(exports, "figure_bytes", lambda figure, _: figures.append(figure) or b"")
+    exports.KINDS["Maps as in Fig. 1 (PNG)"].make(snapshot)
+    panels = [axes for axes in figures[0].axes if axes.images]
+    assert len(panels) == len(MODES) + 1
+    for axes, cost in zip(panels, [*drawn.panels.maps, drawn.panels.total], strict=True):
+        lines = {line.get_label(): line for line in axes.lines}
+        row, column = np.unravel_index(cost.argmin(), cost.shape)
+        lowest = landscapes.map_positions(np.array([[row, column]]), drawn.panels.search)[0]
+        assert np.allclose(lines["lowest cost"].get_xydata()[0], lowest)
+        assert np.allclose(lines["true"].get_xydata()[0], snapshot.run.measurement.positions[MICROPHONE])
+        estimate = snapshot.view.state.positions[MICROPHONE]
+        assert np.allclose(lines["estimate"].get_xydata()[0], estimate) and lines["estimate"].get_marker() == "x"
+        assert np.allclose(to_rgb(lines["estimate"].get_color()), np.array(ESTIMATE) / 255), (
+            "a red cross is an estimate"
+        )
+        assert np.allclose(to_rgb(lines["lowest cost"].get_color()), np.array(LOWEST) / 255)
+        assert axes.images[0].get_array().shape == cost.shape, "as fine as the screen"
+    assert np.allclose(
+        {line.get_label(): line for line in panels[-1].lines}["lowest cost"].get_xydata()[0], drawn.floor.minimum
+    )
+
+
+def test_the_thumbnails_are_of_the_lattice_of_the_map(snapshot, drawn):
+    assert drawn.panels.maps.shape == (3, *drawn.panels.total.shape) and drawn.panels.modes == MODES
+    np.testing.assert_allclose(drawn.panels.maps.sum(axis=0), drawn.panels.total)
+    row, column = np.unravel_index(drawn.panels.total.argmin(), drawn.panels.total.shape)
+    lowest = landscapes.map_positions(np.array([[row, column]]), drawn.panels.search)[0]
+    assert np.allclose(lowest, drawn.floor.minimum)
