@@ -22,6 +22,7 @@ from websockets.sync.client import connect
 from fdcal import solvers
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.cost import landscapes
+from fdcal.cost.yardstick import ORDER_OFFSET
 from fdcal.graphics.picture import compose
 from fdcal.model.scene_file import scene_folder
 from fdcal.session import session_file
@@ -145,7 +146,7 @@ def test_the_diamond_marks_the_lowest_cost(page, scene):
     problem, descent = cached_measurement(scene).problem("unit"), solvers.load("descent")
     state = descent.use_modes(problem, descent.init(problem, scene.solver, 0), 1, 4, True)  # what the page shows
     fine = landscapes.refined(scene.search)
-    cost = sum(landscapes.fine_landscape(problem, None, state, 5, mode, fine) for mode in (2, 3, 4, 6))
+    cost = landscapes.cost_maps(problem, descent, state, 5, (2, 3, 4, 6), ORDER_OFFSET, fine).sum(axis=0)
     lowest = landscapes.map_positions(np.array([np.unravel_index(cost.argmin(), cost.shape)]), fine)[0]
     stands(page, "/lowest", lowest.tolist(), 1e-4)
 

@@ -28,7 +28,7 @@ from ...session.request import OpenRequest
 from ...session.worker import LatestWorker
 from ..gui import html
 from ..gui.choices import PICTURE, Choices
-from .cost_maps import fine_panels, map_label
+from .map_panels import fine_panels, map_label
 from .map_request import CostMapRequest
 from .prepare import PreparedRun
 

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from ...acoustics.fourier_bessel import max_order
-from ...cost.yardstick import ORDER_OFFSET, decibels
-from ...graphics.primitives import format_number
+from ...cost.yardstick import ORDER_OFFSET
 from ...model import mode_ranges
 from ...model.validation import InputError
 from ..background.cost_maps import CostMap
-from ..background.prepare import PreparedRun
 from ..gui import html
 from ..gui.binding import Binding
 from ..gui.choices import FLOOR, MAX_ORDER_OFFSET, NOTHING, RELIEF, SHAPE, Choices
 from ..gui.legend_html import colour_bar
+from ..gui.map_caption import caption, orders_text
 from ..server.client_values import bounded, one_of
 
 SAME_AS_SOLVER, CUSTOM = "Same as solver", "Custom"
@@ -229,46 +225,3 @@ def kind_of(choices: Choices) -> str:
     if not choices.shown:
         return NOTHING
     return RELIEF if choices.style.relief else SHAPE if choices.style.shape else FLOOR
-
-
-def orders_text(run: PreparedRun, drawn: CostMap | None) -> str:
-    """Return the orders of the modes of a map of Eq. 7, as "order L = 3 to 8, ceil(k R) + 2"; "" for others."""
-    if drawn is None or drawn.request.order_offset is None or run.problem.search is None:
-        return ""
-    k = run.problem.wavenumbers[np.asarray(drawn.request.modes) - 1]
-    orders = max_order(k, run.problem.search.radius, drawn.request.order_offset)
-    low, high = int(orders.min()), int(orders.max())
-    return f"order L = {low if low == high else f'{low} to {high}'}, ceil(k R) + {drawn.request.order_offset}"
-
-
-def caption(drawn: CostMap | None, orders: str = "") -> str:
-    """Return what a map shows: its local minima, the cost at the estimated position, the lowest cost.
-
-    Parameters
-    ----------
-    drawn : CostMap or None
-    orders : of the modes, in words
-
-    Returns
-    -------
-    str
-        HTML.
-    """
-    if drawn is None:
-        return ""
-    request, count = drawn.request, drawn.minima
-    if request.style.shape:
-        text = "Snapshot of the field reconstructed at the estimated positions (Eq. 6)"
-        return f"<div style='{html.CARD}'>{text}</div>"
-    minima = "no local minimum" if not count else "1 local minimum" if count == 1 else f"{count} local minima"
-    modes = len(request.modes)
-    what = f"sum of {modes} modes" if modes > 1 else f"mode {request.modes[0]} alone"
-    if request.order_offset is None:
-        here, lowest = format_number(drawn.cost_here, 4), format_number(drawn.lowest, 4)
-    else:
-        here, lowest = (f"{decibels(cost):.1f} dB" for cost in (drawn.cost_here, drawn.lowest))
-    what = f"microphone {request.microphone}, {what}"
-    what += f": <b>{minima}</b> in the map" if request.style.minima else ""
-    lowest = f", lowest {lowest}" if request.style.minima else ""
-    orders = f"<br>{orders}" if orders else ""
-    return f"<div style='{html.CARD}'>{what}<br>cost at the estimate <b>{here}</b>{lowest}{orders}</div>"

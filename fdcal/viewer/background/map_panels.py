@@ -1,0 +1,83 @@
+"""The maps of single modes and of their sum that belong to one request, and what they are called."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...cost import landscapes
+from ...graphics.heatmap import cost_label
+from ...model.settings import Search
+from ...model.validation import InputError
+from .map_request import CostMapRequest
+from .prepare import PreparedRun
+
+MAX_PANELS = 9  # maps of single modes that are drawn one by one
+
+
+@dataclass(frozen=True)
+class ModePanels:
+    """Maps of single modes, on the lattice of the map on the floor.
+
+    Attributes
+    ----------
+    modes : (K,) int, counted from 1
+    maps : (K, ny, nx) float64
+    total : (ny, nx) float64, the sum over all modes of the request
+    search : Search, the lattice
+    """
+
+    modes: tuple[int, ...]
+    maps: np.ndarray
+    total: np.ndarray
+    search: Search
+
+
+def map_label(run: PreparedRun, request: CostMapRequest) -> str:
+    """Return name and unit of what a map shows."""
+    if request.order_offset is not None:
+        return "cost, Eq. 7 (dB)" if request.style.log else "cost, Eq. 7 (relative to the power)"
+    if run.solver.TRAITS.uses_likelihood:
+        return "negative log-likelihood of the solver"
+    return cost_label(run.scene.solver.weights).replace("cost", "cost of the solver")
+
+
+def shown_modes(count: int, most: int = MAX_PANELS) -> np.ndarray:
+    """Return which of `count` maps are drawn one by one, evenly spaced : indices."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
+
+
+def fine_panels(
+    run: PreparedRun, request: CostMapRequest, cancelled: Callable[[], bool] = lambda: False, most: int = MAX_PANELS
+) -> ModePanels | None:
+    """Return the maps of a request on a lattice as fine as the screen, computed mode by mode; None once cancelled.
+
+    Parameters
+    ----------
+    run : PreparedRun
+    request : CostMapRequest
+    cancelled : tells whether the maps are no longer wanted
+    most : maps of single modes that are kept
+
+    Raises
+    ------
+    InputError
+        There is no search domain, or a mode cannot be shown at the order of the request.
+    """
+    problem, modes, offset = run.problem, request.modes, request.order_offset
+    if problem.search is None:
+        raise InputError("there is no map without a search domain", "give <search> and <radius>", key="search")
+    search, shown = landscapes.refined(problem.search), set(shown_modes(len(modes), most).tolist())
+    power = np.sum(np.abs(problem.pressures[np.asarray(modes) - 1]) ** 2, axis=1)
+    share = power / power.sum() if offset is not None else np.ones(len(modes))
+    total, kept = np.zeros(1), []
+    for i, mode in enumerate(modes):
+        if cancelled():
+            return None
+        cost = landscapes.cost_maps(problem, run.solver, request.state, request.microphone, (mode,), offset, search)[0]
+        total = total + share[i] * cost
+        if i in shown:
+            kept.append(share[i] * cost)
+    return ModePanels(tuple(modes[i] for i in sorted(shown)), np.stack(kept), total, search)
