@@ -25,11 +25,11 @@ COMMANDS = {
     "landscape": ["landscape fig1_square --microphone 16 --mode-numbers 20,40,57 -o picture.png"],
     "descent-stalls": [
         "calibrate array1_circle --solver descent -o result.json",
-        "snapshot array1_circle --result result.json --microphone 8 --view close -o picture.png",
+        "snapshot array1_circle --result result.json --microphone 8 --view top -o picture.png",
     ],
     "all-at-once": [
         "calibrate array1_circle --solver joint -o result.json",
-        "snapshot array1_circle --result result.json --microphone 8 --view close -o picture.png",
+        "snapshot array1_circle --result result.json --microphone 8 --view top -o picture.png",
     ],
     "ball": [
         "calibrate ball3d -o result.json",

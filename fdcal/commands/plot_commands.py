@@ -120,8 +120,7 @@ def snapshot(scene, result, microphone, view, size, output, force):
     from ..graphics.heatmap import cost_floor
     from ..graphics.picture import compose
     from ..graphics.snapshot import render
-    from ..graphics.units import error_summary
-    from .plotting import shown_positions, summed_landscape
+    from .plotting import error_title, shown_positions, summed_landscape
 
     measurement, scene_shown = inputs.measurement, inputs.scene
     if scene_shown is None:
@@ -129,7 +128,7 @@ def snapshot(scene, result, microphone, view, size, output, force):
     positions, title, floor = None, scene_shown.title, None
     if found is not None:
         positions = shown_positions(measurement, found)
-        title += f": {error_summary(measurement, positions)}"
+        title += f": {error_title(measurement, found)}"
     if microphone is not None:
         n = microphone_number(microphone, measurement.count)
         modes = inputs.settings.modes if found is None else len(found.frequencies)

@@ -7,6 +7,7 @@ import numpy as np
 from ..assessment.calibration import Calibration
 from ..assessment.field_map import FieldMap, field_map
 from ..cost.mode_limits import require_modes, search_lattice
+from ..graphics.units import error_summary
 from ..model.measurement import Measurement
 from ..model.validation import InputError
 from ..session.sources import CalibrationInput
@@ -30,6 +31,12 @@ def shown_positions(measurement: Measurement, result: Calibration | None) -> np.
     if measurement.positions is None:
         raise InputError("the measurement holds no true positions", "give those of a result: <result>", key="result")
     return measurement.positions
+
+
+def error_title(measurement: Measurement, result: Calibration) -> str:
+    """Return the errors of a result in words, over the microphones that `fdcal calibrate` averages."""
+    given = [n for n, name in enumerate(measurement.names) if name in (result.known or ())]
+    return error_summary(measurement, result.positions_for(measurement), result.counted(given))
 
 
 def summed_landscape(inputs: CalibrationInput, positions: np.ndarray, n: int, modes: int) -> np.ndarray:
