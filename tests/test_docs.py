@@ -90,7 +90,7 @@ def test_every_command_and_option_of_a_page_is_there(page):
     for line in re.findall(r"(?:^|`|&& |\.venv/bin/)fdcal ((?!COMMAND)[a-z]+[^`\n]*)", text_of(page), re.MULTILINE):
         name = line.split()[0]
         assert name in commands.commands, line
-        given = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", line.partition(" && ")[0]))
+        given = set(re.findall(r"(?<![\w-])--[a-z][a-z0-9-]*", line.partition(" && ")[0]))
         assert given <= options(name) | {"--debug", "--help"}, line
 
 
@@ -144,7 +144,7 @@ def test_every_solver_is_described(name):
 def test_every_command_is_documented_with_its_options(name):
     (usage,) = re.findall(rf"^\| `fdcal {name}([^`]*)` \|", COMMANDS, re.MULTILINE)
     known = {text for option in commands.commands[name].params for text in option.opts if text.startswith("-")}
-    documented = set(re.findall(r"(?<![\w-])--?[a-z-]+", usage))
+    documented = set(re.findall(r"(?<![\w-])--?[a-z][a-z0-9-]*", usage))
     assert documented <= known
     required = [p for p in commands.commands[name].params if isinstance(p, click.Option) and p.required]
     for option in required:
@@ -203,7 +203,7 @@ def test_every_option_of_import_is_documented():
 
 def test_every_option_told_is_there():
     known = options("import") | options("calibrate") | options("export")
-    assert set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", RECORDING)) <= known
+    assert set(re.findall(r"(?<![\w-])--[a-z][a-z0-9-]*", RECORDING)) <= known
 
 
 def test_every_suffix_of_positions_is_told():
