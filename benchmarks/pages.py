@@ -26,12 +26,18 @@ ARGUMENTS = (
 class Served:
     """`fdcal view` of a scene, its solver changed; a context manager. `stopped_in` is how long Ctrl-C took, s."""
 
-    def __init__(self, scene: str, solver: dict[str, str], watched: bool = False, cold: bool = False):
-        """`watched` keeps a `log` (see `benchmarks.watched`); `cold` gives it empty caches."""
+    def __init__(
+        self, scene: str, solver: dict[str, str], watched: bool = False, cold: bool = False, own_cache: bool = False
+    ):
+        """`watched` keeps a `log` (see `benchmarks.watched`); `cold` gives it empty caches, `own_cache` an empty
+        folder for measurements and for the log of errors alone."""
         self._folder = Path(tempfile.mkdtemp())
         self._scene = _changed(scene, solver, self._folder) if solver else scene
         self._errors, self.stopped_in, self._watched = self._folder / "errors", 0.0, watched
         self._log, self._environment = self._folder / "log", {**os.environ, "PYTHONUNBUFFERED": "1"}
+        self._error_log = self._folder / "FDCAL_CACHE" / "view.log"
+        if own_cache:
+            self._environment["FDCAL_CACHE"] = str(self._error_log.parent)
         if cold:
             self._environment |= {name: str(self._folder / name) for name in ("FDCAL_CACHE", "NUMBA_CACHE_DIR")}
 
@@ -75,8 +81,11 @@ class Served:
         return {int(task.name) for task in Path(f"/proc/{self._process.pid}/task").iterdir()}
 
     def complaints(self) -> list[str]:
-        """Lines on the server's standard error that report errors."""
+        """Lines on the server's standard error, and in a log of its own, that report errors."""
         lines = self._errors.read_text(encoding="utf-8", errors="replace").splitlines()
+        if self._error_log.exists():
+            logged = self._error_log.read_text(encoding="utf-8", errors="replace").splitlines()
+            lines += [line for line in logged if " ERROR " in line]
         return [line for line in lines if any(word in line for word in ("rror", "Traceback", "xception", "details in"))]
 
 

@@ -51,12 +51,14 @@ class ProtocolPage:
     ----------
     connection : ClientConnection
     controls : dict, the newest control of each label
+    nodes : set, the names of the nodes of the scene that have been added
     received : dict, how many messages of each type have come
     """
 
     def __init__(self, address: str):
         self.connection = connect(address)
         self.controls: dict[str, str] = {}
+        self.nodes: set[str] = set()
         self.received: dict[str, int] = {}
         self._thread = threading.Thread(target=self._read, daemon=True)
 
@@ -87,5 +89,7 @@ class ProtocolPage:
             for message in messages(self.connection, None):
                 kind, label = message["type"], (message.get("props") or {}).get("label")
                 self.received[kind] = self.received.get(kind, 0) + 1
+                if "props" in message and "name" in message:
+                    self.nodes.add(message["name"])
                 if kind.startswith("Gui") and label is not None and "uuid" in message:
                     self.controls[label] = message["uuid"]

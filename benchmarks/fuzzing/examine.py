@@ -20,7 +20,8 @@ from fdcal.model.validation import InputError, StorageError
 from .mutations import broken
 from .readers import READERS, Reader
 
-SECONDS = 10  # of one file
+SECONDS = 10  # of processor time for one file
+WAIT = 120  # s for one file on any clock, for a reader that waits for something
 KILOBYTES = 1_000_000  # by which memory may grow
 LONGEST = 2000  # characters of a message
 
@@ -32,15 +33,18 @@ class Hang(Exception):
 @contextlib.contextmanager
 def _alarm() -> Iterator[None]:
     def ring(*_):
-        raise Hang(f"more than {SECONDS} s")
+        raise Hang(f"more than {SECONDS} s of processor time, or {WAIT} s in all")
 
-    before = signal.signal(signal.SIGALRM, ring)
-    signal.alarm(SECONDS)
+    before = {number: signal.signal(number, ring) for number in (signal.SIGALRM, signal.SIGPROF)}
+    signal.setitimer(signal.ITIMER_PROF, SECONDS)
+    signal.setitimer(signal.ITIMER_REAL, WAIT)
     try:
         yield
     finally:
-        signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def fault_of(reader: Reader, path: Path) -> str:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import tempfile
+import warnings
+import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,8 +16,11 @@ from fdcal.assessment.result_file import load_result, save_result
 from fdcal.model.measurement import Measurement
 from fdcal.model.measurement_file import load_measurement, save_measurement
 from fdcal.model.scene_file import load_scene, scene_folder
+from fdcal.model.sdm_response import load_sdm_response
 from fdcal.model.settings import Search, SolverSettings
+from fdcal.model.validation import InputError
 from fdcal.recordings import formats
+from fdcal.recordings.formats import xml_geometry
 from fdcal.recordings.formats.table import read_positions
 from fdcal.recordings.recording import read_samples
 from fdcal.session import session_file
@@ -133,6 +139,67 @@ def _copy(source: Path) -> Callable[[Path], object]:
     return lambda path: path.write_bytes(source.read_bytes())
 
 
+def _make_meshrir(path: Path) -> None:
+    """Write the files of a folder of MeshRIR into one archive, so that they can be broken like others."""
+    rng = np.random.default_rng(0)
+    arrays = {"pos_mic": rng.normal(size=(4, 3)), "pos_src": rng.normal(size=(2, 3))}
+    np.savez(path, **arrays, **{f"ir_{n}": rng.normal(size=(2, 50)) for n in range(4)})
+
+
+def _read_meshrir(path: Path) -> None:
+    """Read a folder with the files of an archive; an archive that cannot be unpacked is no folder."""
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) / "mesh"
+        place.mkdir()
+        try:
+            with zipfile.ZipFile(path) as archive:
+                for name in archive.namelist():
+                    (place / Path(name).name).write_bytes(archive.read(name))
+        except Exception as error:
+            raise InputError(f"{path.name} is no archive", "mend it") from error
+        _read_recording(place)
+
+
+def _make_sdm(path: Path) -> None:
+    from scipy.io import savemat
+
+    rng, samples = np.random.default_rng(0), 200
+    pressure = rng.normal(size=samples) * np.exp(-np.arange(samples) / 20)
+    angles = {"azi_rad": rng.uniform(-3, 3, samples), "ele_rad": rng.uniform(-1.5, 1.5, samples)}
+    savemat(path, {"p": pressure, **angles, "fs": 48000.0})
+
+
+def _read_sdm(path: Path) -> None:
+    found = load_sdm_response(path)
+    _finite(found.amplitudes, found.directions, found.times)
+    assert len(found.amplitudes) == len(found.directions) and found.sample_rate > 0
+    _finite(formats.render(path, ("a", "b"), np.array([[0.0, 0, 0], [0.1, 0, 0]]), 343.0).sample_rate)
+
+
+def _make_sofa(path: Path) -> None:
+    import sofar
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        sofa = sofar.Sofa("GeneralFIR")
+        sofa.Data_IR, sofa.Data_SamplingRate = SAMPLES[None], 8000.0
+        sofa.Data_Delay = np.zeros((1, len(SAMPLES)))
+        sofa.ReceiverPosition = np.random.default_rng(1).uniform(-1, 1, (len(SAMPLES), 3))
+        sofa.ReceiverPosition_Type = "cartesian"
+        sofar.write_sofa(str(path), sofa)
+
+
+def _make_geometry(path: Path) -> None:
+    microphones = "".join(f'<pos Name="m{n}" x="{n / 10}" y="-1e-1" z="0.5"/>\n' for n in range(5))
+    path.write_text(f'<?xml version="1.0" encoding="utf-8"?>\n<MicArray name="fuzz">\n{microphones}</MicArray>\n')
+
+
+def _read_geometry(path: Path) -> None:
+    names, positions = xml_geometry.read_positions(path)
+    assert len(names) == len(set(names)) == len(positions)
+    _finite(positions)
+
+
 def _make_recordings(path: Path) -> None:
     np.savez(path, recordings=SAMPLES, sample_rate=8000.0, names=np.array(list("abc")), kind="impulse")
 
@@ -149,4 +216,8 @@ READERS = {
     "wav": Reader(".wav", _make_sound, _read_recording),
     "flac": Reader(".flac", _make_sound, _read_recording),
     "hdf5": Reader(".h5", _make_hdf5, _read_recording, apart=True),
+    "sofa": Reader(".sofa", _make_sofa, _read_recording, apart=True),
+    "meshrir": Reader(".npz", _make_meshrir, _read_meshrir),
+    "sdm": Reader(".mat", _make_sdm, _read_sdm, apart=True),
+    "geometry": Reader(".xml", _make_geometry, _read_geometry),
 }

@@ -24,7 +24,7 @@ def text_scale(size: tuple[int, int]) -> float:
 def font(points: float) -> ImageFont.FreeTypeFont:
     """Return the font of all texts in a size in pixels."""
     folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
-    return ImageFont.truetype(folder / "DejaVuSans.ttf", max(points, SMALLEST_FONT))
+    return ImageFont.truetype(str(folder / "DejaVuSans.ttf"), max(points, SMALLEST_FONT))
 
 
 def margins(size: tuple[int, int], has_bar: bool) -> tuple[float, float, float, float]:

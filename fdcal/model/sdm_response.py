@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .validation import InputError, StorageError, require_array
+from .validation import InputError, StorageError, require_array, shown
 
 KEYS = ("p", "azi_rad", "ele_rad", "fs")
 
@@ -122,7 +122,8 @@ def require_unwrapped(pressure: np.ndarray, start: int, path: str = "response") 
     The sound of a room dies away. If the last samples are louder than the quietest ones after the direct sound, they
     are the beginning of the response, from a circular deconvolution, and the waves of the file are in a wrong order.
     """
-    peaks = np.array([np.abs(part).max() for part in np.array_split(pressure[start:], THRESHOLDS.segments)])
+    segments = min(THRESHOLDS.segments, len(pressure) - start)
+    peaks = np.array([np.abs(part).max() for part in np.array_split(pressure[start:], segments)])
     if len(pressure) - start < len(pressure) / 2 or peaks[-1] > THRESHOLDS.end_peak * peaks.min():
         raise InputError(
             f"{path}: the response wraps round: its beginning is at the end of the file",
@@ -149,7 +150,9 @@ def _variables(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
             raise InputError(problem, "give one direction for each sample", key=key)
     if len(rate) != 1 or not THRESHOLDS.min_sample_rate <= rate[0] <= THRESHOLDS.max_sample_rate:
         low, high = THRESHOLDS.min_sample_rate, THRESHOLDS.max_sample_rate
-        raise InputError(f"{path}: fs = {rate.tolist()} is no sampling rate", f"use {low:g} to {high:g} Hz", key="fs")
+        raise InputError(
+            f"{path}: fs = {shown(rate.tolist())} is no sampling rate", f"use {low:g} to {high:g} Hz", key="fs"
+        )
     return pressure, azimuth, elevation, float(rate[0])
 
 

@@ -25,7 +25,7 @@ from .. import solvers
 from ..model.from_table import build
 from ..model.problem import Problem
 from ..model.settings import SolverSettings
-from ..model.validation import InputError, shown
+from ..model.validation import InputError, shown, shown_literal
 from ..solvers.interface import RunState
 from .request import plain
 from .state_values import NUMERIC_KINDS, StateReader
@@ -146,8 +146,8 @@ def _states_of(table: Any, members: list[str], reader: StateReader) -> list[RunS
         raise InputError("states.kinds must be tables with solver and fields", key="states.kinds")
     name, columns = table.get("solver"), table["fields"]
     if name not in members:
-        remedy = f'the scene has solver.name = "{"+".join(members)}"'
-        raise InputError(f"states are of solver {str(name)[:40]!r}", remedy, key="states.kinds", value=name)
+        remedy = f"the scene has solver.name = {shown_literal('+'.join(members))}"
+        raise InputError(f"states are of solver {shown_literal(name)}", remedy, key="states.kinds", value=name)
     State, what = solvers.load(name).State, f"states of {name}"
     reader.require_fields(what, columns, State)
     lengths = {len(column) if isinstance(column, list) else -1 for column in columns.values()}

@@ -53,7 +53,7 @@ class StateReader:
         names = {field.name for field in dataclasses.fields(Record)}
         if not isinstance(table, dict) or set(table) != names:
             odd = ", ".join(sorted(set(table) ^ names)) if isinstance(table, dict) else "all fields"
-            problem = f"{key}: fields that differ from those of this version of fdcal: {odd}"
+            problem = f"{key}: fields that differ from those of this version of fdcal: {shown(odd, 300)}"
             raise InputError(problem, "open the file with the version that wrote it", key=key)
 
     def record(self, key: str, table: Any, Record: type) -> Any:

@@ -35,7 +35,7 @@ def test_the_same_case_breaks_a_file_the_same_way():
     ],
 )
 def test_a_reader_at_fault_is_found(read, words, tmp_path, monkeypatch):
-    monkeypatch.setattr(examine, "SECONDS", 1)
+    monkeypatch.setattr(examine, "WAIT", 1)
     path = tmp_path / "file"
     path.touch()
     assert words in examine.fault_of(Reader("", print, read), path)

@@ -7,6 +7,7 @@ import pytest
 
 import fdcal
 from fdcal.commands.cli import main
+from fdcal.recordings.formats import xml_geometry
 from fdcal.recordings.positions_file import read_positions
 
 ACOULAR = """<?xml version="1.0" encoding="utf-8"?>
@@ -40,6 +41,9 @@ def test_microphones_without_names_of_their_own_are_numbered(tmp_path, names):
     [
         ("-1e-1", "left", 'x = "left" of microphone 1'),
         ("-1e-1", "nan", 'x = "nan" of microphone 1'),
+        ("-1e-1", "1_0", 'x = "1_0" of microphone 1'),
+        ("-1e-1", "[" * 3000, 'x = "[['),
+        ('encoding="utf-8"', 'encoding="utf' + "f" * 3000 + '"', "not valid XML"),
         ('y="-0.2"', "", 'y = "" of microphone 1'),
         ("<pos", "<mic", "no <pos>"),
         ("</MicArray>", "", "not valid XML"),
@@ -49,7 +53,12 @@ def test_microphones_without_names_of_their_own_are_numbered(tmp_path, names):
 def test_a_broken_geometry_is_refused(tmp_path, old, new, problem):
     with pytest.raises(fdcal.InputError) as caught:
         read_positions(written(tmp_path, ACOULAR.replace(old, new)))
-    assert problem in str(caught.value)
+    assert problem in str(caught.value) and len(str(caught.value)) < 1000 + len(str(tmp_path))
+
+
+def test_a_geometry_without_end_is_refused():
+    with pytest.raises((fdcal.InputError, fdcal.StorageError), match="/dev/zero"):
+        xml_geometry.read_positions("/dev/zero")
 
 
 def test_another_suffix_or_no_file_is_refused(tmp_path):

@@ -8,6 +8,7 @@ import io
 import json
 import pickle
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -199,6 +200,8 @@ def put_inside(record, key, value):
         (lambda table: table["states"].update(order=[0] * 9999), "order"),
         (lambda table: states_of(table).pop("cost"), "cost"),
         (lambda table: states_of(table).update(__class__=[1]), "version"),
+        (lambda table: states_of(table).update({"[" * 3000: [1]}), "version"),
+        (lambda table: table["scene"]["solver"].update(name="joint" + ".a" * 3000), "solver"),
         (lambda table: states_of(table)["cost"].pop(), "length"),
         (put("first", 0), "first"),
         (put("last", 10**30), "last"),
@@ -225,6 +228,7 @@ def test_a_changed_table_is_refused(folder, change, word):
     with pytest.raises(InputError, match=word) as caught:
         session_file.read(folder(change))
     assert "\n" not in str(caught.value) and "session.json" in str(caught.value)
+    assert len(str(caught.value)) < 1000 + len(str(Path.cwd()))
 
 
 @pytest.mark.parametrize(

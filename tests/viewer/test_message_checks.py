@@ -33,6 +33,17 @@ def test_a_value_that_is_not_plain_is_refused(value):
     assert not message_checks.is_acceptable({**message, "uuid": value})
 
 
+@pytest.mark.parametrize("kind", ["GuiUpdateMessage", "GuiButtonHoldMessage", "CommandTriggerMessage"])
+@pytest.mark.parametrize("name", [{"value": 1}, [0, 0], 1.5, None], ids=repr)
+def test_a_control_is_named_by_a_text(kind, name):
+    assert not message_checks.is_acceptable({"type": kind, "uuid": name, "updates": {"value": 1}})
+
+
+@pytest.mark.parametrize("name", [{"value": 1}, [0, 0], 1.5, None], ids=repr)
+def test_a_node_is_named_by_a_text(name):
+    assert not message_checks.is_acceptable({"type": "SceneNodeClickMessage", "name": name, "instance_index": 1})
+
+
 @pytest.mark.parametrize(
     "kind", ["FileTransferStartUpload", "ShareUrlRequest", "NoSuchMessage", "RunJavascriptMessage"]
 )

@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from ...model.microphones import MicrophonePositions
-from ...model.validation import InputError, StorageError
+from ...model.reading import read_bytes
+from ...model.validation import InputError, shown
+from .table import MOST_BYTES, NUMBER
 
 SUFFIXES = (".xml",)
 
@@ -44,11 +46,9 @@ def read_positions(path: str | Path) -> tuple[list[str], np.ndarray]:
         The file cannot be read.
     """
     try:
-        elements = tree.parse(path).getroot().findall("pos")
-    except OSError as error:
-        raise StorageError(f"cannot read {path}: {error.strerror}") from error
+        elements = tree.fromstring(read_bytes(path, MOST_BYTES)).findall("pos")
     except (tree.ParseError, ValueError, LookupError) as error:  # broken, or of an encoding that does not exist
-        raise InputError(f"{path} is not valid XML: {error}", key="positions", value=str(path)) from error
+        raise InputError(f"{path} is not valid XML: {shown(str(error))}", key="positions", value=str(path)) from error
     if not elements:
         raise InputError(f"{path} holds no <pos> inside its first element", "give a geometry of Acoular")
     places = [[_metres(path, element, axis, row) for axis in "xyz"] for row, element in enumerate(elements)]
@@ -60,12 +60,12 @@ def read_positions(path: str | Path) -> tuple[list[str], np.ndarray]:
 
 def _metres(path: str | Path, element: tree.Element, axis: str, row: int) -> float:
     text = element.get(axis, "0" if axis == "z" else "")
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
+    value = float(text) if NUMBER.fullmatch(text.strip()) else math.nan
     if not math.isfinite(value):
         raise InputError(
-            f'{path}: {axis} = "{text}" of microphone {row} is no number', "give metres", key="positions", value=text
+            f'{path}: {axis} = "{shown(text)}" of microphone {row} is no number',
+            "give metres",
+            key="positions",
+            value=text,
         )
     return value

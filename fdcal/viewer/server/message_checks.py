@@ -20,6 +20,7 @@ MAX_INTEGER = 2**53  # what a browser can count to
 MAX_ITEMS, MAX_DEPTH = 64, 4  # of one message
 MIN_LENGTH = 1e-9  # metres, of a direction and of a line of sight
 CAMERA = "ViewerCameraMessage"
+NAMES = ("uuid", "name")  # keys of a control and of a node
 COSTS = {  # of one message of each kind, in units of a control's update; other kinds are dropped
     CAMERA: 1.0,
     "GuiUpdateMessage": 1.0,
@@ -51,6 +52,8 @@ def decode(raw) -> dict[str, Any]:
 def is_acceptable(message: dict[str, Any]) -> bool:
     """Return whether a message is of a kind that the page sends, plain, finite, and a camera that can be used."""
     if message["type"] not in COSTS or not _is_plain(message, 0, itertools.count(1)):
+        return False
+    if not all(isinstance(message.get(key, ""), str) for key in NAMES):  # viser looks them up in a dictionary
         return False
     return message["type"] != CAMERA or _is_camera(message)
 

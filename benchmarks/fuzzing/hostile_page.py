@@ -1,0 +1,132 @@
+"""What a hostile page sends to `fdcal view`, from a seed, while an honest one wants answers.
+
+A case is one connection and the messages that it sends: messages of the page's own kinds with odd values, of kinds that
+only a server sends, with bytes broken, and no messages at all. After every tenth case the scene has to take on the
+colours that the honest page asks for; in the end a new page is served, and the server has logged no error.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import inspect
+
+import msgspec
+import numpy as np
+from viser import _messages
+from websockets.exceptions import ConnectionClosed
+
+from ..pages import Served
+from ..protocol import CAMERA, ProtocolPage, connect
+
+SCENE, GROWTH = "tiny", 1e9  # bytes
+MESSAGES_PER_CASE, CASES_PER_CHECK = 8, 10
+DRAWN = "LineSegmentsMessage"
+RETRY = 2.0  # s after which the honest page asks again: its control may have gone with a scene
+WORKING = ("Apply", "Save", "Start", "Restart")  # buttons that begin minutes of work, as they should
+KINDS = sorted(name for name, kind in vars(_messages).items() if inspect.isclass(kind) and name.endswith("Message"))
+ODD = (
+    None, True, False, 0, -1, 1, 2**31, 2**53 + 1, 2**63 - 1, -(2**63), 0.5, 1e20, 1e308, -1e308, float("nan"),
+    float("inf"), 5e-324, "", "x", "x" * 300, "\x00", "\u202e\x1b[31m", "</script>", "../../etc/passwd", b"", b"\xff",
+    [], [0, 0, 0], [1e308] * 3, [float("nan")] * 4, [[1]], [0] * 70, {}, {"value": 1}, {"visible": False},
+    {"label": "<b>"}, {1: 2}, {"a": {"b": {"c": {"d": {"e": 1}}}}},
+)  # fmt: skip
+POINTER = {"start_screen_pos": [0.1, 0.2], "end_screen_pos": [0.3, 0.4], "button": "left", "modifier": None}
+DRAG = {"start_position": [0, 0, 0], "end_position": [0.7, 0.5, 0], "instance_index": 4, "name": "/picking/0"}
+
+
+def hostile_messages(rng: np.random.Generator, uuids: list[str]) -> list[bytes | str]:
+    """Return what one hostile connection sends."""
+    return [_message(rng, uuids) for _ in range(MESSAGES_PER_CASE)]
+
+
+def _message(rng: np.random.Generator, uuids: list[str]) -> bytes | str:
+    content = _broken_message(_base_message(rng, uuids), rng)
+    try:
+        raw = msgspec.msgpack.encode(content)
+    except (OverflowError, TypeError):  # not for msgpack
+        raw = rng.bytes(20)
+    kind = int(rng.integers(12))
+    if kind == 0:
+        return rng.bytes(int(rng.integers(0, 300)))
+    if kind == 1:
+        return "text"
+    if kind == 2:
+        return raw[: int(rng.integers(0, len(raw)))]
+    if kind == 3:
+        place = int(rng.integers(len(raw)))
+        return raw[:place] + rng.bytes(int(rng.integers(1, 5))) + raw[place + 1 :]
+    return raw
+
+
+def _base_message(rng: np.random.Generator, uuids: list[str]) -> dict:
+    """Return a message of a kind that a page sends, or another one."""
+    uuid = uuids[int(rng.integers(len(uuids)))]
+    drag = {**POINTER, **DRAG, "phase": ("start", "update", "end")[int(rng.integers(3))]}
+    line = {"ray_origin": [0, 0, 5], "ray_direction": [0, 0, -1], "screen_pos": [0.5, 0.5], "button": "left"}
+    bases = [
+        {**CAMERA},
+        {"type": "GuiUpdateMessage", "uuid": uuid, "updates": {"value": ODD[int(rng.integers(len(ODD)))]}},
+        {"type": "SceneNodeDragMessage", **drag},
+        {"type": "SceneNodeClickMessage", "name": "/picking/0", "instance_index": 3, "modifier": None, **line},
+        {"type": "ScenePointerMessage", "event_type": "click", "modifier": None, **line},
+        {"type": "CommandTriggerMessage", "uuid": uuid},
+        {"type": "GuiButtonHoldMessage", "uuid": uuid, "frequency": 10.0},
+        {"type": KINDS[int(rng.integers(len(KINDS)))], "uuid": uuid, "name": "/room", "props": {}, "value": 1},
+    ]
+    return copy.deepcopy(bases[int(rng.integers(len(bases)))])
+
+
+def _broken_message(message: dict, rng: np.random.Generator) -> dict:
+    """Return a message with up to two keys given an odd value, taken out, or added."""
+    for _ in range(int(rng.integers(0, 3))):
+        key = sorted(message)[int(rng.integers(len(message)))]
+        kind = int(rng.integers(5))
+        if kind == 0 and len(message) > 1:
+            del message[key]
+        elif kind == 1:
+            message["extra"] = ODD[int(rng.integers(len(ODD)))]
+        elif key != "type" or kind == 2:
+            message[key] = ODD[int(rng.integers(len(ODD)))]
+    return message
+
+
+def page_faults(first: int, count: int) -> list[str]:
+    """Return what was wrong with a server in the cases `first` to `first + count - 1`; each is its seed."""
+    with Served(SCENE, {}, own_cache=True) as served:
+        with ProtocolPage(served.url) as page:
+            page.wait_for(lambda: "Dark page" in page.controls)
+            _require_answer(page, True)
+            memory = served.memory()
+            for case in range(first, first + count):
+                uuids = [uuid for label, uuid in sorted(page.controls.items()) if label not in WORKING]
+                _attack(served.url, hostile_messages(np.random.default_rng([case, 7]), uuids))
+                if (case + 1) % CASES_PER_CHECK == 0:
+                    try:
+                        _require_answer(page, case // CASES_PER_CHECK % 2 == 1)
+                    except (TimeoutError, ConnectionClosed) as error:
+                        return [f"page, cases {case + 1 - CASES_PER_CHECK} to {case}: {error}"]
+        found = [f"page, cases {first} to {first + count - 1}: {line}" for line in served.complaints()]
+        if served.memory() - memory > GROWTH:
+            found.append(f"page, cases {first} to {first + count - 1}: more than 1 GB")
+        with ProtocolPage(served.url) as page:
+            page.wait_for(lambda: "ReplayDoneMessage" in page.received)
+    return found
+
+
+def _attack(address: str, messages: list[bytes | str]) -> None:
+    with contextlib.suppress(ConnectionClosed), connect(address) as connection:
+        for message in messages:
+            connection.send(message)
+        connection.ping().wait(RETRY)  # the server has read them
+
+
+def _require_answer(page: ProtocolPage, dark: bool) -> None:
+    """Raise TimeoutError unless the server's main loop draws the scene in other colours."""
+    before = page.received.get(DRAWN, 0)
+    for attempt in range(30):
+        page.set("Dark page", dark == (attempt % 2 == 0))
+        with contextlib.suppress(TimeoutError):
+            page.wait_for(lambda: page.received.get(DRAWN, 0) > before, RETRY)
+            return
+    raise TimeoutError("the honest page is not answered")
