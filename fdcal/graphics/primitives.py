@@ -139,14 +139,19 @@ class ColourBar:
             span = self.high - self.low
             return _without_overlaps((float((v - self.low) / span), format_number(v, 4)) for v in values)
         decades = np.log10(self.high / self.low)
-        locator = LogLocator(subs=(1.0,) if decades > 3 else (1.0, 2.0, 5.0))
-        values = np.asarray(locator.tick_values(self.low, self.high))
-        values = values[(values >= self.low * (1 - 1e-9)) & (values <= self.high * (1 + 1e-9))]
-        if not 3 <= len(values) <= 6:  # within a decade the locator may return as many as ten
+        values = self._round_values((1.0, 2.0, 5.0) if decades <= 3 else (1.0,))
+        if len(values) > 6 and 2 < decades <= 3:
+            values = self._round_values((1.0, 3.0))
+        if decades <= 2 and not 3 <= len(values) <= 6:  # within a decade the locator may return as many as ten
             even = round_ticks(self.low, self.high, 4)
-            values = even[even >= self.low] if decades < 3 else values
+            values = even[even >= self.low]
         digits = 3 if decades > 0.05 else 5
         return _without_overlaps((float(np.log10(v / self.low) / decades), format_number(v, digits)) for v in values)
+
+    def _round_values(self, mantissas: tuple[float, ...]) -> np.ndarray:
+        """Return the values of the scale that are one of the mantissas times a power of ten."""
+        values = np.asarray(LogLocator(subs=mantissas).tick_values(self.low, self.high))
+        return values[(values >= self.low * (1 - 1e-9)) & (values <= self.high * (1 + 1e-9))]
 
 
 def format_number(value: float, digits: int) -> str:

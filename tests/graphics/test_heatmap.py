@@ -82,3 +82,11 @@ def read(text: str) -> float:
 def test_numbers_are_written_without_exponents_of_a_computer(value):
     text = format_number(value, 3)
     assert read(text) == pytest.approx(value, rel=6e-3) and "e" not in text and len(text) <= 8
+
+
+@pytest.mark.parametrize("low", [0.38, 1.0, 1.1, 3.0, 7.0])
+@pytest.mark.parametrize("decades", [1.0, 1.5, 2.1, 2.5, 2.9, 3.1, 4.0, 6.0])
+def test_the_ticks_of_a_logarithmic_scale_reach_over_most_of_it(low, decades):
+    shares = [share for share, _ in ColourBar(low, low * 10**decades, True, "").ticks]
+    assert len(shares) >= 3
+    assert shares[-1] - shares[0] > 0.5
