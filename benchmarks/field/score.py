@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.stats import chi2
 
 from .bound import bound
 from .cases import Case
@@ -28,7 +29,8 @@ class Score:
     outcome : "ran", "hang", "refused" or "crash"; seconds : of processor; verdict : its code; error, claim, limit :
     RMS error, claimed RMS error and Cramer-Rao bound of the healthy microphones, metres; right : the error is below
     5 mm or three times the bound; confidently_wrong : the verdict is good and should not be; named : every channel or
-    position at fault is named
+    position at fault is named; judged, covered : number of microphones that are sought and trusted, and of those inside
+    their ellipse of 95 %
     """
 
     outcome: str
@@ -40,6 +42,8 @@ class Score:
     right: bool = False
     confidently_wrong: bool = False
     named: bool = False
+    judged: int = 0
+    covered: int = 0
 
 
 def run_case(case: Case, limit_s: float = 60.0, arguments: tuple[str, ...] = ()) -> Score:
@@ -82,6 +86,7 @@ def _run(command, limit_s: float, output: Path) -> tuple[str, float]:
 
 def _scored(case: Case, result: dict, seconds: float) -> Score:
     x, claimed = np.array(result["positions"], float), np.array(result["uncertainty_m"], float)
+    found = x
     names, odd = [str(name) for name in result["names"]], _odd(result)
     fault = "" if case.spec.fault is None else case.spec.fault[0]
     sick = set(map(str, case.named)) if fault in FAULTY else set()
@@ -108,7 +113,21 @@ def _scored(case: Case, result: dict, seconds: float) -> Score:
         right=error < max(RIGHT_ERROR, 3 * limit),
         confidently_wrong=bool(result["verdict"] == "good" and wrong),
         named=bool(case.named) and set(map(str, case.named)) <= odd,
+        judged=int(np.sum(judged & healthy)),
+        covered=_covered(found, result.get("covariance_m2"), case, healthy, judged & healthy),
     )
+
+
+def _covered(found, covariance, case: Case, healthy, judged) -> int:
+    """Return how many of the microphones `judged` (N,) bool are inside their ellipse of 95 %."""
+    if covariance is None:
+        return 0
+    truth = _aligned(case.positions, found, healthy) if case.spec.blind else case.positions
+    shares = np.array(covariance, float)[judged]
+    usable = np.isfinite(shares).all(axis=(1, 2)) & (np.linalg.det(shares) > 0)
+    away = (found - truth)[judged][usable]
+    distance = np.einsum("na,nab,nb->n", away, np.linalg.inv(shares[usable]), away)
+    return int(np.sum(distance <= chi2.ppf(0.95, found.shape[1])))
 
 
 def _odd(result: dict) -> set[str]:

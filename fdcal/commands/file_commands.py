@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from ..model.validation import InputError
-from .options import force_option, output_option
+from .options import OPTIONS, force_option, output_option
 from .outputs import output_path
 from .parameter_types import RenamedChoice
 
@@ -14,7 +14,7 @@ from .parameter_types import RenamedChoice
 @click.argument("source", metavar="INPUT")
 @output_option("FILE.npz")
 @click.option("--frequencies", default="auto", show_default=True, metavar="auto|LO:HI", help="Band to choose from, Hz.")
-@click.option("--most", type=int, default=57, show_default=True, metavar="M", help="Greatest number of frequencies.")
+@click.option("--most", type=int, metavar="M", help="Greatest number of frequencies.  [default: 112; 90 in a plane]")
 @click.option(
     "--kind",
     type=RenamedChoice(["auto", "impulse", "stationary"], {"response": "impulse", "work": "stationary"}),
@@ -54,7 +54,7 @@ def import_(source, output, number, dimension, force, **options):
 
     measurement, report = import_recording(source, ImportOptions(source=number, dimension=int(dimension), **options))
     write_atomically(path, lambda file: save_measurement(measurement, file), force)
-    print(import_summary(measurement, report))
+    print(import_summary(measurement, report, OPTIONS))
     print(path)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..model.validation import InputError
 
-DEFAULT_COUNT = 57  # frequencies: as many as a calibration uses by default
+DEFAULT_COUNT = 57  # frequencies, where nothing is known of the microphones
 
 
 @dataclass(frozen=True)

@@ -1,23 +1,11 @@
-"""The options of an import, and what follows from them for a recording: sound speed, highest frequency and band.
-
-ImportOptions       plain data
-check_options       refuse values that are out of range
-sound_speed_of      the sound speed, m/s
-coordinate_count    number of coordinates of a microphone
-highest_frequency   the highest frequency that the array can interpolate
-frequency_band      the band from which frequencies are chosen
-"""
+"""The options of an import: `ImportOptions`, plain data, checked by `check_options`, and the sound speed."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from ..acoustics.fourier_bessel import f_max
 from ..model.validation import InputError, require_choice, require_positive
-from .frequency_selection import DEFAULT_COUNT
-from .recording import KINDS, OLD_KINDS, Recording, sound_speed
+from .recording import KINDS, OLD_KINDS, sound_speed
 
 
 @dataclass(frozen=True)
@@ -27,7 +15,9 @@ class ImportLimits:
     Attributes
     ----------
     low, high : float
-        Default band, Hz.
+        Default band, Hz, of an array of unknown or large radius.
+    phase : float
+        Largest k R of the default band of a small array, radians, which the solvers resolve.
     min_periods : float
         Periods of the lowest frequency in a recording, by default.
     max_frequency : float
@@ -37,18 +27,25 @@ class ImportLimits:
     min_celsius, max_celsius : float
     known_radius_factor : float
         Radius of an array relative to that of its known microphones.
+    coherent_radius_factor : float
+        Radius of an array relative to the one of its coherence, on the safe side.
+    overdetermination : float
+        Real equations of the default number of frequencies relative to the unknowns.
     max_count : int
         Number of frequencies.
     """
 
     low: float = 20.0
     high: float = 500.0
+    phase: float = 7.0
     min_periods: float = 4.0
     max_frequency: float = 0.45
     celsius: float = 20.0
     min_celsius: float = -60.0
     max_celsius: float = 80.0
     known_radius_factor: float = 1.2
+    coherent_radius_factor: float = 1.25
+    overdetermination: float = 30.0
     max_count: int = 2000
 
 
@@ -67,8 +64,8 @@ class ImportOptions:
         "auto", "none" or the rate of the exponential window, 1/s.
     kind : str
         "auto", or one of `fdcal.recordings.recording.KINDS`.
-    most : int
-        Greatest number of frequencies.
+    most : int or None
+        Greatest number of frequencies; `fdcal.recordings.frequency_range.default_count` unless given.
     temperature : float or None
         Degrees Celsius; gives the sound speed.
     sound_speed : float or None
@@ -93,7 +90,7 @@ class ImportOptions:
     frequencies: str = "auto"
     window: str = "auto"
     kind: str = "auto"
-    most: int = DEFAULT_COUNT
+    most: int | None = None
     temperature: float | None = None
     sound_speed: float | None = None
     source: int | None = None
@@ -117,7 +114,7 @@ def check_options(options: ImportOptions) -> None:
     require_choice("kind", options.kind, ("auto", *KINDS))
     if options.dimension not in (2, 3):
         raise InputError(f"dimension = {options.dimension} is unknown", "use one of 2, 3", key="dimension")
-    if not 1 <= options.most <= LIMITS.max_count:
+    if options.most is not None and not 1 <= options.most <= LIMITS.max_count:
         raise InputError(
             f"most = {options.most} is out of range", f"use 1 to {LIMITS.max_count}", key="most", value=options.most
         )
@@ -153,98 +150,3 @@ def sound_speed_of(in_file: float | None, options: ImportOptions) -> tuple[float
     if in_file is not None:
         return in_file, "according to the file"
     return sound_speed(LIMITS.celsius), f"at an assumed temperature of {LIMITS.celsius:g} degrees Celsius"
-
-
-def highest_frequency(
-    recording: Recording, options: ImportOptions, known_positions: np.ndarray | None, speed: float
-) -> tuple[float | None, str]:
-    """Return the highest frequency that the array can interpolate (Eq. 9), and which radius it follows from.
-
-    Parameters
-    ----------
-    recording : Recording
-    options : ImportOptions
-    known_positions : (A, D) float64 or None
-        Of the known microphones, metres.
-    speed : float
-        Sound speed, m/s.
-
-    Returns
-    -------
-    float or None, str
-        Hz, None where the radius is unknown; and the radius in words.
-    """
-    if options.array_radius is not None:
-        require_positive("array_radius", options.array_radius, "m")
-        radius, words = options.array_radius, "for the radius given"
-    else:
-        complete = recording.positions is not None
-        positions = recording.positions if complete else known_positions
-        radius = 0.0
-        if positions is not None:
-            radius = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
-        radius *= 1.0 if complete else LIMITS.known_radius_factor
-        share = f"{100 * (LIMITS.known_radius_factor - 1):.0f} % more than that of the known microphones"
-        words = f"for a radius of {radius:.2g} m, {'that of the positions in the file' if complete else share}"
-    if radius <= 0:
-        return None, "unknown without the radius of the array"
-    planar = coordinate_count(recording, options, known_positions) == 2
-    return f_max(recording.count, radius, speed, options.dimension, planar), words
-
-
-def coordinate_count(recording: Recording, options: ImportOptions, known_positions: np.ndarray | None) -> int:
-    """Return the number of coordinates of a microphone."""
-    positions = known_positions if recording.positions is None else recording.positions
-    return options.dimension if positions is None else positions.shape[1]
-
-
-def frequency_band(
-    recording: Recording, options: ImportOptions, limit: float | None, limit_from: str
-) -> tuple[float, float]:
-    """Return the lowest and the highest frequency, Hz.
-
-    Parameters
-    ----------
-    recording : Recording
-    options : ImportOptions
-    limit, limit_from
-        As of `highest_frequency`.
-
-    Raises
-    ------
-    InputError
-        The band is empty, or beyond what the recording or the array can hold.
-    """
-    top = min(LIMITS.max_frequency * recording.sample_rate, recording.highest or np.inf)
-    if options.frequencies == "auto":
-        low, high = max(LIMITS.low, LIMITS.min_periods / recording.duration), LIMITS.high
-        if limit is not None:  # a radius that was given may also raise it
-            high = limit if options.array_radius is not None else min(limit, LIMITS.high)
-        high = min(high, top)
-    else:
-        low, high = _given_band(options.frequencies)
-    if limit is not None and limit <= low:
-        raise InputError(
-            f"{recording.path}: {recording.count} microphones interpolate up to {limit:.3g} Hz {limit_from}, and the"
-            f" band begins at {low:g} Hz",
-            "give positions in metres, neither in degrees nor in millimetres",
-            key="frequencies",
-        )
-    if not 0 < low < high <= top:
-        raise InputError(
-            f"frequencies = {low:g}:{high:g} is no band that {recording.path} can hold",
-            f"use 0 < LO < HI <= {top:g} Hz",
-            key="frequencies",
-            value=options.frequencies,
-        )
-    return low, high
-
-
-def _given_band(text: str) -> tuple[float, float]:
-    try:
-        low, high = (float(part) for part in text.split(":"))
-    except ValueError:
-        raise InputError(
-            f'frequencies = "{text}" is no band', "write auto or LO:HI, as 20:300", key="frequencies", value=text
-        ) from None
-    return low, high

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..model.measurement import Measurement
 from ..model.power import mode_power
+from ..model.validation import word_arguments
 from .impulse_response import Pressures
 from .recording import Recording
+
+ARGUMENTS: Mapping[str, str] = {}  # by their own names
 
 
 @dataclass(frozen=True)
@@ -45,12 +49,20 @@ class ImportReport:
     highest_frequency_from: str
 
 
-def import_summary(measurement: Measurement, report: ImportReport) -> str:
-    """Return what was imported in words, one fact per line."""
+def import_summary(measurement: Measurement, report: ImportReport, wording: Mapping[str, str] = ARGUMENTS) -> str:
+    """Return what was imported in words, one fact per line.
+
+    Parameters
+    ----------
+    measurement : Measurement
+    report : ImportReport
+    wording : mapping of str to str
+        How the text calls the arguments that it mentions; by their names in Python unless given.
+    """
     recording, taken = report.recording, report.pressures
     f = taken.frequencies
     kinds = {"impulse": "impulse response: from silence to the end of the sound", "stationary": "stationary source"}
-    limit = report.highest_frequency_from
+    limit = word_arguments(report.highest_frequency_from, wording)
     if report.highest_frequency is not None:
         limit = f"{report.highest_frequency:.0f} Hz, {limit}"
     duration = f"{recording.duration:.3g} s at {recording.sample_rate:g} Hz"

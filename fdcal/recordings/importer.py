@@ -10,17 +10,11 @@ import numpy as np
 
 from ..model.measurement import Measurement
 from ..model.validation import InputError
-from . import channel_selection, formats
+from . import channel_selection, formats, frequency_selection
 from .channel_health import inspect_channels, require_usable_channels
 from .cross_spectra import stationary_pressures
-from .import_options import (
-    ImportOptions,
-    check_options,
-    coordinate_count,
-    frequency_band,
-    highest_frequency,
-    sound_speed_of,
-)
+from .frequency_range import coordinate_count, default_count, frequency_band, highest_frequency
+from .import_options import ImportOptions, check_options, sound_speed_of
 from .import_report import ImportReport
 from .impulse_response import MAX_SAMPLES, Pressures, impulse_response_pressures, require_quiet_end
 from .recording import Recording
@@ -63,12 +57,13 @@ def measurement_of_recording(
     if options.known is not None:
         known, known_positions = channel_selection.known_microphones(recording, options.known)
     speed, speed_from = sound_speed_of(recording.sound_speed, options)
-    limit, limit_from = highest_frequency(recording, options, known_positions, speed)
-    band = frequency_band(recording, options, limit, limit_from)
+    found = highest_frequency(recording, options, known_positions, speed)
+    band = frequency_band(recording, options, found, speed)
     recording, kind, noise = _classified(recording, options, band)
-    pressures = _pressures(recording, kind, options, band, speed, noise)
+    most = options.most or default_count(coordinate_count(recording, options, known_positions))
+    pressures = _pressures(recording, kind, replace(options, most=most), band, speed, noise)
     measurement = _measurement(recording, options, known, known_positions, pressures, speed)
-    return measurement, ImportReport(recording, kind, left_out, pressures, speed, speed_from, limit, limit_from)
+    return measurement, ImportReport(recording, kind, left_out, pressures, speed, speed_from, found.limit, found.words)
 
 
 def _read(path: str | Path, options: ImportOptions) -> Recording:
@@ -152,9 +147,10 @@ def _pressures(
     speed: float,
     noise: Noise | None,
 ) -> Pressures:
+    most = options.most or frequency_selection.DEFAULT_COUNT
     if kind == "stationary":
-        return stationary_pressures(recording, band, speed, options.most, _reference_channel(recording, options))
-    return impulse_response_pressures(recording, band, speed, _window_rate(recording, options), options.most, noise)
+        return stationary_pressures(recording, band, speed, most, _reference_channel(recording, options))
+    return impulse_response_pressures(recording, band, speed, _window_rate(recording, options), most, noise)
 
 
 def _reference_channel(recording: Recording, options: ImportOptions) -> int | None:

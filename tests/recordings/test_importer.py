@@ -17,6 +17,7 @@ from scipy.signal import chirp, fftconvolve
 
 from fdcal.acoustics.fourier_bessel import f_max
 from fdcal.commands.cli import main
+from fdcal.commands.options import OPTIONS
 from fdcal.model.measurement_file import load_measurement
 from fdcal.model.validation import InputError
 from fdcal.recordings import frequency_selection
@@ -379,8 +380,17 @@ def test_frequencies_of_a_wide_array_of_few_microphones_end_where_it_can_resolve
         assert measurement.frequencies[-1] <= report.highest_frequency < 500
         assert report.highest_frequency == pytest.approx(limit) or name == "bare.npz"
     measurement, report = import_recording(tmp_path / "bare.npz", ImportOptions(sound_speed=SPEED))
-    assert report.highest_frequency is None and measurement.frequencies[-1] > limit
-    assert "highest usable frequency  unknown" in import_summary(measurement, report)
+    assert limit / 2 < report.highest_frequency < 1.5 * limit, "the coherence tells the radius roughly"
+    assert measurement.frequencies[-1] <= report.highest_frequency
+    assert "by the coherence of the channels; --array-radius R sets it" in import_summary(measurement, report, OPTIONS)
+
+
+def test_the_band_of_a_recording_that_shows_no_radius_ends_at_500_hz(tmp_path):
+    independent = np.random.default_rng(0).normal(size=(8, FS)) * np.exp(-12 * np.arange(FS) / FS)
+    np.savez(tmp_path / "noise.npz", recordings=independent, sample_rate=FS, kind="response")
+    measurement, report = import_recording(tmp_path / "noise.npz", ImportOptions(sound_speed=SPEED))
+    assert report.highest_frequency is None and 400 < measurement.frequencies[-1] <= 500
+    assert "unknown without the radius of the array; array_radius gives it" in import_summary(measurement, report)
 
 
 def test_bad_channels_are_left_out_when_asked(tmp_path):

@@ -1,0 +1,212 @@
+"""Which frequencies of a recording to choose from, and how many.
+
+highest_frequency   the highest frequency that the array can interpolate (Eq. 9), for the radius that is given, or that
+                    of the positions in the file, of the known microphones, or of the coherence between the channels
+frequency_band      the band from which frequencies are chosen
+default_count       how many are chosen
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..acoustics.coherence import array_radius
+from ..acoustics.fft import fast_length
+from ..acoustics.fourier_bessel import f_max
+from ..model.validation import InputError, require_positive
+from .import_options import LIMITS, ImportOptions
+from .recording import Recording, channel_groups
+
+
+@dataclass(frozen=True)
+class CoherenceSettings:
+    """At which frequencies the coherence of a recording is looked at.
+
+    Attributes
+    ----------
+    count : int
+        Frequencies, in equal ratios.
+    dynamic_range : float
+        Decibels below the strongest frequency.
+    samples : int
+        Samples of all channels; a longer recording is not looked at.
+    """
+
+    count: int = 300
+    dynamic_range: float = 40.0
+    samples: int = 2**27
+
+
+SETTINGS = CoherenceSettings()
+
+
+@dataclass(frozen=True)
+class FrequencyLimit:
+    """The highest frequency that an array can interpolate.
+
+    Attributes
+    ----------
+    limit : float or None
+        Hz; None where the radius is unknown.
+    radius : float
+        Metres; 0 where it is unknown.
+    words : str
+        Which radius it follows from, arguments in angle brackets.
+    estimated : bool
+        Whether the radius is that of the coherence.
+    """
+
+    limit: float | None
+    radius: float
+    words: str
+    estimated: bool = False
+
+
+def highest_frequency(
+    recording: Recording, options: ImportOptions, known_positions: np.ndarray | None, speed: float
+) -> FrequencyLimit:
+    """Return the highest frequency that the array can interpolate (Eq. 9), and which radius it follows from.
+
+    Parameters
+    ----------
+    recording : Recording
+    options : ImportOptions
+    known_positions : (A, D) float64 or None
+        Of the known microphones, metres.
+    speed : float
+        Sound speed, m/s.
+    """
+    radius, words = _stated_radius(recording, options, known_positions)
+    estimated = radius <= 0
+    if estimated:
+        radius = LIMITS.coherent_radius_factor * (_coherent_radius(recording, options.dimension, speed) or 0.0)
+        words = f"for a radius of up to {radius:.2g} m, by the coherence of the channels; <array_radius> sets it"
+    if radius <= 0:
+        return FrequencyLimit(None, 0.0, "unknown without the radius of the array; <array_radius> gives it")
+    planar = coordinate_count(recording, options, known_positions) == 2
+    return FrequencyLimit(f_max(recording.count, radius, speed, options.dimension, planar), radius, words, estimated)
+
+
+def _stated_radius(
+    recording: Recording, options: ImportOptions, known_positions: np.ndarray | None
+) -> tuple[float, str]:
+    """Return the radius, metres, that is given or follows from positions, and where it is from; 0 without one."""
+    if options.array_radius is not None:
+        require_positive("array_radius", options.array_radius, "m")
+        return options.array_radius, "for the radius given"
+    complete = recording.positions is not None
+    positions = recording.positions if complete else known_positions
+    radius = 0.0
+    if positions is not None:
+        radius = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
+    radius *= 1.0 if complete else LIMITS.known_radius_factor
+    share = f"{100 * (LIMITS.known_radius_factor - 1):.0f} % more than that of the known microphones"
+    return radius, f"for a radius of {radius:.2g} m, {'that of the positions in the file' if complete else share}"
+
+
+def _coherent_radius(recording: Recording, dimension: int, speed: float) -> float | None:
+    """Return the radius that the coherence of the channels shows, metres; None where it shows none."""
+    top = min(LIMITS.max_frequency * recording.sample_rate, recording.highest or np.inf)
+    low = max(LIMITS.low, LIMITS.min_periods / recording.duration)
+    if low >= top or recording.count * recording.samples > SETTINGS.samples:
+        return None
+    from scipy.fft import rfft
+
+    padded = fast_length(recording.samples)
+    bins = np.unique(np.round(np.geomspace(low, top, SETTINGS.count) * padded / recording.sample_rate).astype(int))
+    bins = bins[bins <= padded // 2]
+    rows = [np.asarray(rfft(samples, padded, axis=1))[:, bins] for _, samples in channel_groups(recording)]
+    spectra = np.concatenate(rows).T
+    power = np.mean(np.abs(spectra) ** 2, axis=1)
+    loud = power >= power.max() * 10 ** (-SETTINGS.dynamic_range / 10)
+    wavenumbers = 2 * np.pi * bins * recording.sample_rate / padded / speed
+    return array_radius(spectra[loud], wavenumbers[loud], dimension)
+
+
+def default_count(coordinates: int) -> int:
+    """Return how many frequencies are chosen unless their number is given.
+
+    A channel has its position, a gain and a phase as unknowns. A frequency gives two real equations a channel, of
+    which the sound field itself takes a third on average over the band that the array interpolates.
+
+    Parameters
+    ----------
+    coordinates : int
+        D, of a microphone.
+
+    Examples
+    --------
+    >>> default_count(2), default_count(3)
+    (90, 112)
+    """
+    unknowns, equations = coordinates + 2, 2 * (1 - 1 / 3)
+    return int(LIMITS.overdetermination * unknowns / equations)
+
+
+def coordinate_count(recording: Recording, options: ImportOptions, known_positions: np.ndarray | None) -> int:
+    """Return the number of coordinates of a microphone."""
+    positions = known_positions if recording.positions is None else recording.positions
+    return options.dimension if positions is None else positions.shape[1]
+
+
+def frequency_band(
+    recording: Recording, options: ImportOptions, found: FrequencyLimit, speed: float
+) -> tuple[float, float]:
+    """Return the lowest and the highest frequency, Hz.
+
+    Parameters
+    ----------
+    recording : Recording
+    options : ImportOptions
+    found : FrequencyLimit
+        Of `highest_frequency`.
+    speed : float
+        Sound speed, m/s.
+
+    Raises
+    ------
+    InputError
+        The band is empty, or beyond what the recording or the array can hold.
+    """
+    top = min(LIMITS.max_frequency * recording.sample_rate, recording.highest or np.inf)
+    if options.frequencies == "auto":
+        low = max(LIMITS.low, LIMITS.min_periods / recording.duration)
+        high = min(_usual_top(found, options, speed), top)
+    else:
+        low, high = _given_band(options.frequencies)
+    if found.limit is not None and found.limit <= low and not found.estimated:
+        raise InputError(
+            f"{recording.path}: {recording.count} microphones interpolate up to {found.limit:.3g} Hz {found.words},"
+            f" and the band begins at {low:g} Hz",
+            "give positions in metres, neither in degrees nor in millimetres",
+            key="frequencies",
+        )
+    if not 0 < low < high <= top:
+        raise InputError(
+            f"frequencies = {low:g}:{high:g} is no band that {recording.path} can hold",
+            f"use 0 < LO < HI <= {top:g} Hz",
+            key="frequencies",
+            value=options.frequencies,
+        )
+    return low, high
+
+
+def _usual_top(found: FrequencyLimit, options: ImportOptions, speed: float) -> float:
+    """Return the default upper end of the band, Hz: it follows 1 / R for small arrays."""
+    if found.limit is None:
+        return LIMITS.high
+    if options.array_radius is not None:
+        return found.limit
+    return min(found.limit, max(LIMITS.high, LIMITS.phase * speed / (2 * np.pi * found.radius)))
+
+
+def _given_band(text: str) -> tuple[float, float]:
+    try:
+        low, high = (float(part) for part in text.split(":"))
+    except ValueError:
+        raise InputError(
+            f'frequencies = "{text}" is no band', "write auto or LO:HI, as 20:300", key="frequencies", value=text
+        ) from None
+    return low, high
