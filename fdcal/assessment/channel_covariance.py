@@ -19,7 +19,8 @@ from ..model.gauge import GaugeFrame, rigid_motions
 from ..model.problem import Problem
 from ..solvers.robust import assumptions
 from ..solvers.robust.channel_fit import reduced
-from ..solvers.robust.objective import add_priors
+from ..solvers.robust.convergence import scaled_inverse
+from ..solvers.robust.objective import Objective, add_priors
 from ..solvers.robust.settings import RULES, SCHEDULE
 from ..solvers.robust.state import State
 
@@ -39,7 +40,6 @@ class Grouping:
 
 
 GROUPING = Grouping()
-LEAST_EIGENVALUE = 1e-13  # of the scaled Gauss-Newton matrix, dimensionless
 
 
 @dataclass(frozen=True)
@@ -49,15 +49,19 @@ class Uncertainty:
     Attributes
     ----------
     covariance : (N, D, D) float64, metres^2
+    curvature : (N, D, D) float64, metres^2, the same by H alone, where the modes agree as the model says
     gains : (N, 2) float64, one sigma of log gain, nepers, and phase, radians
     stretch_sigma : float, one sigma of the least certain stretching or shearing of the array as a whole, relative
     terms : Terms, the cost where the solver ended
+    goal : Objective, whose minimum that is
     """
 
     covariance: np.ndarray
+    curvature: np.ndarray
     gains: np.ndarray
     stretch_sigma: float
     terms: Terms
+    goal: Objective
 
 
 def uncertainty(problem: Problem, state: State, weaker: float = 1.0) -> Uncertainty:
@@ -88,20 +92,21 @@ def uncertainty(problem: Problem, state: State, weaker: float = 1.0) -> Uncertai
     index = np.arange(N * P).reshape(N, P)
     free = index.ravel() if goal.priors.gain_sigma > 0 else index[:, :D].ravel()
     H = reduced(state.positions, terms, free, not len(problem.known))[1]
-    values, vectors = np.linalg.eigh(H / np.sqrt(np.outer(np.diag(H), np.diag(H))))
-    scale = 1 / np.sqrt(np.diag(H))
-    inverse = scale[:, None] * ((vectors / np.maximum(values, LEAST_EIGENVALUE)) @ vectors.T) * scale
+    inverse = scaled_inverse(H)
     flat = slopes.reshape(len(slopes), -1)[:, free]
     influences = [-(part @ inverse) for part in (_about_zero(flat), _about_zero(_grouped(flat)))]
     where = np.searchsorted(free, index[:, :D].ravel())
     gauge = _gauge(problem, state.positions)
     newton = gauge @ inverse[np.ix_(where, where)] @ gauge.T
     moves = [v[:, where] @ gauge.T for v in influences]
+    blocks = np.einsum("nanb->nab", newton.reshape(N, D, N, D))
     return Uncertainty(
-        _enlarged(newton, moves, N, D),
+        _enlarged(blocks, moves),
+        blocks,
         _gain_sigma(inverse, free, index, D),
         _stretch_sigma(newton, moves, state),
         terms,
+        goal,
     )
 
 
@@ -152,9 +157,9 @@ def _row(N: int, D: int, n: int, direction) -> np.ndarray:
     return row.ravel()
 
 
-def _enlarged(newton, moves, N: int, D: int) -> np.ndarray:
+def _enlarged(blocks, moves) -> np.ndarray:
     """Blocks (N, D, D) of the covariance, enlarged where the modes disagree."""
-    blocks = np.einsum("nanb->nab", newton.reshape(N, D, N, D))
+    N, D = blocks.shape[:2]
     influences = np.max([np.sum(v.reshape(-1, N, D) ** 2, axis=(0, 2)) for v in moves], axis=0)
     size = np.trace(blocks, axis1=1, axis2=2)
     return np.maximum(1.0, influences / np.maximum(size, np.finfo(float).tiny))[:, None, None] * blocks

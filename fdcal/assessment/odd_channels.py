@@ -56,7 +56,7 @@ class OddThresholds:
     misplaced_sigmas: float = 3.0
     misplaced: float = 0.006
     exchanged_sigmas: float = 4.0
-    exchanged: float = 0.02
+    exchanged: float = 0.008
     exchanged_share: float = 0.3
 
 

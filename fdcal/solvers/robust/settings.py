@@ -62,6 +62,7 @@ class Rules:
         when the array is moved onto the given positions
     near_gain : part of the residual of the series that the near-field kernel must leave to be taken
     near_deflation : residual of the near-field kernel over the noise that is assumed with it
+    converged_sigmas : largest Newton step left of a run that has converged, over one sigma of the coordinate
     """
 
     gain_sigma: float = 0.02
@@ -79,6 +80,7 @@ class Rules:
     known_outlier: float = 3.0
     near_gain: float = 0.5
     near_deflation: float = 3.0
+    converged_sigmas: float = 0.2
 
 
 RULES = Rules()

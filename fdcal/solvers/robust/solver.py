@@ -25,6 +25,7 @@ from ..polynomial_deformation import polynomial_deformations
 from . import assumptions
 from .attempts import begin_attempt, next_attempt
 from .channel_fit import channel_step, free_basis
+from .convergence import is_converged
 from .settings import ASSUMED, RULES, SCHEDULE
 from .stages import begin_row, end_row
 from .state import Progress, State
@@ -117,7 +118,8 @@ def step(problem: Problem, state: State) -> State:
             moved = assumptions.centred(assumptions.with_spreads(problem, moved, trial.free, trial.matrix))
             settled = settled and assumptions.same_spreads(state.model, moved.model)
     if settled or trial.terms is None or moved.progress.steps >= row.steps:
-        return end_row(problem, moved, goal.field, trial, settled)
+        after = end_row(problem, moved, goal.field, trial, settled)
+        return replace(after, converged=is_converged(problem, after)) if after.finished else after
     return moved
 
 

@@ -1,0 +1,130 @@
+"""Whether the given positions and the pressures agree: the same array without the given positions.
+
+    S = prior(x) + cost(x) - min cost      over arrays that no given position holds
+
+x is the array found, the prior that of its given positions. Under the model 2 S has a chi-square distribution with one
+degree of freedom for each coordinate given beyond those that place the array as a whole. A given position that is
+wrong, a wrong sound speed and an array that was not found all make S large.
+
+A given position checks nothing where the others and the pressures place its microphone only roughly: that sigma is
+
+    (P^-1 - spring)^-1 ,   P the covariance of its microphone, spring the curvature of its prior
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from ..model.problem import Problem
+from ..solvers.robust.channel_fit import channel_step, free_basis, reduced
+from ..solvers.robust.convergence import scaled_inverse
+from ..solvers.robust.objective import NU, Objective, Priors, spring
+from ..solvers.robust.state import State
+from .channel_covariance import Uncertainty
+from .odd_channels import OddChannel
+
+
+@dataclass(frozen=True)
+class CheckRules:
+    """How the array without given positions is sought.
+
+    Attributes
+    ----------
+    steps : at most
+    negligible : nats, fall of the cost after which a step is the last
+    stride : metres, longest move of a microphone in one step
+    clear : probability of the linear estimate, raised by half, above which no array is sought
+    """
+
+    steps: int = 8
+    negligible: float = 0.05
+    stride: float = 0.1
+    clear: float = 0.05
+
+
+RULES = CheckRules()
+
+
+@dataclass(frozen=True)
+class GivenCheck:
+    """How well the given positions and the pressures agree.
+
+    Attributes
+    ----------
+    probability : of a disagreement as large by chance; 1 where nothing can be checked
+    loosest : metres, one sigma of the given microphone that the others and the pressures place least certainly; 0
+        without any, infinite where those that are right are too few to place the array
+    """
+
+    probability: float
+    loosest: float
+
+
+def check_given(problem: Problem, state: State, found: Uncertainty, odd: Sequence[OddChannel]) -> GivenCheck:
+    """Return how well the given positions and the pressures agree.
+
+    Parameters
+    ----------
+    problem : Problem
+        With modes of unit power.
+    state : State
+    found : Uncertainty
+    odd : sequence of OddChannel
+        Those that are misplaced or exchanged are not counted among the given positions.
+    """
+    wrong = [one.number for one in odd if one.kind in ("misplaced", "exchanged")]
+    kept = ~np.isin(problem.known, wrong)
+    priors = replace(found.goal.priors, known=problem.known[kept], places=problem.known_positions[kept])
+    D = problem.array_dimension
+    freedom = len(priors.known) * D - D * (D + 1) // 2
+    if freedom <= 0:
+        return GivenCheck(1.0, np.inf if len(problem.known) else 0.0)
+    return GivenCheck(_probability(state, found.goal, priors, freedom), _loosest(state, found, priors))
+
+
+def _probability(state: State, goal: Objective, priors: Priors, freedom: int) -> float:
+    """`GivenCheck.probability`; the array without given positions is sought only where it could be low."""
+    held, alone = replace(goal, priors=priors), replace(goal, priors=_without_given(priors))
+    x, gains, _ = _descend(state.positions, state.gains, held, False)
+    square = np.sum((x[priors.known] - priors.places) ** 2, axis=1)
+    prior = (NU + x.shape[1]) / 2 * float(np.sum(np.log1p(square / (NU * priors.known_sigma**2))))
+    _, terms = alone.evaluate(x, gains)
+    g, H = reduced(x, terms, free_basis(x, None, priors.gain_sigma > 0), True)
+    linear = float(g @ scaled_inverse(H) @ g) / 2
+    if chi2.sf(2 * (prior + 1.5 * linear), freedom) > RULES.clear:
+        return float(chi2.sf(2 * (prior + linear), freedom))
+    return float(chi2.sf(2 * (prior + _descend(x, gains, alone, True)[2]), freedom))
+
+
+def _without_given(priors: Priors) -> Priors:
+    return replace(priors, known=priors.known[:0], places=priors.places[:0])
+
+
+def _descend(x, gains, goal: Objective, blind: bool):
+    """Return positions, gains and by how much the cost has fallen."""
+    damping, fall = 1e-6, 0.0
+    free = free_basis(x, None, goal.priors.gain_sigma > 0)
+    for _ in range(RULES.steps):
+        trial = channel_step(x, gains, goal, free, damping, RULES.stride, blind)
+        if trial.terms is None:
+            break
+        x, gains, damping, fall = trial.positions, trial.gains, trial.damping, fall + trial.fall
+        if trial.fall < RULES.negligible:
+            break
+    return x, gains, fall
+
+
+def _loosest(state: State, found: Uncertainty, priors: Priors) -> float:
+    """`GivenCheck.loosest`."""
+    D = state.positions.shape[1]
+    square = np.sum((state.positions[priors.known] - priors.places) ** 2, axis=1)
+    stiffness = spring(square, priors.known_sigma, D)
+    sigmas = []
+    for n, held in zip(priors.known, stiffness, strict=True):
+        left = np.linalg.eigvalsh(np.linalg.inv(found.curvature[n]) - held * np.eye(D))
+        sigmas.append(np.sqrt(np.sum(1 / np.maximum(left, 1.0))))  # one metre at most
+    return float(max(sigmas))
