@@ -36,10 +36,9 @@ def cache(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="session")
 def kernels() -> None:
-    """The solver's kernels, compiled, here and on disk: no test that waits for a session waits for a compiler, too."""
-    first, last = warmup_calls(2, "joint")
-    for piece in (*first, *last):
-        piece()
+    """What a page compiles, here and on disk: no test that waits for a session waits for a compiler, too."""
+    for _, compile_piece in warmup_calls("joint"):
+        compile_piece()
 
 
 @pytest.fixture

@@ -36,7 +36,7 @@ HOMES = {
     "vtk": {"graphics.snapshot"},
     "threading": {"session"},
     "_thread": {"session"},
-    "concurrent": {"session", "acoustics.compiled"},
+    "concurrent": {"session", "acoustics.threads"},
     "matplotlib": {"graphics", "viewer", "commands.paper"},
     "click": {"commands"},
     "tqdm": {"commands"},

@@ -23,9 +23,11 @@ from scipy.linalg import cholesky, solve_triangular
 
 from ..acoustics.dictionary import dictionary
 from ..acoustics.fourier_bessel import max_order
+from ..cost.circular_waves import circular_waves
 from ..cost.likelihood import DiffuseField
-from ..cost.low_rank_covariance import EXTRA_ORDERS, circular_dictionary
-from ..cost.spherical_covariance import spherical_gram
+from ..cost.low_rank_covariance import EXTRA_ORDERS
+from ..cost.mode_sums import blocks
+from ..cost.spherical_covariance import series_covariance
 from ..model.power import mode_power
 from ..model.problem import Problem
 from ..model.validation import frozen_array
@@ -93,7 +95,8 @@ def expansions(problem: Problem, positions, modes: slice, noise: np.ndarray | No
     positions = np.asarray(positions, float)
     pressures, field = pressures_and_field(problem, positions, modes, noise)
     centre = frozen_array(positions.mean(axis=0), float)
-    every = zip(problem.wavenumbers[modes], _orders(field, positions), pressures, field.power, field.noise, strict=True)
+    orders = _orders(field, positions).tolist()
+    every = zip(problem.wavenumbers[modes], orders, pressures, field.power, field.noise, strict=True)
     return [_fit(positions, complex(k), order, centre, p, v, s, problem.dimension) for k, order, p, s, v in every]
 
 
@@ -117,25 +120,33 @@ def leave_one_out_errors(problem: Problem, positions, modes: slice, noise: np.nd
     """
     positions = np.asarray(positions, float)
     pressures, field = pressures_and_field(problem, positions, modes, noise)
-    centre, errors = positions.mean(axis=0), np.empty_like(pressures)
-    every = zip(problem.wavenumbers[modes], _orders(field, positions), pressures, field.power, field.noise, strict=True)
-    for error, (k, order, p, s, v) in zip(errors, every, strict=True):
-        mu = v / (NOISE_DEFLATION * s)
-        if problem.dimension == 2:  # C^-1 = (I - W A^-1 W^H) / mu
-            W = circular_dictionary(positions, complex(k), order, centre)
-            WH = W.conj().T
-            B = np.linalg.solve(WH @ W + mu * np.eye(len(WH)), WH)
-            error[:] = (p - W @ (B @ p)) / (1 - np.sum(W.T * B, axis=0))
+    centre, orders, k = positions.mean(axis=0), _orders(field, positions), problem.wavenumbers[modes]
+    mu, errors = field.noise / (NOISE_DEFLATION * field.power), []
+    for m in blocks(len(k), positions.size**2):
+        gains = np.ones((len(k[m]), int(orders.max()) + 1))
+        if problem.dimension == 2:
+            W = circular_waves(positions, centre, k[m].astype(complex), orders[m], gains, False)[0]
+            errors.append(_low_rank_errors(W, pressures[m], mu[m]))
         else:
-            inverse = np.linalg.inv(spherical_gram(positions, k, order, centre) + mu * np.eye(len(p)))
-            error[:] = inverse @ p / np.diag(inverse)
-    return errors
+            K = series_covariance(positions, centre, k[m], orders[m], gains, False)[0]
+            inverse = np.linalg.inv(K + mu[m, None, None] * np.eye(len(positions)))
+            diagonal = np.diagonal(inverse, axis1=1, axis2=2)
+            errors.append((inverse @ pressures[m, :, None])[..., 0] / diagonal)
+    return np.concatenate(errors)
 
 
-def _orders(field: DiffuseField, positions) -> list[int]:
+def _low_rank_errors(W, p, mu) -> np.ndarray:
+    """C^-1 p over the diagonal of C^-1, with C^-1 = (I - W A^-1 W^H) / mu; W (M, r, N), p (M, N), mu (M,)."""
+    WH = np.conj(W)
+    B = np.linalg.solve(WH @ W.swapaxes(1, 2) + mu[:, None, None] * np.eye(W.shape[1]), WH)
+    fitted = W.swapaxes(1, 2) @ (B @ p[..., None])
+    return (p - fitted[..., 0]) / (1 - np.sum(W * B, axis=1))
+
+
+def _orders(field: DiffuseField, positions) -> np.ndarray:
     """Return L of every mode, about the centre of mass."""
     radius = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
-    return max_order(field.wavenumbers, radius, EXTRA_ORDERS).tolist()
+    return max_order(field.wavenumbers, radius, EXTRA_ORDERS)
 
 
 @dataclass(frozen=True)

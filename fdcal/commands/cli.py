@@ -9,6 +9,7 @@ imported by the command that needs them.
 from __future__ import annotations
 
 import sys
+import time
 from dataclasses import replace
 
 import click
@@ -208,6 +209,22 @@ def scenes():
     """List the scenes that come with fdcal."""
     for name in scene_names():
         print(f"{name:<16} {load_scene(name).title}")
+
+
+@commands.command()
+def warm():
+    """Compile what fdcal compiles on its first runs, so that no later one waits for it.
+
+    Calibrating a measurement needs nothing compiled; simulating a scene, solver descent and the maps of the page do.
+    """
+    from ..session.warmup import all_pieces
+
+    pieces = all_pieces()
+    for number, (name, compile_piece) in enumerate(pieces, 1):
+        start = time.perf_counter()
+        print(f"{number} of {len(pieces)}: {name} ...", end="", file=sys.stderr, flush=True)
+        compile_piece()
+        print(f" {time.perf_counter() - start:.1f} s", file=sys.stderr, flush=True)
 
 
 for command in (*file_commands.COMMANDS, *plan_command.COMMANDS, *plot_commands.COMMANDS):

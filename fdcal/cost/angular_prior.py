@@ -5,7 +5,7 @@
 
 S_q is the power that comes from direction t_q, mean 1. With all S_q equal this is the diffuse field, J_0. In a room a
 mode is a few plane waves, and assuming a diffuse field biases the positions. With alpha = A^-1 W^H p the coefficients
-and mu A^-1 their variance (`fdcal.cost.newton_kernels`), one step of expectation and maximisation is
+and mu A^-1 their variance (`fdcal.cost.low_rank_terms`), one step of expectation and maximisation is
 
     S_q <- S_q (|alpha_q|^2 / s + mu (A^-1)_qq)
 
@@ -20,9 +20,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..acoustics.compiled import adjoint, compiled, lower_inverse, sum_over_modes, writable
 from .low_rank_covariance import LEAST_WEIGHT
-from .newton_kernels import add_mode
+from .low_rank_terms import low_rank_terms
+from .mode_sums import ModeTerms, blocks, over_blocks, triangular_inverses
 
 EXTRA_ORDERS = 6  # beyond ceil(k R), that the directions must resolve
 
@@ -72,13 +72,28 @@ def learned_prior(
     -------
     (M, Q) float64
     """
-    x = writable(positions, float)
-    S = np.array(prior, float)
+    x, k = np.asarray(positions, float), np.asarray(wavenumbers)
     weight = np.ones(len(x)) if channel_noise is None else 1 / np.sqrt(channel_noise)
-    p, k = writable(weight * pressures, complex), writable(wavenumbers, complex)
-    centre = np.mean(x if about is None else about, axis=0)
-    _learn(x - centre, weight, p, k, writable(power), writable(noise), S, iterations, float(count))
-    return S
+    x, p = x - np.mean(x if about is None else about, axis=0), weight * pressures / np.sqrt(power)[:, None]
+    done = []
+    for m in blocks(len(k), 2 * max(len(x), prior.shape[1]) * prior.shape[1]):
+        S, E = np.array(prior[m], float), _plane_waves(x, k[m], prior.shape[1]) * weight
+        for _ in range(iterations):
+            S = (_learned(S, E, p[m], (noise[m] / power[m])[:, None]) + count) / (1 + count)
+        done.append(S)
+    return np.concatenate(done)
+
+
+def _learned(S, E, p, mu) -> np.ndarray:
+    """The prior (M, Q) after one iteration; E (M, Q, N) plane waves, p (M, N) over sqrt(s), mu (M, 1)."""
+    W, directions = E * np.sqrt(S)[..., None], np.arange(S.shape[1])
+    WH = np.conj(W)
+    A = WH @ W.swapaxes(1, 2)
+    A[:, directions, directions] += mu
+    X = triangular_inverses(np.linalg.cholesky(A))
+    alpha = (np.conj(X.swapaxes(1, 2)) @ (X @ (WH @ p[..., None])))[..., 0]
+    fresh = S * (np.abs(alpha) ** 2 + mu * np.sum(np.abs(X) ** 2, axis=1))
+    return fresh * (S.shape[1] / fresh.sum(axis=1, keepdims=True))
 
 
 def plane_wave_kernel(positions, about, wavenumbers, prior, slope: bool = True):
@@ -97,84 +112,51 @@ def plane_wave_kernel(positions, about, wavenumbers, prior, slope: bool = True):
     K : (M, N, N) complex128, Hermitian
     D : (2, M, N, N) complex128, 1/m, derivatives with respect to the first microphone; None unless wanted
     """
-    x = writable(positions, float) - np.mean(about, axis=0)
-    N, M = len(x), len(prior)
-    K = np.empty((M, N, N), complex)
-    D = np.empty((2, M, N, N) if slope else (2, M, 0, 0), complex)
-    _plane_wave_kernel(x, writable(wavenumbers, complex), writable(prior, float), slope, K, D)
-    return K, (D if slope else None)
+    x, k = np.asarray(positions, float) - np.mean(about, axis=0), np.asarray(wavenumbers)
+    (N, M), Q = (len(x), len(prior)), prior.shape[1]
+    K, D = np.empty((M, N, N), complex), np.empty((2, M, N, N), complex) if slope else None
+    for m in blocks(M, 2 * N * max(N, Q)):
+        W, dW = _weighted_waves(x, k[m], prior[m], slope)
+        WH = np.conj(W)
+        np.matmul(W.swapaxes(1, 2), WH, out=K[m])
+        if D is not None and dW is not None:
+            for derivative, along in zip(D, dW, strict=True):
+                np.matmul(along.swapaxes(1, 2), WH, out=derivative[m])
+    return K, D
 
 
-def learned_terms(positions, pressures, wavenumbers, power, noise, prior, log_det: bool, derivatives=2):
+def learned_terms(positions, pressures, wavenumbers, power, noise, prior, log_det: bool, derivatives=2) -> ModeTerms:
     """Return cost, gradient and curvature with the prior `prior` (M, Q) float64.
 
     The other parameters, and what is returned, are those of `fdcal.cost.low_rank_covariance.expansion_terms`.
     """
-    x = writable(positions, float)
+    x, k, p = np.asarray(positions, float), np.real(wavenumbers), np.asarray(pressures)
+    x, Q = x - x.mean(axis=0), prior.shape[1]
     noise = np.maximum(noise, LEAST_WEIGHT * power)
     scale = 1 / noise if log_det else np.ones_like(noise)
-    p, k = writable(pressures, complex), writable(np.real(wavenumbers), complex)
-    modes = p, k, prior, noise / power, scale
-    return sum_over_modes(_modes, (x - x.mean(axis=0),), modes, (float(log_det), derivatives), derivatives)
+
+    def of_block(m: slice) -> ModeTerms:
+        W, dW = _weighted_waves(x, k[m], prior[m], derivatives > 0)
+        return low_rank_terms(W, dW, p[m], noise[m] / power[m], scale[m], float(log_det), derivatives)
+
+    return over_blocks(of_block, len(k), 2 * len(x) * max(len(x), Q))
 
 
-@compiled
-def _modes(x, p, k, prior, mu, scale, log_det, derivatives, cost, gradient, H):
-    W = np.empty((len(x), prior.shape[1]), np.complex128)
-    dW = np.empty((2, len(x), prior.shape[1]), np.complex128)
-    for m in range(len(k)):
-        _plane_waves(x, k[m], prior[m], W, dW)
-        add_mode(W, dW, p[m], mu[m], scale[m], log_det, derivatives, cost, gradient, H)
+def _weighted_waves(x, k, S, slope: bool) -> tuple[np.ndarray, np.ndarray | None]:
+    """W (M, Q, N) and, if wanted, its derivatives (2, M, Q, N), 1/m."""
+    W = _plane_waves(x, k, S.shape[1]) * np.sqrt(S)[..., None]
+    if not slope:
+        return W, None
+    along = -1j * k[:, None, None] * W
+    return W, np.stack([along * one[:, None] for one in _directions(S.shape[1])])
 
 
-@compiled
-def _plane_waves(x, k, S, W, dW):
-    Q = len(S)
-    for q in range(Q):
-        c, s = np.cos(2 * np.pi * q / Q), np.sin(2 * np.pi * q / Q)
-        root = np.sqrt(S[q] / Q)
-        for n in range(len(x)):
-            along = x[n, 0] * c + x[n, 1] * s
-            phase = k.real * along
-            W[n, q] = root * np.exp(k.imag * along) * (np.cos(phase) - 1j * np.sin(phase))
-            dW[0, n, q], dW[1, n, q] = -1j * k * c * W[n, q], -1j * k * s * W[n, q]
+def _plane_waves(x, k, Q: int) -> np.ndarray:
+    """sqrt(1 / Q) exp(-j k (x cos t + y sin t)) : (M, Q, N) complex128."""
+    c, s = _directions(Q)
+    return np.exp(-1j * np.multiply.outer(k, np.outer(c, x[:, 0]) + np.outer(s, x[:, 1]))) / np.sqrt(Q)
 
 
-@compiled
-def _plane_wave_kernel(x, k, prior, slope, K, D):
-    W = np.empty((len(x), prior.shape[1]), np.complex128)
-    dW = np.empty((2, len(x), prior.shape[1]), np.complex128)
-    for m in range(len(k)):
-        _plane_waves(x, k[m], prior[m], W, dW)
-        WH = adjoint(W)
-        K[m] = W @ WH
-        if slope:
-            for a in range(2):
-                D[a, m] = dW[a] @ WH
-
-
-@compiled
-def _learn(x, weight, p, k, power, noise, prior, iterations, count):
-    Q = prior.shape[1]
-    W, dW = np.empty((len(x), Q), np.complex128), np.empty((2, len(x), Q), np.complex128)
-    for m in range(len(k)):
-        mu = noise[m] / power[m]
-        for _ in range(iterations):
-            _plane_waves(x, k[m], prior[m], W, dW)
-            for n in range(len(x)):
-                W[n] *= weight[n]
-            WH = adjoint(W)
-            A = WH @ W
-            for q in range(Q):
-                A[q, q] += mu
-            X = lower_inverse(np.linalg.cholesky(A))
-            alpha = np.conj(X.T) @ (X @ (WH @ p[m]))
-            total = 0.0
-            for q in range(Q):
-                variance = 0.0
-                for i in range(q, Q):
-                    variance += abs(X[i, q]) ** 2
-                prior[m, q] *= abs(alpha[q]) ** 2 / power[m] + mu * variance
-                total += prior[m, q]
-            for q in range(Q):
-                prior[m, q] = (prior[m, q] * Q / total + count) / (1 + count)
+def _directions(Q: int) -> tuple[np.ndarray, np.ndarray]:
+    t = 2 * np.pi * np.arange(Q) / Q
+    return np.cos(t), np.sin(t)

@@ -17,9 +17,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import j0, j1
 
-from ..acoustics.compiled import adjoint, compiled, writable
-from .low_rank_covariance import expansion_centre, fill_circular
-from .spherical_covariance import cosine, directions, series
+from ..acoustics.sinc import sinc
+from .circular_waves import circular_waves
+from .low_rank_covariance import expansion_centre
+from .mode_sums import blocks
+from .spherical_covariance import series_covariance
 
 SMALL = 1e-6  # argument below which J_1(z) / z is 1/2
 
@@ -39,8 +41,6 @@ def diffuse_kernel(distance, wavenumbers, dimension: int, slope: bool = True):
             return j0(z), None
         safe = np.maximum(z, SMALL)
         return j0(z), -k2 * (j1(safe) / safe)
-    from ..acoustics.sinc import sinc
-
     kappa, over = sinc(z)
     return kappa, (k2 * over if slope else None)
 
@@ -55,39 +55,17 @@ def series_kernel(positions, about, wavenumbers, dimension: int, near: bool, slo
     K : (M, N, N) complex128, Hermitian
     D : (D, M, N, N) complex128, 1/m; None unless wanted
     """
-    x, k = writable(positions, float), writable(wavenumbers, complex)
+    x, k = np.asarray(positions, float), np.asarray(wavenumbers, complex)
     centre, orders, amplification = expansion_centre(x, k, dimension, near, about)
-    (N, axes), M = x.shape, len(k)
-    K = np.empty((M, N, N), complex)
-    D = np.empty((axes, M, N, N) if slope else (axes, M, 0, 0), complex)
-    rule = _plane_series if dimension == 2 else _space_series
-    rule(x, centre, k, orders, amplification, slope, K, D)
-    return K, (D if slope else None)
-
-
-@compiled
-def _plane_series(x, centre, k, orders, amplification, slope, K, D):
-    for m in range(len(k)):
-        width = 2 * orders[m] + 1
-        W, dW = np.empty((len(x), width), np.complex128), np.empty((2, len(x), width), np.complex128)
-        fill_circular(x, centre, k[m], orders[m], amplification[m], slope, W, dW)
-        WH = adjoint(W)
-        K[m] = W @ WH
-        if slope:
-            for a in range(2):
-                D[a, m] = dW[a] @ WH
-
-
-@compiled
-def _space_series(x, centre, k, orders, amplification, slope, K, D):
-    e, reach = directions(x, centre)
-    N = len(x)
-    R, A = np.empty((N, N), np.complex128), np.empty((N, N), np.complex128)
-    for m in range(len(k)):
-        series(e, reach, k[m], orders[m], amplification[m], slope, K[m], R, A)
-        if slope:
-            for i in range(N):
-                for j in range(N):
-                    c = cosine(e, i, j)
-                    for a in range(x.shape[1]):
-                        D[a, m, i, j] = R[i, j] * e[i, a] + A[i, j] * (e[j, a] - c * e[i, a]) / reach[i]
+    if dimension == 3:
+        return series_covariance(x, centre, k, orders, amplification, slope)
+    N, M = len(x), len(k)
+    K, D = np.empty((M, N, N), complex), np.empty((2, M, N, N), complex) if slope else None
+    for m in blocks(M, N * N):
+        W, dW = circular_waves(x, centre, k[m], orders[m], amplification[m], slope)
+        WH = np.conj(W)
+        np.matmul(W.swapaxes(1, 2), WH, out=K[m])
+        if D is not None and dW is not None:
+            for derivative, along in zip(D, dW, strict=True):
+                np.matmul(along.swapaxes(1, 2), WH, out=derivative[m])
+    return K, D

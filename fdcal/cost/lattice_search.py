@@ -11,8 +11,9 @@ from typing import Protocol
 
 import numpy as np
 
-from ..acoustics.compiled import compiled, parallel_map
+from ..acoustics.compiled import compiled
 from ..acoustics.lattice_dictionary import LatticeDictionary
+from ..acoustics.threads import parallel_map
 from ..model.problem import Problem
 from .eq7 import LeaveOneOutFit, known_weights, leave_one_out_fits
 

@@ -19,6 +19,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import get_blas_funcs, get_lapack_funcs
 
+from ..acoustics.threads import parallel_map
 from .likelihood import DiffuseField, covariances, kernel
 
 (dtrmm,) = get_blas_funcs(("trmm",), dtype=np.float64)
@@ -56,8 +57,6 @@ def likelihood_landscapes(
     -------
     (M, S, C) float64
     """
-    from ..acoustics.compiled import parallel_map  # compiled code is loaded with the first step
-
     C = covariances(positions, field)
     chosen, N = np.asarray(chosen), len(positions)
     leaving = parallel_map(lambda m: _leaving_out(C[m], pressures[m], chosen, field.noise[m]), range(len(pressures)))

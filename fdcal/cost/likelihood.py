@@ -18,13 +18,15 @@ wavenumber, because J_0 of a complex argument is not a covariance.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import j0
 
+from ..acoustics.sinc import sinc
 from ..model.power import mode_power
 from ..model.validation import frozen_array
+from .mode_sums import ModeTerms, summed
 
 LEAST_FIELD_SHARE = 1e-3  # least power of the field over that of the pressures, so that C is never pure noise
 
@@ -96,8 +98,6 @@ def kernel(z: np.ndarray, dimension: int) -> np.ndarray:
     """
     if dimension == 2:
         return j0(z)
-    from ..acoustics.sinc import sinc  # compiled code is loaded with the first step
-
     return sinc(z)[0]
 
 
@@ -162,12 +162,12 @@ def newton_terms(positions, pressures, field: DiffuseField) -> tuple[float, np.n
     numpy.linalg.LinAlgError
         C is singular, or a position is not finite.
     """
-    return _terms(positions, pressures, field, 2)
+    return summed(_terms(positions, pressures, field, 2), np.shape(positions))
 
 
 def total_cost(positions, pressures, field: DiffuseField) -> float:
     """Return the cost of `newton_terms` without its derivatives; parameters and errors are the same."""
-    return _terms(positions, pressures, field, 0)[0]
+    return float(_terms(positions, pressures, field, 0).costs.sum())
 
 
 def mode_gradients(positions, pressures, field: DiffuseField) -> np.ndarray:
@@ -182,18 +182,16 @@ def mode_gradients(positions, pressures, field: DiffuseField) -> np.ndarray:
     -------
     (M, N, D) float64, 1/m
     """
-    found = []
-    for m in range(len(pressures)):
-        one = replace(field, **{k: getattr(field, k)[m : m + 1] for k in ("wavenumbers", "power", "noise")})
-        one = one if field.prior is None else replace(one, prior=field.prior[m : m + 1])
-        found.append(_terms(positions, pressures[m : m + 1], one, 1)[1])
-    return np.array(found)
+    gradients = _terms(positions, pressures, field, 1).gradients
+    if gradients is None:
+        raise ValueError("the gradients were not computed")
+    return gradients
 
 
-def _terms(positions, pressures, field: DiffuseField, derivatives: int):
+def _terms(positions, pressures, field: DiffuseField, derivatives: int) -> ModeTerms:
     """Go through the expansion in two dimensions and for complex wavenumbers, through the kernel in three."""
     from .angular_prior import learned_terms
-    from .dense_covariance import dense_terms  # compiled code is loaded with the first step
+    from .dense_covariance import dense_terms  # the modules of one covariance are loaded with the first step
     from .low_rank_covariance import expansion_terms
 
     k, s, v = field.wavenumbers, field.power, field.noise

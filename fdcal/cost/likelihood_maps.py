@@ -16,7 +16,7 @@ the Chebyshev nodes of a few dozen degrees and interpolated onto the lattice, ex
 and the quotient of V are taken after that.
 
 s, v      power of the field and of the noise
-W         `fdcal.cost.low_rank_covariance.circular_dictionary` about the middle of the search domain: real, one table
+W         `fdcal.cost.circular_waves.circular_dictionary` about the middle of the search domain: real, one table
           per mode for all maps
 nodes     Chebyshev nodes of the horizontal layer that the map shows
 """
@@ -32,8 +32,8 @@ from ..acoustics.fourier_bessel import max_order
 from ..model.problem import Problem
 from ..model.settings import Search
 from ..model.validation import InputError
+from .circular_waves import circular_dictionary
 from .likelihood import DiffuseField, diffuse_field, kernel
-from .low_rank_covariance import circular_dictionary
 from .map_nodes import area, from_nodes, node_counts, node_points
 
 EXTRA_ORDERS = 12  # beyond ceil(k R): the rest of the kernel is below 1e-13

@@ -1,15 +1,13 @@
-"""The covariance through the dictionary: cost, gradient and Gauss-Newton matrix of all positions, compiled.
+"""The covariance through the dictionary: cost, gradient and Gauss-Newton matrix of all positions.
 
 C = s W W^H + v I with an order so high that W W^H is the kernel of a diffuse field; the formulas are those of
-`fdcal.cost.newton_kernels`. The rank is 2L + 1 only, so that a step costs O(M N L^2 + M N^2 (L + D^2)). Real and
+`fdcal.cost.low_rank_terms`. The rank is 2L + 1 only, so that a step costs O(M N L^2 + M N^2 (L + D^2)). Real and
 complex wavenumbers are supported. In three dimensions W W^H comes as a series, `fdcal.cost.spherical_covariance`.
 
 A source close to the array excites high orders more than a diffuse field does, by |H_l(k rho)|, rho its distance.
 With `near_field` the columns of W are multiplied by that factor, for rho = 1.5 R, where it is above 1: a prior that
-allows for such a source, needed where the noise is so low that its field counts.
-
-In two dimensions W has the columns J_0, sqrt(2) J_l cos(l theta), sqrt(2) J_l sin(l theta): those of Eq. 4 after a
-unitary map, which leaves W W^H unchanged, and real for a real k.
+allows for such a source, needed where the noise is so low that its field counts. In two dimensions W has the columns
+of `fdcal.cost.circular_waves`.
 """
 
 from __future__ import annotations
@@ -17,22 +15,24 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import hankel1, spherical_jn, spherical_yn
 
-from ..acoustics.compiled import compiled, parallel_map, sum_over_modes, writable
 from ..acoustics.fourier_bessel import max_order
-from .bessel_kernels import fill_bessel
-from .newton_kernels import add_mode
-from .spherical_covariance import series_modes, spherical_gram
+from ..acoustics.threads import parallel_map
+from .circular_waves import circular_waves
+from .low_rank_terms import low_rank_terms
+from .mode_sums import ModeTerms, blocks, over_blocks, worth_threads
+from .spherical_covariance import series_covariance, series_terms
 
 EXTRA_ORDERS = 8  # beyond ceil(k R) about the centre of mass: the rest of W W^H is below 1e-9
 NEAR_FIELD_ORDERS = 16  # the same with near sources: the rest of the power of one at 1.75 R is below 1e-10
 SOURCE_DISTANCE = 1.5  # times R: nearest source that the near-field prior allows for
+ZERO = 1e-13  # of the largest eigenvalue: what is below counts as zero
 LEAST_WEIGHT = 1e-11  # least mu = v / s; below it rounding errors of A are not small beside it
 
 
 def expansion_terms(
     positions, pressures, wavenumbers, power, noise, dimension, log_det, near_field=False, reference=None, derivatives=2
-):
-    """Return the cost summed over modes, its gradient and its Gauss-Newton matrix.
+) -> ModeTerms:
+    """Return the cost of every mode, its gradient and the Gauss-Newton matrix of all modes.
 
     Parameters
     ----------
@@ -43,29 +43,31 @@ def expansion_terms(
     dimension : 2 or 3, of the sound field
     log_det : True for the likelihood; False for the projection, sum_m p^H P p (Eq. 7 with Tikhonov weight v / s)
     near_field : whether a source may be close to the array
-    about : (N, D) float64, metres, or None, positions that give the centre and the distance of a source
+    reference : (N, D) float64, metres, or None, positions that give the centre and the distance of a source
     derivatives : 0 for the cost alone, 1 for its gradient, too, 2 for all
 
     Returns
     -------
-    cost : float
-    gradient : (N, D) float64, 1/m
-    curvature : (N, D, N, D) float64, 1/m^2
+    ModeTerms
 
     Raises
     ------
     numpy.linalg.LinAlgError
         A position is not finite.
     """
-    x, k, p = writable(positions, float), writable(wavenumbers), writable(pressures, complex)
+    x, k, p = np.asarray(positions, float), np.asarray(wavenumbers), np.asarray(pressures, complex)
     centre, orders, gains = expansion_centre(x, k, dimension, near_field, reference)
     noise = np.maximum(noise, LEAST_WEIGHT * power)
     scale = np.ones_like(noise) if log_det else noise
-    if dimension == 2:
-        modes = p, k, orders, gains, noise / power, scale / noise
-        return sum_over_modes(_circular_modes, (x, centre), modes, (float(log_det), derivatives), derivatives)
-    modes = p, k.astype(complex), orders, gains, power, noise, scale
-    return sum_over_modes(series_modes, (x, centre), modes, (float(log_det), derivatives), derivatives)
+
+    def of_block(m: slice) -> ModeTerms:
+        if dimension == 3:
+            block = p[m], k[m], orders[m], gains[m], power[m], noise[m], scale[m]
+            return series_terms(x, centre, *block, float(log_det), derivatives)
+        W, dW = circular_waves(x, centre, k[m], orders[m], gains[m], derivatives > 0)
+        return low_rank_terms(W, dW, p[m], noise[m] / power[m], scale[m] / noise[m], float(log_det), derivatives)
+
+    return over_blocks(of_block, len(k), numbers_of(x, k, orders, dimension))
 
 
 def expansion_centre(x, k, dimension: int, near_field: bool, reference=None):
@@ -89,45 +91,15 @@ def expansion_centre(x, k, dimension: int, near_field: bool, reference=None):
     return centre, orders, gains
 
 
-@compiled
-def _circular_modes(x, centre, p, k, orders, gains, mu, scale, log_det, derivatives, cost, gradient, H):
-    for m in range(len(k)):
-        r = 2 * orders[m] + 1
-        W, dW = np.empty((len(x), r), k.dtype), np.empty((2, len(x), r), k.dtype)
-        fill_circular(x, centre, k[m], orders[m], gains[m], derivatives > 0, W, dW)
-        add_mode(W, dW, p[m], mu[m], scale[m], log_det, derivatives, cost, gradient, H)
-
-
-@compiled
-def fill_circular(x, centre, k, L, gain, slopes, W, dW):
-    """Fill W (N, 2L + 1) and, if `slopes`, dW (2, N, 2L + 1), its derivatives along x and y, 1/m."""
-    J = np.empty(L + 2, W.dtype)
-    root = np.sqrt(2.0)
-    for n in range(len(x)):
-        dx, dy = x[n, 0] - centre[0], x[n, 1] - centre[1]
-        r = np.hypot(dx, dy)
-        fill_bessel(k * r, L + 1, J)
-        c, s = (dx / r, dy / r) if r > 0 else (1.0, 0.0)
-        W[n, 0] = gain[0] * J[0]
-        if slopes:
-            dW[0, n, 0], dW[1, n, 0] = -gain[0] * k * J[1] * c, -gain[0] * k * J[1] * s
-        c_below, s_below, c_here, s_here = 1.0, 0.0, c, s  # cos and sin of (l - 1) theta and of l theta
-        for l in range(1, L + 1):  # noqa: E741
-            c_above, s_above = c_here * c - s_here * s, s_here * c + c_here * s
-            factor = root * gain[l]
-            W[n, 2 * l - 1], W[n, 2 * l] = factor * J[l] * c_here, factor * J[l] * s_here
-            if slopes:
-                below, above = factor * k / 2 * J[l - 1], factor * k / 2 * J[l + 1]
-                dW[0, n, 2 * l - 1] = below * c_below - above * c_above
-                dW[0, n, 2 * l] = below * s_below - above * s_above
-                dW[1, n, 2 * l - 1] = -below * s_below - above * s_above
-                dW[1, n, 2 * l] = below * c_below + above * c_above
-            c_below, s_below, c_here, s_here = c_here, s_here, c_above, s_above
+def numbers_of(x, k, orders, dimension: int) -> int:
+    """Return the size of the dictionary, or in space of the covariance, of one mode, in float64."""
+    columns = 2 * int(np.max(orders)) + 1 if dimension == 2 else len(x)
+    return len(x) * columns * (2 if np.iscomplexobj(k) else 1)
 
 
 def expansion_spectra(
     positions, pressures, wavenumbers, dimension: int, near_field=False
-) -> list[tuple[np.ndarray, np.ndarray]]:
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the eigenvalues of W W^H of every mode, and |u^H p|^2 along its eigenvectors u.
 
     Parameters
@@ -140,51 +112,35 @@ def expansion_spectra(
 
     Returns
     -------
-    list of two (N,) float64 arrays per mode; where eigenvalues are zero, the rest of |p|^2 is spread evenly over them
+    two (M, N) float64 arrays; where eigenvalues are zero, the rest of |p|^2 is spread evenly over them
     """
-    x, k = writable(positions, float), writable(wavenumbers)
+    x, k, p = np.asarray(positions, float), np.asarray(wavenumbers), np.asarray(pressures)
     centre, orders, gains = expansion_centre(x, k, dimension, near_field)
 
-    def of_mode(mode) -> tuple[np.ndarray, np.ndarray]:
-        kk, order, gain, p = mode
+    def of_block(m: slice) -> tuple[np.ndarray, np.ndarray]:
         if dimension == 2:
-            return _along(circular_dictionary(x, kk, order, centre, gain), p)
-        values, vectors = np.linalg.eigh(spherical_gram(x, kk, order, centre, gain))
-        return np.maximum(values, 0.0), np.abs(vectors.conj().T @ p) ** 2
+            return _along(circular_waves(x, centre, k[m], orders[m], gains[m], False)[0], p[m])
+        values, vectors = np.linalg.eigh(series_covariance(x, centre, k[m], orders[m], gains[m], False)[0])
+        return np.maximum(values, 0.0), np.abs(np.einsum("mni,mn->mi", np.conj(vectors), p[m])) ** 2
 
-    return parallel_map(of_mode, zip(k, orders.tolist(), gains, pressures, strict=True))
-
-
-def circular_dictionary(points, k, order: int, centre, gain=None) -> np.ndarray:
-    """Return W of one mode in two dimensions, real for a real k; W W^H is that of Eq. 4.
-
-    Parameters
-    ----------
-    points : (N, 2) float64, metres
-    k : float or complex, rad/m
-    order : L
-    centre : (2,) float64, metres
-    gain : (L + 1,) float64 or None, factor of each order
-
-    Returns
-    -------
-    (N, 2L + 1) float64 or complex128, as `k`
-    """
-    x, centre = writable(points, float), writable(centre, float)
-    W = np.empty((len(x), 2 * order + 1), np.asarray(k).dtype)
-    fill_circular(
-        x, centre, k, order, np.ones(order + 1) if gain is None else gain, False, W, np.empty((2, 0, 0), W.dtype)
-    )
-    return W
+    numbers = numbers_of(x, k, orders, dimension)
+    found = parallel_map(of_block, blocks(len(k), numbers), worth_threads(len(k), numbers))
+    return np.concatenate([values for values, _ in found]), np.concatenate([along for _, along in found])
 
 
 def _along(W: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the eigenvalues of W W^H and the power of p along its eigenvectors, from the small W^H W."""
-    WH = W.conj().T
-    values, vectors = np.linalg.eigh(WH @ W)
-    first = max(int(np.argmax(values > 1e-13 * values[-1])), len(values) - len(p))  # the rest is numerically zero
-    values = values[first:]
-    along = np.abs(vectors[:, first:].conj().T @ (WH @ p)) ** 2 / values
-    rest = max(float(np.sum(np.abs(p) ** 2) - along.sum()), 0.0)
-    zeros = len(p) - len(values)
-    return np.append(values, np.zeros(zeros)), np.append(along, np.full(zeros, rest / max(zeros, 1)))
+    """Eigenvalues of W W^H and the power of p along its eigenvectors, from the small W^H W; W is (M, r, N)."""
+    M, r, N = W.shape
+    WH = np.conj(W)
+    values, vectors = np.linalg.eigh(WH @ W.swapaxes(1, 2))
+    fits = (values > ZERO * values[:, -1:]) & (np.arange(r) >= r - N)
+    found = np.matmul(vectors.conj().swapaxes(1, 2), WH @ p[..., None])[..., 0]
+    along = np.where(fits, np.abs(found) ** 2 / np.where(fits, values, 1.0), 0.0)
+    rest = np.maximum(np.sum(np.abs(p) ** 2, axis=1) - along.sum(axis=1), 0.0)
+    spread = rest / np.maximum(N - fits.sum(axis=1), 1)
+    out = np.zeros((2, M, N))
+    out[1] = spread[:, None]
+    kept = min(r, N)
+    out[0, :, :kept] = np.where(fits, values, 0.0)[:, r - kept :]
+    out[1, :, :kept] = np.where(fits, along, spread[:, None])[:, r - kept :]
+    return out[0], out[1]

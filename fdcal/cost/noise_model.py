@@ -13,8 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import fminbound, minimize
 
+from ..acoustics.threads import parallel_map
 from ..model.power import mode_power
 from .likelihood import kernel
+from .mode_sums import as_columns, blocks, worth_threads
 
 MOST_NOISE = 0.5  # greatest share that is estimated
 
@@ -151,15 +153,14 @@ def _spectra(positions, pressures, wavenumbers, dimension: int, near_field: bool
     if dimension == 2 or near_field:
         from .low_rank_covariance import expansion_spectra
 
-        pairs = expansion_spectra(positions, pressures, k, dimension, near_field)
-        return np.array([values for values, _ in pairs]), np.array([along for _, along in pairs])
-    from ..acoustics.compiled import parallel_map
-
+        return expansion_spectra(positions, pressures, k, dimension, near_field)
     distance = np.linalg.norm(positions[:, None] - positions[None], axis=-1)
+    numbers = distance.size
 
-    def of_mode(pair) -> tuple[np.ndarray, np.ndarray]:
-        values, vectors = np.linalg.eigh(kernel(pair[0] * distance, dimension))
-        return np.maximum(values, 0.0), np.abs(vectors.T @ pair[1]) ** 2
+    def of_block(m: slice) -> tuple[np.ndarray, np.ndarray]:
+        values, vectors = np.linalg.eigh(kernel(np.multiply.outer(k[m], distance), dimension))
+        found = np.matmul(vectors.swapaxes(1, 2), as_columns(pressures[m], float))
+        return np.maximum(values, 0.0), np.sum(found**2, axis=2)
 
-    spectra = parallel_map(of_mode, zip(k, pressures, strict=True))
-    return np.array([values for values, _ in spectra]), np.array([along for _, along in spectra])
+    spectra = parallel_map(of_block, blocks(len(k), numbers), worth_threads(len(k), numbers))
+    return np.concatenate([values for values, _ in spectra]), np.concatenate([along for _, along in spectra])

@@ -1,4 +1,4 @@
-"""The covariance in space as a series: complex wavenumbers and near sources, compiled.
+"""The covariance in space as a series: complex wavenumbers and near sources.
 
     C_ij = s sum_l (2l + 1) h_l^2 j_l(k a_i) conj(j_l(k a_j)) P_l(cos gamma_ij) + v delta_ij
 
@@ -6,132 +6,121 @@ a, gamma   distance from the centre of the expansion; angle between two micropho
 h_l        gain of order l, `fdcal.cost.low_rank_covariance`; with gain 1 and real k the series is sin(k d) / (k d)
 
 It is s W W^H + v I of the spherical dictionary (`fdcal.acoustics.spherical_harmonics`), with the sum over m in closed
-form (addition theorem): N^2 L terms and not N^2 L^2. Microphones in a plane need no special case. Cost, gradient and
-curvature are those of `fdcal.cost.newton_kernels`, with D_a[i,j] = dC_ij / dx_ia of the first microphone alone:
-
-    gradient   2 Re sum_j D_a[i,j] (C^-1)_ji - 2 Re conj(u_i) g_a,i,    g_a = D_a u,  u = C^-1 p
-    curvature  2 Re conj(g_a,i) (C^-1)_ij g_b,j
+form (addition theorem): N^2 L terms and not N^2 L^2. Microphones in a plane need no special case.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from ..acoustics.compiled import add_curvature, compiled, lower_inverse, writable
-from .bessel_kernels import fill_spherical_bessel
+from ..acoustics.bessel import spherical_bessel_functions
+from .full_rank_terms import full_rank_terms
+from .mode_sums import ModeTerms
+
+NEAREST = 1e-9  # metres: no microphone is closer to the centre, where directions are undefined
 
 
-@compiled
-def series_modes(x, centre, p, k, orders, gains, power, noise, scale, log_det, derivatives, cost, gradient, H):
-    """Add every mode to `cost` (1,), `gradient` (N, D) and `H` (D, D, N, N), blocks a <= b.
+def series_terms(x, centre, p, k, orders, gains, power, noise, scale, log_det: float, derivatives: int) -> ModeTerms:
+    """Return the terms of some modes; parameters as of `fdcal.cost.low_rank_covariance.expansion_terms`."""
+    K, D = series_covariance(x, centre, k, orders, gains, derivatives > 0)
+    K *= power[:, None, None]
+    diagonal = np.arange(len(x))
+    K[:, diagonal, diagonal] += noise[:, None]
 
-    Parameters as of `fdcal.cost.low_rank_covariance.expansion_terms`, `gains` (M, L + 1) float64.
-    """
-    N, D = x.shape
-    e, a = directions(x, centre)
-    C, R, A = np.empty((N, N), np.complex128), np.empty((N, N), np.complex128), np.empty((N, N), np.complex128)
-    for m in range(len(k)):
-        series(e, a, k[m], orders[m], gains[m], derivatives > 0, C, R, A)
-        for i in range(N):
-            for j in range(N):
-                C[i, j] *= power[m]
-            C[i, i] += noise[m]
-        G = np.linalg.cholesky(C)
-        X = lower_inverse(G)
-        y = X @ p[m]
-        for i in range(N):
-            cost[0] += scale[m] * abs(y[i]) ** 2 + log_det * np.log(G[i, i].real ** 2 / noise[m])
-        if derivatives == 0:
-            continue
-        XH = np.conj(X.T)
-        inverse, u = XH @ X, XH @ y
-        g = np.zeros((2, D, N))
-        for i in range(N):
-            for b in range(D):
-                slope, widening = 0j, 0.0
-                for j in range(N):
-                    c = cosine(e, i, j)
-                    d = power[m] * (R[i, j] * e[i, b] + A[i, j] * (e[j, b] - c * e[i, b]) / a[i])
-                    slope += d * u[j]
-                    widening += (d * inverse[j, i]).real
-                g[0, b, i], g[1, b, i] = slope.real, slope.imag
-                gradient[i, b] += 2 * log_det * widening - 2 * scale[m] * (np.conj(u[i]) * slope).real
-        if derivatives == 2:
-            add_curvature(H, g, inverse, 2 * scale[m])
+    def slopes(inverse, u) -> tuple[np.ndarray, np.ndarray]:
+        assert D is not None
+        g = np.einsum("amij,mj->ami", D, u) * power[:, None]
+        return g, np.einsum("amij,mji->ami", D, inverse).real * power[:, None]
+
+    return full_rank_terms(K, p, noise, scale, log_det, derivatives, slopes)
 
 
-@compiled
-def directions(x, centre):
-    """Return unit vectors (N, D) from the centre to the microphones and their distances (N,), metres."""
-    N, D = x.shape
-    e, a = np.empty((N, D)), np.empty(N)
-    for i in range(N):
-        total = 0.0
-        for b in range(D):
-            e[i, b] = x[i, b] - centre[b]
-            total += e[i, b] ** 2
-        a[i] = max(np.sqrt(total), 1e-9)
-        for b in range(D):
-            e[i, b] /= a[i]
-    return e, a
-
-
-@compiled
-def cosine(e, i, j):
-    """Return cos gamma of microphones i and j from the unit vectors e (N, D)."""
-    total = 0.0
-    for b in range(e.shape[1]):
-        total += e[i, b] * e[j, b]
-    return total
-
-
-@compiled
-def series(e, a, k, L, gain, slopes, C, R, A):
-    """Fill C (N, N) of one mode for s = 1, v = 0; if `slopes`, R = dC / da_i and A = dC / d cos gamma."""
-    N = len(a)
-    J, dJ = np.empty((N, L + 1), np.complex128), np.empty((N, L + 1), np.complex128)
-    weight = np.empty(L + 1)
-    for l in range(L + 1):  # noqa: E741
-        weight[l] = (2 * l + 1) * gain[l] ** 2
-    for i in range(N):
-        fill_spherical_bessel(k * a[i], k, J[i], dJ[i])
-    for i in range(N):
-        for j in range(i + 1):
-            c = cosine(e, i, j)
-            below, here, d_below, d_here = 0.0, 1.0, 0.0, 0.0  # P_l and its derivative
-            value, radial_i, radial_j, angular = 0j, 0j, 0j, 0j
-            for l in range(L + 1):  # noqa: E741
-                w = weight[l] * here
-                other = np.conj(J[j, l])
-                value += w * J[i, l] * other
-                if slopes:
-                    radial_i += w * dJ[i, l] * other
-                    radial_j += w * dJ[j, l] * np.conj(J[i, l])
-                    angular += weight[l] * d_here * J[i, l] * other
-                    d_below, d_here = d_here, d_below + (2 * l + 1) * here
-                below, here = here, ((2 * l + 1) * c * here - l * below) / (l + 1)
-            C[i, j], C[j, i] = value, np.conj(value)
-            R[i, j], R[j, i] = radial_i, radial_j
-            A[i, j], A[j, i] = angular, np.conj(angular)
-
-
-def spherical_gram(points, k, order: int, centre, gain=None) -> np.ndarray:
-    """Return W W^H of one mode in three dimensions.
+def series_covariance(x, centre, k, orders, gains, slopes: bool) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return the covariance of a field of unit power and its derivatives.
 
     Parameters
     ----------
-    points : (N, 3) or, in a plane, (N, 2) float64, metres
-    k : float or complex, rad/m
-    order : L
-    centre : as one of `points`, metres
-    gain : (L + 1,) float64 or None, factor of each order
+    x : (N, 3) or, in a plane, (N, 2) float64, metres
+    centre : as one of `x`, metres
+    k : (M,) float64 or complex128, rad/m
+    orders : (M,) int, L of every mode
+    gains : (M, L + 1) float64, factor of every order, for the highest L
+    slopes : bool, whether the derivatives are wanted
 
     Returns
     -------
-    (N, N) complex128
+    K : (M, N, N) complex128, Hermitian
+    D : (axes, M, N, N) complex128, 1/m, derivative by the coordinates of the first microphone; None unless wanted
     """
-    x, centre = writable(points, float), writable(centre, float)
-    C = np.empty((len(x), len(x)), complex)
-    gain = np.ones(order + 1) if gain is None else gain
-    series(*directions(x, centre), complex(k), order, gain, False, C, C.copy(), C.copy())
-    return C
+    seen, (N, axes), M = _Geometry.of(x, centre, int(np.max(orders, initial=0))), x.shape, len(k)
+    K, D = np.empty((M, N, N), complex), np.empty((axes, M, N, N) if slopes else (0, M, N, N), complex)
+    for m in range(M):
+        L = int(orders[m])
+        weight = ((2 * np.arange(L + 1) + 1) * gains[m, : L + 1] ** 2)[:, None]
+        K[m] = _fill(seen, complex(k[m]), weight, D[:, m])
+    return K, (D if slopes else None)
+
+
+@dataclass(frozen=True)
+class _Geometry:
+    """Where the microphones are as seen from the centre, and Legendre polynomials between them.
+
+    a (N,), metres, distances; e (N, axes) unit vectors; i, j (P,) the pairs i >= j; cosine (P,) of their angle;
+    P, dP (L + 1, P) polynomials and derivatives
+    """
+
+    a: np.ndarray
+    e: np.ndarray
+    i: np.ndarray
+    j: np.ndarray
+    cosine: np.ndarray
+    P: np.ndarray
+    dP: np.ndarray
+
+    @staticmethod
+    def of(x, centre, top: int) -> _Geometry:
+        offsets = x - centre
+        a = np.maximum(np.linalg.norm(offsets, axis=1), NEAREST)
+        e = offsets / a[:, None]
+        i, j = np.tril_indices(len(x))
+        cosine = np.sum(e[i] * e[j], axis=1)
+        return _Geometry(a, e, i, j, cosine, *_legendre(cosine, top))
+
+
+def _fill(seen: _Geometry, k: complex, weight, D) -> np.ndarray:
+    """Return the covariance of one mode and fill `D` (axes, N, N), unless it has no axes."""
+    (L, i, j), z = (len(weight) - 1, seen.i, seen.j), k * seen.a
+    f = spherical_bessel_functions(z, L + 1)
+    at_i, at_j = f[:-1, i], np.conj(f[:-1, j])
+    weighted, product = weight * seen.P[: L + 1], at_i * at_j
+    K = _hermitian(np.sum(weighted * product, axis=0), i, j, len(z))
+    if len(D):
+        df = k * (np.arange(L + 1)[:, None] / z * f[:-1] - f[1:])
+        R, A = np.empty_like(K), _hermitian(np.sum(weight * seen.dP[: L + 1] * product, axis=0), i, j, len(z))
+        R[j, i] = np.sum(weighted * df[:, j] * np.conj(at_i), axis=0)
+        R[i, j] = np.sum(weighted * df[:, i] * at_j, axis=0)
+        A /= seen.a[:, None]
+        R -= A * _hermitian(seen.cosine, i, j, len(z))
+        for axis, along in enumerate(seen.e.T):
+            D[axis] = R * along[:, None] + A * along
+    return K
+
+
+def _hermitian(values, i, j, N: int) -> np.ndarray:
+    A = np.empty((N, N), values.dtype)
+    A[j, i] = np.conj(values)
+    A[i, j] = values
+    return A
+
+
+def _legendre(c, top: int) -> tuple[np.ndarray, np.ndarray]:
+    """P_l and its derivative of every argument, l = 0..top : two (top + 1, P) float64."""
+    P, dP = np.ones((top + 1, len(c))), np.zeros((top + 1, len(c)))
+    if top:
+        P[1], dP[1] = c, 1.0
+    for l in range(1, top):  # noqa: E741
+        P[l + 1] = ((2 * l + 1) * c * P[l] - l * P[l - 1]) / (l + 1)
+        dP[l + 1] = dP[l - 1] + (2 * l + 1) * P[l]
+    return P, dP

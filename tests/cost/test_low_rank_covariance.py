@@ -1,4 +1,4 @@
-"""Laws of the compiled costs: through the expansion, the series and the kernel."""
+"""Laws of the costs: through the expansion, the series and the kernel."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from scipy.special import jv, spherical_jn
 
+from fdcal.acoustics.bessel import bessel, spherical_bessel_functions
 from fdcal.acoustics.fourier_bessel import fourier_bessel, max_order
 from fdcal.acoustics.spherical_harmonics import spherical_bessel
 from fdcal.cost import eq7 as paper
-from fdcal.cost.bessel_kernels import fill_bessel, fill_spherical_bessel
 from fdcal.cost.dense_covariance import dense_terms
 from fdcal.cost.likelihood import DiffuseField, newton_terms, total_cost
 from fdcal.cost.low_rank_covariance import EXTRA_ORDERS, expansion_terms
+from fdcal.cost.mode_sums import summed
 
 N, M = 9, 3
 K = np.array([1.3, 3.1, 7.4])
@@ -101,7 +102,8 @@ def test_both_ways_are_one(D, log_det):
     x, p = drawn(D, seed=2)
     through_expansion = expansion_terms(x, p, K, POWER, NOISE, 3, log_det)
     through_kernel = dense_terms(x, p, K, POWER, NOISE, log_det)
-    for one, other in zip(through_expansion, through_kernel, strict=True):
+    assert through_expansion.costs == pytest.approx(through_kernel.costs, rel=1e-7)
+    for one, other in zip(summed(through_expansion, x.shape), summed(through_kernel, x.shape), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-7, atol=1e-8 * np.abs(other).max())
 
 
@@ -143,26 +145,21 @@ ARGUMENTS = [0.0, 1e-9, 0.03, 0.1999, 0.2001, 1.0, 4.7, 23.0, 60.0]
 
 
 @pytest.mark.parametrize("damped", [0.0, 0.5])
-@pytest.mark.parametrize("top", [1, 6, 40])
+@pytest.mark.parametrize("top", [1, 6, 40, 150])
 def test_bessel_functions_of_all_orders_are_scipy_s(damped, top):
-    for z in ARGUMENTS:
-        if z > top + 25:
-            continue  # the orders in use always reach beyond the argument
-        z = complex(z, -damped) if damped else float(z)
-        J = np.empty(top + 1, type(z))
-        fill_bessel(z, top, J)
-        np.testing.assert_allclose(J, jv(np.arange(top + 1), z), rtol=1e-10, atol=1e-14)
+    z = np.array([z for z in ARGUMENTS if z <= top + 25])  # the orders in use always reach beyond the argument
+    z = z - 1j * damped if damped else z
+    J = bessel(z, top)
+    assert J.dtype == z.dtype
+    np.testing.assert_allclose(J, jv(np.arange(top + 1)[:, None], z), rtol=1e-10, atol=1e-14)
 
 
-@pytest.mark.parametrize("top", [0, 1, 6, 40])
-def test_spherical_bessel_functions_and_their_slopes_are_scipy_s(top):
-    orders, k = np.arange(top + 1), 2.0 - 0.1j
-    arguments = [complex(z, -loss) for z in ARGUMENTS[1:] if z <= top + 25 for loss in (0.0, 0.3)]
-    for z in arguments:
-        J, dJ = np.empty(top + 1, complex), np.empty(top + 1, complex)
-        fill_spherical_bessel(z, k, J, dJ)
-        np.testing.assert_allclose(J, spherical_jn(orders, z), rtol=1e-9, atol=1e-13)
-        np.testing.assert_allclose(dJ, k * spherical_jn(orders, z, derivative=True), rtol=1e-6, atol=1e-9)
+@pytest.mark.parametrize("top", [0, 1, 6, 40, 150])
+def test_spherical_bessel_functions_are_scipy_s(top):
+    z = np.array([complex(z, -loss) for z in ARGUMENTS[1:] if z <= top + 25 for loss in (0.0, 0.3)])
+    j = spherical_bessel_functions(z.reshape(2, -1), top)
+    expected = spherical_jn(np.arange(top + 1)[:, None, None], z.reshape(2, -1))
+    np.testing.assert_allclose(j, expected, rtol=1e-9, atol=1e-13)
 
 
 @pytest.mark.parametrize(("dimension", "D"), [(2, 2), (3, 3), (3, 2)])

@@ -1,4 +1,4 @@
-"""What is compiled beforehand is what a run calls: nothing is left to be compiled when somebody waits for it."""
+"""A calibration by the likelihood compiles nothing, and what else is compiled is compiled beforehand."""
 
 import os
 import subprocess
@@ -7,62 +7,100 @@ import threading
 
 import pytest
 
+from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.model.measurement_file import save_measurement
 from fdcal.model.scene_file import load_scene
+from fdcal.session.warmup import all_pieces
 from fdcal.solvers.warmup import warmup_calls
 from fdcal.viewer.background import warmup
 from fdcal.viewer.background.warmup import Warmup
 
 CALIBRATION = """
 import sys
+import fdcal
+found = fdcal.calibrate(fdcal.load(sys.argv[1]), solver=sys.argv[2])
+print(found.verdict, [name for name in ("numba", "llvmlite") if name in sys.modules])
+"""
+SEARCH = """
+import sys
 from numba.core.registry import CPUDispatcher
-from fdcal import solvers
-from fdcal.cost import angular_prior, bessel_kernels, dense_covariance, low_rank_covariance
-from fdcal.cost import newton_kernels, spherical_covariance
-from fdcal.solvers import warmup
-from fdcal.model.scene_file import load_scene
+from fdcal.acoustics import fdtd_kernels
 from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.cost import lattice_search, watershed
+from fdcal.model.scene_file import load_scene
+from fdcal.solvers import load
+from fdcal.session.warmup import all_pieces
 
 def signatures():
-    modules = dense_covariance, low_rank_covariance, newton_kernels, bessel_kernels, angular_prior, spherical_covariance
-    values = [value for module in modules for value in vars(module).values()]
+    values = [value for module in (lattice_search, watershed, fdtd_kernels) for value in vars(module).values()]
     return {value.py_func: list(value.signatures) for value in values if isinstance(value, CPUDispatcher)}
 
-for piece in sum(warmup.warmup_calls(2, "joint"), []):
-    piece()
+for _, compile_piece in all_pieces():
+    compile_piece()
 before, scene = signatures(), load_scene("tiny")
-problem = cached_measurement(scene).problem(scene.solver.weights)
-for state in solvers.run(problem, scene.solver, scene.seed):
-    pass
-assert state.finished and state.field.near_field, "the stage that takes the other kernels was not reached"
+problem, descent = cached_measurement(scene).problem(), load("descent")
+state = descent.init(problem, scene.solver, 0)
+for _ in range(20):
+    state = descent.step(problem, state)
+watershed.prominent_minima(descent.landscape(problem, state, 1, slice(0, 3)).sum(axis=0), 0.1)
 after = signatures()
-print([(kernel.__name__, new) for kernel in after for new in after[kernel] if new not in before[kernel]])
+called = {kernel.__name__ for kernel in before if before[kernel]}
+new = [(kernel.__name__, one) for kernel in after for one in after[kernel] if one not in before[kernel]]
+print({"_pruned_search", "_costs", "_flood", "sweep"} <= called, new)
 """
 
 
-def test_a_run_compiles_nothing_after_its_warmup():
-    """In a process of its own: in this one other tests have compiled what there is."""
-    run = subprocess.run([sys.executable, "-c", CALIBRATION], capture_output=True, text=True, env=os.environ)
-    assert run.stdout.strip() == "[]", run.stdout + run.stderr
+def run(*args: str) -> str:
+    """In a process of its own: in this one other tests have loaded the compiler and compiled what there is."""
+    done = subprocess.run([sys.executable, "-c", *args], capture_output=True, text=True, env=os.environ)
+    return done.stdout.strip() or done.stderr
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
-def test_every_piece_can_be_done(dimension):
-    first, last = warmup_calls(dimension, "descent+joint")
-    assert first and last
-    for piece in (*first, *last):
-        piece()
+@pytest.fixture(scope="module")
+def tiny_file(tmp_path_factory):
+    """The measurement of `tiny`."""
+    path = tmp_path_factory.mktemp("warmup") / "tiny.npz"
+    with open(path, "wb") as file:
+        save_measurement(cached_measurement(load_scene("tiny")), file)
+    return path
 
 
-def test_descent_has_nothing_to_rehearse():
-    assert warmup_calls(2, "descent") == ([], [])
+@pytest.mark.parametrize("solver", ["joint", "robust"])
+def test_a_calibration_loads_no_compiler(solver, tiny_file):
+    assert run(CALIBRATION, str(tiny_file), solver) == "good []"
+
+
+def test_nothing_is_compiled_after_its_warmup():
+    assert run(SEARCH) == "True []"
+
+
+def test_every_piece_has_a_name_and_can_be_done():
+    names = [name for name, _ in all_pieces()]
+    assert len(set(names)) == len(names) and all(names)
+    for solver in ("descent+joint", "descent", "joint"):
+        for piece in warmup_calls(solver):
+            assert piece in all_pieces()
+            piece[1]()
 
 
 def test_a_warmup_reports_its_progress_and_ends(monkeypatch):
     gate = threading.Event()
-    monkeypatch.setattr(warmup, "warmup_calls", lambda *_: ([lambda: None], [gate.wait, lambda: 1 / 0]))
+    monkeypatch.setattr(warmup, "warmup_calls", lambda _: [("", lambda: None), ("", gate.wait), ("", lambda: 1 / 0)])
     monkeypatch.setattr(warmup, "COMPILE_TIME", 0.0)
     made = Warmup(load_scene("tiny"))
-    made.wait_for_first(lambda: None)
+    with pytest.raises(StopIteration):
+        made.wait(iter([None, None]).__next__)
     assert made.busy and made.text.endswith("2 of 3")
     gate.set()
     assert made.close(60.0) and made.text == "", "a piece that fails ends it"
+
+
+def test_warm_compiles_everything_and_tells_how_far_it_is(tmp_path):
+    """On standard error; and a second time reads what the first has compiled."""
+    command = [sys.executable, "-m", "fdcal", "warm"]
+    done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)})
+    assert (done.returncode, done.stdout) == (0, "")
+    for number, (name, _) in enumerate(all_pieces(), 1):
+        assert f"{number} of {len(all_pieces())}: {name} ..." in done.stderr
+    kept = {path.name.split("-")[0] for path in tmp_path.rglob("*.nbi")}
+    assert {"fdtd_kernels.sweep", "lattice_search._pruned_search", "watershed._flood"} <= kept

@@ -49,7 +49,7 @@ def test_scene_switches_leave_no_thread(page_of, scene):
 def test_a_compilation_is_waited_for(scene, monkeypatch, stop):
     """It cannot be interrupted: a cancelled opening ends its thread after it, and closing waits for that."""
     begun, go_on, before = threading.Event(), threading.Event(), names()["fdcal-warmup"]
-    monkeypatch.setattr(warmup, "warmup_calls", lambda *_: ([lambda: begun.set() or go_on.wait(WAIT)], []))
+    monkeypatch.setattr(warmup, "warmup_calls", lambda _: [("", lambda: begun.set() or go_on.wait(WAIT))])
     switcher = SessionSwitcher()
     switcher.open(OpenRequest(scene))
     switcher.poll()

@@ -131,7 +131,7 @@ def _prepare(opening: OpenRequest, progress: PreparationProgress, warmup: Warmup
         source = cached_measurement(scene, progress)
     progress.measurement = measurement = as_given(scene, source)
     progress(1.0)
-    warmup.wait_for_first(lambda: progress(1.0))
+    warmup.wait(lambda: progress(1.0))
     problem = source.problem(scene.solver.weights, scene.solver.known)
     if opening.fewer_modes:
         scene = _with_available_modes(scene, problem)

@@ -18,7 +18,7 @@ class Warmup:
 
     Parameters
     ----------
-    scene : whose room's dimension and whose solver decide what is compiled
+    scene : whose solver decides what is compiled
 
     Attributes
     ----------
@@ -26,18 +26,17 @@ class Warmup:
     """
 
     def __init__(self, scene: Scene):
-        first, last = warmup_calls(scene.room.dimension, scene.solver.name)
-        self._pieces, self._first, self._done = [*first, *last], len(first), 0
+        self._pieces, self._done = warmup_calls(scene.solver.name), 0
         self._since, self.stop = time.perf_counter(), False
         self._worker = LatestWorker(self._compile, "fdcal-warmup")
         self._worker.request()
 
     def _compile(self) -> None:
-        for piece in self._pieces:
+        for _, compile_piece in self._pieces:
             if self.stop:
                 return
             self._since = time.perf_counter()
-            piece()
+            compile_piece()
             self._done += 1
 
     @property
@@ -57,9 +56,9 @@ class Warmup:
             return ""
         return f"Compiling (first run only) ... {self._done + 1} of {len(self._pieces)}"
 
-    def wait_for_first(self, poll: Callable[[], object]) -> None:
-        """Wait for the pieces that the solver needs first; `poll` is called now and then, and may raise."""
-        while self.busy and self._done < self._first:
+    def wait(self, poll: Callable[[], object]) -> None:
+        """Wait for all pieces; `poll` is called now and then, and may raise."""
+        while self.busy and self._done < len(self._pieces):
             poll()
             time.sleep(POLL_INTERVAL)
 

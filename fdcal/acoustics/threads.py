@@ -1,0 +1,41 @@
+"""Work that is done on all cores at once."""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+
+MOST_THREADS = 4
+
+
+@functools.cache
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(min(MOST_THREADS, os.cpu_count() or 1), "fdcal-modes")
+
+
+def shut_down_threads() -> None:
+    """End the threads of `parallel_map` after their current work; a later call starts new ones."""
+    pool = _pool()
+    _pool.cache_clear()
+    pool.shutdown()
+
+
+def parallel_map(function: Callable, items: Iterable, worth: bool = True) -> list:
+    """Return the values of a function for all items, in their order, computed on all cores.
+
+    Parameters
+    ----------
+    function : callable
+        It must not call `parallel_map` itself, which would deadlock.
+    items : iterable
+    worth : bool
+        False for so little work that one core is faster.
+    """
+    items = list(items)
+    try:
+        results = _pool().map(function, items) if worth else map(function, items)
+    except RuntimeError:  # the interpreter is exiting, and the pool takes no more work
+        results = map(function, items)
+    return list(results)
