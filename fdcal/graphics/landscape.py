@@ -21,7 +21,9 @@ def landscape(
     calibration: Calibration | None = None,
     settings: SolverSettings | None = None,
 ) -> LandscapePanels:
-    """Return the cost of moving one microphone (Eq. 7), mode by mode and summed: the paper's Fig. 1.
+    """Return the cost of moving one microphone, mode by mode and summed.
+
+    The cost is Eq. 7; drawn, it is the paper's Fig. 1.
 
     Parameters
     ----------
