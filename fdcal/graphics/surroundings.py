@@ -65,10 +65,9 @@ def frame(focus: Box, base: float, marker_radius: float, theme: Theme) -> tuple[
         ticks, places, texts = glyphs.ruler(low, high, across, axis, 1.2 * marker_radius, level)
         pieces.append(ticks)
         for i, ((x, y, z), text) in enumerate(zip(places.tolist(), texts, strict=True)):
-            label = f"{text} m" if i == 0 else text
-            labels.append(Label(f"frame/{'xy'[axis]}{i}", label, (x, y, z), theme.foreground, anchor))
-    labels.append(Label("frame/x", "x", (x1 + 2.5 * marker_radius, y0, level), theme.foreground, "center-left"))
-    labels.append(Label("frame/y", "y", (x0, y1 + 2.0 * marker_radius, level), theme.foreground, "bottom-center"))
+            labels.append(Label(f"frame/{'xy'[axis]}{i}", text, (x, y, z), theme.foreground, anchor))
+    labels.append(Label("frame/x", "x (m)", (x1, y0 - 5.0 * marker_radius, level), theme.foreground, "top-right"))
+    labels.append(Label("frame/y", "y (m)", (x0, y1 + 2.0 * marker_radius, level), theme.foreground, "bottom-center"))
     return (lines("frame", np.concatenate(pieces), theme.foreground, 1.5),), tuple(labels)
 
 

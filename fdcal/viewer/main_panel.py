@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import viser
 
+from ..session.assess import Assessment
 from ..session.history import SessionView
 from .background.cost_maps import CostMap
 from .gui.binding import Binding
@@ -51,7 +52,14 @@ class MainPanel:
             self.export = ExportTab(binding, export)
 
     def show(
-        self, view: SessionView, microphone: int, drawn: CostMap | None, reason: str, fault: str = "", note: str = ""
+        self,
+        view: SessionView,
+        microphone: int,
+        drawn: CostMap | None,
+        reason: str,
+        fault: str = "",
+        note: str = "",
+        found: Assessment | None = None,
     ) -> None:
         """Bring the panel up to date; called by the main loop.
 
@@ -63,8 +71,9 @@ class MainPanel:
         reason : why there is no map, "" where it is only not ready
         fault : an exception of the page, as text
         note : on work in the background
+        found : Assessment of the state, or None
         """
-        self.run_bar.show(view, fault, note)
+        self.run_bar.show(view, fault, note, found)
         self.solver.show(view)
         self.map.show(microphone, drawn, reason)
         self.view.show(view)

@@ -6,9 +6,11 @@ from collections.abc import Callable
 
 import viser
 
+from ..session.assess import Assessment
 from ..session.history import SessionView
 from .gui import html
 from .gui.binding import Binding
+from .gui.verdict_html import verdict_html
 from .server.client_values import bounded
 
 STEPS = ("Step", "Sweep", "Stage", "Reset")
@@ -26,7 +28,7 @@ class RunBar:
 
     def __init__(self, binding: Binding, restart: Callable[[], None]):
         self._binding, self._restart, gui = binding, restart, binding.gui
-        self.status = gui.add_html("")
+        self.status, self.verdict = gui.add_html(""), gui.add_html("", visible=False)
         self.run = gui.add_button("Run", icon=viser.Icon.PLAYER_PLAY, hint="Run continuously until paused")
         self.steps = gui.add_button_group(
             "Solver", STEPS,
@@ -53,10 +55,15 @@ class RunBar:
         elif label in STEPS:
             {"Step": session.step, "Sweep": session.sweep, "Stage": session.stage}[label]()
 
-    def show(self, view: SessionView, fault: str, note: str = "") -> None:
-        """Bring the bar up to date; called by the main loop. A finished solver offers nothing but Reset."""
+    def show(self, view: SessionView, fault: str, note: str = "", found: Assessment | None = None) -> None:
+        """Bring the bar up to date, `found` being the verdict on the state; called by the main loop.
+
+        A finished solver offers nothing but Reset.
+        """
         binding, done = self._binding, view.state.finished and not view.running
         self.show_status(view, fault, note)
+        binding.send("verdict", verdict_html(found), self.verdict, "content")
+        binding.send("has verdict", found is not None, self.verdict, "visible")
         binding.send("last index", max(view.count - 1, 1), self.time, "max")
         binding.send("no history", view.count < 2, self.time, "disabled")
         binding.send("index", view.index, self.time)

@@ -23,6 +23,7 @@ from .background.exports import Exports, ViewSnapshot
 from .background.map_request import CostMapRequest
 from .background.prepare import PreparedRun
 from .background.uncertainty import UncertaintyWorker
+from .background.verdict import VerdictWorker
 from .gui.binding import Binding
 from .gui.choices import Choices
 from .gui.layout import SessionFolders
@@ -88,6 +89,7 @@ class Viewer:
         self.side_panel = SidePanel(folders, self.binding, self.main_panel.map, self._comparison)
         self.maps = CostMapWorker(run, wake)  # threads last: what is above may raise
         self._uncertainty, self.exports = UncertaintyWorker(run), Exports()
+        self._verdict = VerdictWorker(run, wake)
         nodes.show(picture)
         name = f"/picking/{folders.number}"
         self._picker = MicrophonePicker(server, self.binding, picture, self.main_panel.map.pick, name)
@@ -117,7 +119,14 @@ class Viewer:
 
     def close(self, timeout: float = 1.0) -> None:
         """End all threads after the work in progress; wait `timeout` at most, s."""
-        owners = (self.maps, self._uncertainty, self._comparison, self.side_panel.maps.worker, self.run.session)
+        owners = (
+            self.maps,
+            self._uncertainty,
+            self._verdict,
+            self._comparison,
+            self.side_panel.maps.worker,
+            self.run.session,
+        )
         end = time.perf_counter() + timeout
         if self.run.warmup is not None:
             self.run.warmup.close(0.0)  # the switcher waits for a compilation
@@ -159,8 +168,9 @@ class Viewer:
             self.nodes.show(picture)
             self._picker.show(view.state.positions, floor)
             self._key = key
+        found = self._verdict.of(view.state, view.running, now)
         note = self.run.warmup.text if self.run.warmup else ""
-        self.main_panel.show(view, self._selected, drawn, reason, self._fault, note)
+        self.main_panel.show(view, self._selected, drawn, reason, self._fault, note, found)
         self.side_panel.show(view, drawn, self._selected, uncertainty, runs, now)
 
     def _select_map(self, view: SessionView, choices: Choices, now: float) -> tuple[CostMap | None, str]:

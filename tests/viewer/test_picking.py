@@ -19,7 +19,10 @@ def picker():
     """A picker, the positions that it gave the session, and a function that passes it a drag of viser's."""
     placed, selected, callbacks = [], [], {}
     session = SimpleNamespace(place=lambda *arguments: placed.append(arguments))
-    binding = SimpleNamespace(session=session, measurement=SimpleNamespace(count=5, search=SEARCH))
+    binding = SimpleNamespace(
+        session=session, measurement=SimpleNamespace(count=5, search=SEARCH), choices=SimpleNamespace(release=False),
+        run=SimpleNamespace(problem=SimpleNamespace(known=np.array([4]))),
+    )  # fmt: skip
     disc = SimpleNamespace(
         on_click=lambda call: callbacks.update(click=call), on_drag=lambda _: lambda call: callbacks.update(drag=call)
     )
@@ -27,7 +30,7 @@ def picker():
     picture = SimpleNamespace(marker_radius=0.01, z_range=(0.0, 0.0), focus=(0.95, 1.95, 1.45, 2.45))
     made = MicrophonePicker(server, binding, picture, selected.append)
     return SimpleNamespace(
-        made=made, placed=placed, selected=selected, **{
+        made=made, binding=binding, placed=placed, selected=selected, **{
             name: lambda event, call=call: finish(call(event)) for name, call in callbacks.items()
         }
     )  # fmt: skip
@@ -105,3 +108,12 @@ def test_modes_are_read_as_written(text, modes):
 def test_modes_that_are_not_there_are_refused(text):
     with pytest.raises(InputError, match="1 to 9"):
         mode_ranges.parse(text, 9)
+
+
+def test_a_known_microphone_stays_unless_it_is_released(picker):
+    picker.drag(event("start", 4, (1.2, 2.2, 0.0)))
+    picker.drag(event("update", 4, (1.2, 2.2, 0.0)))
+    assert not picker.placed
+    picker.binding.choices.release = True
+    picker.drag(event("update", 4, (1.2, 2.2, 0.0)))
+    assert [number for number, *_ in picker.placed] == [4]

@@ -17,7 +17,20 @@ PICTURE = "Picture (PNG)"  # the first kind of file to save
 VIEWS = {"Top": "top", "3-D": "3d", "Close": "close"}  # label to view of a camera
 
 KEPT = ("trails", "ellipses", "export_kind", "export_view", "export_size")  # choices that another scene keeps
-SWITCHES = ("follow", "shown", "trails", "ellipses", "log", "relief", "shared", "dark", "shape", "objective", "minima")
+SWITCHES = (
+    "follow",
+    "shown",
+    "trails",
+    "ellipses",
+    "log",
+    "relief",
+    "shared",
+    "dark",
+    "shape",
+    "objective",
+    "minima",
+    "release",
+)
 
 
 @dataclass(frozen=True)
@@ -35,6 +48,7 @@ class Choices:
     style : MapStyle
     trails : whether the path of each estimate is drawn
     ellipses : whether the error ellipses are drawn
+    release : whether known microphones can be dragged
     modes_error : why the text in the field "Mode numbers" was refused, "" if it was not
     export_kind : kind of file to save, a key of `exports.KINDS`
     export_view : view of a picture to save, a value of VIEWS
@@ -51,6 +65,7 @@ class Choices:
     style: MapStyle = field(default_factory=MapStyle)
     trails: bool = False
     ellipses: bool = False
+    release: bool = False
     modes_error: str = ""
     export_kind: str = PICTURE
     export_view: str = "top"

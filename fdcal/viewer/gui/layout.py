@@ -12,7 +12,9 @@ from contextlib import AbstractContextManager, contextmanager
 
 import viser
 
-RIGHT_WIDTH, LEFT_WIDTH = 330.0, 300.0  # pixels
+RIGHT_WIDTH, LEFT_WIDTH = 340.0, 300.0  # pixels
+# All tabs of a panel stay in one row of its width.
+TABS_STYLE = "<style>.mantine-Tabs-tab {padding: 0.6em 0.38em !important; font-size: 0.8rem !important}</style>"
 RIGHT = ("Solver", "Scene", "Map", "View", "Export", "Lessons", "Help")  # without icons, which would take too much room
 LEFT = ("Curves", "Maps", "Modes", "Mics", "Race")
 
@@ -33,6 +35,7 @@ class Panels:
         gui.main_panel.dock_right()
         gui.main_panel.set_width(RIGHT_WIDTH)
         self.top = gui.add_folder(None)
+        gui.add_html(TABS_STYLE)
         self.run_bar = gui.add_folder(None)
         gui.add_divider()
         group, panel = gui.add_tab_group(), gui.add_panel()

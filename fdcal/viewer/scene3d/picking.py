@@ -85,11 +85,16 @@ class MicrophonePicker:
     def _exists(self, index) -> bool:
         return isinstance(index, int) and 0 <= index < self._binding.measurement.count
 
+    def _movable(self, index) -> bool:
+        """Whether a microphone may be dragged: a known one stays where it is given, unless it is released."""
+        binding = self._binding
+        return self._exists(index) and (binding.choices.release or index not in binding.run.problem.known)
+
     def _drag(self, event) -> None:
         """Move the microphone to where the line of sight meets its height, inside the search domain."""
         if event.phase == "start":
             self._gesture[event.client_id] = next(self._gestures)
-        if not self._exists(event.instance_index) or event.client_id not in self._gesture:
+        if not self._movable(event.instance_index) or event.client_id not in self._gesture:
             return
         level = self._base if self._shown is None else self._shown[event.instance_index, 2]
         eye, point = (np.asarray(at, float) for at in (event.client.camera.position, event.end_position))

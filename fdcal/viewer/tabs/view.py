@@ -32,7 +32,12 @@ class ViewTab:
         self.dark = gui.add_checkbox("Dark page", choices.style.dark)
         self.trails = gui.add_checkbox("Trails", choices.trails, hint="Path of each estimate over the last 200 states")
         self.ellipses = gui.add_checkbox("Error ellipses (95 %)", choices.ellipses, hint=ELLIPSES_LATER)
+        self.release = gui.add_checkbox(
+            "Release known", choices.release, hint="Known microphones can be dragged, too",
+            visible=bool(len(binding.run.problem.known)),
+        )  # fmt: skip
         self.ellipses_later = gui.add_html(html.remark(ELLIPSES_LATER), visible=False)
+        binding.on(self.release, lambda value: binding.choose(release=bool(value)))
         binding.on(self.trails, lambda value: self.draw(trails=bool(value)))
         binding.on(self.ellipses, lambda value: self.draw(ellipses=bool(value)))
         binding.on_client(self.camera, lambda client, value: place(client, VIEWS[one_of(value, VIEWS, "Top")]))

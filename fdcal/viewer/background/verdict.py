@@ -1,0 +1,60 @@
+"""The verdict on the end of a run, computed on a thread of its own: what `fdcal calibrate` prints.
+
+Only for a solver that has finished; an earlier state is not at a minimum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ...session.assess import Assessment, assess
+from ...session.blas_threads import one_blas_thread
+from ...session.sources import CalibrationInput
+from ...session.worker import LatestWorker
+from ...solvers.interface import RunState
+from ..gui.html import CONTROLS
+from .prepare import PreparedRun
+
+IDLE_TIME = 0.3  # s without a change before the verdict is computed
+
+
+class VerdictWorker:
+    """Requests verdicts and returns the one on the state on the screen.
+
+    Parameters
+    ----------
+    run : PreparedRun
+    notify : called when there is a verdict
+    """
+
+    def __init__(self, run: PreparedRun, notify: Callable[[], None] = lambda: None):
+        self._run, self._state, self._since, self._requested = run, None, 0.0, None
+        self._worker = LatestWorker(self._compute, "fdcal-verdict", notify=notify)
+
+    def of(self, state: RunState, running: bool, now: float) -> Assessment | None:
+        """Return the assessment of `state`, None while there is none.
+
+        Parameters
+        ----------
+        state : of the solver
+        running : whether the solver runs
+        now : time, s
+        """
+        if state is not self._state:
+            self._state, self._since = state, now
+        idle = now - self._since > IDLE_TIME and not running
+        if state.finished and idle and state is not self._requested:
+            self._requested = state
+            self._worker.request(state)
+        latest = self._worker.latest
+        return latest.result if latest is not None and latest.request[0] is state else None
+
+    def close(self, timeout: float) -> bool:
+        """End the thread after the work in progress; False if that takes longer than `timeout`, s."""
+        return self._worker.close(timeout)
+
+    def _compute(self, state: RunState) -> Assessment:
+        run = self._run
+        inputs = CalibrationInput(run.scene.name, run.known_scene, run.measurement, state.settings, state.seed)
+        with one_blas_thread():
+            return assess(inputs, run.problem, state, CONTROLS)

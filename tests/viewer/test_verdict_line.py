@@ -1,0 +1,62 @@
+"""The verdict under the status: the words of `fdcal calibrate`, as soon as the solver has finished."""
+
+import dataclasses
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from browsing import WAIT
+
+from fdcal import solvers
+from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.assessment.result_parts import Evidence
+from fdcal.session.assess import Assessment
+from fdcal.session.calibrate import solve
+from fdcal.session.request import OpenRequest
+from fdcal.session.sources import scene_input
+from fdcal.viewer.background import prepare
+from fdcal.viewer.background.verdict import IDLE_TIME, VerdictWorker
+from fdcal.viewer.gui.html import CONTROLS
+from fdcal.viewer.gui.verdict_html import DOUBTFUL, GOOD, verdict_html
+
+
+@pytest.fixture
+def worker(scene):
+    measurement, solver = cached_measurement(scene), solvers.load(scene.solver.name)
+    problem = measurement.problem()
+    session = SimpleNamespace(view=None)
+    made = VerdictWorker(prepare.PreparedRun(scene, measurement, problem, solver, session, OpenRequest(scene)))
+    yield made, solver, problem
+    assert made.close(WAIT)
+
+
+def test_it_is_what_calibrate_prints_and_waits_for_the_end(scene, worker):
+    made, solver, problem = worker
+    inputs = scene_input(scene)
+    state = solver.init(problem, inputs.settings, scene.seed)
+    assert made.of(state, False, 0.0) is None and made.of(state, False, 1e3) is None
+    while not state.finished:
+        state = solver.step(problem, state)
+    assert made.of(state, True, 2e3) is None, "it runs"
+    end, found, now = time.monotonic() + WAIT, None, 3e3
+    while found is None and time.monotonic() < end:
+        found, now = made.of(state, False, now), now + IDLE_TIME
+        time.sleep(0.02)
+    printed = solve(inputs, wording=CONTROLS)
+    assert (found.verdict, found.verdict_text) == (printed.verdict, printed.verdict_text)
+    assert found.evidence.leave_one_out_db == pytest.approx(printed.evidence.leave_one_out_db)
+    assert made.of(dataclasses.replace(state, step=99), False, now) is None, "of another state"
+
+
+def found(verdict, text, **changes):
+    numbers = dict(uncertainty=np.array([0.0, 3e-4, 3e-4]), covariance=None, evidence=Evidence(1.0))
+    return Assessment(np.zeros((3, 2)), None, verdict, text, **numbers | changes)
+
+
+def test_the_line_is_coloured_by_the_code():
+    assert verdict_html(None) == ""
+    good = verdict_html(found("good", "the positions <can> be used"))
+    assert GOOD in good and "<b>good</b>: the positions &lt;can&gt; be used" in good
+    bad = verdict_html(found("model_mismatch", "no", evidence=Evidence(1.0, leave_one_out_db=-12.34)))
+    assert DOUBTFUL in bad and GOOD not in bad and "leave-one-out error -12.3 dB" in bad
