@@ -20,7 +20,7 @@ from fdcal.commands.cli import commands
 from fdcal.model.measurement_file import OPTIONAL, REQUIRED, SEARCH
 from fdcal.model.scene_file import scene_names
 from fdcal.recordings import formats
-from fdcal.session.lesson import MAPS, SCALES, VIEWS, Lesson, Setting, Step
+from fdcal.session.lesson import MAPS, QUANTITIES, SCALES, VIEWS, Lesson, Setting, Step
 from fdcal.session.lesson_file import load_lesson
 from fdcal.solvers import names as solver_names
 
@@ -227,6 +227,6 @@ def test_every_key_of_a_lesson_is_documented():
     fields = {field.name for kind in (Lesson, Step) for field in dataclasses.fields(kind)} - set(Lesson.OPTIONAL)
     for key in fields - {"page", "then", "steps"} | set(Setting.OPTIONAL):
         assert f"`{key}`" in LESSONS, key
-    for value in (*MAPS, *SCALES, *VIEWS):
+    for value in (*MAPS, *QUANTITIES, *SCALES, *VIEWS):
         assert f'`"{value}"`' in LESSONS, value
     assert "`--lesson" in LESSONS or "--lesson mine.toml" in LESSONS

@@ -142,7 +142,7 @@ def default_count(coordinates: int) -> int:
     (90, 112)
     """
     unknowns, equations = coordinates + 2, 2 * (1 - 1 / 3)
-    return int(LIMITS.overdetermination * unknowns / equations)
+    return round(LIMITS.overdetermination * unknowns / equations)
 
 
 def coordinate_count(recording: Recording, options: ImportOptions, known_positions: np.ndarray | None) -> int:
