@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import re
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -18,6 +19,8 @@ from .primitives import Picture
 
 MIN_EDGE, MAX_EDGE = 64, 8192  # pixels
 REMEDY = "pictures need a GL library; install one with: apt-get install -y libegl1 libgl1-mesa-dri"
+VERSIONS = "install the versions of pyvista, vtk and pillow that fdcal needs: pip install --upgrade fdcal"
+MISFIT = re.compile(r"^(ImportError|ModuleNotFoundError|AttributeError|TypeError)\b")  # of libraries that do not fit
 TIMEOUT = 120.0  # s
 
 
@@ -35,7 +38,7 @@ def render_png(picture: Picture, size: Sequence[int] = (1280, 800), view: str = 
     InputError
         The size or the view is unusable.
     StorageError
-        The child process failed, for want of a GL library in most cases.
+        The child process failed: there is no GL library, or one of another version than fdcal needs.
     """
     require_size(size)
     require_choice("view", view, VIEWS)
@@ -54,8 +57,9 @@ def render_png(picture: Picture, size: Sequence[int] = (1280, 800), view: str = 
         raise StorageError(f"the picture could not be drawn: {error}") from error
     if child.returncode != 0 or not child.stdout.startswith(b"\x89PNG"):
         messages = child.stderr.decode(errors="replace").strip().splitlines()
-        reason = f" ({messages[-1].strip()})" if messages else ""
-        raise StorageError(f"the picture could not be drawn{reason}; {REMEDY}")
+        reason = messages[-1].strip() if messages else ""
+        remedy = VERSIONS if MISFIT.match(reason) and "shared object" not in reason else REMEDY
+        raise StorageError(f"the picture could not be drawn{reason and f' ({reason})'}; {remedy}")
     return child.stdout
 
 

@@ -245,3 +245,21 @@ def test_a_crash_of_the_gl_library_is_reported_in_one_line(scene, measurement, m
     with pytest.raises(StorageError, match="apt-get install") as caught:
         snapshot.render(compose(scene, measurement), tmp_path / "picture.png", SIZE)
     assert "\n" not in str(caught.value) and not (tmp_path / "picture.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("last_line", "remedy"),
+    [
+        ("ImportError: cannot import name 'vtkCapsuleSource'", "pip install"),
+        ("TypeError: argument 1 must be str", "pip install"),
+        ("ImportError: libGL.so.1: cannot open shared object file", "apt-get install"),
+        ("ERROR: vtkEGLRenderWindow: no display", "apt-get install"),
+    ],
+)
+def test_libraries_of_other_versions_are_not_blamed_on_gl(scene, measurement, monkeypatch, tmp_path, last_line, remedy):
+    failing = tmp_path / "python"
+    failing.write_text(f'#!/bin/sh\necho "{last_line}" >&2\nexit 1\n')
+    failing.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(failing))
+    with pytest.raises(StorageError, match=f"{last_line[:10]}.*{remedy}"):
+        snapshot_process.render_png(compose(scene, measurement), SIZE)

@@ -1,0 +1,132 @@
+"""pyproject.toml, CONTRIBUTING.md, `.ci/run` and the workflow agree on what fdcal needs and is tested with."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import re
+import subprocess
+import sys
+import tomllib
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parent.parent
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+EXTRAS = PROJECT["optional-dependencies"]
+OPTIONAL = {"pandas", "pyfar"}  # imported where it is called, with a remedy where it is missing
+PRIVATE_MODULES = ("numba.core", "numba.np")  # private without an underscore
+ROW = re.compile(r"^\| (\w+) (<[\d.]+) \| (.*?) \| (.*?) \| (.*?) \|$", re.MULTILINE)
+BOUNDED = re.compile(r"^\s*(import|from) (viser|websockets|numba)\b", re.MULTILINE)
+MODULES = ("viser._messages", "viser.infra._infra", "viser.infra._async_message_buffer", "websockets.asyncio.server",
+           "numba.core.config", "numba.core.cgutils")  # fmt: skip
+NAME = re.compile(r"[A-Za-z0-9_.-]+")
+
+
+def distributions(requirements: list[str]) -> set[str]:
+    return {NAME.match(requirement).group().lower() for requirement in requirements}
+
+
+def imports(folder: str) -> set[str]:
+    """Names of the distributions that the modules of a folder import."""
+    found = set()
+    for path in (ROOT / folder).rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                found |= {alias.name.split(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.level == 0:
+                found.add(node.module.split(".")[0])
+    own = {path.stem for path in ROOT.rglob("tests/**/*.py")} | {"fdcal", "benchmarks", "tests"}
+    known = metadata.packages_distributions()
+    return {known[name][0].lower() for name in found - own - set(sys.stdlib_module_names) if name in known}
+
+
+def test_every_library_that_is_imported_is_named():
+    needed = distributions(PROJECT["dependencies"])
+    assert imports("fdcal") <= needed | OPTIONAL
+    assert imports("tests") <= needed | distributions(EXTRAS["test"])
+    # the benchmark of wave fields with a finite-element mesh and the fuzz of all formats need more
+    assert imports("benchmarks") <= needed | distributions([*EXTRAS["benchmarks"], *EXTRAS["formats"]])
+
+
+@pytest.mark.parametrize(
+    "requirement", [*PROJECT["dependencies"], *(line for extra in EXTRAS.values() for line in extra)]
+)
+def test_every_library_has_a_lower_bound(requirement):
+    assert re.match(r"[\w.\[\]-]+>=\d", requirement)
+
+
+def test_the_lowest_versions_are_those_of_pyproject():
+    printed = subprocess.run([sys.executable, ROOT / ".ci" / "lowest.py"], capture_output=True, text=True, check=True)
+    lowest = dict(line.split("==") for line in printed.stdout.splitlines())
+    assert len(lowest) == len(PROJECT["dependencies"])
+    for requirement in PROJECT["dependencies"]:
+        name = NAME.match(requirement).group()
+        assert requirement.startswith(f"{name}>={lowest[name]}")
+
+
+# -- private names -----------------------------------------------------------------------------------------------------
+
+
+def table() -> list[tuple[str, str, set[str], set[str]]]:
+    """Library, bound, private names and modules of each row of CONTRIBUTING's table."""
+    rows = ROW.findall((ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8"))
+    quoted = re.compile(r"`([^`]+)`")
+    return [(name, bound, set(quoted.findall(names)), set(quoted.findall(at))) for name, bound, names, at, _ in rows]
+
+
+def private_names(path: Path) -> set[str]:
+    """Private names of viser, websockets and numba that a module uses."""
+    tree, found = ast.parse(path.read_text(encoding="utf-8")), set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.level == 0 and node.module != "__future__":
+            private = any(part.startswith("_") for part in node.module.split(".")) or node.module in PRIVATE_MODULES
+            found |= {node.module} if private else {x.name for x in node.names if x.name.startswith("_")}
+        elif isinstance(node, ast.Attribute) and re.match(r"_[a-z]", node.attr):
+            if not (isinstance(node.value, ast.Name) and node.value.id in ("self", "cls")):
+                found.add(node.attr)
+    return found
+
+
+def uses_bounded_library(path: Path) -> bool:
+    return bool(
+        re.search(r"^\s*(import|from) (viser|websockets|numba)\b", path.read_text(encoding="utf-8"), re.MULTILINE)
+    )
+
+
+def test_every_private_name_is_in_the_table_and_used():
+    used = {str(path.relative_to(ROOT)): private_names(path) for path in (ROOT / "fdcal").rglob("*.py")
+            if uses_bounded_library(path)}  # fmt: skip
+    listed = {name for _, _, names, _ in table() for name in names}
+    assert set().union(*used.values()) <= listed
+    for _, _, names, modules in table():
+        for module in modules:
+            assert any(name in (ROOT / module).read_text(encoding="utf-8") for name in names), module
+
+
+def test_the_table_has_the_bounds_of_pyproject():
+    bounded = {NAME.match(line).group(): line.split(",")[1] for line in PROJECT["dependencies"] if "<" in line}
+    assert bounded == {name: bound for name, bound, _, _ in table()}
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_the_private_modules_exist(module):
+    importlib.import_module(module)
+
+
+# -- where it is tested ------------------------------------------------------------------------------------------------
+
+
+def test_the_workflow_runs_what_ci_runs_on_every_python():
+    workflow = yaml.safe_load((ROOT / ".github" / "workflows" / "ci.yml").read_text(encoding="utf-8"))
+    assert workflow[True].keys() == {"push", "pull_request"}, 'YAML reads the key "on" as true'
+    (job,) = workflow["jobs"].values()
+    assert any(step.get("run") == ".ci/run" for step in job["steps"])
+    script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    pythons = re.search(r'^PYTHONS="([^"]+)"', script, re.MULTILINE).group(1).split()
+    assert job["strategy"]["matrix"]["python"] == pythons
+    assert PROJECT["requires-python"] == f">={pythons[0]}"
+    assert "-m benchmarks.smoke" in script and ".ci/lowest.py" in script
