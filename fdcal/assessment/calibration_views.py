@@ -140,8 +140,9 @@ class CalibrationViews:
     def to_dataframe(self) -> Any:
         """Return a pandas table with one row a microphone, if pandas is installed.
 
-        Columns: x, y (z), metres; known; uncertainty, one sigma in metres; error, metres, where it is known. The index
-        are the names.
+        Columns: x, y (z), metres; known; uncertainty, one sigma in metres; error, metres, where it is known; where the
+        solver finds them gain_db, gain_sigma_db, phase_deg, phase_sigma_deg, noise_db and fault, "" where sound.
+        The index are the names.
 
         Returns
         -------

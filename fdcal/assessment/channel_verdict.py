@@ -20,7 +20,8 @@ from .channel_covariance import uncertainty
 from .channel_findings import LIMITS, ChannelEvidence, first_finding, residual_to_noise
 from .error_ellipses import one_sigma
 from .given_check import check_given
-from .odd_channels import OddChannel, exchange_back, healthy_channels, odd_channels
+from .odd_channels import OddChannel, channel_faults, exchange_back, healthy_channels, odd_channels
+from .result_parts import DECIBELS_PER_NEPER, Channels
 from .search_spread import search_spread
 
 
@@ -65,6 +66,19 @@ class RobustVerdict:
     stretch_sigma: float
     noise_share: float
     residual_to_noise: float
+
+    def channels(self, names: Sequence[str]) -> Channels:
+        """Return gain and noise of every channel, and what is wrong with it, with the names of the microphones."""
+        gain, phase = self.gains.T
+        gain_sigma, phase_sigma = self.gain_sigma.T
+        return Channels(
+            DECIBELS_PER_NEPER * gain,
+            DECIBELS_PER_NEPER * gain_sigma,
+            np.degrees(np.angle(np.exp(1j * phase))),
+            np.degrees(phase_sigma),
+            10 * np.log10(self.channel_noise / np.median(self.channel_noise)),
+            channel_faults(self.odd, names),
+        )
 
     def worded(self, names: Mapping[str, str]) -> str:
         """Return the message with its arguments called as in `names`."""

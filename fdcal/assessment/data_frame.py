@@ -6,6 +6,7 @@ from typing import Any
 
 from ..model.validation import InputError
 from .calibration import Calibration
+from .result_parts import CHANNEL_KEYS
 
 
 def data_frame(result: Calibration) -> Any:
@@ -29,4 +30,8 @@ def data_frame(result: Calibration) -> Any:
         columns["uncertainty"] = result.uncertainty
     if result.errors is not None:
         columns["error"] = result.errors
+    if result.channels is not None:
+        faults = {fault.name: fault.kind for fault in result.channels.faults}
+        columns |= {key: getattr(result.channels, key) for key in CHANNEL_KEYS.values()}
+        columns["fault"] = [faults.get(name, "") for name in result.names]
     return pandas.DataFrame(columns, index=pandas.Index(result.names, name="microphone"))

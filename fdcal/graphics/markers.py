@@ -1,8 +1,8 @@
 """The marks of a picture: their colours, the order in which they cover each other, and their shapes.
 
 True microphones are black circles, estimates red crosses, known microphones blue squares, the lowest cost of the map an
-amber diamond. The shapes differ first; the colours differ for colour-blind eyes, too. A white halo around each keeps it
-legible on the map and on any background.
+amber diamond, odd channels violet circles with a bar. The shapes differ first; the colours differ for colour-blind
+eyes, too. A white halo around each keeps it legible on the map and on any background.
 
 Marks are flat and have a size in the room, not on the screen: lengths are metres, colours RGB from 0 to 255.
 """
@@ -21,7 +21,7 @@ from .primitives import Colour, Floor, Lines, Mesh, Theme
 
 TRUE, ESTIMATE, KNOWN, HALO = (0, 0, 0), (214, 24, 40), (0, 90, 181), (255, 255, 255)
 LOWEST = (255, 176, 0)
-TRAIL, ELLIPSE = (240, 130, 200), (255, 110, 60)
+TRAIL, ELLIPSE, ODD = (240, 130, 200), (255, 110, 60), (120, 40, 170)
 HALO_WIDTH = 0.34  # of a mark of microphones, in radii of a marker, on both sides together
 
 
@@ -39,6 +39,7 @@ class Layer(enum.IntEnum):
     ELLIPSE = 7
     ESTIMATE = 8
     MINIMUM = 9
+    ODD = 9
     SELECTED_TRUE = 10
     SELECTED = 12
     COMPARISON = 14

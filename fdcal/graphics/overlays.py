@@ -11,10 +11,11 @@ from dataclasses import replace
 import numpy as np
 
 from . import glyphs
-from .markers import ELLIPSE, TRAIL, Layer, drape, lines, on_layer, solver_mark, strokes
+from .markers import ELLIPSE, ODD, TRAIL, Layer, drape, lines, on_layer, solver_mark, strokes
 from .primitives import Floor, Picture
 
 ELLIPSE_SIDES = 36  # of the polygon that is drawn for an ellipse
+ODD_RADIUS, ODD_SIDES = 2.4, 24  # of the circle around an odd channel, radii of a marker
 
 
 def with_trails(picture: Picture, paths, floor: Floor | None = None) -> Picture:
@@ -58,6 +59,26 @@ def with_ellipses(picture: Picture, positions, axes, floor: Floor | None = None)
     rim = np.cos(angles)[:, None, None] * long + np.sin(angles)[:, None, None] * middle + centres
     pieces = np.stack([rim[:-1], rim[1:]], axis=2).reshape(-1, 2, 3)
     return replace(picture, lines=(*picture.lines, lines("ellipses", pieces, ELLIPSE, 2.5)))
+
+
+def with_odd_channels(picture: Picture, positions, odd, floor: Floor | None = None) -> Picture:
+    """Return the picture with a barred circle around each microphone whose channel, or given position, is odd.
+
+    Parameters
+    ----------
+    positions : (N, D) float64, metres
+    odd : sequence of int, numbers of the microphones
+    floor : a map in relief, on which the microphones stand, or None
+    """
+    if not len(odd):
+        return picture
+    radius = picture.marker_radius
+    places = drape(np.asarray(positions, float)[list(odd)], floor)
+    centres = on_layer(places, picture.z_range[0], radius, Layer.ODD)
+    reach = ODD_RADIUS * radius * np.sqrt(0.5) * np.array([1.0, -1.0, 0.0])
+    bars = np.stack([centres - reach, centres + reach], axis=1)
+    segments = np.concatenate([glyphs.polygons(centres, ODD_RADIUS * radius, ODD_SIDES), bars])
+    return replace(picture, meshes=picture.meshes + strokes("microphones/odd", segments, radius, ODD, 0.34))
 
 
 def with_comparison(

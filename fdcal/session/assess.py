@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ..assessment.result_parts import DECIBELS_PER_NEPER, Channels, Evidence, KnownRoom
+from ..assessment.result_parts import Channels, Evidence, KnownRoom
 from ..model.channels import microphone_index
 from ..model.gauge import move_to_frame
 from ..model.power import mode_power
@@ -111,7 +111,7 @@ def _assess_array(inputs: CalibrationInput, problem: Problem, state, wording: Ma
 def _assess_channels(inputs: CalibrationInput, problem: Problem, state, wording: Mapping[str, str]) -> Assessment:
     from ..assessment.channel_verdict import judge  # these load the compiler
     from ..assessment.cross_validation import cross_validate_healthy
-    from ..assessment.odd_channels import channel_faults, healthy_channels
+    from ..assessment.odd_channels import healthy_channels
 
     names = inputs.measurement.names
     verdict = judge(problem, state, names)
@@ -119,15 +119,9 @@ def _assess_channels(inputs: CalibrationInput, problem: Problem, state, wording:
     corrected = replace(problem, pressures=problem.pressures * np.exp(-gains[:, 0] - 1j * gains[:, 1]))
     healthy = healthy_channels(len(names), verdict.odd)
     prediction = cross_validate_healthy(corrected, verdict.positions, state.modes, healthy)
-    tau, phase = verdict.channel_noise, np.degrees(np.angle(np.exp(1j * gains[:, 1])))
-    channels = Channels(
-        DECIBELS_PER_NEPER * gains[:, 0], DECIBELS_PER_NEPER * verdict.gain_sigma[:, 0],
-        phase, np.degrees(verdict.gain_sigma[:, 1]),
-        10 * np.log10(tau / np.median(tau)), channel_faults(verdict.odd, names),
-    )  # fmt: skip
     return Assessment(
         verdict.positions, problem, verdict.code, verdict.worded(wording), verdict.sigma, verdict.covariance,
-        _evidence(verdict, prediction), channels=channels,
+        _evidence(verdict, prediction), channels=verdict.channels(names),
     )  # fmt: skip
 
 

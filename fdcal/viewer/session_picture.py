@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..graphics.framing import with_display_domain
-from ..graphics.overlays import with_comparison, with_ellipses, with_trails
+from ..graphics.overlays import with_comparison, with_ellipses, with_odd_channels, with_trails
 from ..graphics.picture import static_picture, with_estimate, with_floor
 from ..graphics.primitives import Floor, Picture
 from ..session.history import SessionView
@@ -61,6 +61,10 @@ class SessionPicture:
             picture = with_trails(picture, np.array([state.positions for state in past]), floor)
         if choices.ellipses and uncertainty is not None:
             picture = with_ellipses(picture, positions, uncertainty.axes, floor)
+        if uncertainty is not None and uncertainty.channels is not None:
+            odd = {fault.name for fault in uncertainty.channels.faults}
+            numbers = [n for n, name in enumerate(self._measurement.names) if name in odd]
+            picture = with_odd_channels(picture, positions, numbers, floor)
         return with_comparison(picture, {run.name: run.positions for run in runs}, self._run.problem.free, floor)
 
     def _static_picture(self, dark: bool, floor: Floor | None) -> Picture:

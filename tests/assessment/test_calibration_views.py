@@ -10,6 +10,7 @@ import pyfar
 import pytest
 
 import fdcal
+from fdcal.assessment.result_parts import ChannelFault, Channels
 from fdcal.graphics.calibration_figure import VISIBLE, enlargement
 from fdcal.recordings.positions_file import read_positions
 
@@ -58,6 +59,15 @@ def test_the_table_of_pandas_has_a_row_for_each_microphone():
     assert table.index.tolist() == list(NAMES)
     assert table["known"].tolist() == [True, False, False, False]
     np.testing.assert_array_equal(table[["x", "y", "z"]].to_numpy(), POSITIONS)
+
+
+def test_the_table_of_pandas_has_the_channels_where_the_solver_finds_them():
+    numbers = np.arange(5 * len(NAMES), dtype=float).reshape(5, -1)
+    channels = Channels(*numbers, (ChannelFault(NAMES[2], "dead"),))
+    table = result(channels=channels).to_dataframe()
+    columns = ["gain_db", "gain_sigma_db", "phase_deg", "phase_sigma_deg", "noise_db"]
+    np.testing.assert_array_equal(table[columns].to_numpy().T, numbers)
+    assert table["fault"].tolist() == ["", "", "dead", ""]
 
 
 def test_without_pandas_the_remedy_is_named(monkeypatch):

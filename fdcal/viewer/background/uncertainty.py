@@ -10,9 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...assessment.error_ellipses import ellipse_axes, one_sigma
+from ...assessment.result_parts import Channels
 from ...assessment.uncertainty import information, pressures_and_field, robust_covariance
 from ...session.worker import LatestWorker
 from ...solvers.interface import AssessmentMethod, RunState
+from ..gui.html import CONTROLS
 from .prepare import PreparedRun
 
 SIGMAS = 2.4477  # half axes of the ellipse that holds 95 % of a bivariate Gaussian, in standard deviations
@@ -27,10 +29,15 @@ class PositionUncertainty:
     ----------
     axes : (N, D, D) float64, metres, half axes of the 95 % ellipses in rows, the longest last
     sigma : (N,) float64, metres, one standard deviation
+    verdict, text : the verdict and its message, of a solver that finds the gains of the channels; "" of others
+    channels : Channels, likewise, or None
     """
 
     axes: np.ndarray
     sigma: np.ndarray
+    verdict: str = ""
+    text: str = ""
+    channels: Channels | None = None
 
 
 class UncertaintyWorker:
@@ -68,14 +75,34 @@ class UncertaintyWorker:
         return self._worker.close(timeout)
 
     def _compute(self, state: RunState) -> PositionUncertainty | None:
-        run, positions = self._run, np.asarray(state.positions)
-        if run.solver.TRAITS.assessment is not AssessmentMethod.LIKELIHOOD:  # which this covariance belongs to
-            return None
-        p, field = pressures_and_field(run.problem, positions, state.modes, None)
-        try:
-            blocks = robust_covariance(information(positions, p, field, run.problem.known))
-        except np.linalg.LinAlgError:  # the field does not determine these positions
-            return None
-        if not np.isfinite(blocks).all():
-            return None
-        return PositionUncertainty(ellipse_axes(blocks, SIGMAS), one_sigma(blocks))
+        return computed(self._run, state)
+
+
+def computed(run: PreparedRun, state: RunState) -> PositionUncertainty | None:
+    """Return the uncertainty at the end of a run, None where it cannot be determined."""
+    if run.solver.TRAITS.assessment is AssessmentMethod.CHANNELS:
+        return _of_channels(run, state)
+    if run.solver.TRAITS.assessment is not AssessmentMethod.LIKELIHOOD:  # which this covariance belongs to
+        return None
+    positions = np.asarray(state.positions)
+    p, field = pressures_and_field(run.problem, positions, state.modes, None)
+    try:
+        blocks = robust_covariance(information(positions, p, field, run.problem.known))
+    except np.linalg.LinAlgError:  # the field does not determine these positions
+        return None
+    if not np.isfinite(blocks).all():
+        return None
+    return PositionUncertainty(ellipse_axes(blocks, SIGMAS), one_sigma(blocks))
+
+
+def _of_channels(run: PreparedRun, state) -> PositionUncertainty | None:
+    """What the command line prints of the same state: ellipses, verdict and channels."""
+    from ...assessment.channel_verdict import judge  # it loads the compiler
+
+    names = run.measurement.names
+    try:
+        found = judge(run.problem, state, names)
+    except np.linalg.LinAlgError:
+        return None
+    axes = ellipse_axes(found.covariance, SIGMAS)
+    return PositionUncertainty(axes, found.sigma, found.code, found.worded(CONTROLS), found.channels(names))

@@ -15,6 +15,7 @@ from ...model.measurement import Measurement
 from ...session.history import SessionView
 from ..background.uncertainty import PositionUncertainty
 from ..gui.binding import Binding
+from ..gui.channels_html import channel_table
 from ..gui.html import CARD
 from ..gui.plots import BLUE, PADDING, RED, dots
 
@@ -32,6 +33,7 @@ class MicrophonesTab:
         self._binding, self._updated, self._key = binding, -1e9, ()
         self.error_by_distance = ErrorByDistance(binding.gui, binding.measurement)
         self.table = binding.gui.add_html("")
+        self.channels = binding.gui.add_html("")
 
     def show(self, view: SessionView, microphone: int, uncertainty: PositionUncertainty | None, now: float) -> None:
         """Bring the tab up to date; called by the main loop.
@@ -51,6 +53,7 @@ class MicrophonesTab:
         sigma = None if uncertainty is None else uncertainty.sigma
         text = table(self._binding.measurement, np.asarray(view.state.positions), sigma, microphone)
         self._binding.send("table", text, self.table, "content")
+        self._binding.send("channels", channel_table(self._binding.measurement, uncertainty), self.channels, "content")
 
 
 class ErrorByDistance:

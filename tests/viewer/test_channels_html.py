@@ -1,0 +1,63 @@
+"""What the page shows of a run that finds the gains of the channels equals what the command line prints."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import fdcal
+from fdcal import solvers
+from fdcal.graphics.overlays import with_odd_channels
+from fdcal.graphics.picture import static_picture
+from fdcal.model.settings import SolverSettings
+from fdcal.viewer.background import uncertainty
+from fdcal.viewer.gui.channels_html import channel_table
+
+INVERTED = 9
+
+
+@pytest.fixture(scope="module")
+def shown():
+    """Measurement of `tiny` with an inverted channel, its calibration, and what the page computes of its last state."""
+    measurement = fdcal.load("tiny")
+    p = np.array(measurement.pressures)
+    p[:, INVERTED] *= -1
+    measurement = replace(measurement, pressures=p)
+    result = fdcal.calibrate(measurement, solver="robust", modes=12)
+    problem = measurement.problem("unit", "all")
+    *_, state = solvers.run(problem, SolverSettings(name="robust", modes=12), 0)
+    run = SimpleNamespace(problem=problem, solver=solvers.load("robust"), measurement=measurement)
+    return measurement, result, uncertainty.computed(run, state)
+
+
+def test_ellipses_verdict_and_gains_are_those_of_the_calibration(shown):
+    _, result, found = shown
+    assert found.verdict == result.verdict and np.allclose(found.sigma, result.uncertainty)
+    assert np.allclose(found.channels.gain_db, result.channels.gain_db)
+    assert [fault.kind for fault in found.channels.faults] == ["inverted"]
+    assert found.axes.shape == (16, 2, 2)
+
+
+def test_the_table_has_the_odd_channels_first_and_marks_them(shown):
+    measurement, _, found = shown
+    html = channel_table(measurement, found)
+    first = html.split("<tr")[2]
+    assert "inverted" in first and "&#9888; 9" in first and html.count("&#9888;") == 1
+    assert html.count("<tr") == 17 and f"Verdict: {found.verdict}" in html
+    assert channel_table(measurement, None) == ""
+    evil = replace(measurement, names=("<script>", *measurement.names[1:]))
+    assert "<script>" not in channel_table(evil, found)
+
+
+def test_odd_microphones_have_a_mark_of_their_own_at_their_place():
+    measurement = fdcal.load("tiny")
+    picture = static_picture(None, measurement)
+    marked = with_odd_channels(picture, measurement.positions, [INVERTED])
+    (mark,) = [mesh for mesh in marked.meshes if mesh.name == "microphones/odd"]
+    assert np.allclose(
+        mark.vertices[:, :2].mean(axis=0), measurement.positions[INVERTED], atol=picture.marker_radius / 4
+    )
+    assert with_odd_channels(picture, measurement.positions, []) is picture
