@@ -35,9 +35,18 @@ def _search() -> None:
     x = np.random.default_rng(0).uniform(0.0, 0.2, (9, 2)).round(2)
     k, search = np.array([2.0, 3.0, 4.0]), Search(origin=(0.0, 0.0), size=(0.2, 0.2), step=0.02, radius=0.2)
     pressures, known = np.exp(1j * np.multiply.outer(k, x[:, 0])), np.arange(3)
-    f = 343 * k / (2 * np.pi)
-    given = [frozen_array(values, complex) for values in (pressures, k)] + [frozen_array(f, float)]  # as in a run
-    problem = Problem(*given, known, frozen_array(x[known], float), search, None, 343.0, 2, 2)
+    problem = Problem(
+        pressures=frozen_array(pressures, complex),  # read-only, as in a run
+        wavenumbers=frozen_array(k, complex),
+        frequencies=frozen_array(343 * k / (2 * np.pi), float),
+        known=known,
+        known_positions=frozen_array(x[known], float),
+        search=search,
+        noise_power=None,
+        sound_speed=343.0,
+        dimension=2,
+        array_dimension=2,
+    )
     descent = load("descent")
     state = descent.step(problem, descent.init(problem, SolverSettings(name="descent", start="random", modes=3), 0))
     descent.landscape(problem, state, 3, slice(0, 1))
