@@ -13,9 +13,10 @@ import time
 from dataclasses import replace
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from fdcal import solvers
-from fdcal.acoustics.fourier_bessel import max_order
+from fdcal.acoustics.fourier_bessel import fourier_bessel, max_order
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.cost import eq7
 from fdcal.model.scene_file import load_scene
@@ -27,6 +28,7 @@ from .draws import draw
 from .report import Figure
 
 REPEATS = 5
+EVALUATIONS = 60  # of least_squares at most, each with the differences of all unknowns
 MICROPHONES = (16, 32, 64, 128, 256, 512)  # with 57 modes
 MODES = (8, 16, 32, 57, 128, 256)  # with 64 microphones
 CHILD = "import sys; from benchmarks.sizes import report; report(int(sys.argv[1]), int(sys.argv[2]))"
@@ -39,6 +41,7 @@ def run() -> list[Figure]:
         *_whole("array1_circle, 57 modes, three known", array1, 57, 0.2),
         *_whole("ball3d, 79 modes, 40 dB, blind", _blind(ball), 79, 2.0),
         *_against_descent(array1),
+        *_against_least_squares(array1),
         *_sizes(),
     ]
 
@@ -86,6 +89,37 @@ def _against_descent(measurement) -> list[Figure]:
         Figure("descent over joint", ratio, "times", "at least 50", ratio >= 50),
         Figure("descent over the whole of joint", slow / whole, "times"),
         Figure("descent over joint, processor", slow_cpu / fast_cpu, "times"),
+    ]
+
+
+def _against_least_squares(measurement) -> list[Figure]:
+    """`scipy.optimize.least_squares` on Eq. 7's residuals, the coefficients projected out, from joint's own start."""
+    problem, settings = measurement.problem(), SolverSettings(name="joint", modes=57)
+    start, free = solvers.load("joint").init(problem, settings, 0).positions, problem.free
+    orders = max_order(problem.wavenumbers[: settings.modes], problem.search.radius, settings.order_offset)
+
+    def residuals(unknowns) -> np.ndarray:
+        x = np.array(start)
+        x[free] = unknowns.reshape(-1, x.shape[1])
+        left = []
+        for k, order, p in zip(problem.wavenumbers, orders, problem.pressures, strict=False):
+            Q = np.linalg.qr(fourier_bessel(x, k, int(order), x.mean(axis=0)))[0]
+            left.append(p - Q @ (Q.conj().T @ p))
+        return np.concatenate(left).view(float)
+
+    found = []
+    _, slow = timed(lambda: found.append(least_squares(residuals, start[free].ravel(), max_nfev=EVALUATIONS)))
+    inputs = CalibrationInput("array1_circle", None, measurement, settings, 0)
+    fast = float(np.median([timed(lambda: list(solvers.run(problem, settings, 0)))[1] for _ in range(REPEATS)]))
+    error = np.linalg.norm(found[0].x.reshape(-1, 2) - measurement.positions[free], axis=1).mean()
+    own = np.linalg.norm(solve(inputs).positions[free] - measurement.positions[free], axis=1).mean()
+    name = f"least_squares, variable projection, {found[0].nfev} evaluations"
+    return [
+        Figure(f"{name}: time of the processor", slow, "s"),
+        Figure(f"{name}: mean error", 1e3 * float(error), "mm"),
+        Figure("joint from the same start: time of the processor", fast, "s"),
+        Figure("joint: mean error", 1e3 * float(own), "mm"),
+        Figure("least_squares over joint, processor", slow / fast, "times", "at least 100", slow / fast >= 100),
     ]
 
 

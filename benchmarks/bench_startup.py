@@ -1,11 +1,18 @@
-"""How long a user waits: for `import fdcal`, and for the page of a scene whose recordings are in the disk cache."""
+"""How long a user waits: for a calibration as a process, for `import fdcal`, and for the page of a simulated scene."""
 
 from __future__ import annotations
 
 import os
+import resource
 import subprocess
 import sys
+import tempfile
 import time
+from pathlib import Path
+
+from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.model.measurement_file import save_measurement
+from fdcal.model.scene_file import load_scene
 
 from .report import Figure
 
@@ -38,11 +45,32 @@ def serving_time(scene: str) -> float:
     return elapsed
 
 
+def calibration_times(folder: Path) -> tuple[float, float]:
+    """Processor time of `fdcal calibrate` of array 1's measurement as a process: nothing compiled before, and warm."""
+    path = folder / "array1.npz"
+    with open(path, "wb") as file:
+        save_measurement(cached_measurement(load_scene("array1_circle")), file)
+    command = [sys.executable, "-m", "fdcal", "calibrate", str(path)]
+
+    def processor_time(cache: str) -> float:
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        subprocess.run(command, check=True, capture_output=True, env={**os.environ, "NUMBA_CACHE_DIR": cache})
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+    cold = processor_time(str(folder / "compiled"))
+    return cold, min(processor_time(str(folder / "compiled")) for _ in range(5))
+
+
 def run() -> list[Figure]:
+    with tempfile.TemporaryDirectory() as folder:
+        cold, warm = calibration_times(Path(folder))
     alone, with_rooms = import_time(), import_time(EVERYTHING)
     first = serving_time("array1_circle")
     second = min(serving_time("array1_circle") for _ in range(2))
     return [
+        Figure("calibrate array 1's .npz, nothing compiled before, processor", cold, "s", "at most 6", cold <= 6),
+        Figure("calibrate array 1's .npz, warm, processor", warm, "s", "at most 1.2", warm <= 1.2),
         Figure("import fdcal", alone, "s", "below 0.06", alone < 0.06),
         Figure("import fdcal with scene, measurement and session", with_rooms, "s"),
         Figure("first view of array1_circle in this run, until it serves", first, "s"),

@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from ..model.gauge import align
 from ..model.microphones import MicrophonePositions
@@ -169,6 +168,8 @@ def _consistent(found: np.ndarray, given: np.ndarray) -> np.ndarray:
 def _assignment(placed: np.ndarray, given: np.ndarray) -> np.ndarray:
     """Return whose given position each microphone is at : (N,) int64, its own unless a whole cycle is nearer."""
     distance = np.linalg.norm(placed[:, None] - given[None], axis=2)
+    from scipy.optimize import linear_sum_assignment  # takes a tenth of a second to load
+
     order = linear_sum_assignment(distance**2)[1]
     kept = np.arange(len(order))
     for cycle in _cycles(order):

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from ..model.problem import Problem
 from ..solvers.robust.channel_fit import channel_step, free_basis, reduced
@@ -95,9 +95,9 @@ def _probability(state: State, goal: Objective, priors: Priors, freedom: int) ->
     _, terms = alone.evaluate(x, gains)
     g, H = reduced(x, terms, free_basis(x, None, priors.gain_sigma > 0), True)
     linear = float(g @ scaled_inverse(H) @ g) / 2
-    if chi2.sf(2 * (prior + 1.5 * linear), freedom) > RULES.clear:
-        return float(chi2.sf(2 * (prior + linear), freedom))
-    return float(chi2.sf(2 * (prior + _descend(x, gains, alone, True)[2]), freedom))
+    if chdtrc(freedom, 2 * (prior + 1.5 * linear)) > RULES.clear:
+        return float(chdtrc(freedom, 2 * (prior + linear)))
+    return float(chdtrc(freedom, 2 * (prior + _descend(x, gains, alone, True)[2])))
 
 
 def _without_given(priors: Priors) -> Priors:
