@@ -58,7 +58,7 @@ def _terms(x, apart, pairs, p, k, power, noise, scale, log_det: float, derivativ
         """D_a = S (x_i - x_j)_a."""
         S = _symmetric(over * (power * k**2)[:, None], pairs, N)
         moments = np.concatenate([u[..., None], u[..., None] * x], axis=-1)
-        Su = np.ascontiguousarray(S @ moments.view(float)).view(complex)
+        Su = np.ascontiguousarray(S @ np.ascontiguousarray(moments).view(float)).view(complex)
         rows = (S * inverse) @ np.column_stack([np.ones(N), x])
         g, widening = x * Su[..., :1] - Su[..., 1:], x * rows[..., :1] - rows[..., 1:]
         return np.moveaxis(g, 2, 0), np.moveaxis(widening, 2, 0)
