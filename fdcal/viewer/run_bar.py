@@ -10,7 +10,7 @@ from ..session.assess import Assessment
 from ..session.history import SessionView
 from .gui import html
 from .gui.binding import Binding
-from .gui.verdict_html import verdict_html
+from .gui.verdict_html import sound, verdict_html
 from .server.client_values import bounded
 
 STEPS = ("Step", "Sweep", "Stage", "Reset")
@@ -61,7 +61,7 @@ class RunBar:
         A finished solver offers nothing but Reset.
         """
         binding, done = self._binding, view.state.finished and not view.running
-        self.show_status(view, fault, note)
+        self.show_status(view, fault, note, found)
         binding.send("verdict", verdict_html(found), self.verdict, "content")
         binding.send("has verdict", found is not None, self.verdict, "visible")
         binding.send("last index", max(view.count - 1, 1), self.time, "max")
@@ -73,7 +73,8 @@ class RunBar:
         icon = viser.Icon.PLAYER_PAUSE if view.running else viser.Icon.PLAYER_PLAY
         binding.send("run icon", icon, self.run, "icon")
 
-    def show_status(self, view: SessionView, fault: str = "", note: str = "") -> None:
+    def show_status(self, view: SessionView, fault: str = "", note: str = "", found: Assessment | None = None) -> None:
         """Bring the status lines up to date, with a fault of the page and a note on background work."""
-        text = html.status(view, self._binding.measurement, fault, note, self._binding.run.sought)
+        sought = sound(self._binding.run.sought, self._binding.measurement.names, found)
+        text = html.status(view, self._binding.measurement, fault, note, sought)
         self._binding.send("status", text, self.status, "content")

@@ -10,7 +10,7 @@ from browsing import WAIT
 
 from fdcal import solvers
 from fdcal.acoustics.measurement_cache import cached_measurement
-from fdcal.assessment.result_parts import Evidence
+from fdcal.assessment.result_parts import ChannelFault, Channels, Evidence
 from fdcal.session.assess import Assessment
 from fdcal.session.calibrate import solve
 from fdcal.session.request import OpenRequest
@@ -18,7 +18,7 @@ from fdcal.session.sources import scene_input
 from fdcal.viewer.background import prepare
 from fdcal.viewer.background.verdict import IDLE_TIME, VerdictWorker
 from fdcal.viewer.gui.html import CONTROLS
-from fdcal.viewer.gui.verdict_html import DOUBTFUL, GOOD, verdict_html
+from fdcal.viewer.gui.verdict_html import DOUBTFUL, GOOD, sound, verdict_html
 
 
 @pytest.fixture
@@ -60,3 +60,11 @@ def test_the_line_is_coloured_by_the_code():
     assert GOOD in good and "<b>good</b>: the positions &lt;can&gt; be used" in good
     bad = verdict_html(found("model_mismatch", "no", evidence=Evidence(1.0, leave_one_out_db=-12.34)))
     assert DOUBTFUL in bad and GOOD not in bad and "leave-one-out error -12.3 dB" in bad
+
+
+def test_odd_channels_do_not_count_in_the_mean_error_once_they_are_named():
+    faults = (ChannelFault("b", "dead"), ChannelFault("c", "misplaced", 0.1, "m"))
+    judged = found("good", "", channels=Channels(*np.zeros((5, 4)), faults))
+    assert sound(np.array([1, 2, 3]), "abcd", judged).tolist() == [2, 3]
+    assert sound(np.array([1]), "abcd", judged).tolist() == [1], "where no other is left"
+    assert sound(np.array([1, 2]), "abcd", None).tolist() == [1, 2]

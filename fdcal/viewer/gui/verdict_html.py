@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
+
+import numpy as np
 
 from ...session.assess import Assessment
 from .html import CARD
@@ -24,3 +27,18 @@ def verdict_html(found: Assessment | None) -> str:
         f"<div style='border-left: 4px solid {colour}; padding-left: 0.6em'>"
         f"<span style='color: {colour}'>{text}</span>{rest}</div></div>"
     )
+
+
+def sound(sought: np.ndarray, names: Sequence[str], found: Assessment | None) -> np.ndarray:
+    """Return the microphones whose errors are averaged: those sought, without the odd channels of an assessment.
+
+    Parameters
+    ----------
+    sought : (K,) int64
+    names : of all microphones
+    found : Assessment or None
+    """
+    faults = () if found is None or found.channels is None else found.channels.faults
+    faulty = {fault.name for fault in faults if fault.kind != "misplaced"}
+    kept = np.array([n for n in sought if names[n] not in faulty], np.int64)
+    return kept if len(kept) else sought
