@@ -17,7 +17,7 @@ import click
 from ..model.scene_file import load_scene, scene_names
 from ..session.blas_threads import one_blas_thread_for_command
 from ..session.lesson_file import lesson_names, load_lesson
-from . import file_commands, plan_command, plot_commands
+from . import file_commands, plan_command, plot_commands, study_command
 from .guard import flush_output, guarded, without_debug
 from .options import (
     OPTIONS,
@@ -227,5 +227,5 @@ def warm():
         print(f" {time.perf_counter() - start:.1f} s", file=sys.stderr, flush=True)
 
 
-for command in (*file_commands.COMMANDS, *plan_command.COMMANDS, *plot_commands.COMMANDS):
+for command in (*file_commands.COMMANDS, *plan_command.COMMANDS, *plot_commands.COMMANDS, *study_command.COMMANDS):
     commands.add_command(command)

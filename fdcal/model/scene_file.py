@@ -47,10 +47,15 @@ def load_scene(path: str | Path) -> Scene:
     >>> load_scene("tiny").room.size
     (1.68, 1.2)
     """
+    return build(Scene, scene_table(path))
+
+
+def scene_table(path: str | Path) -> dict:
+    """Return the table of a scene's file, of `load_scene`'s argument, as `fdcal.model.from_table.build` takes it."""
     path = _file_of(Path(path))
     table = parse_toml(read_bytes(path, what="scene"), path)
     table = {"name": path.stem, "title": path.stem, **table}
-    return build(Scene, _with_response_beside(table, path.resolve().parent))
+    return _with_response_beside(table, path.resolve().parent)
 
 
 def _with_response_beside(table: dict, folder: Path) -> dict:

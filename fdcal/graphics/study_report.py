@@ -1,0 +1,93 @@
+"""The report of a study: its figures as PNG and SVG, and one page of HTML."""
+
+from __future__ import annotations
+
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..assessment.study_statistics import judged, selected
+from ..model.storage import write_atomically
+from ..model.validation import InputError
+from .landscape_figure import figure_bytes
+from .study_figures import draw_error, draw_error_bars, draw_success, draw_verdicts
+
+if TYPE_CHECKING:
+    import pandas
+
+STYLE = "body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto}img{max-width:100%}"
+CAPTIONS = {
+    "success": "An array counts as found where the error is below 5 mm, or three times the Cramer-Rao bound.",
+    "error": "Error of the microphones that are sought, median; dashed the Cramer-Rao bound in a diffuse field.",
+    "error-bars": "Error against the one sigma that each calibration claims.",
+    "verdicts": "Verdicts that were right, and wrong either way; wrong is an error above 5 mm and three claimed sigmas.",
+}
+
+
+def write_report(
+    folder: str | Path, head: dict, rows: pandas.DataFrame, names: tuple[str, str] | None, at: dict[str, str]
+) -> Path:
+    """Write the report of a study into the folder `report` of its own, and return its page.
+
+    Parameters
+    ----------
+    folder : str or Path
+    head, rows : as of `fdcal.session.study.results.read_results`
+    names : axes of the map of success, along y and x; the first two axes with several values unless given
+    at : values of other axes, as text
+
+    Raises
+    ------
+    InputError
+        An axis or a value is not of the study.
+    """
+    axes = head["axes"]
+    names = _two_axes(axes, names)
+    rows = judged(selected(rows, axes, at))
+    if not len(rows):
+        raise InputError("no calibration of the study has these values", "leave out <at>", key="at")
+    figures = {
+        "success": draw_success(rows, axes, names),
+        "error": draw_error(rows, axes, names),
+        "error-bars": draw_error_bars(rows),
+        "verdicts": draw_verdicts(rows, axes, names[1] or names[0]),
+    }
+    target = Path(folder) / "report"
+    target.mkdir(exist_ok=True)
+    for name, figure in figures.items():
+        for kind in ("png", "svg"):
+            content = figure_bytes(figure, kind)
+            write_atomically(target / f"{name}.{kind}", lambda file, c=content: file.write_bytes(c), True)
+    page = target / "index.html"
+    text = _page(head, rows, at)
+    write_atomically(page, lambda file: file.write_text(text, encoding="utf-8"), True)
+    return page
+
+
+def _two_axes(axes: dict, names: tuple[str, str] | None) -> tuple[str, str]:
+    for name in names or ():
+        if name not in axes:
+            raise InputError(f"the study has no axis {name}", f"use {', '.join(axes)}", key="axes", value=name)
+    if names is not None:
+        return names
+    several = [key for key, values in axes.items() if len(values) > 1] or list(axes)
+    return several[0], several[1] if len(several) > 1 else ""
+
+
+def _page(head: dict, rows: pandas.DataFrame, at: dict[str, str]) -> str:
+    where = "".join(f", {escape(key)} = {escape(value)}" for key, value in at.items())
+    summary = (
+        f"{len(rows)} of {head['count']} calibrations{where}: the array found in {rows['found'].mean():.1%}, verdict"
+        f" good in {rows['trusted'].mean():.1%}, good and wrong in {rows['wrong'].mean():.2%};"
+        f" {rows['seconds'].median():.2g} s of processor time each (median)."
+    )
+    pictures = "".join(
+        f'<h2>{escape(name.replace("-", " ").capitalize())}</h2><p>{escape(text)}</p><a href="{name}.svg">'
+        f'<img src="{name}.png" alt="{escape(text)}"></a>'
+        for name, text in CAPTIONS.items()
+    )
+    title = escape(str(head["title"]))
+    return (
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title><style>{STYLE}</style>'
+        f"<h1>{title}</h1><p>{summary}</p>{pictures}</html>\n"
+    )

@@ -1,0 +1,181 @@
+"""The file of a study: a scene, axes along which it changes, and how often each point is drawn.
+
+    scene = "array1_circle"
+    draws = 25
+    [axes]
+    snr_db = [10, 20, 30, 40]
+    "solver.name" = ["descent+joint", "joint"]
+    [fixed]
+    "solver.modes" = 16
+    [drawn]
+    source = true
+
+A key without a dot is one of `fdcal.session.scene_edits.SceneParameters`; a key with one is of the scene's file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from ...model.from_table import build
+from ...model.reading import parse_toml, read_bytes
+from ...model.scene import Scene
+from ...model.scene_file import load_scene, scene_table
+from ...model.validation import InputError, require_positive, shown
+from ..scene_edits import SceneParameters
+
+MOST_TASKS = 100_000_000
+PARAMETERS = tuple(field.name for field in fields(SceneParameters) if field.name != "seed")
+OWN = ("point", "draw", "seed")  # columns of the table that no axis may be called like
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What every draw has anew beside noise, random microphones and the solver's start, which its seed draws.
+
+    Attributes
+    ----------
+    source : whether the source is at a random place of the room, the same for one draw at all points
+    least_distance : metres, of such a source from every microphone
+    """
+
+    source: bool = False
+    least_distance: float = 0.7
+
+    OPTIONAL = ("source", "least_distance")
+
+
+@dataclass(frozen=True)
+class Study:
+    """Calibrations over the product of some axes.
+
+    Attributes
+    ----------
+    title : str
+    scene : str, name or path of a scene's file
+    draws : int, calibrations at every point, each with a seed of its own
+    seed : int, of the first draw
+    axes : dict of str to list, at most a few thousand points
+    fixed : dict of str to values that hold at every point
+    drawn : Drawn
+    time_limit : float, seconds of processor time of one calibration
+    """
+
+    title: str
+    scene: str
+    draws: int
+    axes: dict
+    seed: int = 0
+    fixed: dict | None = None
+    drawn: Drawn = Drawn()
+    time_limit: float = 60.0
+
+    OPTIONAL = ("title", "seed", "fixed", "drawn", "time_limit")
+
+    def __post_init__(self):
+        require_positive("draws", self.draws)
+        require_positive("time_limit", self.time_limit, "s")
+        for key, values in self.axes.items():
+            if not isinstance(values, list) or not values:
+                remedy = f'write it as "{shown(key)}" = [...]'
+                raise InputError(f"axes.{shown(key)} is no list of values", remedy, key=f"axes.{key}")
+        for key in (*self.axes, *(self.fixed or {})):
+            if key in OWN or ("." not in key and key not in PARAMETERS):
+                remedy = f"use a key of the scene, such as solver.modes, or one of {', '.join(PARAMETERS)}"
+                raise InputError(f'no scene has the key "{shown(key)}"', remedy, key=f"axes.{shown(key)}")
+        if self.count > MOST_TASKS:
+            raise InputError(
+                f"the study has {self.count:.3g} calibrations", f"use at most {MOST_TASKS:.0e}", key="axes"
+            )
+
+    @property
+    def points(self) -> int:
+        """Number of points: the product of the lengths of the axes."""
+        return math.prod(len(values) for values in self.axes.values())
+
+    @property
+    def count(self) -> int:
+        """Number of calibrations."""
+        return self.points * self.draws
+
+    def point(self, number: int) -> dict[str, Any]:
+        """Return the value of every axis at a point; the last axis changes fastest."""
+        found = {}
+        for key, values in reversed(self.axes.items()):
+            number, index = divmod(number, len(values))
+            found[key] = values[index]
+        return {key: found[key] for key in self.axes}
+
+    def tasks(self, done: set[int]) -> Iterator[int]:
+        """Yield the numbers of the calibrations that are not in `done`: all points of a draw before the next draw."""
+        return (number for number in range(self.count) if number not in done)
+
+    def digest(self) -> str:
+        """Return what tells this study from any other: a hash of its content and of its scene."""
+        content = json.dumps([asdict(self), _table_of(self.scene)], sort_keys=True, default=str)
+        return hashlib.blake2b(content.encode(), digest_size=12).hexdigest()
+
+
+def load_study(path: str | Path) -> Study:
+    """Return the study of a TOML file, checked as far as can be without calibrating.
+
+    Raises
+    ------
+    InputError
+        For an unknown key or axis, or a point whose scene is impossible.
+    StorageError
+        The file cannot be read.
+    """
+    path = Path(path)
+    try:
+        table = parse_toml(read_bytes(path, what="study"), path)
+        study = build(Study, {"title": path.stem, **table}, whole="study")
+        beside = path.parent / study.scene
+        if study.scene.endswith(".toml") and beside.is_file():
+            study = build(Study, {"title": path.stem, **table, "scene": str(beside.resolve())}, whole="study")
+        for number in {0, study.points - 1}:
+            scene_at(study, study.point(number), study.seed)
+    except InputError as error:
+        raise error.within(path) from error
+    return study
+
+
+def scene_at(study: Study, point: dict[str, Any], seed: int) -> Scene:
+    """Return the scene of a study at a point, with the seed of a draw.
+
+    Raises
+    ------
+    InputError
+        A key is of no scene, or a value is impossible.
+    """
+    from ..scene_edits import parameters_of, with_parameters
+
+    values = {**(study.fixed or {}), **point}
+    table = _table_of(study.scene)
+    for key, value in values.items():
+        if "." in key:
+            _put(table, key, value)
+    scene = build(Scene, {**table, "seed": seed})
+    changed = {key: value for key, value in values.items() if "." not in key}
+    parameters = asdict(parameters_of(scene)) | changed
+    return with_parameters(scene, SceneParameters(**parameters))
+
+
+def _table_of(scene: str) -> dict:
+    load_scene(scene)  # refuses what is no scene, with its words
+    return scene_table(scene)
+
+
+def _put(table: dict, key: str, value: Any) -> None:
+    *groups, last = key.split(".")
+    for group in groups:
+        table = table.setdefault(group, {})
+        if not isinstance(table, dict):
+            raise InputError(f'no scene has the key "{shown(key)}"', "correct the axis", key=f"axes.{key}")
+    table[last] = value

@@ -1,0 +1,103 @@
+"""One calibration of a study, as a row of its table."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import replace
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from ...acoustics.measure import measure
+from ...acoustics.measurement_cache import cached_recordings
+from ...assessment.fisher_information import diffuse_information
+from ...assessment.position_bound import Prior, position_bound
+from ...model.arrays import positions_of
+from ...model.measurement import Measurement
+from ...model.scene import Scene
+from ...model.validation import InputError
+from ..calibrate import solve
+from ..sources import CalibrationInput
+from .definition import Study, scene_at
+
+TRIES = 500  # draws of the place of a source
+WALL = 0.1  # metres, least distance of a source from a wall
+
+
+def run_task(study: Study, number: int) -> dict[str, Any]:
+    """Return the row of one calibration; a draw that the solver refuses is a row, too.
+
+    Parameters
+    ----------
+    study : Study
+    number : int
+        Of the task, below `study.count`.
+    """
+    draw, index = divmod(number, study.points)
+    point, seed = study.point(index), study.seed + draw
+    row: dict[str, Any] = {"task": number, "draw": draw, "seed": seed, "version": version("fdcal")}
+    row |= {key: value if isinstance(value, (int, float, str)) else json.dumps(value) for key, value in point.items()}
+    began = time.process_time()
+    try:
+        scene = _with_source(study, scene_at(study, point, seed), seed)
+        recordings = cached_recordings(scene) if scene.room.dimension == 2 else None
+        measurement = measure(scene, recordings)
+        simulated = time.process_time()
+        inputs = CalibrationInput(scene.name, scene, measurement, scene.solver, seed, time_limit=study.time_limit)
+        found = solve(inputs)
+    except InputError as error:
+        return row | {"verdict": "refused", "reason": str(error), "seconds": time.process_time() - began}
+    errors = np.array(measurement.errors(found.positions))
+    sought = np.ones(measurement.count, bool)
+    sought[[] if found.aligned else measurement.known] = False
+    uncertainty = found.uncertainty
+    return row | {
+        "verdict": found.verdict,
+        "rms_error_m": float(np.sqrt(np.mean(errors[sought] ** 2))),
+        "max_error_m": float(errors[sought].max()),
+        "claimed_sigma_m": None if uncertainty is None else float(np.sqrt(np.mean(uncertainty[sought] ** 2))),
+        "bound_m": _bound(scene, measurement, len(found.frequencies), found.aligned),
+        "microphones": measurement.count,
+        "modes_used": len(found.frequencies),
+        "seconds": time.process_time() - simulated,
+    }
+
+
+def _with_source(study: Study, scene: Scene, seed: int) -> Scene:
+    """Return the scene with the source of a draw, where the study draws it."""
+    if not study.drawn.source:
+        return scene
+    if scene.source is None or scene.room.size is None:
+        raise InputError("drawn.source needs a rectangular room with a source", "remove it", key="drawn.source")
+    rng, size = np.random.default_rng([seed, 5]), np.array(scene.room.size)
+    microphones = positions_of(scene)
+    for _ in range(TRIES):
+        place = WALL + rng.random(len(size)) * (size - 2 * WALL)
+        away = np.linalg.norm(microphones - place[: microphones.shape[1]], axis=1).min()
+        moved = replace(scene, source=replace(scene.source, position=tuple(np.round(place, 3).tolist())))
+        if away > study.drawn.least_distance and _allowed(moved):
+            return moved
+    remedy = "make the room larger, or drawn.least_distance smaller"
+    raise InputError("no place of the room is far enough from the array", remedy, key="drawn.least_distance")
+
+
+def _allowed(scene: Scene) -> bool:
+    """Return whether the source of a scene is inside the room and outside the array."""
+    try:
+        positions_of(scene)
+    except InputError:
+        return False
+    return True
+
+
+def _bound(scene: Scene, measurement: Measurement, modes: int, blind: bool) -> float | None:
+    """Return the Cramer-Rao bound in a diffuse field, root mean square in metres; None without noise."""
+    snr = scene.measurement.snr_db
+    if not np.isfinite(snr):
+        return None
+    noise = 10 ** (-snr / 10)
+    k = np.real(measurement.wavenumbers[:modes])
+    information = diffuse_information(measurement.positions, k, noise / (1 + noise), measurement.dimension)
+    return position_bound(information, Prior(np.zeros(0, int) if blind else np.array(measurement.known))).rms

@@ -1,0 +1,214 @@
+"""Studies: their file, one calibration, the table, and runs on a real local cluster of Dask."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+
+from fdcal.assessment.study_statistics import judged, selected, share_grid
+from fdcal.graphics.study_report import write_report
+from fdcal.model.validation import InputError, StorageError
+from fdcal.session.study.cluster import connected, run_study
+from fdcal.session.study.definition import load_study, scene_at
+from fdcal.session.study.results import PARTS, Results, read_results
+from fdcal.session.study.task import run_task
+
+TEXT = """
+scene = "tiny"
+draws = {draws}
+[axes]
+snr_db = [20, 40]
+"solver.modes" = [12, 20]
+[drawn]
+source = true
+least_distance = 0.2
+"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "study.toml"
+    path.write_text(TEXT.format(draws=3))
+    return path
+
+
+def test_points_are_the_product_of_the_axes(file):
+    study = load_study(file)
+    assert (study.points, study.count) == (4, 12)
+    assert [tuple(study.point(number).values()) for number in range(4)] == [(20, 12), (20, 20), (40, 12), (40, 20)]
+    scene = scene_at(study, study.point(3), 7)
+    assert (scene.measurement.snr_db, scene.solver.modes, scene.seed) == (40, 20, 7)
+
+
+def test_tasks_of_a_long_study_are_not_listed(tmp_path):
+    path = tmp_path / "long.toml"
+    path.write_text(TEXT.format(draws=10_000_000))
+    study = load_study(path)
+    tasks = study.tasks({0, 2})
+    assert [next(tasks) for _ in range(3)] == [1, 3, 4]
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("snr_db =", "loudness ="),
+        ('"solver.modes"', '"solver.mode"'),
+        ('"solver.modes"', '"nothing.modes"'),
+        ("[20, 40]", "20"),
+        ("[20, 40]", "[]"),
+        ("[12, 20]", "[12, -1]"),
+        ('"tiny"', '"none"'),
+        ("draws = 3", "draws = 0"),
+        ("draws = 3", "drafts = 3"),
+    ],
+)
+def test_a_wrong_study_is_one_line(file, old, new):
+    file.write_text(file.read_text().replace(old, new))
+    with pytest.raises(InputError) as caught:
+        load_study(file)
+    assert "\n" not in str(caught.value)
+    assert str(file) in str(caught.value)
+
+
+def test_a_calibration_is_determined_by_its_number(file):
+    study = load_study(file)
+    one, same, other = run_task(study, 5), run_task(study, 5), run_task(study, 9)
+    one.pop("seconds"), same.pop("seconds")
+    assert one == same
+    assert (one["draw"], other["draw"]) == (1, 2)
+    assert one["rms_error_m"] != other["rms_error_m"]
+    assert 0 < one["bound_m"] < one["rms_error_m"] * 5
+
+
+def test_the_source_of_a_draw_is_the_same_at_all_points(file):
+    """So that points differ by their axes alone: with less noise the same array comes out better."""
+    study = load_study(file)
+    errors = np.array([[run_task(study, 4 * draw + point)["rms_error_m"] for point in (1, 3)] for draw in range(3)])
+    assert np.all(errors[:, 1] < errors[:, 0])
+
+
+def test_the_table_goes_on_where_it_was_left(file, tmp_path):
+    study, folder = load_study(file), tmp_path / "out"
+    first = Results(folder, study, False)
+    first.append([{"task": 0, "verdict": "good"}, {"task": 3, "verdict": "good"}])
+    with pytest.raises(InputError, match="resume"):
+        Results(folder, study, False)
+    again = Results(folder, study, True)
+    assert again.done() == {0, 3}
+    assert list(study.tasks(again.done()))[:3] == [1, 2, 4]
+
+
+def test_a_folder_of_another_study_and_one_that_is_not_empty(file, tmp_path):
+    study, folder = load_study(file), tmp_path / "out"
+    Results(folder, study, False)
+    file.write_text(TEXT.format(draws=4))
+    with pytest.raises(InputError, match="another study"):
+        Results(folder, load_study(file), True)
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "letter.txt").write_text("mine")
+    with pytest.raises(InputError, match="not empty"):
+        Results(tmp_path / "full", study, False)
+    with pytest.raises(InputError, match="no results"):
+        read_results(tmp_path / "full")
+
+
+def test_a_full_disk_is_a_storage_error_and_leaves_no_part(file, tmp_path, monkeypatch):
+    from pyarrow import parquet
+
+    results = Results(tmp_path / "out", load_study(file), False)
+
+    def full(*arguments):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(parquet, "write_table", full)
+    with pytest.raises(StorageError, match="No space left"):
+        results.append([{"task": 0}])
+    assert not list((tmp_path / "out").glob(PARTS))
+
+
+def test_a_scheduler_that_is_not_there(free_port):
+    with (
+        pytest.raises(InputError, match="no scheduler answers"),
+        connected(1, f"tcp://127.0.0.1:{free_port}"),
+    ):
+        pass
+
+
+@pytest.fixture
+def free_port():
+    """A port at which nothing listens: it is bound, without listening, as long as the test runs."""
+    import socket
+
+    with socket.socket() as bound:
+        bound.bind(("127.0.0.1", 0))
+        yield bound.getsockname()[1]
+
+
+def test_a_killed_worker_costs_no_row(tmp_path):
+    path = tmp_path / "study.toml"
+    path.write_text(TEXT.format(draws=5))
+    study, notes = load_study(path), []
+    results = Results(tmp_path / "out", study, False)
+    with connected(2, None) as client:
+        pids = client.run(os.getpid)
+
+        def progress(done, note):
+            notes.append(note)
+            if len(notes) == 2:
+                os.kill(next(iter(pids.values())), signal.SIGKILL)
+
+        assert run_study(study, results, client, progress) == study.count
+    _, rows = read_results(tmp_path / "out")
+    assert sorted(rows["task"]) == list(range(study.count))
+    assert results.done() == set(range(study.count))
+
+
+def test_a_killed_study_goes_on_and_draws_its_report(tmp_path):
+    path, folder = tmp_path / "study.toml", tmp_path / "out"
+    path.write_text(TEXT.format(draws=6))
+    command = [sys.executable, "-m", "fdcal", "study", str(path), "-o", str(folder)]
+    process = subprocess.Popen(command, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    waited = threading.Event()
+    while process.poll() is None and not list(folder.glob(PARTS)):
+        waited.wait(0.05)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    study = load_study(path)
+    before = Results(folder, study, True).done()
+    assert before
+    subprocess.run([*command, "--resume"], check=True, capture_output=True)
+    head, rows = read_results(folder)
+    assert sorted(rows["task"]) == list(range(study.count))
+    page = write_report(folder, head, rows, None, {})
+    assert page.read_text().startswith("<!doctype html>")
+    assert {one.suffix for one in page.parent.iterdir()} == {".png", ".svg", ".html"}
+    with pytest.raises(InputError, match="no axis"):
+        write_report(folder, head, rows, ("snr_db", "nothing"), {})
+
+
+def test_statistics_of_a_table():
+    import pandas
+
+    table = pandas.DataFrame(
+        {
+            "task": range(4),
+            "snr_db": [20, 20, 40, 40],
+            "verdict": ["good", "ambiguous", "good", "refused"],
+            "rms_error_m": [0.004, 0.05, 0.05, None],
+            "claimed_sigma_m": [0.004, 0.02, 0.001, None],
+            "bound_m": [0.001, 0.001, 0.001, None],
+            "max_error_m": [0.01, 0.1, 0.1, None],
+        }
+    )
+    rows, axes = judged(table), {"snr_db": [20, 40]}
+    assert rows["found"].tolist() == [True, False, False, False]
+    assert rows["wrong"].tolist() == [False, False, True, False]
+    grid = share_grid(rows, axes, ("snr_db", ""), "found")
+    assert grid.share[:, 0].tolist() == [0.5, 0.0]
+    assert len(selected(rows, axes, {"snr_db": "20"})) == 2
+    with pytest.raises(InputError):
+        selected(rows, axes, {"snr_db": "30"})
