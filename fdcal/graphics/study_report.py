@@ -20,7 +20,7 @@ CAPTIONS = {
     "success": "An array counts as found where the error is below 5 mm, or three times the Cramer-Rao bound.",
     "error": "Error of the microphones that are sought, median; dashed the Cramer-Rao bound in a diffuse field.",
     "error-bars": "Error against the one sigma that each calibration claims.",
-    "verdicts": "Verdicts that were right, and wrong either way; wrong is an error above 5 mm and three claimed sigmas.",
+    "verdicts": "Verdicts, right and wrong either way; wrong is an error above 5 mm and three claimed sigmas.",
 }
 
 
