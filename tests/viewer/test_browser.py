@@ -168,6 +168,12 @@ def test_dragging_a_microphone_keeps_the_map_of_the_selected_one(page, scene):
     np.testing.assert_allclose(middle(page, "/selected/estimate"), target, atol=0.004)
 
 
+def test_the_tabs_of_each_panel_are_in_one_row(page):
+    boxes = [handle.bounding_box() for handle in page.get_by_role("tab").all()]
+    for panel in ([box for box in boxes if box["x"] < 400], [box for box in boxes if box["x"] > 400]):
+        assert len({round(box["y"]) for box in panel}) == 1
+
+
 def test_a_mode_is_switched_on_and_off(page):
     tab(page, "Modes")
     press(page, "●6")

@@ -14,7 +14,7 @@ import viser
 
 RIGHT_WIDTH, LEFT_WIDTH = 340.0, 300.0  # pixels
 # All tabs of a panel stay in one row of its width.
-TABS_STYLE = "<style>.mantine-Tabs-tab {padding: 0.6em 0.38em !important; font-size: 0.8rem !important}</style>"
+TABS_STYLE = "<style>[role=tab] {padding: 0 5px !important}</style>"
 RIGHT = ("Solver", "Scene", "Map", "View", "Export", "Lessons", "Help")  # without icons, which would take too much room
 LEFT = ("Curves", "Maps", "Modes", "Mics", "Race")
 
