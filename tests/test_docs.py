@@ -142,7 +142,7 @@ def test_every_solver_is_described(name):
 
 @pytest.mark.parametrize("name", sorted(commands.commands))
 def test_every_command_is_documented_with_its_options(name):
-    (usage,) = re.findall(rf"^\| `fdcal {name}([^`]*)` \|", COMMANDS, re.MULTILINE)
+    (usage,) = re.findall(rf"^\| `fdcal {name}\b(.*?)` \| ", COMMANDS, re.MULTILINE)  # or several usages
     known = {text for option in commands.commands[name].params for text in option.opts if text.startswith("-")}
     documented = set(re.findall(r"(?<![\w-])--?[a-z][a-z0-9-]*", usage))
     assert documented <= known
