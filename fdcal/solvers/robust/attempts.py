@@ -71,22 +71,9 @@ def next_attempt(problem: Problem, state: State, attempt: int) -> State:
 
 
 def _agreed(problem: Problem, state: State) -> bool:
-    """Whether two attempts ended in the same place and none is likelier."""
-    ends = sorted(state.ends, key=lambda end: end.score)
-    if len(ends) < 2 or not np.isfinite(ends[1].score) or ends[1].score - ends[0].score > RULES.same_score:
-        return False
-    return _near(problem, state, ends[1].positions, ends[0])
-
-
-def confirm(problem: Problem, state: State) -> State | None:
-    """Return the beginning of the last row where `state`, on its way, comes to the likeliest end; None elsewhere.
-
-    The end of an attempt with outliers is not confirmed: another start may have a better place for them.
-    """
-    best = min(state.ends, key=lambda end: end.score, default=None)
-    if best is None or np.any(best.model.channel_noise > OUTLIERS.suspicious):
-        return None
-    return _begin_final(problem, state) if _near(problem, state, state.positions, best) else None
+    """Whether another attempt has ended where the likeliest did; without noise their scores differ by rounding."""
+    best, *others = sorted(state.ends, key=lambda end: end.score)
+    return any(np.isfinite(end.score) and _near(problem, state, end.positions, best) for end in others)
 
 
 def _near(problem: Problem, state: State, positions, end: End) -> bool:

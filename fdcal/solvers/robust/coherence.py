@@ -35,6 +35,7 @@ class CoherenceRules:
     far : weight of these
     scatter : relative error of a distance; pairs that disagree by more with the array count less
     iterations : of majorisation in a round
+    farthest : distance from the middle over the median of all; a channel beyond starts in the middle
     """
 
     values: float = 3e5
@@ -47,6 +48,7 @@ class CoherenceRules:
     far: float = 0.1
     scatter: float = 0.2
     iterations: int = 30
+    farthest: float = 2.5
 
 
 RULES = CoherenceRules()
@@ -73,7 +75,9 @@ def coherence_start(pressures, wavenumbers, noise: float | None, dimension: int,
         misfit = np.log(between / (_distances(x) + np.eye(N)))
         weight = np.where(distance < reach / k.max(), 1.0, RULES.far) / (RULES.scatter**2 + misfit**2) / between**2
         x = _majorised(x, between, weight - np.diag(np.diag(weight)))
-    return x
+    radius = np.linalg.norm(x - np.median(x, axis=0), axis=1)
+    outliers = radius > RULES.farthest * np.median(radius)  # hears nothing of what the others hear: dead or noisy
+    return np.where(outliers[:, None], np.median(x, axis=0), x)
 
 
 def pair_distances(pressures, wavenumbers, noise: float, dimension: int) -> tuple[np.ndarray, float]:

@@ -38,7 +38,7 @@ def updated_power(field: ChannelField, terms: Terms) -> np.ndarray:
     fresh = (field.power * np.maximum(energy, 0.0) + NOISE_RULES.power_count * expected) / (
         gamma + NOISE_RULES.power_count
     )
-    return np.maximum(fresh, 1e-2 * expected)
+    return np.clip(fresh, 1e-2 * expected, NOISE_RULES.most_power * expected)
 
 
 def updated_channel_noise(field: ChannelField, terms: Terms) -> np.ndarray:

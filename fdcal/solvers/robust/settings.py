@@ -55,7 +55,6 @@ class Rules:
     final_rounds : stages "final" at most
     search_modes : modes of a search for other places of outliers
     searches : rounds with such a search
-    same_score : nats between the ends of two attempts that are one
     same_place : distance of every microphone in one from its place in the other, over the shortest wavelength
     settled_noise : change of the logarithm of the noise after which a round is the last
     known_outlier : distance of a given position over the median of all of them, or their sigma, that leaves it out
@@ -74,8 +73,7 @@ class Rules:
     final_rounds: int = 6
     search_modes: int = 16
     searches: int = 1
-    same_score: float = 30.0
-    same_place: float = 0.08
+    same_place: float = 0.03
     settled_noise: float = 0.15
     known_outlier: float = 3.0
     near_gain: float = 0.5
@@ -98,6 +96,7 @@ class NoiseRules:
     least_channel_noise : least channel noise over that of the array
     most_channel_noise : greatest, likewise
     least_power : least power of the field over the mean power of the pressures
+    most_power : greatest, likewise: without noise a singular covariance would let it grow without bound
     most_share : greatest noise over the power
     least_sigma : least spread of gains and phases, nepers and radians
     most_sigma : greatest, likewise
@@ -109,6 +108,7 @@ class NoiseRules:
     least_channel_noise: float = 0.3
     most_channel_noise: float = 1e6
     least_power: float = 1e-3
+    most_power: float = 1e3
     most_share: float = 0.7
     least_sigma: float = 1e-4
     most_sigma: float = 0.6

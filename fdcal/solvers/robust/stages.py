@@ -10,7 +10,7 @@ from ...cost.channel_likelihood import ChannelField
 from ...model.problem import Problem
 from ...model.validation import frozen_array
 from . import assumptions, outliers
-from .attempts import begin_row, confirm, end_attempt, end_final
+from .attempts import begin_row, end_attempt, end_final
 from .channel_fit import ChannelStep
 from .settings import RULES, SCHEDULE
 from .state import State
@@ -39,7 +39,7 @@ def end_row(problem: Problem, state: State, field: ChannelField, trial: ChannelS
     if state.progress.rounds <= RULES.searches:
         state, moved = _relocated(problem, state)
     if row.name == "free":
-        return confirm(problem, state) or begin_row(problem, state, state.progress.row + 1)
+        return begin_row(problem, state, state.progress.row + 1)
     if (not moved and _settled_noise(problem, state, before)) or state.progress.rounds + 1 >= RULES.rounds:
         return end_attempt(problem, state, assumptions.score(problem, state, field, trial), settled)
     return begin_row(problem, _next_round(state), state.progress.row)

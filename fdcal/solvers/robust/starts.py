@@ -27,8 +27,8 @@ def plan(problem: Problem, modes: int) -> list[tuple[str, int]]:
     counts = list(dict.fromkeys(min(n, modes) for n in initial_positions.RULES.lowest(problem.dimension)))
     kinds = ("map", "metric") if len(problem.known) else ("metric",)
     affine = [(kind, n) for n in counts for kind in kinds]
-    others = [*affine[1:], ("redirected", counts[0])]
-    return [("coherence", modes), affine[0], ("coherence", modes // 2), *others]
+    others = [*affine[2:], ("redirected", counts[0])]
+    return [("coherence", modes), *affine[:2], ("coherence", modes // 2), *others]
 
 
 def start(problem: Problem, modes: int, noise: float | None, kind: str, lowest: int) -> np.ndarray:
