@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from ..model.settings import SolverSettings
 from ..model.validation import InputError, require_positive, word_arguments
 from ..solvers import load
 from ..solvers.bounds import ended_early, time_limit
+from ..solvers.deadline import OutOfTime, check_deadline, deadline
 from ..solvers.identifiability import check_solvable
 from ..solvers.interface import AssessmentMethod, RunState
 from .assess import ARGUMENTS, assess, distance_pair
@@ -60,7 +61,10 @@ def states_of(inputs: CalibrationInput, progress: Progress | None = None, proble
 
 
 def solve(
-    inputs: CalibrationInput, progress: Progress | None = None, wording: Mapping[str, str] = ARGUMENTS
+    inputs: CalibrationInput,
+    progress: Progress | None = None,
+    wording: Mapping[str, str] = ARGUMENTS,
+    clock: Callable[[], float] = time.process_time,
 ) -> Calibration:
     """Run the solver to its end and assess the positions, with one thread of BLAS.
 
@@ -71,6 +75,8 @@ def solve(
         As of `states_of`.
     wording : mapping of str to str
         How the verdict's text calls the arguments that it mentions; by their names in Python unless given.
+    clock : callable
+        Seconds by which the solver's time is limited; those of the processor unless given.
 
     Returns
     -------
@@ -90,7 +96,7 @@ def solve(
         require_positive("time_limit", inputs.time_limit, "s")
     start = time.perf_counter()
     with one_blas_thread():
-        state, stopped = _last_state(inputs, progress, problem)
+        state, stopped = _last_state(inputs, progress, problem, clock)
         found = assess(inputs, problem, state, wording)
     if stopped:
         found = replace(found, verdict="not_converged", verdict_text=word_arguments(stopped, wording))
@@ -119,23 +125,28 @@ def solve(
     ).compared_with(measurement, inputs.given)
 
 
-def _last_state(inputs: CalibrationInput, progress: Progress | None, problem: Problem) -> tuple[RunState, str]:
-    """Return the state at the end of a run, and why it ended before the solver did; "" if it did not."""
+def _last_state(
+    inputs: CalibrationInput, progress: Progress | None, problem: Problem, clock: Callable[[], float]
+) -> tuple[RunState, str]:
+    """Return the state at the end of a run, and why it ended before the solver did; "" if it did not.
+
+    The start is not interrupted, since there are no positions before it.
+    """
     limit = inputs.time_limit
     if limit is None:
         limit = time_limit(problem, inputs.settings.modes, load(inputs.settings.name).TRAITS)
-    began, state = time.process_time(), None
+    end, states = clock() + limit, states_of(inputs, progress, problem)
+    state = next(states)
     try:
-        for state in states_of(inputs, progress, problem):
-            if time.process_time() - began > limit and not state.finished:
-                why = f"the solver was stopped after {limit:g} s of processor time; use fewer <modes> or a longer"
-                return ended_early(state), f"{why} <time_limit>"
+        with deadline(end, clock):
+            while not state.finished:
+                check_deadline()
+                state = next(states)
+    except OutOfTime:
+        why = f"the solver was stopped after {limit:g} s of processor time; use fewer <modes> or a longer"
+        return ended_early(state), f"{why} <time_limit>"
     except KeyboardInterrupt:
-        if state is None:
-            raise
         return ended_early(state), "the solver was interrupted; these are the best positions so far"
-    if state is None:
-        raise ValueError("a run has at least one state")
     return state, ""
 
 

@@ -89,7 +89,7 @@ def _bound(problem: Problem, state: RunState) -> float:
     """Return the largest radius of a state's array : metres; what lay further out at the start may stay there."""
     search = max(problem.search.size) if problem.search is not None else 0.0
     known = radius(problem.known_positions)
-    return max(farthest(problem, state.settings.modes), 2 * search, 2 * known, radius(state.positions))
+    return max(farthest(problem, state.settings.modes), search, 2 * known, radius(state.positions))
 
 
 def ended_early(state: State) -> State:

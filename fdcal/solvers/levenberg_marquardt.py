@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from .deadline import check_deadline
+
 
 @dataclass(frozen=True)
 class Damping:
@@ -92,6 +94,7 @@ def damped_step(
     g, H = terms.gradient, terms.curvature
     scale = np.maximum(np.diag(H), 1e-12 * np.diag(H).max())
     while damping < DAMPING.greatest:
+        check_deadline()
         y = _solve(H + damping * np.diag(scale), -g)
         tried = advance(y)
         moved = length(tried)

@@ -14,6 +14,7 @@ from ..cost.likelihood import DiffuseField, diffuse_field
 from ..cost.noise_model import NoiseEstimate, estimate_noise
 from ..model.power import mode_power
 from ..model.problem import Problem
+from .deadline import check_deadline
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,7 @@ class ResidualLimits:
     suspect : leave-one-out chi-square (1 is expected) above which a microphone may stand in a wrong basin
     outlier : the same, above which it certainly does
     relocated : microphones at most that are relocated at once
+    candidates : places at most to which one is relocated, about
     """
 
     modes: int = 24
@@ -34,6 +36,7 @@ class ResidualLimits:
     suspect: float = 1.3
     outlier: float = 2.5
     relocated: int = 8
+    candidates: int = 20_000
 
 
 LIMITS = ResidualLimits()
@@ -67,7 +70,8 @@ def relocated(problem: Problem, positions, modes: slice, residual: NoiseEstimate
 
     A rough start puts some microphones into a wrong basin; these would diverge once less noise is assumed. The
     candidates cover the array, an eighth of the shortest wavelength apart: a coarse step of the paper's method for a
-    few microphones.
+    few microphones. For an array of very many wavelengths they are further apart, so that there are
+    `ResidualLimits.candidates` at most.
 
     Parameters
     ----------
@@ -83,11 +87,10 @@ def relocated(problem: Problem, positions, modes: slice, residual: NoiseEstimate
     p, k, field = _rough_field(problem, modes, residual)
     x = np.array(positions)
     misfit = leave_one_out_chi_square(x, p, field)
-    apart = np.pi / 4 / float(k.max())
-    axes = [np.arange(low - apart, high + 2 * apart, apart) for low, high in zip(x.min(0), x.max(0), strict=True)]
-    candidates = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, x.shape[1])
+    candidates = _lattice_over(x, np.pi / 4 / float(k.max()))
     worst = [n for n in np.argsort(-misfit)[: LIMITS.relocated] if misfit[n] > LIMITS.suspect and n in problem.free]
     while worst:
+        check_deadline()
         costs = likelihood_landscapes(x, worst, np.vstack([x[worst], candidates]), p, field).sum(axis=0)
         own = np.arange(len(worst))
         costs[:, : len(worst)] = np.where(own[:, None] == own, costs[:, : len(worst)], np.inf)  # not onto another
@@ -99,6 +102,14 @@ def relocated(problem: Problem, positions, modes: slice, residual: NoiseEstimate
         x[worst[first]] = np.vstack([x[worst], candidates])[int(np.argmin(costs[first]))]
         worst = worst[first + 1 :]
     return x
+
+
+def _lattice_over(x: np.ndarray, apart: float) -> np.ndarray:
+    """Return a lattice over positions x (N, D), with `apart` metres, or more, between its points : (C, D), metres."""
+    size = np.ptp(x, axis=0) + 3 * apart
+    apart = max(apart, float((np.prod(size) / LIMITS.candidates) ** (1 / x.shape[1])))
+    axes = [np.arange(low - apart, high + 2 * apart, apart) for low, high in zip(x.min(0), x.max(0), strict=True)]
+    return np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, x.shape[1])
 
 
 def enough_modes(problem: Problem, modes: slice) -> np.ndarray:

@@ -12,6 +12,7 @@ from fdcal.acoustics.bessel import bessel, spherical_bessel_functions
 from fdcal.acoustics.fourier_bessel import fourier_bessel, max_order
 from fdcal.acoustics.spherical_harmonics import spherical_bessel
 from fdcal.cost import eq7 as paper
+from fdcal.cost import low_rank_covariance
 from fdcal.cost.dense_covariance import dense_terms
 from fdcal.cost.likelihood import DiffuseField, newton_terms, total_cost
 from fdcal.cost.low_rank_covariance import EXTRA_ORDERS, expansion_terms
@@ -105,6 +106,32 @@ def test_both_ways_are_one(D, log_det):
     assert through_expansion.costs == pytest.approx(through_kernel.costs, rel=1e-7)
     for one, other in zip(summed(through_expansion, x.shape), summed(through_kernel, x.shape), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-7, atol=1e-8 * np.abs(other).max())
+
+
+@pytest.mark.parametrize("near", [False, True])
+@pytest.mark.parametrize("damped", [0.0, 0.2])
+def test_combining_very_many_waves_changes_nothing(damped, near, monkeypatch):
+    """An array of many wavelengths has far more waves than microphones."""
+    x, p = drawn(2, seed=3)
+    k = 8 * K - 1j * damped if damped else 8 * K
+    found = []
+    for many in (1, 1000):
+        monkeypatch.setattr(low_rank_covariance, "MANY_COLUMNS", many)
+        terms = expansion_terms(x, p, k, POWER, NOISE, 2, True, near)
+        spectra = low_rank_covariance.expansion_spectra(x, p, k, 2, near)
+        found.append([terms.costs, *summed(terms, x.shape), *spectra])
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-7, atol=1e-9 * np.abs(other).max())
+
+
+def test_no_matrix_grows_with_the_wavelengths_in_the_array(monkeypatch):
+    sizes, cholesky, eigh = [], np.linalg.cholesky, np.linalg.eigh
+    monkeypatch.setattr(np.linalg, "cholesky", lambda A: sizes.append(A.shape[-1]) or cholesky(A))
+    monkeypatch.setattr(np.linalg, "eigh", lambda A: sizes.append(A.shape[-1]) or eigh(A))
+    x, p = drawn(2)
+    expansion_terms(x, p, 100 * K, POWER, NOISE, 2, True)
+    low_rank_covariance.expansion_spectra(x, p, 100 * K, 2)
+    assert sizes and max(sizes) <= 3 * N
 
 
 def test_the_projection_is_the_paper_s_cost_with_a_tikhonov_weight():

@@ -13,7 +13,6 @@ from fdcal import solvers
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
 from fdcal.model.validation import InputError
-from fdcal.session import calibrate
 from fdcal.session.calibrate import solve
 from fdcal.session.sources import CalibrationInput
 from fdcal.solvers import bounds
@@ -145,8 +144,7 @@ def test_a_run_that_never_ends_is_ended(monkeypatch):
     monkeypatch.setattr(endless, "step", lambda problem, state: replace(state, step=state.step + 1))
     monkeypatch.setattr(solvers, "load", lambda name: endless)
     seconds = iter(range(0, 10**6, 7))
-    monkeypatch.setattr(calibrate.time, "process_time", lambda: next(seconds))
-    result = solve(inputs_of(diffuse()))
+    result = solve(inputs_of(diffuse()), clock=lambda: next(seconds))
     assert result.verdict == "not_converged" and "45 s" in result.verdict_text
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from ...cost.channel_kernels import diffuse_kernel
+from ..deadline import check_deadline
 from .objective import NU
 from .settings import OUTLIERS
 
@@ -34,6 +35,7 @@ def relocate(positions, gains, offsets, pressures, wavenumbers, power, noise, ch
     suspects = [n for n in np.argsort(-tau)[: OUTLIERS.moved] if tau[n] > OUTLIERS.suspicious]
     moved = []
     for n in suspects:
+        check_deadline()
         others = np.delete(np.arange(len(x)), n)
         q = pressures[:, others] * np.exp(-g[others, 0] - 1j * g[others, 1])
         candidates = np.vstack([x[n], _lattice(x[tau < OUTLIERS.suspicious], spacing)])
