@@ -23,7 +23,7 @@ from scipy.linalg import cholesky, solve_triangular
 
 from ..acoustics.dictionary import dictionary
 from ..acoustics.fourier_bessel import max_order
-from ..cost.circular_waves import circular_waves
+from ..cost.circular_waves import circular_waves, combined_waves
 from ..cost.likelihood import DiffuseField
 from ..cost.low_rank_covariance import EXTRA_ORDERS
 from ..cost.mode_sums import blocks
@@ -126,7 +126,7 @@ def leave_one_out_errors(problem: Problem, positions, modes: slice, noise: np.nd
         gains = np.ones((len(k[m]), int(orders.max()) + 1))
         if problem.dimension == 2:
             W = circular_waves(positions, centre, k[m].astype(complex), orders[m], gains, False)[0]
-            errors.append(_low_rank_errors(W, pressures[m], mu[m]))
+            errors.append(_low_rank_errors(combined_waves(W)[0], pressures[m], mu[m]))
         else:
             K = series_covariance(positions, centre, k[m], orders[m], gains, False)[0]
             inverse = np.linalg.inv(K + mu[m, None, None] * np.eye(len(positions)))

@@ -11,6 +11,8 @@ import numpy as np
 
 from ..acoustics.bessel import bessel
 
+MANY = 3  # waves for each microphone, from which on combinations of waves are used
+
 
 def circular_waves(x, centre, k, orders, gains, slopes: bool) -> tuple[np.ndarray, np.ndarray | None]:
     """Return the dictionary of every mode and its derivatives.
@@ -40,6 +42,28 @@ def circular_waves(x, centre, k, orders, gains, slopes: bool) -> tuple[np.ndarra
     np.multiply(C[: L + 1].swapaxes(0, 1), factor[:, :, None], out=W[:, : L + 1])
     np.multiply(S[1 : L + 1].swapaxes(0, 1), factor[:, 1:, None], out=W[:, L + 1 :])
     return W, (_slopes(C, S, factor * np.asarray(k)[:, None] / 2) if slopes else None)
+
+
+def combined_waves(W: np.ndarray, dW: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return the dictionary of many more waves than microphones in as many combinations of waves as microphones.
+
+    The rows of W span N dimensions at most. In an orthonormal basis of these W W^H and dW W^H are the same, and so is
+    all that depends on them; matrices of r x r would take far longer for an array of many wavelengths.
+
+    Parameters
+    ----------
+    W : (M, r, N)
+    dW : (2, M, r, N) or None
+
+    Returns
+    -------
+    W : (M, N, N); as given, if there are not many more waves than microphones
+    dW : (2, M, N, N) likewise, or None
+    """
+    if W.shape[1] <= MANY * W.shape[2]:
+        return W, dW
+    basis = np.linalg.qr(np.conj(W))[0].swapaxes(1, 2)
+    return basis @ W, None if dW is None else basis @ dW
 
 
 def _phases(offsets, r, top: int) -> tuple[np.ndarray, np.ndarray]:

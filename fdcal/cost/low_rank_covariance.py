@@ -17,7 +17,7 @@ from scipy.special import hankel1, spherical_jn, spherical_yn
 
 from ..acoustics.fourier_bessel import max_order
 from ..acoustics.threads import parallel_map
-from .circular_waves import circular_waves
+from .circular_waves import circular_waves, combined_waves
 from .low_rank_terms import low_rank_terms
 from .mode_sums import ModeTerms, blocks, over_blocks, worth_threads
 from .spherical_covariance import series_covariance, series_terms
@@ -26,7 +26,6 @@ EXTRA_ORDERS = 8  # beyond ceil(k R) about the centre of mass: the rest of W W^H
 NEAR_FIELD_ORDERS = 16  # the same with near sources: the rest of the power of one at 1.75 R is below 1e-10
 SOURCE_DISTANCE = 1.5  # times R: nearest source that the near-field prior allows for
 ZERO = 1e-13  # of the largest eigenvalue: what is below counts as zero
-MANY_COLUMNS = 3  # times N: from so many waves on, N combinations of them are used
 LEAST_WEIGHT = 1e-11  # least mu = v / s; below it rounding errors of A are not small beside it
 
 
@@ -65,7 +64,7 @@ def expansion_terms(
         if dimension == 3:
             block = p[m], k[m], orders[m], gains[m], power[m], noise[m], scale[m]
             return series_terms(x, centre, *block, float(log_det), derivatives)
-        W, dW = _combined(*circular_waves(x, centre, k[m], orders[m], gains[m], derivatives > 0))
+        W, dW = combined_waves(*circular_waves(x, centre, k[m], orders[m], gains[m], derivatives > 0))
         return low_rank_terms(W, dW, p[m], noise[m] / power[m], scale[m] / noise[m], float(log_det), derivatives)
 
     return over_blocks(of_block, len(k), numbers_of(x, k, orders, dimension))
@@ -120,25 +119,13 @@ def expansion_spectra(
 
     def of_block(m: slice) -> tuple[np.ndarray, np.ndarray]:
         if dimension == 2:
-            return _along(_combined(*circular_waves(x, centre, k[m], orders[m], gains[m], False))[0], p[m])
+            return _along(combined_waves(*circular_waves(x, centre, k[m], orders[m], gains[m], False))[0], p[m])
         values, vectors = np.linalg.eigh(series_covariance(x, centre, k[m], orders[m], gains[m], False)[0])
         return np.maximum(values, 0.0), np.abs(np.einsum("mni,mn->mi", np.conj(vectors), p[m])) ** 2
 
     numbers = numbers_of(x, k, orders, dimension)
     found = parallel_map(of_block, blocks(len(k), numbers), worth_threads(len(k), numbers))
     return np.concatenate([values for values, _ in found]), np.concatenate([along for _, along in found])
-
-
-def _combined(W: np.ndarray, dW: np.ndarray | None) -> tuple[np.ndarray, np.ndarray | None]:
-    """Return W (M, r, N) and dW (2, M, r, N) of many more waves than microphones in N combinations of them.
-
-    The rows of W span N dimensions. An orthonormal basis of these leaves W W^H and dW W^H, and with them all terms, as
-    they are; matrices of r x r would take far longer for an array of many wavelengths.
-    """
-    if W.shape[1] <= MANY_COLUMNS * W.shape[2]:
-        return W, dW
-    basis = np.linalg.qr(np.conj(W))[0].swapaxes(1, 2)
-    return basis @ W, None if dW is None else basis @ dW
 
 
 def _along(W: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

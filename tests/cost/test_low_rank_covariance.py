@@ -11,8 +11,8 @@ from scipy.special import jv, spherical_jn
 from fdcal.acoustics.bessel import bessel, spherical_bessel_functions
 from fdcal.acoustics.fourier_bessel import fourier_bessel, max_order
 from fdcal.acoustics.spherical_harmonics import spherical_bessel
+from fdcal.cost import circular_waves, low_rank_covariance
 from fdcal.cost import eq7 as paper
-from fdcal.cost import low_rank_covariance
 from fdcal.cost.dense_covariance import dense_terms
 from fdcal.cost.likelihood import DiffuseField, newton_terms, total_cost
 from fdcal.cost.low_rank_covariance import EXTRA_ORDERS, expansion_terms
@@ -116,7 +116,7 @@ def test_combining_very_many_waves_changes_nothing(damped, near, monkeypatch):
     k = 8 * K - 1j * damped if damped else 8 * K
     found = []
     for many in (1, 1000):
-        monkeypatch.setattr(low_rank_covariance, "MANY_COLUMNS", many)
+        monkeypatch.setattr(circular_waves, "MANY", many)
         terms = expansion_terms(x, p, k, POWER, NOISE, 2, True, near)
         spectra = low_rank_covariance.expansion_spectra(x, p, k, 2, near)
         found.append([terms.costs, *summed(terms, x.shape), *spectra])
