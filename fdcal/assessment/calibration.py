@@ -76,6 +76,8 @@ class Calibration(CalibrationViews):
         Of solver "room" only.
     channels : Channels or None
         Gain and noise of every channel, and what is wrong with it; of solver "robust" only.
+    sound_speed_sigma : float or None
+        One sigma of a sound speed that was estimated with the positions, m/s; of solver "robust" only.
 
     Examples
     --------
@@ -107,6 +109,7 @@ class Calibration(CalibrationViews):
     evidence: Evidence | None = None
     room: KnownRoom | None = None
     channels: Channels | None = None
+    sound_speed_sigma: float | None = None
     rms_error: float | None = field(default=None, metadata={"key": "rms_error_m"})
 
     def __post_init__(self):

@@ -1,11 +1,11 @@
-"""Uncertainty of the positions with gains, phases and given positions marginalised over.
+"""Uncertainty of the positions with gains, filters, given positions and the sound speed marginalised over.
 
     H      Gauss-Newton matrix of cost and priors over everything that is free
     g_m    gradient of mode m; J = sum over groups of neighbouring modes of (sum g_m)(sum g_m)^T
     P      H^-1, and where the modes disagree more than the model says, enlarged to H^-1 J H^-1 (Huber 1967)
 
 Without given positions, P is of the array without its rigid motions; in the frame of the least gauge, of the array
-moved into that frame.
+moved into that frame. The sound speed and the size of such an array are one: its uncertainty adds sigma_c^2 x x^T.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..cost.channel_likelihood import Terms, channel_terms
+from ..cost.channel_likelihood import Terms
 from ..model.gauge import GaugeFrame, rigid_motions
 from ..model.problem import Problem
 from ..solvers.robust import assumptions
 from ..solvers.robust.channel_fit import reduced
 from ..solvers.robust.convergence import scaled_inverse
-from ..solvers.robust.objective import Objective, add_priors
+from ..solvers.robust.objective import Objective
 from ..solvers.robust.settings import RULES, SCHEDULE
 from ..solvers.robust.state import State
 
@@ -51,6 +51,9 @@ class Uncertainty:
     covariance : (N, D, D) float64, metres^2
     curvature : (N, D, D) float64, metres^2, the same by H alone, where the modes agree as the model says
     gains : (N, 2) float64, one sigma of log gain, nepers, and phase, radians
+    filters : (N, 2) float64, one sigma of delay, metres, and corner, rad/m, as of `fdcal.solvers.robust.state`; 0 for
+        a channel without
+    log_speed : float, one sigma of the logarithm of the sound speed; 0 for one that is fixed
     stretch_sigma : float, one sigma of the least certain stretching or shearing of the array as a whole, relative
     terms : Terms, the cost where the solver ended
     goal : Objective, whose minimum that is
@@ -59,6 +62,8 @@ class Uncertainty:
     covariance: np.ndarray
     curvature: np.ndarray
     gains: np.ndarray
+    filters: np.ndarray
+    log_speed: float
     stretch_sigma: float
     terms: Terms
     goal: Objective
@@ -81,33 +86,42 @@ def uncertainty(problem: Problem, state: State, weaker: float = 1.0) -> Uncertai
     used = assumptions.used_modes(problem, state, 0)
     goal = assumptions.objective(problem, state, used)
     goal = replace(goal, field=replace(goal.field, noise=_undeflated(problem, state, goal.field)))
-    terms = channel_terms(state.positions, state.gains, goal.pressures, goal.field, 3)
-    slopes = np.asarray(terms.slopes)  # derivatives = 3 computes them
-    if weaker != 1.0:
-        loose = replace(goal.field, power=weaker * goal.field.power)
-        terms = channel_terms(state.positions, state.gains, goal.pressures, loose)
-    add_priors(state.positions, state.gains, goal.priors, terms)
-    N, D = state.positions.shape
-    P = D + 2
-    index = np.arange(N * P).reshape(N, P)
-    free = index.ravel() if goal.priors.gain_sigma > 0 else index[:, :D].ravel()
-    H = reduced(state.positions, terms, free, not len(problem.known))[1]
+    here, free = assumptions.unknowns(state), assumptions.free_unknowns(problem, state, None)
+    terms = goal.evaluate(here, 3).terms
+    slopes = np.asarray(terms.slopes).reshape(len(used), -1)  # derivatives = 3 computes them
+    slopes = np.column_stack([slopes, slopes @ here.by_speed()])[:, free]
+    loose = replace(goal, field=replace(goal.field, power=weaker * goal.field.power))
+    evaluated = loose.evaluate(here)
+    H = reduced(here, evaluated, free, not len(problem.known))[1]
     inverse = scaled_inverse(H)
-    flat = slopes.reshape(len(slopes), -1)[:, free]
-    influences = [-(part @ inverse) for part in (_about_zero(flat), _about_zero(_grouped(flat)))]
-    where = np.searchsorted(free, index[:, :D].ravel())
+    influences = [-(part @ inverse) for part in (_about_zero(slopes), _about_zero(_grouped(slopes)))]
+    N, D = state.positions.shape
+    where = np.arange(N * D)  # the positions are the first of the free unknowns
     gauge = _gauge(problem, state.positions)
     newton = gauge @ inverse[np.ix_(where, where)] @ gauge.T
+    if not len(problem.known):
+        newton = newton + _of_size(state)
     moves = [v[:, where] @ gauge.T for v in influences]
+    sigma = np.zeros(here.vector.size)
+    sigma[free] = np.sqrt(np.maximum(np.diag(inverse), 0.0))
+    channels = sigma[:-1].reshape(N, -1)[:, D:]
     blocks = np.einsum("nanb->nab", newton.reshape(N, D, N, D))
     return Uncertainty(
         _enlarged(blocks, moves),
         blocks,
-        _gain_sigma(inverse, free, index, D),
+        channels[:, :2],
+        channels[:, 2:] if channels.shape[1] > 2 else np.zeros((N, 2)),
+        float(sigma[-1]) if len(problem.known) else state.settings.sound_speed_sigma or 0.0,
         _stretch_sigma(newton, moves, state),
-        terms,
+        evaluated.terms,
         goal,
     )
+
+
+def _of_size(state: State) -> np.ndarray:
+    """Covariance (N D, N D) of a blind array by the sound speed, which is its size."""
+    x = (state.positions - state.positions.mean(axis=0)).ravel()
+    return (state.settings.sound_speed_sigma or 0.0) ** 2 * np.outer(x, x)
 
 
 def _undeflated(problem: Problem, state: State, field) -> np.ndarray:
@@ -163,12 +177,6 @@ def _enlarged(blocks, moves) -> np.ndarray:
     influences = np.max([np.sum(v.reshape(-1, N, D) ** 2, axis=(0, 2)) for v in moves], axis=0)
     size = np.trace(blocks, axis1=1, axis2=2)
     return np.maximum(1.0, influences / np.maximum(size, np.finfo(float).tiny))[:, None, None] * blocks
-
-
-def _gain_sigma(inverse, free, index, D: int) -> np.ndarray:
-    if len(free) < index.size:
-        return np.zeros((len(index), 2))
-    return np.sqrt(np.maximum(np.diag(inverse)[index[:, D:]], 0.0))
 
 
 def _stretch_sigma(newton, moves, state: State) -> float:

@@ -52,6 +52,8 @@ class RobustVerdict:
         Of the power.
     residual_to_noise : float
         Reduced chi-square of the pressures of the healthy channels.
+    sound_speed, sound_speed_sigma : float
+        m/s, as found, and its one sigma; 0 for one that is exact.
     """
 
     code: str
@@ -66,6 +68,8 @@ class RobustVerdict:
     stretch_sigma: float
     noise_share: float
     residual_to_noise: float
+    sound_speed: float
+    sound_speed_sigma: float
 
     def channels(self, names: Sequence[str]) -> Channels:
         """Return gain and noise of every channel, and what is wrong with it, with the names of the microphones."""
@@ -100,11 +104,12 @@ def judge(problem: Problem, state: State, names: Sequence[str] | None = None) ->
     seen = _evidence(problem, state)
     code, message = first_finding(problem, state, seen, names)
     m, found = state.model, seen.found
+    speed = problem.sound_speed * float(np.exp(m.log_speed))
     return RobustVerdict(
         code, message, frozen_array(exchange_back(problem, state, seen.odd), float),
         frozen_array(seen.covariance, float), frozen_array(seen.sigma, float), state.gains, found.gains,
         m.channel_noise, seen.odd, found.stretch_sigma, m.share,
-        residual_to_noise(problem, state, found, seen.healthy),
+        residual_to_noise(problem, state, found, seen.healthy), speed, speed * found.log_speed,
     )  # fmt: skip
 
 

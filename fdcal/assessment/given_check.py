@@ -20,9 +20,10 @@ import numpy as np
 from scipy.special import chdtrc
 
 from ..model.problem import Problem
+from ..solvers.robust import assumptions
 from ..solvers.robust.channel_fit import channel_step, free_basis, reduced
 from ..solvers.robust.convergence import scaled_inverse
-from ..solvers.robust.objective import NU, Objective, Priors, spring
+from ..solvers.robust.objective import NU, Objective, Priors, Unknowns, spring
 from ..solvers.robust.state import State
 from .channel_covariance import Uncertainty
 from .odd_channels import OddChannel
@@ -89,33 +90,37 @@ def check_given(problem: Problem, state: State, found: Uncertainty, odd: Sequenc
 def _probability(state: State, goal: Objective, priors: Priors, freedom: int) -> float:
     """`GivenCheck.probability`; the array without given positions is sought only where it could be low."""
     held, alone = replace(goal, priors=priors), replace(goal, priors=_without_given(priors))
-    x, gains, _ = _descend(state.positions, state.gains, held, False)
+    there, _ = _descend(assumptions.unknowns(state), held, False)
+    x = there.positions
     square = np.sum((x[priors.known] - priors.places) ** 2, axis=1)
     prior = (NU + x.shape[1]) / 2 * float(np.sum(np.log1p(square / (NU * priors.known_sigma**2))))
-    _, terms = alone.evaluate(x, gains)
-    g, H = reduced(x, terms, free_basis(x, None, priors.gain_sigma > 0), True)
+    g, H = reduced(there, alone.evaluate(there), _free(there, priors), True)
     linear = float(g @ scaled_inverse(H) @ g) / 2
     if chdtrc(freedom, 2 * (prior + 1.5 * linear)) > RULES.clear:
         return float(chdtrc(freedom, 2 * (prior + linear)))
-    return float(chdtrc(freedom, 2 * (prior + _descend(x, gains, alone, True)[2])))
+    return float(chdtrc(freedom, 2 * (prior + _descend(there, alone, True)[1])))
 
 
 def _without_given(priors: Priors) -> Priors:
     return replace(priors, known=priors.known[:0], places=priors.places[:0])
 
 
-def _descend(x, gains, goal: Objective, blind: bool):
-    """Return positions, gains and by how much the cost has fallen."""
-    damping, fall = 1e-6, 0.0
-    free = free_basis(x, None, goal.priors.gain_sigma > 0)
+def _free(unknowns: Unknowns, priors: Priors) -> np.ndarray:
+    filters = unknowns.channels[:, 2:] != 0
+    return free_basis(unknowns, None, priors.gain_sigma > 0, filters, priors.speed_sigma > 0)
+
+
+def _descend(unknowns: Unknowns, goal: Objective, blind: bool) -> tuple[Unknowns, float]:
+    """Return the minimum and by how much the cost has fallen."""
+    damping, fall, free = 1e-6, 0.0, _free(unknowns, goal.priors)
     for _ in range(RULES.steps):
-        trial = channel_step(x, gains, goal, free, damping, RULES.stride, blind)
+        trial = channel_step(unknowns, goal, free, damping, RULES.stride, blind)
         if trial.terms is None:
             break
-        x, gains, damping, fall = trial.positions, trial.gains, trial.damping, fall + trial.fall
+        unknowns, damping, fall = trial.unknowns, trial.damping, fall + trial.fall
         if trial.fall < RULES.negligible:
             break
-    return x, gains, fall
+    return unknowns, fall
 
 
 def _loosest(state: State, found: Uncertainty, priors: Priors) -> float:

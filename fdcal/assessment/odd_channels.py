@@ -2,6 +2,7 @@
 
 inverted, gain     the gain or phase is far from that of the others
 delayed            the phase against what the others predict falls with the frequency
+high_pass          bass is cut, or less cut than that of the others, as by a first-order high-pass
 dead               the others predict nothing of it, or it holds no more than they expect of noise
 noisy              its noise is far above that of the others
 misplaced          a given position that the pressures contradict
@@ -37,6 +38,8 @@ class OddThresholds:
     coherent : share of the power that a delay must explain
     delay_gain : coherence at the best delay over that without delay
     longest_delay, delay_step : seconds, delays tried
+    filter_sigmas : sigmas of a delay, or of a corner frequency
+    least_delay, least_corner : seconds and hertz that are never odd
     misplaced_sigmas, misplaced : sigmas and metres, distance from a given position; the larger one counts
     exchanged_sigmas, exchanged : sigmas and metres within which a channel is in another's place, likewise
     exchanged_share : the same over the distance from its own given position
@@ -53,6 +56,9 @@ class OddThresholds:
     delay_gain: float = 1.02
     longest_delay: float = 2e-3
     delay_step: float = 1e-5
+    filter_sigmas: float = 4.0
+    least_delay: float = 2e-5
+    least_corner: float = 3.0
     misplaced_sigmas: float = 3.0
     misplaced: float = 0.006
     exchanged_sigmas: float = 4.0
@@ -72,7 +78,8 @@ class OddChannel:
     number : int, of the microphone, from 0
     kind : str, as above
     value : float, gain in decibels, phase in degrees, delay in seconds, distance from the given position in metres, or
-        noise in decibels over the median channel; nan for an inverted channel
+        noise in decibels over the median channel, or corner frequency in hertz over that of the others; nan for an
+        inverted channel
     unit : str, of the value; "" without one
     partner : int, the other microphone of an exchange, or -1
     """
@@ -100,8 +107,11 @@ def odd_channels(problem: Problem, state: State, found: Uncertainty) -> tuple[Od
     tau = np.where(tau * state.model.share < LIMITS.least_noise, 1.0, tau)
     alone = np.mean(1 / (terms.precision * _variance(state, terms)), axis=0)
     lost = (alone > LIMITS.unpredicted) & (alone > LIMITS.unpredicted_to_median * np.median(alone))
+    filtered = _filtered(problem, state, found)
     for n in range(len(tau)):
-        if abs(state.gains[n, 1]) > LIMITS.inverted and tau[n] < LIMITS.noise:
+        if n in filtered and tau[n] < LIMITS.noise:
+            odd[n] = filtered[n]
+        elif abs(state.gains[n, 1]) > LIMITS.inverted and tau[n] < LIMITS.noise:
             odd[n] = OddChannel(n, "inverted", np.nan, "")
         elif tau[n] > LIMITS.noise or lost[n]:
             odd[n] = _faulty(problem, state, terms, predicted, n, bool(lost[n]))
@@ -116,6 +126,20 @@ def odd_channels(problem: Problem, state: State, found: Uncertainty) -> tuple[Od
 def _variance(state: State, terms) -> np.ndarray:
     """Return the variance of every channel's corrected pressures : (M, N) float64."""
     return state.model.power[state.modes, None] + state.model.noise[state.modes, None] * state.model.channel_noise
+
+
+def _filtered(problem: Problem, state: State, found: Uncertainty) -> dict[int, OddChannel]:
+    """Return the channels that the solver found a delay or a high-pass for, where it is beyond its uncertainty."""
+    c = problem.sound_speed * np.exp(state.model.log_speed)
+    units = np.array([1 / c, c / (2 * np.pi)])
+    least = np.maximum(LIMITS.filter_sigmas * found.filters * units, [LIMITS.least_delay, LIMITS.least_corner])
+    value = state.model.filters * units
+    odd = {int(n): OddChannel(int(n), "high_pass", float(value[n, 1]), "Hz") for n in _beyond(value, least, 1)}
+    return odd | {int(n): OddChannel(int(n), "delayed", float(value[n, 0]), "s") for n in _beyond(value, least, 0)}
+
+
+def _beyond(value, least, column: int) -> np.ndarray:
+    return np.flatnonzero(np.abs(value[:, column]) > least[:, column])
 
 
 def _far(value: float, sigma: float) -> bool:

@@ -112,13 +112,13 @@ class ChannelFault:
     name : str
         Of the microphone.
     kind : str
-        "inverted", "dead", "noisy", "delayed", "gain", "misplaced" or "exchanged", see
+        "inverted", "dead", "noisy", "delayed", "high_pass", "gain", "misplaced" or "exchanged", see
         `fdcal.assessment.odd_channels`.
     value : float or None
-        Gain or noise over the median channel in decibels, phase in degrees, delay in seconds, or distance from the
-        given position in metres.
+        Gain or noise over the median channel in decibels, phase in degrees, delay in seconds, corner frequency over
+        that of the others in hertz, or distance from the given position in metres.
     unit : str
-        Of the value: "dB", "degrees", "s" or "m"; "" without a value.
+        Of the value: "dB", "degrees", "s", "Hz" or "m"; "" without a value.
     partner : str or None
         Name of the other microphone of an exchange.
     """
@@ -144,6 +144,7 @@ class ChannelFault:
         words = {
             "noisy": f"noise {value:.0f} dB over the others'",
             "delayed": f"delayed by {1e3 * value:.2g} ms",
+            "high_pass": f"high-pass at {value:.3g} Hz",
             "gain": f"phase {value:.0f} degrees" if self.unit == "degrees" else f"gain {value:+.1f} dB",
             "misplaced": f"{1e3 * value:.3g} mm from the position given",
             "exchanged": f"exchanged with microphone {self.partner}",
@@ -179,7 +180,7 @@ class Channels:
             object.__setattr__(self, key, frozen_array(getattr(self, key), float))
 
 
-UNITS = ("", "dB", "degrees", "s", "m")  # of the value of a fault
+UNITS = ("", "dB", "degrees", "s", "Hz", "m")  # of the value of a fault
 CHANNEL_KEYS = {  # key in a result file, and attribute of `Channels`
     "channel_gain_db": "gain_db",
     "channel_gain_sigma_db": "gain_sigma_db",

@@ -33,6 +33,7 @@ OPTIONAL = {  # files written by older versions lack some of these; "room" and w
     "verdict": (str, 0),
     "verdict_text": (str, 0),
     "sound_speed": (float, 0),
+    "sound_speed_sigma": (float, 0),
     "left_out_db": (float, 0),
     "left_out_microphones_db": (float, 1),
     "left_out_frequencies_db": (float, 1),

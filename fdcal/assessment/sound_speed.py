@@ -104,8 +104,13 @@ def from_distance(problem: Problem, positions, pair: tuple[int, int], metres: fl
 
 
 def _corrected(problem: Problem, sound_speed: float, positions) -> SoundSpeedEstimate:
+    found = at_sound_speed(problem, float(sound_speed))
+    return SoundSpeedEstimate(float(sound_speed), frozen_array(positions, float), found)
+
+
+def at_sound_speed(problem: Problem, sound_speed: float) -> Problem:
+    """Return `problem` with another sound speed, m/s, and the wavenumbers that go with it."""
     slower = problem.sound_speed / sound_speed
-    corrected = replace(
+    return replace(
         problem, wavenumbers=frozen_array(problem.wavenumbers * slower, complex), sound_speed=float(sound_speed)
     )
-    return SoundSpeedEstimate(float(sound_speed), frozen_array(positions, float), corrected)

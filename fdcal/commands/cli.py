@@ -35,7 +35,7 @@ from .options import (
 )
 from .outputs import output_path
 from .parameter_types import Distance, NameList, NoiseLevel, RoomSize, room_solver
-from .sigma_types import GainSigma, Length
+from .sigma_types import GainSigma, Length, Percentage
 
 
 def main(args: list[str] | None = None) -> None:
@@ -146,6 +146,12 @@ def simulate(scene: str, output: str, force: bool):
     metavar="LENGTH",
     help="One sigma of each given coordinate for solver robust, as 5mm.  [default: estimated, 3mm at most]",
 )
+@click.option(
+    "--sound-speed-sigma",
+    type=Percentage(),
+    metavar="PERCENT",
+    help="One sigma of the sound speed for solver robust, as 0.3%; it is then estimated.  [default: exact]",
+)
 @modes_option
 @seed_option
 @click.option(
@@ -174,7 +180,7 @@ def simulate(scene: str, output: str, force: bool):
 @radius_option
 @force_option
 def calibrate(
-    source, solver, start, known, noise, cost, gains, gain_sigma, known_sigma, modes, seed, exclude,
+    source, solver, start, known, noise, cost, gains, gain_sigma, known_sigma, sound_speed_sigma, modes, seed, exclude,
     estimate_sound_speed, distance, room, time_limit, check, positions, output, search, radius, force,
 ):  # fmt: skip
     """Find the microphones and assess the result; exit code 4 if it cannot be trusted."""
@@ -188,6 +194,7 @@ def calibrate(
     inputs = with_settings(
         inputs, solver, modes, seed, start=start, known=known, noise=noise, cost=cost, room=room, gains=gains,
         gain_sigma_db=gain_sigma_db, phase_sigma_deg=phase_sigma_deg, known_sigma=known_sigma,
+        sound_speed_sigma=sound_speed_sigma,
     )  # fmt: skip
     inputs = replace(inputs, estimate_sound_speed=estimate_sound_speed, distance=distance, time_limit=time_limit)
     if check:

@@ -70,6 +70,7 @@ OPTIONS = {
     "snr": "--snr DB",
     "solver": "--solver",
     "sound_speed": "--sound-speed",
+    "sound_speed_sigma": "--sound-speed-sigma",
     "source": "--source",
     "start": "--start",
     "step": "--step",

@@ -15,7 +15,7 @@ LEAST_MOVE = 1e-3  # metres, of a given position that is mentioned
 
 
 def summary(inputs: CalibrationInput, result: Calibration) -> str:
-    """Return a calibration in seven lines, and more of its channels or of a known room."""
+    """Return a calibration in seven lines, and more of an uncertain sound speed, of its channels or of a known room."""
     count, f = inputs.measurement.count, result.frequencies
     free = count - len(inputs.given)
     end = "converged" if result.converged else "stopped before it converged"
@@ -27,6 +27,8 @@ def summary(inputs: CalibrationInput, result: Calibration) -> str:
         f"cost    {result.cost:.3g} ({unit})",
         f"error   {_error(result, inputs.given)}",
     ]
+    if result.sound_speed_sigma is not None:
+        lines.append(f"speed   {result.sound_speed:.2f} m/s, one sigma {result.sound_speed_sigma:.2g} m/s")
     if result.evidence is not None:
         lines.append(f"predict {_prediction(result, result.evidence)}")
     if inputs.scene is not None and inputs.scene.room.response is not None:

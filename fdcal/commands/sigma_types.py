@@ -61,3 +61,20 @@ class Decibels(click.ParamType):
             return float(match[1])
         except ValueError:
             self.fail(f'"{value}" must be decibels with their unit, as 1dB', param, ctx)
+
+
+class Percentage(click.ParamType):
+    """A part of something with its sign, such as "0.3%"; 0.003."""
+
+    name = "percentage"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        if isinstance(value, float):
+            return value
+        match = re.fullmatch(r"([0-9.]+(?:e-?[0-9]+)?)\s*%", value.strip())
+        try:
+            if match is None:
+                raise ValueError
+            return float(match[1]) / 100
+        except ValueError:
+            self.fail(f'"{value}" must be a number of percent with its sign, as 0.3%', param, ctx)

@@ -1,16 +1,19 @@
 """Likelihood of pressures whose channels have gains and noise of their own: cost, gradient, Gauss-Newton matrix.
 
-    p_mn = g_n e_mn + noise,   g_n = exp(a_n + j b_n),   q_mn = p_mn / g_n
+    p_mn = g_mn e_mn + noise,   log g_mn = a_n + j b_n - j k_m d_n + h(kappa_n, k_m),   q_mn = p_mn / g_mn
     C_m  = s_m K_m + v_m diag(tau_n)
-    cost = sum_m [log det C_m + q_m^H C_m^-1 q_m] + 2 M sum_n a_n
+    cost = sum_m [log det C_m + q_m^H C_m^-1 q_m + 2 Re sum_n log g_mn]
 
     x (N, D) positions, metres;  a, b (N,) log gain, nepers, and phase, radians
+    d (N,) delay, metres, times the sound speed;  kappa (N,) corner of a first-order high-pass, rad/m, times 2 pi / c
+    h = -log(1 - j kappa / k), the high-pass over what all channels share; of a corner below 0 its inverse at -kappa
     K    covariance of a field of unit power (`fdcal.cost.channel_kernels`)
     s, v (M,) power of field and noise;  tau (N,) noise of each channel over that of the array, 1 for a sound one
     u    C^-1 q;   d  diagonal of C^-1;   q_n - u_n / d_n is what the other microphones predict of channel n
 
-The parameters of a microphone are (x, a, b). With J = (D_1 u, .., D_D u, q, j q), the gradient is
--2 Re[conj(u) J] and what the log-determinants add, the curvature 2 Re sum_m conj(J_mi) (C_m^-1)_ij J_mj.
+The parameters of a microphone are (x, a, b), or (x, a, b, d, kappa). With J = (D_1 u, .., D_D u, q dlog g / da, ..),
+the gradient is -2 Re[conj(u) J] and what the log-determinants and log g add, the curvature
+2 Re sum_m conj(J_mi) (C_m^-1)_ij J_mj.
 """
 
 from __future__ import annotations
@@ -58,12 +61,12 @@ class Terms:
     ----------
     cost : float
     costs : (M,) float64, of every mode
-    gradient : (N, D + 2) float64, by position, log gain and phase; None for the cost alone
-    curvature : (N, D + 2, N, D + 2) float64, Gauss-Newton; None for the cost alone
+    gradient : (N, P) float64, by position, log gain, phase and, if wanted, delay and corner; None for the cost alone
+    curvature : (N, P, N, P) float64, Gauss-Newton; None for the cost alone
     weighted : (M, N) complex128, u = C^-1 q
     precision : (M, N) float64, d, the diagonal of C^-1
     corrected : (M, N) complex128, q
-    slopes : (M, N, D + 2) float64, gradient of every mode; None unless wanted
+    slopes : (M, N, P) float64, gradient of every mode; None unless wanted
     """
 
     cost: float
@@ -83,27 +86,49 @@ class Terms:
 
 
 def channel_terms(positions, gains, pressures, field: ChannelField, derivatives: int = 2) -> Terms:
-    """Cost at `positions` (N, D), metres, and `gains` (N, 2), nepers and radians, of `pressures` (M, N).
+    """Cost at `positions` (N, D), metres, and `gains` (N, 2) or (N, 4) of `pressures` (M, N).
 
+    gains : a, nepers, b, radians, and if there are four of them d, metres, and kappa, rad/m
     derivatives : 0 for the cost, 2 with gradient and curvature, 3 with the gradient of every mode, too
 
     Raises numpy.linalg.LinAlgError where a covariance is not positive definite.
     """
     x = np.asarray(positions, float)
-    q = pressures * np.exp(-gains[:, 0] - 1j * gains[:, 1])
+    log_gain, by_parameter = log_response(gains, np.real(field.wavenumbers))
+    q = pressures * np.exp(-log_gain)
     K, D = _kernel(x, field, derivatives > 0)
     K *= field.power[:, None, None]
     diagonal = np.arange(len(x))
     K[:, diagonal, diagonal] += np.multiply.outer(field.noise, field.channel_noise)
     precision, log_det = _inverses(K)
     u = _apply(precision, q)
-    costs = log_det + np.sum(np.real(np.conj(q) * u), axis=1) + 2 * gains[:, 0].sum()
+    costs = log_det + np.sum(np.real(np.conj(q) * u + 2 * log_gain), axis=1)
     d = np.ascontiguousarray(np.real(precision[:, diagonal, diagonal]))
     if not derivatives:
         return Terms(float(costs.sum()), costs, None, None, u, d, q)
-    slopes, J = _gradients(x, q, u, precision, D, field)
+    slopes, J = _gradients(x, q, u, precision, D, field, by_parameter)
     H = _curvature(precision, J)
     return Terms(float(costs.sum()), costs, slopes.sum(axis=0), H, u, d, q, slopes if derivatives > 2 else None)
+
+
+def log_response(gains, wavenumbers):
+    """Logarithm of the response of every channel, and its derivatives by the parameters in `gains`.
+
+    gains : (N, 2) or (N, 4), as of `channel_terms`;  wavenumbers : (M,) float64, rad/m
+
+    Returns
+    -------
+    log_gain : (M, N) complex128, or (1, N) with two parameters
+    by_parameter : list of arrays that broadcast to (M, N)
+    """
+    constant = (gains[:, 0] + 1j * gains[:, 1])[None]
+    first: list = [np.ones((1, 1)), np.full((1, 1), 1j)]
+    if gains.shape[1] == 2:
+        return constant, first
+    k, corner = np.asarray(wavenumbers)[:, None], gains[:, 3]
+    cut = 1 - 1j * np.abs(corner) / k
+    delayed = -1j * k * gains[:, 2] - np.sign(corner) * np.log(cut)
+    return constant + delayed, [*first, -1j * k, 1j / (k * cut)]
 
 
 def field_covariance(positions, field: ChannelField) -> np.ndarray:
@@ -160,11 +185,11 @@ def _apply(A, v):
     return np.ascontiguousarray(np.matmul(A, two)).view(complex)[..., 0]
 
 
-def _gradients(x, q, u, precision, D, field: ChannelField):
-    """Gradient of every mode (M, N, D + 2), and J (M, N, D + 2) complex128."""
+def _gradients(x, q, u, precision, D, field: ChannelField, by_parameter):
+    """Gradient of every mode (M, N, P), and J (M, N, P) complex128."""
     M, (N, dimensions) = len(q), x.shape
-    J = np.empty((M, N, dimensions + 2), complex)
-    logs = np.zeros((M, N, dimensions + 2))
+    J = np.empty((M, N, dimensions + len(by_parameter)), complex)
+    logs = np.zeros(J.shape)
     s = field.power[:, None]
     if D.ndim == 3:  # D_a = S (x_i - x_j)_a
         moments = np.concatenate([u[..., None], u[..., None] * x], axis=-1)
@@ -177,8 +202,9 @@ def _gradients(x, q, u, precision, D, field: ChannelField):
         for a in range(dimensions):
             J[..., a] = s * np.matmul(D[a], u[..., None])[..., 0]
             logs[..., a] = 2 * s * np.einsum("mij,mij->mi", D[a], np.conj(precision)).real
-    J[..., dimensions], J[..., dimensions + 1] = q, 1j * q
-    logs[..., dimensions] = 2.0
+    for i, derivative in enumerate(by_parameter, dimensions):
+        J[..., i] = q * derivative
+        logs[..., i] = 2 * np.real(derivative)
     return logs - 2 * (np.conj(u)[..., None] * J).real, J
 
 

@@ -136,6 +136,8 @@ class SolverSettings:
         Of "robust": standard deviation of the gains, decibels, and of the phases, degrees; estimated unless given.
     known_sigma : float or None
         Of "robust": standard deviation of each coordinate of a given position, metres; at most 3 mm unless given.
+    sound_speed_sigma : float or None
+        Of "robust": standard deviation of the sound speed, relative (0.003 is 0.3 %); it is exact unless given.
     """
 
     name: str = "joint"
@@ -155,9 +157,11 @@ class SolverSettings:
     gain_sigma_db: float | None = None
     phase_sigma_deg: float | None = None
     known_sigma: float | None = None
+    sound_speed_sigma: float | None = None
 
     OPTIONAL: typing.ClassVar = (
         "modes", "start", "cost", "noise", "known", "room", "gains", "gain_sigma_db", "phase_sigma_deg", "known_sigma",
+        "sound_speed_sigma",
     )  # fmt: skip
 
     def __post_init__(self):
@@ -183,7 +187,8 @@ class SolverSettings:
         for length in self.room or ():
             require_positive("solver.room", length, "m")
         require_choice("solver.gains", self.gains, ("auto", "fixed"))
-        for key, unit in (("gain_sigma_db", "dB"), ("phase_sigma_deg", "degrees"), ("known_sigma", "m")):
+        units = {"gain_sigma_db": "dB", "phase_sigma_deg": "degrees", "known_sigma": "m", "sound_speed_sigma": ""}
+        for key, unit in units.items():
             value = getattr(self, key)
             if value is not None:
                 require_positive(f"solver.{key}", value, unit)

@@ -41,6 +41,8 @@ class Assessment:
         Of solver "room".
     channels : Channels or None
         Of solver "robust".
+    sound_speed_sigma : float or None
+        One sigma of an uncertain sound speed, m/s; of solver "robust".
     """
 
     positions: np.ndarray
@@ -52,6 +54,7 @@ class Assessment:
     evidence: Evidence
     room: KnownRoom | None = None
     channels: Channels | None = None
+    sound_speed_sigma: float | None = None
 
 
 def assess(inputs: CalibrationInput, problem: Problem, state, wording: Mapping[str, str] = ARGUMENTS) -> Assessment:
@@ -112,16 +115,20 @@ def _assess_channels(inputs: CalibrationInput, problem: Problem, state, wording:
     from ..assessment.channel_verdict import judge  # these load the compiler
     from ..assessment.cross_validation import cross_validate_healthy
     from ..assessment.odd_channels import healthy_channels
+    from ..assessment.sound_speed import at_sound_speed
+    from ..solvers.robust import assumptions
 
     names = inputs.measurement.names
     verdict = judge(problem, state, names)
-    gains = verdict.gains
-    corrected = replace(problem, pressures=problem.pressures * np.exp(-gains[:, 0] - 1j * gains[:, 1]))
+    pressures = assumptions.corrected(problem, state, slice(None))
+    problem = at_sound_speed(problem, verdict.sound_speed)
+    corrected = replace(problem, pressures=pressures)
     healthy = healthy_channels(len(names), verdict.odd)
     prediction = cross_validate_healthy(corrected, verdict.positions, state.modes, healthy)
     return Assessment(
         verdict.positions, problem, verdict.code, verdict.worded(wording), verdict.sigma, verdict.covariance,
         _evidence(verdict, prediction), channels=verdict.channels(names),
+        sound_speed_sigma=verdict.sound_speed_sigma or None,
     )  # fmt: skip
 
 

@@ -115,6 +115,7 @@ def solve(
         converged=bool(state.converged),
         aligned=problem.frame is None and not len(problem.known) and found.room is None,
         sound_speed=found.problem.sound_speed,
+        sound_speed_sigma=found.sound_speed_sigma,
         verdict=found.verdict,
         verdict_text=found.verdict_text,
         uncertainty=found.uncertainty,

@@ -23,7 +23,8 @@ from ..solvers.interface import AssessmentMethod
 if TYPE_CHECKING:
     from ..recordings.import_options import ImportOptions
 
-CHANNEL_SETTINGS = ("gains", "gain_sigma_db", "phase_sigma_deg", "known_sigma")  # of solvers that seek gains
+# of solvers that seek gains
+CHANNEL_SETTINGS = ("gains", "gain_sigma_db", "phase_sigma_deg", "known_sigma", "sound_speed_sigma")
 
 Progress = Callable[[float, str], None]  # fraction done, 0 to 1, and a note
 

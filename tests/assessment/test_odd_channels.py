@@ -72,14 +72,16 @@ def test_a_channel_of_pure_noise_moves_no_other_microphone(sound, reference):
         ("gain", "dB", 6.0, lambda f: 10 ** (6 / 20)),
         ("gain", "degrees", 40.0, lambda f: np.exp(1j * np.radians(40))),
         ("delayed", "s", 1e-3, lambda f: np.exp(-2j * np.pi * f * 1e-3)),
+        ("delayed", "s", -2e-4, lambda f: np.exp(2j * np.pi * f * 2e-4)),
+        ("high_pass", "Hz", 40.0, lambda f: 1j * f / (40 + 1j * f)),
     ],
 )
 def test_a_fault_is_named_with_its_value(sound, kind, unit, value, factor):
     found = judged(with_channel(sound, factor(sound.frequencies)))
     assert [(one.number, one.kind, one.unit) for one in found.odd] == [(FAULTY, kind, unit)]
     assert found.odd[0].value == pytest.approx(value, rel=0.1, nan_ok=True)
-    others = healthy_channels(COUNT, found.odd)
-    assert np.max(np.linalg.norm(found.positions - sound.positions, axis=1)[others]) < 0.01
+    # the faulty one, too: what is wrong with it is part of the model
+    assert np.max(np.linalg.norm(found.positions - sound.positions, axis=1)) < 0.012
 
 
 def test_exchanged_given_positions_are_named_with_their_partner(sound):
@@ -92,6 +94,17 @@ def test_exchanged_given_positions_are_named_with_their_partner(sound):
         ("5", "exchanged", "11"), ("11", "exchanged", "5")
     ]  # fmt: skip
     assert faults[0].text == "microphone 5: exchanged with microphone 11"
+
+
+@pytest.mark.parametrize("pair", [(0, 1), (1, 3), (2, 3)])
+def test_two_of_four_given_positions_are_found_exchanged(sound, pair):
+    known, order = np.array(KNOWN), np.arange(4)
+    order[list(pair)] = pair[::-1]
+    found = judged(replace(sound, known=known, known_positions=sound.positions[known][order]))
+    assert {(one.number, one.kind, one.partner) for one in found.odd} == {
+        (KNOWN[pair[0]], "exchanged", KNOWN[pair[1]]), (KNOWN[pair[1]], "exchanged", KNOWN[pair[0]])
+    }  # fmt: skip
+    assert np.max(np.linalg.norm(found.positions - sound.positions, axis=1)) < 0.012
 
 
 @pytest.mark.parametrize("seed", [0, 4, 18])

@@ -68,6 +68,8 @@ def test_a_result_without_gains_has_no_such_table(made, refused):
         (["--solver", "robust", "--gain-sigma", "1..2dB,5deg"], "as 1dB,5deg"),
         (["--solver", "robust", "--gain-sigma", "0dB,5deg"], "solver.gain_sigma_db"),
         (["--solver", "robust", "--known-sigma", "5"], "as 5mm"),
+        (["--solver", "robust", "--sound-speed-sigma", "0.3"], "as 0.3%"),
+        (["--sound-speed-sigma", "0.3%", "--solver", "descent+joint"], "leave out --sound-speed-sigma"),
         (["--solver", "robust", "--estimate-sound-speed"], "leave out --estimate-sound-speed"),
     ],
 )

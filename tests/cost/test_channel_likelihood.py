@@ -7,7 +7,7 @@ import pytest
 
 from fdcal.cost.angular_prior import diffuse_prior, learned_prior, plane_wave_kernel
 from fdcal.cost.channel_kernels import series_kernel
-from fdcal.cost.channel_likelihood import ChannelField, channel_terms
+from fdcal.cost.channel_likelihood import ChannelField, channel_terms, log_response
 from fdcal.cost.likelihood import diffuse_field, newton_terms
 
 K = np.array([1.5, 2.5, 4.0])  # rad/m
@@ -43,7 +43,7 @@ def test_gradient_is_that_of_finite_differences(dimension, damped, directed):
     x, p, field = drawn(dimension, damped)
     field = lopsided(field, x) if directed else field
     rng = np.random.default_rng(1)
-    gains = 0.1 * rng.normal(size=(len(x), 2))
+    gains = 0.1 * rng.normal(size=(len(x), 4))
     gradient, _ = channel_terms(x, gains, p, field).newton()
     direction = rng.normal(size=gradient.shape)
     h = 1e-5
@@ -77,6 +77,14 @@ def test_gains_multiplied_into_the_pressures_cost_only_their_jacobian():
     plain = channel_terms(x, np.zeros_like(gains), p, field, 0).cost
     turned = channel_terms(x, gains, p * np.exp(gains[:, 0] + 1j * gains[:, 1]), field, 0).cost
     assert turned == pytest.approx(plain + 2 * len(K) * gains[:, 0].sum())
+
+
+def test_a_delay_and_a_high_pass_are_what_they_do_to_a_signal():
+    d, corner = 0.34, 0.8  # metres and rad/m
+    filtered = np.exp(log_response(np.array([[0, 0, d, 0], [0, 0, 0, corner], [0, 0, 0, -corner]]), K)[0])
+    high_pass = 1j * K / (corner + 1j * K)
+    expected = np.column_stack([np.exp(-1j * K * d), high_pass, 1 / high_pass])
+    np.testing.assert_allclose(filtered, expected, rtol=1e-12)
 
 
 def test_a_channel_of_pure_noise_pulls_on_no_other_microphone():

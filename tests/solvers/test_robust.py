@@ -119,6 +119,46 @@ def test_the_directions_of_the_field_hold_the_shape_of_a_blind_circle(count, cen
     assert rms(align(state.positions, x), x, np.arange(count)) < 0.02
 
 
+def at_another_speed(measurement, factor):
+    """`measurement` with a sound speed that is wrong by `factor`."""
+    k, c = measurement.wavenumbers / factor, measurement.sound_speed * factor
+    return replace(measurement, sound_speed=c, wavenumbers=k)
+
+
+def test_given_positions_correct_an_uncertain_sound_speed():
+    measurement = at_another_speed(measured(), 1.006)
+    _, _, exact = solved(measurement)
+    _, _, found = solved(measurement, sound_speed_sigma=0.005)
+    assert abs(found.sound_speed - 343.0) < 3 * found.sound_speed_sigma < 3 * 0.0025 * 343
+    free = np.setdiff1d(np.arange(COUNT), KNOWN)
+    errors = [rms(verdict.positions, measurement.positions, free) for verdict in (found, exact)]
+    assert errors[0] < min(errors[1], 0.0035)
+    assert exact.sound_speed == measurement.sound_speed and exact.sound_speed_sigma == 0
+
+
+def test_a_sound_speed_that_is_right_stays_and_costs_little():
+    measurement = measured()
+    free = np.setdiff1d(np.arange(COUNT), KNOWN)
+    _, _, exact = solved(measurement)
+    _, _, found = solved(measurement, sound_speed_sigma=0.003)
+    assert abs(found.sound_speed - 343.0) < 3 * found.sound_speed_sigma < 3 * 0.003 * 343
+    errors = [rms(verdict.positions, measurement.positions, free) for verdict in (found, exact)]
+    assert errors[0] < 1.3 * errors[1] + 5e-4
+    assert np.sum(found.sigma**2) > np.sum(exact.sigma**2)
+
+
+def test_blind_the_uncertainty_of_the_sound_speed_is_that_of_the_size():
+    measurement = measured(known=np.zeros(0, int))
+    sigma = 0.02
+    _, _, exact = solved(measurement, known="none")
+    _, _, found = solved(measurement, known="none", sound_speed_sigma=sigma)
+    np.testing.assert_allclose(found.positions, exact.positions, atol=1e-9)
+    extent = np.sum((exact.positions - exact.positions.mean(axis=0)) ** 2)
+    added = np.trace(found.covariance.sum(axis=0) - exact.covariance.sum(axis=0))
+    assert added == pytest.approx(sigma**2 * extent, rel=0.35)  # times what enlarges all where modes disagree
+    assert found.sound_speed == 343.0 and found.sound_speed_sigma == pytest.approx(sigma * 343.0)
+
+
 def test_scaling_the_pressures_changes_nothing():
     measurement = measured()
     louder = replace(measurement, pressures=measurement.pressures * np.linspace(1, 50, MODES)[:, None])

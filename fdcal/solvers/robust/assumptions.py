@@ -6,18 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...cost.angular_prior import diffuse_prior, learned_prior
-from ...cost.channel_likelihood import ChannelField, Terms
+from ...cost.channel_likelihood import ChannelField, Terms, log_response
 from ...model.problem import Problem
 from ...model.settings import SolverSettings
 from ...model.validation import frozen_array
 from . import noise_model
-from .objective import Objective, Priors
-from .settings import ASSUMED, NOISE_RULES, RULES, SCHEDULE
-from .state import KernelName, Model, State
+from .channel_fit import free_basis
+from .objective import Objective, Priors, Unknowns
+from .settings import ASSUMED, FILTERS, NOISE_RULES, RULES, SCHEDULE
+from .state import Model, State
 
 LEAST_SHARE = {"diffuse": 1e-6, "series": 1e-8, "directional": 1e-8, "near": 1e-11}  # of noise in the power
-NEAR_SHARE = {2: 1e-5, 3: 2e-6}  # with less noise a source near the array counts
 
 
 def spaced(count: int, most: int) -> np.ndarray:
@@ -36,7 +35,7 @@ def used_modes(problem: Problem, state: State, most: int) -> np.ndarray:
 def field(problem: Problem, state: State, used) -> ChannelField:
     """What is assumed of the modes `used`."""
     model = state.model
-    k = problem.wavenumbers[used]
+    k = wavenumbers(problem, state)[used]
     plain = model.kernel == "diffuse"
     return ChannelField(
         np.real(k) if plain else k.astype(complex),
@@ -50,6 +49,11 @@ def field(problem: Problem, state: State, used) -> ChannelField:
     )
 
 
+def wavenumbers(problem: Problem, state: State) -> np.ndarray:
+    """Wavenumbers at the sound speed found (M,) complex128, rad/m."""
+    return problem.wavenumbers * np.exp(-state.model.log_speed)
+
+
 def gains_are_free(state: State) -> bool:
     """Return whether the gains of the channels are sought."""
     return state.settings.gains != "fixed"
@@ -61,13 +65,42 @@ def objective(problem: Problem, state: State, used) -> Objective:
     gains = row.gains and gains_are_free(state)
     loose = float(np.hypot(model.known_sigma, model.spread if row.degree else 0.0))
     spread = (model.gain_sigma, model.phase_sigma) if gains else (0.0, 0.0)
-    priors = Priors(*spread, problem.known, problem.known_positions, loose, state.offsets)
-    return Objective(problem.pressures[used], field(problem, state, used), priors)
+    speed = state.settings.sound_speed_sigma if speed_is_free(problem, state) else None
+    priors = Priors(*spread, problem.known, model.places, loose, state.offsets, speed or 0.0)
+    return Objective(problem.pressures[used], field(problem, state, used), priors, model.log_speed)
+
+
+def unknowns(state: State) -> Unknowns:
+    """What a step moves."""
+    filters = state.model.filters
+    channels = np.hstack([state.gains, filters]) if np.any(filters) else state.gains
+    return Unknowns(state.positions, channels, state.model.log_speed)
+
+
+def with_unknowns(state: State, moved: Unknowns) -> State:
+    """`state` where a step has led to."""
+    filters = moved.channels[:, 2:] if moved.channels.shape[1] > 2 else state.model.filters
+    model = replace(state.model, filters=frozen_array(filters, float), log_speed=moved.log_speed)
+    positions, gains = frozen_array(moved.positions, float), frozen_array(moved.channels[:, :2], float)
+    return replace(state, positions=positions, gains=gains, model=model)
+
+
+def free_unknowns(problem: Problem, state: State, deformations) -> np.ndarray:
+    """The unknowns that the row frees, see `channel_fit.free_basis`."""
+    gains = SCHEDULE[state.progress.row].gains and gains_are_free(state)
+    return free_basis(unknowns(state), deformations, gains, state.model.filters != 0, speed_is_free(problem, state))
+
+
+def speed_is_free(problem: Problem, state: State) -> bool:
+    """Whether the row seeks the sound speed: it is uncertain, and given positions carry the scale."""
+    stated, row = state.settings.sound_speed_sigma, SCHEDULE[state.progress.row]
+    return stated is not None and not row.degree and len(problem.known) > 1
 
 
 def corrected(problem: Problem, state: State, used) -> np.ndarray:
-    """Pressures divided by the gains."""
-    return problem.pressures[used] * np.exp(-state.gains[:, 0] - 1j * state.gains[:, 1])
+    """Pressures divided by the responses of the channels."""
+    k = np.real(wavenumbers(problem, state)[used])
+    return problem.pressures[used] * np.exp(-log_response(unknowns(state).channels, k)[0])
 
 
 def with_power(state: State, used, chosen: ChannelField, terms: Terms) -> State:
@@ -76,34 +109,6 @@ def with_power(state: State, used, chosen: ChannelField, terms: Terms) -> State:
     power[used] = noise_model.updated_power(chosen, terms)
     tau = noise_model.updated_channel_noise(chosen, terms)
     return replace(state, model=replace(state.model, power=power, channel_noise=tau))
-
-
-def with_directions(problem: Problem, state: State, used, updates: int) -> State:
-    """`state` with the power of the field by direction learned a little further, where its kernel has one."""
-    model = state.model
-    if model.kernel != "directional":
-        return state
-    k = problem.wavenumbers
-    learned = np.array(diffuse_prior(state.positions, k) if model.directions is None else model.directions)
-    learned[used] = learned_prior(
-        state.positions,
-        corrected(problem, state, used),
-        k[used],
-        model.power[used],
-        model.noise[used],
-        learned[used],
-        updates,
-        model.channel_noise,
-        NOISE_RULES.direction_count,
-        state.shape,
-    )
-    return replace(state, model=replace(model, directions=frozen_array(learned, float)))
-
-
-def with_turned_directions(problem: Problem, state: State) -> State:
-    """`state` with directions learned anew, for an array that was turned as a whole."""
-    anew = replace(state, model=replace(state.model, directions=None), shape=state.positions)
-    return with_directions(problem, anew, used_modes(problem, anew, 0), ASSUMED.turned_updates)
 
 
 def with_noise(problem: Problem, state: State, deflation: float = 1.0, rough: bool = True) -> State:
@@ -139,9 +144,9 @@ def given_noise(problem: Problem, state: State) -> np.ndarray | None:
 def with_spreads(problem: Problem, state: State, free, matrix) -> State:
     """`state` with the spread of gains and given positions by empirical Bayes; `matrix` (F, F) of the last step."""
     N, D = state.positions.shape
-    variance = np.zeros(N * (D + 2))
+    variance = np.zeros(unknowns(state).vector.size)
     variance[free] = np.diag(np.linalg.inv(matrix + 1e-12 * np.diag(np.diag(matrix))))
-    variance = variance.reshape(N, D + 2)
+    variance = variance[:-1].reshape(N, -1)
     model, sigmas = state.model, []
     stated = state.settings.gain_sigma_db is not None, state.settings.phase_sigma_deg is not None
     for column, sigma in enumerate((model.gain_sigma, model.phase_sigma)):
@@ -152,7 +157,7 @@ def with_spreads(problem: Problem, state: State, free, matrix) -> State:
         sigmas.append(sigma if stated[column] else fresh)
     known, sigma = problem.known, model.known_sigma
     if len(known):
-        e = np.linalg.norm(state.positions[known] - problem.known_positions, axis=1)
+        e = np.linalg.norm(state.positions[known] - model.places, axis=1)
         e = np.append(e, ASSUMED.given_sigma * np.sqrt(D) * np.ones(int(ASSUMED.known_count)))
         v = np.append(variance[known, :D].mean(axis=1), np.zeros(int(ASSUMED.known_count)))
         sigma = min(noise_model.updated_sigma(sigma, e, v, D, 1e-5), first_known_sigma(state.settings))
@@ -175,6 +180,9 @@ def score(problem: Problem, state: State, chosen: ChannelField, trial) -> float:
     cost += 0.5 * np.linalg.slogdet(trial.matrix)[1] + len(problem.known) * D * np.log(max(m.known_sigma, 1e-6))
     if SCHEDULE[state.progress.row].gains and gains_are_free(state):
         cost += N * (np.log(m.gain_sigma) + np.log(m.phase_sigma))
+        cost += np.sum((m.filters != 0) * np.log([FILTERS.delay_sigma, FILTERS.corner_sigma]))
+    if speed_is_free(problem, state):
+        cost += np.log(state.settings.sound_speed_sigma or 1.0)
     return float(cost)
 
 
@@ -205,16 +213,6 @@ def first_model(problem: Problem, settings: SolverSettings) -> Model:
         phase_sigma=RULES.phase_sigma if phase is None else float(np.radians(phase)),
         known_sigma=first_known_sigma(settings),
         kernel="diffuse",
+        places=frozen_array(problem.known_positions, float),
+        filters=np.zeros((N, 2)),
     )
-
-
-def kernel_of(problem: Problem, state: State) -> KernelName:
-    """The kernel of an isotropic field that the noise left calls for."""
-    k = problem.wavenumbers[state.modes]
-    radius = float(np.sqrt(np.mean(np.sum((state.positions - state.positions.mean(axis=0)) ** 2, axis=1))))
-    return "series" if (np.abs(np.imag(k)).max() * radius) ** 2 > ASSUMED.damped * state.model.share else "diffuse"
-
-
-def near_field_counts(problem: Problem, state: State) -> bool:
-    """Whether the noise is so low that a source near the array would count."""
-    return state.model.share <= NEAR_SHARE[problem.dimension]

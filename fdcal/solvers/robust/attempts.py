@@ -9,7 +9,8 @@ import numpy as np
 from ...model.gauge import align, fixes_gauge, move_to_frame
 from ...model.problem import Problem
 from ...model.validation import InputError, frozen_array
-from . import assumptions, starts
+from . import assumptions, exchanges, kernels, starts
+from .relocation import relocated
 from .settings import OUTLIERS, RULES, SCHEDULE
 from .state import End, KernelName, Progress, State
 
@@ -97,13 +98,13 @@ def _begin_final(problem: Problem, state: State) -> State:
         shape=best.positions,
         progress=replace(state.progress, rounds=0, row=len(SCHEDULE) - 1),
     )
-    return _refined(problem, state)
+    return _refined(problem, exchanges.resolved(problem, relocated(problem, state, local=True)[0]))
 
 
 def _refined(problem: Problem, state: State) -> State:
     """Begin a round of the last row: noise anew; the near-field kernel only if its residual is much smaller."""
     plain = _with_kernel(problem, state, state.model.kernel, 1.0)
-    if state.model.kernel != "near" and assumptions.near_field_counts(problem, plain):
+    if state.model.kernel != "near" and kernels.near_field_counts(problem, plain):
         near = _with_kernel(problem, state, "near", RULES.near_deflation)
         plain = near if near.model.share < RULES.near_gain * plain.model.share else plain
     elif state.model.kernel == "near":
@@ -126,7 +127,7 @@ def end_final(problem: Problem, state: State, settled: bool) -> State:
     framed = state.positions if problem.frame is None else move_to_frame(state.positions, problem.frame)
     positions = _anchored(problem, state) if len(problem.known) and problem.frame is None else framed
     ended = replace(state, positions=frozen_array(positions, float), finished=True, converged=settled)
-    return assumptions.with_turned_directions(problem, ended)
+    return kernels.with_turned_directions(problem, ended)
 
 
 def _anchored(problem: Problem, state: State) -> np.ndarray:
@@ -135,7 +136,7 @@ def _anchored(problem: Problem, state: State) -> np.ndarray:
     The pressures do not fix the array as a whole, and the last steps hardly see the weak pull of the given positions
     where there is hardly any noise.
     """
-    x, known, given = state.positions, problem.known, problem.known_positions
+    x, known, given = state.positions, problem.known, state.model.places
     away = np.linalg.norm(x[known] - given, axis=1)
     near = away <= RULES.known_outlier * max(float(np.median(away)), state.model.known_sigma)
     if np.sum(near) <= x.shape[1] or not fixes_gauge(given[near]):

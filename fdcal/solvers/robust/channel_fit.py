@@ -1,6 +1,7 @@
-"""Levenberg-Marquardt steps of positions and channel gains together, on the cost of `objective`.
+"""Levenberg-Marquardt steps of positions, channels and sound speed together, on the cost of `objective`.
 
-The parameters of a microphone are its D coordinates, metres, its log gain, nepers, and its phase, radians: P = D + 2.
+The parameters of a microphone are its D coordinates, metres, its log gain, nepers, its phase, radians, and where a
+channel has a filter a delay, metres, and a corner, rad/m: P = D + 2 or D + 4. The last unknown is the sound speed's.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import numpy as np
 from ...cost.channel_likelihood import Terms
 from ...model.gauge import rigid_motions
 from ..levenberg_marquardt import DAMPING, NewtonTerms, damped_step
-from .objective import Objective
+from .objective import Evaluation, Objective, Unknowns
 
 
 @dataclass(frozen=True)
@@ -21,8 +22,7 @@ class ChannelStep:
 
     Attributes
     ----------
-    positions : (N, D) float64, metres
-    gains : (N, 2) float64, nepers and radians
+    unknowns : Unknowns
     cost : float, infinite where a covariance is singular
     fall : float, by how much the cost has fallen
     damping : float, of the next step
@@ -32,8 +32,7 @@ class ChannelStep:
     matrix : (F, F) float64, Gauss-Newton matrix in the free directions; None with `terms`
     """
 
-    positions: np.ndarray
-    gains: np.ndarray
+    unknowns: Unknowns
     cost: float
     fall: float
     damping: float
@@ -43,85 +42,89 @@ class ChannelStep:
     matrix: np.ndarray | None = None
 
 
-def free_basis(positions, deformations, gains: bool) -> np.ndarray:
-    """Return the directions in which the parameters may move.
+def free_basis(unknowns: Unknowns, deformations, gains: bool, filters, speed: bool) -> np.ndarray:
+    """Return the directions in which the unknowns may move.
 
     Parameters
     ----------
-    positions : (N, D) float64, metres
+    unknowns : Unknowns
     deformations : (N D, F) float64 or None
         Directions of the positions; None lets every microphone move.
     gains : bool
         Whether the gains are free.
+    filters : (N, 2) bool
+        Which delays and corners are free, where the unknowns have them and the gains are free.
+    speed : bool
+        Whether the sound speed is free.
 
     Returns
     -------
-    (N P, F) float64, or (F,) int64: the indices of the free parameters, where every microphone moves
+    (N P + 1, F) float64, or (F,) int64: the indices of the free unknowns, where every microphone moves
     """
-    N, D = positions.shape
-    index = np.arange(N * (D + 2)).reshape(N, D + 2)
-    freed = index[:, D:].T.ravel() if gains else np.zeros(0, np.int64)
+    N, D = unknowns.positions.shape
+    size = unknowns.vector.size
+    index = np.arange(size - 1).reshape(N, -1)
+    freed = [index[:, D : D + 2].T.ravel()] if gains else []
+    if gains and unknowns.channels.shape[1] > 2:
+        freed.append(index[:, D + 2 :][filters])
+    rest = np.concatenate([*freed, [size - 1] if speed else []]).astype(np.int64)
     if deformations is None:
-        return np.concatenate([index[:, :D].ravel(), freed])
-    basis = np.zeros((N * (D + 2), deformations.shape[1] + len(freed)))
+        return np.concatenate([index[:, :D].ravel(), rest])
+    basis = np.zeros((size, deformations.shape[1] + len(rest)))
     basis[index[:, :D].ravel(), : deformations.shape[1]] = deformations
-    basis[freed, deformations.shape[1] + np.arange(len(freed))] = 1.0
+    basis[rest, deformations.shape[1] + np.arange(len(rest))] = 1.0
     return basis
 
 
 def channel_step(
-    positions, gains, objective: Objective, free: np.ndarray, damping: float, furthest: float, blind: bool
+    unknowns: Unknowns, objective: Objective, free: np.ndarray, damping: float, furthest: float, blind: bool
 ) -> ChannelStep:
-    """Return one damped Gauss-Newton step of positions and gains.
+    """Return one damped Gauss-Newton step.
 
     Parameters
     ----------
-    positions : (N, D) float64, metres
-    gains : (N, 2) float64, nepers and radians
+    unknowns : Unknowns
     objective : Objective
     free : see `free_basis`
     damping, furthest : as of `fdcal.solvers.levenberg_marquardt.damped_step`
     blind : bool
         Whether no position is given, so that nothing holds the array as a whole.
     """
-    N, D = positions.shape
     try:
-        cost, terms = objective.evaluate(positions, gains)
+        here = objective.evaluate(unknowns)
     except np.linalg.LinAlgError:
-        return ChannelStep(positions, gains, np.inf, 0.0, DAMPING.first, 0.0, free)
-    g, H = reduced(positions, terms, free, blind)
-    before = np.column_stack([positions, gains])
+        return ChannelStep(unknowns, np.inf, 0.0, DAMPING.first, 0.0, free)
+    g, H = reduced(unknowns, here, free, blind)
+    before = unknowns.vector
     step = damped_step(
         before,
-        NewtonTerms(cost, g, H),
-        lambda tried: _cost(objective, tried[:, :D], tried[:, D:]),
-        lambda y: before + _expand(free, y, before.size).reshape(N, D + 2),
-        lambda tried: float(np.abs(tried[:, :D] - positions).max()),
+        NewtonTerms(here.cost, g, H),
+        lambda tried: _cost(objective, unknowns.at(tried)),
+        lambda y: before + _expand(free, y, before.size),
+        lambda tried: float(np.abs(unknowns.at(tried).positions - unknowns.positions).max()),
         damping,
         furthest,
     )
-    x, g_new = step.unknowns[:, :D], step.unknowns[:, D:]
-    return ChannelStep(x, g_new, step.cost, step.fall, step.damping, step.moved, free, terms, H)
+    return ChannelStep(unknowns.at(step.unknowns), step.cost, step.fall, step.damping, step.moved, free, here.terms, H)
 
 
-def reduced(positions, terms: Terms, free: np.ndarray, blind: bool) -> tuple[np.ndarray, np.ndarray]:
+def reduced(unknowns: Unknowns, here: Evaluation, free: np.ndarray, blind: bool) -> tuple[np.ndarray, np.ndarray]:
     """Return the gradient (F,) and the Gauss-Newton matrix (F, F) in the free directions.
 
     A blind array is held as a whole, and so is the gain that all channels share: the power of the field takes it up.
     """
-    N, D = positions.shape
-    P = D + 2
-    gradient, curvature = terms.newton()
-    g, H = gradient.ravel(), curvature.reshape(N * P, N * P).copy()
-    diagonal = np.diag(H).reshape(N, P)
-    level = np.mean(diagonal[:, D:]) / N
+    x = unknowns.positions
+    N, D = x.shape
+    g, H = here.gradient, here.matrix.copy()
+    index = np.arange(len(g) - 1).reshape(N, -1)
+    diagonal = np.diag(H)[:-1].reshape(N, -1)
+    level = np.mean(diagonal[:, D : D + 2]) / N
     if blind:
-        motions = np.zeros((N, P, D * (D + 1) // 2))
-        motions[:, :D] = np.linalg.qr(rigid_motions(positions))[0].reshape(N, D, -1)
-        motions = motions.reshape(N * P, -1)
-        H += np.mean(diagonal[:, :D]) * (motions @ motions.T)
+        motions = np.linalg.qr(rigid_motions(x))[0]
+        placed = index[:, :D].ravel()
+        H[np.ix_(placed, placed)] += np.mean(diagonal[:, :D]) * (motions @ motions.T)
     for column in (D, D + 1):
-        H[column::P, column::P] += level
+        H[np.ix_(index[:, column], index[:, column])] += level
     if free.ndim == 1:
         return g[free], H[np.ix_(free, free)]
     return free.T @ g, free.T @ H @ free
@@ -135,8 +138,8 @@ def _expand(free: np.ndarray, y: np.ndarray, size: int) -> np.ndarray:
     return whole
 
 
-def _cost(objective: Objective, positions, gains) -> float:
+def _cost(objective: Objective, unknowns: Unknowns) -> float:
     try:
-        return objective.evaluate(positions, gains, 0)[0]
+        return objective.evaluate(unknowns, 0).cost
     except np.linalg.LinAlgError:  # two microphones at the same place without noise
         return np.inf

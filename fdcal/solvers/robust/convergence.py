@@ -12,8 +12,8 @@ import numpy as np
 
 from ...model.problem import Problem
 from . import assumptions
-from .channel_fit import free_basis, reduced
-from .settings import OUTLIERS, RULES, SCHEDULE
+from .channel_fit import reduced
+from .settings import OUTLIERS, RULES
 from .state import State
 
 LEAST_EIGENVALUE = 1e-13  # of the scaled Gauss-Newton matrix, dimensionless
@@ -38,10 +38,8 @@ def remaining_step(problem: Problem, state: State) -> tuple[np.ndarray, np.ndarr
         A covariance is not positive definite.
     """
     goal = assumptions.objective(problem, state, assumptions.used_modes(problem, state, 0))
-    gains = SCHEDULE[state.progress.row].gains and assumptions.gains_are_free(state)
-    free = free_basis(state.positions, None, gains)
-    _, terms = goal.evaluate(state.positions, state.gains)
-    g, H = reduced(state.positions, terms, free, not len(problem.known))
+    here, free = assumptions.unknowns(state), assumptions.free_unknowns(problem, state, None)
+    g, H = reduced(here, goal.evaluate(here), free, not len(problem.known))
     inverse = scaled_inverse(H)
     count = state.positions.size  # the coordinates come first
     step, variance = -(inverse @ g)[:count], np.diag(inverse)[:count]

@@ -5,52 +5,96 @@ complex gain g in between,
 
     cost(x) = sum_m log V_m + |q_mn - g e_m|^2 / V_m + prior(g),    g by weighted least squares
 
-so a channel of inverted polarity, and one in a wrong basin, both find their places.
+so a channel of inverted polarity, and one in a wrong basin, both find their places. A single channel may also have a
+delay or a high-pass, where that explains it much better.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
 from ...cost.channel_kernels import diffuse_kernel
+from ...cost.channel_likelihood import log_response
 from ..deadline import check_deadline
 from .objective import NU
-from .settings import OUTLIERS
+from .settings import FILTERS, OUTLIERS
 
 
-def relocate(positions, gains, offsets, pressures, wavenumbers, power, noise, channel_noise, dimension: int):
-    """Suspicious channels where, and how, they fit best.
+@dataclass(frozen=True)
+class Placed:
+    """Where the microphones are supposed to be, and what their channels do.
+
+    positions (N, D), metres; gains, offsets and filters (N, 2), as of `fdcal.solvers.robust.state`; channel_noise (N,)
+    """
+
+    positions: np.ndarray
+    gains: np.ndarray
+    offsets: np.ndarray
+    filters: np.ndarray
+    channel_noise: np.ndarray
+
+
+def relocate(
+    placed: Placed, pressures, wavenumbers, power, noise, dimension: int, filters: bool = False, local: bool = False
+) -> Placed | None:
+    """Suspicious channels where, and how, they fit best; None if none is changed.
 
     wavenumbers, power, noise : (M,), of pressures (M, N)
-
-    Returns
-    -------
-    positions : (N, D);  gains, offsets : (N, 2);  channel_noise : (N,);  moved : list of the channels changed
+    filters : whether a delay or a high-pass may explain a channel, too
+    local : only with a filter, and near where they are, on a finer lattice
     """
-    x, g, off, tau = (np.array(v) for v in (positions, gains, offsets, channel_noise))
+    x, g, off, cut, tau = (
+        np.array(v) for v in (placed.positions, placed.gains, placed.offsets, placed.filters, placed.channel_noise)
+    )
     k = np.real(wavenumbers)
-    spacing = OUTLIERS.spacing * 2 * np.pi / float(k.max())
+    spacing = OUTLIERS.spacing * 2 * np.pi / float(k.max()) / (OUTLIERS.finer if local else 1)
     noise = noise + power * (k * spacing / 2) ** 2 / dimension  # a candidate is only near the place
     suspects = [n for n in np.argsort(-tau)[: OUTLIERS.moved] if tau[n] > OUTLIERS.suspicious]
-    moved = []
-    for n in suspects:
+    filters = filters and len(suspects) <= FILTERS.channels
+    sought = FILTER_GRID[int(local) :] if filters else FILTER_GRID[: int(not local)]
+    q = pressures * np.exp(-log_response(np.hstack([g, cut]), k)[0])
+    moved = False
+    for n in suspects if sought else ():
         check_deadline()
         others = np.delete(np.arange(len(x)), n)
-        q = pressures[:, others] * np.exp(-g[others, 0] - 1j * g[others, 1])
-        candidates = np.vstack([x[n], _lattice(x[tau < OUTLIERS.suspicious], spacing)])
-        e, V = _predicted(x[others], q, candidates, k, power, noise, tau[others], dimension)
-        cost, value = _fitted(pressures[:, n], e, V)
+        about = x[n] + spacing * OUTLIERS.finer * np.array([[-1.0], [1.0]]) if local else x[tau < OUTLIERS.suspicious]
+        candidates = np.vstack([x[n], _lattice(about, spacing)])
+        e, V = _predicted(x[others], q[:, others], candidates, k, power, noise, tau[others], dimension)
         extra = noise * (tau[n] - 1)
-        own = pressures[:, n] * np.exp(-g[n, 0] - 1j * g[n, 1]) - e[:, 0]
-        noisy = np.sum(np.log(V[:, 0] + extra) + np.abs(own) ** 2 / (V[:, 0] + extra) + 2 * g[n, 0])
-        best = int(np.argmin(cost))
-        if cost[best] < noisy - OUTLIERS.nats:
+        share = np.abs(q[:, n] - e[:, 0]) ** 2 / (V[:, 0] + extra)
+        noisy = np.sum(np.log(V[:, 0] + extra) + share) + 2 * np.sum(log_response(np.hstack([g, cut]), k)[0].real[:, n])
+        found = min((_best(pressures[:, n], e, V, k, one) for one in sought), key=lambda one: one[0])
+        if found[0] < noisy - OUTLIERS.nats:
+            _, best, value, cut[n] = found
             x[n], tau[n] = candidates[best], 1.0
-            off[n] = (value[best].real, value[best].imag) if abs(value[best]) > OUTLIERS.gross else 0.0
+            off[n] = (value.real, value.imag) if abs(value) > OUTLIERS.gross else 0.0
             g[n] = off[n]
-            moved.append(int(n))
-    return x, g, off, tau, moved
+            q[:, n] = pressures[:, n] * np.exp(-log_response(np.hstack([g, cut])[n : n + 1], k)[0][:, 0])
+            moved = True
+    return Placed(x, g, off, cut, tau) if moved else None
+
+
+def _filter_grid() -> list[np.ndarray]:
+    """Filters to try: none, then delays or corners : list of (2,)."""
+    delays = np.linspace(-FILTERS.longest_delay, FILTERS.longest_delay, FILTERS.delays)
+    corners = np.linspace(-FILTERS.highest_corner, FILTERS.highest_corner, FILTERS.corners)
+    grid = [np.zeros(2)] + [np.array([d, 0.0]) for d in delays if d] + [np.array([0.0, one]) for one in corners if one]
+    return [np.where(np.abs(one) < 1e-9, 0.0, one) for one in grid]
+
+
+FILTER_GRID = _filter_grid()
+
+
+def _best(p, e, V, k, cut):
+    """Cost, candidate, log gain and filter, where a channel p (M,) with the filter `cut` (2,) fits best."""
+    response = log_response(np.array([[0.0, 0.0, *cut]]), k)[0][:, 0]
+    cost, value = _fitted(p * np.exp(-response), e, V)
+    best = int(np.argmin(cost))
+    price = 2 * np.sum(response.real) + (FILTERS.nats if np.any(cut) else 0.0)
+    return float(cost[best] + price), best, value[best], cut
 
 
 def _lattice(x, spacing: float) -> np.ndarray:

@@ -124,6 +124,7 @@ class OutlierRules:
     Attributes
     ----------
     spacing : distance of candidates over the shortest wavelength
+    finer : factor on that spacing in a search near where the channel is
     candidates : candidates at most
     moved : channels examined at once
     suspicious : channel noise over that of the others from which a channel is examined
@@ -134,6 +135,7 @@ class OutlierRules:
     """
 
     spacing: float = 0.125
+    finer: float = 4.0
     candidates: int = 1500
     moved: int = 6
     suspicious: float = 4.0
@@ -177,3 +179,52 @@ class AssumptionRules:
 
 
 ASSUMED = AssumptionRules()
+
+
+@dataclass(frozen=True)
+class FilterRules:
+    """Delays and high-pass corners of channels.
+
+    Attributes
+    ----------
+    delay_sigma : metres, spread of a delay times the sound speed
+    corner_sigma : rad/m, spread of a corner times 2 pi / c
+    longest_delay : metres, greatest delay that is looked for
+    highest_corner : rad/m, greatest corner that is looked for
+    delays, corners : that are tried
+    channels : suspicious channels at most that may have one
+    nats : by which a filter must be likelier than a place and a gain alone
+    """
+
+    delay_sigma: float = 0.5
+    corner_sigma: float = 2.0
+    longest_delay: float = 0.7
+    highest_corner: float = 2.0
+    delays: int = 41
+    corners: int = 17
+    channels: int = 3
+    nats: float = 8.0
+
+
+FILTERS = FilterRules()
+
+
+@dataclass(frozen=True)
+class ExchangeRules:
+    """When two given positions are taken as exchanged.
+
+    Attributes
+    ----------
+    apart : metres from its place from which a given position is suspected
+    least_sigma : metres, least sigma of the given positions, of the array's own shape included
+    examined : given positions of which pairs are formed, at most: those that are furthest away
+    nats : by which an exchange must be likelier than single outliers
+    """
+
+    apart: float = 0.03
+    least_sigma: float = 0.005
+    examined: int = 8
+    nats: float = 4.0
+
+
+EXCHANGES = ExchangeRules()

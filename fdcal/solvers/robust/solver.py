@@ -18,13 +18,13 @@ import numpy as np
 from ...model.power import mode_power
 from ...model.problem import Problem
 from ...model.settings import Search, SolverSettings
-from ...model.validation import InputError, frozen_array
+from ...model.validation import InputError
 from ..interface import AssessmentMethod, Traits
 from ..joint.requirements import require_modes
 from ..polynomial_deformation import polynomial_deformations
-from . import assumptions
+from . import assumptions, kernels
 from .attempts import begin_attempt, next_attempt
-from .channel_fit import channel_step, free_basis
+from .channel_fit import channel_step
 from .convergence import is_converged
 from .settings import ASSUMED, RULES, SCHEDULE
 from .stages import begin_row, end_row
@@ -39,7 +39,9 @@ TRAITS = Traits(
     starts=(),
     draws_order=False,
     takes_positions=True,
-    settings=frozenset({"modes", "noise", "known", "gains", "gain_sigma_db", "phase_sigma_deg", "known_sigma"}),
+    settings=frozenset(
+        {"modes", "noise", "known", "gains", "gain_sigma_db", "phase_sigma_deg", "known_sigma", "sound_speed_sigma"}
+    ),
     assessment=AssessmentMethod.CHANNELS,
     uses_likelihood=False,
 )
@@ -98,13 +100,12 @@ def step(problem: Problem, state: State) -> State:
     goal = assumptions.objective(problem, state, used)
     gains = row.gains and assumptions.gains_are_free(state)
     shapes = polynomial_deformations(state.shape, np.zeros(0, int), row.degree) if row.degree else None
-    free = free_basis(state.positions, shapes, gains)
+    free = assumptions.free_unknowns(problem, state, shapes)
     furthest = RULES.stride * 2 * np.pi / float(np.real(problem.wavenumbers[used]).max())
-    trial = channel_step(state.positions, state.gains, goal, free, progress.damping, furthest, not len(problem.known))
+    here = assumptions.unknowns(state)
+    trial = channel_step(here, goal, free, progress.damping, furthest, not len(problem.known))
     moved = replace(
-        state,
-        positions=frozen_array(trial.positions, float),
-        gains=frozen_array(trial.gains, float),
+        assumptions.with_unknowns(state, trial.unknowns),
         step=state.step + 1,
         sweep=state.sweep + 1,
         cost=trial.cost if np.isfinite(trial.cost) else state.cost,
@@ -113,7 +114,7 @@ def step(problem: Problem, state: State) -> State:
     settled = trial.moved < row.settled or trial.fall < row.negligible
     if trial.terms is not None and trial.matrix is not None:
         moved = assumptions.with_power(moved, used, goal.field, trial.terms)
-        moved = assumptions.with_directions(problem, moved, used, ASSUMED.direction_updates)
+        moved = kernels.with_directions(problem, moved, used, ASSUMED.direction_updates)
         if gains:
             moved = assumptions.centred(assumptions.with_spreads(problem, moved, trial.free, trial.matrix))
             settled = settled and assumptions.same_spreads(state.model, moved.model)
@@ -167,7 +168,11 @@ def landscape(problem: Problem, state: State, n: int, modes: slice, search: Sear
     from ...cost.noise_model import NOISE
 
     problem = in_unit_power(problem)
-    corrected = replace(problem, pressures=assumptions.corrected(problem, state, slice(None)))
+    corrected = replace(
+        problem,
+        pressures=assumptions.corrected(problem, state, slice(None)),
+        wavenumbers=assumptions.wavenumbers(problem, state),
+    )
     least = NOISE.diffuse_floor * mode_power(corrected.pressures[modes])
     return likelihood_maps(corrected, state.positions, n, modes, np.maximum(state.model.noise[modes], least), search)
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from ...cost.channel_likelihood import ChannelField
 from ...model.problem import Problem
-from ...model.validation import frozen_array
-from . import assumptions, outliers
+from . import assumptions, kernels
 from .attempts import begin_row, end_attempt, end_final
 from .channel_fit import ChannelStep
+from .relocation import relocated
 from .settings import RULES, SCHEDULE
 from .state import State
 
@@ -30,14 +30,14 @@ def end_row(problem: Problem, state: State, field: ChannelField, trial: ChannelS
     if row.name == "final":
         return end_final(problem, state, settled)
     before = state.model.share
-    kernel = "diffuse" if row.degree else assumptions.kernel_of(problem, state)
+    kernel = "diffuse" if row.degree else kernels.kernel_of(problem, state)
     state = replace(state, model=replace(state.model, kernel=kernel), shape=state.positions)
     if row.degree:
         return _end_deformation(problem, state)
     state = assumptions.with_noise(problem, state, rough=row.name != "gains")
     moved = False
     if state.progress.rounds <= RULES.searches:
-        state, moved = _relocated(problem, state)
+        state, moved = relocated(problem, state)
     if row.name == "free":
         return begin_row(problem, state, state.progress.row + 1)
     if (not moved and _settled_noise(problem, state, before)) or state.progress.rounds + 1 >= RULES.rounds:
@@ -51,7 +51,7 @@ def _end_deformation(problem: Problem, state: State) -> State:
     ahead = assumptions.with_noise(problem, _at_row(state, row + 1))
     state = _at_row(ahead, row)
     if not SCHEDULE[row + 1].degree:
-        state, _ = _relocated(problem, state)
+        state, _ = relocated(problem, state)
     return begin_row(problem, state, row + 1)
 
 
@@ -68,29 +68,3 @@ def _at_row(state: State, row: int) -> State:
 
 def _next_round(state: State) -> State:
     return replace(state, progress=replace(state.progress, rounds=state.progress.rounds + 1))
-
-
-def _relocated(problem: Problem, state: State) -> tuple[State, bool]:
-    """Return `state` with channels that do not fit moved elsewhere or given another gain, and whether any was."""
-    used, m = assumptions.used_modes(problem, state, RULES.search_modes), state.model
-    x, gains, offsets, tau, moved = outliers.relocate(
-        state.positions,
-        state.gains,
-        state.offsets,
-        problem.pressures[used],
-        problem.wavenumbers[used],
-        m.power[used],
-        m.noise[used],
-        m.channel_noise,
-        problem.dimension,
-    )
-    if not moved:
-        return state, False
-    elsewhere = replace(
-        state,
-        positions=frozen_array(x, float),
-        gains=frozen_array(gains, float),
-        offsets=frozen_array(offsets, float),
-        model=replace(m, channel_noise=tau),
-    )
-    return assumptions.with_noise(problem, elsewhere, rough=not SCHEDULE[state.progress.row].gains), True

@@ -26,6 +26,10 @@ class Model:
     gain_sigma, phase_sigma : nepers and radians
     known_sigma : metres
     kernel : "diffuse", "series", "near" or "directional"
+    places : (A, D) float64, metres, of the microphones whose position is given; two that were exchanged put right
+    filters : (N, 2) float64, delay, metres, times the sound speed, and high-pass corner, rad/m, times 2 pi / c, of each
+        channel; 0 for one without, and not free then
+    log_speed : logarithm of the sound speed over that of the measurement
     directions : (M, Q) float64, power of the field by direction, mean 1; of the kernel "directional" only
     """
 
@@ -38,6 +42,9 @@ class Model:
     phase_sigma: float
     known_sigma: float
     kernel: KernelName
+    places: np.ndarray
+    filters: np.ndarray
+    log_speed: float = 0.0
     directions: np.ndarray | None = None
 
 
