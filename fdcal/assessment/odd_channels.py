@@ -109,7 +109,7 @@ def odd_channels(problem: Problem, state: State, found: Uncertainty) -> tuple[Od
     lost = (alone > LIMITS.unpredicted) & (alone > LIMITS.unpredicted_to_median * np.median(alone))
     filtered = _filtered(problem, state, found)
     for n in range(len(tau)):
-        if n in filtered and tau[n] < LIMITS.noise:
+        if n in filtered and tau[n] < LIMITS.noise and not lost[n]:
             odd[n] = filtered[n]
         elif abs(state.gains[n, 1]) > LIMITS.inverted and tau[n] < LIMITS.noise:
             odd[n] = OddChannel(n, "inverted", np.nan, "")

@@ -11,7 +11,7 @@ from ...model.problem import Problem
 from ...model.validation import InputError, frozen_array
 from . import assumptions, exchanges, kernels, starts
 from .relocation import relocated
-from .settings import OUTLIERS, RULES, SCHEDULE
+from .settings import ASSUMED, OUTLIERS, RULES, SCHEDULE
 from .state import End, KernelName, Progress, State
 
 DEFORMATION_DAMPING, DAMPING = 1e-3, 1e-6  # of the first step of a row
@@ -109,7 +109,9 @@ def _refined(problem: Problem, state: State) -> State:
         plain = near if near.model.share < RULES.near_gain * plain.model.share else plain
     elif state.model.kernel == "near":
         plain = _with_kernel(problem, state, "near", RULES.near_deflation)
-    return begin_row(problem, plain, len(SCHEDULE) - 1)
+    begun = begin_row(problem, plain, len(SCHEDULE) - 1)
+    first = ASSUMED.first_updates if begun.model.directions is None else 0
+    return kernels.with_directions(problem, begun, assumptions.used_modes(problem, begun, 0), first)
 
 
 def _with_kernel(problem: Problem, state: State, kernel: KernelName, deflation: float) -> State:

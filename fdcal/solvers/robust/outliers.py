@@ -93,7 +93,13 @@ def _best(p, e, V, k, cut):
     response = log_response(np.array([[0.0, 0.0, *cut]]), k)[0][:, 0]
     cost, value = _fitted(p * np.exp(-response), e, V)
     best = int(np.argmin(cost))
-    price = 2 * np.sum(response.real) + (FILTERS.nats if np.any(cut) else 0.0)
+    price = 2 * np.sum(response.real)
+    if np.any(cut):  # among so many, some filter and place fit a channel of noise a little
+        across = np.abs(np.vdot(e[:, best], p * np.exp(-response))) ** 2
+        coherent = across > FILTERS.coherent * np.sum(np.abs(e[:, best]) ** 2) * np.sum(
+            np.abs(p * np.exp(-response)) ** 2
+        )
+        price += FILTERS.nats if coherent else np.inf
     return float(cost[best] + price), best, value[best], cut
 
 

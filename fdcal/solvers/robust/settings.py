@@ -162,8 +162,10 @@ class AssumptionRules:
     same_spread : change of the logarithm of a spread that does not count
     known_count : given positions that `given_sigma` is worth
     given_sigma : metres, expected error of each coordinate of a given position
+    first_updates : steps of expectation and maximisation of the directions' power before the first step
     direction_updates : steps of expectation and maximisation of the directions' power after every step
     turned_updates : the same after the array was turned as a whole
+    learned : nats, a stage goes on while the cost falls by more, since the directions are still being learned
     """
 
     noise_modes: int = 24
@@ -174,8 +176,10 @@ class AssumptionRules:
     same_spread: float = 0.2
     known_count: float = 2.0
     given_sigma: float = 2e-3
+    first_updates: int = 10
     direction_updates: int = 3
     turned_updates: int = 60
+    learned: float = 0.5
 
 
 ASSUMED = AssumptionRules()
@@ -194,6 +198,7 @@ class FilterRules:
     delays, corners : that are tried
     channels : suspicious channels at most that may have one
     nats : by which a filter must be likelier than a place and a gain alone
+    coherent : share of the power that it must explain
     """
 
     delay_sigma: float = 0.5
@@ -204,6 +209,7 @@ class FilterRules:
     corners: int = 17
     channels: int = 3
     nats: float = 8.0
+    coherent: float = 0.75
 
 
 FILTERS = FilterRules()

@@ -118,6 +118,8 @@ def step(problem: Problem, state: State) -> State:
         if gains:
             moved = assumptions.centred(assumptions.with_spreads(problem, moved, trial.free, trial.matrix))
             settled = settled and assumptions.same_spreads(state.model, moved.model)
+        if moved.model.kernel == "directional":
+            settled = settled and progress.steps > 0 and state.cost - moved.cost < ASSUMED.learned
     if settled or trial.terms is None or moved.progress.steps >= row.steps:
         after = end_row(problem, moved, goal.field, trial, settled)
         return replace(after, converged=is_converged(problem, after)) if after.finished else after
