@@ -20,7 +20,7 @@ from ..model.problem import Problem
 from ..solvers.robust import assumptions
 from ..solvers.robust.channel_fit import reduced
 from ..solvers.robust.convergence import scaled_inverse
-from ..solvers.robust.objective import Objective
+from ..solvers.robust.objective import Evaluation, Objective, Unknowns
 from ..solvers.robust.settings import RULES, SCHEDULE
 from ..solvers.robust.state import State
 
@@ -90,8 +90,7 @@ def uncertainty(problem: Problem, state: State, weaker: float = 1.0) -> Uncertai
     terms = goal.evaluate(here, 3).terms
     slopes = np.asarray(terms.slopes).reshape(len(used), -1)  # derivatives = 3 computes them
     slopes = np.column_stack([slopes, slopes @ here.by_speed()])[:, free]
-    loose = replace(goal, field=replace(goal.field, power=weaker * goal.field.power))
-    evaluated = loose.evaluate(here)
+    evaluated = _weakened(goal, weaker, here)
     H = reduced(here, evaluated, free, not len(problem.known))[1]
     inverse = scaled_inverse(H)
     influences = [-(part @ inverse) for part in (_about_zero(slopes), _about_zero(_grouped(slopes)))]
@@ -116,6 +115,14 @@ def uncertainty(problem: Problem, state: State, weaker: float = 1.0) -> Uncertai
         evaluated.terms,
         goal,
     )
+
+
+def _weakened(goal: Objective, weaker: float, here: Unknowns) -> Evaluation:
+    """The objective with a field of more power; as it is where its covariance is then singular, without noise."""
+    try:
+        return replace(goal, field=replace(goal.field, power=weaker * goal.field.power)).evaluate(here)
+    except np.linalg.LinAlgError:
+        return goal.evaluate(here)
 
 
 def _of_size(state: State) -> np.ndarray:

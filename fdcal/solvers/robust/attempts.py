@@ -91,14 +91,26 @@ def _begin_final(problem: Problem, state: State) -> State:
     kernel = "directional" if problem.dimension == 2 else best.model.kernel
     state = replace(
         state,
-        positions=best.positions,
+        positions=_gathered(best),
         gains=best.gains,
         offsets=best.offsets,
         model=replace(best.model, kernel=kernel),
-        shape=best.positions,
+        shape=_gathered(best),
         progress=replace(state.progress, rounds=0, row=len(SCHEDULE) - 1),
     )
     return _refined(problem, exchanges.resolved(problem, relocated(problem, state, local=True)[0]))
+
+
+def _gathered(end: End) -> np.ndarray:
+    """Positions with outliers no farther from the centre than the others: beyond, the near-field kernel diverges."""
+    x, healthy = end.positions, end.model.channel_noise < OUTLIERS.suspicious
+    if np.all(healthy) or not np.any(healthy):
+        return x
+    centre = x[healthy].mean(axis=0)
+    away = np.linalg.norm(x - centre, axis=1)
+    far = ~healthy & (away > away[healthy].max())
+    inward = np.where(far, away[healthy].max() / np.maximum(away, 1e-9), 1.0)
+    return frozen_array(centre + inward[:, None] * (x - centre), float)
 
 
 def _refined(problem: Problem, state: State) -> State:
