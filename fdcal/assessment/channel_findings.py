@@ -41,6 +41,7 @@ class ChannelThresholds:
     rival_sigmas, rival_distance : sigmas and metres within which two ends are one; the larger one counts
     uneven_noise : noise of a healthy channel over that of the median channel
     uneven_share : part of the healthy channels above that level; more than it are no single noisy channels
+    uneven_share_of_power : share of the power that its noise must exceed: without noise only rounding and grid are left
     uneven_channels : fewest such channels
     contradiction : probability below which given positions and pressures contradict each other
     unchecked, unchecked_sigmas : metres, and sigmas of the array: where the pressures and the other given positions
@@ -62,6 +63,7 @@ class ChannelThresholds:
     rival_distance: float = 1e-3
     uneven_noise: float = 2.0
     uneven_share: float = 0.1
+    uneven_share_of_power: float = 1e-6
     uneven_channels: int = 3
     contradiction: float = 0.01
     unchecked: float = 0.025
@@ -150,6 +152,7 @@ def _uneven_noise(state: State, healthy: np.ndarray) -> str:
     corrected = state.model.channel_noise[healthy]
     recorded = corrected * np.exp(2 * state.gains[healthy, 0])
     high = np.all([tau > LIMITS.uneven_noise * np.median(tau) for tau in (corrected, recorded)], axis=0)
+    high &= corrected * state.model.share > LIMITS.uneven_share_of_power
     if np.sum(high) < max(LIMITS.uneven_channels, LIMITS.uneven_share * len(corrected)):
         return ""
     many = f"{np.sum(high)} of {len(high)} microphones"
