@@ -1,7 +1,8 @@
 """Eq. 7 of one microphone over the search domain, mode by mode, at one fixed order and on a lattice of any fineness.
 
-The cost of `fdcal.cost.yardstick`: every microphone has the weight 1, the centre of the expansion is the centre of the
-estimate, and the order of a mode does not depend on which others are in use. With microphone n at x it is
+The cost of `fdcal.cost.yardstick`: every microphone has the weight 1, or 1 / noise of its channel where the solver
+estimates gains and noise of the channels. The centre of the expansion is the centre of the estimate, and the order of a
+mode does not depend on which others are in use. With microphone n at x it is
 
     cost(x) = r0 + |p_n - f(x)|^2 / (1 + h(x)),    f = w(x) alpha,    h = |w(x) Z|^2    (`fdcal.cost.eq7`)
 
@@ -21,13 +22,20 @@ from ..acoustics.fourier_bessel import max_order
 from ..model.problem import Problem
 from ..model.settings import Search
 from ..model.validation import InputError
+from .channel_correction import ChannelCorrection, equalised
 from .eq7 import LeaveOneOutFit, leave_one_out_fits
 from .field_expansion import FieldExpansion, functions
 from .map_nodes import from_nodes, node_counts, node_points
 
 
 def eq7_maps(
-    problem: Problem, positions, n: int, modes: Sequence[int], order_offset: int, search: Search | None = None
+    problem: Problem,
+    positions,
+    n: int,
+    modes: Sequence[int],
+    order_offset: int,
+    search: Search | None = None,
+    channels: ChannelCorrection | None = None,
 ) -> np.ndarray:
     """Return the cost of each of `modes` with microphone `n` moved, the others at `positions`.
 
@@ -39,6 +47,7 @@ def eq7_maps(
     modes : (P,) int, counted from 1
     order_offset : added to ceil(k R) in the order of every mode
     search : lattice within the area of the problem's search domain; that domain's own unless given
+    channels : gains and noise that the solver estimates; None for the pressures as recorded
 
     Returns
     -------
@@ -57,6 +66,7 @@ def eq7_maps(
     expansion = expansion_of(problem, order_offset)
     numbers = np.searchsorted(expansion.carried.modes, np.asarray(modes) - 1)
     counts = [node_counts(domain, float(problem.wavenumbers[mode - 1].real)) for mode in modes]
+    pressures, scale = equalised(problem.pressures, channels)
     maps = np.empty((len(numbers), *search.shape[1::-1]))
     for shape in sorted(set(counts)):
         alike = np.flatnonzero([count == shape for count in counts])
@@ -64,10 +74,10 @@ def eq7_maps(
         points = np.concatenate([points, np.tile(x[n, 2:], (len(points), 1))], axis=1)
         onto = [from_nodes(domain, search, axis, count) for axis, count in enumerate(shape)]
         for group in expansion.groups(numbers[alike]):
-            fits, rows = _fits(problem, expansion, x, n, points, group)
+            fits, rows = _fits(pressures, scale, expansion, x, n, points, group)
             for number, fit, w in zip(group, fits, rows, strict=True):
                 maps[alike[numbers[alike] == number]] = _map(fit, w, shape, onto)
-    return maps / float(np.sum(np.abs(problem.pressures[np.asarray(modes) - 1]) ** 2))
+    return maps / float(np.sum(np.abs(pressures[np.asarray(modes) - 1]) ** 2))
 
 
 def require_carried(problem: Problem, modes: Sequence[int], order_offset: int) -> None:
@@ -98,12 +108,16 @@ def expansion_of(problem: Problem, order_offset: int) -> FieldExpansion:
     return FieldExpansion(problem, order_offset)
 
 
-def _fits(problem: Problem, expansion: FieldExpansion, x: np.ndarray, n: int, points: np.ndarray, group: np.ndarray):
-    """Return the fit of each mode of a group without microphone `n`, and its rows at the points (B, C, K)."""
+def _fits(pressures, scale, expansion: FieldExpansion, x: np.ndarray, n: int, points: np.ndarray, group: np.ndarray):
+    """Return the fit of each mode of a group without microphone `n`, and its rows at the points (B, C, K).
+
+    pressures : (M, N) of all modes, and scale : (N,) of the rows, so that all channels have equal noise
+    """
     centre = x.mean(axis=0)
     rows = expansion.rows(np.concatenate([x, points]), centre, group)
-    pressures = problem.pressures[expansion.carried.modes[group]]
-    return leave_one_out_fits(list(rows[:, : len(x)]), pressures, n), rows[:, len(x) :]
+    dictionaries = scale[:, None] * rows[:, : len(x)]
+    fits = leave_one_out_fits(list(dictionaries), pressures[expansion.carried.modes[group]], n)
+    return fits, scale[n] * rows[:, len(x) :]
 
 
 def _map(fit: LeaveOneOutFit, rows: np.ndarray, shape: tuple[int, int], onto: list[np.ndarray]) -> np.ndarray:

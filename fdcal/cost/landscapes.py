@@ -2,6 +2,7 @@
 
     mode_shape       the sound field of one mode, as the microphones recorded it
     cost_maps        what the page shows: Eq. 7 at a fixed order, or the cost of the solver
+    power_shares     weights with which maps of single modes add up to that of all of them
     mode_landscapes  costs of single modes over the search lattice, as the running solver computes them
     refined          the same domain with a lattice as fine as the screen
     local_minima     minima of a map that are deeper than its ripple
@@ -22,6 +23,7 @@ from ..acoustics.fourier_bessel import fourier_bessel, max_order
 from ..model.problem import Problem
 from ..model.settings import Search
 from ..model.validation import InputError
+from .channel_correction import ChannelCorrection, equalised
 from .eq7 import coefficients, known_weights, leave_one_out_fits
 from .eq7_maps import eq7_maps
 from .fine_lattice import OneModeLattice
@@ -79,10 +81,20 @@ def cost_maps(
         As of `eq7_maps` and `solver.landscape`.
     """
     if order_offset is not None:
-        return eq7_maps(problem, state.positions, n, modes, order_offset, search)
+        return eq7_maps(problem, state.positions, n, modes, order_offset, search, state.channels)
     if search is None:
         return mode_landscapes(problem, solver, state, n, modes)
     return np.stack([fine_landscape(problem, solver, state, n, mode, search) for mode in modes])
+
+
+def power_shares(problem: Problem, state, modes: Sequence[int]) -> np.ndarray:
+    """Return the power of each of `modes`, counted from 1, as a share of that of all of them : (P,) float64.
+
+    With these weights, maps of Eq. 7 of single modes (`cost_maps`) add up to that of all modes.
+    """
+    pressures, _ = equalised(problem.pressures[np.asarray(modes) - 1], state.channels)
+    power = np.sum(np.abs(pressures) ** 2, axis=1)
+    return power / power.sum()
 
 
 def fine_landscape(problem: Problem, solver, state, n: int, mode: int, search: Search) -> np.ndarray:
@@ -112,7 +124,9 @@ def fine_landscape(problem: Problem, solver, state, n: int, mode: int, search: S
     return candidate_costs(lattice, centre, slice(0, 1), fits).reshape(lattice.shape)
 
 
-def mode_shape(problem: Problem, positions, mode: int, order_offset: int) -> np.ndarray:
+def mode_shape(
+    problem: Problem, positions, mode: int, order_offset: int, channels: ChannelCorrection | None = None
+) -> np.ndarray:
     """Return the pressure of one mode over the search lattice, reconstructed from the microphones and scaled to 1.
 
     It is the real part of W alpha (Eq. 6) at the phase with most pressure. It matches the room among the microphones
@@ -123,6 +137,7 @@ def mode_shape(problem: Problem, positions, mode: int, order_offset: int) -> np.
     positions : (N, 2) float64, metres
     mode : counted from 1
     order_offset : added to the order of Eq. 3
+    channels : gains and noise that the solver estimates; None for the pressures as recorded
 
     Returns
     -------
@@ -144,7 +159,8 @@ def mode_shape(problem: Problem, positions, mode: int, order_offset: int) -> np.
     most = (len(positions) - 2) // 2  # 2L + 1 functions (Eq. 8) for fewer than N microphones
     L = min(int(max_order(k[None], search.radius, order_offset)[0]), most)
     centre = positions.mean(axis=0)
-    alpha = coefficients(fourier_bessel(positions, complex(k), L, centre), problem.pressures[mode - 1])
+    p, scale = equalised(problem.pressures[mode - 1 : mode], channels)
+    alpha = coefficients(scale[:, None] * fourier_bessel(positions, complex(k), L, centre), p[0])
     x, y = (o + search.step * np.arange(n) for o, n in zip(search.origin, search.shape, strict=True))
     points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     field = fourier_bessel(points, complex(k), L, centre) @ alpha

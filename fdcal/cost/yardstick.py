@@ -6,9 +6,12 @@
 
 Solvers minimise costs of their own, which cannot be compared: a likelihood of other modes or another noise, Eq. 7 of
 the modes in use with a weight of the known microphones. Here the modes are all that the microphones can carry, the
-order of each is fixed, every microphone has the weight 1, and the pressures are those measured. It is a residual: 0 dB
-where the positions explain nothing, and it falls as the positions improve, down to the noise or the truncation of the
-expansion. Rotations, translations and mirror images do not change it.
+order of each is fixed, and every microphone has the weight 1. It is a residual: 0 dB where the positions explain
+nothing, and it falls as the positions improve, down to the noise or the truncation of the expansion. Rotations,
+translations and mirror images do not change it.
+
+The pressures are those recorded, unless the solver estimates the channels: then they are divided by its gains, and
+each channel has the weight 1 / noise. Otherwise one inverted or dead channel outweighs all positions.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ import numpy as np
 
 from ..model.problem import Problem
 from ..model.validation import InputError
+from .channel_correction import ChannelCorrection, equalised
 from .field_expansion import FieldExpansion
 
 ORDER_OFFSET = 2  # added to ceil(k R): with the paper's 0 the truncation hides a centimetre
@@ -79,17 +83,28 @@ class Yardstick:
             )
         self._groups = self._expansion.groups(np.arange(self.count))
         self._pressures = problem.pressures[carried.modes]
-        self._power = float(np.sum(np.abs(self._pressures) ** 2))
 
-    def __call__(self, positions) -> float:
-        """Return the cost of positions (N, D), metres, in dB : float; NaN where a position is not finite."""
+    def __call__(self, positions, channels: ChannelCorrection | None = None) -> float:
+        """Return the cost of positions, dB; NaN where a position is not finite.
+
+        Parameters
+        ----------
+        positions : (N, D) float64, metres
+        channels : gains and noise that the solver estimates (`RunState.channels`); None for the pressures as recorded
+        """
         positions = np.asarray(positions, float)
         if not np.isfinite(positions).all():
             return float("nan")
-        return decibels(sum(self._residual(positions, group) for group in self._groups) / self._power)
+        pressures, scale = equalised(self._pressures, channels)
+        left = sum(self._residual(positions, pressures, scale, group) for group in self._groups)
+        return decibels(left / float(np.sum(np.abs(pressures) ** 2)))
 
-    def _residual(self, positions: np.ndarray, group: np.ndarray) -> float:
+    def of(self, state) -> float:
+        """Return the cost of a state of any solver (`RunState`), its channels included, dB."""
+        return self(state.positions, state.channels)
+
+    def _residual(self, positions: np.ndarray, pressures: np.ndarray, scale: np.ndarray, group: np.ndarray) -> float:
         """Return |W W^+ p - p|^2 summed over modes of one order, the last diagonal of R in [W p] = Q R."""
-        W = self._expansion.rows(positions, positions.mean(axis=0), group)
-        R = np.asarray(np.linalg.qr(np.concatenate([W, self._pressures[group][:, :, None]], axis=2), mode="r"))
+        W = scale[:, None] * self._expansion.rows(positions, positions.mean(axis=0), group)
+        R = np.asarray(np.linalg.qr(np.concatenate([W, pressures[group][:, :, None]], axis=2), mode="r"))
         return float(np.sum(np.abs(R[:, -1, -1]) ** 2))

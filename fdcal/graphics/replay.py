@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
 import numpy as np
 
+from ..cost.yardstick import Yardstick
 from ..model.gauge import align
 from ..model.measurement import Measurement
 from ..model.scene import Scene
@@ -32,7 +33,7 @@ def replay_html(
     measurement: Measurement,
     states: Sequence,
     title: str,
-    yardstick: Callable[..., float] | None = None,
+    yardstick: Yardstick | None = None,
     sought=None,
 ) -> str:
     """Return the HTML of a run.
@@ -44,7 +45,7 @@ def replay_html(
     states : of any solver, oldest first, at least one. Beyond MAX_BYTES fewer of them are kept, evenly spaced, with the
         first and the last
     title : str
-    yardstick : returns the cost of positions (N, D), dB (`fdcal.cost.yardstick`); without it no cost is shown
+    yardstick : Yardstick, the cost of every state; without it no cost is shown
     sought : numbers of the microphones whose errors count; those that are not known unless given
     """
     scored, shape = measurement.positions is not None, states[0].positions.shape
@@ -104,10 +105,10 @@ def _state_data(measurement: Measurement, states: Sequence, yardstick, sought) -
     return data | {name: _packed([getattr(state, name) for state in states], "<i4") for name in STATE_NUMBERS}
 
 
-def _costs(states: Sequence, yardstick: Callable[..., float]) -> np.ndarray:
+def _costs(states: Sequence, yardstick: Yardstick) -> np.ndarray:
     """Cost of each state, dB; of a long run that of MOST_COSTS states, and straight lines between them."""
     computed = np.unique(np.linspace(0, len(states) - 1, min(len(states), MOST_COSTS)).round().astype(int))
-    costs = np.array([yardstick(states[i].positions) for i in computed])
+    costs = np.array([yardstick.of(states[i]) for i in computed])
     finite = np.isfinite(costs)
     return np.interp(np.arange(len(states)), computed[finite], costs[finite]) if finite.any() else np.zeros(len(states))
 

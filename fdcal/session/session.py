@@ -39,8 +39,8 @@ class Session:
     index : int, optional
         Which of them is shown; the last unless given.
     yardstick : callable, optional
-        Returns the cost of positions (N, D), dB, by which the states of all solvers are compared
-        (`fdcal.cost.yardstick`); without one their cost is NaN.
+        Returns the cost of a state, dB, by which those of all solvers are compared (`fdcal.cost.yardstick`); without
+        one their cost is NaN.
     yield_time : float
         Time without a step after `yield_to_ui`, s.
 

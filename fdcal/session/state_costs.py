@@ -24,7 +24,7 @@ class StateCosts:
     Parameters
     ----------
     yardstick : callable or None
-        Returns the cost of positions (N, D), dB; without one every cost is NaN.
+        Returns the cost of a state, dB; without one every cost is NaN.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class StateCosts:
             return
         began = time.thread_time()
         try:
-            value = float(self._yardstick(state.positions))
+            value = float(self._yardstick(state))
         except np.linalg.LinAlgError:
             value = float("nan")
         key = id(state)

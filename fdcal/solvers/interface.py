@@ -13,6 +13,7 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
+from ..cost.channel_correction import ChannelCorrection
 from ..model.problem import Problem
 from ..model.settings import SolverSettings
 
@@ -77,6 +78,11 @@ class RunState:
     @property
     def assessment_noise(self) -> np.ndarray | None:
         """Noise power (M,) with which the result is assessed, in the unit of abs(pressures)**2; None: estimate it."""
+        return None
+
+    @property
+    def channels(self) -> ChannelCorrection | None:
+        """Gain and noise of every channel as estimated so far; None if the solver takes the pressures as recorded."""
         return None
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
 import viser
 
 from ..session.assess import Assessment
@@ -60,6 +61,7 @@ class MainPanel:
         fault: str = "",
         note: str = "",
         found: Assessment | None = None,
+        sought: np.ndarray | None = None,
     ) -> None:
         """Bring the panel up to date; called by the main loop.
 
@@ -72,8 +74,9 @@ class MainPanel:
         fault : an exception of the page, as text
         note : on work in the background
         found : Assessment of the state, or None
+        sought : numbers of the microphones whose errors count; those of the run unless given
         """
-        self.run_bar.show(view, fault, note, found)
+        self.run_bar.show(view, fault, note, found, sought)
         self.solver.show(view)
         self.map.show(microphone, drawn, reason)
         self.view.show(view)

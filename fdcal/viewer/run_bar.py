@@ -10,7 +10,7 @@ from ..session.assess import Assessment
 from ..session.history import SessionView
 from .gui import html
 from .gui.binding import Binding
-from .gui.verdict_html import sound, verdict_html
+from .gui.verdict_html import verdict_html
 from .server.client_values import bounded
 
 STEPS = ("Step", "Sweep", "Stage", "Reset")
@@ -55,13 +55,16 @@ class RunBar:
         elif label in STEPS:
             {"Step": session.step, "Sweep": session.sweep, "Stage": session.stage}[label]()
 
-    def show(self, view: SessionView, fault: str, note: str = "", found: Assessment | None = None) -> None:
-        """Bring the bar up to date, `found` being the verdict on the state; called by the main loop.
+    def show(self, view: SessionView, fault: str, note: str = "", found: Assessment | None = None, sought=None) -> None:
+        """Bring the bar up to date; called by the main loop. A finished solver offers nothing but Reset.
 
-        A finished solver offers nothing but Reset.
+        Parameters
+        ----------
+        view, fault, note, sought : as of `show_status`
+        found : the verdict on the state, or None
         """
         binding, done = self._binding, view.state.finished and not view.running
-        self.show_status(view, fault, note, found)
+        self.show_status(view, fault, note, sought)
         binding.send("verdict", verdict_html(found), self.verdict, "content")
         binding.send("has verdict", found is not None, self.verdict, "visible")
         binding.send("last index", max(view.count - 1, 1), self.time, "max")
@@ -73,8 +76,16 @@ class RunBar:
         icon = viser.Icon.PLAYER_PAUSE if view.running else viser.Icon.PLAYER_PLAY
         binding.send("run icon", icon, self.run, "icon")
 
-    def show_status(self, view: SessionView, fault: str = "", note: str = "", found: Assessment | None = None) -> None:
-        """Bring the status lines up to date, with a fault of the page and a note on background work."""
-        sought = sound(self._binding.run.sought, self._binding.measurement.names, found)
+    def show_status(self, view: SessionView, fault: str = "", note: str = "", sought=None) -> None:
+        """Bring the status lines up to date.
+
+        Parameters
+        ----------
+        view : SessionView
+        fault : of the page
+        note : on work in the background
+        sought : (K,) int64, microphones whose errors count; those of the run unless given
+        """
+        sought = self._binding.run.sought if sought is None else sought
         text = html.status(view, self._binding.measurement, fault, note, sought)
         self._binding.send("status", text, self.status, "content")

@@ -169,9 +169,9 @@ class Viewer:
             self._picker.show(view.state.positions, floor)
             self._key = key
         found = self._verdict.of(view.state, view.running, now)
-        note = self.run.warmup.text if self.run.warmup else ""
-        self.main_panel.show(view, self._selected, drawn, reason, self._fault, note, found)
-        self.side_panel.show(view, drawn, self._selected, uncertainty, runs, now)
+        sought, note = self._verdict.sought(view, found), self.run.warmup.text if self.run.warmup else ""
+        self.main_panel.show(view, self._selected, drawn, reason, self._fault, note, found, sought)
+        self.side_panel.show(view, drawn, self._selected, uncertainty, runs, now, sought)
 
     def _select_map(self, view: SessionView, choices: Choices, now: float) -> tuple[CostMap | None, str]:
         """Select the microphone of the map; return the map, or None and the reason why there is none.

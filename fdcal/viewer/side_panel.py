@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ..session.history import SessionView
 from .background.comparison import ComparisonWorker, RunSummary
 from .background.cost_maps import CostMap
@@ -39,6 +41,7 @@ class SidePanel:
         uncertainty: PositionUncertainty | None,
         runs: tuple[RunSummary, ...],
         now: float,
+        sought: np.ndarray | None = None,
     ) -> None:
         """Bring the panel up to date; called by the main loop.
 
@@ -50,8 +53,9 @@ class SidePanel:
         uncertainty : PositionUncertainty of the state, or None
         runs : RunSummary of each run of the comparison
         now : time, s
+        sought : numbers of the microphones whose errors count; those of the run unless given
         """
-        self.curves.show(view, now)
+        self.curves.show(view, now, sought)
         self.maps.show(drawn, now)
         self.modes.show(view, now)
         self.microphones.show(view, microphone, uncertainty, now)

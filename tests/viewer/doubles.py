@@ -35,6 +35,7 @@ class State:
     converged: bool = False
     seed: int = 0
     order_offset: int = 0
+    channels: None = None
 
 
 class Recorder:

@@ -56,6 +56,16 @@ def test_stages_are_marked_and_the_cost_is_that_of_the_yardstick(server, measure
     assert stage[x < 2].tolist() == [1, 1] and stage[x > 2].tolist() == [2]
 
 
+def test_errors_are_those_of_the_microphones_that_count(server, measurement):
+    curves, shift = CurvesTab(server.gui, measurement, np.arange(10)), np.zeros((10, 2))
+    shift[4] = [0.3, 0.4]  # m
+    views = [view_of([State(measurement.positions + shift), State(measurement.positions + shift / 2, 1)])] * 2
+    curves.show(views[0], now=0.0)
+    np.testing.assert_allclose(curves.error.data[1:3], [[50, 25], [500, 250]])  # mm, mean and largest
+    curves.show(views[1], now=1.0, sought=np.delete(np.arange(10), 4))
+    assert np.all(np.array(curves.error.data[1:3]) < 0.01), "the states before are drawn again, too"
+
+
 def test_many_stages_do_not_hide_the_curves(server, measurement):
     curves = CurvesTab(server.gui, measurement, np.arange(10))
     states = [State(measurement.positions, i, i, stage=i, last=6) for i in range(57)]

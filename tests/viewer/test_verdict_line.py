@@ -7,12 +7,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from browsing import WAIT
+from doubles import State, view_of
 
 from fdcal import solvers
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.assessment.result_parts import ChannelFault, Channels, Evidence
 from fdcal.session.assess import Assessment
 from fdcal.session.calibrate import solve
+from fdcal.session.history import History
 from fdcal.session.request import OpenRequest
 from fdcal.session.sources import scene_input
 from fdcal.viewer.background import prepare
@@ -68,3 +70,16 @@ def test_odd_channels_do_not_count_in_the_mean_error_once_they_are_named():
     assert sound(np.array([1, 2, 3]), "abcd", judged).tolist() == [2, 3]
     assert sound(np.array([1]), "abcd", judged).tolist() == [1], "where no other is left"
     assert sound(np.array([1, 2]), "abcd", None).tolist() == [1, 2]
+
+
+def test_odd_channels_stay_out_of_the_errors_when_the_user_rewinds_and_count_again_after_a_reset(work):
+    worker, states = VerdictWorker(work), [State(work.measurement.positions, step) for step in range(2)]
+    names, lineage = work.measurement.names, object()
+    judged = found("good", "", channels=Channels(*np.zeros((5, 10)), (ChannelFault(names[5], "dead"),)))
+    view = dataclasses.replace(view_of(states), history=History(states, 2, lineage))
+    assert worker.sought(view, None).tolist() == [3, 4, 5, 6, 7, 8, 9]
+    assert worker.sought(view, judged).tolist() == [3, 4, 6, 7, 8, 9]
+    assert worker.sought(view, None).tolist() == [3, 4, 6, 7, 8, 9], "another state of the same run"
+    again = dataclasses.replace(view, history=History(states, 1, object()))
+    assert worker.sought(again, None).tolist() == [3, 4, 5, 6, 7, 8, 9]
+    worker.close(1.0)

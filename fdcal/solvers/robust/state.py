@@ -7,6 +7,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from ...cost.channel_correction import ChannelCorrection
 from ..interface import RunState
 
 KernelName = Literal["diffuse", "series", "near", "directional"]
@@ -102,3 +103,8 @@ class State(RunState):
     progress: Progress
     shape: np.ndarray
     ends: tuple[End, ...]
+
+    @property
+    def channels(self) -> ChannelCorrection:
+        """Gain and noise of every channel as estimated so far."""
+        return ChannelCorrection(np.exp(self.gains @ np.array([1.0, 1.0j])), self.model.channel_noise)

@@ -206,7 +206,7 @@ class ComparisonWorker:
             for state in states:
                 errors = self._errors(state)
                 error = 0.0 if errors is None else float(errors.mean())
-                points[name][state.step] = error, yardstick(state.positions) if yardstick else 0.0
+                points[name][state.step] = error, yardstick.of(state) if yardstick else 0.0
 
     def close(self, timeout: float) -> bool:
         """End the threads after the work in progress; False if that takes longer than `timeout`, s."""

@@ -144,7 +144,8 @@ class CostMapWorker:
     def _compute_shape(self, request: CostMapRequest) -> CostMap:
         """On the fast thread: the sound field of a mode."""
         run, mode = self._run, request.modes[-1]
-        shape = landscapes.mode_shape(run.problem, request.state.positions, mode, request.state.order_offset)
+        state = request.state
+        shape = landscapes.mode_shape(run.problem, state.positions, mode, state.order_offset, state.channels)
         frequency = run.measurement.frequencies[mode - 1]
         label = f"pressure of mode {mode}, {frequency:.1f} Hz (normalised to a peak of 1)"
         height = z_range_of(run.known_scene, run.measurement)[0]

@@ -70,8 +70,7 @@ def fine_panels(
     if problem.search is None:
         raise InputError("there is no map without a search domain", "give <search> and <radius>", key="search")
     search, shown = landscapes.refined(problem.search), set(shown_modes(len(modes), most).tolist())
-    power = np.sum(np.abs(problem.pressures[np.asarray(modes) - 1]) ** 2, axis=1)
-    share = power / power.sum() if offset is not None else np.ones(len(modes))
+    share = np.ones(len(modes)) if offset is None else landscapes.power_shares(problem, request.state, modes)
     total, kept = np.zeros(1), []
     for i, mode in enumerate(modes):
         if cancelled():

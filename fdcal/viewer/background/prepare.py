@@ -137,7 +137,8 @@ def _prepare(opening: OpenRequest, progress: PreparationProgress, warmup: Warmup
         scene = _with_available_modes(scene, problem)
     solver, settings = solvers.load(scene.solver.name), solvers.with_mode_count(problem, scene.solver)
     yardstick = yardstick_of(problem)
-    session = Session(problem, settings, opening.seed, solver, opening.states, opening.index, yardstick)
+    cost = None if yardstick is None else yardstick.of
+    session = Session(problem, settings, opening.seed, solver, opening.states, opening.index, cost)
     try:
         _compile_step_and_map(problem, solver, session.view.history[0])
     except BaseException as error:

@@ -7,12 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
 from ...session.assess import Assessment, assess
 from ...session.blas_threads import one_blas_thread
+from ...session.history import SessionView
 from ...session.sources import CalibrationInput
 from ...session.worker import LatestWorker
 from ...solvers.interface import RunState
 from ..gui.html import CONTROLS
+from ..gui.verdict_html import sound
 from .prepare import PreparedRun
 
 IDLE_TIME = 0.3  # s without a change before the verdict is computed
@@ -29,6 +33,7 @@ class VerdictWorker:
 
     def __init__(self, run: PreparedRun, notify: Callable[[], None] = lambda: None):
         self._run, self._state, self._since, self._requested = run, None, 0.0, None
+        self._lineage, self._sought = None, run.sought  # of the last verdict
         self._worker = LatestWorker(self._compute, "fdcal-verdict", notify=notify)
 
     def of(self, state: RunState, running: bool, now: float) -> Assessment | None:
@@ -48,6 +53,19 @@ class VerdictWorker:
             self._worker.request(state)
         latest = self._worker.latest
         return latest.result if latest is not None and latest.request[0] is state else None
+
+    def sought(self, view: SessionView, found: Assessment | None) -> np.ndarray:
+        """Return the microphones whose errors count; once the verdict on a run names odd channels, without these.
+
+        Parameters
+        ----------
+        view : SessionView
+        found : the assessment of its state, or None
+        """
+        if found is not None or view.history.lineage is not self._lineage:
+            self._lineage = view.history.lineage
+            self._sought = sound(self._run.sought, self._run.measurement.names, found)
+        return self._sought
 
     def close(self, timeout: float) -> bool:
         """End the thread after the work in progress; False if that takes longer than `timeout`, s."""

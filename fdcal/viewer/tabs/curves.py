@@ -57,10 +57,15 @@ class CurvesTab:
         self.cost = Plot(gui, COST_TITLE, _series(("cost", BLUE, 2.0)), "sweeps", SCALES)
         gui.add_html(REMARK)
 
-    def show(self, view: SessionView, now: float) -> None:
-        """Bring the plots up to date, not more often than every INTERVAL; called by the main loop."""
+    def show(self, view: SessionView, now: float, sought: np.ndarray | None = None) -> None:
+        """Bring the plots up to date, not more often than every INTERVAL; called by the main loop.
+
+        The errors are those of the microphones `sought`, which were given last unless given.
+        """
         if now - self._updated < INTERVAL:
             return
+        if sought is not None and not np.array_equal(sought, self._sought):
+            self._sought, self._states, self._rows = sought, [], []
         if not self._update_rows(view.history) and view.costs.count == self._costs:
             return
         self._updated, self._costs = now, view.costs.count

@@ -1,0 +1,57 @@
+"""What a solver found about the recording channels, as costs and maps take it: gains and noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class ChannelCorrection:
+    """Gain and noise of every channel. Corrected pressures are the recorded ones divided by the gain.
+
+    Attributes
+    ----------
+    gains : (N,) complex128, dimensionless
+    noise : (N,) float64, noise power of the corrected pressures over that of a healthy channel
+
+    Examples
+    --------
+    >>> correction = ChannelCorrection(np.array([1.0, -2.0]), np.array([1.0, 4.0]))
+    >>> correction.corrected([3.0, 6.0])
+    array([ 3., -3.])
+    >>> correction.scale
+    array([1. , 0.5])
+    """
+
+    gains: np.ndarray
+    noise: np.ndarray
+
+    def corrected(self, pressures) -> np.ndarray:
+        """Return pressures (..., N) divided by the gains."""
+        return np.asarray(pressures) / self.gains
+
+    @property
+    def scale(self) -> np.ndarray:
+        """What rows and corrected pressures are multiplied by, so that all channels have equal noise : (N,) float64."""
+        return 1 / np.sqrt(self.noise)
+
+
+def equalised(pressures, channels: ChannelCorrection | None) -> tuple[np.ndarray, np.ndarray]:
+    """Return pressures corrected and scaled to equal noise of all channels, and the scale of the rows of W.
+
+    Parameters
+    ----------
+    pressures : (M, N) complex128, as recorded
+    channels : None for channels without known gains
+
+    Returns
+    -------
+    pressures : (M, N) complex128
+    scale : (N,) float64
+    """
+    pressures = np.asarray(pressures)
+    if channels is None:
+        return pressures, np.ones(pressures.shape[-1])
+    return channels.corrected(pressures) * channels.scale, channels.scale

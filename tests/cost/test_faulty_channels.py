@@ -1,0 +1,101 @@
+"""The yardstick and the maps where channels are inverted, dead or of different gain, and the solver estimates that."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from fdcal import solvers
+from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.cost.channel_correction import ChannelCorrection
+from fdcal.cost.eq7_maps import eq7_maps
+from fdcal.cost.landscapes import cost_maps, local_minima, map_positions, mode_shape, power_shares
+from fdcal.cost.yardstick import Yardstick, decibels
+from fdcal.model.scene_file import load_scene
+
+SHIFT = 0.05  # m
+FAULTY = (20, 45)  # of the scene: inverted, dead
+
+
+@pytest.fixture(scope="module")
+def run():
+    """The scene with its faults, calibrated: its true positions, problem, and the states of the run."""
+    scene = load_scene("array2_faults")
+    measurement, solver = cached_measurement(scene), solvers.load(scene.solver.name)
+    problem = measurement.problem(scene.solver.weights, scene.solver.known)
+    states = [solver.init(problem, scene.solver, scene.seed)]
+    while not states[-1].finished:
+        states.append(solver.step(problem, states[-1]))
+    return np.array(measurement.positions), problem, states
+
+
+def test_moving_any_healthy_microphone_from_the_truth_raises_it(run):
+    truth, problem, states = run
+    yardstick, channels, rng = Yardstick(problem), states[-1].channels, np.random.default_rng(0)
+    there = yardstick(truth, channels)
+    for n in np.setdiff1d(np.arange(len(truth)), FAULTY):
+        away, moved = rng.normal(size=2), truth.copy()
+        moved[n] += SHIFT * away / np.linalg.norm(away)
+        assert yardstick(moved, channels) > there + 5.0, n
+
+
+def test_it_falls_by_far_from_the_start_of_a_run_to_its_end(run):
+    _, problem, states = run
+    yardstick = Yardstick(problem)
+    assert yardstick.of(states[-1]) < yardstick.of(states[0]) - 40.0
+    assert yardstick.of(states[-1]) == yardstick(states[-1].positions, states[-1].channels)
+
+
+def test_a_microphone_without_signal_counts_for_nothing(run):
+    truth, problem, states = run
+    yardstick, channels, moved = Yardstick(problem), states[-1].channels, truth.copy()
+    moved[45] += SHIFT
+    assert yardstick(moved, channels) == pytest.approx(yardstick(truth, channels), abs=0.1)
+
+
+def test_the_lowest_minimum_of_a_map_is_at_the_microphone(run):
+    truth, problem, states = run
+    solver, modes = solvers.load("robust"), range(1, 58)
+    for n in (0, 20, 50):
+        total = cost_maps(problem, solver, states[-1], n, modes, 2).sum(axis=0)
+        lowest = map_positions(local_minima(total)[:1], problem.search)[0]
+        assert np.linalg.norm(lowest - truth[n]) < problem.search.step
+
+
+def test_a_map_at_the_estimate_is_the_yardstick(run):
+    _, problem, states = run
+    state, yardstick, search = states[-1], Yardstick(problem), problem.search
+    there = dataclasses.replace(search, origin=tuple(map(float, state.positions[7])), size=(search.step,) * 2)
+    modes = range(1, yardstick.count + 1)
+    total = eq7_maps(problem, state.positions, 7, modes, 2, there, state.channels).sum(axis=0)
+    assert decibels(total[0, 0]) == pytest.approx(yardstick.of(state), abs=1e-6)
+    alone = [eq7_maps(problem, state.positions, 7, (mode,), 2, there, state.channels)[0, 0, 0] for mode in modes]
+    assert power_shares(problem, state, modes) @ alone == pytest.approx(total[0, 0], rel=1e-9)
+
+
+def test_gains_multiplied_into_the_pressures_come_out_again():
+    measurement = cached_measurement(load_scene("tiny"))
+    problem, x, rng = measurement.problem(), measurement.positions, np.random.default_rng(3)
+    gains = np.exp(0.3 * rng.normal(size=len(x)) + 3j * rng.normal(size=len(x)))
+    spoiled = dataclasses.replace(problem, pressures=problem.pressures * gains)
+    channels = ChannelCorrection(gains, np.ones(len(x)))
+    assert Yardstick(spoiled)(x, channels) == pytest.approx(Yardstick(problem)(x), abs=1e-6)
+    assert Yardstick(spoiled)(x) > Yardstick(problem)(x) + 20
+    maps = (eq7_maps(spoiled, x, 9, (1, 5), 2, None, channels), eq7_maps(problem, x, 9, (1, 5), 2))
+    np.testing.assert_allclose(*maps, rtol=1e-6, atol=1e-12)
+    shapes = mode_shape(spoiled, x, 5, 2, channels), mode_shape(problem, x, 5, 2)
+    np.testing.assert_allclose(*shapes, atol=1e-9)
+
+
+def test_a_channel_of_infinite_noise_is_as_if_it_were_left_out():
+    measurement = cached_measurement(load_scene("tiny"))
+    problem, x = measurement.problem(), np.array(measurement.positions)
+    low = slice(0, 8)  # modes that one microphone fewer can carry
+    problem = dataclasses.replace(problem, pressures=problem.pressures[low], wavenumbers=problem.wavenumbers[low])
+    x[:-1] += 0.01 * np.random.default_rng(4).normal(size=x[:-1].shape)
+    x[-1] = x[:-1].mean(axis=0)  # the centre of the expansion stays
+    noise = np.append(np.ones(len(x) - 1), 1e14)
+    fewer = dataclasses.replace(problem, pressures=problem.pressures[:, :-1])
+    assert Yardstick(problem).count == Yardstick(fewer).count == 8
+    expected = Yardstick(fewer)(x[:-1])
+    assert Yardstick(problem)(x, ChannelCorrection(np.ones(len(x)), noise)) == pytest.approx(expected, abs=1e-6)
