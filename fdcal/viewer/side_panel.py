@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..session.history import SessionView
+from ..solvers.interface import AssessmentMethod
 from .background.comparison import ComparisonWorker, RunSummary
 from .background.cost_maps import CostMap
 from .background.uncertainty import PositionUncertainty
@@ -23,7 +24,8 @@ class SidePanel:
 
     def __init__(self, folders: SessionFolders, binding: Binding, map_tab: MapTab, comparison: ComparisonWorker):
         with folders.tab("Curves"):
-            self.curves = CurvesTab(binding.gui, binding.measurement, binding.run.sought)
+            odd_channels = binding.run.solver.TRAITS.assessment is AssessmentMethod.CHANNELS
+            self.curves = CurvesTab(binding.gui, binding.measurement, binding.run.sought, odd_channels)
         with folders.tab("Maps"):
             self.maps = MapsTab(binding)
         with folders.tab("Modes"):

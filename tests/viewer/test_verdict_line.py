@@ -61,6 +61,7 @@ def test_the_line_is_coloured_by_the_code():
     good = verdict_html(found("good", "the positions <can> be used"))
     assert GOOD in good and "<b>good</b>: the positions &lt;can&gt; be used" in good
     bad = verdict_html(found("model_mismatch", "no", evidence=Evidence(1.0, leave_one_out_db=-12.34)))
+    assert "<b>model mismatch</b>" in bad, "words, not a code"
     assert DOUBTFUL in bad and GOOD not in bad and "leave-one-out error -12.3 dB" in bad
 
 
@@ -83,3 +84,17 @@ def test_odd_channels_stay_out_of_the_errors_when_the_user_rewinds_and_count_aga
     again = dataclasses.replace(view, history=History(states, 1, object()))
     assert worker.sought(again, None).tolist() == [3, 4, 5, 6, 7, 8, 9]
     worker.close(1.0)
+
+
+def test_long_words_leave_the_controls_where_they_are_and_a_click_shows_all_of_them(browser):
+    long = found("model_mismatch", "the residual of 10 of 63 microphones is large: " + "one cause, or another; " * 20)
+    page = browser.new_page(viewport={"width": 340, "height": 720})
+    heights = []
+    for shown in (found("good", "short"), long):
+        page.set_content(f"<div id='box'>{verdict_html(shown)}</div>")
+        heights.append(page.locator("#box").bounding_box()["height"])
+    page.locator("summary").click()
+    heights.append(page.locator("#box").bounding_box()["height"])
+    assert long.verdict_text in page.locator("summary").inner_text() + " "
+    page.close()
+    assert heights[1] <= heights[0] + 20 < heights[2] - 100, heights

@@ -7,6 +7,7 @@ from html import escape
 from ...model.measurement import Measurement
 from ..background.uncertainty import PositionUncertainty
 from .html import CARD, RED
+from .verdict_html import verdict_word
 
 MAX_ROWS = 100  # of the table
 HEAD = ("mic", "gain<br>(dB)", "phase<br>(&deg;)", "noise<br>(dB)", "")
@@ -39,6 +40,7 @@ def channel_table(measurement: Measurement, found: PositionUncertainty | None) -
         rows.append(f"<tr{style}>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>")
     head = "".join(f"<th>{text}</th>" for text in HEAD)
     return (
-        f"<div style='{CARD} font-size: 0.74em; overflow-x: auto'><b>Verdict: {escape(found.verdict)}</b><br>"
+        f"<div style='{CARD} font-size: 0.74em; overflow-x: auto'>"
+        f"<b>Verdict: {escape(verdict_word(found.verdict))}</b><br>"
         f"{escape(found.text)}<table class='mics'><tr>{head}</tr>{''.join(rows)}</table></div>"
     )

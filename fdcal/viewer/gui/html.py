@@ -97,10 +97,11 @@ def error_text(measurement: Measurement, positions: np.ndarray, sought: np.ndarr
     return f"mean <b>{format_mm(errors.mean())}</b>, largest {format_mm(errors.max())}{aligned}"
 
 
-def cost_text(cost: float) -> str:
-    """Return a cost of `fdcal.cost.yardstick`, dB, and what it is; "unknown" for NaN."""
+def cost_text(cost: float, corrected: bool = False) -> str:
+    """Return a cost of `fdcal.cost.yardstick`, dB, and what it is, with gains `corrected`; "unknown" for NaN."""
+    gains = ", gains corrected" if corrected else ""
     number = "unknown" if math.isnan(cost) else f"{cost:.1f} dB"
-    return f"{number} <span style='opacity: 0.65'>(Eq. 7, all modes)</span>"
+    return f"{number} <span style='opacity: 0.65'>(Eq. 7, all modes{gains})</span>"
 
 
 def status(
@@ -126,7 +127,7 @@ def status(
         "Progress": f"step {state.step}, sweep {state.sweep}, stage {state.stage + 1}",
         "In use": escape(modes_text(measurement, state.first, state.last)),
         "Error": error_text(measurement, state.positions, sought),
-        "Cost": cost_text(view.cost),
+        "Cost": cost_text(view.cost, state.channels is not None),
     }
     cells = "".join(
         f"<tr><td style='opacity: 0.65; padding-right: 0.9em; vertical-align: top'>{name}</td><td>{text}</td></tr>"

@@ -13,8 +13,12 @@ from contextlib import AbstractContextManager, contextmanager
 import viser
 
 RIGHT_WIDTH, LEFT_WIDTH = 340.0, 300.0  # pixels
-# All tabs of a panel stay in one row of its width.
-TABS_STYLE = "<style>[role=tab] {padding: 0 5px !important}</style>"
+# All tabs of a panel stay in one row of its width; on a phone, whose panel is narrower, in two that do not overlap.
+TABS_STYLE = (
+    "<style>[role=tab] {padding: 0 5px !important}"
+    "@media (max-width: 600px) {[role=tablist] {height: auto !important; flex-wrap: wrap !important}"
+    " [role=tab] {height: 2.2em !important; padding: 0 5px !important}}</style>"
+)
 RIGHT = ("Solver", "Scene", "Map", "View", "Export", "Lessons", "Help")  # without icons, which would take too much room
 LEFT = ("Curves", "Maps", "Modes", "Mics", "Race")
 

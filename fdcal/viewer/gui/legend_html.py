@@ -7,13 +7,13 @@ from html import escape
 import numpy as np
 
 from ...graphics.heatmap import to_rgb
-from ...graphics.markers import ESTIMATE, KNOWN, LOWEST
+from ...graphics.markers import ESTIMATE, KNOWN, LOWEST, ODD
 from ...graphics.primitives import ColourBar, format_number
 from .html import CARD, MAX_ERROR_LENGTH
 
 
-def legend() -> str:
-    """Return the legend of the marks in the scene."""
+def legend(odd_channels: bool = True) -> str:
+    """Return the legend of the marks in the scene, that of odd channels as well where there can be any."""
     diamond, small = "<path d='M9 3L15 9L9 15L3 9Z' fill='none'", "<path d='M9 6L12 9L9 12L6 9Z' fill='none'"
     circle, cross, white = (
         "<circle cx='9' cy='9' r='5.5' fill='none'",
@@ -28,6 +28,9 @@ def legend() -> str:
         "lowest cost": f"{diamond} {white} stroke-width='4.5'/>{diamond} stroke='{_css(LOWEST)}' stroke-width='2.4'/>",
         "other minimum": f"{small} {white} stroke-width='4'/>{small} stroke='{_css(LOWEST)}' stroke-width='1.8'/>",
     }
+    if odd_channels:
+        stroke = f"fill='none' stroke='{_css(ODD)}' stroke-width='1.8'"
+        marks["odd channel"] = f"<circle cx='9' cy='9' r='7' {stroke}/><path d='M4 4L14 14' {stroke}/>"
     return f"<div style='{CARD}'>{_marks(marks)}</div>"
 
 

@@ -28,8 +28,8 @@ SCALES = {"stage": uplot.Scale(range=(0.0, 1.0)), "number": uplot.Scale(range=(0
 # The lines of the stages have no value in the legend, and the number of a stage has no point in the plot.
 REMARK = (
     "<style>.u-legend .fdcal-lines, .u-cursor-pt.fdcal-lines, .u-cursor-pt.fdcal-stage {display: none}</style>"
-    "<div style='padding: 0 0.75em; font-size: 0.8em; opacity: 0.75'>Grey lines: a new stage (mode added or objective"
-    " changed). Hover to read values.</div>"
+    "<div style='padding: 0 0.75em; font-size: 0.8em; opacity: 0.75'>Grey lines: a new stage (mode added, objective"
+    " changed or another start). Hover to read values.</div>"
 )
 
 
@@ -42,13 +42,13 @@ class CurvesTab:
     cost : Plot
     """
 
-    def __init__(self, gui: viser.GuiApi, measurement: Measurement, sought: np.ndarray):
+    def __init__(self, gui: viser.GuiApi, measurement: Measurement, sought: np.ndarray, odd_channels: bool = False):
         self._measurement, self._free = measurement, max(measurement.count - len(measurement.known), 1)
         self._sought, self._costs = sought, -1  # microphones whose errors count; how many costs were computed
         self._states: list[Any] = []  # whose numbers are in _rows
         self._rows: list[tuple] = []  # sweeps, mean error, largest error, last mode in use, stage
         self._updated = -1e9
-        gui.add_html(legend())
+        gui.add_html(legend(odd_channels))
         self.error: Plot | None = None
         if measurement.positions is not None:
             series = _series(("mean", RED, 2.0), ("largest", ORANGE, 1.25))
