@@ -17,7 +17,12 @@ import yaml
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EXTRAS = PROJECT["optional-dependencies"]
-OPTIONAL = {"pandas", "pyfar"}  # imported where it is called, with a remedy where it is missing
+OPTIONAL = {
+    "pandas",
+    "pyfar",
+    "distributed",
+    "pyarrow",
+}  # imported where it is called, with a remedy where it is missing
 PRIVATE_MODULES = ("numba.core", "numba.np")  # private without an underscore
 ROW = re.compile(r"^\| (\w+) (<[\d.]+) \| (.*?) \| (.*?) \| (.*?) \|$", re.MULTILINE)
 BOUNDED = re.compile(r"^\s*(import|from) (viser|websockets|numba)\b", re.MULTILINE)

@@ -44,7 +44,6 @@ OPTIONS = {
     "kind": "--kind",
     "known": "--known",
     "known_sigma": "--known-sigma",
-    "layout": "LAYOUT",
     "leave_out": "--leave-out",
     "microphone": "--microphone",
     "modes": "--modes",

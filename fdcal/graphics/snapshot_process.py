@@ -19,7 +19,7 @@ from .primitives import Picture
 
 MIN_EDGE, MAX_EDGE = 64, 8192  # pixels
 REMEDY = "pictures need a GL library; install one with: apt-get install -y libegl1 libgl1-mesa-dri"
-VERSIONS = "install the versions of pyvista, vtk and pillow that fdcal needs: pip install --upgrade fdcal"
+VERSIONS = "install the versions of pyvista, vtk and pillow that fdcal needs: pip install -U fdcal"
 MISFIT = re.compile(r"^(ImportError|ModuleNotFoundError|AttributeError|TypeError)\b")  # of libraries that do not fit
 TIMEOUT = 120.0  # s
 

@@ -104,7 +104,8 @@ def run_study(
     before, tasks = len(done), study.tasks(done)
     rows: list[dict[str, Any]] = []
     finished, written, size = 0, time.monotonic(), 1
-    width = max(1, sum(client.nthreads().values()))
+    threads: Any = client.nthreads()
+    width = max(1, sum(threads.values()))
     completed = as_completed(with_results=True)
     for batch in _batches(tasks, size, PACE.ahead * width):
         completed.add(client.submit(run_batch, study, batch, pure=False))
