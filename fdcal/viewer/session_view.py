@@ -20,6 +20,7 @@ from ..session.request import OpenRequest
 from .background.comparison import ComparisonWorker
 from .background.cost_maps import CostMap, CostMapWorker
 from .background.exports import Exports, ViewSnapshot
+from .background.map_panels import map_modes
 from .background.map_request import CostMapRequest
 from .background.prepare import PreparedRun
 from .background.uncertainty import UncertaintyWorker
@@ -194,12 +195,12 @@ class Viewer:
     ) -> tuple[CostMap | None, str]:
         if not choices.shown or self.run.problem.search is None:
             return None, ""
-        state = view.state
+        state, order_offset = view.state, None if choices.objective else choices.order_offset
         wanted = CostMapRequest(
             revision=self._revision,
             microphone=state.moved if following and state.moved >= 0 else self._selected,
-            modes=choices.modes or tuple(range(state.first, state.last + 1)),
-            order_offset=None if choices.objective else choices.order_offset,
+            modes=map_modes(self.run, state, choices.modes, order_offset),
+            order_offset=order_offset,
             custom_modes=choices.modes is not None,
             style=replace(choices.style, opacity=1.0),  # another opacity needs no other map
             follow=following,

@@ -6,7 +6,9 @@ import numpy as np
 from browsing import WAIT
 from doubles import State, set_by_client, view_of
 
+from fdcal.cost.eq7_maps import eq7_maps
 from fdcal.session.history import History
+from fdcal.viewer.background import map_panels
 from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.tabs import map
 
@@ -142,3 +144,17 @@ def test_an_exception_on_the_page_is_shown_and_the_page_continues(viewer, monkey
     for now in (2.0, 20.0, 20.1):
         viewer.guarded_tick(now)
     assert "ZeroDivisionError" not in viewer.main_panel.run_bar.status.content
+
+
+def test_a_map_of_the_modes_in_use_has_those_that_the_microphones_can_carry(work):
+    every, state = len(work.problem.frequencies), State(work.measurement.positions, last=6)
+    high = dataclasses.replace(
+        work, problem=dataclasses.replace(work.problem, wavenumbers=5.0 * np.arange(1, every + 1) + 0j)
+    )
+    modes = map_panels.map_modes(high, state, None, 2)
+    assert 0 < len(modes) < every and modes == tuple(range(1, len(modes) + 1))
+    assert eq7_maps(high.problem, state.positions, 4, modes, 2).shape[0] == len(modes)
+    assert map_panels.map_modes(high, state, None, None) == tuple(range(1, 7)), (
+        "the solver's own cost has no such limit"
+    )
+    assert map_panels.map_modes(high, state, (6,), 2) == (6,), "what the user has chosen is not replaced"

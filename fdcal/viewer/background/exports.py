@@ -28,7 +28,7 @@ from ...session.request import OpenRequest
 from ...session.worker import LatestWorker
 from ..gui import html
 from ..gui.choices import PICTURE, Choices
-from .map_panels import fine_panels, map_label
+from .map_panels import fine_panels, map_label, map_modes
 from .map_request import CostMapRequest
 from .prepare import PreparedRun
 
@@ -87,11 +87,12 @@ def _errors(snapshot: ViewSnapshot) -> str:
 def map_request(snapshot: ViewSnapshot) -> CostMapRequest:
     """Return the request for the map on the page."""
     state, choices = snapshot.view.state, snapshot.choices
+    order_offset = None if choices.objective else choices.order_offset
     return CostMapRequest(
         revision=0,
         microphone=snapshot.microphone,
-        modes=choices.modes or tuple(range(state.first, state.last + 1)),
-        order_offset=None if choices.objective else choices.order_offset,
+        modes=map_modes(snapshot.run, state, choices.modes, order_offset),
+        order_offset=order_offset,
         custom_modes=choices.modes is not None,
         style=choices.style,
         follow=False,

@@ -8,9 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...cost import landscapes
+from ...cost.eq7_maps import expansion_of
 from ...graphics.heatmap import cost_label
 from ...model.settings import Search
 from ...model.validation import InputError
+from ...solvers.interface import RunState
 from .map_request import CostMapRequest
 from .prepare import PreparedRun
 
@@ -42,6 +44,25 @@ def map_label(run: PreparedRun, request: CostMapRequest) -> str:
     if run.solver.TRAITS.uses_likelihood:
         return "negative log-likelihood of the solver"
     return cost_label(run.scene.solver.weights).replace("cost", "cost of the solver")
+
+
+def map_modes(run: PreparedRun, state: RunState, chosen: tuple[int, ...] | None, order_offset: int | None):
+    """Return the modes of a map, counted from 1 : tuple of int.
+
+    Parameters
+    ----------
+    run : PreparedRun
+    state : of the solver
+    chosen : by the user; None for the modes in use, of Eq. 7 those that the microphones can carry, if there are any
+    order_offset : of the map of Eq. 7; None for what the solver minimises
+    """
+    if chosen is not None:
+        return chosen
+    used = tuple(range(state.first, state.last + 1))
+    if order_offset is None or run.problem.search is None:
+        return used
+    carried = set((expansion_of(run.problem, order_offset).carried.modes + 1).tolist())
+    return tuple(mode for mode in used if mode in carried) or used
 
 
 def shown_modes(count: int, most: int = MAX_PANELS) -> np.ndarray:

@@ -141,4 +141,6 @@ def status(
     )
     lines += f"<div style='opacity: 0.65'>{escape(note)}</div>" if note else ""
     head = f"<div style='font-size: 1.15em; font-weight: 600'>{state_word(view)}</div>"
-    return f"<div style='{CARD}'>{head}{lines}<table style='border-spacing: 0'>{cells}</table></div>"
+    return (
+        f"<div style='{CARD} padding-bottom: 0.4em'>{head}{lines}<table style='border-spacing: 0'>{cells}</table></div>"
+    )

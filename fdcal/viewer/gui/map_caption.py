@@ -19,7 +19,11 @@ def orders_text(run: PreparedRun, drawn: CostMap | None) -> str:
     k = run.problem.wavenumbers[np.asarray(drawn.request.modes) - 1]
     orders = max_order(k, run.problem.search.radius, drawn.request.order_offset)
     low, high = int(orders.min()), int(orders.max())
-    return f"order L = {low if low == high else f'{low} to {high}'}, ceil(k R) + {drawn.request.order_offset}"
+    text = f"order L = {low if low == high else f'{low} to {high}'}, ceil(k R) + {drawn.request.order_offset}"
+    last = drawn.request.state.last
+    if drawn.request.custom_modes or drawn.request.modes[-1] == last:
+        return text
+    return f"{text}; higher modes, up to {last}, have too many functions for {run.measurement.count} microphones"
 
 
 def caption(drawn: CostMap | None, orders: str = "") -> str:

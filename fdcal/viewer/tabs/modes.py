@@ -8,6 +8,7 @@ import viser
 from ...acoustics.fourier_bessel import array_f_max, max_order
 from ...model.measurement import Measurement
 from ...session.history import SessionView
+from ..background.map_panels import map_modes
 from ..gui import html
 from ..gui.binding import Binding
 from ..gui.choices import FLOOR
@@ -75,7 +76,9 @@ class ModesTab:
     def show(self, view: SessionView, now: float) -> None:
         """Bring the tab up to date; called by the main loop."""
         binding, state = self._binding, view.state
-        used = binding.choices.modes or tuple(range(state.first, state.last + 1))
+        choices = binding.choices
+        order_offset = None if choices.objective else choices.order_offset
+        used = map_modes(binding.run, state, choices.modes, order_offset)
         problem = binding.run.problem
         limit = array_f_max(state.positions, problem.sound_speed, problem.dimension)
         limit = round(limit) if np.isfinite(limit) else limit
