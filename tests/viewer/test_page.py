@@ -254,7 +254,7 @@ def test_ctrl_c_leaves_no_thread(edited):
 def test_the_status_names_the_path_of_the_log(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("FDCAL_CACHE", str(tmp_path / "<b>"))
     log, state = logging.getLogger("fdcal.viewer.anything"), SimpleNamespace(
-        step=0, sweep=0, stage=0, first=1, last=1, cost=1.0, positions=np.zeros((1, 2)), finished=False
+        step=0, sweep=0, stage=0, first=1, last=1, cost=1.0, positions=np.zeros((1, 2)), finished=False, channels=None
     )  # fmt: skip
     with error_log.error_log():
         try:
