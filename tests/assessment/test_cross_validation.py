@@ -13,7 +13,12 @@ from scipy.linalg import solve
 
 from fdcal.acoustics.box_field import point_source_pressures as box_field
 from fdcal.acoustics.dictionary import dictionary
-from fdcal.assessment.cross_validation import cross_validate, expansions, leave_one_out_errors
+from fdcal.assessment.cross_validation import (
+    cross_validate,
+    cross_validate_healthy,
+    expansions,
+    leave_one_out_errors,
+)
 from fdcal.assessment.field_map import field_map
 from fdcal.commands.cli import main
 from fdcal.graphics import field_files
@@ -21,6 +26,7 @@ from fdcal.model.measurement import Measurement
 from fdcal.model.measurement_file import save_measurement
 from fdcal.model.room import Room
 from fdcal.model.validation import InputError
+from fdcal.session.api import load
 
 RNG = np.random.default_rng(7)
 PLANE = np.array([2.61, 2.31]) + RNG.uniform(-0.5, 0.5, (30, 2))
@@ -217,3 +223,18 @@ def test_the_command_writes_the_map(tmp_path, monkeypatch, capsys):
     with np.load("map.npz") as archive:
         assert np.array_equal(archive["microphones"], PLANE)
         assert len(archive["frequencies"]) == 2
+
+
+@pytest.mark.parametrize("name", ["tiny", "ball3d"])
+def test_the_prediction_of_a_faulty_microphone_is_the_expansion_at_its_place(name):
+    measurement = load(name)
+    problem, modes = measurement.problem(), slice(0, 12)
+    healthy = np.ones(measurement.count, bool)
+    healthy[[3, 7]] = False
+    found = cross_validate_healthy(problem, measurement.positions, modes, healthy)
+    some = replace(problem, pressures=problem.pressures[:, healthy])
+    fields = expansions(some, measurement.positions[healthy], modes)
+    predicted = np.array([field.at(measurement.positions[~healthy])[0] for field in fields])
+    p = problem.pressures[modes][:, ~healthy]
+    expected = 10 * np.log10(np.sum(np.abs(p - predicted) ** 2, axis=0) / np.sum(np.abs(p) ** 2, axis=0))
+    assert found.microphones[~healthy] == pytest.approx(expected, abs=0.3)
