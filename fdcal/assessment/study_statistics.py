@@ -60,14 +60,15 @@ def selected(rows: pandas.DataFrame, axes: dict[str, list], at: dict[str, str]) 
     InputError
         For an axis or a value that the study lacks.
     """
+    found: Any = rows
     for key, text in at.items():
         if key not in axes:
             raise InputError(f"the study has no axis {key}", f"use {', '.join(axes)}", key="at", value=key)
         texts = [str(value) for value in axes[key]]
         if text not in texts:
             raise InputError(f"{key} has no value {text}", f"use {', '.join(texts)}", key="at", value=text)
-        rows = rows[rows[key].astype(str) == str(column_value(axes[key][texts.index(text)]))]
-    return rows
+        found = found[found[key].astype(str) == str(column_value(axes[key][texts.index(text)]))]
+    return found
 
 
 def column_value(value: Any) -> Any:
@@ -105,6 +106,7 @@ def quantiles(rows: pandas.DataFrame, axes: dict[str, list], name: str, column: 
     """Return quantiles of a column at every value of an axis : (V, Q) float64, NaN without rows."""
     found = []
     for value in axes[name]:
-        part = rows[rows[name] == column_value(value)][column].dropna()
+        part: Any = rows[rows[name] == column_value(value)]
+        part = part[column].dropna()
         found.append(part.quantile(list(q)).to_numpy() if len(part) else np.full(len(q), np.nan))
     return np.array(found)

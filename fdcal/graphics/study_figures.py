@@ -46,7 +46,7 @@ def draw_error(rows: pandas.DataFrame, axes: dict, names: tuple[str, str]) -> Fi
     lines, x_name = (axes.get(names[0], [""]), names[1]) if names[1] else ([""], names[0])
     x = np.arange(len(axes[x_name]))
     for number, value in enumerate(lines):
-        part = rows if value == "" else rows[rows[names[0]].astype(str) == str(value)]
+        part: Any = rows if value == "" else rows[rows[names[0]].astype(str) == str(value)]
         low, middle, high = 1e3 * quantiles(part, axes, x_name, "rms_error_m").T
         colour = f"C{number % 10}"
         label = "error, median" if value == "" else f"{label_of(names[0])} {value}"
