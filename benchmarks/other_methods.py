@@ -1,0 +1,130 @@
+"""Array calibration without fdcal: the coherence of a diffuse field, and arrival times.
+
+Coherence: I. McCowan, M. Lincoln, I. Himawan, "Microphone Array Shape Calibration in Diffuse Noise Fields", IEEE TASLP
+16(3), 2008: the real part of the coherence of each pair, fitted by sinc(2 f d / c). Robust multidimensional scaling:
+P. Forero, G. Giannakis, "Sparsity-Exploiting Robust Multidimensional Scaling", IEEE TSP 60(8), 2012: distances with
+sparse outliers, stress majorisation. Time differences: C. Knapp, G. Carter, "The Generalized Correlation Method for
+Estimation of Time Delay", IEEE TASSP 24(4), 1976.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.signal import csd, resample_poly, stft
+from scipy.spatial.distance import pdist, squareform
+
+FINE = 16  # points per sample of an arrival time
+FIRST = 0.5  # of the greatest value of a response: the direct sound has at least this
+DECAYED = 0.03  # of the power of the first segment: later ones are not used
+TIMING = 0.003  # m, scatter of an arrival time times the sound speed; larger residuals count less
+
+
+def cross_spectra(recorded, rate: float, segment: int, decays: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Return frequencies (F,), Hz, and Welch's cross-spectra (N, N, F) of recordings (N, T).
+
+    decays : whether the recordings are responses; each segment then counts alike, down to 15 dB below the first
+    """
+    f, _, X = stft(recorded, fs=rate, nperseg=segment, boundary=None, padded=False, axis=1)
+    if decays:
+        power = np.mean(np.abs(X) ** 2, axis=0)
+        loud = power.sum(axis=0) > DECAYED * power[:, 0].sum()
+        X = X[:, :, loud] / np.sqrt(power[:, loud])
+    X = X.transpose(1, 0, 2)
+    return f, (X @ X.conj().transpose(0, 2, 1)).transpose(1, 2, 0)
+
+
+def coherence(spectra) -> np.ndarray:
+    """Return the real part of the coherence (N, N, F) of cross-spectra (N, N, F)."""
+    power = np.real(np.einsum("nnf->nf", spectra))
+    return np.real(spectra) / np.sqrt(power[:, None] * power[None])
+
+
+def distances_of_coherence(gamma, frequencies, speed: float, longest: float = 1.5, step: float = 0.001) -> np.ndarray:
+    """Return the distances (N, N), metres, at which sinc(2 f d / c) fits the coherence (N, N, F) best.
+
+    All distances up to `longest` are tried, because the misfit has local minima; a parabola refines the best one.
+    """
+    N = len(gamma)
+    pairs = gamma[np.triu_indices(N, 1)]
+    tried = step * np.arange(1, int(longest / step) + 1)
+    curves = np.sinc(2 * tried[:, None] * frequencies / speed)
+    misfit = np.sum(curves**2, axis=1) - 2 * pairs @ curves.T
+    best = np.clip(np.argmin(misfit, axis=1), 1, len(tried) - 2)
+    left, middle, right = (misfit[np.arange(len(pairs)), best + n] for n in (-1, 0, 1))
+    bend = np.maximum(left - 2 * middle + right, np.finfo(float).tiny)
+    return squareform(tried[best] + step * np.clip(0.5 * (left - right) / bend, -1, 1))
+
+
+def robust_scaling(distances, dimension: int = 3, rounds: int = 1000) -> np.ndarray:
+    """Return positions (N, D), metres, about the origin, of distances (N, N) of which some are wrong.
+
+    Stress majorisation from classical scaling; what exceeds 2.5 times the scatter of the residuals is an outlier and is
+    subtracted from its distance.
+    """
+    N = len(distances)
+    centre = np.eye(N) - 1 / N
+    values, vectors = np.linalg.eigh(-0.5 * centre @ distances**2 @ centre)
+    x = vectors[:, -dimension:] * np.sqrt(np.maximum(values[-dimension:], 0))
+    for _ in range(rounds):
+        between = squareform(pdist(x))
+        residual = distances - between
+        limit = 2.5 * 1.4826 * np.median(np.abs(squareform(residual, checks=False)))
+        clean = distances - np.sign(residual) * np.maximum(np.abs(residual) - limit, 0)
+        ratio = clean / (between + np.eye(N))
+        x = (ratio.sum(axis=1)[:, None] * x - ratio @ x) / N
+    return x
+
+
+def first_arrivals(responses, rate: float) -> np.ndarray:
+    """Return the times (N,), s, of the direct sound in impulse responses (N, T): the first high peak."""
+    fine = np.abs(resample_poly(responses, FINE, 1, axis=1))
+    times = np.empty(len(fine))
+    for n, h in enumerate(fine):
+        inner = h[1:-1]
+        peaks = np.flatnonzero((inner >= h[:-2]) & (inner > h[2:]) & (inner > FIRST * h.max())) + 1
+        times[n] = peaks[0] / (FINE * rate)
+    return times
+
+
+def time_differences(recorded, rate: float, longest: float, segment: int = 2048) -> np.ndarray:
+    """Return the delays (N,), s, of recordings (N, T) against the first: generalised correlation, phase transform.
+
+    longest : s, the greatest delay that is tried
+    """
+    _, cross = csd(recorded[:1], recorded, fs=rate, nperseg=segment, detrend=False)
+    whitened = cross / np.maximum(np.abs(cross), np.finfo(float).tiny)
+    correlation = np.fft.irfft(whitened, FINE * segment, axis=1)
+    reach = int(np.ceil(longest * rate * FINE))
+    tried = np.arange(-reach, reach + 1)
+    return tried[np.argmax(correlation[:, tried], axis=1)] / (FINE * rate)
+
+
+def positions_of_arrivals(times, sources, speed: float, sigma: float, centre) -> np.ndarray:
+    """Return positions (N, 3), metres, from arrival times (S, N) of S sources whose positions are roughly known.
+
+    Source positions and times of emission are estimated with the microphones, by robust least squares.
+
+    Parameters
+    ----------
+    times : (S, N) float64, s, each row up to a constant
+    sources : (S, 3) float64, metres, as measured
+    speed : m/s
+    sigma : metres, standard deviation of each coordinate of `sources`
+    centre : (3,) float64, metres, about where the array is
+    """
+    S, N = times.shape
+    sizes = np.cumsum([3 * N, 3 * S])
+
+    def residuals(unknown):
+        x, s, emitted = np.split(unknown, sizes)
+        x, s = x.reshape(N, 3), s.reshape(S, 3)
+        path = np.linalg.norm(s[:, None] - x, axis=-1) + emitted[:, None]
+        return np.concatenate([((path - speed * times) / TIMING).ravel(), ((s - sources) / sigma).ravel()])
+
+    places = np.tile(centre, (N, 1))
+    emitted = np.mean(speed * times, axis=1) - np.linalg.norm(sources - centre, axis=1)
+    start = np.concatenate([places.ravel(), np.ravel(sources), emitted])
+    for loss in ("linear", "soft_l1"):
+        start = least_squares(residuals, start, loss=loss, x_scale="jac", max_nfev=60).x
+    return start[: 3 * N].reshape(N, 3)
