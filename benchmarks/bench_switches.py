@@ -37,6 +37,7 @@ def soak(count: int, scenes: Sequence[str] = SCENES, settle_time: float = SETTLE
     """Open `count` scenes one after the other in a page."""
     with Served(scenes[-1], {}) as served, ProtocolPage(served.url) as page:
         page.wait_for(lambda: "Apply" in page.controls)
+        _switch(page, scenes[0], True)  # the first run starts the threads that all computations share
         time.sleep(settle_time)
         threads, start, during = len(served.threads()), served.memory(), []
         for n in range(count):

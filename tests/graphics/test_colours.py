@@ -87,4 +87,4 @@ def test_every_mark_has_a_shape_of_its_own():
 
     shapes = [part.split("'/>")[0] for part in legend().split("<svg")[1:]]
     kinds = [shape.split(">", 1)[1].split(" stroke")[0].split(" fill")[0] for shape in shapes]
-    assert len(kinds) == len(set(kinds)) == 5
+    assert len(kinds) == len(set(kinds)) == 6

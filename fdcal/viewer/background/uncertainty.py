@@ -9,9 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...assessment.error_ellipses import ellipse_axes, one_sigma
+from ...assessment.error_ellipses import ellipse_axes
 from ...assessment.result_parts import Channels
-from ...assessment.uncertainty import information, pressures_and_field, robust_covariance
 from ...session.worker import LatestWorker
 from ...solvers.interface import AssessmentMethod, RunState
 from ..gui.html import CONTROLS
@@ -84,15 +83,17 @@ def computed(run: PreparedRun, state: RunState) -> PositionUncertainty | None:
         return _of_channels(run, state)
     if run.solver.TRAITS.assessment is not AssessmentMethod.LIKELIHOOD:  # which this covariance belongs to
         return None
-    positions = np.asarray(state.positions)
-    p, field = pressures_and_field(run.problem, positions, state.modes, None)
+    from ...assessment.verdict import judge
+
+    noise = state.assessment_noise
+    names = run.measurement.names
     try:
-        blocks = robust_covariance(information(positions, p, field, run.problem.known))
+        found = judge(run.problem, np.asarray(state.positions), state.modes, noise, names, state.converged)
     except np.linalg.LinAlgError:  # the field does not determine these positions
         return None
-    if not np.isfinite(blocks).all():
+    if not np.isfinite(found.covariance).all():
         return None
-    return PositionUncertainty(ellipse_axes(blocks, SIGMAS), one_sigma(blocks))
+    return PositionUncertainty(ellipse_axes(found.covariance, SIGMAS), found.uncertainty)
 
 
 def _of_channels(run: PreparedRun, state) -> PositionUncertainty | None:
