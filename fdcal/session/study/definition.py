@@ -37,7 +37,7 @@ OWN = ("point", "draw", "seed")  # columns of the table that no axis may be call
 
 @dataclass(frozen=True)
 class Drawn:
-    """What every draw has anew beside noise, random microphones and the solver's start, which its seed draws.
+    """What is drawn for every calibration, in addition to noise, random microphones and the solver's start.
 
     Attributes
     ----------

@@ -114,7 +114,7 @@ def _gathered(end: End) -> np.ndarray:
 
 
 def _refined(problem: Problem, state: State) -> State:
-    """Begin a round of the last row: noise anew; the near-field kernel only if its residual is much smaller."""
+    """Begin a round of the last row: new noise; the near-field kernel only if its residual is much smaller."""
     plain = _with_kernel(problem, state, state.model.kernel, 1.0)
     if state.model.kernel != "near" and kernels.near_field_counts(problem, plain):
         near = _with_kernel(problem, state, "near", RULES.near_deflation)

@@ -51,6 +51,6 @@ def with_directions(problem: Problem, state: State, used, updates: int) -> State
 
 
 def with_turned_directions(problem: Problem, state: State) -> State:
-    """`state` with directions learned anew, for an array that was turned as a whole."""
-    anew = replace(state, model=replace(state.model, directions=None), shape=state.positions)
-    return with_directions(problem, anew, used_modes(problem, anew, 0), ASSUMED.turned_updates)
+    """`state` with directions learned again, for an array that was turned as a whole."""
+    cleared = replace(state, model=replace(state.model, directions=None), shape=state.positions)
+    return with_directions(problem, cleared, used_modes(problem, cleared, 0), ASSUMED.turned_updates)

@@ -91,7 +91,7 @@ class PreparationProgress:
 
     @property
     def ended(self) -> bool:
-        """Whether it was cancelled or closed, and no thread of it compiles any more."""
+        """Whether it was cancelled or closed, and none of its threads still compiles."""
         return self.stop if self.warmup is None else self.warmup.ended
 
     @property
