@@ -11,6 +11,13 @@ from .reading import parse_toml, read_bytes
 from .scene import Scene
 from .validation import InputError, shown
 
+# Files that are taken for scenes: what they are instead, and where they belong.
+OTHER_FILES = {
+    ".csv": "a table, which <positions> and the known microphones of an import take",
+    ".xml": "a table of positions, which <positions> takes",
+    ".json": "a result or a session, which `fdcal export` or `fdcal view` takes",
+}
+
 
 def scene_folder() -> Path:
     """Return the folder of the scenes that come with fdcal: in the checkout, or inside an installed package."""
@@ -73,6 +80,11 @@ def _file_of(path: Path) -> Path:
     available = f"a .toml file or one of {', '.join(scene_names())}"
     if path.suffix == ".npz":
         raise InputError(f"{path} is a measurement", f"give a scene: {available}", key="scene", value=path)
+    if path.suffix.lower() in OTHER_FILES and path.is_file():
+        raise InputError(f"{path} is {OTHER_FILES[path.suffix.lower()]}", f"give a scene: {available}", key="scene")
+    if path.is_dir() and path.name not in scene_names():
+        problem = f"{path} is a folder in which no recordings were found"
+        raise InputError(problem, f"give a file, a folder of MeshRIR, or {available}", key="scene", value=path)
     if path.suffix == ".toml" or "\0" in str(path) or os.path.isfile(path):  # False for a name that is too long
         return path
     if path.name not in scene_names() or path.name != str(path):

@@ -135,7 +135,8 @@ class SolverSettings:
     gain_sigma_db, phase_sigma_deg : float or None
         Of "robust": standard deviation of the gains, decibels, and of the phases, degrees; estimated unless given.
     known_sigma : float or None
-        Of "robust": standard deviation of each coordinate of a given position, metres; at most 3 mm unless given.
+        Of "robust": standard deviation of each coordinate of a given position, metres; at most 3 mm unless given, and
+        1 mm where given positions carry the size: of a plane array in space.
     sound_speed_sigma : float or None
         Of "robust": standard deviation of the sound speed, relative (0.003 is 0.3 %); it is exact unless given.
     """

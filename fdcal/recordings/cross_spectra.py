@@ -129,7 +129,8 @@ def segments(recording: Recording, band: tuple[float, float]) -> tuple[int, np.n
     if length / fs < 4 / band[0] or recording.samples < 4 * length:
         raise InputError(
             f"{recording.path} lasts {recording.duration:.3g} s, too short for a mean at {band[0]:g} Hz",
-            f"record {max(8 / band[0], SEGMENTS.min_duration) * SEGMENTS.min_count:.0f} s or more",
+            f"record {max(8 / band[0], SEGMENTS.min_duration) * SEGMENTS.min_count:.0f} s or more; if it is an impulse"
+            " response, import it with <kind> impulse",
         )
     starts = np.arange(0, recording.samples - length + 1, length // 2)
     if len(starts) > SEGMENTS.max_count:

@@ -79,9 +79,12 @@ def highest_frequency(
         Sound speed, m/s.
     """
     radius, words = _stated_radius(recording, options, known_positions)
-    estimated = radius <= 0
+    estimated = False
+    if options.array_radius is None and recording.positions is None:  # known microphones may be a part of the array
+        seen = _coherent_radius(recording, options.dimension, speed) or 0.0
+        estimated = seen > LIMITS.coherent_radius_factor * radius or radius <= 0
+        radius = (seen if radius > 0 else LIMITS.coherent_radius_factor * seen) if estimated else radius
     if estimated:
-        radius = LIMITS.coherent_radius_factor * (_coherent_radius(recording, options.dimension, speed) or 0.0)
         words = f"for a radius of up to {radius:.2g} m, by the coherence of the channels; <array_radius> sets it"
     if radius <= 0:
         return FrequencyLimit(None, 0.0, "unknown without the radius of the array; <array_radius> gives it")
@@ -178,8 +181,8 @@ def frequency_band(
         low, high = _given_band(options.frequencies)
     if found.limit is not None and found.limit <= low and not found.estimated:
         raise InputError(
-            f"{recording.path}: {recording.count} microphones interpolate up to {found.limit:.3g} Hz {found.words},"
-            f" and the band begins at {low:g} Hz",
+            f"{recording.path}: an array of {found.radius:.3g} m radius is too large for {recording.count} microphones:"
+            f" they interpolate up to {found.limit:.3g} Hz, and the band begins at {low:g} Hz",
             "give positions in metres, neither in degrees nor in millimetres",
             key="frequencies",
         )

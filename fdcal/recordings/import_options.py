@@ -24,6 +24,8 @@ class ImportLimits:
         Relative to the sampling rate.
     celsius : float
         Default temperature.
+    min_sound_speed, max_sound_speed : float
+        m/s, from that of heavy gases to that of solids.
     min_celsius, max_celsius : float
     known_radius_factor : float
         Radius of an array relative to that of its known microphones.
@@ -41,6 +43,8 @@ class ImportLimits:
     min_periods: float = 4.0
     max_frequency: float = 0.45
     celsius: float = 20.0
+    min_sound_speed: float = 100.0
+    max_sound_speed: float = 6000.0
     min_celsius: float = -60.0
     max_celsius: float = 80.0
     known_radius_factor: float = 1.2
@@ -133,6 +137,13 @@ def check_options(options: ImportOptions) -> None:
         )
     if options.sound_speed is not None:
         require_positive("sound_speed", options.sound_speed, "m/s")
+        if not LIMITS.min_sound_speed <= options.sound_speed <= LIMITS.max_sound_speed:
+            raise InputError(
+                f"sound_speed = {options.sound_speed:g} m/s is that of no medium",
+                "air at 20 degrees Celsius has 343 m/s",
+                key="sound_speed",
+                value=options.sound_speed,
+            )
     if options.reference is not None and options.reference_microphone is not None:
         raise InputError(
             "a reference signal and a reference microphone exclude each other",

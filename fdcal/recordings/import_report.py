@@ -13,6 +13,7 @@ from ..model.validation import word_arguments
 from .impulse_response import Pressures
 from .recording import Recording
 
+CLEAN_DB = 100.0  # above it the estimate of the noise is at its floor
 ARGUMENTS: Mapping[str, str] = {}  # by their own names
 
 
@@ -71,11 +72,11 @@ def import_summary(measurement: Measurement, report: ImportReport, wording: Mapp
         f"left out     {_left_out(report.left_out)}; none of the others is silent, clipped or a copy",
         f"taken by     {taken.how}",
         f"frequencies  {len(f)}, {f[0]:.1f} to {f[-1]:.1f} Hz",
-        f"highest usable frequency  {limit}",
         f"sound speed  {report.speed:.1f} m/s {report.speed_from}",
         f"known        {len(measurement.known)} of {measurement.count} microphones",
     ]
-    return "\n".join(lines + ([f"modelled     {recording.modelled}"] if recording.modelled else _snr_lines(taken)))
+    lines += [f"modelled     {recording.modelled}"] if recording.modelled else _snr_lines(taken)
+    return "\n".join([*lines, f"highest usable frequency  {limit}"])
 
 
 def _left_out(reasons: dict[str, str]) -> str:
@@ -89,6 +90,8 @@ def _snr_lines(taken: Pressures) -> list[str]:
         return ["SNR          unknown: the room still rings at the end; a longer recording would show the noise"]
     power = mode_power(taken.pressures)
     snr = 10 * np.log10(np.maximum(power / np.maximum(taken.noise_power, 1e-12 * power) - 1, 1e-3))
+    if snr.min() > CLEAN_DB:
+        return [f"SNR          above {CLEAN_DB:g} dB at all frequencies: no noise was found"]
     cells = [f"{f:7.1f} Hz {s:3.0f} dB" for f, s in zip(taken.frequencies, snr, strict=True)]
     rows = ["  ".join(cells[start : start + 6]) for start in range(0, len(cells), 6)]
     return [f"SNR          median {np.median(snr):.0f} dB, {snr.min():.0f} to {snr.max():.0f} dB", *rows]

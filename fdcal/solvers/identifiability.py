@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..acoustics import single_wave
+from ..acoustics.single_wave import is_single_wave
 from ..model.gauge import fixes_gauge
 from ..model.problem import Problem
 from ..model.validation import InputError
@@ -92,6 +94,8 @@ def _check_line(problem: Problem, modes: int) -> None:
     N, D = problem.pressures.shape[1], problem.array_dimension
     if fixes_gauge(problem.known_positions):
         return
+    if is_single_wave(problem.pressures[:modes]):
+        raise InputError(single_wave.PROBLEM, single_wave.REMEDY, key="pressures")
     shape, values, _ = singular_vectors(problem, modes)
     first, last = shape[:, :-1] / np.abs(shape[:, :-1]).max(axis=0), shape[:, -1]
     powers = np.indices((LINE.degree + 1,) * (D - 1)).reshape(D - 1, -1)

@@ -25,6 +25,7 @@ from fdcal.recordings.channel_selection import exclude_channels, known_microphon
 from fdcal.recordings.cross_spectra import stationary_pressures
 from fdcal.recordings.decimation import DecimationSettings, decimate
 from fdcal.recordings.deconvolution import deconvolve
+from fdcal.recordings.formats.table import read_positions
 from fdcal.recordings.import_options import ImportOptions
 from fdcal.recordings.import_report import import_summary
 from fdcal.recordings.importer import import_recording
@@ -486,3 +487,28 @@ def test_a_reference_of_another_rate_is_refused(folder, tmp_path):
         import_recording(folder / "responses.wav", ImportOptions(reference=str(tmp_path / "sweep.wav")))
     with pytest.raises(InputError, match="24 channels; give a reference signal of one"):
         import_recording(folder / "responses.wav", ImportOptions(reference=str(folder / "responses.wav")))
+
+
+def test_known_microphones_in_one_corner_do_not_make_the_array_small(tmp_path):
+    """Two known microphones close together say nothing of the others; the coherence of the channels does."""
+    np.savez(tmp_path / "bare.npz", recordings=responses(), sample_rate=FS, kind="response")
+    close = np.argsort(np.linalg.norm(places() - places()[0], axis=1))[:2]
+    rows = [f"{n},{x},{y},{z}" for n, (x, y, z) in zip(close, places()[close].tolist(), strict=True)]
+    (tmp_path / "known.csv").write_text("\n".join(["name,x,y,z", *rows]) + "\n")
+    known = ImportOptions(sound_speed=SPEED, known=str(tmp_path / "known.csv"))
+    _, report = import_recording(tmp_path / "bare.npz", known)
+    limit = f_max(24, np.linalg.norm(places() - places().mean(axis=0), axis=1).max(), SPEED, 3)
+    assert limit / 2 < report.highest_frequency < 2 * limit
+
+
+def test_a_sound_speed_of_no_medium_is_refused(folder):
+    with pytest.raises(InputError, match="34 m/s is that of no medium"):
+        import_recording(folder / "responses.wav", ImportOptions(sound_speed=34.0))
+
+
+def test_a_table_of_a_spreadsheet_with_commas_as_decimal_signs(folder, tmp_path):
+    (tmp_path / "english.csv").write_text("name,x,y,z\n1,0.25,0.5,1\n2,0.75,0.5,-1.5\n")
+    (tmp_path / "german.csv").write_text("name;x;y;z\n1;0,25;0,5;1\n2;0,75;0,5;-1,5\n")
+    (names, places), (same, also) = (read_positions(tmp_path / f"{n}.csv") for n in ("english", "german"))
+    assert names == same
+    assert np.array_equal(places, also)

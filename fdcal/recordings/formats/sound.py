@@ -25,6 +25,11 @@ def _name(path: Path) -> Any:
     return os.fsencode(path)
 
 
+def _reason(error: Exception) -> str:
+    """Return what went wrong; soundfile puts the name of the file before it, as Python writes bytes."""
+    return str(getattr(error, "error_string", error))
+
+
 def read(path: Path, source: int | None = None) -> Recording:
     """Return the recording of a sound file, read in pieces; raise InputError for a file that is damaged."""
     import soundfile
@@ -38,7 +43,8 @@ def read(path: Path, source: int | None = None) -> Recording:
                 file.seekable(),
             )
     except (soundfile.LibsndfileError, RuntimeError, ValueError) as error:
-        raise InputError(f"{path} is not a sound file that can be read: {error}") from error
+        reason = "the file is empty" if path.is_file() and not path.stat().st_size else _reason(error)
+        raise InputError(f"{path} is not a sound file that can be read: {reason}") from error
     if not seekable or samples >= 2**62:
         raise InputError(f"the length of {path} is unknown", "convert it to WAV or FLAC")
     _require_whole(path, log)

@@ -45,16 +45,22 @@ def read_positions(path: str | Path) -> tuple[list[str], np.ndarray]:
     """
     try:
         text = read_bytes(path, MOST_BYTES).decode("utf-8-sig")
-        rows = [row for row in csv.reader(io.StringIO(text, newline="")) if any(cell.strip() for cell in row)]
+        european = ";" in text.partition("\n")[0]  # as a spreadsheet writes CSV where a comma is the decimal sign
+        reader = csv.reader(io.StringIO(text, newline=""), delimiter=";" if european else ",")
+        rows = [row for row in reader if any(cell.strip() for cell in row)]
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path} is not a table in text form: {error}") from error
     head = [cell.strip().lower() for cell in rows[0]] if rows else []
     if head[:3] != ["name", "x", "y"] or len(rows) < 2:
-        raise InputError(f"{path} must begin with the line name,x,y or name,x,y,z and hold one line per microphone")
+        found = shown(",".join(rows[0])) if rows else ""
+        raise InputError(
+            f"{path} must begin with the line name,x,y or name,x,y,z and hold one line per microphone, not with"
+            f' "{found}"'
+        )
     axes = 3 if head[3:4] == ["z"] else 2
     names, places = [], []
     for number, row in enumerate(rows[1:], 2):
-        cells = [cell.strip() for cell in row[1 : 1 + axes]]
+        cells = [cell.strip().replace(",", ".") if european else cell.strip() for cell in row[1 : 1 + axes]]
         if len(cells) != axes or not all(map(NUMBER.fullmatch, cells)):
             line = shown(",".join(row))
             raise InputError(f"{path}, line {number}: {line!r} must be a name and {axes} numbers, metres")
