@@ -12,6 +12,7 @@ from __future__ import annotations
 import functools
 import importlib.util
 import itertools
+import os
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -42,6 +43,7 @@ FROM_WALLS = {2: 0.2, 3: 0.3}  # metres
 DECAY = {2: 3.0, 3: 1.5}  # s, 1/s: recordings of 4 s and 8 s, weighted
 FREE = 1000.0  # times the power of the field: its coefficients are then as good as unknown
 LOST = 3.0  # times the bound
+SOLVER = os.environ.get("FDCAL_BENCH_SOLVER", "joint")  # or robust, of `exact`, `noise`, `rooms` and `mismatch`
 
 
 @dataclass(frozen=True)
@@ -159,12 +161,12 @@ class Outcome:
 
 
 def solve(measurement: Measurement, known: str, modes: int, **settings) -> Outcome:
-    """Return the result of `joint` for a measurement; NaN positions where it raises an error."""
+    """Return the result of SOLVER for a measurement; NaN positions where it raises an error."""
     problem = measurement.problem(known=known)
     wall, cpu = time.perf_counter(), time.process_time()
     state, found = None, np.full(measurement.positions.shape, np.nan)
     try:
-        for state in run(problem, SolverSettings(name="joint", modes=modes, **settings), 0):  # noqa: B007, the last one counts
+        for state in run(problem, SolverSettings(name=SOLVER, modes=modes, **settings), 0):  # noqa: B007, the last one counts
             pass
         found = state.positions
         found = align(found, measurement.positions) if known == "none" else found

@@ -116,7 +116,7 @@ def plane_wave_kernel(positions, about, wavenumbers, prior, slope: bool = True):
     (N, M), Q = (len(x), len(prior)), prior.shape[1]
     K, D = np.empty((M, N, N), complex), np.empty((2, M, N, N), complex) if slope else None
     for m in blocks(M, 2 * N * max(N, Q)):
-        W, dW = _weighted_waves(x, k[m], prior[m], slope)
+        W, dW = weighted_waves(x, k[m], prior[m], slope)
         WH = np.conj(W)
         np.matmul(W.swapaxes(1, 2), WH, out=K[m])
         if D is not None and dW is not None:
@@ -136,14 +136,17 @@ def learned_terms(positions, pressures, wavenumbers, power, noise, prior, log_de
     scale = 1 / noise if log_det else np.ones_like(noise)
 
     def of_block(m: slice) -> ModeTerms:
-        W, dW = _weighted_waves(x, k[m], prior[m], derivatives > 0)
+        W, dW = weighted_waves(x, k[m], prior[m], derivatives > 0)
         return low_rank_terms(W, dW, p[m], noise[m] / power[m], scale[m], float(log_det), derivatives)
 
     return over_blocks(of_block, len(k), 2 * len(x) * max(len(x), Q))
 
 
-def _weighted_waves(x, k, S, slope: bool) -> tuple[np.ndarray, np.ndarray | None]:
-    """W (M, Q, N) and, if wanted, its derivatives (2, M, Q, N), 1/m."""
+def weighted_waves(x, k, S, slope: bool) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return W (M, Q, N) and, if wanted, its derivatives (2, M, Q, N), 1/m.
+
+    x : (N, 2) float64, metres, about the centre;  k : (M,), rad/m;  S : (M, Q) float64, power by direction
+    """
     W = _plane_waves(x, k, S.shape[1]) * np.sqrt(S)[..., None]
     if not slope:
         return W, None

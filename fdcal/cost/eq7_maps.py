@@ -74,9 +74,9 @@ def eq7_maps(
         points = np.concatenate([points, np.tile(x[n, 2:], (len(points), 1))], axis=1)
         onto = [from_nodes(domain, search, axis, count) for axis, count in enumerate(shape)]
         for group in expansion.groups(numbers[alike]):
-            fits, rows = _fits(pressures, scale, expansion, x, n, points, group)
+            fits, rows = fits_and_rows(pressures, scale, expansion, x, n, points, group)
             for number, fit, w in zip(group, fits, rows, strict=True):
-                maps[alike[numbers[alike] == number]] = _map(fit, w, shape, onto)
+                maps[alike[numbers[alike] == number]] = map_of(fit, w, shape, onto)
     return maps / float(np.sum(np.abs(pressures[np.asarray(modes) - 1]) ** 2))
 
 
@@ -108,10 +108,24 @@ def expansion_of(problem: Problem, order_offset: int) -> FieldExpansion:
     return FieldExpansion(problem, order_offset)
 
 
-def _fits(pressures, scale, expansion: FieldExpansion, x: np.ndarray, n: int, points: np.ndarray, group: np.ndarray):
-    """Return the fit of each mode of a group without microphone `n`, and its rows at the points (B, C, K).
+def fits_and_rows(
+    pressures, scale, expansion: FieldExpansion, x: np.ndarray, n: int, points: np.ndarray, group: np.ndarray
+):
+    """Return the fit of each mode of a group without microphone `n`, and its rows of W at some points.
 
-    pressures : (M, N) of all modes, and scale : (N,) of the rows, so that all channels have equal noise
+    Parameters
+    ----------
+    pressures : (M, N) complex128, of all modes
+    scale : (N,) float64, of the rows, so that all channels have equal noise
+    expansion : FieldExpansion
+    x : (N, D) float64, positions, metres
+    n : int, microphone
+    points : (C, D) float64, metres
+    group : (B,) int, modes of one order, indices of `expansion.carried`
+
+    Returns
+    -------
+    list of B LeaveOneOutFit, and (B, C, K) complex128
     """
     centre = x.mean(axis=0)
     rows = expansion.rows(np.concatenate([x, points]), centre, group)
@@ -120,8 +134,16 @@ def _fits(pressures, scale, expansion: FieldExpansion, x: np.ndarray, n: int, po
     return fits, scale[n] * rows[:, len(x) :]
 
 
-def _map(fit: LeaveOneOutFit, rows: np.ndarray, shape: tuple[int, int], onto: list[np.ndarray]) -> np.ndarray:
-    """Return the cost of one mode on the lattice from the rows (C, K) at the nodes."""
+def map_of(fit: LeaveOneOutFit, rows: np.ndarray, shape: tuple[int, ...], onto: list[np.ndarray]) -> np.ndarray:
+    """Return the cost of one mode on a lattice from the rows of W at the nodes : (ny, nx) float64.
+
+    Parameters
+    ----------
+    fit : LeaveOneOutFit
+    rows : (C, K) complex128
+    shape : numbers of nodes along x and y
+    onto : for x and y, the matrix of `from_nodes`
+    """
     product = rows @ np.column_stack([fit.Z, fit.alpha])
     f, parts = product[:, -1], np.ascontiguousarray(product[:, :-1]).view(float)
     h = np.einsum("ij,ij->i", parts, parts)

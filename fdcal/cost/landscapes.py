@@ -193,33 +193,33 @@ def local_minima(cost: np.ndarray, depth: float = DEPTH) -> np.ndarray:
 
     Parameters
     ----------
-    cost : (ny, nx) float64
+    cost : (ny, nx) float64, or (nz, ny, nx) of a volume
     depth : least prominence as a share of the map's range
 
     Returns
     -------
-    (K, 2) int64, rows and columns
+    (K, 2) int64, rows and columns; (K, 3) of a volume, its layers first
     """
     from .watershed import prominent_minima
 
-    rows, columns = np.divmod(prominent_minima(cost, depth * float(np.ptp(cost))), cost.shape[1])
-    inside = (rows > 0) & (columns > 0) & (rows < cost.shape[0] - 1) & (columns < cost.shape[1] - 1)
-    return np.stack([rows, columns], axis=1)[inside]
+    indices = np.stack(np.unravel_index(prominent_minima(cost, depth * float(np.ptp(cost))), cost.shape), axis=1)
+    return indices[np.all((indices > 0) & (indices < np.array(cost.shape) - 1), axis=1)]
 
 
 def map_positions(indices: np.ndarray, search: Search) -> np.ndarray:
-    """Return the positions of points of a map.
+    """Return the positions of points of a map, or of a volume.
 
     Parameters
     ----------
-    indices : (K, 2) int, rows and columns
-    search : the map's lattice
+    indices : (K, 2) int, rows and columns; (K, 3) of a volume, its layers first
+    search : the lattice of the map or volume
 
     Returns
     -------
-    (K, 2) float64, metres, x and y
+    (K, 2) float64, metres, x and y; (K, 3) of a volume
     """
-    return np.asarray(search.origin)[:2] + search.step * np.asarray(indices)[:, ::-1]
+    places = np.asarray(indices)[:, ::-1]
+    return np.asarray(search.origin)[: places.shape[1]] + search.step * places
 
 
 def interpolate(cost: np.ndarray, search: Search, point) -> float:

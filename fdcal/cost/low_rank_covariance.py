@@ -119,7 +119,7 @@ def expansion_spectra(
 
     def of_block(m: slice) -> tuple[np.ndarray, np.ndarray]:
         if dimension == 2:
-            return _along(combined_waves(*circular_waves(x, centre, k[m], orders[m], gains[m], False))[0], p[m])
+            return spectra_along(combined_waves(*circular_waves(x, centre, k[m], orders[m], gains[m], False))[0], p[m])
         values, vectors = np.linalg.eigh(series_covariance(x, centre, k[m], orders[m], gains[m], False)[0])
         return np.maximum(values, 0.0), np.abs(np.einsum("mni,mn->mi", np.conj(vectors), p[m])) ** 2
 
@@ -128,8 +128,8 @@ def expansion_spectra(
     return np.concatenate([values for values, _ in found]), np.concatenate([along for _, along in found])
 
 
-def _along(W: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvalues of W W^H and the power of p along its eigenvectors, from the small W^H W; W is (M, r, N)."""
+def spectra_along(W: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return eigenvalues of W W^H and the power of p along its eigenvectors, from the small W^H W; W is (M, r, N)."""
     M, r, N = W.shape
     WH = np.conj(W)
     values, vectors = np.linalg.eigh(WH @ W.swapaxes(1, 2))

@@ -14,32 +14,36 @@ from scipy.special import jv
 
 from ..model.settings import Search
 
-NEGLIGIBLE = 1e-15  # Chebyshev coefficient of a plane wave of wavenumber 2 k that is left out
+NEGLIGIBLE = 1e-15  # Chebyshev coefficient that is left out
 
 
-def area(search: Search) -> np.ndarray:
-    """Return lowest and highest x and y, (2, 2) metres, the cells at the edge included."""
-    low = np.asarray(search.origin)[:2] - search.step / 2
-    return np.stack([low, low + search.step * np.array(search.shape[:2])])
+def area(search: Search, dimension: int = 2) -> np.ndarray:
+    """Return lowest and highest x and y, and z of three dimensions, the cells at the edge included : (2, D) metres."""
+    low = np.asarray(search.origin)[:dimension] - search.step / 2
+    return np.stack([low, low + search.step * np.array(search.shape[:dimension])])
 
 
 @functools.lru_cache(maxsize=1024)
-def node_counts(search: Search, wavenumber: float) -> tuple[int, int]:
-    """Return the numbers of nodes along x and y that resolve wavenumbers up to 2 k.
+def node_counts(
+    search: Search, wavenumber: float, dimension: int = 2, negligible: float = NEGLIGIBLE
+) -> tuple[int, ...]:
+    """Return the numbers of nodes along each axis that resolve wavenumbers up to 2 k.
 
     They are multiples of 4, so that modes share their tables.
 
     Parameters
     ----------
     wavenumber : k, rad/m
+    dimension : 2 for x and y, 3 for z, too
+    negligible : Chebyshev coefficient of a plane wave of wavenumber 2 k that is left out
     """
-    low, high = area(search)
+    low, high = area(search, dimension)
     counts = []
     for half in (high - low) / 2:
         z = 2 * wavenumber * half
         degrees = np.arange(int(z) + 1, int(1.5 * z) + 60)  # beyond l = z the coefficients J_l(z) decrease
-        counts.append(4 * (int(degrees[np.argmax(jv(degrees, z) < NEGLIGIBLE)]) // 4 + 1))
-    return counts[0], counts[1]
+        counts.append(4 * (int(degrees[np.argmax(jv(degrees, z) < negligible)]) // 4 + 1))
+    return tuple(counts)
 
 
 def _nodes(count: int) -> np.ndarray:
@@ -48,17 +52,21 @@ def _nodes(count: int) -> np.ndarray:
 
 
 def node_points(search: Search, counts) -> np.ndarray:
-    """Return the nodes of the domain : (C, 2) metres, x fastest."""
-    low, high = area(search)
-    x, y = (a + (b - a) * (1 + _nodes(count)) / 2 for a, b, count in zip(low, high, counts, strict=True))
-    return np.stack([np.tile(x, len(y)), np.repeat(y, len(x))], axis=1)
+    """Return the nodes of the domain, as many along each axis as `counts` says : (C, D) metres, x fastest."""
+    low, high = area(search, len(counts))
+    axes = [a + (b - a) * (1 + _nodes(count)) / 2 for a, b, count in zip(low, high, counts, strict=True)]
+    return np.stack([x.ravel() for x in np.meshgrid(*axes[::-1], indexing="ij")][::-1], axis=1)
 
 
 @functools.lru_cache(maxsize=128)
 def from_nodes(domain: Search, search: Search, axis: int, count: int) -> np.ndarray:
     """Return the matrix (points, nodes) that interpolates from the nodes of `domain` to the lattice, on one axis."""
-    low, high = area(domain)[:, axis]
-    places = search.origin[axis] + search.step * np.arange(search.shape[axis])
+    return interpolation(domain, search.origin[axis] + search.step * np.arange(search.shape[axis]), axis, count)
+
+
+def interpolation(domain: Search, places: np.ndarray, axis: int, count: int) -> np.ndarray:
+    """Return the matrix (P, count) that interpolates from the nodes of `domain` to places (P,), metres, on one axis."""
+    low, high = area(domain, len(domain.origin))[:, axis]
     weight = np.full(count, 2.0 / count)
     weight[0] /= 2
     there = chebvander((2 * places - low - high) / (high - low), count - 1)

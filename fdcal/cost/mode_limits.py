@@ -10,6 +10,7 @@ from ..acoustics.fourier_bessel import max_order
 from ..acoustics.lattice_dictionary import LatticeDictionary
 from ..model.problem import Problem
 from ..model.validation import InputError
+from .field_expansion import functions
 
 
 @functools.lru_cache(maxsize=3)
@@ -27,6 +28,7 @@ def search_lattice(problem: Problem, order_offset: int) -> LatticeDictionary:
     """
     if problem.search is None:
         raise InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
+    require_plane_field(problem)
     require_modes(problem, order_offset, 1)
     orders = max_order(problem.wavenumbers, problem.search.radius, order_offset)
     usable = usable_modes(problem, order_offset)
@@ -34,23 +36,35 @@ def search_lattice(problem: Problem, order_offset: int) -> LatticeDictionary:
 
 
 def usable_modes(problem: Problem, order_offset: int) -> int:
-    """Return how many of the lowest modes the microphones can carry with one of them left out: 2L + 1 < N (Eq. 8).
+    """Return how many of the lowest modes the microphones can carry with one of them left out.
 
-    All modes of a field of three dimensions, or without a search domain, because no lattice is searched then.
+    These are modes with fewer functions than microphones, in a plane 2L + 1 < N (Eq. 8). All modes without a search
+    domain, because no lattice is searched then.
 
     Parameters
     ----------
     order_offset : added to the order of Eq. 3
     """
-    if problem.dimension == 3 or problem.search is None:
+    if problem.search is None:
         return len(problem.pressures)
-    orders = max_order(problem.wavenumbers, problem.search.radius, order_offset)
-    carried = 2 * orders + 1 < problem.pressures.shape[1]
+    orders = np.asarray(max_order(problem.wavenumbers, problem.search.radius, order_offset))
+    carried = np.array([functions(problem, int(L)) for L in orders]) < problem.pressures.shape[1]
     return int(np.argmin(carried)) if not carried.all() else len(carried)
 
 
+def require_plane_field(problem: Problem) -> None:
+    """Raise InputError for a field of three dimensions, of which there is no lattice dictionary."""
+    if problem.dimension != 2:
+        raise InputError(
+            "landscapes of this command need a two-dimensional field, and this one has dimension = 3",
+            'use solver.name = "joint", and `fdcal view` for its maps',
+            key="dimension",
+            value=3,
+        )
+
+
 def require_modes(problem: Problem, order_offset: int, count: int) -> None:
-    """Check that the field has two dimensions, that it has `count` modes and that the microphones can carry them.
+    """Check that the field has `count` modes and that the microphones can carry them.
 
     Parameters
     ----------
@@ -60,15 +74,8 @@ def require_modes(problem: Problem, order_offset: int, count: int) -> None:
     Raises
     ------
     InputError
-        One of the three does not hold; the message says which, and what to change.
+        One of the two does not hold; the message says which, and what to change.
     """
-    if problem.dimension != 2:
-        raise InputError(
-            'landscapes and solver.name = "descent" need a two-dimensional field, and this one has dimension = 3',
-            'use solver.name = "joint", and `fdcal view` for its maps',
-            key="dimension",
-            value=3,
-        )
     measured = len(problem.pressures)
     if count > measured:
         raise InputError(
@@ -91,10 +98,12 @@ def _beyond_the_microphones(problem: Problem, order_offset: int, count: int, usa
     remedies = [f"use at most {usable} modes (solver.modes; {count} asked for)"] if usable else []
     remedies += [f"a search.radius below {R:g} m"]
     remedies += [f"a solver.order_offset below {order_offset}"] if order_offset else []
+    formula = "2L + 1" if problem.dimension == 2 else "(L + 1)(L + 2) / 2"
+    formula = "(L + 1)^2" if problem.array_dimension == 3 else formula
     return InputError(
         f"mode {usable + 1} at {problem.frequencies[usable]:.4g} Hz has order L = ceil(k R) + solver.order_offset ="
-        f" {L} with search.radius = {R:g} m and solver.order_offset = {order_offset}, that is 2L + 1 = {2 * L + 1}"
-        f" functions for {problem.pressures.shape[1]} microphones",
+        f" {L} with search.radius = {R:g} m and solver.order_offset = {order_offset}, that is {formula} ="
+        f" {functions(problem, L)} functions for {problem.pressures.shape[1]} microphones",
         f"{'' if usable else 'use '}{', '.join(remedies)}, or more microphones",
         key="modes",
         value=count,

@@ -120,7 +120,7 @@ def joined_columns(parts) -> np.ndarray:
 
 
 def weighted_curvature(g: np.ndarray, K: Callable[[slice, slice], np.ndarray], diagonal=None) -> np.ndarray:
-    """Return sum_m Re [conj(g_ma,i) K_m,ij g_mb,j], blocks a <= b : (D, D, N, N) float64.
+    """Return sum_m Re [conj(g_ma,i) K_m,ij g_mb,j], blocks a <= b, the others zero : (D, D, N, N) float64.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def weighted_curvature(g: np.ndarray, K: Callable[[slice, slice], np.ndarray], d
     diagonal : (M,) float64 or None, added to the diagonals of K
     """
     D, _, M, N = g.shape
-    H, left, right = np.empty((D, D, N, N)), g.transpose(0, 2, 3, 1), g.transpose(0, 2, 1, 3)
+    H, left, right = np.zeros((D, D, N, N)), g.transpose(0, 2, 3, 1), g.transpose(0, 2, 1, 3)
     pairs = [(a, b) for a in range(D) for b in range(a, D)]
     for rows in blocks(N, 4 * N):
         sums = np.zeros((len(pairs), rows.stop - rows.start, N))

@@ -146,3 +146,14 @@ def test_the_shape_of_a_mode_is_the_recorded_field(problem):
 def test_no_shape_without_a_plane_lattice(problem):
     with pytest.raises(InputError, match="two-dimensional"):
         landscapes.mode_shape(dataclasses.replace(problem, search=None), np.zeros((24, 2)), 1, 2)
+
+
+def test_every_minimum_of_an_egg_box_of_three_dimensions_is_found():
+    z, y, x = (np.arange(count) / count for count in (21, 31, 41))
+    values = np.add.outer(np.cos(4 * np.pi * z), np.add.outer(np.cos(2 * np.pi * y), np.cos(4 * np.pi * x)))
+    found = landscapes.local_minima(values)
+    expected = [(21 * h, 31 * j, 41 * i) for h in (0.25, 0.75) for j in (0.5,) for i in (0.25, 0.75)]
+    assert len(found) == 4
+    assert all(np.abs(np.subtract(found, place)).max(axis=1).min() <= 1 for place in expected)
+    lattice = Search(origin=(1.0, 2.0, 3.0), size=(0.4, 0.3, 0.2), step=0.01)
+    np.testing.assert_allclose(landscapes.map_positions([[2, 1, 5]], lattice), [[1.05, 2.01, 3.02]])
