@@ -21,7 +21,7 @@ from .calibration import Calibration
 FRAMES = ("known", "minimal", "axes")
 COLLINEAR = 1e-6  # of the array's extent: microphones this close to a line or plane through others lie in it
 INDEPENDENT = 0.1  # least part of a coordinate axis outside the axes found so far, to complete them
-TRUSTED = ("good", "scale_undetermined")  # verdicts; with others, finding no swap does not mean that there is none
+TRUSTED = "good"  # the verdict with which finding no swap means that there is none
 SWAP_RATIO = 0.5  # a swap must reduce the distance of each microphone concerned to less than this share
 
 
@@ -204,15 +204,15 @@ def describe(
     Parameters
     ----------
     names : (N,) names of the microphones
-    verdict : code of `fdcal.assessment.verdict` or `fdcal.assessment.room_verdict`; unless it trusts the positions,
-        finding no swap does not mean that there is none
+    verdict : code of `fdcal.assessment.verdict` or `fdcal.assessment.room_verdict`; unless it is "good", finding no
+        swap does not mean that there is none
     known : whether known microphones fixed the positions
     arguments : how the reader calls the arguments, as of `fdcal.model.validation.word_arguments`
     """
     lines = [f"channels {names[a]} and {names[b]} are swapped" for a, b in check.swapped]
     for cycle in check.permuted:
         lines.append(f"channels {', '.join(str(names[n]) for n in cycle)} stand in each other's places")
-    if not lines and verdict not in TRUSTED:
+    if not lines and verdict != TRUSTED:
         advice = word_arguments("; try <known> none", arguments or {}) if known else ""
         lines = [f"swaps cannot be detected from positions that are not to be trusted ({verdict}){advice}"]
     lines = lines or ["no channels are swapped"]

@@ -141,8 +141,9 @@ class CalibrationViews:
         """Return a pandas table with one row a microphone, if pandas is installed.
 
         Columns: x, y (z), metres; known; uncertainty, one sigma in metres; error, metres, where it is known; where the
-        solver finds them gain_db, gain_sigma_db, phase_deg, phase_sigma_deg, noise_db and fault, "" where sound.
-        The index are the names.
+        solver finds them gain_db, gain_sigma_db, phase_deg, phase_sigma_deg, noise_db and fault, "" where sound,
+        and of given positions given_x, given_y (given_z) and given_difference, metres, NaN where none is given. The
+        index are the names.
 
         Returns
         -------

@@ -21,7 +21,7 @@ from ..solvers.robust import assumptions
 from ..solvers.robust.channel_fit import reduced
 from ..solvers.robust.convergence import scaled_inverse
 from ..solvers.robust.objective import Evaluation, Objective, Unknowns
-from ..solvers.robust.settings import RULES, SCHEDULE
+from ..solvers.robust.settings import FINAL
 from ..solvers.robust.state import State
 
 
@@ -55,8 +55,9 @@ class Uncertainty:
         a channel without
     log_speed : float, one sigma of the logarithm of the sound speed; 0 for one that is fixed
     stretch_sigma : float, one sigma of the least certain stretching or shearing of the array as a whole, relative
-    terms : Terms, the cost where the solver ended
+    terms : Terms, the cost where the solver ended, with the weaker field
     goal : Objective, whose minimum that is
+    at_goal : Terms, of `goal` there
     """
 
     covariance: np.ndarray
@@ -67,6 +68,7 @@ class Uncertainty:
     stretch_sigma: float
     terms: Terms
     goal: Objective
+    at_goal: Terms
 
 
 def uncertainty(problem: Problem, state: State, weaker: float = 1.0) -> Uncertainty:
@@ -81,11 +83,11 @@ def uncertainty(problem: Problem, state: State, weaker: float = 1.0) -> Uncertai
         Factor on the power of the field in H alone, which weakens the prior of an isotropic field: what then becomes
         uncertain rests on that prior and not on the wave equation.
     """
-    progress = replace(state.progress, row=len(SCHEDULE) - 1)
+    progress = replace(state.progress, row=FINAL)
     state = replace(state, progress=progress, shape=state.positions)
     used = assumptions.used_modes(problem, state, 0)
     goal = assumptions.objective(problem, state, used)
-    goal = replace(goal, field=replace(goal.field, noise=_undeflated(problem, state, goal.field)))
+    goal = replace(goal, field=replace(goal.field, noise=_undeflated(state, goal.field)))
     here, free = assumptions.unknowns(state), assumptions.free_unknowns(problem, state, None)
     terms = goal.evaluate(here, 3).terms
     slopes = np.asarray(terms.slopes).reshape(len(used), -1)  # derivatives = 3 computes them
@@ -114,6 +116,7 @@ def uncertainty(problem: Problem, state: State, weaker: float = 1.0) -> Uncertai
         _stretch_sigma(newton, moves, state),
         evaluated.terms,
         goal,
+        terms,
     )
 
 
@@ -131,9 +134,9 @@ def _of_size(state: State) -> np.ndarray:
     return (state.settings.sound_speed_sigma or 0.0) ** 2 * np.outer(x, x)
 
 
-def _undeflated(problem: Problem, state: State, field) -> np.ndarray:
-    """The noise without what the near kernel's stage takes off it; never below what the kernel explains."""
-    return field.noise * (RULES.near_deflation if state.model.kernel == "near" else 1.0)
+def _undeflated(state: State, field) -> np.ndarray:
+    """The noise without what the last stage takes off it; never below what the kernel explains."""
+    return field.noise * state.model.deflation
 
 
 def _grouped(slopes) -> np.ndarray:

@@ -15,7 +15,7 @@ from ..acoustics.fourier_bessel import array_f_max
 from ..model.gauge import align
 from ..model.problem import Problem
 from ..solvers.robust.state import State
-from . import findings
+from . import findings, given_findings
 from .ambiguity import rms_radius
 from .channel_covariance import Uncertainty
 from .error_ellipses import one_sigma
@@ -36,16 +36,12 @@ class ChannelThresholds:
     noise_to_given : noise found over the noise given
     unexplained_share : share of the power left unexplained where the measurement is said to be free of noise
     odd_channels, odd_share : odd channels, and their part of all; more than the larger one are no single faults
-    misplaced_share : part of the given positions that may be misplaced; one may always be
     rival_cost : nats within which another end of the solver counts
     rival_sigmas, rival_distance : sigmas and metres within which two ends are one; the larger one counts
     uneven_noise : noise of a healthy channel over that of the median channel
     uneven_share : part of the healthy channels above that level; more than it are no single noisy channels
     uneven_share_of_power : share of the power that its noise must exceed: without noise only rounding and grid are left
     uneven_channels : fewest such channels
-    contradiction : probability below which given positions and pressures contradict each other
-    unchecked, unchecked_sigmas : metres, and sigmas of the array: where the pressures and the other given positions
-        place a given microphone no better than the larger one, an error of its position would go unseen
     unfinished : Newton step left over one sigma of its coordinate
     """
 
@@ -57,7 +53,6 @@ class ChannelThresholds:
     unexplained_share: float = 1e-4
     odd_channels: int = 2
     odd_share: float = 0.12
-    misplaced_share: float = 0.2
     rival_cost: float = 8.0
     rival_sigmas: float = 3.0
     rival_distance: float = 1e-3
@@ -65,9 +60,6 @@ class ChannelThresholds:
     uneven_share: float = 0.1
     uneven_share_of_power: float = 1e-6
     uneven_channels: int = 3
-    contradiction: float = 0.01
-    unchecked: float = 0.025
-    unchecked_sigmas: float = 2.0
     unfinished: float = 3.0
 
 
@@ -86,6 +78,8 @@ class ChannelEvidence:
     odd : tuple of OddChannel
     step_left : float, Newton step left over one sigma of its coordinate, the largest of healthy channels
     given : GivenCheck
+    stretch : float or None, sound speed that follows from a given distance over that of the problem
+    single_wave : whether there are hardly any reflections, so that nothing is known of single channels
     """
 
     found: Uncertainty
@@ -94,6 +88,8 @@ class ChannelEvidence:
     odd: tuple[OddChannel, ...]
     step_left: float
     given: GivenCheck
+    stretch: float | None = None
+    single_wave: bool = False
 
     @property
     def healthy(self) -> np.ndarray:
@@ -116,12 +112,14 @@ def first_finding(problem: Problem, state: State, seen: ChannelEvidence, names: 
     ended = state.converged or state.finished
     checks = (
         ("too_noisy", lambda: findings.mostly_noise(share) if share > LIMITS.noise_share else ""),
+        ("model_mismatch", lambda: findings.SINGLE_WAVE if seen.single_wave else ""),
         ("model_mismatch", lambda: _many_odd(seen.odd, names) or _uneven_noise(state, seen.healthy)),
-        ("known_position", lambda: _known_position(problem, seen.odd, names) or _contradiction(problem, seen.given)),
+        ("known_position", lambda: given_findings.disagreement(problem, seen.odd, seen.given, names)),
         ("undersampled", lambda: _undersampled(problem, x, state.modes)),
         ("not_converged", lambda: "" if ended and seen.step_left < LIMITS.unfinished else findings.NOT_CONVERGED),
         ("model_mismatch", lambda: _excess_noise(problem, share)),
-        ("scale_undetermined", lambda: _loose_scale(problem, seen.found)),
+        ("sound_speed", lambda: findings.implied_speed(problem.sound_speed, seen.stretch, seen.found.stretch_sigma)),
+        ("scale_undetermined", lambda: "" if seen.stretch is not None else _loose_scale(problem, seen.found)),
         ("ambiguous", lambda: _ambiguous(problem, state, seen)),
         ("good", lambda: _good(problem, state, seen, names)),
     )
@@ -130,7 +128,7 @@ def first_finding(problem: Problem, state: State, seen: ChannelEvidence, names: 
 
 def residual_to_noise(problem: Problem, state: State, found: Uncertainty, healthy) -> float:
     """Return the reduced chi-square of the pressures of the healthy channels."""
-    terms, v = found.terms, state.model.noise[state.modes, None] * state.model.channel_noise
+    terms, v = found.terms, found.goal.field.noise[:, None] * state.model.channel_noise
     free = problem.array_dimension + 2  # parameters of a channel, real ones
     freedom = np.sum((v * terms.precision)[:, healthy]) - free * np.sum(healthy) / 2  # in complex numbers
     return float(np.sum((v * np.abs(terms.weighted) ** 2)[:, healthy]) / max(freedom, 1.0))
@@ -157,37 +155,6 @@ def _uneven_noise(state: State, healthy: np.ndarray) -> str:
         return ""
     many = f"{np.sum(high)} of {len(high)} microphones"
     return f"the residual of {many} is {LIMITS.uneven_noise:g} times that of the median one, or more: {findings.CAUSES}"
-
-
-def _contradiction(problem: Problem, given: GivenCheck) -> str:
-    """Report that the pressures and the given positions as a whole do not agree."""
-    if not len(problem.known) or given.probability > LIMITS.contradiction:
-        return ""
-    seldom = f"1 of {1 / given.probability:.0f}" if given.probability > 1e-6 else "less than 1 of 1000000"
-    return (
-        f"the positions given and the pressures do not agree; by chance they would disagree so in {seldom} cases: a"
-        " given position or the sound speed is wrong, or the array was not found; check them, or use more <modes>"
-    )
-
-
-def _unchecked(problem: Problem, given: GivenCheck, spread: float) -> str:
-    """Report that an error of a given position would go unseen; `spread` is one sigma of the array, metres."""
-    if not len(problem.known) or given.loosest < max(LIMITS.unchecked, LIMITS.unchecked_sigmas * spread):
-        return ""
-    return (
-        "nothing would show an error of a given position: the pressures and the other given positions place that"
-        f" microphone only to {1e3 * given.loosest:.2g} mm; use more <modes>, or give more positions"
-    )
-
-
-def _known_position(problem: Problem, odd: Sequence[OddChannel], names: Sequence[str]) -> str:
-    """Report wrong given positions that are too many, or leave too few, to hold the array."""
-    wrong = [one for one in odd if one.number in problem.known and one.kind in ("misplaced", "exchanged")]
-    misplaced = [one for one in wrong if one.kind == "misplaced"]
-    few = len(wrong) > 0 and len(problem.known) - len(wrong) < problem.array_dimension + 1
-    if few or len(misplaced) > max(1, LIMITS.misplaced_share * len(problem.known)):
-        return findings.contradicted([names[one.number] for one in wrong])
-    return ""
 
 
 def _undersampled(problem: Problem, healthy: np.ndarray, modes: slice) -> str:
@@ -221,7 +188,7 @@ def _ambiguous(problem: Problem, state: State, seen: ChannelEvidence) -> str:
     spread, size = findings.root_mean_square(seen.sigma[healthy]), rms_radius(state.positions[healthy])
     if rival or spread > LIMITS.relative_sigma * size:
         return rival or findings.hardly_determined(spread)
-    return _unchecked(problem, seen.given, spread)
+    return given_findings.unchecked(problem, seen.given, spread)
 
 
 def _rival(state: State, same: float, healthy) -> str:
@@ -245,6 +212,7 @@ def _good(problem: Problem, state: State, seen: ChannelEvidence, names: Sequence
     given = problem.noise_power is not None and bool(np.any(problem.noise_power > 0))
     residual = residual_to_noise(problem, state, seen.found, seen.healthy)
     precision = findings.precision(seen.sigma[seen.healthy], residual, given)
+    precision += given_findings.inaccuracy(problem, state)
     if not seen.odd:
         return f"nothing speaks against these positions; {precision}"
     faults = "; ".join(fault.text for fault in channel_faults(seen.odd, names))

@@ -7,10 +7,11 @@ others: it is named, and the verdict is that of the rest.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..acoustics.single_wave import is_single_wave
 from ..model.problem import Problem
 from ..model.validation import frozen_array, word_arguments
 from ..solvers.robust.convergence import remaining_step
@@ -18,6 +19,7 @@ from ..solvers.robust.state import State
 from ..solvers.robust.unit_power import in_unit_power
 from .channel_covariance import uncertainty
 from .channel_findings import LIMITS, ChannelEvidence, first_finding, residual_to_noise
+from .corrected_positions import GivenPosition
 from .error_ellipses import one_sigma
 from .given_check import check_given
 from .odd_channels import OddChannel, channel_faults, exchange_back, healthy_channels, odd_channels
@@ -54,6 +56,10 @@ class RobustVerdict:
         Reduced chi-square of the pressures of the healthy channels.
     sound_speed, sound_speed_sigma : float
         m/s, as found, and its one sigma; 0 for one that is exact.
+    known : (A,) int64
+        Microphones whose positions were given.
+    known_positions : (A, D) float64
+        Metres, as given.
     """
 
     code: str
@@ -70,6 +76,8 @@ class RobustVerdict:
     residual_to_noise: float
     sound_speed: float
     sound_speed_sigma: float
+    known: np.ndarray
+    known_positions: np.ndarray
 
     def channels(self, names: Sequence[str]) -> Channels:
         """Return gain and noise of every channel, and what is wrong with it, with the names of the microphones."""
@@ -82,6 +90,15 @@ class RobustVerdict:
             np.degrees(phase_sigma),
             10 * np.log10(self.channel_noise / np.median(self.channel_noise)),
             channel_faults(self.odd, names),
+            self._given(names),
+        )
+
+    def _given(self, names: Sequence[str]) -> tuple[GivenPosition, ...]:
+        wrong = {one.number for one in self.odd if one.kind in ("misplaced", "exchanged")}
+        numbers: list[int] = self.known.tolist()
+        return tuple(
+            GivenPosition(names[n], tuple(place), tuple(self.positions[n].tolist()), float(self.sigma[n]), n in wrong)
+            for n, place in zip(numbers, self.known_positions.tolist(), strict=True)
         )
 
     def worded(self, names: Mapping[str, str]) -> str:
@@ -89,7 +106,9 @@ class RobustVerdict:
         return word_arguments(self.message, names)
 
 
-def judge(problem: Problem, state: State, names: Sequence[str] | None = None) -> RobustVerdict:
+def judge(
+    problem: Problem, state: State, names: Sequence[str] | None = None, stretch: float | None = None
+) -> RobustVerdict:
     """Return the verdict on where the solver ended.
 
     Parameters
@@ -98,25 +117,31 @@ def judge(problem: Problem, state: State, names: Sequence[str] | None = None) ->
     state : State
     names : sequence of N str, optional
         Of the microphones; their numbers unless given.
+    stretch : float, optional
+        The sound speed that follows from a given distance over that of the problem; the array becomes larger by it.
     """
     problem = in_unit_power(problem)
     names = [str(n) for n in range(len(state.positions))] if names is None else list(names)
-    seen = _evidence(problem, state)
+    seen = replace(_evidence(problem, state), stretch=stretch)
     code, message = first_finding(problem, state, seen, names)
-    m, found = state.model, seen.found
-    speed = problem.sound_speed * float(np.exp(m.log_speed))
+    m, found, size = state.model, seen.found, stretch or 1.0
+    speed = problem.sound_speed * size * float(np.exp(m.log_speed))
+    positions = exchange_back(problem, state, seen.odd)
+    centre = positions.mean(axis=0)
     return RobustVerdict(
-        code, message, frozen_array(exchange_back(problem, state, seen.odd), float),
-        frozen_array(seen.covariance, float), frozen_array(seen.sigma, float), state.gains, found.gains,
-        m.channel_noise, seen.odd, found.stretch_sigma, m.share,
+        code, message, frozen_array(centre + size * (positions - centre), float),
+        frozen_array(size**2 * seen.covariance, float), frozen_array(size * seen.sigma, float), state.gains,
+        found.gains, m.channel_noise, seen.odd, found.stretch_sigma, m.share,
         residual_to_noise(problem, state, found, seen.healthy), speed, speed * found.log_speed,
+        problem.known, problem.known_positions,
     )  # fmt: skip
 
 
 def _evidence(problem: Problem, state: State) -> ChannelEvidence:
     """Return what the verdict rests on; modes have unit power."""
     found = uncertainty(problem, state, LIMITS.weaker_field)
-    odd = odd_channels(problem, state, found)
+    single = is_single_wave(problem.pressures[state.modes])
+    odd = () if single else odd_channels(problem, state, found)
     healthy = healthy_channels(len(state.positions), odd)
     step, sigma = remaining_step(problem, state)
     covariance = found.covariance + step[:, :, None] * step[:, None, :] + search_spread(problem, state, healthy)
@@ -127,4 +152,5 @@ def _evidence(problem: Problem, state: State) -> ChannelEvidence:
         odd,
         float(np.max(np.abs(step[healthy]) / sigma[healthy], initial=0.0)),
         check_given(problem, state, found, odd),
+        single_wave=single,
     )

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..acoustics import single_wave
 from ..acoustics.fourier_bessel import array_f_max
 from ..cost.noise_model import NOISE
 from ..model.problem import Problem
@@ -17,11 +18,14 @@ from .diagnostics import Diagnostics
 from .error_ellipses import one_sigma
 from .thresholds import LIMITS
 
+MODES_MARGIN = 0.9  # of the highest frequency that the array found can interpolate, in the remedy
 FEWEST_MODES = 8  # with fewer modes below the limit, fewer modes are no remedy
 SCALE_UNDETERMINED = (
-    "the shape is found but its scale is not determined; name known microphones, or give one <distance>"
+    "nothing speaks against the shape of the array, but its size is hardly determined; name known microphones, or give"
+    " one <distance> with <estimate_sound_speed>"
 )
 NOT_CONVERGED = "the solver stopped while microphones still moved; use other <modes>"
+SINGLE_WAVE = f"{single_wave.PROBLEM}; {single_wave.REMEDY}"
 CAUSES = "a source or an obstacle inside the array, odd channels, or positions not found yet (try another solver)"
 
 
@@ -37,7 +41,8 @@ def undersampled(problem: Problem, positions: np.ndarray, modes: slice) -> str:
     used = problem.frequencies[modes]
     if used[-1] <= limit:
         return ""
-    below = int(np.sum(problem.frequencies <= limit))
+    # The limit is that of the array found, which is another with other modes: some room ends the search in one step.
+    below = int(np.sum(problem.frequencies <= MODES_MARGIN * limit))
     remedy = f"use <modes> {below}, or" if below >= FEWEST_MODES else "use"
     return (
         f"{len(positions)} microphones so far apart interpolate up to {limit:.0f} Hz (Eq. 9), but modes up to"
@@ -113,6 +118,25 @@ def sound_speed(problem: Problem, figures: Diagnostics) -> str:
     return (
         f"the known microphones indicate a sound speed of about {problem.sound_speed * (1 + error):.0f} m/s, not"
         f" {problem.sound_speed:.0f} m/s; correct it, or add <estimate_sound_speed>"
+    )
+
+
+def implied_speed(sound_speed: float, stretch: float | None, scale_sigma: float) -> str:
+    """Report a given distance from which a sound speed follows that the air can hardly have.
+
+    Parameters
+    ----------
+    sound_speed : of the measurement, m/s
+    stretch : the sound speed that follows over that of the measurement; None where no distance is given
+    scale_sigma : one sigma of the size of the array, relative
+    """
+    uncertain = LIMITS.implied_speed + LIMITS.sound_speed_sigmas * scale_sigma
+    if stretch is None or abs(stretch - 1) <= min(uncertain, LIMITS.sound_speed_most):
+        return ""
+    return (
+        f"with the distance given the sound speed would be {sound_speed * stretch:.0f} m/s, not"
+        f" {sound_speed:.0f} m/s; the distance or the sound speed is wrong, or the array was not"
+        " found"
     )
 
 
@@ -195,9 +219,9 @@ def equally_likely(away: float) -> str:
     )
 
 
-def scale_undetermined(problem: Problem, figures: Diagnostics) -> str:
-    """Report that the size of the array is hardly determined."""
-    if not only_wavenumber_scales(problem, figures):
+def scale_undetermined(problem: Problem, figures: Diagnostics, sized: bool = False) -> str:
+    """Report that the size of the array is hardly determined, unless it is `sized` by a given distance."""
+    if sized or not only_wavenumber_scales(problem, figures):
         return ""
     return SCALE_UNDETERMINED
 
@@ -211,17 +235,15 @@ def good(problem: Problem, figures: Diagnostics) -> str:
 
 
 def precision(sigma: np.ndarray, residual_to_noise: float, given: bool) -> str:
-    """Return the uncertainty and the reduced chi-square in words.
+    """Return the uncertainty in words, and where the noise is given the residual over it (reduced chi-square).
 
     Parameters
     ----------
     sigma : (N,) float64, metres
-    given : whether the noise is given, and not estimated
+    given : whether the noise is given; a residual over the noise that was estimated from it tells nothing
     """
-    return (
-        f"one sigma {1e3 * root_mean_square(sigma):.2g} mm, residual {residual_to_noise:.2g} times the noise"
-        f" {'given' if given else 'estimated from the residual itself'}"
-    )
+    text = f"one sigma {1e3 * root_mean_square(sigma):.2g} mm"
+    return f"{text}, residual {residual_to_noise:.2g} times the noise given" if given else text
 
 
 def root_mean_square(values: np.ndarray) -> float:

@@ -19,11 +19,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc
 
+from ..cost.channel_likelihood import Terms
 from ..model.problem import Problem
 from ..solvers.robust import assumptions
 from ..solvers.robust.channel_fit import channel_step, free_basis, reduced
 from ..solvers.robust.convergence import scaled_inverse
-from ..solvers.robust.objective import NU, Objective, Priors, Unknowns, spring
+from ..solvers.robust.objective import Objective, Priors, Unknowns
 from ..solvers.robust.state import State
 from .channel_covariance import Uncertainty
 from .odd_channels import OddChannel
@@ -38,13 +39,15 @@ class CheckRules:
     steps : at most
     negligible : nats, fall of the cost after which a step is the last
     stride : metres, longest move of a microphone in one step
-    clear : probability of the linear estimate, raised by half, above which no array is sought
+    clear : probability of the linear estimate above which no array is sought
+    margin : factor on that estimate
     """
 
     steps: int = 8
     negligible: float = 0.05
     stride: float = 0.1
     clear: float = 0.05
+    margin: float = 1.5
 
 
 RULES = CheckRules()
@@ -84,21 +87,36 @@ def check_given(problem: Problem, state: State, found: Uncertainty, odd: Sequenc
     freedom = len(priors.known) * D - D * (D + 1) // 2
     if freedom <= 0:
         return GivenCheck(1.0, np.inf if len(problem.known) else 0.0)
-    return GivenCheck(_probability(state, found.goal, priors, freedom), _loosest(state, found, priors))
+    if assumptions.given_carry_scale(problem):  # that of an isotropic field is no evidence against them
+        return GivenCheck(1.0, _loosest(state, found, priors))
+    return GivenCheck(_probability(state, found, priors, freedom), _loosest(state, found, priors))
 
 
-def _probability(state: State, goal: Objective, priors: Priors, freedom: int) -> float:
+def _probability(state: State, found: Uncertainty, priors: Priors, freedom: int) -> float:
     """`GivenCheck.probability`; the array without given positions is sought only where it could be low."""
-    held, alone = replace(goal, priors=priors), replace(goal, priors=_without_given(priors))
-    there, _ = _descend(assumptions.unknowns(state), held, False)
-    x = there.positions
-    square = np.sum((x[priors.known] - priors.places) ** 2, axis=1)
-    prior = (NU + x.shape[1]) / 2 * float(np.sum(np.log1p(square / (NU * priors.known_sigma**2))))
-    g, H = reduced(there, alone.evaluate(there), _free(there, priors), True)
-    linear = float(g @ scaled_inverse(H) @ g) / 2
-    if chdtrc(freedom, 2 * (prior + 1.5 * linear)) > RULES.clear:
+    here = assumptions.unknowns(state)
+    held, alone = replace(found.goal, priors=priors), replace(found.goal, priors=_without_given(priors))
+    falls = (_promised(here, goal, found.at_goal, goal is alone) for goal in (alone, held))
+    quadratic = _prior(here, priors) + max(0.0, next(falls) - next(falls))
+    if chdtrc(freedom, 2 * RULES.margin * quadratic) > RULES.clear:
+        return float(chdtrc(freedom, 2 * quadratic))
+    there, _ = _descend(here, held, False)
+    prior = _prior(there, priors)
+    linear = _promised(there, alone, alone.evaluate(there).terms, True)
+    if chdtrc(freedom, 2 * (prior + RULES.margin * linear)) > RULES.clear:
         return float(chdtrc(freedom, 2 * (prior + linear)))
     return float(chdtrc(freedom, 2 * (prior + _descend(there, alone, True)[1])))
+
+
+def _prior(there: Unknowns, priors: Priors) -> float:
+    """Cost of the given positions."""
+    return priors.of_known(there.positions)[0]
+
+
+def _promised(there: Unknowns, goal: Objective, terms: Terms, blind: bool) -> float:
+    """Fall of the cost to the minimum of its quadratic approximation; `terms` are of the likelihood at `there`."""
+    g, H = reduced(there, goal.with_priors(there, terms), _free(there, goal.priors), blind)
+    return float(g @ scaled_inverse(H) @ g) / 2
 
 
 def _without_given(priors: Priors) -> Priors:
@@ -126,8 +144,7 @@ def _descend(unknowns: Unknowns, goal: Objective, blind: bool) -> tuple[Unknowns
 def _loosest(state: State, found: Uncertainty, priors: Priors) -> float:
     """`GivenCheck.loosest`."""
     D = state.positions.shape[1]
-    square = np.sum((state.positions[priors.known] - priors.places) ** 2, axis=1)
-    stiffness = spring(square, priors.known_sigma, D)
+    stiffness = priors.of_known(state.positions)[2]
     sigmas = []
     for n, held in zip(priors.known, stiffness, strict=True):
         left = np.linalg.eigvalsh(np.linalg.inv(found.curvature[n]) - held * np.eye(D))

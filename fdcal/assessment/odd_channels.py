@@ -61,8 +61,8 @@ class OddThresholds:
     least_corner: float = 3.0
     misplaced_sigmas: float = 3.0
     misplaced: float = 0.006
-    exchanged_sigmas: float = 4.0
-    exchanged: float = 0.008
+    exchanged_sigmas: float = 3.0
+    exchanged: float = 0.005
     exchanged_share: float = 0.3
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from ..model.limits import LIMITS
 from ..model.reading import read_bytes
 from ..model.storage import write_atomically
+from ..model.validation import InputError
 from .calibration import Calibration
 
 
@@ -42,4 +43,7 @@ def load_result(path: str | Path) -> Calibration:
         The file cannot be read.
     """
     content = read_bytes(path, LIMITS.result)
+    if not content.lstrip()[:1] == b"{":
+        remedy = "give the .json file that `fdcal calibrate -o` writes"
+        raise InputError(f"{path} is not a result", remedy, key="result", value=str(path))
     return Calibration.from_json(content, str(path))

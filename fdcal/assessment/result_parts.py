@@ -6,7 +6,9 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from ..cost.channel_correction import ChannelCorrection
 from ..model.validation import frozen_array
+from .corrected_positions import GivenPosition, given_of, given_table
 
 DECIBELS_PER_NEPER = 20 / np.log(10)
 
@@ -154,7 +156,7 @@ class ChannelFault:
 
 @dataclass(frozen=True, eq=False)
 class Channels:
-    """Gain and noise of every channel, which solver "robust" finds beside the positions.
+    """Gain and noise of every channel, and given positions as corrected, which solver "robust" finds.
 
     Attributes
     ----------
@@ -166,6 +168,8 @@ class Channels:
         Noise over that of the median channel, decibels.
     faults : tuple of ChannelFault
         In the order of the microphones.
+    given : tuple of GivenPosition
+        Of the microphones whose positions were given, in their order.
     """
 
     gain_db: np.ndarray
@@ -174,10 +178,17 @@ class Channels:
     phase_sigma_deg: np.ndarray
     noise_db: np.ndarray
     faults: tuple[ChannelFault, ...] = ()
+    given: tuple[GivenPosition, ...] = ()
 
     def __post_init__(self):
         for key in CHANNEL_KEYS.values():
             object.__setattr__(self, key, frozen_array(getattr(self, key), float))
+
+    @property
+    def correction(self) -> ChannelCorrection:
+        """Gains and noise as costs take them."""
+        gains = 10 ** (self.gain_db / 20) * np.exp(1j * np.radians(self.phase_deg))
+        return ChannelCorrection(gains, 10 ** (self.noise_db / 10))
 
 
 UNITS = ("", "dB", "degrees", "s", "Hz", "m")  # of the value of a fault
@@ -196,7 +207,7 @@ def channels_table(channels: Channels | None) -> dict:
         return {}
     table: dict = {key: plain(getattr(channels, name)) for key, name in CHANNEL_KEYS.items()}
     table["odd_channels"] = [fault.name for fault in channels.faults]
-    return table | {"odd_channel_details": [asdict(fault) for fault in channels.faults]}
+    return table | {"odd_channel_details": [asdict(fault) for fault in channels.faults]} | given_table(channels.given)
 
 
 def channels_of(table: dict) -> Channels | None:
@@ -204,4 +215,5 @@ def channels_of(table: dict) -> Channels | None:
     if "channel_gain_db" not in table:
         return None
     arrays = {name: table[key] for key, name in CHANNEL_KEYS.items()}
-    return Channels(**arrays, faults=tuple(ChannelFault(**one) for one in table.get("odd_channel_details", ())))
+    faults = tuple(ChannelFault(**one) for one in table.get("odd_channel_details", ()))
+    return Channels(**arrays, faults=faults, given=given_of(table))

@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from ..model.validation import InputError
+from .corrected_positions import require_given
 from .result_parts import CHANNEL_KEYS, UNITS
 
 # Of each key: the type of a value, and the number of dimensions of an array (0: a single value).
@@ -52,8 +53,8 @@ def require_result(table: dict, where: str) -> dict:
     Parameters
     ----------
     table : dict
-        The keys of REQUIRED and any of OPTIONAL, "names", "excluded", "known", "symmetries", "odd_channels" and
-        "odd_channel_details"; others are ignored.
+        The keys of REQUIRED and any of OPTIONAL, "names", "excluded", "known", "symmetries", "odd_channels",
+        "odd_channel_details" and "given_positions"; others are ignored.
     where : str
         What an error calls the table, as the path of its file.
 
@@ -85,6 +86,7 @@ def require_result(table: dict, where: str) -> dict:
             raise InputError(f'{where}: "{key}" must be a list of texts', key=key, value=checked[key])
     _require_shapes(checked, where)
     _require_channels(checked, where)
+    require_given(checked, where)
     if "symmetries" in checked:
         checked["symmetries"] = _symmetries(checked, where)
     return checked

@@ -3,7 +3,8 @@
     w_e = exp(-score_e) / sum_f exp(-score_f),   covariance of microphone n = sum_e w_e d_en d_en^T
 
 d_en is the distance of microphone n between end e of the solver and the array that it returned. One sigma from the
-curvature at one minimum knows neither another end nor the way from an attempt's end to the last stage.
+curvature at one minimum knows neither another end nor the way from an attempt's end to the last stage. An end that
+other given positions held is first moved onto that array as a whole.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import numpy as np
 
 from ..model.gauge import align
 from ..model.problem import Problem
+from ..solvers.robust.given_positions import inaccurate, same_given
 from ..solvers.robust.state import State
 
 
@@ -42,6 +44,7 @@ def search_spread(problem: Problem, state: State, healthy: np.ndarray) -> np.nda
     spread = np.zeros((*x.shape, x.shape[1]))
     for weight, end in zip(end_weights(state), state.ends, strict=True):
         if weight > 0:
-            away = (end.positions if len(problem.known) else align(end.positions, x, healthy)) - x
+            placed = len(problem.known) and same_given(state, end) and not inaccurate(state)
+            away = (end.positions if placed else align(end.positions, x, healthy)) - x
             spread += weight * away[:, :, None] * away[:, None, :]
     return spread

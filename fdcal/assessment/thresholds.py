@@ -26,6 +26,7 @@ class VerdictThresholds:
     noise_share : noise over the power of the pressures
     sound_speed_least, sound_speed_most : relative errors between which an error counts as one of the sound speed
     sound_speed_sigmas : sigmas
+    implied_speed : relative difference of the sound speed that follows from a given distance; 5 % are 30 K in air
     known_shift : metres, shift of a known microphone
     known_sigmas : sigmas, Mahalanobis distance of that shift
     relative_sigma : one sigma of the positions over the root mean square radius of the array
@@ -53,6 +54,7 @@ class VerdictThresholds:
     sound_speed_least: float = 0.01
     sound_speed_most: float = 0.15
     sound_speed_sigmas: float = 4.0
+    implied_speed: float = 0.05
     known_shift: float = 0.01
     known_sigmas: float = 5.0
     relative_sigma: float = 0.1

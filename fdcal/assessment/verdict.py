@@ -9,7 +9,7 @@ too_noisy           hardly anything but noise
 known_position      the position given for a known microphone contradicts its recording, or its channel is swapped
 undersampled        frequencies in use that the array cannot interpolate (Eq. 9)
 not_converged       the solver stopped while microphones still moved
-sound_speed         the known microphones agree with each other at another speed of sound
+sound_speed         known microphones, or a given distance, agree with the array at another speed of sound only
 model_mismatch      the pressures are not those of a sound field without sources at these microphones
 ambiguous           another array fits the pressures nearly as well, or the positions are hardly determined
 scale_undetermined  the shape is right, its size hardly determined
@@ -26,7 +26,7 @@ from ..model.problem import Problem
 from ..model.validation import frozen_array, word_arguments
 from . import findings
 from .ambiguity import ambiguous, mirrored_rivals
-from .diagnostics import diagnose
+from .diagnostics import Diagnostics, diagnose
 from .error_ellipses import one_sigma
 
 
@@ -67,6 +67,7 @@ def judge(
     noise: np.ndarray | None = None,
     names: Sequence[str] | None = None,
     converged: bool = True,
+    stretch: float | None = None,
 ) -> Verdict:
     """Return the verdict on estimated positions: the first finding in the order below.
 
@@ -78,6 +79,7 @@ def judge(
         estimate it
     names : (N,) names of the microphones; their numbers by default
     converged : whether the solver has converged
+    stretch : the sound speed of `problem` over that of the measurement, where a given distance has set the size
     """
     positions = np.asarray(positions, float)
     names = [str(n) for n in range(len(positions))] if names is None else list(names)
@@ -90,12 +92,18 @@ def judge(
         ("undersampled", findings.undersampled(problem, positions, modes)),
         ("not_converged", "" if converged else findings.NOT_CONVERGED),
         ("sound_speed", findings.sound_speed(problem, figures)),
+        ("sound_speed", _implied_speed(problem, figures, stretch)),
         ("known_position", findings.known_position(problem, figures, names)),
         ("model_mismatch", findings.model_mismatch(problem, figures, names, modes)),
         ("ambiguous", ambiguous(problem, positions, figures, rivals)),
-        ("scale_undetermined", findings.scale_undetermined(problem, figures)),
+        ("scale_undetermined", findings.scale_undetermined(problem, figures, stretch is not None)),
         ("good", findings.good(problem, figures)),
     )
     code, message = next(finding for finding in found if finding[1])
     uncertainty = frozen_array(one_sigma(figures.covariance), float)
     return Verdict(code, message, uncertainty, frozen_array(figures.covariance, float), figures.residual_to_noise)
+
+
+def _implied_speed(problem: Problem, figures: Diagnostics, stretch: float | None) -> str:
+    speed = problem.sound_speed / (stretch or 1.0)
+    return findings.implied_speed(speed, stretch, figures.scale_sigma)

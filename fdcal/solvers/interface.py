@@ -101,7 +101,7 @@ class Traits:
     Attributes
     ----------
     moves_all : whether a step moves all free microphones; otherwise one
-    needs_search : whether it works only in the plane and with a search domain, whose lattice it searches
+    needs_search : whether it needs a search domain, whose lattice it searches
     needs_room : whether it needs the size of a rectangular room (`SolverSettings.room`)
     adds_modes : whether it adds modes by itself while it runs
     starts : values of `SolverSettings.start` that it takes, the default first; empty if it has a start of its own

@@ -10,8 +10,9 @@ import pyfar
 import pytest
 
 import fdcal
+from fdcal.assessment.corrected_positions import GivenPosition
 from fdcal.assessment.result_parts import ChannelFault, Channels
-from fdcal.graphics.calibration_figure import VISIBLE, enlargement
+from fdcal.graphics.overlays import VISIBLE, enlargement
 from fdcal.recordings.positions_file import read_positions
 
 NAMES = ("a", "b", "<script>alert(1)</script>", "d & e")
@@ -68,6 +69,15 @@ def test_the_table_of_pandas_has_the_channels_where_the_solver_finds_them():
     columns = ["gain_db", "gain_sigma_db", "phase_deg", "phase_sigma_deg", "noise_db"]
     np.testing.assert_array_equal(table[columns].to_numpy().T, numbers)
     assert table["fault"].tolist() == ["", "", "dead", ""]
+
+
+def test_the_table_of_pandas_has_given_positions_and_their_distances_from_those_found():
+    place = tuple((POSITIONS[1] + [0.0, 0.03, 0.04]).tolist())
+    given = (GivenPosition(NAMES[1], place, tuple(POSITIONS[1].tolist()), 0.002, True),)
+    table = result(channels=Channels(*np.zeros((5, len(NAMES))), (), given)).to_dataframe()
+    assert table.loc[NAMES[1], ["given_x", "given_y", "given_z"]].tolist() == list(place)
+    assert table.loc[NAMES[1], "given_difference"] == pytest.approx(0.05)
+    assert table["given_difference"].isna().tolist() == [True, False, True, True]
 
 
 def test_without_pandas_the_remedy_is_named(monkeypatch):

@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 
 from fdcal.assessment.calibration import Calibration
+from fdcal.assessment.corrected_positions import GivenPosition
 from fdcal.assessment.result_file import load_result, save_result
 from fdcal.assessment.result_parts import ChannelFault, Channels, Evidence, KnownRoom
+from fdcal.assessment.result_schema import require_result
 from fdcal.model.measurement import Measurement
 from fdcal.model.validation import InputError, StorageError
 
@@ -53,6 +55,7 @@ FULL = Calibration(
         np.array([0.0, 3.2]), np.array([0.1, 0.2]), np.array([0.0, -178.0]), np.array([0.5, 0.6]),
         np.array([0.0, 31.0]),
         (ChannelFault("a", "exchanged", 0.4, "m", "b"), ChannelFault("b", "inverted")),
+        (GivenPosition("a", (0.1, 0.24), (0.1, 0.2), 0.003, True),),
     ),
 )  # fmt: skip
 
@@ -96,7 +99,35 @@ def test_the_channels_have_keys_of_their_own_and_the_odd_ones_are_names():
         {"name": "b", "kind": "inverted", "value": None, "unit": "", "partner": None},
     ]
     without = json.loads(replace(FULL, channels=None).to_json())
-    assert not any("channel" in key for key in without)
+    assert not any("channel" in key or "given" in key for key in without)
+
+
+def test_given_positions_stand_beside_those_found_with_difference_and_sigma():
+    table = json.loads(FULL.to_json())
+    (row,) = table["given_positions"]
+    assert row["difference_m"] == pytest.approx(0.04) and row["found_m"] == table["positions"][0]
+    assert row == {
+        "name": "a", "given_m": [0.1, 0.24], "found_m": [0.1, 0.2], "difference_m": row["difference_m"],
+        "sigma_m": 0.003, "wrong": True,
+    }  # fmt: skip
+
+
+GIVEN = {"name": "a", "given_m": [0.1, 0.2], "found_m": [0.1, 0.2], "difference_m": 0.0, "sigma_m": 0.1, "wrong": False}
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [
+        "a", [3], [{"name": "a"}], [GIVEN | {"name": "nobody"}], [GIVEN | {"wrong": 1}], [GIVEN | {"sigma_m": "1"}],
+        [GIVEN | {"given_m": [0.1]}], [GIVEN | {"found_m": [0.1, None]}], [GIVEN | {"difference_m": math.inf}],
+        [GIVEN | {"more": 1}], [GIVEN | {"given_m": [0.1, 10**400]}],
+    ],
+)  # fmt: skip
+def test_malformed_given_positions_are_refused(rows):
+    table = json.loads(FULL.to_json()) | {"given_positions": rows}
+    with pytest.raises(InputError, match="given_positions"):
+        require_result(table, "the file")
+    assert require_result(table | {"given_positions": [GIVEN]}, "the file")["given_positions"] == [GIVEN]
 
 
 @pytest.mark.parametrize(

@@ -6,15 +6,14 @@ be metres.
 
 from __future__ import annotations
 
-import base64
 import csv
 import dataclasses
 import io
-import json
 import re
 
 import numpy as np
 import pytest
+from replays import contents
 
 from fdcal.assessment import position_table as positions
 from fdcal.graphics import paraview
@@ -97,8 +96,6 @@ def test_files_say_so(blind, estimate):
 
 def test_a_replay_is_laid_onto_the_truth(blind, estimate):
     text = replay_html(None, blind, [State(estimate), State(align(estimate, TRUTH))], "Blind")
-    data = json.loads(re.search(r'id="data">(.*?)</script>', text).group(1))
-    places = np.frombuffer(base64.b64decode(data["positions"]), "<f4").reshape(2, 12, 2) + np.array(data["origin"])
-    assert data["aligned"] and np.abs(places - align(estimate, TRUTH)).max() < 1e-5
-    largest = np.frombuffer(base64.b64decode(data["largest"]), "<f8")
-    np.testing.assert_allclose(largest, best(estimate).max(), atol=1e-9)
+    data, arrays, places = contents(text)
+    assert data["aligned"] and np.abs(places - align(estimate, TRUTH)).max() < 1e-8
+    np.testing.assert_allclose(arrays["largest"], best(estimate).max(), atol=1e-9)

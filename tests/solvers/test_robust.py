@@ -194,3 +194,23 @@ def test_modes_chosen_by_hand_are_checked():
     with pytest.raises(InputError, match="range"):
         solver.use_modes(problem, state, 9, 3, True)
     assert solver.use_modes(problem, state, 1, 20, True).last == 20
+
+
+def noiseless(change=lambda p: p):
+    """The array of `measured` without noise."""
+    quiet = measured()
+    k = quiet.wavenumbers
+    p = change(rigid_room(quiet.positions, SOURCE, k, SIZE))
+    return replace(quiet, pressures=p, noise_power=np.zeros(len(k)))
+
+
+def test_without_noise_one_attempt_that_explains_all_is_enough():
+    measurement = noiseless()
+    _, state, verdict = solved(measurement)
+    assert len(state.ends) == 1 and verdict.code == "good" and not verdict.odd
+    assert rms(verdict.positions, measurement.positions, np.arange(COUNT)) < 1e-4
+
+
+def test_without_noise_a_gain_is_still_sought():
+    _, state, _ = solved(noiseless(lambda p: p * np.where(np.arange(COUNT) == 4, 1.3, 1.0)))
+    assert state.gains[4, 0] - np.median(state.gains[:, 0]) == pytest.approx(np.log(1.3), abs=0.02)

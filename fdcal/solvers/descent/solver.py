@@ -5,7 +5,8 @@
     stage  sweeps with one set of modes, until no microphone moves; then the next mode is added
 
 The centre of the expansion is the centre of mass rounded to the search lattice, so that one table of radial functions
-serves every step (`fdcal.acoustics.lattice_dictionary.LatticeDictionary`).
+serves every step (`fdcal.acoustics.lattice_dictionary.LatticeDictionary`). In three dimensions the candidates are
+searched from coarse to fine (`fdcal.cost.space_lattice`), and the lowest one that was tried counts as the best.
 """
 
 from __future__ import annotations
@@ -14,15 +15,17 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...acoustics.lattice_dictionary import LatticeDictionary
 from ...cost import mode_limits
-from ...cost.eq7 import known_weights, leave_one_out_fits
+from ...cost.eq7 import LeaveOneOutFit, known_weights, leave_one_out_fits
 from ...cost.mode_limits import require_modes, search_lattice
-from ...model.gauge import fixes_gauge
+from ...cost.space_lattice import SpaceLattice, layer_landscape, space_lattice
 from ...model.problem import Problem
 from ...model.settings import Search, SolverSettings
 from ...model.validation import InputError, frozen_array
 from .. import initial_positions
 from ..interface import AssessmentMethod, Traits
+from .requirements import require_solvable
 from .state import State
 
 TRAITS = Traits(
@@ -56,9 +59,9 @@ def init(problem: Problem, settings: SolverSettings, seed: int) -> State:
         Without a search domain or known microphones that fix the gauge, for modes that the microphones cannot resolve,
         or if there is no affine start.
     """
-    _require_solvable(problem, settings)
+    require_solvable(problem, settings)
     require_modes(problem, settings.order_offset, settings.modes)
-    lattice = search_lattice(problem, settings.order_offset)
+    lattice = _lattice(problem, settings.order_offset)
     if settings.start == "affine":
         positions = lattice.nearest(initial_positions.affine(problem, settings.modes))
     else:
@@ -91,14 +94,10 @@ def step(problem: Problem, state: State) -> State:
     """Return `state` with the next microphone moved to its best candidate; the same state if it is finished."""
     if state.finished:
         return state
-    from ...cost.lattice_search import best_candidate  # compiled code is loaded with the first step
-
     n = int(_turns(problem, state)[state.turn])
     lattice, _, fits = _fits(problem, state, n)
-    here = lattice.index(state.positions[n])
-    best, least = best_candidate(lattice, state.centre, state.modes, fits, here)
     positions = state.positions.copy()
-    positions[n] = lattice.points[best]
+    positions[n], least = _best(lattice, state, fits, positions[n])
     moved = replace(
         state,
         positions=frozen_array(positions, float),
@@ -106,7 +105,7 @@ def step(problem: Problem, state: State) -> State:
         step=state.step + 1,
         turn=state.turn + 1,
         moved=n,
-        changed=state.changed or best != here,
+        changed=state.changed or not np.array_equal(positions[n], lattice.nearest(state.positions[n])),
         cost=least,
     )
     return moved if moved.turn < len(problem.free) else _end_sweep(moved)
@@ -137,8 +136,15 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
     return replace(changed, cost=_cost(problem, changed))
 
 
-def landscape(problem: Problem, state: State, n: int, modes: slice) -> np.ndarray:
-    """Return what a step on microphone `n` minimises, over the lattice, mode by mode : (modes, ny, nx) float64."""
+def landscape(problem: Problem, state: State, n: int, modes: slice, search: Search | None = None) -> np.ndarray:
+    """Return what a step on microphone `n` minimises, over the lattice, mode by mode : (modes, ny, nx) float64.
+
+    In three dimensions it is the layer at the height of the microphone, and `search` may be another lattice.
+    """
+    if problem.array_dimension == 3:
+        lattice, _, fits = _fits(problem, state, n, modes)
+        assert isinstance(lattice, SpaceLattice)
+        return layer_landscape(problem, lattice, fits, state.centre, modes, float(state.positions[n, 2]), search)
     from ...cost.lattice_search import lattice_landscape
 
     lattice = search_lattice(problem, state.order_offset)
@@ -151,50 +157,21 @@ def usable_modes(problem: Problem, settings: SolverSettings) -> int:
     return mode_limits.usable_modes(problem, settings.order_offset)
 
 
-def _require_solvable(problem: Problem, settings: SolverSettings) -> None:
-    """Raise InputError for a problem that descent cannot work on."""
-    if settings.known != "all":
-        raise InputError(
-            f'solver.known = "{settings.known}" leaves descent without the known microphones that it needs',
-            "use <known> all, or <solver> joint",
-            key="known",
-            value=settings.known,
-        )
-    if problem.dimension != 2:
-        raise InputError(
-            "descent works on two-dimensional fields; this measurement has dimension = 3", "use <solver> joint"
-        )
-    if problem.search is None:
-        raise InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
-    if not fixes_gauge(problem.known_positions):
-        raise InputError(
-            f"known = {problem.known.tolist()} does not fix translation, rotation and mirror",
-            "descent needs at least three known microphones that are not on one line",
-            key="known",
-            value=problem.known.tolist(),
-        )
-    _require_lattice(problem, problem.search)
+def _lattice(problem: Problem, order_offset: int) -> LatticeDictionary | SpaceLattice:
+    """The lattice of the search domain, of two or three dimensions."""
+    if problem.array_dimension == 3:
+        return space_lattice(problem, order_offset)
+    return search_lattice(problem, order_offset)
 
 
-def _require_lattice(problem: Problem, search: Search) -> None:
-    """Raise InputError for a search domain with too few points, or too far from a known microphone."""
-    count = problem.pressures.shape[1]
-    if np.prod(search.shape) < count:
-        raise InputError(
-            f"search.step = {search.step:g} m leaves {np.prod(search.shape)} candidates for {count} microphones",
-            "use a smaller step or a larger search.size",
-            key="search.step",
-            value=search.step,
-        )
-    low, high = np.array(search.origin) - search.radius, np.add(search.origin, search.size) + search.radius
-    far = np.flatnonzero(np.any((problem.known_positions < low) | (problem.known_positions > high), axis=1))
-    if len(far):
-        raise InputError(
-            f"known microphone {problem.known[far[0]]} at {problem.known_positions[far[0]].tolist()} m is further than"
-            f" search.radius = {search.radius:g} m from the search domain",
-            "move search.origin",
-            key="search.origin",
-        )
+def _best(lattice, state: State, fits: list[LeaveOneOutFit], start: np.ndarray) -> tuple[np.ndarray, float]:
+    """The best candidate for a microphone at `start`, metres, and its cost."""
+    if isinstance(lattice, SpaceLattice):
+        return lattice.best(state.centre, state.modes, fits, start)
+    from ...cost.lattice_search import best_candidate  # compiled code is loaded with the first step
+
+    best, least = best_candidate(lattice, state.centre, state.modes, fits, lattice.index(start))
+    return lattice.points[best], least
 
 
 def _turns(problem: Problem, state: State) -> np.ndarray:
@@ -208,12 +185,13 @@ def _cost(problem: Problem, state: State) -> float:
     return float(sum(fit.cost_of(w[problem.free[:1]])[0] for fit, w in zip(fits, W, strict=True)))
 
 
-def _fits(problem: Problem, state: State, n: int):
-    """The lattice, W of every mode in use and its fit without microphone `n`."""
-    lattice = search_lattice(problem, state.order_offset)
-    W = lattice.dictionary(state.positions, state.centre, range(len(lattice.orders))[state.modes])
+def _fits(problem: Problem, state: State, n: int, modes: slice | None = None):
+    """The lattice, W of every mode in use, or of `modes`, and its fit without microphone `n`."""
+    modes = state.modes if modes is None else modes
+    lattice = _lattice(problem, state.order_offset)
+    W = lattice.dictionary(state.positions, state.centre, range(len(lattice.orders))[modes])
     weights = known_weights(problem, state.settings.known_weight)
-    return lattice, W, leave_one_out_fits(W, problem.pressures[state.modes], n, weights=weights)
+    return lattice, W, leave_one_out_fits(W, problem.pressures[modes], n, weights=weights)
 
 
 def _end_sweep(state: State) -> State:

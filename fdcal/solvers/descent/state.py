@@ -38,8 +38,8 @@ class State(RunState):
 
     @property
     def landscape_takes_lattice(self) -> bool:
-        """False: the landscape is that of the search domain, about `centre`."""
-        return False
+        """Whether it is of three dimensions; in a plane the landscape is that of the search domain, about `centre`."""
+        return len(self.centre) == 3
 
 
 def order_offset_of(settings: SolverSettings, modes: int) -> int:

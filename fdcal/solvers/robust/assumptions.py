@@ -12,11 +12,11 @@ from ...model.settings import SolverSettings
 from ...model.validation import frozen_array
 from . import noise_model
 from .channel_fit import free_basis
-from .objective import Objective, Priors, Unknowns
-from .settings import ASSUMED, FILTERS, NOISE_RULES, RULES, SCHEDULE
+from .objective import NU, Objective, Priors, Unknowns
+from .settings import ASSUMED, FILTERS, FINAL, NOISE_RULES, RULES, SCHEDULE
 from .state import Model, State
 
-LEAST_SHARE = {"diffuse": 1e-6, "series": 1e-8, "directional": 1e-8, "near": 1e-11}  # of noise in the power
+LEAST_SHARE = {"diffuse": 1e-6, "series": 1e-8, "directional": 1e-8, "near": 1e-10}  # of noise in the power
 
 
 def spaced(count: int, most: int) -> np.ndarray:
@@ -66,8 +66,20 @@ def objective(problem: Problem, state: State, used) -> Objective:
     loose = float(np.hypot(model.known_sigma, model.spread if row.degree else 0.0))
     spread = (model.gain_sigma, model.phase_sigma) if gains else (0.0, 0.0)
     speed = state.settings.sound_speed_sigma if speed_is_free(problem, state) else None
-    priors = Priors(*spread, problem.known, model.places, loose, state.offsets, speed or 0.0)
+    tail = ASSUMED.carrying_tail if given_carry_scale(problem) else NU
+    priors = Priors(*spread, *held(problem, state), loose, state.offsets, speed or 0.0, tail)
     return Objective(problem.pressures[used], field(problem, state, used), priors, model.log_speed)
+
+
+def given_carry_scale(problem: Problem) -> bool:
+    """Whether the pressures hardly show the size of the array, so that given positions must: a plane one in space."""
+    return problem.array_dimension < problem.dimension
+
+
+def held(problem: Problem, state: State) -> tuple[np.ndarray, np.ndarray]:
+    """Return the microphones that given positions hold (H,), and these positions (H, D), metres."""
+    right = ~state.model.contradicted
+    return problem.known[right], state.model.places[right]
 
 
 def unknowns(state: State) -> Unknowns:
@@ -118,7 +130,7 @@ def with_noise(problem: Problem, state: State, deflation: float = 1.0, rough: bo
     """
     used = used_modes(problem, state, ASSUMED.noise_modes)
     model = state.model
-    least = LEAST_SHARE[model.kernel]
+    least = least_share(state)
     share, spread, alone = noise_model.estimate_noise(
         state.positions, corrected(problem, state, used), field(problem, state, used), least
     )
@@ -131,7 +143,18 @@ def with_noise(problem: Problem, state: State, deflation: float = 1.0, rough: bo
         noise = np.maximum(given, least)
     noise = np.maximum(noise / deflation, least)
     noise = np.minimum(noise + rough * (k * spread) ** 2 / problem.dimension, NOISE_RULES.most_share)
-    return replace(state, model=replace(model, noise=noise, share=share, spread=spread))
+    return replace(state, model=replace(model, noise=noise, share=share, spread=spread, deflation=deflation))
+
+
+def least_share(state: State) -> float:
+    """Least share of noise in the power that the kernel can show."""
+    return LEAST_SHARE[state.model.kernel]
+
+
+def is_noiseless(problem: Problem, state: State) -> bool:
+    """Whether the measurement is reported to have no noise to speak of, as a simulated one."""
+    given = given_noise(problem, state)
+    return given is not None and float(np.median(given[state.modes])) <= RULES.low_noise
 
 
 def given_noise(problem: Problem, state: State) -> np.ndarray | None:
@@ -148,19 +171,22 @@ def with_spreads(problem: Problem, state: State, free, matrix) -> State:
     variance[free] = np.diag(np.linalg.inv(matrix + 1e-12 * np.diag(np.diag(matrix))))
     variance = variance[:-1].reshape(N, -1)
     model, sigmas = state.model, []
+    last = state.progress.row == FINAL
+    floor = NOISE_RULES.least_sigma if last else ASSUMED.negligible_spread  # the last row can lower it, hardly raise it
     stated = state.settings.gain_sigma_db is not None, state.settings.phase_sigma_deg is not None
     for column, sigma in enumerate((model.gain_sigma, model.phase_sigma)):
         e = np.append(
             state.gains[:, column] - state.offsets[:, column], ASSUMED.prior_gain * np.sqrt(ASSUMED.prior_count)
         )
-        fresh = noise_model.updated_sigma(sigma, e, np.append(variance[:, D + column], 0.0))
+        fresh = noise_model.updated_sigma(sigma, e, np.append(variance[:, D + column], 0.0), floor=floor)
         sigmas.append(sigma if stated[column] else fresh)
-    known, sigma = problem.known, model.known_sigma
-    if len(known):
-        e = np.linalg.norm(state.positions[known] - model.places, axis=1)
+    (known, places), sigma = held(problem, state), model.known_sigma
+    if len(known) and not given_carry_scale(problem):
+        e = np.linalg.norm(state.positions[known] - places, axis=1)
         e = np.append(e, ASSUMED.given_sigma * np.sqrt(D) * np.ones(int(ASSUMED.known_count)))
         v = np.append(variance[known, :D].mean(axis=1), np.zeros(int(ASSUMED.known_count)))
-        sigma = min(noise_model.updated_sigma(sigma, e, v, D, 1e-5), first_known_sigma(state.settings))
+        most = max(first_known_sigma(state.settings), sigma)  # greater by a hypothesis on the given positions alone
+        sigma = min(noise_model.updated_sigma(sigma, e, v, D, 1e-5), most)
     model = replace(model, gain_sigma=sigmas[0], phase_sigma=sigmas[1], known_sigma=sigma)
     return replace(state, model=model)
 
@@ -168,7 +194,9 @@ def with_spreads(problem: Problem, state: State, free, matrix) -> State:
 def same_spreads(before: Model, after: Model) -> bool:
     """Whether the spreads of gain and phase have hardly changed."""
     pairs = (before.gain_sigma, after.gain_sigma), (before.phase_sigma, after.phase_sigma)
-    return all(abs(np.log(new / old)) < ASSUMED.same_spread for old, new in pairs)
+    return all(
+        abs(np.log(new / old)) < ASSUMED.same_spread or max(old, new) < ASSUMED.negligible_spread for old, new in pairs
+    )
 
 
 def score(problem: Problem, state: State, chosen: ChannelField, trial) -> float:
@@ -203,6 +231,7 @@ def first_model(problem: Problem, settings: SolverSettings) -> Model:
     """Return the model that an attempt begins with."""
     M, N = problem.pressures.shape
     gain, phase = settings.gain_sigma_db, settings.phase_sigma_deg
+    carrying = given_carry_scale(problem) and settings.known_sigma is None
     return Model(
         power=np.ones(M),
         noise=0.1 * np.ones(M),
@@ -211,8 +240,9 @@ def first_model(problem: Problem, settings: SolverSettings) -> Model:
         spread=0.0,
         gain_sigma=RULES.gain_sigma if gain is None else gain * np.log(10) / 20,
         phase_sigma=RULES.phase_sigma if phase is None else float(np.radians(phase)),
-        known_sigma=first_known_sigma(settings),
+        known_sigma=ASSUMED.carrying_sigma if carrying else first_known_sigma(settings),
         kernel="diffuse",
         places=frozen_array(problem.known_positions, float),
+        contradicted=frozen_array(np.zeros(len(problem.known), bool), bool),
         filters=np.zeros((N, 2)),
     )

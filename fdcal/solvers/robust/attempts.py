@@ -9,10 +9,10 @@ import numpy as np
 from ...model.gauge import align, fixes_gauge, move_to_frame
 from ...model.problem import Problem
 from ...model.validation import InputError, frozen_array
-from . import assumptions, exchanges, kernels, starts
+from . import assumptions, given_positions, kernels, starts
 from .relocation import relocated
-from .settings import ASSUMED, OUTLIERS, RULES, SCHEDULE
-from .state import End, KernelName, Progress, State
+from .settings import ASSUMED, FINAL, NOISELESS, OUTLIERS, RULES, SCHEDULE
+from .state import End, KernelName, Model, Progress, State
 
 DEFORMATION_DAMPING, DAMPING = 1e-3, 1e-6  # of the first step of a row
 
@@ -43,7 +43,7 @@ def end_attempt(problem: Problem, state: State, score: float, settled: bool) -> 
     """Return the beginning of another attempt, or of the last row from the likeliest end."""
     end = End(state.positions, state.gains, state.offsets, state.model, float(score), settled)
     state = replace(state, ends=(*state.ends, end))
-    if _agreed(problem, state):
+    if _agreed(problem, state) or is_low_noise_end(problem, state):
         return _begin_final(problem, state)
     return next_attempt(problem, state, state.progress.attempt + 1)
 
@@ -58,7 +58,8 @@ def next_attempt(problem: Problem, state: State, attempt: int) -> State:
     """
     given = assumptions.given_noise(problem, state)
     noise = None if given is None else float(np.median(given[state.modes]))
-    for number, one in enumerate(starts.plan(problem, state.last)[: RULES.attempts]):
+    plan = starts.plan(problem, state.last, assumptions.is_noiseless(problem, state))
+    for number, one in enumerate(plan[: RULES.attempts]):
         if number < attempt:
             continue
         try:
@@ -77,6 +78,15 @@ def _agreed(problem: Problem, state: State) -> bool:
     return any(np.isfinite(end.score) and _near(problem, state, end.positions, best) for end in others)
 
 
+def is_low_noise_end(problem: Problem, state: State) -> bool:
+    """Whether, without noise, the array explains all pressures by sound channels: in a wrong basin none does so."""
+    if not assumptions.is_noiseless(problem, state):
+        return False
+    share, worst = state.model.share, float(state.model.channel_noise.max())
+    least = 1.01 * assumptions.least_share(state)
+    return share <= max(RULES.low_noise, least) and share * worst <= RULES.low_noise_channel
+
+
 def _near(problem: Problem, state: State, positions, end: End) -> bool:
     """Whether every healthy microphone is, after alignment, within a part of the shortest wavelength of `end`."""
     wavelength = 2 * np.pi / float(np.real(problem.wavenumbers[state.modes]).max())
@@ -88,17 +98,33 @@ def _near(problem: Problem, state: State, positions, end: End) -> bool:
 def _begin_final(problem: Problem, state: State) -> State:
     """Go on from the likeliest end; only now, with all in place, can the directions of the field be learned."""
     best = min(state.ends, key=lambda end: end.score)
-    kernel = "directional" if problem.dimension == 2 else best.model.kernel
     state = replace(
         state,
         positions=_gathered(best),
         gains=best.gains,
         offsets=best.offsets,
-        model=replace(best.model, kernel=kernel),
+        model=best.model,
         shape=_gathered(best),
-        progress=replace(state.progress, rounds=0, row=len(SCHEDULE) - 1),
+        progress=replace(state.progress, rounds=0, row=FINAL),
     )
-    return _refined(problem, exchanges.resolved(problem, relocated(problem, state, local=True)[0]))
+    if is_low_noise_end(problem, state):
+        return _begin_noiseless(problem, state)
+    state = given_positions.resolved(problem, relocated(problem, state, local=True)[0])
+    kernel = "directional" if problem.dimension == 2 else state.model.kernel
+    return refined(problem, replace(state, model=replace(state.model, kernel=kernel)))
+
+
+def _begin_noiseless(problem: Problem, state: State) -> State:
+    """Begin with the near-field kernel and as little noise as it can show, alike in all channels."""
+    state = replace(state, model=replace(state.model, kernel="near", channel_noise=np.ones(len(state.positions))))
+    noise = frozen_array(np.full(len(state.model.noise), assumptions.least_share(state)), float)
+    return begin_row(problem, replace(state, model=replace(state.model, noise=noise)), NOISELESS)
+
+
+def end_noiseless(problem: Problem, state: State) -> State:
+    """Return the beginning of the last row after the positions alone were sought."""
+    placed = replace(state, positions=anchored(problem, state))
+    return refined(problem, given_positions.resolved(problem, placed))
 
 
 def _gathered(end: End) -> np.ndarray:
@@ -113,15 +139,19 @@ def _gathered(end: End) -> np.ndarray:
     return frozen_array(centre + inward[:, None] * (x - centre), float)
 
 
-def _refined(problem: Problem, state: State) -> State:
-    """Begin a round of the last row: new noise; the near-field kernel only if its residual is much smaller."""
+def refined(problem: Problem, state: State) -> State:
+    """Return the beginning of a round of the last row: new noise, and perhaps another kernel.
+
+    The near-field kernel is taken only if its residual is much smaller.
+    """
     plain = _with_kernel(problem, state, state.model.kernel, 1.0)
+    plain = _with_kernel(problem, state, state.model.kernel, kernels.noise_deflation(problem, plain))
     if state.model.kernel != "near" and kernels.near_field_counts(problem, plain):
         near = _with_kernel(problem, state, "near", RULES.near_deflation)
         plain = near if near.model.share < RULES.near_gain * plain.model.share else plain
     elif state.model.kernel == "near":
         plain = _with_kernel(problem, state, "near", RULES.near_deflation)
-    begun = begin_row(problem, plain, len(SCHEDULE) - 1)
+    begun = begin_row(problem, plain, FINAL)
     first = ASSUMED.first_updates if begun.model.directions is None else 0
     return kernels.with_directions(problem, begun, assumptions.used_modes(problem, begun, 0), first)
 
@@ -133,28 +163,35 @@ def _with_kernel(problem: Problem, state: State, kernel: KernelName, deflation: 
 
 def end_final(problem: Problem, state: State, settled: bool) -> State:
     """Return another round of the last row if the noise or the kernel has changed; otherwise the end."""
-    before = state.model.share, state.model.kernel
-    again = _refined(problem, replace(state, progress=replace(state.progress, rounds=state.progress.rounds + 1)))
-    changed = abs(np.log(again.model.share / before[0])) > RULES.settled_noise or again.model.kernel != before[1]
+    ahead = replace(state, progress=replace(state.progress, rounds=state.progress.rounds + 1))
+    again = refined(problem, given_positions.resolved(problem, ahead))
+    changed = _changed(state.model, again.model) or not given_positions.same_given(state, again)
     if changed and again.progress.rounds < RULES.final_rounds:
         return again
     framed = state.positions if problem.frame is None else move_to_frame(state.positions, problem.frame)
-    positions = _anchored(problem, state) if len(problem.known) and problem.frame is None else framed
-    ended = replace(state, positions=frozen_array(positions, float), finished=True, converged=settled)
+    positions = anchored(problem, state) if problem.frame is None else frozen_array(framed, float)
+    ended = replace(state, positions=positions, finished=True, converged=settled)
     return kernels.with_turned_directions(problem, ended)
 
 
-def _anchored(problem: Problem, state: State) -> np.ndarray:
-    """Return the array moved as a whole onto the given positions, without outliers among them.
+def _changed(before: Model, after: Model) -> bool:
+    """Whether the last row has to be gone through again."""
+    limit = RULES.settled_near_noise if after.kernel == "near" else RULES.settled_noise
+    change = np.log(float(np.median(after.noise)) / float(np.median(before.noise)))
+    return before.kernel != after.kernel or bool(abs(change) > limit)
+
+
+def anchored(problem: Problem, state: State) -> np.ndarray:
+    """Return the array moved as a whole onto the given positions, if any, without outliers among them.
 
     The pressures do not fix the array as a whole, and the last steps hardly see the weak pull of the given positions
     where there is hardly any noise.
     """
-    x, known, given = state.positions, problem.known, state.model.places
+    x, (known, given) = state.positions, assumptions.held(problem, state)
     away = np.linalg.norm(x[known] - given, axis=1)
-    near = away <= RULES.known_outlier * max(float(np.median(away)), state.model.known_sigma)
-    if np.sum(near) <= x.shape[1] or not fixes_gauge(given[near]):
+    near = away <= RULES.known_outlier * max(float(np.median(away)) if len(away) else 0.0, state.model.known_sigma)
+    if not len(known) or np.sum(near) <= x.shape[1] or not fixes_gauge(given[near]):
         return x
     moved = starts.onto(x, known[near], given[near])
     before, after = (np.sum((y[known[near]] - given[near]) ** 2) for y in (x, moved))
-    return moved if after < before else x
+    return frozen_array(moved, float) if after < before else x

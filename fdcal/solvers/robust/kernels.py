@@ -28,6 +28,17 @@ def near_field_counts(problem: Problem, state: State) -> bool:
     return state.model.share <= NEAR_SHARE[problem.dimension]
 
 
+def noise_deflation(problem: Problem, state: State) -> float:
+    """Factor by which less noise is assumed than there is: in space, where the field is taken as isotropic.
+
+    A room's field is not. With less noise the positions depend more on the pressures and less on that assumption; with
+    much noise it is needed. A plane array needs it always, for its size.
+    """
+    if problem.array_dimension < 3 or state.model.kernel == "directional":
+        return 1.0
+    return float(np.clip(NOISE_RULES.deflated / state.model.share, 1.0, NOISE_RULES.deflation))
+
+
 def with_directions(problem: Problem, state: State, used, updates: int) -> State:
     """`state` with the power of the field by direction learned a little further, where its kernel has one."""
     model = state.model

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize, minimize_scalar
 
-from ...cost.channel_likelihood import ChannelField, Terms, field_covariance
+from ...cost.channel_likelihood import ChannelField, Terms, channel_spectra
 from .objective import spring
 from .settings import NOISE_RULES
 
@@ -83,11 +83,8 @@ def estimate_noise(positions, q, field: ChannelField, least: float) -> tuple[flo
     -------
     noise : float, share of the power;  spread : float, metres;  alone : float, the noise where there is no spread
     """
-    weight = 1 / np.sqrt(field.channel_noise)
-    K = field_covariance(positions, field) * np.multiply.outer(weight, weight)
-    values, vectors = np.linalg.eigh(K)
-    values = np.maximum(values, 0.0) * field.power[:, None]
-    along = np.abs(np.einsum("mij,mi->mj", np.conj(vectors), q * weight)) ** 2
+    values, along = channel_spectra(positions, q, field)
+    values = values * field.power[:, None]
     slope = np.real(field.wavenumbers)[:, None] ** 2 / field.dimension
 
     def cost(logs) -> float:

@@ -74,6 +74,7 @@ class Priors:
     offsets : (N, 2) float64, nepers and radians, about which the gains lie: 0, or of a channel whose gain is
         grossly different (inverted polarity)
     speed_sigma : float, of the logarithm of the sound speed; 0 for one that is fixed
+    known_tail : float, degrees of freedom of the prior of the given positions; of many a wrong one is not outvoted
     """
 
     gain_sigma: float
@@ -83,6 +84,14 @@ class Priors:
     known_sigma: float
     offsets: np.ndarray
     speed_sigma: float = 0.0
+    known_tail: float = NU
+
+    def of_known(self, positions) -> tuple[float, np.ndarray, np.ndarray]:
+        """Return the cost of the given positions, their deviations (A, D), metres, and their stiffness (A,), 1/m^2."""
+        e, nu = positions[self.known] - self.places, self.known_tail
+        square, D = np.sum(e**2, axis=1), e.shape[1]
+        cost = (nu + D) / 2 * float(np.sum(np.log1p(square / (nu * self.known_sigma**2))))
+        return cost, e, spring(square, self.known_sigma, D, nu)
 
 
 @dataclass(frozen=True)
@@ -113,6 +122,10 @@ class Objective:
         if unknowns.log_speed != self.log_speed:
             field = replace(field, wavenumbers=field.wavenumbers * np.exp(self.log_speed - unknowns.log_speed))
         terms = channel_terms(unknowns.positions, unknowns.channels, self.pressures, field, derivatives)
+        return self.with_priors(unknowns, terms, derivatives)
+
+    def with_priors(self, unknowns: Unknowns, terms: Terms, derivatives: int = 2) -> Evaluation:
+        """Return `evaluate` for the `terms` of the likelihood at the unknowns."""
         gradient, matrix = _with_speed(unknowns, terms) if derivatives else (np.zeros(0), np.zeros((0, 0)))
         cost = terms.cost + _add_priors(unknowns, self.priors, gradient, matrix)
         return Evaluation(cost, gradient, matrix, terms)
@@ -150,10 +163,8 @@ def _add_priors(unknowns: Unknowns, priors: Priors, gradient, matrix) -> float:
         cost += np.sum(e**2) / 2
         add(P * every + D + column, e / sigma, 1 / sigma**2)
     if len(known):
-        e = unknowns.positions[known] - priors.places
-        square = np.sum(e**2, axis=1)
-        cost += (NU + D) / 2 * np.sum(np.log1p(square / (NU * priors.known_sigma**2)))
-        w = spring(square, priors.known_sigma, D)
+        of_known, e, w = priors.of_known(unknowns.positions)
+        cost += of_known
         for a in range(D):
             add(P * known + a, w * e[:, a], w)
     if priors.speed_sigma > 0:
@@ -163,6 +174,6 @@ def _add_priors(unknowns: Unknowns, priors: Priors, gradient, matrix) -> float:
     return float(cost)
 
 
-def spring(square, sigma: float, components: int):
+def spring(square, sigma: float, components: int, freedom: float = NU):
     """Stiffness of the Student t prior at the squared deviation `square`."""
-    return (NU + components) / (NU * sigma**2 + square)
+    return (freedom + components) / (freedom * sigma**2 + square)

@@ -16,6 +16,7 @@ class Stage:
     modes : at most so many modes, evenly taken; 0 for all
     lowest : with given positions the lowest ones instead: they hold the scale
     gains : whether channel gains are free
+    learns : whether the power of the field and the noise of the channels are estimated again after every step
     steps : at most
     settled : metres, a stage ends when nothing moves further
     negligible : nats, or when the cost falls by no more
@@ -26,18 +27,21 @@ class Stage:
     modes: int
     lowest: bool
     gains: bool
+    learns: bool
     steps: int
     settled: float
     negligible: float
 
 
 SCHEDULE = (
-    Stage("deformation", 2, 30, True, False, 12, 2e-3, 0.5),
-    Stage("deformation", 3, 30, False, False, 12, 2e-3, 0.5),
-    Stage("free", 0, 0, False, False, 5, 1e-3, 2.0),
-    Stage("gains", 0, 0, False, True, 10, 1e-4, 0.3),
-    Stage("final", 0, 0, False, True, 16, 1e-5, 0.01),
+    Stage("deformation", 2, 30, True, False, True, 12, 2e-3, 0.5),
+    Stage("deformation", 3, 30, False, False, True, 12, 2e-3, 0.5),
+    Stage("free", 0, 0, False, False, True, 5, 1e-3, 2.0),
+    Stage("gains", 0, 0, False, True, True, 10, 1e-4, 0.3),
+    Stage("noiseless", 0, 0, False, False, False, 10, 1e-4, 0.3),
+    Stage("final", 0, 0, False, True, True, 16, 3e-5, 0.01),
 )
+NOISELESS, FINAL = len(SCHEDULE) - 2, len(SCHEDULE) - 1  # rows; the last but one for measurements without noise alone
 
 
 @dataclass(frozen=True)
@@ -55,8 +59,11 @@ class Rules:
     final_rounds : stages "final" at most
     search_modes : modes of a search for other places of outliers
     searches : rounds with such a search
+    low_noise : share of the power, an attempt that leaves no more unexplained, and no odd channel, is the last
     same_place : distance of every microphone in one from its place in the other, over the shortest wavelength
+    low_noise_channel : the same of the power of a single channel
     settled_noise : change of the logarithm of the noise after which a round is the last
+    settled_near_noise : the same with the near-field kernel, of which less noise hardly moves anything
     known_outlier : distance of a given position over the median of all of them, or their sigma, that leaves it out
         when the array is moved onto the given positions
     near_gain : part of the residual of the series that the near-field kernel must leave to be taken
@@ -73,8 +80,11 @@ class Rules:
     final_rounds: int = 6
     search_modes: int = 16
     searches: int = 1
+    low_noise: float = 1e-7
+    low_noise_channel: float = 1e-5
     same_place: float = 0.03
     settled_noise: float = 0.15
+    settled_near_noise: float = 0.7
     known_outlier: float = 3.0
     near_gain: float = 0.5
     near_deflation: float = 3.0
@@ -98,6 +108,7 @@ class NoiseRules:
     least_power : least power of the field over the mean power of the pressures
     most_power : greatest, likewise: without noise a singular covariance would let it grow without bound
     most_share : greatest noise over the power
+    deflated, deflation : share below which less noise is assumed in space than there is, and by what factor at most
     least_sigma : least spread of gains and phases, nepers and radians
     most_sigma : greatest, likewise
     """
@@ -110,6 +121,8 @@ class NoiseRules:
     least_power: float = 1e-3
     most_power: float = 1e3
     most_share: float = 0.7
+    deflated: float = 1e-4
+    deflation: float = 10.0
     least_sigma: float = 1e-4
     most_sigma: float = 0.6
 
@@ -160,8 +173,11 @@ class AssumptionRules:
     prior_count : channels that `prior_gain` is worth
     prior_gain : nepers or radians, expected spread of gains and phases
     same_spread : change of the logarithm of a spread that does not count
+    negligible_spread : nepers or radians, a spread below which no change counts
     known_count : given positions that `given_sigma` is worth
     given_sigma : metres, expected error of each coordinate of a given position
+    carrying_sigma, carrying_tail : metres, error of each coordinate of given positions that carry the scale, and the
+        degrees of freedom of their prior, which is then nearly Gaussian
     first_updates : steps of expectation and maximisation of the directions' power before the first step
     direction_updates : steps of expectation and maximisation of the directions' power after every step
     turned_updates : the same after the array was turned as a whole
@@ -174,8 +190,11 @@ class AssumptionRules:
     prior_count: float = 1.0
     prior_gain: float = 1e-3
     same_spread: float = 0.2
+    negligible_spread: float = 1e-3
     known_count: float = 2.0
     given_sigma: float = 2e-3
+    carrying_sigma: float = 1e-3
+    carrying_tail: float = 1e6
     first_updates: int = 10
     direction_updates: int = 3
     turned_updates: int = 60
@@ -213,24 +232,3 @@ class FilterRules:
 
 
 FILTERS = FilterRules()
-
-
-@dataclass(frozen=True)
-class ExchangeRules:
-    """When two given positions are taken as exchanged.
-
-    Attributes
-    ----------
-    apart : metres from its place from which a given position is suspected
-    least_sigma : metres, least sigma of the given positions, of the array's own shape included
-    examined : given positions of which pairs are formed, at most: those that are furthest away
-    nats : by which an exchange must be likelier than single outliers
-    """
-
-    apart: float = 0.03
-    least_sigma: float = 0.005
-    examined: int = 8
-    nats: float = 4.0
-
-
-EXCHANGES = ExchangeRules()

@@ -103,7 +103,8 @@ def step(problem: Problem, state: State) -> State:
     free = assumptions.free_unknowns(problem, state, shapes)
     furthest = RULES.stride * 2 * np.pi / float(np.real(problem.wavenumbers[used]).max())
     here = assumptions.unknowns(state)
-    trial = channel_step(here, goal, free, progress.damping, furthest, not len(problem.known))
+    held = not len(problem.known) or state.model.kernel == "near"  # the pull of given positions is lost in rounding
+    trial = channel_step(here, goal, free, progress.damping, furthest, held)
     moved = replace(
         assumptions.with_unknowns(state, trial.unknowns),
         step=state.step + 1,
@@ -112,7 +113,7 @@ def step(problem: Problem, state: State) -> State:
         progress=replace(progress, steps=progress.steps + 1, damping=trial.damping),
     )
     settled = trial.moved < row.settled or trial.fall < row.negligible
-    if trial.terms is not None and trial.matrix is not None:
+    if row.learns and trial.terms is not None and trial.matrix is not None:
         moved = assumptions.with_power(moved, used, goal.field, trial.terms)
         moved = kernels.with_directions(problem, moved, used, ASSUMED.direction_updates)
         if gains:

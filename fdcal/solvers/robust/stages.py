@@ -9,7 +9,7 @@ import numpy as np
 from ...cost.channel_likelihood import ChannelField
 from ...model.problem import Problem
 from . import assumptions, kernels
-from .attempts import begin_row, end_attempt, end_final
+from .attempts import begin_row, end_attempt, end_final, end_noiseless, is_low_noise_end
 from .channel_fit import ChannelStep
 from .relocation import relocated
 from .settings import RULES, SCHEDULE
@@ -29,12 +29,16 @@ def end_row(problem: Problem, state: State, field: ChannelField, trial: ChannelS
         return replace(state, finished=True, converged=settled)
     if row.name == "final":
         return end_final(problem, state, settled)
+    if row.name == "noiseless":
+        return end_noiseless(problem, state)
     before = state.model.share
     kernel = "diffuse" if row.degree else kernels.kernel_of(problem, state)
     state = replace(state, model=replace(state.model, kernel=kernel), shape=state.positions)
     if row.degree:
         return _end_deformation(problem, state)
     state = assumptions.with_noise(problem, state, rough=row.name != "gains")
+    if is_low_noise_end(problem, state):
+        return end_attempt(problem, state, assumptions.score(problem, state, field, trial), settled)
     moved = False
     if state.progress.rounds <= RULES.searches:
         state, moved = relocated(problem, state)

@@ -19,16 +19,18 @@ from .coherence import coherence_start
 MOST_SUBSETS = 40
 
 
-def plan(problem: Problem, modes: int) -> list[tuple[str, int]]:
+def plan(problem: Problem, modes: int, noiseless: bool = False) -> list[tuple[str, int]]:
     """Starts in the order in which they are tried: kind and number of modes, the lowest for an affine image.
 
-    The second is of another kind than the first: ends that agree then say more.
+    The second is of another kind than the first: ends that agree then say more. Without noise the low modes are as
+    good as the others, and their affine image comes first.
     """
     counts = list(dict.fromkeys(min(n, modes) for n in initial_positions.RULES.lowest(problem.dimension)))
     kinds = ("map", "metric") if len(problem.known) else ("metric",)
     affine = [(kind, n) for n in counts for kind in kinds]
     others = [*affine[2:], ("redirected", counts[0])]
-    return [("coherence", modes), *affine[:2], ("coherence", modes // 2), *others]
+    first = [affine[0], ("coherence", modes)] if noiseless else [("coherence", modes), affine[0]]
+    return [*first, *affine[1:2], ("coherence", modes // 2), *others]
 
 
 def start(problem: Problem, modes: int, noise: float | None, kind: str, lowest: int) -> np.ndarray:

@@ -23,11 +23,13 @@ class Model:
     noise : (M,) float64, of a healthy channel, likewise
     channel_noise : (N,) float64, noise of each channel over that, tau
     share : noise as a part of the mean power
+    deflation : of the noise that is assumed, by which the residual is larger
     spread : metres, error of the positions that, with the noise, explains the residual
     gain_sigma, phase_sigma : nepers and radians
     known_sigma : metres
     kernel : "diffuse", "series", "near" or "directional"
     places : (A, D) float64, metres, of the microphones whose position is given; two that were exchanged put right
+    contradicted : (A,) bool, which of them hold nothing, since the pressures contradict them
     filters : (N, 2) float64, delay, metres, times the sound speed, and high-pass corner, rad/m, times 2 pi / c, of each
         channel; 0 for one without, and not free then
     log_speed : logarithm of the sound speed over that of the measurement
@@ -44,9 +46,11 @@ class Model:
     known_sigma: float
     kernel: KernelName
     places: np.ndarray
+    contradicted: np.ndarray
     filters: np.ndarray
     log_speed: float = 0.0
     directions: np.ndarray | None = None
+    deflation: float = 1.0
 
 
 @dataclass(frozen=True)

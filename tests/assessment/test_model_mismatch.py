@@ -1,0 +1,119 @@
+"""Fields that the model does not know: what is said of them, and that no single channel is blamed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.special import eval_legendre, spherical_jn, spherical_yn
+
+import fdcal
+from fdcal.acoustics.single_wave import is_single_wave
+from fdcal.model.measurement import Measurement
+
+SPEED, MODES, KNOWN = 343.0, 40, np.array([0, 5, 11, 17])
+
+
+def disc(count=24, radius=0.5):
+    rng = np.random.default_rng(0)
+    r, t = radius * np.sqrt(rng.random(count)), 2 * np.pi * rng.random(count)
+    return np.c_[r * np.cos(t), r * np.sin(t)]
+
+
+def directions(count, dimension, rng):
+    found = rng.normal(size=(count, dimension))
+    return found / np.linalg.norm(found, axis=1)[:, None]
+
+
+def waves(x, wavenumbers, count, seed=1):
+    """Field (M, N) of so many plane waves of random direction and amplitude at every frequency."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    for k in wavenumbers:
+        amplitude = rng.normal(size=count) + 1j * rng.normal(size=count)
+        rows.append(np.exp(-1j * k * (x @ directions(count, x.shape[1], rng).T)) @ amplitude)
+    return np.array(rows)
+
+
+def anechoic(dimension):
+    """A monopole 2 m away in free space (in the plane: far enough for the decay of a line source)."""
+    x = disc() if dimension == 2 else 0.4 * np.random.default_rng(2).uniform(-1, 1, (32, 3))
+    f = np.linspace(60, 400, MODES)
+    r = np.linalg.norm(x - [1.6, 1.2, 0.0][:dimension], axis=1)
+    return x, f, np.exp(-2j * np.pi * np.outer(f, r) / SPEED) / r ** (0.5 if dimension == 2 else 1.0)
+
+
+def plate():
+    """Bending waves, whose wavenumber grows with the root of the frequency."""
+    f = np.linspace(40, 400, MODES)
+    return disc(), f, waves(disc(), 2 * np.pi * np.sqrt(200 * f) / SPEED, 8)
+
+
+def rigid_sphere(count=32, radius=0.1):
+    """Total pressure of plane waves on a rigid sphere (Morse and Ingard, Theoretical Acoustics, 8.2)."""
+    i = np.arange(count) + 0.5
+    z, t = 1 - 2 * i / count, np.pi * (1 + np.sqrt(5)) * i
+    u = np.c_[np.sqrt(1 - z**2) * np.cos(t), np.sqrt(1 - z**2) * np.sin(t), z]
+    f, rng, rows = np.linspace(150, 2000, MODES), np.random.default_rng(3), []
+    for k in 2 * np.pi * f / SPEED:
+        cosine = u @ directions(8, 3, rng).T
+        amplitude, p = rng.normal(size=8) + 1j * rng.normal(size=8), np.zeros(count, complex)
+        for degree in range(int(k * radius) + 12):
+            slope = spherical_jn(degree, k * radius, True) - 1j * spherical_yn(degree, k * radius, True)
+            p += (
+                (2 * degree + 1)
+                * 1j ** (degree - 1)
+                / ((k * radius) ** 2 * slope)
+                * (eval_legendre(degree, cosine) @ amplitude)
+            )
+        rows.append(p)
+    return radius * u, f, np.array(rows)
+
+
+def measured(field, known=KNOWN, snr_db=40.0):
+    x, f, p = field
+    noise = np.mean(np.abs(p) ** 2, axis=1) * 10 ** (-snr_db / 10)
+    draws = np.random.default_rng(4).normal(size=(2, *p.shape))
+    return Measurement(
+        frequencies=f, pressures=p + np.sqrt(noise / 2)[:, None] * (draws[0] + 1j * draws[1]), sound_speed=SPEED,
+        positions=x, known=known, noise_power=noise, dimension=x.shape[1],
+    )  # fmt: skip
+
+
+def odd(found):
+    return [fault.name for fault in found.channels.faults]
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("snr_db", [20.0, 50.0])
+def test_without_reflections_the_field_is_said_to_be_a_single_wave(dimension, snr_db):
+    measurement = measured(anechoic(dimension), snr_db=snr_db)
+    found = fdcal.calibrate(measurement, solver="robust")
+    assert found.verdict == "model_mismatch" and "single wave" in found.verdict_text and odd(found) == []
+    with pytest.raises(fdcal.InputError, match="hardly any reflections"):
+        fdcal.calibrate(replace(measurement, known=np.zeros(0, int), known_positions=None), solver="robust")
+
+
+def test_bending_waves_of_a_plate_are_a_mismatch_and_not_too_many_frequencies():
+    found = fdcal.calibrate(measured(plate()), solver="robust")
+    assert found.verdict == "model_mismatch" and "sound field" in found.verdict_text
+
+
+@pytest.mark.parametrize("known", [KNOWN, np.zeros(0, int)])
+def test_on_a_rigid_sphere_no_channel_is_odd_and_nothing_is_good(known):
+    # a rigid sphere hears a diffuse field as a larger open one does: its shape is right and its size is not
+    found = fdcal.calibrate(measured(rigid_sphere(), known), solver="robust")
+    assert found.verdict in ("model_mismatch", "known_position", "ambiguous", "scale_undetermined") and odd(found) == []
+
+
+@pytest.mark.parametrize("count", [2, 3, 8])
+def test_several_waves_are_no_single_one(count):
+    f = np.linspace(60, 400, MODES)
+    for seed in range(5):
+        assert not is_single_wave(waves(disc(), 2 * np.pi * f / SPEED, count, seed))
+
+
+def test_an_array_far_below_the_wavelength_is_not_judged():
+    p = anechoic(2)[2]
+    assert is_single_wave(p) and not is_single_wave(p[:6])

@@ -1,0 +1,190 @@
+"""Block coordinate descent on a lattice of three dimensions."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+
+from fdcal import solvers
+from fdcal.acoustics.spherical_harmonics import spherical_bessel
+from fdcal.cost.eq7 import known_weights, leave_one_out_fits
+from fdcal.cost.landscapes import cost_maps, refined
+from fdcal.cost.space_lattice import space_lattice
+from fdcal.cost.yardstick import Yardstick
+from fdcal.model.measurement import Measurement
+from fdcal.model.problem import Problem
+from fdcal.model.settings import Search, SolverSettings
+from fdcal.model.validation import InputError, frozen_array
+from fdcal.session import state_codec
+from fdcal.session.calibrate import solve
+from fdcal.session.sources import CalibrationInput
+from fdcal.solvers.descent import solver as descent
+
+STEP, COUNT = 0.04, 30
+SEARCH = Search((1.0, 1.0, 1.0), (0.8, 0.8, 0.8), STEP, 0.6)
+SETTINGS = SolverSettings(name="descent", modes=12, first_modes=3, max_sweeps=5, ample_modes=3, order_offset=1)
+
+
+def truth_of(seed):
+    """Microphones on the points of the lattice, so that they can be found exactly."""
+    return np.array(SEARCH.origin) + STEP * np.random.default_rng(seed).integers(2, 19, (COUNT, 3))
+
+
+def problem_of(truth, known, waves=40, dimension=3):
+    """Fields of many plane waves, from 55 to 190 Hz."""
+    rng, k = np.random.default_rng(5), np.linspace(1.0, 3.5, SETTINGS.modes)
+    directions = rng.normal(size=(waves, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    amplitudes = rng.normal(size=(len(k), waves)) + 1j * rng.normal(size=(len(k), waves))
+    pressures = np.einsum("mnw,mw->mn", np.exp(1j * k[:, None, None] * (truth @ directions.T)), amplitudes)
+    pressures /= np.sqrt(np.mean(np.abs(pressures) ** 2, axis=1))[:, None]
+    return Problem(
+        pressures=frozen_array(pressures, complex),
+        wavenumbers=frozen_array(k, complex),
+        frequencies=frozen_array(343 * k / (2 * np.pi), float),
+        known=np.arange(known),
+        known_positions=frozen_array(truth[:known], float),
+        search=SEARCH,
+        noise_power=None,
+        sound_speed=343.0,
+        dimension=3,
+        array_dimension=dimension,
+    )
+
+
+TRUTH = truth_of(1)
+PROBLEM = problem_of(TRUTH, 26)
+
+
+def near(problem, truth, metres, seed=0):
+    """The first state with the free microphones `metres` off, on the lattice."""
+    state, lattice = descent.init(problem, SETTINGS, seed), space_lattice(problem, 0)
+    away = metres * np.random.default_rng(3).normal(size=truth.shape)
+    positions = lattice.nearest(truth + away)
+    positions[problem.known] = problem.known_positions
+    centre = lattice.nearest(positions.mean(axis=0))
+    return dataclasses.replace(state, positions=frozen_array(positions, float), centre=frozen_array(centre, float))
+
+
+def to_the_end(problem, state):
+    states = [state]
+    while not states[-1].finished:
+        states.append(descent.step(problem, states[-1]))
+    return states
+
+
+def error(positions, truth, problem):
+    return np.linalg.norm(positions - truth, axis=1)[problem.free].mean()
+
+
+def test_few_unknown_microphones_are_found_exactly_from_anywhere_on_the_lattice():
+    states = to_the_end(PROBLEM, descent.init(PROBLEM, SETTINGS, 0))
+    assert states[-1].converged
+    np.testing.assert_allclose(states[-1].positions, TRUTH, atol=1e-12)
+    for before, after in itertools.pairwise(states):
+        moved = np.flatnonzero(np.any(before.positions != after.positions, axis=1))
+        assert set(moved) <= {after.moved} and after.moved not in PROBLEM.known
+    assert states[0].last == SETTINGS.first_modes and states[-1].last == SETTINGS.modes, "from low to high frequencies"
+
+
+def test_from_a_few_centimetres_cost_and_error_fall():
+    problem = problem_of(TRUTH, 15)
+    start = near(problem, TRUTH, 0.03)
+    last, yardstick = to_the_end(problem, start)[-1], Yardstick(problem)
+    assert error(start.positions, TRUTH, problem) > 0.03
+    assert error(last.positions, TRUTH, problem) < 0.5 * error(start.positions, TRUTH, problem)
+    assert yardstick(last.positions) < yardstick(start.positions) - 10
+
+
+def test_the_step_is_the_lowest_candidate_of_the_whole_lattice():
+    """The search from coarse to fine misses none of these; every candidate is tried here."""
+    problem, lattice = problem_of(TRUTH, 15), space_lattice(PROBLEM, 0)
+    points = lattice.points
+    assert len(points) == 21**3
+    state = dataclasses.replace(near(problem, TRUTH, 0.05), last=8)
+    for n in problem.free[:6]:
+        offset = descent.landscape(problem, state, int(n), slice(0, 8))
+        assert offset.shape == (8, 21, 21)
+        lattice = space_lattice(problem, state.order_offset)
+        W = lattice.dictionary(state.positions, state.centre, range(8))
+        weights = known_weights(problem, SETTINGS.known_weight)
+        fits = leave_one_out_fits(W, problem.pressures[:8], int(n), weights=weights)
+        rows = lattice.dictionary(points, state.centre, range(8))
+        every = sum(fit.cost_of(w) for fit, w in zip(fits, rows, strict=True))
+        place, least = lattice.best(state.centre, slice(0, 8), fits, state.positions[n])
+        assert least == pytest.approx(every.min(), rel=1e-9)
+        np.testing.assert_allclose(place, points[every.argmin()])
+        layer = np.isclose(points[:, 2], state.positions[n, 2])
+        np.testing.assert_allclose(offset.sum(axis=0).ravel(), every[layer], rtol=1e-6)
+
+
+def test_the_dictionary_spans_the_space_of_the_closed_form():
+    lattice, centre = space_lattice(PROBLEM, 1), TRUTH.mean(axis=0)
+    for mode, W in zip((0, 4), lattice.dictionary(TRUTH, centre, (0, 4)), strict=True):
+        L = int(lattice.orders[mode])
+        expected = spherical_bessel(TRUTH, complex(PROBLEM.wavenumbers[mode]), L, centre)
+        assert W.shape == expected.shape
+        Q, _ = np.linalg.qr(W)
+        np.testing.assert_allclose(Q @ (Q.conj().T @ expected), expected, atol=1e-9 * np.abs(expected).max())
+
+
+def test_cost_never_rises_while_centre_and_modes_stay():
+    problem = problem_of(TRUTH, 5)
+    state, compared = descent.init(problem, SETTINGS, 0), 0
+    for _ in range(60):
+        following = descent.step(problem, state)
+        if np.array_equal(following.centre, state.centre) and state.last == following.last and state.step:
+            after = descent.step(problem, following)
+            if following.last == after.last:
+                assert after.cost <= following.cost * (1 + 1e-9)
+                compared += 1
+        state = following
+    assert compared > 10
+
+
+def test_a_run_continued_from_a_saved_state_equals_the_uninterrupted_run():
+    states = to_the_end(PROBLEM, descent.init(PROBLEM, SETTINGS, 0))
+    for begun in (states[2], states[len(states) // 2]):
+        table, arrays = state_codec.write_states([begun])
+        (saved,) = state_codec.read_states(table, arrays, PROBLEM, "descent", 1)
+        np.testing.assert_array_equal(to_the_end(PROBLEM, saved)[-1].positions, states[-1].positions)
+
+
+def test_the_map_of_the_solver_is_of_the_layer_of_the_microphone_at_any_fineness():
+    state, n = dataclasses.replace(near(PROBLEM, TRUTH, 0.03), last=6), 28
+    coarse = cost_maps(PROBLEM, descent, state, n, (2, 5), None)
+    fine = cost_maps(PROBLEM, descent, state, n, (2, 5), None, refined(SEARCH, 105))
+    assert coarse.shape == (2, 21, 21) and fine.shape == (2, 105, 105)
+    np.testing.assert_allclose(fine[:, 2::5, 2::5], coarse, rtol=1e-6)
+
+
+def test_a_calibration_in_space_ends_at_its_deadline_with_the_best_positions_so_far():
+    measurement = Measurement(
+        frequencies=PROBLEM.frequencies, pressures=PROBLEM.pressures, sound_speed=343.0, positions=TRUTH,
+        known=np.arange(5), known_positions=TRUTH[:5], search=SEARCH, dimension=3,
+    )  # fmt: skip
+    inputs = CalibrationInput("test", None, measurement, SETTINGS, 0, time_limit=15.0)
+    readings = itertools.count()
+    result = solve(inputs, clock=lambda: float(next(readings)))
+    assert next(readings) == 17, "the start, and the first reading past the limit: nothing goes on after that"
+    assert result.verdict == "not_converged" and "15 s" in result.verdict_text
+    assert result.positions.shape == TRUTH.shape and np.isfinite(result.positions).all()
+
+
+def test_what_the_microphones_cannot_carry_or_fix_is_refused():
+    with pytest.raises(InputError, match=r"\(L \+ 1\)\^2 = .* functions for 30 microphones"):
+        descent.init(PROBLEM, dataclasses.replace(SETTINGS, order_offset=4), 0)
+    assert descent.usable_modes(PROBLEM, SETTINGS) == 12
+    with pytest.raises(InputError, match="four known microphones"):
+        descent.init(problem_of(TRUTH, 3), SETTINGS, 0)
+    plane = dataclasses.replace(PROBLEM, array_dimension=2)
+    with pytest.raises(InputError, match=r"array in a plane has dimension = 3"):
+        descent.init(plane, SETTINGS, 0)
+
+
+def test_the_chain_hands_its_positions_in_space_to_joint():
+    assert "descent+joint" in solvers.names()
+    settings = dataclasses.replace(SETTINGS, name="descent+joint")
+    states = list(solvers.run(PROBLEM, settings, 0))
+    np.testing.assert_allclose(states[-1].positions, TRUTH, atol=2e-3)

@@ -1,0 +1,143 @@
+"""Which given positions hold an array: hypotheses against an array that none of them holds, and the solver's answer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from fields import measured
+
+from fdcal.assessment.channel_verdict import RobustVerdict, judge
+from fdcal.model.gauge import align
+from fdcal.model.settings import SolverSettings
+from fdcal.solvers import run
+from fdcal.solvers.robust.free_array import FreeArray
+from fdcal.solvers.robust.given_hypotheses import hypotheses
+from fdcal.solvers.robust.objective import Unknowns
+
+COUNT, MODES, KNOWN = 24, 40, np.array([0, 5, 9, 14, 18, 23])
+
+
+def array(count=COUNT, seed=3):
+    rng = np.random.default_rng(seed)
+    radius, angle = 0.5 * np.sqrt(rng.random(count)), 2 * np.pi * rng.random(count)
+    return np.array([2.6, 2.3]) + np.c_[radius * np.cos(angle), radius * np.sin(angle)]
+
+
+def free(x, sigma=1e-3, turn=0.7):
+    """The array `x`, turned, with uncorrelated errors of `sigma`."""
+    rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    noise = sigma * np.random.default_rng(1).normal(size=x.shape)
+    return FreeArray(Unknowns((x + noise) @ rotation, np.zeros((len(x), 2))), sigma**2 * np.eye(x.size))
+
+
+def likeliest(places, x=None, known=KNOWN, **changed):
+    x = array() if x is None else x
+    chosen = {"stated": None, "sized": True} | changed
+    return hypotheses(free(x), known, places, chosen["stated"], chosen["sized"])[0]
+
+
+def test_right_positions_are_all_held_and_put_the_array_in_their_frame():
+    x = array()
+    best = likeliest(x[KNOWN])
+    assert np.all(best.right) and np.array_equal(best.order, np.arange(6)) and not best.scale and best.sigma < 2e-3
+    assert np.max(np.abs(best.positions - x)) < 5e-3
+
+
+@pytest.mark.parametrize("wrong", [[1], [4], [0, 3]])
+def test_wrong_positions_hold_nothing(wrong):
+    x = array()
+    places = x[KNOWN]
+    places[wrong] += [[0.04, -0.03], [-0.02, 0.06]][: len(wrong)]
+    best = likeliest(places)
+    assert np.flatnonzero(~best.right).tolist() == wrong
+    assert np.max(np.abs(best.positions - x)) < 5e-3
+
+
+@pytest.mark.parametrize("count", [3, 6, 12])
+def test_exchanged_positions_are_put_right(count):
+    x, known = array(), np.arange(0, 2 * count, 2)
+    order = np.arange(count)
+    order[[0, 2]] = 2, 0
+    best = likeliest(x[known][order], known=known)
+    assert np.array_equal(best.order, order) and np.all(best.right)
+    assert np.max(np.abs(best.positions - x)) < 5e-3
+
+
+def test_positions_that_are_all_inaccurate_are_all_held_less_firmly():
+    x, rng = array(), np.random.default_rng(5)
+    best = likeliest(x[KNOWN] + 0.015 * rng.normal(size=(6, 2)))
+    assert np.all(best.right) and 0.008 < best.sigma < 0.03
+    assert likeliest(x[KNOWN] + 0.015 * rng.normal(size=(6, 2)), stated=0.004).sigma <= 0.004
+
+
+def test_a_wrong_sound_speed_is_no_wrong_position():
+    x = array()
+    places = x.mean(axis=0) + 1.04 * (x[KNOWN] - x.mean(axis=0))
+    assert likeliest(places).scale and not likeliest(places, sized=False).scale
+
+
+def test_the_frame_changes_no_evidence():
+    x = array()
+    places = x[KNOWN] + 0.01 * np.random.default_rng(2).normal(size=(6, 2))
+    mirrored = places[:, ::-1] + [3.0, -1.0]
+    one, other = (hypotheses(free(x), KNOWN, p, None, True) for p in (places, mirrored))
+    assert np.allclose([h.log_evidence for h in one], [h.log_evidence for h in other], atol=1e-6)
+
+
+@pytest.mark.parametrize("count", [8, 20])
+def test_of_many_positions_the_wrong_ones_are_found(count):
+    x = array(40)
+    known = np.arange(0, 2 * count, 2)
+    places = x[known]
+    places[[1, 5, 6]] += [[0.05, 0.02], [-0.3, 0.1], [0.02, -0.04]]
+    assert np.flatnonzero(~likeliest(places, x, known).right).tolist() == [1, 5, 6]
+
+
+@pytest.fixture(scope="module")
+def sound():
+    return measured(array(), KNOWN, snr_db=40.0, modes=MODES)
+
+
+def solved(measurement) -> tuple[Any, RobustVerdict]:
+    problem = measurement.problem("unit", "all")
+    *_, state = run(problem, SolverSettings(name="robust", modes=MODES), 0)
+    return state, judge(problem, state, measurement.names)
+
+
+def given(measurement, change):
+    """`measurement` with the given positions changed by `change` (A, D), metres."""
+    return replace(measurement, known_positions=measurement.positions[measurement.known] + change)
+
+
+def test_the_array_is_that_without_the_wrong_position(sound):
+    wrong = np.zeros((6, 2))
+    wrong[2] = 0.05, -0.02
+    state, found = solved(given(sound, wrong))
+    right = np.delete(KNOWN, 2)
+    _, without = solved(replace(sound, known=right, known_positions=sound.positions[right]))
+    assert found.code == "good" and [(one.number, one.kind) for one in found.odd] == [(KNOWN[2], "misplaced")]
+    assert np.max(np.linalg.norm(found.positions - without.positions, axis=1) / without.sigma) < 0.5
+    assert state.model.contradicted.tolist() == [False, False, True, False, False, False]
+
+
+def test_positions_that_are_all_inaccurate_bend_no_array(sound):
+    rng = np.random.default_rng(7)
+    away = rng.normal(size=(6, 2))
+    away *= 0.02 / np.linalg.norm(away, axis=1)[:, None]
+    state, found = solved(given(sound, away))
+    _, accurate = solved(sound)
+    shape = np.linalg.norm(align(found.positions, sound.positions) - sound.positions, axis=1)
+    reference = np.linalg.norm(align(accurate.positions, sound.positions) - sound.positions, axis=1)
+    assert np.sqrt(np.mean(shape**2)) < 1.5 * np.sqrt(np.mean(reference**2)) + 5e-4
+    assert found.code == "good" and state.model.known_sigma > 5e-3
+    assert "the given positions are inaccurate" in found.message
+    error = np.sqrt(np.mean(np.sum((found.positions - sound.positions) ** 2, axis=1)))
+    assert error < 2 * np.sqrt(np.mean(found.sigma**2)) and np.max(found.sigma) < 0.05
+
+
+def test_a_wrong_sound_speed_is_said_and_no_position_is_blamed(sound):
+    _, found = solved(replace(sound, sound_speed=1.03 * sound.sound_speed, wavenumbers=sound.wavenumbers / 1.03))
+    assert found.code == "known_position" and "sound speed" in found.message

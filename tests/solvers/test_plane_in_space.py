@@ -1,0 +1,54 @@
+"""A plane array in a room of three dimensions: the given positions carry its size, not the assumption on the field."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fdcal.acoustics.box_field import point_source_pressures
+from fdcal.assessment.channel_verdict import judge
+from fdcal.model.measurement import Measurement
+from fdcal.model.room import Room
+from fdcal.model.settings import SolverSettings
+from fdcal.solvers import run
+
+ROOM = Room(size=(4.6, 3.8, 2.7), walls="rigid")
+SIDE, MODES, SNR = 7, 50, 40.0  # microphones, modes, dB
+CORNERS = np.array([0, SIDE - 1, SIDE * (SIDE - 1), SIDE**2 - 1])
+
+
+@pytest.fixture(scope="module")
+def plane():
+    """A grid of 1 m by 1 m at a height of 1.2 m, its corners given."""
+    axis = np.linspace(-0.5, 0.5, SIDE)
+    x = np.array([1.9, 1.6]) + np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    frequencies = np.linspace(60.0, 300.0, MODES)
+    k = (2 * np.pi * frequencies - 1.5j) / 343.0
+    p = point_source_pressures(ROOM, (4.37, 3.55, 2.45), np.column_stack([x, np.full(len(x), 1.2)]), k)
+    p = p / np.sqrt(np.mean(np.abs(p) ** 2, axis=1))[:, None]
+    noise = 10 ** (-SNR / 10)
+    parts = np.random.default_rng(0).standard_normal((2, *p.shape)) * np.sqrt(noise / 2)
+    return Measurement(
+        frequencies=frequencies, pressures=p + parts[0] + 1j * parts[1], sound_speed=343.0, dimension=3,
+        array_dimension=2, wavenumbers=k, noise_power=np.full(MODES, noise), positions=x, known=CORNERS,
+    )  # fmt: skip
+
+
+def solved(measurement):
+    problem = measurement.problem("unit")
+    *_, state = run(problem, SolverSettings(name="robust", modes=MODES), 0)
+    return state.positions, judge(problem, state)
+
+
+def test_given_corners_hold_the_size_of_a_plane_array(plane):
+    found, verdict = solved(plane)
+    assert verdict.code == "good"
+    np.testing.assert_allclose(found[CORNERS], plane.positions[CORNERS], atol=3e-3)
+    assert np.sqrt(np.mean(np.sum((found - plane.positions) ** 2, axis=1))) < 0.01
+
+
+def test_the_size_follows_the_given_corners(plane):
+    middle = plane.positions.mean(axis=0)
+    larger = replace(plane, known_positions=middle + 1.02 * (plane.positions[CORNERS] - middle))
+    found, _ = solved(larger)
+    np.testing.assert_allclose(found[CORNERS], larger.known_positions, atol=3e-3)
