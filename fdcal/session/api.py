@@ -64,6 +64,9 @@ def load(
     >>> measurement.count, measurement.known.tolist()
     (16, [0, 5, 7])
     """
+    if not isinstance(source, (str, PathLike)):
+        problem = f"load takes the path of a file or the name of a scene, not {type(source).__name__}"
+        raise InputError(problem, "give it as text", key="source")
     text, excluded = str(source), tuple(str(one) for one in exclude)
     with one_blas_thread():
         measurement = load_input(text, progress, excluded, _import_options(text, options)).measurement
@@ -197,6 +200,9 @@ def calibrate(
     >>> bool(found.max_error < 0.02)
     True
     """
+    if not isinstance(measurement, Measurement):
+        problem = f"calibrate takes a measurement, not {type(measurement).__name__}"
+        raise InputError(problem, "load it first: fdcal.calibrate(fdcal.load(...))", key="measurement")
     gauge = known if isinstance(known, str) else None
     if known is not None and gauge is None:
         measurement = with_known(measurement, known)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -101,10 +101,11 @@ def _assess_array(inputs: CalibrationInput, problem: Problem, state, wording: Ma
 
     # Where hardly any noise is left, the real-valued kernel of the verdict has its own limit, which it finds itself.
     noise = state.assessment_noise
-    positions = state.positions
+    positions, speed = state.positions, problem.sound_speed
     if inputs.estimate_sound_speed:
         positions, problem = _at_estimated_sound_speed(inputs, problem, state, noise)
-    verdict = judge(problem, positions, state.modes, noise, inputs.measurement.names, state.converged)
+    stretch = None if inputs.distance is None else problem.sound_speed / speed
+    verdict = judge(problem, positions, state.modes, noise, inputs.measurement.names, state.converged, stretch)
     evidence = _evidence(verdict, cross_validate(problem, positions, state.modes, noise))
     return Assessment(
         positions, problem, verdict.code, verdict.worded(wording), verdict.uncertainty, verdict.covariance, evidence
@@ -115,11 +116,14 @@ def _assess_channels(inputs: CalibrationInput, problem: Problem, state, wording:
     from ..assessment.channel_verdict import judge  # these load the compiler
     from ..assessment.cross_validation import cross_validate_healthy
     from ..assessment.odd_channels import healthy_channels
-    from ..assessment.sound_speed import at_sound_speed
+    from ..assessment.sound_speed import at_sound_speed, from_distance
     from ..solvers.robust import assumptions
 
-    names = inputs.measurement.names
-    verdict = judge(problem, state, names)
+    names, stretch = inputs.measurement.names, None
+    if inputs.distance is not None:
+        found = from_distance(problem, state.positions, distance_pair(inputs), inputs.distance[2])
+        stretch = found.sound_speed / problem.sound_speed
+    verdict = judge(problem, state, names, stretch)
     pressures = assumptions.corrected(problem, state, slice(None))
     problem = at_sound_speed(problem, verdict.sound_speed)
     corrected = replace(problem, pressures=pressures)
@@ -162,3 +166,19 @@ def _assess_in_room(inputs: CalibrationInput, problem: Problem, state, wording: 
 
 def _evidence(verdict, prediction) -> Evidence:
     return Evidence(verdict.residual_to_noise, prediction.overall, prediction.microphones, prediction.modes)
+
+
+def sound(sought: np.ndarray, names: Sequence[str], found: Assessment | None) -> np.ndarray:
+    """Return the microphones whose errors are averaged: those sought, without the odd channels of an assessment.
+
+    Parameters
+    ----------
+    sought : (K,) int64
+    names : sequence of str
+        Of all microphones.
+    found : Assessment or None
+    """
+    faults = () if found is None or found.channels is None else found.channels.faults
+    faulty = {fault.name for fault in faults if fault.kind != "misplaced"}
+    kept = np.array([n for n in sought if names[n] not in faulty], np.int64)
+    return kept if len(kept) else sought

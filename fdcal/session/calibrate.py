@@ -23,6 +23,18 @@ from .assess import ARGUMENTS, assess, distance_pair
 from .blas_threads import one_blas_thread
 from .sources import CalibrationInput, Progress
 
+FREE_SOUND_SPEED = 0.05  # one sigma of a sound speed that is to be estimated, relative: 30 K in air
+
+
+def with_free_sound_speed(inputs: CalibrationInput) -> CalibrationInput:
+    """Return `inputs` with an uncertain sound speed, where a solver is to estimate it that has a sigma of it."""
+    settings = inputs.settings
+    method = load(settings.name).TRAITS.assessment
+    free = inputs.estimate_sound_speed and inputs.distance is None and settings.sound_speed_sigma is None
+    if not free or method is not AssessmentMethod.CHANNELS:
+        return inputs
+    return replace(inputs, settings=replace(settings, sound_speed_sigma=FREE_SOUND_SPEED))
+
 
 def problem_of(inputs: CalibrationInput) -> Problem:
     """Return what the solver sees of a measurement, with the known microphones that the settings leave it."""
@@ -56,7 +68,7 @@ def states_of(inputs: CalibrationInput, progress: Progress | None = None, proble
         check_solvable(problem, last, inputs.measurement.names)
     for state in run(problem, inputs.settings, inputs.seed):
         if progress is not None:
-            progress(state.last / last, f"{state.last} modes, sweep {state.sweep}, cost {state.cost:.3g}")
+            progress(state.last / last, f"{state.last} modes, sweep {state.sweep}")
         yield state
 
 
@@ -90,13 +102,14 @@ def solve(
         Before the solver has started. An interrupt of the solver ends it, as `inputs.time_limit` does: the best
         positions so far are assessed, with the verdict "not_converged".
     """
+    inputs = with_free_sound_speed(inputs)
     problem = problem_of(inputs)
     _require_length(inputs, problem)
     if inputs.time_limit is not None:
         require_positive("time_limit", inputs.time_limit, "s")
     start = time.perf_counter()
     with one_blas_thread():
-        state, stopped = _last_state(inputs, progress, problem, clock)
+        state, stopped = last_state(inputs, progress, problem, clock)
         found = assess(inputs, problem, state, wording)
     if stopped:
         found = replace(found, verdict="not_converged", verdict_text=word_arguments(stopped, wording))
@@ -126,7 +139,7 @@ def solve(
     ).compared_with(measurement, inputs.given)
 
 
-def _last_state(
+def last_state(
     inputs: CalibrationInput, progress: Progress | None, problem: Problem, clock: Callable[[], float]
 ) -> tuple[RunState, str]:
     """Return the state at the end of a run, and why it ended before the solver did; "" if it did not.
@@ -158,11 +171,6 @@ def _require_length(inputs: CalibrationInput, problem: Problem) -> None:
         raise InputError(
             "a known room fixes size and place", "leave out <estimate_sound_speed> and <known> minimal", key="room"
         )
-    name, method = inputs.settings.name, load(inputs.settings.name).TRAITS.assessment
-    if inputs.estimate_sound_speed and method is AssessmentMethod.CHANNELS:
-        problem_text = f"solver {name} holds the sound speed as given"
-        remedy = "leave out <estimate_sound_speed>, or use <solver> joint"
-        raise InputError(problem_text, remedy, key="estimate_sound_speed", value=True)
     if inputs.distance is not None:
         if not inputs.estimate_sound_speed:
             raise InputError(

@@ -2,6 +2,7 @@
 
     Comparison     the runs; play, pause, reset
     ComparisonRun  one solver: its session and its timer
+    timed_states   solvers one after another, to their ends
 
 Time is processor time of the run's own thread, spent in steps, so that sharing a core makes no run slower.
 """
@@ -9,12 +10,17 @@ Time is processor time of the run's own thread, spent in steps, so that sharing 
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+
+import numpy as np
 
 from .. import solvers
 from ..model.problem import Problem
 from ..model.settings import SolverSettings
 from ..solvers.interface import RunState
+from .blas_threads import one_blas_thread
+from .history import recorded
 from .session import Session
 
 
@@ -113,3 +119,34 @@ def same_start(problem: Problem, settings: SolverSettings, names, seed: int) -> 
         else:
             states[name] = solver.init(problem, own, seed)
     return {name: states[name] for name in names}
+
+
+def timed_states(problem: Problem, settings: SolverSettings, names: tuple[str, ...], seed: int) -> dict:
+    """Run solvers to their ends, one after another, from the same start.
+
+    Parameters
+    ----------
+    names : of the solvers
+    settings, seed : of the start
+
+    Returns
+    -------
+    dict
+        Name to the states, as `fdcal.session.history.recorded` keeps them, and the processor time up to each, (T,)
+        float64, s.
+    """
+    settings = with_common_modes(problem, settings, names)
+    begun, found = same_start(problem, settings, names, seed), {}
+    for name in names:
+        timed = TimedSolver(solvers.load(name))
+        with one_blas_thread():
+            states = recorded(_steps(problem, timed, begun[name]))
+        found[name] = states, np.array([timed.spent.get(state.step, 0.0) if state.step else 0.0 for state in states])
+    return found
+
+
+def _steps(problem: Problem, solver, state: RunState) -> Iterator[RunState]:
+    yield state
+    while not state.finished:
+        state = solver.step(problem, state)
+        yield state

@@ -1,8 +1,9 @@
 """A lesson: steps of text and questions, and what each sets on the page.
 
-    Lesson   a title and its steps
-    Step     text, a question with its choices and the answer, what is revealed then
-    Setting  what a step sets: scene, modes, microphone, map, how far the solver runs
+    Lesson          a title and its steps
+    Step            text, a question with its choices and the answer, what is revealed then
+    LessonProgress  where in a lesson a page is
+    Setting         what a step sets: scene, modes, microphone, map, how far the solver runs, a frame of its run
 
 What a step leaves out stays as it is on the page, including the scene. `fdcal.session.lesson_file` reads a lesson.
 """
@@ -16,12 +17,14 @@ from pathlib import Path
 
 from ..model.scene import Scene
 from ..model.scene_file import load_scene
+from .lesson_frame import parse_frame
 from .request import edited
 
 MAPS = ("flat", "relief", "shape", "none")
 SCALES = ("log", "linear")
 QUANTITIES = ("eq7", "objective")
 MAX_ORDER_OFFSET = 4  # of a map
+MAX_CHOICES = 6  # of one question
 VIEWS = ("top", "3d", "close")
 IN_USE = "in use"  # value of map_modes: the modes that the solver uses
 RUN = re.compile(r"(\d{1,4}) (step|sweep|stage)s?")
@@ -40,6 +43,7 @@ class Setting:
     modes : in use by the solver, as "1-20"
     automatic : whether the solver adds modes by itself
     run : "end", or so far as "3 sweeps", "1 step", "2 stages"
+    frame : of the run, as the address of a replay names it, "step=12&microphone=9"; see `lesson_frame`
     microphone : whose map is shown, from 0
     follow : whether the map is that of the microphone which the solver moves
     map : one of MAPS
@@ -59,6 +63,7 @@ class Setting:
     modes: str | None = None
     automatic: bool | None = None
     run: str | None = None
+    frame: str | None = None
     microphone: int | None = None
     follow: bool | None = None
     map: str | None = None
@@ -77,9 +82,25 @@ class Setting:
         return bool(self.scene or self.changes or self.start_seed is not None)
 
     OPTIONAL: typing.ClassVar = (
-        "scene", "changes", "start_seed", "reset", "modes", "automatic", "run", "microphone", "follow", "map",
-        "map_modes", "quantity", "order_offset", "scale", "minima", "trails", "ellipses", "view",
+        "scene", "changes", "start_seed", "reset", "modes", "automatic", "run", "frame", "microphone", "follow",
+        "map", "map_modes", "quantity", "order_offset", "scale", "minima", "trails", "ellipses", "view",
     )  # fmt: skip
+
+    def unfolded(self) -> Setting:
+        """Return the setting with the values of its frame, where they are not given by themselves."""
+        if self.frame is None:
+            return self
+        frame = parse_frame(self.frame)
+        own = {name: value for name, value in vars(self).items() if value is not None}
+        values = {
+            "microphone": frame.microphone,
+            "follow": None if frame.microphone is None else False,
+            "map": "none" if frame.map is False else None,
+            "map_modes": IN_USE if frame.modes == "solver" else frame.modes,
+            "trails": frame.trails,
+            "view": frame.view,
+        }
+        return Setting(**(values | own))
 
 
 @dataclass(frozen=True)
@@ -125,6 +146,38 @@ class Lesson:
             return None
         scene = edited(load_scene(_path(last[0], self.folder)), last[1].changes or {})
         return scene, scene.seed if last[1].start_seed is None else last[1].start_seed
+
+
+@dataclass(frozen=True)
+class LessonProgress:
+    """Where in the lessons the page is.
+
+    Attributes
+    ----------
+    lesson : Lesson or None
+    number : int, of the step, from 0
+    choice : int, the answer chosen, from 0; -1 before one is chosen
+    """
+
+    lesson: Lesson | None = None
+    number: int = 0
+    choice: int = -1
+
+    @property
+    def step(self) -> Step | None:
+        return None if self.lesson is None else self.lesson.steps[self.number]
+
+    def moved(self, steps: int) -> LessonProgress | None:
+        """Return the progress at the beginning of another step; None where the lesson has no such step."""
+        number = self.number + steps
+        if self.lesson is None or not 0 <= number < len(self.lesson.steps):
+            return None
+        return LessonProgress(self.lesson, number)
+
+    @property
+    def answered(self) -> bool:
+        """Whether the step asks nothing that has no answer yet; False without a lesson."""
+        return self.step is not None and (self.choice >= 0 or not self.step.choices)
 
 
 def _settings(steps) -> list[Setting]:

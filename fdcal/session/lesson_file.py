@@ -12,7 +12,7 @@ from ..model.from_table import build
 from ..model.reading import parse_toml, read_bytes
 from ..model.scene import Scene
 from ..model.validation import InputError, StorageError, require_choice, shown
-from .lesson import IN_USE, MAPS, MAX_ORDER_OFFSET, QUANTITIES, RUN, SCALES, VIEWS, Lesson, Setting, Step
+from .lesson import IN_USE, MAPS, MAX_CHOICES, MAX_ORDER_OFFSET, QUANTITIES, RUN, SCALES, VIEWS, Lesson, Setting, Step
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class LessonLimits:
 
     file_bytes: int = 1_000_000
     steps: int = 50
-    choices: int = 6
+    choices: int = MAX_CHOICES
     characters: int = 5000
     mode: int = 9999
 
@@ -148,6 +148,7 @@ def _scene_of(lesson: Lesson, number: int, revealed: bool, key: str) -> Scene:
 
 
 def _check_setting(key: str, setting: Setting, scene: Scene) -> None:
+    setting = _check_frame(f"{key}.frame", setting)
     for name, choices in (("map", MAPS), ("quantity", QUANTITIES), ("scale", SCALES), ("view", VIEWS)):
         if getattr(setting, name) is not None:
             require_choice(f"{key}.{name}", getattr(setting, name), choices)
@@ -164,6 +165,17 @@ def _check_setting(key: str, setting: Setting, scene: Scene) -> None:
         raise InputError(f"{key}.start_seed = {seed} is negative", "use 0 or more", key=f"{key}.start_seed", value=seed)
     if setting.microphone is not None:
         _check_microphone(f"{key}.microphone", setting.microphone, scene)
+
+
+def _check_frame(key: str, setting: Setting) -> Setting:
+    """Return the setting with the values of its frame."""
+    if setting.frame is not None and setting.run is not None:
+        remedy = "let one step run the solver, and another one show the frame"
+        raise InputError(f"{key} and run are both given", remedy, key=key, value=setting.frame)
+    try:
+        return setting.unfolded()
+    except InputError as error:
+        raise error.within(key) from error
 
 
 def _check_microphone(key: str, microphone: int, scene: Scene) -> None:

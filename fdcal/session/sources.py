@@ -54,6 +54,8 @@ class CalibrationInput:
         unless given.
     all_modes : bool
         Whether the number of modes was left to the measurement, the array and the solver.
+    compared_with : str
+        What the positions of the measurement are called where errors are reported.
     """
 
     name: str
@@ -66,6 +68,7 @@ class CalibrationInput:
     distance: tuple[str, str, float] | None = None
     time_limit: float | None = None
     all_modes: bool = False
+    compared_with: str = "the truth"
 
     @property
     def given(self) -> tuple[int, ...]:
@@ -157,7 +160,7 @@ def compared_with_file(inputs: CalibrationInput, path: str) -> CalibrationInput:
     from ..recordings.positions_file import read_positions
 
     measurement = with_positions(inputs.measurement, read_positions(path), len(set(inputs.excluded)))
-    return replace(inputs, measurement=measurement)
+    return replace(inputs, measurement=measurement, compared_with=f"the positions in {Path(path).name}")
 
 
 def scene_input(scene: Scene, progress: Progress | None = None) -> CalibrationInput:
@@ -245,11 +248,12 @@ def with_settings(
 
 def _require_used(given: dict, settings: SolverSettings) -> None:
     """Raise InputError for a given setting that does nothing with the solver of `settings`."""
-    traits, remedies = load(settings.name).TRAITS, dict.fromkeys(("noise", "cost"), "joint")
+    traits, remedies = load(settings.name).TRAITS, dict.fromkeys(("noise", "cost", "start"), "joint")
     remedies |= dict.fromkeys(CHANNEL_SETTINGS, "robust")
     for key, other in remedies.items():
         channels = key not in CHANNEL_SETTINGS or traits.assessment is AssessmentMethod.CHANNELS
-        if key in given and (traits.ignores(key) or not channels):
+        ignored = traits.ignores(key) or not channels or (key == "start" and not traits.starts)
+        if key in given and ignored:
             problem = f'{key} = "{given[key]}" does nothing with solver.name = "{settings.name}"'
             raise InputError(problem, f"leave out <{key}>, or use <solver> {other}", key=key, value=given[key])
     for key in ("gain_sigma_db", "phase_sigma_deg"):

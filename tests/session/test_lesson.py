@@ -11,6 +11,7 @@ from fdcal.model.validation import InputError, StorageError
 from fdcal.session import lesson as lessons
 from fdcal.session.lesson import Setting
 from fdcal.session.lesson_file import lesson_folder, lesson_names, load_lesson
+from fdcal.session.lesson_frame import Frame, parse_frame
 
 GOOD = """
 title = "Mine"
@@ -52,10 +53,10 @@ def test_every_built_in_lesson_can_be_loaded(name):
     assert any(step.question for step in lesson.steps), "a lesson asks something"
 
 
-def test_there_are_the_five_that_the_paper_gives_rise_to():
+def test_there_are_five_that_the_paper_gives_rise_to_and_two_on_measurements():
     titles = [load_lesson(name).title for name in lesson_names()]
-    assert [title[0] for title in titles] == list("12345")
-    for word, title in zip(("minima", "joint", "soon", "freezes", "corner"), titles, strict=True):
+    assert [title[0] for title in titles] == list("1234567")
+    for word, title in zip(("minima", "joint", "soon", "freezes", "corner", "noise", "channel"), titles, strict=True):
         assert word in title.lower()
 
 
@@ -111,6 +112,12 @@ def test_a_scene_beside_the_lesson_is_found(written, edited):
         ('modes = "1-5"', "start_seed = -1", "steps[1].page.start_seed = -1"),
         ("microphone = 3", "microphone = 16", "steps[1].page.microphone = 16 is not there; tiny has 0 to 15"),
         ("microphone = 3", "trails = 1", "steps[1].page.trails = 1 must be true or false"),
+        ('modes = "1-5"', 'frame = "moment=3"', 'steps[1].page.frame: "moment=3" is not of a frame'),
+        ('modes = "1-5"', 'frame = "step=1&stage=2"', 'steps[1].page.frame: "step=1&stage=2" names no frame'),
+        ('modes = "1-5"', 'frame = "stage=0"', 'steps[1].page.frame: "stage=0"'),
+        ('modes = "1-5"', 'frame = "modes=x"', 'steps[1].page.map_modes = "x"'),
+        ("microphone = 3", 'frame = "microphone=16"', "steps[1].page.microphone = 16 is not there"),
+        ('run = "2 sweeps"', 'run = "end"\nframe = "step=3"', "steps[1].then.frame and run are both given"),
         ('run = "2 sweeps"', 'run = "2 rounds"', 'steps[1].then.run = "2 rounds" is unknown'),
         ("[[steps]]", "[steps]", "is not valid TOML"),
     ],
@@ -131,6 +138,26 @@ def test_a_lesson_that_is_not_there(tmp_path):
 
 def test_every_key_of_a_setting_may_be_left_out():
     assert set(Setting.OPTIONAL) == {field.name for field in dataclasses.fields(Setting)}
+
+
+def test_a_step_cites_a_frame_of_a_replay(written):
+    first, *_ = load_lesson(written('modes = "1-5"', 'frame = "#step=12&microphone=9&modes=1-4&view=top"')).steps
+    whole = first.page.unfolded()
+    assert (whole.map_modes, whole.view, whole.follow) == ("1-4", "top", False)
+    assert whole.microphone == 3, "what the table gives by itself counts more"
+    assert parse_frame(first.page.frame) == Frame("step", 12, 9, "1-4", "top")
+
+
+@pytest.mark.parametrize(
+    ("text", "frame"),
+    [
+        ("stage=2", Frame("stage", 2)),
+        ("sweep=0&map=off&trails=on", Frame("sweep", 0, map=False, trails=True)),
+        ("microphone=none&modes=solver&view=-30,40.5&zoom=2,0,0&theme=dark", Frame(modes="solver", view="3d")),
+    ],
+)
+def test_all_that_a_replay_writes_into_its_address_is_a_frame(text, frame):
+    assert parse_frame(text) == parse_frame(f"#{text}") == frame
 
 
 @pytest.mark.parametrize(

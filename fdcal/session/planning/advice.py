@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from ...acoustics.fourier_bessel import array_f_max
-from ...assessment.fisher_information import Information, diffuse_information
+from ...assessment.fisher_information import Information
 from ...assessment.position_bound import Prior, position_bound, with_known
 from ...model.gauge import fixes_gauge
-from .request import LEAST_FREQUENCIES, LIMITS, PlanRequest
+from .accuracy_advice import AccuracyAdvice, accuracy_advice
+from .bounds import sparse_information
+from .request import ASSUMED, PlanRequest
 
 
 @dataclass(frozen=True)
@@ -24,10 +25,7 @@ class AdviceRules:
     layers : layers of heights in space
     margin : of the map round the array, relative to the array's extent
     spacing : least distance of one more microphone from the others, relative to their median spacing
-    tape_sigma : metres, one sigma of a coordinate measured by tape
     swaps : rounds in which measured microphones are exchanged for better ones
-    sizes : factors on the size of the array
-    most_snr : dB, greatest signal-to-noise ratio that is proposed
     """
 
     lattice: int = 15
@@ -35,10 +33,7 @@ class AdviceRules:
     layers: int = 3
     margin: float = 0.25
     spacing: float = 0.3
-    tape_sigma: float = 0.005
     swaps: int = 4
-    sizes: tuple[float, ...] = (0.35, 0.5, 0.71, 1.0, 1.41, 2.0, 2.83)
-    most_snr: float = 80.0
 
 
 RULES = AdviceRules()
@@ -91,38 +86,26 @@ class Advice:
     ----------
     extra : ExtraMicrophone
     tape : TapeMeasure
-    snr_db : dB, ratio at which the bound reaches the accuracy that is wanted; None if none does
-    recording_factor : the recording's length over the present one that gives this ratio with steady noise
-    sizes : (S, 2) float64, factor on the size of the array and the bound, metres
+    accuracy : AccuracyAdvice
     """
 
     extra: ExtraMicrophone
     tape: TapeMeasure
-    snr_db: float | None
-    recording_factor: float | None
-    sizes: np.ndarray
+    accuracy: AccuracyAdvice
 
 
-def advise(request: PlanRequest, information: Information) -> Advice:
-    """Return the advice for a request; `information` is that of all its frequencies."""
-    snr = _needed_snr(request)
-    return Advice(
-        extra=best_addition(request),
-        tape=best_tape(request, information),
-        snr_db=snr,
-        recording_factor=None if snr is None else 10 ** ((snr - request.snr_db) / 10),
-        sizes=sizes_of(request),
-    )
+def advise(request: PlanRequest, information: Information, margin: float | None = None) -> Advice:
+    """Return the advice for a request.
 
-
-def sparse_information(request: PlanRequest, positions, share: float | None = None, highest: float = np.inf):
-    """Return the information of a few frequencies, scaled to all of them below `highest`, Hz."""
-    f = request.frequencies
-    f = f[f <= highest]
-    used = f[np.unique(np.linspace(0, len(f) - 1, min(len(f), LIMITS.search_frequencies)).round().astype(int))]
-    share = request.noise_share if share is None else share
-    k = 2 * np.pi * used / request.sound_speed
-    return diffuse_information(positions, k, share, request.dimension).scaled(len(f) / len(used))
+    Parameters
+    ----------
+    request : PlanRequest
+    information : Information
+        Of all its frequencies.
+    margin : float, optional
+        Error of a calibration over the bound, as trials have shown it.
+    """
+    return Advice(best_addition(request), best_tape(request, information), accuracy_advice(request, margin))
 
 
 def best_addition(request: PlanRequest) -> ExtraMicrophone:
@@ -182,14 +165,14 @@ def best_tape(request: PlanRequest, information: Information) -> TapeMeasure:
             break
     rng = np.random.default_rng(request.seed)
     usual = [_tape_rms(request, information, rng.choice(len(x), count, replace=False).tolist()) for _ in range(40)]
-    return TapeMeasure(tuple(sorted(chosen)), RULES.tape_sigma, least, float(np.median(usual)))
+    return TapeMeasure(tuple(sorted(chosen)), ASSUMED.tape_sigma_m, least, float(np.median(usual)))
 
 
 def _tape_rms(request: PlanRequest, information: Information, chosen: list[int]) -> float:
     x = information.positions
     if not fixes_gauge(x[chosen]):
         return np.inf
-    prior: Prior = with_known(request.prior, sorted(chosen), RULES.tape_sigma)
+    prior: Prior = with_known(request.prior, sorted(chosen), ASSUMED.tape_sigma_m)
     return position_bound(information, prior).rms
 
 
@@ -199,44 +182,3 @@ def _far_apart(x: np.ndarray, count: int) -> list[int]:
         away = np.min([np.linalg.norm(x - x[n], axis=1) for n in chosen], axis=0)
         chosen.append(int(np.argmax(away)))
     return chosen
-
-
-def _needed_snr(request: PlanRequest) -> float | None:
-    """Return the least ratio, dB, at which the bound is as low as the accuracy that is wanted."""
-
-    def rms(snr_db: float) -> float:
-        noise = 10 ** (-snr_db / 10)
-        found = sparse_information(request, request.layout.positions, noise / (1 + noise))
-        return position_bound(found, request.prior).rms
-
-    low, high = 0.1, RULES.most_snr
-    if rms(high) > request.accuracy:
-        return None
-    while high - low > 0.1:
-        middle = (low + high) / 2
-        low, high = (low, middle) if rms(middle) <= request.accuracy else (middle, high)
-    return high
-
-
-def sizes_of(request: PlanRequest) -> np.ndarray:
-    """Return factors on the size of the array and its bound : (S, 2) float64.
-
-    A band that was given stays, but for frequencies that the enlarged array cannot interpolate; without one, every
-    array has the band that it can interpolate.
-    """
-    x, rows = request.layout.positions, []
-    for factor in RULES.sizes:
-        scaled = x.mean(axis=0) + factor * (x - x.mean(axis=0))
-        highest = array_f_max(scaled, request.sound_speed, request.dimension)
-        other = replace(request, layout=replace(request.layout, positions=scaled))
-        if np.sum(other.frequencies <= highest) >= LEAST_FREQUENCIES:
-            rows.append((factor, position_bound(sparse_information(other, scaled, highest=highest), request.prior).rms))
-    return np.array(rows)
-
-
-def with_extra(request: PlanRequest, place) -> PlanRequest:
-    """Return `request` with one more microphone, the last, at `place` (D,), metres."""
-    layout = request.layout
-    positions = np.vstack([layout.positions, place])
-    names = (*layout.names, f"new {len(layout.names)}")
-    return replace(request, layout=replace(layout, names=names, positions=positions))

@@ -12,12 +12,10 @@ from ...acoustics.room_modes import PointSourceModel, point_source_model, room_p
 from ...cost.channel_kernels import diffuse_kernel
 from ...model.polygons import encloses
 from ...model.power import mode_power
+from ...model.random_source import WALL_DISTANCE_M, random_source
 from ...model.room import Room
 from ...model.validation import InputError
 from .request import LIMITS, PlanRequest
-
-WALL = 0.1  # metres, least distance of a source from a wall
-TRIES = 200  # draws of a source position
 
 
 def wavenumbers_of(request: PlanRequest, frequencies) -> np.ndarray:
@@ -39,12 +37,13 @@ def places_in_room(request: PlanRequest) -> np.ndarray:
     size, x = np.array(request.room), request.layout.positions
     if x.shape[1] < len(size):
         x = np.column_stack([x, np.full(len(x), LIMITS.place[2] * size[2])])
-    if np.all((x > WALL) & (x < size - WALL)):
+    if np.all((x > WALL_DISTANCE_M) & (x < size - WALL_DISTANCE_M)):
         return x
     extent = np.ptp(x, axis=0)
-    if np.any(extent > size - 2 * WALL):
+    if np.any(extent > size - 2 * WALL_DISTANCE_M):
         raise InputError("the array does not fit into the room", "give a larger <room>", key="room", value=request.room)
-    centre = np.clip(np.array(LIMITS.place[: len(size)]) * size, extent / 2 + WALL, size - extent / 2 - WALL)
+    edge = extent / 2 + WALL_DISTANCE_M
+    centre = np.clip(np.array(LIMITS.place[: len(size)]) * size, edge, size - edge)
     return x - (x.min(axis=0) + x.max(axis=0)) / 2 + centre
 
 
@@ -56,12 +55,11 @@ def source_place(request: PlanRequest, places: np.ndarray, rng: np.random.Genera
     InputError
         There is no such place.
     """
-    size = np.array(request.room)
-    for _ in range(TRIES):
-        source = WALL + rng.random(len(size)) * (size - 2 * WALL)
-        away = np.linalg.norm(places - source, axis=1).min()
-        if away > LIMITS.clearance and not encloses(places[:, :2], source[:2]):
-            return source
+    source = random_source(
+        request.room, places, LIMITS.clearance, rng, lambda place: not encloses(places[:, :2], place[:2])
+    )
+    if source is not None:
+        return source
     raise InputError(
         f"no place of the room is {LIMITS.clearance:g} m from the array", "give a larger <room>", key="room"
     )

@@ -15,7 +15,7 @@ from ...model.scene_file import load_scene, scene_names
 from ...model.validation import InputError, frozen_array
 from ...recordings.positions_file import READERS, read_positions
 
-FLAT = 1e-6  # metres: heights that differ by less are one plane
+FLAT_M = 1e-6  # heights that differ by less are one plane
 FORMS = ("circle", "rectangle", "ball", "box")
 EXAMPLES = '"circle 16 0.2", "rectangle 4x4 0.6x0.6", "ball 32 0.3" or "box 32 0.6x0.6x0.4"'
 
@@ -71,7 +71,7 @@ def read_layout(text: str, seed: int = 0) -> Layout:
 
 def _flattened(positions: np.ndarray) -> np.ndarray:
     """Return the positions of a horizontal array without their heights."""
-    flat = np.ptp(positions[:, 2]) < FLAT
+    flat = np.ptp(positions[:, 2]) < FLAT_M
     return frozen_array(positions[:, :2] if flat else positions, float)
 
 

@@ -6,18 +6,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...assessment.fisher_information import Information, diffuse_information, field_information
+from ...assessment.fisher_information import Information, field_information
 from ...assessment.position_bound import Bound, mirror_remains, position_bound, with_known
 from ...model.validation import InputError
 from ..blas_threads import one_blas_thread
 from .advice import Advice, advise
+from .bounds import request_information
 from .fields import field_of, places_in_room, wavenumbers_of
-from .request import LIMITS, PlanRequest
+from .request import ASSUMED, LIMITS, PlanRequest
 from .trials import Trials
-
-BLURRED = 0.01  # relative one sigma of the size or of a stretch from which a plan mentions it
-GAIN_SIGMA_DB = 1.0  # of the case with unknown gains, unless the request gives another spread
-TAPE_SIGMA = 0.005  # metres, of the case with uncertain given positions, likewise
 
 
 @dataclass(frozen=True)
@@ -64,7 +61,7 @@ class Plan:
     trials: Trials | None = None
 
 
-def make_plan(request: PlanRequest, with_advice: bool = True) -> Plan:
+def make_plan(request: PlanRequest, with_advice: bool = True, trials: Trials | None = None) -> Plan:
     """Return the bounds of a request, and the advice that follows from them.
 
     Parameters
@@ -72,6 +69,8 @@ def make_plan(request: PlanRequest, with_advice: bool = True) -> Plan:
     request : PlanRequest
     with_advice : bool
         Whether to search for better layouts, which takes longer.
+    trials : Trials, optional
+        Of this request: the advice reckons with the errors that they have shown.
 
     Raises
     ------
@@ -89,8 +88,9 @@ def make_plan(request: PlanRequest, with_advice: bool = True) -> Plan:
             bound=bound,
             room_bound=room_bound,
             cases=_cases(request, information),
-            degeneracies=(*_degeneracies(request, information), *note),
-            advice=advise(request, information) if with_advice else None,
+            degeneracies=(*degeneracies(request, bound), *note),
+            advice=advise(request, information, trials and trials.margin) if with_advice else None,
+            trials=trials,
         )
 
 
@@ -103,14 +103,6 @@ def _room_bound(request: PlanRequest) -> tuple[Bound | None, tuple[str, ...]]:
         return position_bound(room_information(request), request.prior), ()
     except InputError as error:
         return None, (f"the field of the room itself is left out: {error.problem}",)
-
-
-def request_information(request: PlanRequest) -> Information:
-    """Return the information of all frequencies of a request on its array, in a diffuse field."""
-    used = request.spaced(LIMITS.most_frequencies)
-    k = np.real(wavenumbers_of(request, used))
-    found = diffuse_information(request.layout.positions, k, request.noise_share, request.dimension)
-    return found.scaled(len(request.frequencies) / len(used))
 
 
 def room_information(request: PlanRequest) -> Information:
@@ -129,11 +121,11 @@ def _cases(request: PlanRequest, information: Information) -> tuple[Case, ...]:
     """Return the bound with and without given positions, uncertain ones, and unknown gains."""
     prior = request.prior
     blind = with_known(prior, (), 0.0)
-    gain = request.gain_sigma_db or GAIN_SIGMA_DB
+    gain = request.gain_sigma_db or ASSUMED.gain_sigma_db
     cases = [("no position given", replace(blind, gain_sigma=0.0))]
     cases += [(f"no position given, gains unknown ({gain:g} dB)", replace(blind, gain_sigma=gain * np.log(10) / 20))]
     if len(prior.known):
-        tape = prior.known_sigma or TAPE_SIGMA
+        tape = prior.known_sigma or ASSUMED.tape_sigma_m
         names = f"{len(prior.known)} positions given"
         cases += [(f"{names}, exact", replace(with_known(prior, prior.known, 0.0), gain_sigma=0.0))]
         cases += [(f"{names} to {1e3 * tape:g} mm", replace(with_known(prior, prior.known, tape), gain_sigma=0.0))]
@@ -141,22 +133,21 @@ def _cases(request: PlanRequest, information: Information) -> tuple[Case, ...]:
     return tuple(Case(name, one.rms, float(one.sigma[one.free].max())) for name, one in bounds)
 
 
-def _degeneracies(request: PlanRequest, information: Information) -> list[str]:
+def degeneracies(request: PlanRequest, bound: Bound) -> tuple[str, ...]:
     """Return in words what pressures and given positions leave undetermined."""
     x, prior, found = request.layout.positions, request.prior, []
-    bound = position_bound(information, prior)
     if mirror_remains(x, prior.known):
         found.append(_mirror_words(request))
-    if bound.scale_sigma > BLURRED:
+    if bound.scale_sigma > ASSUMED.blurred:
         found.append(f"size is determined to {100 * bound.scale_sigma:.2g} % only: give one distance or position more")
-    elif bound.deformations[-1] > BLURRED:
+    elif bound.deformations[-1] > ASSUMED.blurred:
         axis = np.linalg.eigh(bound.shapes[-1])[1][:, -1]
         along = ", ".join(f"{value:.2g}" for value in axis)
         found.append(f"a stretch along ({along}) is determined to {100 * bound.deformations[-1]:.2g} % only")
     if len(request.frequencies) * 2 < x.size:
         count = len(request.frequencies)
         found.append(f"{count} frequencies for {x.size} coordinates are few: use a wider band")
-    return found
+    return tuple(found)
 
 
 def _mirror_words(request: PlanRequest) -> str:

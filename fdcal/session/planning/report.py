@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...assessment.position_bound import Bound
+from .accuracy_advice import AccuracyAdvice
 from .advice import Advice
 from .plan import Plan
+from .request import PlanRequest
 from .trials import Trials
 
 FORMAT = 1  # of the JSON
+LIKELY = 0.9  # share of simulated calibrations from which an answer is yes
 SIZES = (0.5, 0.71, 1.41, 2.0)  # factors on the size of the array that are put in words
 
 
@@ -30,10 +34,35 @@ def plan_lines(plan: Plan) -> list[str]:
     lines += [f"{case.name}: {_mm(case.rms)} rms, {_mm(case.worst)} at the worst" for case in plan.cases]
     lines += list(plan.degeneracies)
     if plan.trials is not None:
-        lines += trial_lines(plan.trials)
+        lines[1:1] = [_judgement(plan.trials), *trial_lines(plan.trials)]
+    else:
+        lines.append("no calibration errs less than the bound; simulated trials show how near they come to it")
     if plan.advice is not None:
         lines += advice_lines(plan, plan.advice)
     return lines
+
+
+def _judgement(trials: Trials) -> str:
+    """Return in one line whether the array will be found, from simulated calibrations."""
+    if trials.found >= LIKELY and trials.accurate >= LIKELY:
+        return f"yes: such an array is found, and every microphone within {_mm(trials.accuracy)}"
+    if trials.found >= LIKELY:
+        return f"in part: such an array is found, but not every microphone within {_mm(trials.accuracy)}"
+    return (
+        "no: such an array is not found often enough; add microphones or frequencies, make it smaller, record with less"
+        " noise, or measure some positions by tape"
+    )
+
+
+def bound_lines(request: PlanRequest, bound: Bound) -> list[str]:
+    """Return the least error and the frequencies of a request, a line each."""
+    f, sigma = request.frequencies, bound.sigma[bound.free]
+    return [
+        f"least error (one sigma): median {_mm(float(np.median(sigma)))}, worst {_mm(float(sigma.max()))},"
+        f" rms {_mm(bound.rms)}",
+        f"{len(f)} independent frequencies from {f[0]:.0f} to {f[-1]:.0f} Hz; highest usable frequency"
+        f" {request.f_max:.0f} Hz",
+    ]
 
 
 def trial_lines(trials: Trials) -> list[str]:
@@ -57,15 +86,12 @@ def advice_lines(plan: Plan, advice: Advice) -> list[str]:
         f"one more microphone helps the others most at ({place}) m: {_mm(extra.before)} -> {_mm(extra.best_rms)}",
         f"measure microphones {chosen} by tape: {_mm(tape.rms)} for the others with {_mm(tape.sigma)} a coordinate;"
         f" a random choice gives {_mm(tape.usual_rms)}",
-        _snr_line(plan, advice),
+        _snr_line(plan, advice.accuracy),
     ]
-    sizes = dict(advice.sizes.tolist())
-    others = [f"{factor:g} times as large {_mm(sizes[factor])}" for factor in SIZES if factor in sizes]
-    lines.append(f"size: {'; '.join(others)}; as it is {_mm(float(np.interp(1.0, *advice.sizes.T)))}")
-    return lines
+    return [*lines, _size_line(plan, advice.accuracy)]
 
 
-def _snr_line(plan: Plan, advice: Advice) -> str:
+def _snr_line(plan: Plan, advice: AccuracyAdvice) -> str:
     wanted = _mm(plan.request.accuracy)
     if advice.snr_db is None or advice.recording_factor is None:
         given = plan.request.known_sigma > 0 and len(plan.request.known) > 0
@@ -75,6 +101,19 @@ def _snr_line(plan: Plan, advice: Advice) -> str:
         return f"{wanted} needs {advice.snr_db:.0f} dB, which {plan.request.snr_db:g} dB exceeds"
     longer = f"{advice.recording_factor:.2g} times as long a recording in the same noise"
     return f"{wanted} needs {advice.snr_db:.0f} dB: {longer}, or a louder source"
+
+
+def _size_line(plan: Plan, advice: AccuracyAdvice) -> str:
+    bounds = dict(advice.sizes.tolist())
+    others = "; ".join(f"{factor:g} times as large {_mm(bounds[factor])}" for factor in SIZES if factor in bounds)
+    wanted, reckoned = _mm(plan.request.accuracy), f"calibrations err {advice.margin:.2g} times the bound"
+    if advice.size is None:
+        judged = f"no size from {advice.sizes[0, 0]:g} to {advice.sizes[-1, 0]:g} times reaches {wanted}"
+    elif advice.size < 1:
+        judged = f"{wanted} needs an array of {advice.size:.2g} times the size"
+    else:
+        judged = f"the array may be {advice.size:.2g} times as large for {wanted}"
+    return f"size: {judged}, where {reckoned} ({others}; as it is {_mm(float(np.interp(1.0, *advice.sizes.T)))})"
 
 
 def _mm(metres: float) -> str:
@@ -121,9 +160,11 @@ def _advice_dict(plan: Plan, advice: Advice) -> dict:
         "tape_sigma_m": tape.sigma,
         "tape_rms_m": tape.rms,
         "accuracy_m": plan.request.accuracy,
-        "snr_needed_db": advice.snr_db,
-        "recording_factor": advice.recording_factor,
-        "sizes": advice.sizes.tolist(),
+        "margin": _finite(advice.accuracy.margin),
+        "snr_needed_db": advice.accuracy.snr_db,
+        "recording_factor": advice.accuracy.recording_factor,
+        "sizes": advice.accuracy.sizes.tolist(),
+        "size_factor": advice.accuracy.size,
     }
 
 

@@ -41,6 +41,29 @@ class PlanLimits:
 
 
 LIMITS = PlanLimits()
+
+
+@dataclass(frozen=True)
+class Assumptions:
+    """Tape measures, channels and accuracies, as assumed unless a request says otherwise.
+
+    Attributes
+    ----------
+    tape_sigma_m : metres, one sigma of a coordinate that is measured by tape. A tape of class II errs by 0.3 mm and 0.2
+        mm more for each metre at most (Directive 2014/32/EU, annex X); finding the middle of a membrane in its housing
+        and holding the tape level take the rest.
+    gain_sigma_db : dB, spread of the channels' gains: what makers promise for the sensitivity of MEMS and of
+        measurement microphones without calibration, +-1 dB.
+    blurred : relative one sigma of the size, or of a stretch, from which a plan mentions it: over an array of 1 m it is
+        the accuracy that is wanted by default, 10 mm.
+    """
+
+    tape_sigma_m: float = 0.005
+    gain_sigma_db: float = 1.0
+    blurred: float = 0.01
+
+
+ASSUMED = Assumptions()
 LEAST_FREQUENCIES = 3  # of a calibration
 
 
@@ -61,6 +84,8 @@ class PlanRequest:
     sound_speed : float, m/s
     accuracy : float, metres, that is wanted
     seed : int, of sources, noise and gains
+    modes : int, the lowest so many independent frequencies of the band; all of them unless given
+    solver : str, of the trials; "robust" models all that a plan assumes of gains and given positions
     """
 
     layout: Layout
@@ -74,6 +99,8 @@ class PlanRequest:
     sound_speed: float = 343.0
     accuracy: float = 0.01
     seed: int = 0
+    modes: int | None = None
+    solver: str = "robust"
 
     def __post_init__(self):
         for key in ("reverberation_time", "sound_speed", "accuracy"):
@@ -85,6 +112,8 @@ class PlanRequest:
         if not least <= N <= LIMITS.most_microphones:
             remedy = f"give {least} to {LIMITS.most_microphones}"
             raise InputError(f"the layout has {N} microphones", remedy, key="layout", value=N)
+        if np.ptp(self.layout.positions, axis=0).max() <= 0:
+            raise InputError("all microphones are at one place", "move them apart", key="layout")
         if self.room is not None and len(self.room) == 2 and self.layout.positions.shape[1] == 3:
             raise InputError("the array has heights and the room has none", "give <room> three lengths", key="room")
         if len(self.frequencies) < LEAST_FREQUENCIES:
@@ -114,7 +143,16 @@ class PlanRequest:
 
     @property
     def frequencies(self) -> np.ndarray:
-        """All independent frequencies of the band : (M,) float64, Hz."""
+        """The independent frequencies in use : (M,) float64, Hz."""
+        return self._all_frequencies[: self.modes]
+
+    @property
+    def most_modes(self) -> int:
+        """Number of independent frequencies in the band."""
+        return len(self._all_frequencies)
+
+    @property
+    def _all_frequencies(self) -> np.ndarray:
         return independent_frequencies(*self.limits, self.reverberation_time, self.sound_speed, self.room)
 
     @property

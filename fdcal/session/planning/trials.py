@@ -20,8 +20,8 @@ from .fields import field_of, wavenumbers_of
 from .request import PlanRequest
 
 MOST_FREQUENCIES = 120  # of a simulated calibration: more take longer and hardly change the answer
-FOUND = 3.0  # times the bound: an array whose error is below was found
-LEAST_FOUND = 0.005  # metres, likewise
+FOUND_BOUNDS = 3.0  # times the bound: an array whose error is below was found
+LEAST_FOUND_M = 0.005  # likewise: half of the accuracy that is wanted by default
 
 
 @dataclass(frozen=True)
@@ -51,9 +51,14 @@ class Trials:
         return np.sqrt(np.mean(self.errors[:, self.free] ** 2, axis=1))
 
     @property
+    def margin(self) -> float:
+        """Median error over the bound, at least 1; infinite where most trials were refused."""
+        return max(self.percentile(50) / self.bound, 1.0)
+
+    @property
     def found(self) -> float:
         """Share of trials in which the array was found: error below 5 mm or three times the bound."""
-        return float(np.mean(self.rms < max(LEAST_FOUND, FOUND * self.bound)))
+        return float(np.mean(self.rms < max(LEAST_FOUND_M, FOUND_BOUNDS * self.bound)))
 
     @property
     def accurate(self) -> float:
@@ -63,7 +68,7 @@ class Trials:
     @property
     def trusted_wrongly(self) -> float:
         """Share of trials with verdict good in which the array was not found."""
-        wrong = ~(self.rms < max(LEAST_FOUND, FOUND * self.bound))
+        wrong = ~(self.rms < max(LEAST_FOUND_M, FOUND_BOUNDS * self.bound))
         return float(np.mean(wrong & (np.array(self.verdicts) == "good")))
 
     def percentile(self, q: float) -> float:
@@ -129,7 +134,14 @@ def draw_measurement(request: PlanRequest, trial: int) -> Measurement:
 def _calibrate(measurement: Measurement, request: PlanRequest, trial: int) -> Calibration | None:
     """Return the calibration of a simulated measurement, None if the solver refuses it."""
     modes = len(measurement.frequencies)
-    settings = SolverSettings(modes=modes, first_modes=min(3, modes))
+    settings = SolverSettings(
+        name=request.solver,
+        modes=modes,
+        first_modes=min(3, modes),
+        gains="auto" if request.gain_sigma_db else "fixed",
+        gain_sigma_db=request.gain_sigma_db or None,
+        known_sigma=request.known_sigma or None,
+    )
     try:
         return solve(CalibrationInput("plan", None, measurement, settings, trial))
     except InputError:

@@ -19,7 +19,7 @@ import hashlib
 import json
 import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,7 @@ from ..scene_edits import SceneParameters
 
 MOST_TASKS = 100_000_000
 PARAMETERS = tuple(field.name for field in fields(SceneParameters) if field.name != "seed")
+SCENE = "scene"  # the axis whose values are names or paths of scenes
 OWN = ("point", "draw", "seed")  # columns of the table that no axis may be called like
 
 
@@ -58,7 +59,7 @@ class Study:
     Attributes
     ----------
     title : str
-    scene : str, name or path of a scene's file
+    scene : str, name or path of a scene's file; left out where the axis "scene" names several
     draws : int, calibrations at every point, each with a seed of its own
     seed : int, of the first draw
     axes : dict of str to list, at most a few thousand points
@@ -68,15 +69,15 @@ class Study:
     """
 
     title: str
-    scene: str
     draws: int
     axes: dict
+    scene: str = ""
     seed: int = 0
     fixed: dict | None = None
     drawn: Drawn = Drawn()
     time_limit: float = 60.0
 
-    OPTIONAL = ("title", "seed", "fixed", "drawn", "time_limit")
+    OPTIONAL = ("title", "scene", "seed", "fixed", "drawn", "time_limit")
 
     def __post_init__(self):
         require_positive("draws", self.draws)
@@ -85,7 +86,10 @@ class Study:
             if not isinstance(values, list) or not values:
                 remedy = f'write it as "{shown(key)}" = [...]'
                 raise InputError(f"axes.{shown(key)} is no list of values", remedy, key=f"axes.{key}")
-        for key in (*self.axes, *(self.fixed or {})):
+        if bool(self.scene) == (SCENE in self.axes):
+            remedy = 'write scene = "NAME", or name several by scene = [...] below [axes]'
+            raise InputError("a study has a scene, or an axis of scenes", remedy, key=SCENE)
+        for key in (*(key for key in self.axes if key != SCENE), *(self.fixed or {})):
             if key in OWN or ("." not in key and key not in PARAMETERS):
                 remedy = f"use a key of the scene, such as solver.modes, or one of {', '.join(PARAMETERS)}"
                 raise InputError(f'no scene has the key "{shown(key)}"', remedy, key=f"axes.{shown(key)}")
@@ -93,6 +97,11 @@ class Study:
             raise InputError(
                 f"the study has {self.count:.3g} calibrations", f"use at most {MOST_TASKS:.0e}", key="axes"
             )
+
+    @property
+    def scenes(self) -> list[str]:
+        """Names or paths of all its scenes."""
+        return self.axes.get(SCENE, [self.scene])
 
     @property
     def points(self) -> int:
@@ -118,7 +127,7 @@ class Study:
 
     def digest(self) -> str:
         """Return what tells this study from any other: a hash of its content and of its scene."""
-        content = json.dumps([asdict(self), _table_of(self.scene)], sort_keys=True, default=str)
+        content = json.dumps([asdict(self), *map(_table_of, self.scenes)], sort_keys=True, default=str)
         return hashlib.blake2b(content.encode(), digest_size=12).hexdigest()
 
 
@@ -136,9 +145,7 @@ def load_study(path: str | Path) -> Study:
     try:
         table = parse_toml(read_bytes(path, what="study"), path)
         study = build(Study, {"title": path.stem, **table}, whole="study")
-        beside = path.parent / study.scene
-        if study.scene.endswith(".toml") and beside.is_file():
-            study = build(Study, {"title": path.stem, **table, "scene": str(beside.resolve())}, whole="study")
+        study = _with_scenes_beside(study, path.parent)
         for number in {0, study.points - 1}:
             scene_at(study, study.point(number), study.seed)
     except InputError as error:
@@ -157,7 +164,7 @@ def scene_at(study: Study, point: dict[str, Any], seed: int) -> Scene:
     from ..scene_edits import parameters_of, with_parameters
 
     values = {**(study.fixed or {}), **point}
-    table = _table_of(study.scene)
+    table = _table_of(values.pop(SCENE, study.scene))
     for key, value in values.items():
         if "." in key:
             _put(table, key, value)
@@ -165,6 +172,18 @@ def scene_at(study: Study, point: dict[str, Any], seed: int) -> Scene:
     changed = {key: value for key, value in values.items() if "." not in key}
     parameters = asdict(parameters_of(scene)) | changed
     return with_parameters(scene, SceneParameters(**parameters))
+
+
+def _with_scenes_beside(study: Study, folder: Path) -> Study:
+    """Return the study with the full paths of those of its scenes that are files beside its own."""
+
+    def beside(scene: str) -> str:
+        path = folder / str(scene)
+        return str(path.resolve()) if path.suffix == ".toml" and path.is_file() else scene
+
+    if study.scene:
+        return replace(study, scene=beside(study.scene))
+    return replace(study, axes={**study.axes, SCENE: [beside(scene) for scene in study.axes[SCENE]]})
 
 
 def _table_of(scene: str) -> dict:

@@ -16,14 +16,12 @@ from ...assessment.fisher_information import diffuse_information
 from ...assessment.position_bound import Prior, position_bound
 from ...model.arrays import positions_of
 from ...model.measurement import Measurement
+from ...model.random_source import random_source
 from ...model.scene import Scene
 from ...model.validation import InputError
 from ..calibrate import solve
 from ..sources import CalibrationInput
 from .definition import Study, scene_at
-
-TRIES = 500  # draws of the place of a source
-WALL = 0.1  # metres, least distance of a source from a wall
 
 
 def run_task(study: Study, number: int) -> dict[str, Any]:
@@ -71,16 +69,19 @@ def _with_source(study: Study, scene: Scene, seed: int) -> Scene:
         return scene
     if scene.source is None or scene.room.size is None:
         raise InputError("drawn.source needs a rectangular room with a source", "remove it", key="drawn.source")
-    rng, size = np.random.default_rng([seed, 5]), np.array(scene.room.size)
-    microphones = positions_of(scene)
-    for _ in range(TRIES):
-        place = WALL + rng.random(len(size)) * (size - 2 * WALL)
-        away = np.linalg.norm(microphones - place[: microphones.shape[1]], axis=1).min()
-        moved = replace(scene, source=replace(scene.source, position=tuple(np.round(place, 3).tolist())))
-        if away > study.drawn.least_distance and _allowed(moved):
-            return moved
+    rng = np.random.default_rng([seed, 5])
+    least = study.drawn.least_distance
+    place = random_source(scene.room.size, positions_of(scene), least, rng, lambda at: _allowed(_moved(scene, at)))
+    if place is not None:
+        return _moved(scene, place)
     remedy = "make the room larger, or drawn.least_distance smaller"
     raise InputError("no place of the room is far enough from the array", remedy, key="drawn.least_distance")
+
+
+def _moved(scene: Scene, place: np.ndarray) -> Scene:
+    """Return the scene with its source at another place."""
+    assert scene.source is not None
+    return replace(scene, source=replace(scene.source, position=tuple(place.tolist())))
 
 
 def _allowed(scene: Scene) -> bool:

@@ -10,9 +10,10 @@ from fdcal.acoustics.dictionary import dictionary
 from fdcal.graphics.plan_figure import draw_plan
 from fdcal.graphics.plan_html import plan_html
 from fdcal.model.validation import InputError, StorageError
+from fdcal.session.planning.bounds import request_information
 from fdcal.session.planning.fields import field_of, places_in_room, wavenumbers_of
 from fdcal.session.planning.layout import read_layout
-from fdcal.session.planning.plan import make_plan, request_information
+from fdcal.session.planning.plan import make_plan
 from fdcal.session.planning.report import plan_dict, plan_lines
 from fdcal.session.planning.request import PlanRequest
 from fdcal.session.planning.trials import draw_measurement, run_trials
@@ -114,11 +115,11 @@ def test_noise_and_time_of_recording_exchange_against_each_other():
     """The ratio that a plan asks for gives the accuracy that is wanted, by the bound."""
     known = {"text": "rectangle 4x4 0.5x0.5", "known": (0, 3, 12)}
     present = make_plan(request_of(**known, snr_db=10.0), with_advice=False).bound.rms
-    advice = make_plan(request_of(**known, snr_db=10.0, accuracy=present / 2)).advice
+    advice = make_plan(request_of(**known, snr_db=10.0, accuracy=present)).advice.accuracy
     assert advice.snr_db > 10
     assert advice.recording_factor == pytest.approx(10 ** ((advice.snr_db - 10) / 10))
     louder = make_plan(request_of(**known, snr_db=advice.snr_db), with_advice=False)
-    assert louder.bound.rms == pytest.approx(present / 2, rel=0.1)
+    assert louder.bound.rms == pytest.approx(present / advice.margin, rel=0.1)
 
 
 def test_json_figure_and_page_hold_the_plan():
@@ -140,3 +141,14 @@ def test_trials_find_an_easy_array_and_never_an_impossible_accuracy():
     assert found.accurate == 1.0
     assert found.found == 1.0
     assert replace(found, accuracy=1e-9).accurate == 0.0
+
+
+def test_a_plan_with_trials_answers_first():
+    """Whoever asks whether an array will do reads yes or no before any figure of the bound."""
+    easy = request_of("rectangle 4x4 0.6x0.6", room=(6.0, 5.0), snr_db=40.0, known=(0, 3, 12), band=(20.0, 400.0))
+    simulated = run_trials(easy, request_information(easy), 2)
+    hard = replace(simulated, errors=np.full_like(simulated.errors, 0.3))
+    lines = [plan_lines(make_plan(easy, trials=trials)) for trials in (simulated, hard, None)]
+    assert lines[0][1].startswith("yes: ")
+    assert lines[1][1].startswith("no: ")
+    assert any("trials show" in line for line in lines[2])

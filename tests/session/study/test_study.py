@@ -74,6 +74,28 @@ def test_a_wrong_study_is_one_line(file, old, new):
     assert str(file) in str(caught.value)
 
 
+def test_an_axis_of_scenes(file, tmp_path):
+    """Names of shipped scenes, and paths beside the study's file; two scenes make two points."""
+    from fdcal.model.scene_file import scene_folder
+
+    (tmp_path / "own.toml").write_text(
+        (scene_folder() / "tiny.toml").read_text().replace("snr_db = inf", "snr_db = 12.0")
+    )
+    text = TEXT.format(draws=3).replace('scene = "tiny"\n', "")
+    file.write_text(text.replace("snr_db = [20, 40]", 'scene = ["tiny", "own.toml"]'))
+    study = load_study(file)
+    levels = [scene_at(study, study.point(number), 0).measurement.snr_db for number in range(4)]
+    assert levels == [np.inf, np.inf, 12, 12]
+
+
+@pytest.mark.parametrize("line", ["", 'scene = "tiny"\n'])
+def test_a_study_has_either_a_scene_or_an_axis_of_scenes(file, line):
+    text = TEXT.format(draws=3).replace('scene = "tiny"\n', line)
+    file.write_text(text if not line else text.replace("[axes]", '[axes]\nscene = ["tiny"]'))
+    with pytest.raises(InputError, match="an axis of scenes"):
+        load_study(file)
+
+
 def test_a_calibration_is_determined_by_its_number(file):
     study = load_study(file)
     one, same, other = run_task(study, 5), run_task(study, 5), run_task(study, 9)

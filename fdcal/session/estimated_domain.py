@@ -1,0 +1,56 @@
+"""A search domain for a measurement that has none, from positions that a solver without one estimates."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+from .. import solvers
+from ..model.measurement import Measurement
+from ..model.search_domain import search_round, with_search_domain
+from ..model.settings import SolverSettings
+from ..model.validation import InputError
+from .blas_threads import one_blas_thread
+from .calibrate import last_state, problem_of
+from .sources import CalibrationInput, Progress
+
+SOLVER = "joint"  # estimates the positions where the solver of the run needs a search domain itself
+SECONDS = 20.0  # of processor time for the estimate
+
+
+def with_estimated_domain(
+    measurement: Measurement, settings: SolverSettings, seed: int, progress: Progress | None = None
+) -> Measurement:
+    """Return a measurement with a search domain: its own, or one round an estimate of the positions.
+
+    Parameters
+    ----------
+    measurement : Measurement
+    settings : SolverSettings
+        Of the run. Its solver estimates the positions, so that they are in its axes; solver joint does so for one that
+        needs a search domain. A known room is the domain itself.
+    seed : int
+    progress : callable, optional
+        As of `fdcal.session.calibrate.states_of`.
+
+    Returns
+    -------
+    Measurement
+        As it is where the positions cannot be estimated.
+    """
+    if measurement.search is not None:
+        return measurement
+    if settings.room is not None and len(settings.room) == measurement.array_dimension:
+        corners = [(0.0,) * len(settings.room), settings.room]
+        return replace(measurement, search=search_round(corners))
+    needs_search = solvers.load(settings.name).TRAITS.needs_search
+    chosen = replace(settings, name=SOLVER if needs_search else settings.name, start=None)
+    inputs = CalibrationInput(measurement=measurement, name="", scene=None, settings=chosen, seed=seed)
+    try:
+        problem = problem_of(inputs)
+        inputs = replace(inputs, settings=solvers.with_mode_count(problem, chosen), time_limit=SECONDS)
+        with one_blas_thread():
+            state, _ = last_state(inputs, progress, problem, time.process_time)
+    except InputError:
+        return measurement
+    return with_search_domain(measurement, state.best_positions)

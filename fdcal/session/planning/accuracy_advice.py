@@ -1,0 +1,126 @@
+"""Which signal-to-noise ratio, and which size of the array, reach the accuracy that is wanted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...acoustics.fourier_bessel import array_f_max
+from ...assessment.position_bound import position_bound
+from .bounds import rms_at, sparse_information
+from .request import LEAST_FREQUENCIES, PlanRequest
+
+
+@dataclass(frozen=True)
+class AccuracyRules:
+    """When an accuracy counts as reached.
+
+    Attributes
+    ----------
+    margin : error of a calibration over the bound, unless trials have shown another: what simulated calibrations by the
+        solver "robust" in two-dimensional rooms and in diffuse fields stay below, in the median of some draws
+    most_snr_db : dB, greatest ratio that is proposed. Channels that are equal to 0.1 dB and 0.5 degrees err by as much
+        as noise 38 dB below the signal, so that less noise is of no use.
+    least_slope : of the logarithm of the error over that of the noise's amplitude. Where it is below, twice as long a
+        recording lowers the error by less than an eighth: noise is not what limits it.
+    sizes : factors on the size of the array that are tried
+    """
+
+    margin: float = 1.5
+    most_snr_db: float = 40.0
+    least_slope: float = 0.4
+    sizes: tuple[float, ...] = (0.35, 0.5, 0.71, 1.0, 1.41, 2.0, 2.83)
+
+
+RULES = AccuracyRules()
+LEAST_SNR_DB, SNR_STEP_DB = 0.1, 0.1  # of the search for the ratio
+SLOPE_DB = 3.0  # to both sides of a ratio, over which the slope is taken
+
+
+@dataclass(frozen=True)
+class AccuracyAdvice:
+    """What reaches the accuracy that is wanted.
+
+    Attributes
+    ----------
+    margin : error of a calibration over the bound that is reckoned with
+    snr_db : dB, least signal-to-noise ratio that reaches it; None if none does
+    recording_factor : the recording's length over the present one that gives this ratio with steady noise
+    sizes : (S, 2) float64, factor on the size of the array and the bound, metres
+    size : largest factor on the size of the array that reaches it; None if none does
+    """
+
+    margin: float
+    snr_db: float | None
+    recording_factor: float | None
+    sizes: np.ndarray
+    size: float | None
+
+
+def accuracy_advice(request: PlanRequest, margin: float | None = None) -> AccuracyAdvice:
+    """Return what reaches the accuracy of a request.
+
+    Parameters
+    ----------
+    request : PlanRequest
+    margin : float, optional
+        Error of a calibration over the bound, as trials have shown it.
+    """
+    margin = RULES.margin if margin is None else margin
+    snr, sizes = needed_snr(request, margin), sizes_of(request)
+    factor = None if snr is None else 10 ** ((snr - request.snr_db) / 10)
+    return AccuracyAdvice(margin, snr, factor, sizes, largest_size(sizes, request.accuracy / margin))
+
+
+def needed_snr(request: PlanRequest, margin: float) -> float | None:
+    """Return the least ratio, dB, at which `margin` times the bound is as low as the accuracy that is wanted.
+
+    None where no ratio in use reaches it, or where the error hardly depends on noise there.
+    """
+    wanted = request.accuracy / margin
+    low, high = LEAST_SNR_DB, RULES.most_snr_db
+    if rms_at(request, high) > wanted:
+        return None
+    while high - low > SNR_STEP_DB:
+        middle = (low + high) / 2
+        low, high = (low, middle) if rms_at(request, middle) <= wanted else (middle, high)
+    below, above = rms_at(request, high - SLOPE_DB), rms_at(request, high + SLOPE_DB)
+    slope = np.log(below / above) / np.log(10 ** (2 * SLOPE_DB / 20))
+    return high if slope >= RULES.least_slope else None
+
+
+def sizes_of(request: PlanRequest) -> np.ndarray:
+    """Return factors on the size of the array and its bound : (S, 2) float64.
+
+    A band that was given stays, but for frequencies that the enlarged array cannot interpolate; without one, every
+    array has the band that it can interpolate.
+    """
+    rows = []
+    for factor in RULES.sizes:
+        other = resized(request, factor)
+        x = other.layout.positions
+        highest = array_f_max(x, request.sound_speed, request.dimension)
+        if np.sum(other.frequencies <= highest) >= LEAST_FREQUENCIES:
+            rows.append((factor, position_bound(sparse_information(other, x, highest=highest), request.prior).rms))
+    return np.array(rows)
+
+
+def resized(request: PlanRequest, factor: float) -> PlanRequest:
+    """Return `request` with an array that is `factor` times as large."""
+    x = request.layout.positions
+    scaled = x.mean(axis=0) + factor * (x - x.mean(axis=0))
+    return replace(request, layout=replace(request.layout, positions=scaled))
+
+
+def largest_size(sizes: np.ndarray, bound: float) -> float | None:
+    """Return the largest factor at which the array has a bound, metres, between those of `sizes_of`; None without."""
+    factors, rms = np.log(sizes).T
+    below = np.flatnonzero(rms <= np.log(bound))
+    if not len(below):
+        return None
+    i = int(below[-1])
+    if i == len(sizes) - 1:
+        return float(sizes[i, 0])
+    share = (np.log(bound) - rms[i]) / (rms[i + 1] - rms[i])
+    return float(np.exp(factors[i] + share * (factors[i + 1] - factors[i])))
