@@ -1,4 +1,4 @@
-"""Title, labels and colour bar of a picture, written over the image of its scene."""
+"""Title, labels, legend and colour bar of a picture, written over the image of its scene."""
 
 from __future__ import annotations
 
@@ -9,15 +9,18 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from .camera import Camera, project
+from .legend import Entry, legend_of
+from .legend_image import ROW, draw_legend, legend_rows
 from .primitives import Colour, ColourBar, Label, Picture, Theme
 
 ANCHORS = {"left": "l", "center": "m", "right": "r", "top": "a", "bottom": "d"}  # of a label, to Pillow's
 WHITE = (255, 255, 255)
 SMALLEST_FONT = 6  # pixels
+LEGEND_EDGE = 20  # pixels left and right of the legend, at a 16-pixel font
 
 
 def text_scale(size: tuple[int, int]) -> float:
-    """Return the pixels of one point of text: an image 800 pixels high has a 16-pixel font."""
+    """Return the pixels of one point of text: an image 800 pixels high has a 16-pixel font, in the usual size."""
     return min(size[0] / 1000, size[1] / 800)
 
 
@@ -27,20 +30,30 @@ def font(points: float) -> ImageFont.FreeTypeFont:
     return ImageFont.truetype(str(folder / "DejaVuSans.ttf"), max(points, SMALLEST_FONT))
 
 
-def margins(size: tuple[int, int], has_bar: bool) -> tuple[float, float, float, float]:
-    """Return the pixels that rulers, colour bar and title take: left, bottom, right, top.
+def margins(picture: Picture, size: tuple[int, int]) -> tuple[float, float, float, float]:
+    """Return the pixels that rulers, legend, colour bar and title take: left, bottom, right, top.
 
     Parameters
     ----------
+    picture : Picture
     size : (width, height), pixels
-    has_bar : whether there is a colour bar
     """
+    scale, right = text_scale(size), 40 if picture.bar is None else 160
+    return 90 * scale, 62 * scale + legend_height(picture, size), right * scale, 104 * scale
+
+
+def legend_height(picture: Picture, size: tuple[int, int]) -> float:
+    """Return the pixels that the legend takes below a picture."""
+    return len(_legend(picture, size)) * ROW * text_scale(size)
+
+
+def _legend(picture: Picture, size: tuple[int, int]) -> tuple[tuple[Entry, ...], ...]:
     scale = text_scale(size)
-    return 90 * scale, 62 * scale, (160 if has_bar else 40) * scale, 104 * scale
+    return legend_rows(legend_of(picture), size[0] - 2 * LEGEND_EDGE * scale, font(16 * scale))
 
 
 def annotate(pixels: np.ndarray, picture: Picture, camera: Camera) -> np.ndarray:
-    """Return a copy of the image with all texts and the colour bar.
+    """Return a copy of the image with all texts, the legend and the colour bar.
 
     Parameters
     ----------
@@ -57,8 +70,10 @@ def annotate(pixels: np.ndarray, picture: Picture, camera: Camera) -> np.ndarray
         outline = _outline(label.colour, picture.theme)
         _write(draw, (float(x), float(y)), label.text, letters, label.colour, _anchor(label), outline, scale)
     _draw_title(draw, picture, scale)
-    if picture.floor is not None:
-        _draw_bar(draw, picture.floor.bar, picture.theme, letters, _bar_place(picture, camera, size))
+    corner = LEGEND_EDGE * scale, size[1] - legend_height(picture, size) - LEGEND_EDGE / 4 * scale
+    draw_legend(image, _legend(picture, size), corner, letters, picture.theme)
+    if picture.bar is not None:
+        _draw_bar(draw, picture.bar, picture.theme, letters, _bar_place(picture, camera, size))
     return np.asarray(image)
 
 

@@ -10,12 +10,12 @@ from ..assessment.calibration import Calibration
 from ..assessment.error_ellipses import ellipse_axes
 from ..model.validation import InputError
 from .markers import ELLIPSE, ESTIMATE, KNOWN, TRUE
+from .overlays import enlargement
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SIGMAS = 2.4477  # sqrt(-2 log 0.05): the ellipse that covers 95 % of a Gaussian in the plane
-VISIBLE = 0.03  # of the extent of the array: half axis to which the median ellipse is enlarged
 SIDES = 60  # of the polygon that is drawn for an ellipse
 
 
@@ -92,15 +92,6 @@ def enlarged_ellipses(panel: Any, places: np.ndarray, covariance: np.ndarray, po
     for place, pair in zip(places[shown], axes[shown], strict=True):
         panel.plot(*(place + factor * circle @ pair).T, "-", color=_rgb(ELLIPSE), linewidth=1.2, label=label)
         label = "_"  # one entry of the legend for all
-
-
-def enlargement(half_axis: float, extent: float) -> float:
-    """Return 1, 2, 5, 10, ...: the least that makes a half axis visible beside the extent, both in metres."""
-    wanted = VISIBLE * extent / half_axis
-    if wanted <= 1:
-        return 1.0
-    power = 10.0 ** np.floor(np.log10(wanted))
-    return float(next(power * step for step in (1, 2, 5, 10) if power * step >= wanted * (1 - 1e-9)))
 
 
 def _rgb(colour: tuple[int, int, int]) -> tuple[float, float, float]:

@@ -11,7 +11,7 @@ from ..model.validation import require_choice
 from .primitives import Picture
 
 VIEWS = ("top", "3d", "close")
-MARGIN = {"3d": 1.06, "close": 1.3}  # size of the view, of the room's and of the search domain's
+MARGIN = {"3d": 1.06, "close": 1.06}  # size of the view, of the room's and of the search domain's with its rulers
 OBLIQUE = (-0.42, -0.88, 0.78)  # direction from the centre to the eye of the 3-D views
 FOV_3D = 35.0  # degrees
 REFINEMENTS = 6  # of the 3-D view: perspective makes size and place in the image no simple function of the distance
@@ -71,7 +71,7 @@ def camera_for(
 
 
 def _oblique(corners: np.ndarray, size, free, middle: np.ndarray, fov: float, margin: float) -> Camera:
-    """Camera of a 3-D view that fits `corners` (8, 3), metres, into `free` pixels around the pixel `middle`."""
+    """Camera of a 3-D view that fits `corners` (P, 3), metres, into `free` pixels around the pixel `middle`."""
     centre = (corners.min(axis=0) + corners.max(axis=0)) / 2
     camera = _camera(centre, OBLIQUE, float(np.ptp(corners, axis=0).max()), fov)
     for _ in range(REFINEMENTS):
@@ -84,7 +84,7 @@ def _oblique(corners: np.ndarray, size, free, middle: np.ndarray, fov: float, ma
 
 
 def _corners(picture: Picture, view: str) -> np.ndarray:
-    """Corners (8, 3), metres, of the box that a 3-D view shows."""
+    """Corners (P, 3), metres, of the box that a 3-D view shows; close, with the numbers of its rulers."""
     x0, y0, x1, y1 = picture.bounds if view == "3d" else picture.focus
     low, high = picture.z_range
     room = [
@@ -94,7 +94,9 @@ def _corners(picture: Picture, view: str) -> np.ndarray:
         low, high = 0.0, float(max([*room, high]))
     if picture.floor is not None and picture.floor.heights is not None:
         high = max(high, picture.floor.height + float(picture.floor.heights.max()))
-    return np.array([(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in (low, high)])
+    corners = [(x, y, z) for x in (x0, x1) for y in (y0, y1) for z in (low, high)]
+    numbers = [label.position for label in picture.labels if label.name.startswith("frame/")]
+    return np.array([*corners, *numbers] if view == "close" else corners)
 
 
 def _image_axes(camera: Camera) -> np.ndarray:

@@ -10,6 +10,7 @@ import numpy as np
 from ..model.settings import Search
 from ..model.validation import frozen_array
 from .primitives import COLOUR_MAP, DIVERGING_COLOUR_MAP, ColourBar, Floor
+from .relief import shaded
 
 DECADES = 4  # of cost that a logarithmic map shows below its highest value
 RELIEF_HEIGHT = 0.3  # of a map in relief, of the longer side of the search domain
@@ -23,6 +24,7 @@ def cost_floor(
     *,
     minima=(),
     relief: bool = False,
+    relief_height: float = RELIEF_HEIGHT,
     height: float = 0.0,
     decibels: bool = False,
 ) -> Floor:
@@ -35,7 +37,8 @@ def cost_floor(
     log : whether the scale is logarithmic, over DECADES decades at most; linear if no cost is positive
     label : name and unit of the cost
     minima : (K, 2) float64, metres, to be marked
-    relief : whether the map has heights, which rise with its colours
+    relief : whether the map has heights, which rise with its colours, and is shaded
+    relief_height : of the highest cost, of the longer side of the search domain
     height : of the map, metres
     decibels : whether the numbers of a logarithmic scale are decibels re 1
     """
@@ -50,9 +53,10 @@ def cost_floor(
         bar = ColourBar(10 * float(np.log10(low)), 10 * float(np.log10(high)), False, label, clipped)
     half = search.step / 2
     size = (cost.shape[1] * search.step, cost.shape[0] * search.step)
-    heights = frozen_array(RELIEF_HEIGHT * max(size) * fractions, np.float32) if relief else None
+    heights = frozen_array(relief_height * max(size) * fractions, np.float32) if relief else None
+    rgb = to_rgb(fractions)
     return Floor(
-        rgb=frozen_array(to_rgb(fractions), np.uint8),
+        rgb=frozen_array(rgb if heights is None else shaded(rgb, heights, search.step), np.uint8),
         origin=(search.origin[0] - half, search.origin[1] - half),
         size=size,
         bar=bar,
@@ -90,7 +94,17 @@ def normalise(cost: np.ndarray, low: float, high: float, log: bool) -> np.ndarra
 
 def to_rgb(fractions: np.ndarray, name: str = COLOUR_MAP) -> np.ndarray:
     """Return the colours (..., 3) uint8 of fractions of the scale, 0 to 1, in a map of matplotlib.colormaps."""
-    return _table(name)[np.rint(255 * fractions).astype(np.uint8)]
+    return of_colour_numbers(colour_numbers(fractions), name)
+
+
+def colour_numbers(fractions: np.ndarray) -> np.ndarray:
+    """Return the numbers, uint8, of the colours of fractions of the scale, 0 to 1: a map in a third of the memory."""
+    return np.rint(255 * fractions).astype(np.uint8)
+
+
+def of_colour_numbers(numbers: np.ndarray, name: str = COLOUR_MAP) -> np.ndarray:
+    """Return the colours (..., 3) uint8 of `colour_numbers`."""
+    return _table(name)[numbers]
 
 
 @functools.cache

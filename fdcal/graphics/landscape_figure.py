@@ -17,7 +17,7 @@ import numpy as np
 
 from ..cost.landscapes import local_minima, map_positions
 from ..cost.lattice_search import lattice_landscape
-from ..cost.mode_limits import require_modes, search_lattice
+from ..cost.mode_limits import require_modes, require_plane_field, search_lattice
 from ..model.problem import Problem
 from ..model.settings import Search
 from ..model.validation import frozen_array
@@ -28,6 +28,9 @@ from .primitives import COLOUR_MAP
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+MAX_TICKS = 5  # of a colour bar in decibels
 
 
 @dataclass(frozen=True)
@@ -91,7 +94,8 @@ def landscape_panels(problem: Problem, positions, n: int, modes: Sequence[int], 
         The field is not two-dimensional, there is no search domain, or the microphones are too few for the order of a
         mode.
     """
-    if problem.search is not None or problem.dimension != 2:
+    require_plane_field(problem)
+    if problem.search is not None:
         require_modes(problem, order_offset, max(modes))
     index = np.asarray(modes) - 1
     names = ("pressures", "wavenumbers", "frequencies")
@@ -139,7 +143,12 @@ def panels_of(maps, total, modes: Sequence[int], frequencies, n: int, search: Se
 
 
 def draw_landscape(
-    panels: LandscapePanels, truth=None, label: str = "cost (dimensionless)", heading: str = "", estimate=None
+    panels: LandscapePanels,
+    truth=None,
+    label: str = "cost (dimensionless)",
+    heading: str = "",
+    estimate=None,
+    decibels: bool = False,
 ) -> Figure:
     """Return a figure of the panels with the marks of the page: diamonds at the minima, the lowest one large.
 
@@ -150,8 +159,10 @@ def draw_landscape(
     label : of the colour bars
     heading : of the figure; by default it names the microphone
     estimate : (2,) metres, the estimated position, drawn as a cross; or None
+    decibels : whether the scales have decibels re 1, as on the page
     """
     from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator
 
     count = len(panels.maps)
     columns = int(np.ceil(np.sqrt(count)))
@@ -161,10 +172,11 @@ def draw_landscape(
     titles = [f"mode {m}, {f:.1f} Hz" for m, f in zip(panels.modes, panels.frequencies, strict=True)]
     titles.append(f"sum of the {panels.mode_count} modes" if panels.mode_count > 1 else "sum (one mode)")
     for panel, title, cost, minimum in zip(axes, titles, panels.maps, panels.minima, strict=False):
-        image = _draw_map(panel, cost, panels.search)
+        image = _draw_map(panel, cost, panels.search, decibels)
         _draw_marks(panel, cost, panels.search, minimum, truth, estimate)
         panel.set_title(title)
-        figure.colorbar(image, ax=panel, label=label)
+        ticks = MaxNLocator(MAX_TICKS, steps=[1, 2, 5, 10]) if decibels else None
+        figure.colorbar(image, ax=panel, label=label, ticks=ticks)
     _label_axes(axes, count, columns)
     heading = heading or f"Cost of moving microphone {panels.microphone}"
     figure.suptitle(heading, x=0.02, ha="left", parse_math=False)
@@ -202,16 +214,19 @@ def figure_bytes(figure: Figure, file_format: str) -> bytes:
     return file.getvalue()
 
 
-def _draw_map(panel: Any, cost: np.ndarray, search: Search) -> Any:
+def _draw_map(panel: Any, cost: np.ndarray, search: Search, decibels: bool) -> Any:
     """Draw one map in decades of cost, as on the page; a pixel is one cell of the lattice."""
-    from matplotlib.colors import LogNorm
+    from matplotlib.colors import LogNorm, Normalize
 
     high = max(float(cost.max()), float(np.finfo(float).tiny))
     low = max(float(cost.min()), high * 10.0**-DECADES)
     half = search.step / 2
     (x, y), (ny, nx) = search.origin[:2], cost.shape
     extent = (x - half, x + nx * search.step - half, y - half, y + ny * search.step - half)
-    norm = LogNorm(low, high if high > low else 2 * low, clip=True)
+    high = high if high > low else 2 * low
+    norm: Normalize = LogNorm(low, high, clip=True)
+    if decibels:
+        cost, norm = 10 * np.log10(np.maximum(cost, low)), Normalize(10 * np.log10(low), 10 * np.log10(high), clip=True)
     return panel.imshow(cost, origin="lower", extent=extent, cmap=COLOUR_MAP, norm=norm, interpolation="nearest")
 
 

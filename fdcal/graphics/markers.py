@@ -22,6 +22,7 @@ from .primitives import Colour, Floor, Lines, Mesh, Theme
 TRUE, ESTIMATE, KNOWN, HALO = (0, 0, 0), (214, 24, 40), (0, 90, 181), (255, 255, 255)
 LOWEST = (255, 176, 0)
 TRAIL, ELLIPSE, ODD = (240, 130, 200), (255, 110, 60), (120, 40, 170)
+CUT = (0, 95, 95)
 HALO_WIDTH = 0.34  # of a mark of microphones, in radii of a marker, on both sides together
 
 
@@ -42,6 +43,7 @@ class Layer(enum.IntEnum):
     ODD = 9
     SELECTED_TRUE = 10
     SELECTED = 12
+    CUT = 13
     COMPARISON = 14
 
 
@@ -111,13 +113,14 @@ def on_layer(points, base: float, marker_radius: float, layer: int) -> np.ndarra
     return glyphs.lift(points, layer_height(layer, marker_radius) + (base if np.shape(points)[1] == 2 else 0.0))
 
 
-def drape(points, floor: Floor | None) -> np.ndarray:
+def drape(points, floor: Floor | None, radius: float = 0.0) -> np.ndarray:
     """Return points with the height that a map in relief has there.
 
     Parameters
     ----------
     points : (P, 2) or (P, 3), metres
     floor : the map, or None
+    radius : of a flat mark at each point, metres, which lies above the slope: the highest height within it counts
 
     Returns
     -------
@@ -126,9 +129,13 @@ def drape(points, floor: Floor | None) -> np.ndarray:
     points = np.atleast_2d(np.asarray(points, float))
     if floor is None or floor.heights is None or points.shape[1] == 3:
         return points
-    place = (points - floor.origin) / np.divide(floor.size, floor.heights.shape[::-1]) - 0.5
-    column, row = np.clip(np.rint(place), 0, np.array(floor.heights.shape[::-1]) - 1).astype(int).T
-    return np.column_stack([points, floor.height + floor.heights[row, column]])
+    counts = np.array(floor.heights.shape[::-1])
+    cell = np.divide(floor.size, counts)
+    reach = (radius + float(cell.max()) / 2) * np.arange(-1, 2) if radius else np.zeros(1)
+    around = np.stack(np.meshgrid(reach, reach), axis=-1).reshape(-1, 1, 2)
+    place = (points + around - floor.origin) / cell - 0.5
+    column, row = np.moveaxis(np.clip(np.rint(place), 0, counts - 1).astype(int), 2, 0)
+    return np.column_stack([points, floor.height + floor.heights[row, column].max(axis=0)])
 
 
 def lines(name: str, segments, colour: Colour, width: float) -> Lines:

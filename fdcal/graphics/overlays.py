@@ -1,4 +1,4 @@
-"""What can be drawn over a picture: the paths of the estimates, error ellipses, the estimates of compared solvers.
+"""What can be drawn over a picture: paths, error ellipses, odd channels, compared solvers, the cost in space.
 
 Each function takes a picture of `fdcal.graphics.picture` and returns it with more in it.
 """
@@ -11,10 +11,17 @@ from dataclasses import replace
 import numpy as np
 
 from . import glyphs
-from .markers import ELLIPSE, ODD, TRAIL, Layer, drape, lines, on_layer, solver_mark, strokes
-from .primitives import Floor, Picture
+from .markers import CUT, ELLIPSE, LOWEST, ODD, TRAIL, Layer, drape, lines, on_layer, solver_mark, strokes
+from .primitives import Floor, Label, Picture
+from .volume import AXES, Volume
 
+_DIAMOND = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # corners
 ELLIPSE_SIDES = 36  # of the polygon that is drawn for an ellipse
+ELLIPSE_TEXT = "error ellipse (95 %)"  # in the legend
+NO_ELLIPSE = 1e-6  # m, half axis up to which nothing is drawn
+SMALL_ELLIPSE = 0.5  # of the radius of a marker: half axis below which an ellipse is hidden by the marks
+VISIBLE = 0.03  # of the extent: half axis to which the median ellipse is enlarged
+CUT_RADIUS, CUT_PIECES = 1.3, 80  # of the ring at an end, radii of a marker; pieces of the line over a relief
 ODD_RADIUS, ODD_SIDES = 2.4, 24  # of the circle around an odd channel, radii of a marker
 
 
@@ -38,27 +45,64 @@ def with_trails(picture: Picture, paths, floor: Floor | None = None) -> Picture:
     return replace(picture, lines=(*picture.lines, lines("trails", pieces, TRAIL, 2.0)))
 
 
-def with_ellipses(picture: Picture, positions, axes, floor: Floor | None = None) -> Picture:
+def ellipse_scale(axes, extent: float) -> float:
+    """Return the round factor, 1 or more, that makes most error ellipses visible.
+
+    Parameters
+    ----------
+    axes : (N, D, D) float64, metres, half axes in rows, the longest last
+    extent : of what is drawn, metres
+    """
+    longest = np.linalg.norm(np.asarray(axes, float)[:, -1], axis=1)
+    drawn = longest[longest > NO_ELLIPSE]
+    return enlargement(float(np.median(drawn)), extent) if len(drawn) else 1.0
+
+
+def enlargement(half_axis: float, extent: float) -> float:
+    """Return 1, 2, 5, 10, ...: the least that makes a half axis visible beside the extent, both in metres."""
+    wanted = VISIBLE * extent / half_axis
+    if wanted <= 1:
+        return 1.0
+    power = 10.0 ** np.floor(np.log10(wanted))
+    return float(next(power * step for step in (1, 2, 5, 10) if power * step >= wanted * (1 - 1e-9)))
+
+
+def with_ellipses(
+    picture: Picture, positions, axes, floor: Floor | None = None, scale: float = 1.0, note: str = ""
+) -> Picture:
     """Return the picture with an error ellipse around each microphone, none where it is no larger than a dot.
+
+    The legend says by how much the ellipses are enlarged, or that they are too small to be seen.
 
     Parameters
     ----------
     positions : (N, D) float64, metres
     axes : (N, D, D) float64, metres, half axes in rows, the longest last; the largest section of an ellipsoid is drawn
     floor : a map in relief, on which the microphones stand, or None
+    scale : by which the ellipses are enlarged
+    note : further words for the legend
     """
-    axes, positions = np.asarray(axes, float), np.asarray(positions, float)
+    axes, positions = scale * np.asarray(axes, float), np.asarray(positions, float)
     long, middle = axes[:, -1], axes[:, -2]
-    seen = np.flatnonzero(np.linalg.norm(long, axis=1) > 1e-6)
+    lengths = np.linalg.norm(long, axis=1)
+    seen = np.flatnonzero(lengths > scale * NO_ELLIPSE)
     if not len(seen):
         return picture
-    centres = on_layer(drape(positions[seen], floor), picture.z_range[0], picture.marker_radius, Layer.ELLIPSE)
+    centres = on_layer(
+        drape(positions[seen], floor, picture.marker_radius), picture.z_range[0], picture.marker_radius, Layer.ELLIPSE
+    )
     pad = ((0, 0), (0, 3 - axes.shape[2]))
     long, middle = np.pad(long[seen], pad), np.pad(middle[seen], pad)
     angles = np.linspace(0, 2 * np.pi, ELLIPSE_SIDES + 1)
     rim = np.cos(angles)[:, None, None] * long + np.sin(angles)[:, None, None] * middle + centres
     pieces = np.stack([rim[:-1], rim[1:]], axis=2).reshape(-1, 2, 3)
-    return replace(picture, lines=(*picture.lines, lines("ellipses", pieces, ELLIPSE, 2.5)))
+    text = ELLIPSE_TEXT
+    if scale > 1:
+        text += f", drawn {scale:g} times larger"
+    elif lengths.max() < SMALL_ELLIPSE * picture.marker_radius:
+        text += ", too small to be seen"
+    captions = (*picture.captions, ("ellipses", f"{text}; {note}" if note else text))
+    return replace(picture, lines=(*picture.lines, lines("ellipses", pieces, ELLIPSE, 2.5)), captions=captions)
 
 
 def with_odd_channels(picture: Picture, positions, odd, floor: Floor | None = None) -> Picture:
@@ -73,7 +117,7 @@ def with_odd_channels(picture: Picture, positions, odd, floor: Floor | None = No
     if not len(odd):
         return picture
     radius = picture.marker_radius
-    places = drape(np.asarray(positions, float)[list(odd)], floor)
+    places = drape(np.asarray(positions, float)[list(odd)], floor, radius)
     centres = on_layer(places, picture.z_range[0], radius, Layer.ODD)
     reach = ODD_RADIUS * radius * np.sqrt(0.5) * np.array([1.0, -1.0, 0.0])
     bars = np.stack([centres - reach, centres + reach], axis=1)
@@ -92,13 +136,59 @@ def with_comparison(
     free : (F,) numbers of the microphones to be marked
     floor : a map in relief, on which the microphones stand, or None
     """
-    radius, base, meshes = picture.marker_radius, picture.z_range[0], picture.meshes
+    radius, base, meshes, captions = picture.marker_radius, picture.z_range[0], picture.meshes, picture.captions
     for i, (name, estimate) in enumerate(positions.items()):
         mark = solver_mark(name)
-        centres = on_layer(drape(np.asarray(estimate)[free], floor), base, radius, Layer.COMPARISON + 2 * i)
+        centres = on_layer(drape(np.asarray(estimate)[free], floor, radius), base, radius, Layer.COMPARISON + 2 * i)
         if mark.corners:
             segments = glyphs.polygons(centres, mark.radius * radius, mark.corners)
         else:
             segments = glyphs.stars(centres, mark.radius * radius, turn=0.0)
-        meshes += strokes(f"comparison/{name.replace('+', '_')}", segments, radius, mark.rgb, 0.3, halo=0.14)
-    return replace(picture, meshes=meshes)
+        part = f"comparison/{name.replace('+', '_')}"
+        meshes, captions = meshes + strokes(part, segments, radius, mark.rgb, 0.3, halo=0.14), (*captions, (part, name))
+    return replace(picture, meshes=meshes, captions=captions)
+
+
+def with_volume(picture: Picture, volume: Volume | None) -> Picture:
+    """Return the picture with isosurfaces, slice and minima of the cost of a microphone in space; None adds nothing.
+
+    The minima are diamonds, upright and level, so that they show from every side; the lowest is the largest.
+    """
+    if volume is None:
+        return picture
+    radius, meshes = picture.marker_radius, picture.meshes
+    lowest, others = volume.minima[:1], volume.minima[1:]
+    others = tuple(place for place in others if np.linalg.norm(np.subtract(place, lowest[0])) > radius)
+    for name, places, reach, width in (("minima", others, 1.6, 0.32), ("lowest", lowest, 2.8, 0.45)):
+        if places:
+            loops = [glyphs.loop(np.roll(_DIAMOND, turn, axis=1), 0.0) for turn in (0, 1)]
+            shape = reach * radius * np.concatenate(loops)
+            segments = (np.array(places)[:, None, None, :] + shape).reshape(-1, 2, 3)
+            meshes += strokes(name, segments, radius, LOWEST, width, halo=0.25)
+    plates = () if volume.plate is None else (volume.plate,)
+    surfaces = (volume.surface,) if len(volume.surface.faces) else ()
+    drawn = replace(picture, meshes=meshes, surfaces=surfaces, plates=plates, space_bar=volume.bar)
+    places = [("slice", f"slice at {AXES[plate.axis]} = {plate.position:.2f} m") for plate in plates]
+    return replace(drawn, captions=(*picture.captions, ("isosurfaces", volume.text), *places))
+
+
+def with_cut(picture: Picture, ends, floor: Floor | None = None) -> Picture:
+    """Return the picture with the line of a cut from A to B, a ring around each end.
+
+    Parameters
+    ----------
+    ends : (2, 2) float64, metres
+    floor : a map in relief, on which the line lies, or None
+    """
+    radius, pieces = picture.marker_radius, 1 if floor is None or floor.heights is None else CUT_PIECES
+    first, last = np.asarray(ends, float)
+    points = drape(np.linspace(first, last, pieces + 1), floor)
+    points = on_layer(points, picture.z_range[0], radius, Layer.CUT)
+    rings = glyphs.polygons(points[[0, -1]], CUT_RADIUS * radius, ODD_SIDES)
+    segments = np.concatenate([np.stack([points[:-1], points[1:]], axis=1), rings])
+    labels = tuple(
+        Label(f"cut_ends/{name}", name, (float(at[0]), float(at[1] + 2.2 * CUT_RADIUS * radius), float(at[2])), CUT)
+        for name, at in zip("AB", points[[0, -1]], strict=True)
+    )
+    drawn = strokes("cut", segments, radius, CUT, 0.3, halo=0.3)
+    return replace(picture, meshes=picture.meshes + drawn, labels=picture.labels + labels)

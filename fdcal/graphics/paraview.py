@@ -1,6 +1,7 @@
 """Maps and microphones as files for ParaView.
 
 landscape    the cost of moving one microphone, mode by mode and summed: .vti, values at the lattice points
+volume       the same in space, summed over the modes: .vti
 point_cloud  microphones as points: .vtp
 """
 
@@ -9,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..model.measurement import Measurement
+from ..model.settings import Search
 from . import vtk_xml
 from .landscape_figure import LandscapePanels
 
@@ -29,6 +31,22 @@ def landscape(panels: LandscapePanels, height: float = 0.0) -> str:
     (x, y), step = panels.search.origin[:2], panels.search.step
     ny, nx = panels.maps.shape[1:]
     return vtk_xml.image((nx, ny, 1), (x, y, height), (step, step, step), fields)
+
+
+def volume(cost: np.ndarray, search: Search) -> str:
+    """Return the text of a .vti file of the cost of moving one microphone in space.
+
+    Fields of every point: `cost`, relative to the power, and `cost_dB`.
+
+    Parameters
+    ----------
+    cost : (nz, ny, nx) float64
+    search : the lattice
+    """
+    values = np.asarray(cost, float).ravel()
+    fields = {"cost": values, "cost_dB": 10 * np.log10(np.maximum(values, np.finfo(float).tiny))}
+    steps = [search.step] * 3
+    return vtk_xml.image(cost.shape[::-1], search.origin, steps, {k: v.astype(np.float32) for k, v in fields.items()})
 
 
 def point_cloud(measurement: Measurement, positions, sigma=None, height: float = 0.0) -> str:

@@ -33,7 +33,8 @@ from .markers import (
     strokes,
     true_microphones,
 )
-from .primitives import DARK, LIGHT, Floor, Label, Picture
+from .name_tags import name_place
+from .primitives import Floor, Label, Picture, theme_of
 from .surroundings import focus_of, frame, room_and_source, upper_frame, z_range_of
 
 PLANE_MARKER, SPACE_MARKER = 0.0125, 0.016  # radius of a marker, of the longer side of the search domain
@@ -67,7 +68,11 @@ def compose(
 
 
 def static_picture(
-    scene: Scene | None, measurement: Measurement, dark: bool = False, floor: Floor | None = None
+    scene: Scene | None,
+    measurement: Measurement,
+    dark: bool = False,
+    floor: Floor | None = None,
+    lecture: bool = False,
 ) -> Picture:
     """Return what stays the same while a solver runs.
 
@@ -77,11 +82,14 @@ def static_picture(
     measurement : for true and known microphones, names and the search domain
     dark : whether the background is
     floor : a map in relief, on which the microphones stand, or None; `with_floor` draws it
+    lecture : whether texts, marks and contrast suit a projector
     """
-    theme = DARK if dark else LIGHT
+    theme = theme_of(dark, lecture)
     focus, z_range = focus_of(measurement), z_range_of(scene, measurement)
     base, top = z_range
-    radius = (PLANE_MARKER if base == top else SPACE_MARKER) * max(focus[2] - focus[0], focus[3] - focus[1])
+    radius = (
+        theme.marks * (PLANE_MARKER if base == top else SPACE_MARKER) * max(focus[2] - focus[0], focus[3] - focus[1])
+    )
     drawn, labels = frame(focus, base, radius, theme)
     if top > base:
         upper_lines, upper_labels = upper_frame(focus, z_range, radius, theme)
@@ -94,10 +102,10 @@ def static_picture(
         room_lines, room_labels, meshes = room_and_source(scene, radius, theme)
         drawn, labels = room_lines + drawn, labels + room_labels
     if measurement.positions is not None:
-        circle, stems = true_microphones(drape(measurement.positions, floor), z_range, radius, theme)
+        circle, stems = true_microphones(drape(measurement.positions, floor, radius), z_range, radius, theme)
         meshes, drawn = meshes + circle, drawn + stems
     if len(measurement.known):
-        meshes += known_microphones(drape(measurement.known_positions, floor), base, radius)
+        meshes += known_microphones(drape(measurement.known_positions, floor, radius), base, radius)
     return Picture(theme, focus, bounds, radius, drawn, meshes, labels, z_range=z_range)
 
 
@@ -143,8 +151,9 @@ def with_estimate(
     floor : a map in relief, on which the microphones stand, or None
     """
     truth = measurement.aligned_truth(positions)
-    truth = None if truth is None else drape(truth, floor)
-    positions, radius, known = drape(positions, floor), picture.marker_radius, measurement.known
+    radius, known = picture.marker_radius, measurement.known
+    truth = None if truth is None else drape(truth, floor, radius)
+    positions = drape(positions, floor, radius)
     if truth is not None and measurement.blind:
         picture = _with_truth_at(picture, truth)
     meshes, base = picture.meshes, picture.z_range[0]
@@ -162,7 +171,10 @@ def with_estimate(
     if microphone is None or not 0 <= microphone < len(positions):
         return picture
     name = f"microphone {measurement.names[microphone]}"
-    return _with_selected(picture, name, positions[microphone], None if truth is None else truth[microphone])
+    others = np.delete(positions, microphone, axis=0)[:, :2]
+    minima = np.empty((0, 2)) if floor is None or not floor.show_minima else np.array([floor.minimum, *floor.minima])
+    marks = np.concatenate([others, minima] if truth is None else [others, minima, truth[:, :2]])
+    return _with_selected(picture, name, positions[microphone], None if truth is None else truth[microphone], marks)
 
 
 def _with_truth_at(picture: Picture, positions) -> Picture:
@@ -174,8 +186,13 @@ def _with_truth_at(picture: Picture, positions) -> Picture:
     return replace(picture, meshes=other_meshes + meshes, lines=other_lines + drawn)
 
 
-def _with_selected(picture: Picture, name: str, position: np.ndarray, truth: np.ndarray | None) -> Picture:
-    """The picture with a larger cross at `position` (D,) and a larger circle at the truth (D,), metres."""
+def _with_selected(
+    picture: Picture, name: str, position: np.ndarray, truth: np.ndarray | None, marks: np.ndarray
+) -> Picture:
+    """The picture with a larger cross at `position` (D,), a larger circle at the truth (D,), metres, and a name.
+
+    The name hides as few of the other `marks` (P, 2), metres, as it can.
+    """
     radius, base, meshes, drawn = picture.marker_radius, picture.z_range[0], picture.meshes, picture.lines
     cross = on_layer(position[None], base, radius, Layer.SELECTED)
     if truth is not None:
@@ -184,16 +201,6 @@ def _with_selected(picture: Picture, name: str, position: np.ndarray, truth: np.
     meshes += strokes("selected/estimate", glyphs.stars(cross, 1.9 * radius), radius, ESTIMATE, 0.54)
     if picture.z_range[1] > base:  # ties the microphone to the map below it
         drawn += (lines("selected/stem", glyphs.stems(cross, base), ESTIMATE, 2.0),)
-    towards = 0.0 if truth is None else float(truth[0] - position[0])
-    label = _name_tag(picture, name, cross[0], towards)
+    (x, y), anchor = name_place(name, position[:2], marks, picture.focus, radius)
+    label = Label("selected/name", name, (x, y, float(cross[0, 2])), TRUE, anchor)
     return replace(picture, lines=drawn, meshes=meshes, labels=(*picture.labels, label))
-
-
-def _name_tag(picture: Picture, text: str, place, towards: float) -> Label:
-    """A text beside `place` (3,), metres: not over the truth, which lies `towards` in x, and not beyond the edge."""
-    x0, _, x1, _ = picture.focus
-    fraction = (place[0] - x0) / (x1 - x0)
-    left = fraction > 0.8 or (towards > 0 and fraction > 0.15)
-    beside = float(place[0] + (-2.6 if left else 2.6) * picture.marker_radius)
-    anchor = "center-right" if left else "center-left"
-    return Label("selected/name", text, (beside, float(place[1]), float(place[2])), TRUE, anchor)

@@ -79,7 +79,7 @@ def _draw_map(plan: Plan, panel: Any, values: np.ndarray, title: str, unit: str)
 def _draw_sizes(plan: Plan, panel: Any) -> None:
     """Draw the bound against the size of the array."""
     assert plan.advice is not None
-    factors, rms = plan.advice.sizes.T
+    factors, rms = plan.advice.accuracy.sizes.T
     panel.loglog(factors, 1e3 * rms, "o-", color=_rgb(KNOWN))
     panel.axvline(1.0, color="grey", linestyle=":")
     panel.set_xticks(factors, [f"{factor:g}" for factor in factors], minor=False)

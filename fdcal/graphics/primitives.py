@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib.ticker import LogLocator
 
 from .glyphs import round_ticks
+from .solids import Plate, Surface
 
 COLOUR_MAP = "viridis"  # of matplotlib.colormaps, for costs
 DIVERGING_COLOUR_MAP = "RdBu_r"  # likewise, for fields of both signs
@@ -42,15 +43,29 @@ class Theme:
     background : Colour
     foreground : of texts, rulers and walls
     grid : of the grid on the floor
+    text : size of the texts, 1 for the usual one
+    marks : size of the marks, likewise
     """
 
     background: Colour
     foreground: Colour
     grid: Colour
+    text: float = 1.0
+    marks: float = 1.0
 
 
 LIGHT = Theme(background=(255, 255, 255), foreground=(40, 44, 52), grid=(222, 225, 230))
 DARK = Theme(background=(26, 27, 30), foreground=(222, 225, 230), grid=(58, 61, 68))
+# For a projector: large, and with as much contrast as there is.
+LECTURE_LIGHT = Theme(background=(255, 255, 255), foreground=(0, 0, 0), grid=(168, 172, 180), text=1.5, marks=1.4)
+LECTURE_DARK = Theme(background=(26, 27, 30), foreground=(255, 255, 255), grid=(112, 116, 124), text=1.5, marks=1.4)
+
+
+def theme_of(dark: bool, lecture: bool = False) -> Theme:
+    """Return the theme of a dark or light background, for a projector or not."""
+    if lecture:
+        return LECTURE_DARK if dark else LECTURE_LIGHT
+    return DARK if dark else LIGHT
 
 
 @dataclass(frozen=True)
@@ -219,6 +234,9 @@ class Picture:
     floor : the map, or None
     title : str
     z_range : lowest and highest z, metres, which differ where the microphones are in space; the map lies at the lowest
+    surfaces, plates : isosurfaces and slices in space
+    space_bar : ColourBar, of surfaces and plates, or None
+    captions : pairs of the name of a part and the words for it in the legend, where they differ from the usual ones
     """
 
     theme: Theme
@@ -231,3 +249,12 @@ class Picture:
     floor: Floor | None = None
     title: str = ""
     z_range: tuple[float, float] = (0.0, 0.0)
+    surfaces: tuple[Surface, ...] = ()
+    plates: tuple[Plate, ...] = ()
+    space_bar: ColourBar | None = None
+    captions: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def bar(self) -> ColourBar | None:
+        """The scale of the colours of the map, or of what is in space; None where there is neither."""
+        return self.space_bar if self.floor is None else self.floor.bar

@@ -1,15 +1,17 @@
-"""A whole run as one HTML file that plays offline: the page's scene, curves and table with a slider, without a server.
+"""A whole run as one HTML file that plays offline: the page's scene, curves, table and maps, without a server.
 
-The file holds the states as base64 of little-endian numbers; positions are float32 relative to the centre of the array,
-accurate to a ten-millionth of its size. It loads nothing, and its content security policy forbids it to. It is far
-smaller than a recording of the page's scene, faster to write, and shows more (curves, table, steps).
+The file holds the states as compressed numbers (`fdcal.graphics.packing`); positions are accurate to a
+hundred-millionth of the size of the run. The maps are computed in the browser (`fdcal.graphics.replay_maps`). It loads
+nothing, and its content security policy forbids it to. Its parts are in `replay_page/`. The address after # holds step,
+microphone, modes and view (`replay_page/address.js`), so that a link leads to a moment.
 """
 
 from __future__ import annotations
 
-import base64
 import json
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 
@@ -18,14 +20,20 @@ import numpy as np
 from ..cost.yardstick import Yardstick
 from ..model.gauge import align
 from ..model.measurement import Measurement
+from ..model.problem import Problem
 from ..model.scene import Scene
+from ..model.search_domain import search_round
+from .packing import packed
+from .replay_maps import channel_arrays, map_data
 from .surroundings import focus_of, wall_height, z_range_of
 
 MAX_BYTES = 4_500_000  # of a file; of a longer run fewer states are kept, evenly spaced
 STATE_NUMBERS = ("step", "sweep", "stage", "moved", "first", "last")  # of a state, in the file as they are called here
 MOST_COSTS = 400  # states whose cost is computed, evenly spaced
 BASE_BYTES, NAME_BYTES = 100_000, 60  # of the page itself, and of what it holds about one microphone
-TEMPLATE = Path(__file__).with_name("replay.html")
+POSITION_LEVELS = 2**28  # of a coordinate, of the largest distance from the middle of the array
+PAGE = Path(__file__).with_name("replay_page")
+SCRIPTS = ("unpack.js", "eq7.js", "view.js", "map.js", "address.js", "start.js")
 
 
 def replay_html(
@@ -35,6 +43,11 @@ def replay_html(
     title: str,
     yardstick: Yardstick | None = None,
     sought=None,
+    *,
+    problem: Problem | None = None,
+    microphone: int | None = None,
+    seconds=None,
+    max_bytes: int = MAX_BYTES,
 ) -> str:
     """Return the HTML of a run.
 
@@ -42,24 +55,71 @@ def replay_html(
     ----------
     scene : for walls and source, or None
     measurement : for names, true and known microphones
-    states : of any solver, oldest first, at least one. Beyond MAX_BYTES fewer of them are kept, evenly spaced, with the
-        first and the last
+    states : of any solver, oldest first, at least one. Beyond `max_bytes` fewer of them are kept, evenly spaced, with
+        the first and the last
     title : str
     yardstick : Yardstick, the cost of every state; without it no cost is shown
     sought : numbers of the microphones whose errors count; those that are not known unless given
+    problem : what the solver saw of the measurement; without it there are no maps
+    microphone : whose map is shown first, counted from 0; otherwise the one that the step moved
+    seconds : (T,) float64, processor time from the start to each state, s, where it is known
+    max_bytes : of the file
     """
-    scored, shape = measurement.positions is not None, states[0].positions.shape
-    kept = [states[i] for i in _kept_states(len(states), scored, shape)]
-    data = _static_data(scene, measurement) | _state_data(measurement, kept, yardstick, sought)
-    data |= {"title": title, "taken": len(states)}
-    text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")  # so that no tag ends in it
-    return TEMPLATE.read_text(encoding="utf-8").replace("@TITLE@", escape(title), 1).replace("@DATA@", text, 1)
+    measurement, problem = _with_domain(measurement, problem, states[-1].positions)
+    maps = None if problem is None else map_data(problem)
+    data, arrays = _static_data(scene, measurement), {}
+    if maps is not None:
+        data["maps"], arrays = maps
+    channels = {} if maps is None else channel_arrays(states)
+    room = max_bytes - BASE_BYTES - NAME_BYTES * measurement.count - sum(a.nbytes for a in arrays.values()) * 4 / 3
+    kept = _kept_states(len(states), room, measurement.positions is not None, states[0].positions.shape, bool(channels))
+    shown = [states[i] for i in kept]
+    changing, table = _state_data(measurement, shown, yardstick, sought)
+    arrays = arrays | table | {name: values[kept] for name, values in channels.items()}
+    if seconds is not None:
+        arrays["seconds"] = np.asarray(seconds, "<f8")[kept]
+    data |= changing | {"title": title, "taken": len(states), "microphone": microphone, "packed": packed(arrays)}
+    return _page(title, json.dumps(data, separators=(",", ":"), allow_nan=False))
 
 
-def _kept_states(count: int, scored: bool, shape: tuple[int, int]) -> np.ndarray:
-    """Indices of the states to be kept of `count`, the positions of which have `shape`."""
-    each = (4 * shape[0] * shape[1] + 4 * len(STATE_NUMBERS) + 8 * (3 if scored else 1)) * 4 / 3
-    most = max(2, int((MAX_BYTES - NAME_BYTES * shape[0] - BASE_BYTES) / each))
+def _with_domain(
+    measurement: Measurement, problem: Problem | None, estimate: np.ndarray
+) -> tuple[Measurement, Problem | None]:
+    """Return both with a search domain round the estimate of a blind array, whose own is elsewhere.
+
+    The positions of a blind array are moved as a whole onto the true ones; a domain may be in the axes of the solver.
+    """
+    search, truth = measurement.search, measurement.positions
+    if search is None or not measurement.blind or truth is None:
+        return measurement, problem
+    places = align(estimate, truth).mean(axis=0)
+    low = np.array(search.origin)
+    if ((low <= places) & (places <= low + search.size)).all():
+        return measurement, problem
+    search = replace(search_round(align(estimate, truth)), radius=search.radius)
+    return replace(measurement, search=search), None if problem is None else replace(problem, search=search)
+
+
+def _page(title: str, data: str) -> str:
+    """Return the page from its parts; in the data no tag can end."""
+    parts = {
+        "TITLE": escape(title),
+        "STYLE": (PAGE / "page.css").read_text(encoding="utf-8"),
+        "SCRIPT": "\n".join((PAGE / name).read_text(encoding="utf-8") for name in SCRIPTS),
+        "DATA": data.replace("<", "\\u003c"),
+    }
+    return filled((PAGE / "page.html").read_text(encoding="utf-8"), parts)
+
+
+def filled(template: str, parts: Mapping[str, str]) -> str:
+    """Return a template with each @NAME@ replaced by the part of that name; what a part holds stays as it is."""
+    return re.sub(r"@([A-Z]+)@", lambda match: parts[match[1]], template)
+
+
+def _kept_states(count: int, room: float, scored: bool, shape: tuple[int, int], channels: bool) -> np.ndarray:
+    """Indices of the states to be kept of `count`, the positions of which have `shape`, in `room` bytes."""
+    each = 4 * shape[0] * (shape[1] + 3 * channels) + 4 * len(STATE_NUMBERS) + 8 * (4 if scored else 2)
+    most = max(2, int(room / (each * 4 / 3)))
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
 
 
@@ -73,6 +133,7 @@ def _static_data(scene: Scene | None, measurement: Measurement) -> dict:
         "frequencies": np.round(measurement.frequencies, 3).tolist(),
         "focus": focus_of(measurement),
         "heights": z_range_of(scene, measurement),
+        "maps": None,
         "outline": None,
         "source": None,
         "tall": 0.0,
@@ -83,26 +144,22 @@ def _static_data(scene: Scene | None, measurement: Measurement) -> dict:
     return data
 
 
-def _state_data(measurement: Measurement, states: Sequence, yardstick, sought) -> dict:
-    """What changes from state to state."""
+def _state_data(measurement: Measurement, states: Sequence, yardstick, sought) -> tuple[dict, dict[str, np.ndarray]]:
+    """What changes from state to state: where and in what unit the positions are, and the arrays."""
     positions, truth = np.array([state.positions for state in states], float), measurement.positions
     if measurement.blind and truth is not None:
         positions = np.array([align(estimate, truth) for estimate in positions])
     origin = positions[-1].mean(axis=0)
-    data = {
-        "count": len(states),
-        "origin": origin.tolist(),
-        "positions": _packed(positions - origin, "<f4"),
-        "truth": None if truth is None else _packed(truth - origin, "<f4"),
-        "mean": None,
-        "largest": None,
-        "cost": None if yardstick is None else _packed(_costs(states, yardstick), "<f8"),
-    }
+    unit = float(np.abs(positions - origin).max()) / POSITION_LEVELS or 1.0
+    arrays = {name: np.array([getattr(state, name) for state in states], "<i4") for name in STATE_NUMBERS}
+    arrays["positions"] = np.rint((positions - origin) / unit).astype("<i4")
+    if yardstick is not None:
+        arrays["cost"] = _costs(states, yardstick)
     if truth is not None:
         free = np.setdiff1d(np.arange(measurement.count), measurement.known) if sought is None else sought
         errors = np.linalg.norm(positions - truth, axis=2)[:, free if len(free) else slice(None)]
-        data |= {"mean": _packed(errors.mean(axis=1), "<f8"), "largest": _packed(errors.max(axis=1), "<f8")}
-    return data | {name: _packed([getattr(state, name) for state in states], "<i4") for name in STATE_NUMBERS}
+        arrays |= {"truth": truth - origin, "mean": errors.mean(axis=1), "largest": errors.max(axis=1)}
+    return {"count": len(states), "origin": origin.tolist(), "unit": unit}, arrays
 
 
 def _costs(states: Sequence, yardstick: Yardstick) -> np.ndarray:
@@ -111,7 +168,3 @@ def _costs(states: Sequence, yardstick: Yardstick) -> np.ndarray:
     costs = np.array([yardstick.of(states[i]) for i in computed])
     finite = np.isfinite(costs)
     return np.interp(np.arange(len(states)), computed[finite], costs[finite]) if finite.any() else np.zeros(len(states))
-
-
-def _packed(values, dtype: str) -> str:
-    return base64.b64encode(np.ascontiguousarray(values, dtype).tobytes()).decode("ascii")

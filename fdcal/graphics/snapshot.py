@@ -20,9 +20,13 @@ from ..model.validation import InputError, require_choice
 from .annotations import annotate, margins, text_scale
 from .camera import VIEWS, Camera, camera_for
 from .primitives import Floor, Mesh, Picture
+from .relief import relief_grid
 from .snapshot_process import render_png, require_size
+from .solids import Plate, Surface
 
 MIN_LINE_WIDTH = 0.75  # pixels
+SUPERSAMPLED = 2.5  # width of a line, where the image is drawn larger and then reduced
+PEELS = 12  # layers of translucent surfaces that are sorted
 
 
 def render(
@@ -57,8 +61,8 @@ def render(
 
 
 def camera_of(picture: Picture, size: tuple[int, int], view: str) -> Camera:
-    """Return the camera of a snapshot: `camera_for` with margins for rulers, title and colour bar."""
-    return camera_for(picture, size, view, margins(size, picture.floor is not None))
+    """Return the camera of a snapshot: `camera_for` with margins for rulers, legend, title and colour bar."""
+    return camera_for(picture, size, view, margins(picture, size))
 
 
 def draw(picture: Picture, size: tuple[int, int], view: str) -> np.ndarray:
@@ -70,7 +74,11 @@ def draw(picture: Picture, size: tuple[int, int], view: str) -> np.ndarray:
     import pyvista
 
     plotter: Any = pyvista.Plotter(off_screen=True, window_size=list(size), lighting="none")
-    plotter.enable_anti_aliasing("msaa", multi_samples=8)
+    if picture.surfaces:  # VTK sorts no translucent surfaces with the other kind of anti-aliasing
+        plotter.enable_anti_aliasing("ssaa")
+        plotter.enable_depth_peeling(PEELS, occlusion_ratio=0.0)
+    else:
+        plotter.enable_anti_aliasing("msaa", multi_samples=8)
     plotter.set_background([channel / 255 for channel in picture.theme.background])
     camera = camera_of(picture, size, view)
     if picture.floor is not None:
@@ -80,8 +88,12 @@ def draw(picture: Picture, size: tuple[int, int], view: str) -> np.ndarray:
     for lines in picture.lines:
         if len(lines.segments):
             polylines = pyvista.line_segments_from_points(lines.segments.reshape(-1, 3))
-            width = max(lines.width * text_scale(size), MIN_LINE_WIDTH)
+            width = max(lines.width * text_scale(size), MIN_LINE_WIDTH) * (SUPERSAMPLED if picture.surfaces else 1)
             plotter.add_mesh(polylines, color=lines.colour, line_width=width, lighting=False)
+    for surface in picture.surfaces:
+        _add_surface(plotter, pyvista, surface)
+    for plate in picture.plates:
+        _add_plate(plotter, pyvista, plate)
     _place_camera(plotter, camera)
     pixels = np.asarray(plotter.screenshot(return_img=True))
     plotter.close()
@@ -92,15 +104,30 @@ def _add_floor(plotter: Any, pyvista: Any, floor: Floor) -> None:
     rows, columns = floor.rgb.shape[:2]
     step = floor.size[0] / columns, floor.size[1] / rows
     if floor.heights is not None:
-        x, y = (o + s * (np.arange(n) + 0.5) for o, s, n in zip(floor.origin, step, (columns, rows), strict=True))
-        surface = pyvista.StructuredGrid(*np.meshgrid(x, y), floor.height + floor.heights.astype(float))
-        surface.point_data["rgb"] = floor.rgb.transpose(1, 0, 2).reshape(-1, 3)
+        grid = relief_grid(floor.origin, floor.size, floor.heights)
+        surface = pyvista.StructuredGrid(*np.meshgrid(grid.x, grid.y), floor.height + grid.heights)
+        rgb = np.pad(floor.rgb, ((1, 1), (1, 1), (0, 0)), mode="edge")
+        surface.point_data["rgb"] = rgb.transpose(1, 0, 2).reshape(-1, 3)
         plotter.add_mesh(surface, scalars="rgb", rgb=True, lighting=False, opacity=floor.opacity)
         return
     corner = (*floor.origin, floor.height)
     grid = pyvista.ImageData(dimensions=(columns + 1, rows + 1, 1), spacing=(*step, 1), origin=corner)
     grid.cell_data["rgb"] = floor.rgb.reshape(-1, 3)
     plotter.add_mesh(grid, scalars="rgb", rgb=True, lighting=False, opacity=floor.opacity)
+
+
+def _add_surface(plotter: Any, pyvista: Any, surface: Surface) -> None:
+    triangles = pyvista.PolyData.from_regular_faces(surface.vertices, surface.faces)
+    triangles.active_texture_coordinates = surface.places
+    texture = pyvista.Texture(np.ascontiguousarray(surface.texture[::-1]))  # its first row is at the top
+    plotter.add_mesh(triangles, texture=texture, lighting=False)
+
+
+def _add_plate(plotter: Any, pyvista: Any, plate: Plate) -> None:
+    rectangle = pyvista.PolyData.from_regular_faces(plate.corners, np.array([[0, 1, 2], [0, 2, 3]]))
+    rectangle.active_texture_coordinates = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    texture = pyvista.Texture(np.ascontiguousarray(plate.rgb[::-1]))
+    plotter.add_mesh(rectangle, texture=texture, lighting=False, opacity=plate.opacity)
 
 
 def _add_mesh(plotter: Any, pyvista: Any, mesh: Mesh) -> None:

@@ -30,6 +30,11 @@ def format_mm(length: float) -> str:
     return f"{mm_text(length)} mm"
 
 
+def length_text(length: float) -> str:
+    """Return a length in metres as a text, in metres from 1 m on: "4.13 mm", "1.16 m"."""
+    return format_mm(length) if length < 0.9995 else f"{length:.3g} m"
+
+
 def mm_text(length: float) -> str:
     """Return the number of millimetres of a length in metres, with three digits below a decimetre."""
     if length < 1e-6:

@@ -6,7 +6,7 @@ import matplotlib
 import numpy as np
 import pytest
 
-from fdcal.graphics import markers
+from fdcal.graphics import legend, markers
 from fdcal.graphics.primitives import COLOUR_MAP, DARK, DIVERGING_COLOUR_MAP, LIGHT
 from fdcal.viewer.gui import plots
 from fdcal.viewer.tabs import spectrum_plot
@@ -42,6 +42,7 @@ MARKS = {
     "halo": markers.HALO,
 }
 TRACES = {"trail": markers.TRAIL, "ellipse": markers.ELLIPSE, "estimate": markers.ESTIMATE, "known": markers.KNOWN}
+TRACES["cut"] = markers.CUT
 CURVES = {"mean": rgb(plots.RED), "largest": rgb(plots.ORANGE), "cost": rgb(plots.BLUE)}
 MODES = {"in": rgb(plots.BLUE), "out": rgb(plots.ORANGE), "spectrum": rgb(spectrum_plot.GREY)}
 
@@ -83,8 +84,5 @@ def test_texts_stand_out_from_their_ground(theme):
 
 
 def test_every_mark_has_a_shape_of_its_own():
-    from fdcal.viewer.gui.legend_html import legend
-
-    shapes = [part.split("'/>")[0] for part in legend().split("<svg")[1:]]
-    kinds = [shape.split(">", 1)[1].split(" stroke")[0].split(" fill")[0] for shape in shapes]
-    assert len(kinds) == len(set(kinds)) == 6
+    shapes = [(entry.paths, entry.filled) for entry in legend.MARKS.values() if entry.halo]
+    assert len(shapes) == len(set(shapes)) == 7

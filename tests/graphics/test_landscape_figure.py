@@ -68,3 +68,21 @@ def test_figure_says_what_it_shows(measured):
         left, right, low, high = axes.images[0].get_extent()
         assert np.allclose([left, low], np.array(problem.search.origin) - 0.01), "pixels are centred on candidates"
         assert np.allclose([right, high], np.array(problem.search.origin) + 0.49)
+
+
+def test_decibels_have_few_round_numbers_and_the_colours_of_the_map(measured):
+    measurement, problem = measured
+    panels = landscape_panels(problem, measurement.positions, 9, [1, 5, 9], 2)
+    drawn = draw_landscape(panels, label="cost, Eq. 7 (dB)", decibels=True)
+    maps = [axes for axes in drawn.axes if axes.get_images()]
+    assert len(maps) == len(panels.maps)
+    for axes, costs in zip(maps, panels.maps, strict=True):
+        image = axes.get_images()[0]
+        shown = np.maximum(costs, costs.max() * 1e-4)
+        np.testing.assert_allclose(image.get_array(), 10 * np.log10(shown), rtol=1e-9)
+        numbers = image.colorbar.get_ticks()
+        low, high = image.get_clim()
+        inside = [number for number in numbers if low <= number <= high]
+        assert 2 <= len(inside) <= 6 and "dB" in image.colorbar.ax.get_ylabel()
+        steps = np.diff(inside)
+        assert np.allclose(steps, steps[0]) and f"{steps[0]:.0e}"[0] in "125"

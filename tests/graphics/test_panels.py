@@ -10,6 +10,7 @@ from fdcal.graphics.heatmap import colour_limits, cost_floor, field_floor, norma
 from fdcal.graphics.markers import drape
 from fdcal.graphics.panels import CAPTION, CELL, GAP, Marks, mosaic
 from fdcal.graphics.primitives import DARK, DIVERGING_COLOUR_MAP, LIGHT, ColourBar
+from fdcal.graphics.relief import relief_grid, shaded
 from fdcal.model.settings import Search
 
 SEARCH = Search(origin=(0.0, 0.0), size=(1.0, 1.0), step=0.05, radius=1.0)
@@ -101,3 +102,36 @@ def test_a_field_is_white_where_it_is_nothing_and_has_its_own_scale():
     assert floor.rgb[5, 10].min() > 235 and not floor.show_minima and floor.bar.colour_map == DIVERGING_COLOUR_MAP
     red, blue = floor.rgb[5, 20].astype(int), floor.rgb[5, 0].astype(int)
     assert red[0] > red[2] + 40 and blue[2] > blue[0] + 40
+
+
+def test_the_slider_sets_the_height_of_a_relief():
+    low, high = (cost_floor(bowl(0.3, 0.8), SEARCH, relief=True, relief_height=share) for share in (0.1, 0.8))
+    assert low.heights.max() == pytest.approx(0.1 * 1.05) and high.heights.max() == pytest.approx(0.8 * 1.05)
+
+
+def test_the_shading_of_a_relief_makes_one_side_of_a_hole_dark_and_leaves_level_ground_as_it_is():
+    plain, relief = cost_floor(bowl(0.5, 0.5), SEARCH), cost_floor(bowl(0.5, 0.5), SEARCH, relief=True)
+    north_west, south_east = (relief.rgb[row, column].sum() for row, column in ((15, 5), (5, 15)))
+    assert plain.rgb[15, 5].sum() == plain.rgb[5, 15].sum(), "alike without shading"
+    assert north_west < 0.9 * south_east, "the light comes from the upper left"
+    np.testing.assert_array_equal(relief.rgb[10, 10], plain.rgb[10, 10])
+    level = np.full((4, 5, 3), 130, np.uint8)
+    np.testing.assert_array_equal(shaded(level, np.full((4, 5), 0.2), 0.1), level)
+
+
+def test_a_relief_reaches_the_edges_of_the_map_from_the_top():
+    floor = cost_floor(bowl(0.3, 0.8), SEARCH, relief=True)
+    grid = relief_grid(floor.origin, floor.size, floor.heights)
+    for axis, places in enumerate((grid.x, grid.y)):
+        assert places[0] == pytest.approx(floor.origin[axis])
+        assert places[-1] == pytest.approx(floor.origin[axis] + floor.size[axis])
+    np.testing.assert_array_equal(grid.heights[1:-1, 1:-1], floor.heights)
+
+
+def test_a_flat_mark_lies_above_the_slope_that_it_covers():
+    floor = cost_floor(bowl(0.3, 0.8), SEARCH, relief=True)
+    point, radius = np.array([0.8, 0.3]), 0.06
+    height = drape([point], floor, radius)[0, 2]
+    angles = np.linspace(0, 2 * np.pi, 24)
+    rim = point + radius * np.column_stack([np.cos(angles), np.sin(angles)])
+    assert (drape(rim, floor)[:, 2] <= height + 1e-9).all() and height > drape([point], floor)[0, 2]

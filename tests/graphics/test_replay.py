@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import base64
 import dataclasses
-import json
 import re
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from replays import Reader, contents
 
 from fdcal import solvers
 from fdcal.acoustics.measurement_cache import cached_measurement
@@ -18,34 +16,10 @@ from fdcal.cost.yardstick import Yardstick
 from fdcal.graphics.replay import MAX_BYTES, replay_html
 from fdcal.model.gauge import position_errors
 from fdcal.model.measurement import Measurement
+from fdcal.model.measurement_file import save_measurement
 from fdcal.model.scene_file import load_scene
 
 EVIL = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"
-
-
-class Reader(HTMLParser):
-    """Title, tags, attributes and the text of the data element of a page."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.tags, self.given, self.texts, self._open = [], [], {}, ""
-        self.feed(text)
-
-    def handle_starttag(self, tag, attributes):
-        self.tags.append(tag)
-        self.given += attributes
-        self._open = dict(attributes).get("id", tag) if tag in ("script", "title", "style") else ""
-
-    def handle_endtag(self, tag):
-        self._open = ""
-
-    def handle_data(self, text):
-        if self._open:
-            self.texts[self._open] = self.texts.get(self._open, "") + text
-
-
-def numbers(text, dtype):
-    return np.frombuffer(base64.b64decode(text), dtype)
 
 
 @pytest.fixture(scope="module")
@@ -63,26 +37,24 @@ def run():
 def test_the_numbers_are_those_of_the_run(run):
     scene, measurement, states = run
     yardstick = Yardstick(measurement.problem())
-    page = Reader(replay_html(scene, measurement, states, "Tiny", yardstick))
-    data = json.loads(page.texts["data"])
-    positions = numbers(data["positions"], "<f4").reshape(60, 16, 2) + np.array(data["origin"])
+    text = replay_html(scene, measurement, states, "Tiny", yardstick)
+    data, arrays, positions = contents(text)
     expected = np.array([state.positions for state in states])
-    assert np.abs(positions - expected).max() < 1e-6
-    truth = numbers(data["truth"], "<f4").reshape(16, 2) + np.array(data["origin"])
-    assert np.abs(truth - measurement.positions).max() < 1e-6
+    assert np.abs(positions - expected).max() < 1e-8
+    np.testing.assert_allclose(arrays["truth"] + data["origin"], measurement.positions, atol=1e-12)
     free = measurement.problem().free
     errors = np.array([position_errors(places, measurement.positions)[free] for places in expected])
-    np.testing.assert_allclose(numbers(data["mean"], "<f8"), errors.mean(axis=1), rtol=1e-12)
-    assert np.array_equal(numbers(data["largest"], "<f8"), errors.max(axis=1))
-    assert np.array_equal(numbers(data["cost"], "<f8"), [yardstick(state.positions) for state in states])
+    np.testing.assert_allclose(arrays["mean"], errors.mean(axis=1), rtol=1e-12)
+    assert np.array_equal(arrays["largest"], errors.max(axis=1))
+    assert np.array_equal(arrays["cost"], [yardstick(state.positions) for state in states])
     for name in ("step", "sweep", "stage", "moved", "first", "last"):
-        assert np.array_equal(numbers(data[name], "<i4"), [getattr(state, name) for state in states])
+        assert np.array_equal(arrays[name], [getattr(state, name) for state in states])
     assert data["known"] == measurement.known.tolist() and data["names"] == list(measurement.names)
-    assert np.array_equal(data["outline"], scene.room.vertices) and page.texts["title"] == "Tiny"
+    assert np.array_equal(data["outline"], scene.room.vertices) and Reader(text).texts["title"] == "Tiny"
 
 
 def test_the_page_asks_for_nothing(run):
-    text = replay_html(*run, "Tiny")
+    text = replay_html(*run, "Tiny", problem=run[1].problem())
     page = Reader(text)
     assert not {"link", "img", "iframe", "object", "embed"} & set(page.tags)
     assert not {"src", "href", "action"} & {name for name, _ in page.given}
@@ -97,15 +69,15 @@ def test_names_and_title_stay_texts(run):
     text = replay_html(scene, named, states, EVIL)
     page = Reader(text)
     assert page.tags.count("script") == 2 and "img" not in page.tags
-    assert page.texts["title"] == EVIL and json.loads(page.texts["data"])["names"][0] == EVIL
+    assert page.texts["title"] == EVIL and contents(text)[0]["names"][0] == EVIL
     assert EVIL not in text
 
 
 def test_without_truth_and_room(run):
     _, measurement, states = run
     blind = dataclasses.replace(measurement, positions=None)
-    data = json.loads(Reader(replay_html(None, blind, states, "Blind")).texts["data"])
-    assert data["truth"] is data["mean"] is data["outline"] is None
+    data, arrays, _ = contents(replay_html(None, blind, states, "Blind"))
+    assert not {"truth", "mean", "largest"} & set(arrays) and data["outline"] is data["maps"] is None
 
 
 def test_no_replay_is_larger_than_an_email_attachment_may_be():
@@ -118,8 +90,8 @@ def test_no_replay_is_larger_than_an_email_attachment_may_be():
     State = dataclasses.make_dataclass("State", fields)
     states = [State(truth + rng.normal(size=truth.shape), 1.0, i, i, 0, -1, 1, 2) for i in range(3000)]
     text = replay_html(None, measurement, states, "Large")
-    data = json.loads(Reader(text).texts["data"])
-    steps = numbers(data["step"], "<i4")
+    data, arrays, _ = contents(text)
+    steps = arrays["step"]
     assert 0.8 * MAX_BYTES < len(text) < 5e6 and data["taken"] == 3000
     assert (steps[0], steps[-1]) == (0, 2999) and data["count"] == len(steps) > 400 and (np.diff(steps) > 0).all()
 
@@ -159,8 +131,27 @@ def test_it_plays_in_a_browser_without_a_network(run, browser, tmp_path):
 def test_the_command_writes_a_run(tmp_path, capsys):
     path = tmp_path / "run.html"
     with pytest.raises(SystemExit) as left:
-        main(["replay", "tiny", "-o", str(path)])
+        main(["replay", "tiny", "--microphone", "9", "-o", str(path)])
     assert not left.value.code, capsys.readouterr().err
-    data = json.loads(Reader(path.read_text(encoding="utf-8")).texts["data"])
-    assert f"{data['count']} states of joint" in capsys.readouterr().out and data["count"] > 5
-    assert numbers(data["mean"], "<f8")[-1] < 2e-3
+    data, arrays, _ = contents(path.read_text(encoding="utf-8"))
+    said = capsys.readouterr().out
+    assert f"{data['count']} states of joint" in said and data["count"] > 5 and data["microphone"] == 9
+    assert f"{path.stat().st_size / 1e6:.2g} MB" in said and path.stat().st_size < 100_000
+    assert arrays["mean"][-1] < 2e-3
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_measurement_without_search_domain_has_maps_too(known, run, tmp_path):
+    """Round the estimate; that of a blind array is moved onto the true positions with it."""
+    measurement = dataclasses.replace(run[1], search=None)
+    if not known:
+        measurement = dataclasses.replace(measurement, known=(), known_positions=None)
+    save_measurement(measurement, tmp_path / "hall.npz")
+    with pytest.raises(SystemExit) as left:
+        main(["replay", str(tmp_path / "hall.npz"), "-o", str(tmp_path / "hall.html")])
+    assert not left.value.code
+    data, arrays, positions = contents((tmp_path / "hall.html").read_text(encoding="utf-8"))
+    assert data["maps"]["modes"] and np.isfinite(arrays["cost"]).all()
+    low = np.array(data["maps"]["origin"])
+    high = low + data["maps"]["step"] * np.array(data["maps"]["shape"])
+    assert ((low < positions[-1]) & (positions[-1] < high)).all()

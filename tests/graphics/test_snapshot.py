@@ -18,7 +18,7 @@ from fdcal.model.measurement import Measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError, StorageError
 
-SIZE = (1300, 1000)
+SIZE = (1300, 1030)  # the legend takes the lowest 27 pixels
 VIEWS = ("top", "close")
 
 

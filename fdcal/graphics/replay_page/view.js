@@ -1,85 +1,15 @@
-<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'; script-src 'unsafe-inline'">
-<title>@TITLE@</title>
-<style>
-:root { --back: #fff; --ink: #282c34; --faint: #dee1e6; --card: #f6f7f9; --dim: #667080; color-scheme: light }
-:root[data-theme="dark"] { --back: #1a1b1e; --ink: #dee1e6; --faint: #3a3d44; --card: #242529; --dim: #98a0ac; color-scheme: dark }
-* { box-sizing: border-box }
-html, body { height: 100%; margin: 0 }
-body { display: grid; grid-template: auto minmax(0, 1fr) auto / minmax(0, 1fr) 340px; background: var(--back);
-  color: var(--ink); font: 14px/1.45 system-ui, sans-serif }
-header { grid-column: 1 / 3; padding: 8px 14px; border-bottom: 1px solid var(--faint); display: flex; gap: 4px 18px;
-  flex-wrap: wrap; align-items: baseline }
-header b { font-size: 16px; overflow-wrap: anywhere }
-#scene { position: relative; min-height: 0 }
-#scene canvas { position: absolute; inset: 0; width: 100%; height: 100%; touch-action: none; cursor: grab }
-#side { padding: 8px 12px; overflow: auto; border-left: 1px solid var(--faint) }
-#side h2 { font-size: 13px; margin: 8px 0 2px; font-weight: 600 }
-#side canvas { width: 100%; height: 132px; display: block; cursor: pointer }
-#selected { min-height: 1.5em; color: var(--dim); font-size: 13px }
-table { border-spacing: 0; font-size: 12.5px; width: 100% }
-td, th { text-align: left; padding: 1px 8px 1px 0; white-space: nowrap }
-td:last-child, th:last-child { text-align: right; padding-right: 0 }
-tr.here td { font-weight: 700 }
-footer { grid-column: 1 / 3; padding: 8px 14px; border-top: 1px solid var(--faint); display: flex; gap: 8px 10px;
-  align-items: center; flex-wrap: wrap; background: var(--card) }
-footer input[type="range"] { flex: 1 1 200px; min-width: 120px }
-button, select { font: inherit; color: inherit; background: var(--back); border: 1px solid var(--dim); border-radius: 5px;
-  padding: 4px 11px; min-height: 32px; cursor: pointer }
-button[aria-pressed="true"] { outline: 2px solid #1f78c8 }
-#play { min-width: 84px; font-weight: 600 }
-label { display: inline-flex; gap: 5px; align-items: center; white-space: nowrap }
-.dim { color: var(--dim) }
-.key { white-space: nowrap; margin-right: 12px; font-size: 13px }
-.key svg { vertical-align: -4px }
-@media (max-width: 760px) {
-  body { display: block }
-  #scene { height: 62vh }
-  #side { border-left: 0; border-top: 1px solid var(--faint) }
-  footer { position: sticky; bottom: 0 }
-  #keys { display: none }
-}
-</style>
-</head>
-<body>
-<header><b id="title"></b><span id="now"></span><span id="errors"></span><span id="cost"></span></header>
-<div id="scene"><canvas id="view" tabindex="0" aria-label="Scene with the microphones; drag to rotate, scroll to zoom"></canvas></div>
-<div id="side">
-  <div id="legend"></div>
-  <div id="selected">Click or tap a microphone to follow it.</div>
-  <div id="errorbox"><h2>Position error (mm): <span style="color:#d61828">mean</span>, <span style="color:#e08a1e">largest</span></h2><canvas id="error"></canvas></div>
-  <div id="costbox"><h2>Cost (Eq. 7, all modes; dB re the power)</h2><canvas id="costs"></canvas></div>
-  <div class="dim" style="font-size:12px">Horizontal axis: step. Dashed lines: a mode was added. Click or tap a curve to go to that step.</div>
-  <h2 id="tablehead"></h2><table><tbody id="table"></tbody></table>
-</div>
-<footer>
-  <button id="play">Play</button>
-  <input id="time" type="range" min="0" step="1" value="0" aria-label="State">
-  <label>Speed <select id="speed"></select></label>
-  <button id="top" aria-pressed="true">Top</button><button id="turn" aria-pressed="false">3-D</button>
-  <label><input id="trails" type="checkbox"> Trails</label>
-  <button id="theme">Dark</button>
-  <span class="dim" id="keys">Space: play or pause, arrow keys: step, T: top view, 3: 3-D view</span>
-</footer>
-<script type="application/json" id="data">@DATA@</script>
-<script>
-"use strict";
+// The run as it plays: scene, curves, table; `show` draws all of it from the variables below.
 const $ = id => document.getElementById(id);
 const data = JSON.parse($("data").textContent);
-const bytes = text => Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer;
-const floats = text => new Float32Array(bytes(text)), doubles = text => new Float64Array(bytes(text));
-const integers = text => new Int32Array(bytes(text));
-const N = data.names.length, D = data.dimension, T = data.count, known = new Set(data.known);
-const places = floats(data.positions), truth = data.truth && floats(data.truth);
-const mean = data.mean && doubles(data.mean), largest = data.largest && doubles(data.largest), cost = data.cost && doubles(data.cost);
-const step = integers(data.step), sweep = integers(data.sweep), stage = integers(data.stage), moved = integers(data.moved);
-const first = integers(data.first), last = integers(data.last);
+if (typeof DecompressionStream == "undefined") $("note").textContent = "This browser is too old for the replay; use a version of 2023 or later.";
+const arrays = await unpack(data.packed), {step, sweep, stage, moved, first, last, truth, mean, largest, cost, seconds} = arrays;
+const N = data.names.length, D = data.dimension, T = data.count, known = new Set(data.known), maps = data.maps;
+const places = Float64Array.from(arrays.positions, v => v * data.unit);
+const landscapes = maps && new Landscapes(maps, arrays, N, D);
 const RED = "#d61828", BLUE = "#1f78c8", ORANGE = "#e08a1e", TRAIL = "#8c5ab4";
-let at = 0, playing = false, selected = -1, drawnAt = null, flat = true;
+const STRIP = maps ? 56 : 0, TURNED = 35 * Math.PI / 180;  // above the scene, for the scale; angles of the view 3-D
+let at = 0, playing = false, selected = data.microphone ?? -1, drawnAt = null, flat = true;
+let chosen = null;  // modes of the map, [first, last], or null for those of the solver
 const [x0, y0, x1, y1] = data.focus, [z0, z1] = data.heights;
 const eye = {azimuth: 0, elevation: Math.PI / 2, zoom: 1, x: 0, y: 0};
 const css = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
@@ -103,17 +33,17 @@ function fit(canvas) {
 }
 
 // Orthographic projection: rotated about z by the azimuth, then tilted by the elevation; from the top x is right and y
-// is up. The search domain fills the canvas except for the margin of the rulers.
+// is up. The search domain fills the canvas except for the margins of the scale and the rulers.
 function projector(w, h) {
   const ca = Math.cos(eye.azimuth), sa = Math.sin(eye.azimuth), ce = Math.cos(eye.elevation), se = Math.sin(eye.elevation);
   const turn = ([x, y, z]) => [ca * x - sa * y, se * (sa * x + ca * y) + ce * z];
   const corners = [x0, x1].flatMap(x => [y0, y1].flatMap(y => [z0, z1].map(z => turn([x, y, z]))));
   const ends = [0, 1].map(i => [Math.min(...corners.map(c => c[i])), Math.max(...corners.map(c => c[i]))]);
   const [u, v] = ends.map(([low, high]) => (low + high) / 2), [wide, tall] = ends.map(([low, high]) => high - low);
-  const scale = eye.zoom * Math.min((w - 90) / wide, (h - 64) / tall);
+  const scale = eye.zoom * Math.min((w - 90) / wide, (h - 64 - STRIP) / tall);
   const project = p => {
     const [a, b] = turn(p);
-    return [w / 2 + 14 + eye.x + scale * (a - u), h / 2 - 8 + eye.y - scale * (b - v)];
+    return [w / 2 + 14 + scale * (a - u + eye.x), (h + STRIP) / 2 - 8 - scale * (b - v + eye.y)];
   };
   return [project, scale];
 }
@@ -171,11 +101,14 @@ function room(pen, project) {
   for (const [low, high, at, left] of [[x0, x1, v => [v, y0, z0], 0], [y0, y1, v => [x0, v, z0], 1]]) {
     const [values, digits] = ticks(low, high, 5);
     values.forEach((v, i) => {
-      const p = project(at(v)), text = v.toFixed(digits) + (i ? "" : " m");
+      const p = project(at(v)), text = v.toFixed(digits);
       stroke(pen, left ? [p, [p[0] - 5, p[1]]] : [p, [p[0], p[1] + 5]], ink, 1.2);
       pen.textAlign = left ? "right" : "center";
       pen.fillText(text, p[0] - (left ? 8 : 0), p[1] + (left ? 4 : 18));
     });
+    const end = project(at(high));
+    pen.textAlign = left ? "center" : "left";
+    pen.fillText(left ? "y (m)" : "x (m)", end[0] + (left ? 0 : 6), end[1] + (left ? -7 : 5));
   }
   pen.textAlign = "left";
 }
@@ -184,6 +117,7 @@ function scene() {
   const [pen, w, h] = fit($("view")), [project, scale] = projector(w, h);
   const r = Math.max(4, Math.min(11, scale * 0.0125 * Math.max(x1 - x0, y1 - y0)));
   pen.font = "12px system-ui, sans-serif"; pen.lineJoin = "round"; pen.lineCap = "round";
+  if (mapShown()) floorMap(pen, project);
   room(pen, project);
   const now = [...Array(N).keys()].map(n => project(placeOf(at, n)));
   if ($("trails").checked) for (let n = 0; n < N; n++) {
@@ -199,8 +133,10 @@ function scene() {
   }
   for (const n of known) square(pen, now[n], r * 0.8);
   for (let n = 0; n < N; n++) if (!known.has(n)) cross(pen, now[n], r * 0.75, RED, Math.max(1.8, r * 0.34));
-  const n = selected >= 0 ? selected : moved[at];
+  if (mapShown()) drawMinima(pen, project, r);
+  const n = subject();
   if (n >= 0) {
+    if (D == 3 && !flat) stroke(pen, [now[n], project([...placeOf(at, n).slice(0, 2), z0])], RED, 1.6);  // down to the map
     if (truth) ring(pen, project(truthOf(n)), 1.9 * r, "#000", Math.max(2, r * 0.4));
     if (known.has(n)) square(pen, now[n], 1.3 * r); else cross(pen, now[n], 1.45 * r, RED, Math.max(2.4, r * 0.5));
     pen.font = "600 13px system-ui, sans-serif";
@@ -210,6 +146,7 @@ function scene() {
     pen.strokeText("microphone " + data.names[n], x, now[n][1] + 4); pen.fillText("microphone " + data.names[n], x, now[n][1] + 4);
     pen.textAlign = "left";
   }
+  if (mapShown()) colourBar(pen, w);
   drawnAt = now;
 }
 
@@ -257,7 +194,7 @@ function showTexts() {
   $("now").textContent = `step ${step[at]}, sweep ${sweep[at]}, stage ${stage[at] + 1}; ` + (one ?
     `mode ${first[at]}, ${frequency(first[at])} Hz` : `modes ${first[at]} to ${last[at]}, ${frequency(first[at])} to ${frequency(last[at])} Hz`);
   $("errors").textContent = mean ? `error: mean ${mm(mean[at])}, largest ${mm(largest[at])}${data.aligned ? ", after alignment" : ""}` : "true positions unknown";
-  $("cost").textContent = cost ? `cost ${cost[at].toFixed(1)} dB` : "";
+  $("cost").textContent = [cost && `cost ${cost[at].toFixed(1)} dB`, seconds && `${seconds[at].toPrecision(2)} s of processor time`].filter(Boolean).join(", ");
   if (selected >= 0) $("selected").textContent = `microphone ${data.names[selected]}${known.has(selected) ? " (known)" : ""} at ${coordinates(selected)}` +
     (truth ? `, error ${mm(distance(at, selected))}` : "");
   else $("selected").textContent = "Click or tap a microphone to follow it.";
@@ -267,15 +204,15 @@ function showTexts() {
   $("table").replaceChildren(...free.slice(0, 12).map(n => {
     const row = document.createElement("tr");
     for (const text of [data.names[n], coordinates(n), truth ? mm(distance(at, n)) : ""]) row.insertCell().textContent = text;
-    row.className = n == (selected >= 0 ? selected : moved[at]) ? "here" : "";
+    row.className = n == subject() ? "here" : "";
     return row;
   }));
 }
 
 let span = [0, 1];
 function show() {
-  scene(); showTexts();
-  if (mean) span = curve("error", [[largest.map(v => 1e3 * Math.max(v, 1e-9)), ORANGE, 1.3], [mean.map(v => 1e3 * Math.max(v, 1e-9)), RED, 2]], true);
+  requestMap(); scene(); showTexts(); showModes(); writeAddress();
+  if (mean) span = curve("error", [[largest.map(v => 1e3 * Math.max(v, 1e-6)), ORANGE, 1.3], [mean.map(v => 1e3 * Math.max(v, 1e-6)), RED, 2]], true);
   if (cost) span = curve("costs", [[cost, BLUE, 2]], false);
   $("time").value = at;
   $("play").textContent = playing ? "Pause" : "Play";
@@ -291,12 +228,13 @@ function tick(time) {
 }
 function play(on) {
   playing = on;
+  $("note").textContent = "";
   if (on) { if (at == T - 1) at = 0; due = 0; before = performance.now(); requestAnimationFrame(tick); }
   show();
 }
-function look(top) {
+function look(top, azimuth = TURNED, elevation = TURNED) {
   flat = top;
-  Object.assign(eye, top ? {azimuth: 0, elevation: Math.PI / 2} : {azimuth: 0.6, elevation: 0.6}, {zoom: 1, x: 0, y: 0});
+  Object.assign(eye, top ? {azimuth: 0, elevation: Math.PI / 2} : {azimuth, elevation}, {zoom: 1, x: 0, y: 0});
   $("top").setAttribute("aria-pressed", top); $("turn").setAttribute("aria-pressed", !top);
   show();
 }
@@ -320,8 +258,11 @@ view.addEventListener("pointermove", e => {
     const [p, q] = [...pointers.values()], wide = Math.hypot(p[0] - q[0], p[1] - q[1]);
     if (pinch) zoom(wide / pinch);
     pinch = wide;
-  } else if (flat || e.shiftKey || e.buttons & 6) { eye.x += dx; eye.y += dy; scene(); }
-  else { eye.azimuth += dx * 0.008; eye.elevation = Math.min(Math.max(eye.elevation + dy * 0.008, 0.05), Math.PI / 2); scene(); }
+  } else if (flat || e.shiftKey || e.buttons & 6) {
+    const [, scale] = projector(view.clientWidth, view.clientHeight);
+    eye.x += dx / scale; eye.y -= dy / scale; scene();
+  } else { eye.azimuth += dx * 0.008; eye.elevation = Math.min(Math.max(eye.elevation + dy * 0.008, 0.05), Math.PI / 2); scene(); }
+  writeAddress();
 });
 for (const name of ["pointerup", "pointercancel"]) view.addEventListener(name, e => {
   pointers.delete(e.pointerId);
@@ -331,14 +272,13 @@ view.addEventListener("contextmenu", e => e.preventDefault());
 view.addEventListener("wheel", e => { e.preventDefault(); zoom(Math.exp(-e.deltaY * 0.0012)); }, {passive: false});
 view.addEventListener("dblclick", () => look(flat));
 function zoom(by) {
-  const new_ = Math.min(Math.max(eye.zoom * by, 0.1), 40), share = new_ / eye.zoom;
-  Object.assign(eye, {zoom: new_, x: eye.x * share, y: eye.y * share});
-  scene();
+  eye.zoom = Math.min(Math.max(eye.zoom * by, 0.1), 40);
+  scene(); writeAddress();
 }
 function pick(e) {
   const box = view.getBoundingClientRect(), far = p => Math.hypot(p[0] - e.clientX + box.left, p[1] - e.clientY + box.top);
   const best = drawnAt.reduce((b, p, n) => far(p) < far(drawnAt[b]) ? n : b, 0);
-  selected = far(drawnAt[best]) < 22 ? best : -1;
+  selected = far(drawnAt[best]) < 22 ? best : maps && !oneMoves ? selected : -1;
   show();
 }
 for (const id of ["error", "costs"]) $(id).addEventListener("click", e => {
@@ -346,32 +286,3 @@ for (const id of ["error", "costs"]) $(id).addEventListener("click", e => {
   const wanted = step[0] + share * (step[T - 1] - step[0]);
   playing = false; go(step.reduce((b, s, t) => Math.abs(s - wanted) < Math.abs(step[b] - wanted) ? t : b, 0));
 });
-
-$("title").textContent = data.title;
-$("costbox").hidden = !cost;
-$("errorbox").hidden = !mean;
-$("time").max = T - 1;
-for (const rate of [2, 5, 10, 20, 50, 100]) $("speed").add(new Option(`${rate} states/s`, rate, rate == 20, rate == 20));
-$("legend").innerHTML = [["true", "<circle cx='9' cy='9' r='5.5' fill='none' stroke='#fff' stroke-width='5'/><circle cx='9' cy='9' r='5.5' fill='none' stroke='#000' stroke-width='2'/>"],
-  ["estimate", "<path d='M4 4L14 14M14 4L4 14' stroke='#fff' stroke-width='5.5'/><path d='M4 4L14 14M14 4L4 14' stroke='#d61828' stroke-width='2.6'/>"],
-  ["known", "<rect x='3' y='3' width='12' height='12' fill='#fff'/><rect x='5' y='5' width='8' height='8' fill='#1f78c8'/>"]]
-  .map(([name, mark]) => `<span class="key"><svg width="18" height="18">${mark}</svg> ${name}</span>`).join("") +
-  (T < data.taken ? `<span class="key dim">showing ${T} of ${data.taken} states</span>` : "");
-$("play").onclick = () => play(!playing);
-$("time").oninput = e => { playing = false; go(Number(e.target.value)); };
-$("top").onclick = () => look(true);
-$("turn").onclick = () => look(false);
-$("trails").onchange = show;
-$("theme").onclick = () => theme(document.documentElement.dataset.theme != "dark");
-document.addEventListener("keydown", e => {
-  if (e.ctrlKey || e.altKey || e.metaKey || e.target.tagName == "SELECT") return;
-  const ranged = e.target.id == "time", keys = {" ": () => play(!playing), t: () => look(true), "3": () => look(false),
-    Home: () => go(0), End: () => go(T - 1), ArrowLeft: () => go(at - 1), ArrowRight: () => go(at + 1)};
-  if (e.key == " " && e.target.tagName == "BUTTON" || ranged && e.key != " " || !keys[e.key]) return;
-  e.preventDefault(); if (e.key != " ") playing = false; keys[e.key]();
-});
-new ResizeObserver(show).observe($("scene"));
-theme(window.matchMedia("(prefers-color-scheme: dark)").matches);
-</script>
-</body>
-</html>

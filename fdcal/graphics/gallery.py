@@ -1,0 +1,129 @@
+"""The index page of a gallery of replays, and the page of a race: two replays side by side, led by processor time.
+
+Pages hold no address but those of the other files beside them: any web server can host the folder, and a browser shows
+it from `file://`.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from ..cost.eq7_maps import eq7_maps, expansion_of
+from ..cost.landscapes import refined
+from ..cost.yardstick import yardstick_of
+from ..model.measurement import Measurement
+from ..model.problem import Problem
+from .heatmap import colour_limits, normalise, to_rgb
+from .replay import filled
+
+PAGES = Path(__file__).with_name("replay_page")
+THUMBNAIL = 96  # pixels along the longer edge of the map in a picture of the index
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One entry of the index.
+
+    Attributes
+    ----------
+    file : of the page, with what it shows after #
+    title, text : what there is to be seen
+    figures : one line: solver, mean error, size
+    picture : HTML of its picture
+    """
+
+    file: str
+    title: str
+    text: str
+    figures: str
+    picture: str
+
+
+def index_html(title: str, introduction: str, entries: Sequence[Entry]) -> str:
+    """Return the index page of a gallery."""
+    cards = "\n".join(
+        f'<a href="{escape(entry.file)}">{entry.picture}<h2>{escape(entry.title)}</h2><p>{escape(entry.text)}</p>'
+        f"<p class='figures'>{escape(entry.figures)}</p></a>"
+        for entry in entries
+    )
+    parts = {"TITLE": escape(title), "INTRODUCTION": escape(introduction), "CARDS": cards}
+    return filled((PAGES / "index.html").read_text(encoding="utf-8"), parts)
+
+
+def race_html(title: str, files: Sequence[str], names: Sequence[str], seconds: Sequence[np.ndarray]) -> str:
+    """Return the page of a race.
+
+    Parameters
+    ----------
+    title : str
+    files : of two replays that hold processor times, beside the page
+    names : of their solvers
+    seconds : for each, (T,) float64, processor time from the start to each state, s
+    """
+    ends = [float(times[-1]) for times in seconds]
+    firsts = [float(times[times > 0].min(initial=1.0)) for times in seconds]
+    data = {"files": list(files), "names": list(names), "ends": ends, "first": min(firsts)}
+    frames = "\n".join(
+        f'<iframe src="{escape(file)}" title="{escape(name)}"></iframe>'
+        for file, name in zip(files, names, strict=True)
+    )
+    text = json.dumps(data, allow_nan=False).replace("<", "\\u003c")
+    parts = {"TITLE": escape(title), "FRAMES": frames, "DATA": text}
+    return filled((PAGES / "race.html").read_text(encoding="utf-8"), parts)
+
+
+def picture_of(measurement: Measurement, problem: Problem, state, n: int, modes: Sequence[int] | None) -> str:
+    """Return a picture of the map of one microphone with the true and the estimated positions, as SVG.
+
+    Parameters
+    ----------
+    state : of any solver, whose positions are in the frame of the search domain
+    n : microphone, counted from 0
+    modes : counted from 1; all that the microphones can carry unless given
+    """
+    yardstick, domain = yardstick_of(problem), problem.search
+    if yardstick is None or domain is None:
+        return ""
+    lattice, offset = refined(domain, THUMBNAIL), yardstick.order_offset
+    chosen = modes or tuple(expansion_of(problem, offset).carried.modes + 1)
+    cost = eq7_maps(problem, state.positions, n, chosen, offset, lattice, state.channels).sum(axis=0)
+    low, high, _ = colour_limits(cost, True)
+    image = Image.fromarray(to_rgb(normalise(cost, low, high, True))[::-1])
+    file = io.BytesIO()
+    image.save(file, "PNG", optimize=True)
+    width, height = image.size
+    corner = np.asarray(lattice.origin[:2]) - lattice.step / 2
+    truth = measurement.aligned_truth(state.positions)
+    marks = [_crosses(_pixels(state.positions, corner, lattice.step, height))]
+    if truth is not None:
+        marks.insert(0, _circles(_pixels(truth, corner, lattice.step, height)))
+    coded = base64.b64encode(file.getvalue()).decode("ascii")
+    return (
+        f'<svg viewBox="0 0 {width} {height}" role="img" aria-label="Map with the microphones">'
+        f'<image href="data:image/png;base64,{coded}" width="{width}" height="{height}"/>{"".join(marks)}</svg>'
+    )
+
+
+def _pixels(positions, corner: np.ndarray, step: float, height: int) -> np.ndarray:
+    """Return where positions (N, D), metres, lie in the picture, y downwards : (N, 2)."""
+    places = (np.asarray(positions, float)[:, :2] - corner) / step
+    return np.column_stack([places[:, 0], height - places[:, 1]])
+
+
+def _circles(places: np.ndarray) -> str:
+    marks = "".join(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="1.7"/>' for x, y in places)
+    return f'<g fill="none" stroke="#000" stroke-width="0.7">{marks}</g>'
+
+
+def _crosses(places: np.ndarray) -> str:
+    path = "".join(f"M{x - 1:.1f} {y - 1:.1f}l2 2m0-2l-2 2" for x, y in places)
+    return f'<path d="{path}" stroke="#fff" stroke-width="1.3"/><path d="{path}" stroke="#d61828" stroke-width="0.7"/>'

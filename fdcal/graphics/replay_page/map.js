@@ -1,0 +1,137 @@
+// The map on the floor: the cost of moving one microphone at the state that is shown, from the modes that are chosen.
+const MINIMUM = "#ffb000", DEPTH = 1e-3;  // least climb out of a minimum, of the range of the map
+const free = [...Array(N).keys()].filter(n => !known.has(n));
+let map = null, wanted = null, working = false, modeMaps = {key: "", found: new Map()};
+
+const oneMoves = moved.some(n => n >= 0);  // whether a step of this solver moves one microphone
+if (maps && selected < 0 && !oneMoves) selected = free[0] ?? 0;
+// The microphone whose map is shown: the selected one, or the one that the step moved.
+const subject = () => selected >= 0 ? selected : moved[at] >= 0 || !maps ? moved[at] : free[0] ?? 0;
+const mapShown = () => maps && $("map").checked && map && map.n == wanted.n;
+
+// Indices of the modes of the map in maps.modes: the chosen ones, or the ones that the solver uses.
+function modeIndices() {
+  const [low, high] = chosen ?? [first[at], last[at]];
+  return [...maps.modes.keys()].filter(i => low <= maps.modes[i] && maps.modes[i] <= high);
+}
+
+function requestMap() {
+  if (!maps || !$("map").checked) return;
+  const n = subject(), indices = modeIndices();
+  wanted = {t: at, n, indices, key: [at, n, indices[0], indices.length].join()};
+  if (n >= 0 && indices.length && !working) { working = true; work(); } else if (!indices.length) map = null;
+}
+
+// Computes until the map is the one wanted. A quick map is finished even if another one is wanted by then, so that a
+// slider that is dragged shows maps on its way.
+async function work() {
+  while (wanted.indices.length && map?.key != wanted.key) {
+    const job = wanted, begun = performance.now(), positions = [];
+    for (let n = 0; n < N; n++) positions.push(...placeOf(job.t, n));
+    if (modeMaps.key != [job.t, job.n].join()) modeMaps = {key: [job.t, job.n].join(), found: new Map()};
+    let paused = begun, found = modeMaps.found, dropped = false;
+    for (const index of job.indices) {
+      if (!found.has(index)) found.set(index, landscapes.map(index, job.n, positions, job.t));
+      if (performance.now() - paused < 14) continue;
+      await new Promise(resolve => setTimeout(resolve));
+      paused = performance.now();
+      dropped = job.n != wanted.n || !playing && job.key != wanted.key && paused - begun > 250;
+      if (dropped) break;
+    }
+    if (dropped) continue;
+    map = finished(job, found); scene(); showModes();
+  }
+  working = false;
+}
+
+// The sum of the modes relative to their power, its image and its minima.
+function finished(job, found) {
+  const [nx, ny] = landscapes.shape, cost = new Float64Array(nx * ny);
+  let power = 0;
+  for (const index of job.indices) {
+    const one = found.get(index);
+    power += one.power;
+    for (let i = 0; i < cost.length; i++) cost[i] += one.cost[i];
+  }
+  let low = Infinity, high = 0;
+  for (let i = 0; i < cost.length; i++) { cost[i] /= power; low = Math.min(low, cost[i]); high = Math.max(high, cost[i]); }
+  const clipped = low < high * 10 ** -maps.decades, floor = Math.max(low, high * 10 ** -maps.decades);
+  const image = document.createElement("canvas"), range = Math.log10(high / floor) || 1;
+  image.width = nx; image.height = ny;
+  const pen = image.getContext("2d"), pixels = pen.createImageData(nx, ny);
+  for (let j = 0; j < ny; j++) for (let i = 0; i < nx; i++) {  // row 0 of the map is at low y
+    const share = Math.log10(Math.max(cost[j * nx + i], floor) / floor) / range, colour = 3 * Math.round(255 * Math.min(Math.max(share, 0), 1));
+    pixels.data.set([maps.colours[colour], maps.colours[colour + 1], maps.colours[colour + 2], 255], 4 * ((ny - 1 - j) * nx + i));
+  }
+  pen.putImageData(pixels, 0, 0);
+  const minima = Array.from(prominentMinima(cost, nx, ny, DEPTH), i => [landscapes.places[0][i % nx], landscapes.places[1][Math.floor(i / nx)]]);
+  return {...job, cost, image, minima, clipped, low: 10 * Math.log10(floor), high: 10 * Math.log10(high)};
+}
+
+function floorMap(pen, project) {
+  const [x, y] = landscapes.corner, [wide, deep] = landscapes.edge, dpr = window.devicePixelRatio || 1;
+  const [p, right, up] = [[x, y + deep, z0], [x + wide, y + deep, z0], [x, y, z0]].map(project);
+  pen.save();
+  pen.transform((right[0] - p[0]) / map.image.width, (right[1] - p[1]) / map.image.width,
+    (up[0] - p[0]) / map.image.height, (up[1] - p[1]) / map.image.height, p[0], p[1]);
+  pen.drawImage(map.image, 0, 0);
+  pen.restore();
+}
+
+function drawMinima(pen, project, r) {
+  map.minima.forEach(([x, y], i) => {
+    const [u, v] = project([x, y, z0]), size = (i ? 1.1 : 2) * r;
+    const corners = [[u + size, v], [u, v + size], [u - size, v], [u, v - size]];
+    withHalo((c, width) => stroke(pen, corners, c, width, true), MINIMUM, i ? 1.6 : 2.4, 2.2);
+  });
+}
+
+const rangeText = indices => indices.length > 1 ? `modes ${maps.modes[indices[0]]} to ${maps.modes[indices.at(-1)]}` : `mode ${maps.modes[indices[0]]}`;
+
+// Caption and colour bar, in decibels relative to the power of the pressures of these modes.
+function colourBar(pen, w) {
+  const left = 14, top = 26, wide = Math.min(300, w - 134), ink = css("--ink"), [low, high] = [map.low, map.high];
+  const minima = map.minima.length == 1 ? "1 minimum" : `${map.minima.length} minima`, layer = D == 3 ? ` at z = ${placeOf(map.t, map.n)[2].toFixed(2)} m` : "";
+  pen.fillStyle = css("--back"); pen.fillRect(0, 0, w, STRIP - 4);
+  pen.fillStyle = ink; pen.font = "600 13px system-ui, sans-serif"; pen.textAlign = "left";
+  pen.fillText(`Cost of microphone ${data.names[map.n]}${layer}: ${rangeText(map.indices)}, ${minima}`, left, 16, w - 20);
+  for (let i = 0; i < wide; i++) {
+    const colour = 3 * Math.round(255 * i / (wide - 1));
+    pen.fillStyle = `rgb(${maps.colours.slice(colour, colour + 3).join()})`; pen.fillRect(left + i, top, 1.5, 9);
+  }
+  pen.font = "11px system-ui, sans-serif"; pen.fillStyle = ink; pen.textAlign = "center";
+  const [values, digits] = ticks(low, high, 4);
+  for (const v of values) {
+    const x = left + wide * (v - low) / (high - low);
+    stroke(pen, [[x, top + 9], [x, top + 13]], ink, 1);
+    pen.fillText(v.toFixed(digits).replace("-", "−"), x, top + 24);
+  }
+  pen.textAlign = "left"; pen.fillText(map.clipped ? "dB, lower clipped" : "dB", left + wide + 8, top + 9);
+}
+
+function showModes() {
+  if (!maps) return;
+  const indices = modeIndices(), none = !indices.length;
+  $("follow").checked = !chosen;
+  if (!none) { $("firstmode").value = indices[0]; $("lastmode").value = indices.at(-1); }
+  $("modes").textContent = none ? "none of these can be mapped" : rangeText(indices);
+  $("microphone").value = selected;
+}
+
+function mapControls() {
+  for (const id of ["firstmode", "lastmode"]) {
+    Object.assign($(id), {min: 0, max: maps.modes.length - 1, step: 1});
+    $(id).oninput = () => {
+      const ends = ["firstmode", "lastmode"].map(one => Number($(one).value)), moved = Number($(id).value);
+      if (ends[0] > ends[1]) ends.fill(moved);
+      chosen = ends.map(i => maps.modes[i]); show();
+    };
+  }
+  if (oneMoves) $("microphone").add(new Option("moved by the step", -1));
+  data.names.forEach((name, n) => $("microphone").add(new Option(name, n)));
+  $("microphone").onchange = e => { selected = Number(e.target.value); show(); };
+  $("follow").onchange = e => { chosen = e.target.checked ? null : [first[at], last[at]]; show(); };
+  $("map").onchange = show;
+}
+// For tests, and for curious people with the console open.
+window.replay = {get map() { return mapShown() && map.key == wanted.key ? map : null; }, landscapes, placeOf, data, arrays};

@@ -1,0 +1,33 @@
+// The controls, and the first picture.
+$("title").textContent = data.title;
+$("costbox").hidden = !cost;
+$("errorbox").hidden = !mean;
+$("time").max = T - 1;
+for (const rate of [2, 5, 10, 20, 50, 100]) $("speed").add(new Option(`${rate} states/s`, rate, rate == 20, rate == 20));
+$("legend").innerHTML = [["true", "<circle cx='9' cy='9' r='5.5' fill='none' stroke='#fff' stroke-width='5'/><circle cx='9' cy='9' r='5.5' fill='none' stroke='#000' stroke-width='2'/>"],
+  ["estimate", "<path d='M4 4L14 14M14 4L4 14' stroke='#fff' stroke-width='5.5'/><path d='M4 4L14 14M14 4L4 14' stroke='#d61828' stroke-width='2.6'/>"],
+  ["known", "<rect x='3' y='3' width='12' height='12' fill='#fff'/><rect x='5' y='5' width='8' height='8' fill='#1f78c8'/>"],
+  ...(maps ? [["minimum of the map (large: lowest)", "<path d='M9 2L16 9L9 16L2 9Z' fill='none' stroke='#fff' stroke-width='4.5'/><path d='M9 2L16 9L9 16L2 9Z' fill='none' stroke='#ffb000' stroke-width='2.2'/>"]] : [])]
+  .map(([name, mark]) => `<span class="key"><svg width="18" height="18">${mark}</svg> ${name}</span>`).join("") +
+  (T < data.taken ? `<span class="key dim">showing ${T} of ${data.taken} states</span>` : "");
+$("play").onclick = () => play(!playing);
+$("time").oninput = e => { playing = false; go(Number(e.target.value)); };
+$("top").onclick = () => look(true);
+$("turn").onclick = () => look(false);
+$("trails").onchange = show;
+if (maps) mapControls(); else $("mapbar").hidden = true;
+$("theme").onclick = () => { themed = true; theme(document.documentElement.dataset.theme != "dark"); };
+document.addEventListener("keydown", e => {
+  if (e.ctrlKey || e.altKey || e.metaKey || e.target.tagName == "SELECT") return;
+  const ranged = e.target.type == "range", keys = {" ": () => play(!playing), t: () => look(true), "3": () => look(false),
+    Home: () => go(0), End: () => go(T - 1), ArrowLeft: () => go(at - 1), ArrowRight: () => go(at + 1)};
+  if (e.key == " " && (e.target.tagName == "BUTTON" || e.target.type == "checkbox") || ranged && /^(Arrow|Home|End)/.test(e.key) || !keys[e.key]) return;
+  e.preventDefault(); if (e.key != " ") playing = false; keys[e.key]();
+});
+readAddress();
+theme(document.documentElement.dataset.theme ? document.documentElement.dataset.theme == "dark" : window.matchMedia("(prefers-color-scheme: dark)").matches);
+new ResizeObserver(show).observe($("scene"));
+if (seconds && window.parent != window) {  // one of the two replays of a race, which has the controls of time
+  document.documentElement.classList.add("led");
+  window.parent.postMessage("ready", "*");
+}

@@ -1,0 +1,163 @@
+"""The cost of one microphone in space: nested isosurfaces and a slice, independent of a renderer.
+
+    Volume      isosurfaces and slice, with the scale of their colours and the minima
+    levels_of   round levels of cost for the isosurfaces
+    volume_of   a Volume of costs on a lattice, still without a slice
+    slice_of    a slice in the colours of a Volume
+    faded       a Volume with translucent isosurfaces made more so
+
+The colours hold the shading of the surfaces, so that they look alike in any renderer, which adds no light.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..model.settings import Search
+from ..model.validation import frozen_array
+from .glyphs import round_ticks
+from .heatmap import colour_limits, normalise, to_rgb
+from .isosurfaces import isosurface
+from .primitives import ColourBar
+from .solids import Plate, Surface
+
+AXES = "xyz"
+MAX_LEVELS = 4  # isosurfaces; more of them hide each other
+LARGEST, SMALLEST = 0.22, 2e-4  # shares of the domain that the outermost and the innermost isosurface enclose
+OPACITY = (0.12, 0.3)  # of the outermost and of the innermost isosurface
+TOWARDS_LIGHT = np.array([-0.42, -0.55, 0.72])  # over the viewer's left shoulder in the oblique views
+DARKEST = 0.45  # brightness of a surface that faces away from the light
+ON_DARK = 0.4  # share of white in a surface on a dark page, and by how much more opaque it is
+SHADES = 32  # columns of a texture
+
+
+@dataclass(frozen=True)
+class Volume:
+    """The cost of one microphone in space.
+
+    Attributes
+    ----------
+    surface : of all isosurfaces
+    plate : the slice, or None
+    bar : ColourBar, of both
+    levels : of the isosurfaces, in the unit of `bar`, ascending
+    minima : places of the lowest cost and of the other local minima, in this order, metres; none to mark none
+    """
+
+    surface: Surface
+    plate: Plate | None
+    bar: ColourBar
+    levels: tuple[float, ...]
+    minima: tuple[tuple[float, float, float], ...] = ()
+
+    @property
+    def text(self) -> str:
+        """The levels in words, as "isosurfaces at -26, -24 and -22 dB"."""
+        if not self.levels:
+            return "no isosurface"
+        values = [f"{level:g}" for level in self.levels]
+        listed = values[0] if len(values) == 1 else f"{', '.join(values[:-1])} and {values[-1]}"
+        return f"isosurface{'s' if len(values) > 1 else ''} at {listed} dB"
+
+
+def levels_of(decibels: np.ndarray) -> tuple[float, ...]:
+    """Return round levels of cost, ascending, of which each encloses a part of the domain that can be seen through.
+
+    Parameters
+    ----------
+    decibels : (nz, ny, nx) float64, cost, dB
+    """
+    low, middle = float(decibels.min()), float(np.quantile(decibels, LARGEST))
+    for count in (MAX_LEVELS, 6, 10, 20):
+        levels = [v for v in round_ticks(low, middle, count) if SMALLEST < np.mean(decibels < v) <= LARGEST]
+        if len(levels) >= 3:
+            break
+    chosen = np.unique(np.linspace(0, len(levels) - 1, min(len(levels), MAX_LEVELS)).round().astype(int))
+    return tuple(float(levels[i]) for i in chosen) if levels else ()
+
+
+def volume_of(cost: np.ndarray, search: Search, log: bool, minima=()) -> Volume:
+    """Return the isosurfaces of costs on a lattice, without a slice.
+
+    Parameters
+    ----------
+    cost : (nz, ny, nx) float64, relative to the power
+    search : the lattice
+    log : whether the colours follow decibels
+    minima : (K, 3) float64, metres, the lowest first, to be marked
+    """
+    low, high, clipped = colour_limits(cost, log)
+    decibels = 10 * np.log10(np.maximum(cost, 1e-16))
+    levels = levels_of(np.maximum(decibels, 10 * np.log10(max(low, 1e-16))))
+    # the innermost first: an outer surface is drawn over the inner ones
+    parts = [isosurface(decibels, search, level) for level in levels]
+    colours = to_rgb(normalise(10 ** (np.array(levels) / 10), low, high, log)) if levels else np.zeros((0, 3), np.uint8)
+    bar = ColourBar(10 * np.log10(low), 10 * np.log10(high), False, "cost, Eq. 7 (dB)", clipped)
+    if not log:
+        bar = ColourBar(low, high, False, "cost, Eq. 7 (relative to the power)", clipped)
+    places = tuple((float(x), float(y), float(z)) for x, y, z in minima)
+    return Volume(_surface(parts, colours), None, bar, levels, places)
+
+
+def slice_of(cost: np.ndarray, axis: int, position: float, domain: np.ndarray, bar: ColourBar, log: bool) -> Plate:
+    """Return a slice through a volume, in the colours of the volume.
+
+    Parameters
+    ----------
+    cost : (h, w) float64, in the middle of each pixel, rows along the later of the two axes
+    axis : 0, 1 or 2, across the slice
+    position : along that axis, metres
+    domain : (2, 3) float64, lowest and highest corner of the domain, metres
+    bar : of the volume
+    log : whether the colours follow decibels
+    """
+    low, high = (10 ** (bar.low / 10), 10 ** (bar.high / 10)) if log else (bar.low, bar.high)
+    rgb = to_rgb(normalise(cost, low, high, log))
+    others = [other for other in range(3) if other != axis]
+    (a, b), (width, height) = domain[0][others], np.ptp(domain, axis=0)[others]
+    return Plate(
+        "slice", frozen_array(rgb, np.uint8), axis, position, (float(a), float(b)), (float(width), float(height))
+    )
+
+
+def faded(volume: Volume, opacity: float, dark: bool = False) -> Volume:
+    """Return a volume whose isosurfaces have a share of their opacity, 0 to 1.
+
+    On a dark page they are brighter and less translucent: the low costs have dark colours.
+    """
+    texture = volume.surface.texture.astype(float)
+    if dark:
+        texture[..., :3] += ON_DARK * (255 - texture[..., :3])
+        texture[..., 3] *= 1 + ON_DARK
+    texture[..., 3] *= opacity
+    texture = np.rint(texture)
+    return replace(volume, surface=replace(volume.surface, texture=frozen_array(texture, np.uint8)))
+
+
+def _surface(parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]], colours: np.ndarray) -> Surface:
+    """One surface of all isosurfaces: a row of the texture for each, its columns from dark to bright."""
+    light = TOWARDS_LIGHT / np.linalg.norm(TOWARDS_LIGHT)
+    count, first = len(parts), 0
+    vertices, faces, places = [np.zeros((0, 3))], [np.zeros((0, 3), int)], [np.zeros((0, 2))]
+    for row, (points, triangles, normals) in enumerate(parts):
+        shade = 0.5 + 0.5 * normals @ light
+        column = (0.5 + shade * (SHADES - 1)) / SHADES  # the middle of a texel
+        vertices.append(points)
+        faces.append(triangles + first)
+        places.append(np.column_stack([column, np.full(len(points), (row + 0.5) / count)]))
+        first += len(points)
+    texture = np.zeros((max(count, 1), SHADES, 4), np.uint8)
+    brightness = np.linspace(DARKEST, 1.0, SHADES)[:, None]
+    for row, colour in enumerate(colours):
+        share = 1.0 if count == 1 else row / (count - 1)  # 0 of the innermost
+        texture[row, :, :3] = np.rint(brightness * colour)
+        texture[row, :, 3] = round(255 * (OPACITY[1] + share * (OPACITY[0] - OPACITY[1])))
+    return Surface(
+        "isosurfaces",
+        frozen_array(np.concatenate(vertices), np.float32),
+        frozen_array(np.concatenate(faces), np.int32),
+        frozen_array(np.concatenate(places), np.float32),
+        frozen_array(texture, np.uint8),
+    )

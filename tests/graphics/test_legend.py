@@ -1,0 +1,166 @@
+"""The legend names exactly the marks that a picture draws, alike on the page and in the PNG."""
+
+import re
+from dataclasses import replace
+from html import unescape
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from fdcal.graphics.annotations import annotate, legend_height, margins
+from fdcal.graphics.heatmap import cost_floor
+from fdcal.graphics.legend import MARKS, legend_of
+from fdcal.graphics.legend_image import symbol
+from fdcal.graphics.overlays import (
+    ellipse_scale,
+    with_comparison,
+    with_cut,
+    with_ellipses,
+    with_odd_channels,
+    with_trails,
+    with_volume,
+)
+from fdcal.graphics.picture import compose
+from fdcal.graphics.snapshot import camera_of
+from fdcal.graphics.volume import slice_of, volume_of
+from fdcal.model.measurement import Measurement
+from fdcal.model.scene_file import load_scene
+from fdcal.model.settings import Search
+from fdcal.viewer.gui.legend_html import canvas_legend
+
+SIZE = (1280, 800)
+PLANE = [name for name in MARKS if name not in ("isosurfaces", "slice")]  # marks of a plane array
+SCENERY = ("room/", "frame", "source", "microphones/stems", "selected/")  # labelled where they stand, or part of a mark
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return load_scene("tiny")
+
+
+@pytest.fixture(scope="module")
+def measurement(scene):
+    positions = np.random.default_rng(5).uniform([0.5, 0.35], [0.9, 0.75], (8, 2))
+    return Measurement(
+        frequencies=np.array([100.0]),
+        pressures=np.exp(1j * positions.sum(axis=1))[None],
+        sound_speed=343.0,
+        positions=positions,
+        known=np.array([0, 1]),
+        known_positions=positions[:2],
+        search=scene.search,
+    )
+
+
+@pytest.fixture(scope="module")
+def estimate(measurement):
+    moved = measurement.positions + np.array([0.04, 0.0])
+    moved[measurement.known] = measurement.known_positions
+    return moved
+
+
+@pytest.fixture(scope="module")
+def floor(scene):
+    ny, nx = scene.search.shape[::-1]
+    return cost_floor(np.add.outer(np.arange(ny), np.arange(nx)) + 1.0, scene.search, minima=[(0.7, 0.6)])
+
+
+@pytest.fixture(scope="module")
+def full(scene, measurement, estimate, floor):
+    """A picture with every mark."""
+    picture = compose(scene, measurement, estimate, 5, floor)
+    picture = with_trails(picture, np.stack([estimate, estimate + 0.05]))
+    picture = with_ellipses(picture, estimate, np.tile(0.02 * np.eye(2), (8, 1, 1)))
+    picture = with_cut(picture, [[0.5, 0.4], [0.9, 0.8]], floor)
+    picture = with_odd_channels(picture, estimate, [4])
+    return with_comparison(picture, {"joint": estimate}, np.arange(2, 8))
+
+
+def names_of(picture):
+    return [entry.name for entry in legend_of(picture)]
+
+
+def test_a_picture_with_every_mark_has_every_entry(full):
+    assert names_of(full) == [*PLANE, "comparison/joint"]
+
+
+def test_every_part_of_a_picture_is_scenery_or_in_the_legend(full):
+    parts = {part.name.removesuffix("_halo") for part in (*full.meshes, *full.lines)}
+    assert {name for name in parts if not name.startswith(SCENERY)} == set(names_of(full))
+
+
+@pytest.mark.parametrize("name", [*PLANE, "comparison/joint"])
+def test_a_mark_that_is_not_drawn_has_no_entry(full, name):
+    without = replace(
+        full,
+        meshes=tuple(part for part in full.meshes if part.name != name),
+        lines=tuple(part for part in full.lines if part.name != name),
+    )
+    assert names_of(without) == [other for other in names_of(full) if other != name]
+
+
+def test_isosurfaces_and_slice_are_named_with_their_levels(scene, measurement, estimate):
+    decibels = 10 * np.linalg.norm(np.stack(np.meshgrid(*3 * [np.linspace(-1, 1, 17)])), axis=0) - 20
+    cost, search = 10 ** (decibels / 10), Search((0.0, 0.0, 0.0), (1.6, 1.6, 1.6), 0.1, 0.8)
+    volume = volume_of(cost, search, True)
+    picture = with_volume(compose(scene, measurement, estimate), volume)
+    texts = [entry.text for entry in legend_of(picture)]
+    assert volume.text in texts and not any(text.startswith("slice") for text in texts)
+    plate = slice_of(cost[8], 2, 0.8, np.array([[0.0] * 3, [1.6] * 3]), volume.bar, True)
+    cut = with_volume(compose(scene, measurement, estimate), replace(volume, plate=plate))
+    assert any(entry.text.startswith("slice") for entry in legend_of(cut))
+
+
+def test_errors_too_short_to_be_seen_have_no_entry(scene, measurement, estimate):
+    assert "microphones/error" in names_of(compose(scene, measurement, estimate))
+    near = measurement.positions + 1e-4
+    assert "microphones/error" not in names_of(compose(scene, measurement, near))
+
+
+def test_a_picture_without_a_map_has_no_minima(scene, measurement, estimate):
+    assert not {"lowest", "minima"} & set(names_of(compose(scene, measurement, estimate)))
+
+
+@pytest.mark.parametrize("half_axis", [1e-5, 3e-4, 0.02])
+def test_the_legend_says_by_how_much_ellipses_are_enlarged(scene, measurement, estimate, half_axis):
+    axes = np.tile(half_axis * np.eye(2), (8, 1, 1))
+    scale = ellipse_scale(axes, 0.5)
+    picture = with_ellipses(compose(scene, measurement, estimate), estimate, axes, scale=scale)
+    text = legend_of(picture)[-1].text
+    said = re.search(r"drawn ([\d]+) times larger", text)
+    assert (said is None) == (scale == 1) and (scale == 1 or float(said[1]) == scale)
+    rim = next(part for part in picture.lines if part.name == "ellipses").segments[:, 0, :2]
+    reach = np.linalg.norm(rim.reshape(-1, 8, 2)[:, 0] - estimate[0], axis=1)
+    np.testing.assert_allclose(reach, scale * half_axis, rtol=1e-4)
+
+
+def test_ellipses_at_their_size_that_marks_hide_are_said_to_be_small(scene, measurement, estimate):
+    axes = np.tile(1e-5 * np.eye(2), (8, 1, 1))
+    picture = with_ellipses(compose(scene, measurement, estimate), estimate, axes)
+    assert "too small to be seen" in legend_of(picture)[-1].text
+
+
+def test_page_and_png_show_the_same_entries(full):
+    html = canvas_legend(full.floor.bar, legend_of(full))
+    texts = [unescape(text.strip()) for text in re.findall(r"</svg>(.*?)</span>", html)]
+    assert texts == [entry.text for entry in legend_of(full)]
+    for fraction, tick in full.floor.bar.ticks:
+        assert f"left: {100 * fraction:.2f}%" in html and f"</div>{tick}</div>" in html
+
+
+def test_each_entry_of_the_png_stands_in_its_colour_below_the_map(full):
+    camera = camera_of(full, SIZE, "top")
+    image = annotate(np.full((SIZE[1], SIZE[0], 3), 255, np.uint8), full, camera).astype(int)
+    rows = image[-round(legend_height(full, SIZE)) - 5 :]
+    for entry in legend_of(full):
+        assert np.abs(rows - entry.colour).max(axis=2).min() < 40, f"no {entry.text} in the legend"
+    without = replace(full, meshes=(), lines=())
+    assert legend_height(without, SIZE) == 0 and margins(without, SIZE)[1] < margins(full, SIZE)[1]
+
+
+@pytest.mark.parametrize("name", MARKS)
+def test_a_symbol_fills_its_square(name):
+    alpha = np.asarray(symbol(MARKS[name], 40))[..., 3]
+    assert isinstance(symbol(MARKS[name], 40), Image.Image) and 40 < (alpha > 128).sum() < 1200
+    assert alpha[[0, -1]].max() < 30, "nothing is cut off"

@@ -1,0 +1,143 @@
+"""Isosurfaces and slices of a cost in space: where they lie, their colours, and how both renderers draw them."""
+
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from fdcal.graphics import paraview, snapshot
+from fdcal.graphics.camera import project
+from fdcal.graphics.heatmap import to_rgb
+from fdcal.graphics.isosurfaces import isosurface
+from fdcal.graphics.legend import legend_of
+from fdcal.graphics.overlays import with_volume
+from fdcal.graphics.picture import static_picture
+from fdcal.graphics.snapshot_process import render_png
+from fdcal.graphics.volume import faded, levels_of, slice_of, volume_of
+from fdcal.model.measurement import Measurement
+from fdcal.model.settings import Search
+
+SEARCH = Search(origin=(1.0, 2.0, 3.0), size=(0.8, 0.6, 0.4), step=0.02, radius=0.5)
+CENTRE = np.array([1.3, 2.3, 3.2])
+DOMAIN = np.array([[0.99, 1.99, 2.99], [1.81, 2.61, 3.41]])
+
+
+def distance():
+    axes = [o + SEARCH.step * np.arange(n) for o, n in zip(SEARCH.origin, SEARCH.shape, strict=True)]
+    z, y, x = np.meshgrid(*axes[::-1], indexing="ij")
+    return np.sqrt((x - CENTRE[0]) ** 2 + (y - CENTRE[1]) ** 2 + (z - CENTRE[2]) ** 2)
+
+
+def cost():
+    """A bowl: -40 dB at the centre, 5 dB more for every 10 cm."""
+    return 10 ** (-4 + 5 * distance())
+
+
+def test_an_isosurface_of_the_distance_is_a_sphere_whose_normals_point_outwards():
+    vertices, faces, normals = isosurface(distance(), SEARCH, 0.15)
+    reach = np.linalg.norm(vertices - CENTRE, axis=1)
+    np.testing.assert_allclose(reach, 0.15, atol=0.05 * SEARCH.step)
+    outwards = (vertices - CENTRE) / reach[:, None]
+    assert np.einsum("vd,vd->v", normals, outwards).min() > 0.98
+    corners = vertices[faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
+    assert area == pytest.approx(4 * np.pi * 0.15**2, rel=0.02)
+
+
+def test_a_level_that_is_not_there_gives_no_triangles():
+    assert all(len(part) == 0 for part in isosurface(distance(), SEARCH, 9.0))
+
+
+def test_levels_are_few_round_decibels_that_leave_most_of_the_domain_open():
+    decibels = 10 * np.log10(cost())
+    levels = levels_of(decibels)
+    assert 2 <= len(levels) <= 4 and list(levels) == sorted(levels)
+    assert all(level == round(level, 1) for level in levels)
+    assert np.mean(decibels < levels[-1]) < 0.25
+    assert levels_of(np.full((3, 3, 3), -20.0)) == ()
+
+
+def test_the_surfaces_are_those_of_the_levels_the_innermost_first_and_in_the_colours_of_the_scale():
+    volume = volume_of(cost(), SEARCH, True)
+    rows = np.rint(volume.surface.places[:, 1] * len(volume.levels) - 0.5).astype(int)
+    for row, level in enumerate(volume.levels):
+        reach = np.linalg.norm(volume.surface.vertices[rows == row] - CENTRE, axis=1)
+        np.testing.assert_allclose(reach, (level + 40) / 50, atol=0.1 * SEARCH.step)
+        share = (level - volume.bar.low) / (volume.bar.high - volume.bar.low)
+        brightest = volume.surface.texture[row, -1, :3].astype(int)
+        assert np.abs(brightest - to_rgb(np.array(share))).max() <= 3
+    drawn = rows[volume.surface.faces[:, 0]]
+    assert np.all(np.diff(drawn) >= 0)
+    opacity = volume.surface.texture[:, 0, 3]
+    assert np.all(np.diff(opacity.astype(int)) < 0) and opacity.max() < 128
+    np.testing.assert_allclose(faded(volume, 0.5).surface.texture[:, 0, 3], opacity / 2, atol=1)
+    light, dark = (faded(volume, 0.5, on_dark).surface.texture.astype(int) for on_dark in (False, True))
+    assert (dark[..., :3] > light[..., :3]).all() and (dark[..., 3] > light[..., 3]).all(), "to be seen on a dark page"
+    listed = ", ".join(f"{level:g}" for level in volume.levels[:-1])
+    assert volume.text == f"isosurfaces at {listed} and {volume.levels[-1]:g} dB"
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_slice_lies_across_its_axis_and_has_the_colours_of_the_scale(axis):
+    volume = volume_of(cost(), SEARCH, True)
+    rows, columns = 12, 9
+    values = np.full((rows, columns), 10 ** (volume.bar.low / 10))
+    values[-1] = 10 ** (volume.bar.high / 10)
+    plate = slice_of(values, axis, float(CENTRE[axis]), DOMAIN, volume.bar, True)
+    corners = plate.corners
+    assert np.all(corners[:, axis] == CENTRE[axis])
+    others = [other for other in range(3) if other != axis]
+    np.testing.assert_allclose(corners[[0, 2]][:, others], DOMAIN[:, others])
+    np.testing.assert_array_equal(plate.rgb[0, 0], to_rgb(np.array(0.0)))
+    np.testing.assert_array_equal(plate.rgb[-1, 0], to_rgb(np.array(1.0)))
+
+
+@pytest.fixture(scope="module")
+def picture():
+    positions = np.random.default_rng(0).uniform(DOMAIN[0] + 0.05, DOMAIN[1] - 0.05, (6, 3))
+    measurement = Measurement(
+        frequencies=np.array([100.0]), pressures=np.ones((1, 6), complex), sound_speed=343.0, positions=positions,
+        known=np.array([0]), known_positions=positions[:1], search=SEARCH, dimension=3,
+    )  # fmt: skip
+    return static_picture(None, measurement)
+
+
+def image_of(picture, view):
+    size = (640, 480)
+    pixels = np.asarray(Image.open(io.BytesIO(render_png(picture, size, view))))[..., :3].astype(int)
+    return pixels, lambda place: project(snapshot.camera_of(picture, size, view), size, place)[0].round().astype(int)
+
+
+def test_the_png_shows_surfaces_slice_and_the_lowest_cost_in_their_places(picture, require_gl):
+    low, middle = 0.3, float(CENTRE[2])
+    volume = volume_of(cost(), SEARCH, True, minima=[CENTRE])
+    surfaces = with_volume(picture, volume)
+    bare, at = image_of(with_volume(picture, None), "top")
+    drawn, at = image_of(surfaces, "top")
+    column, row = at(CENTRE + [(volume.levels[-1] + 40) / 50 * 0.9, 0, 0])
+    inside = drawn[row, column]
+    assert np.abs(inside - bare[row, column]).sum() > 20, "the outermost isosurface is not there"
+    column, row = at([CENTRE[0] + low + 0.1, CENTRE[1] + 0.25, middle])
+    np.testing.assert_allclose(drawn[row, column], 255, atol=2)
+    values = np.full((20, 20), 10 ** (volume.bar.high / 10))
+    plate = slice_of(values, 2, 3.38, DOMAIN, volume.bar, True)
+    sliced, at = image_of(with_volume(picture, type(volume)(volume.surface, plate, volume.bar, volume.levels)), "top")
+    column, row = at([CENTRE[0] + low + 0.1, CENTRE[1] + 0.25, 3.38])
+    np.testing.assert_allclose(sliced[row, column], to_rgb(np.array(1.0)), atol=6)
+
+
+def test_the_vti_file_holds_the_cost_of_every_point():
+    text = paraview.volume(cost(), SEARCH)
+    nx, ny, nz = SEARCH.shape
+    assert f'WholeExtent="0 {nx - 1} 0 {ny - 1} 0 {nz - 1}"' in text
+    assert 'Name="cost"' in text and 'Name="cost_dB"' in text
+
+
+def test_the_legend_says_at_which_costs_the_surfaces_are_and_where_the_slice_is(picture):
+    volume = volume_of(cost(), SEARCH, True)
+    plate = slice_of(np.full((2, 2), 1e-3), 2, 3.38, DOMAIN, volume.bar, True)
+    drawn = with_volume(picture, type(volume)(volume.surface, plate, volume.bar, volume.levels))
+    texts = [entry.text for entry in legend_of(drawn)]
+    assert volume.text in texts and "slice at z = 3.38 m" in texts
+    assert not {"isosurfaces", "slice"} & {entry.name for entry in legend_of(picture)}
