@@ -17,7 +17,7 @@ import click
 from ..model.scene_file import load_scene, scene_names
 from ..session.blas_threads import one_blas_thread_for_command
 from ..session.lesson_file import lesson_names, load_lesson
-from . import file_commands, plan_command, plot_commands, study_command
+from . import file_commands, gallery_command, plan_command, plot_commands, study_command
 from .guard import flush_output, guarded, without_debug
 from .options import (
     OPTIONS,
@@ -48,6 +48,7 @@ def main(args: list[str] | None = None) -> None:
 
 
 @click.group(invoke_without_command=True, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="fdcal", message="fdcal %(version)s")
 @click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error.")
 @click.pass_context
 def commands(context):
@@ -122,7 +123,7 @@ def simulate(scene: str, output: str, force: bool):
     "--noise",
     type=NoiseLevel(),
     metavar="DB|auto|reported",
-    help="SNR of each frequency that solver joint assumes; auto estimates it, reported takes that of the measurement.",
+    help="SNR of each frequency that is assumed; auto estimates it, reported takes that of the measurement.",
 )
 @click.option(
     "--cost",
@@ -183,7 +184,10 @@ def calibrate(
     source, solver, start, known, noise, cost, gains, gain_sigma, known_sigma, sound_speed_sigma, modes, seed, exclude,
     estimate_sound_speed, distance, room, time_limit, check, positions, output, search, radius, force,
 ):  # fmt: skip
-    """Find the microphones and assess the result; exit code 4 if it cannot be trusted."""
+    """Find the microphones and assess the result.
+
+    The exit code is 4 if the result cannot be trusted.
+    """
     path = output_path(output, ".json", force, source) if output else None
     from ..session.calibrate import solve
     from ..session.sources import with_settings
@@ -220,7 +224,7 @@ def scenes():
 
 @commands.command()
 def warm():
-    """Compile what fdcal compiles on its first runs, so that no later one waits for it.
+    """Compile beforehand what the first runs would wait for.
 
     Calibrating a measurement needs nothing compiled; simulating a scene, solver descent and the maps of the page do.
     """
@@ -234,5 +238,6 @@ def warm():
         print(f" {time.perf_counter() - start:.1f} s", file=sys.stderr, flush=True)
 
 
-for command in (*file_commands.COMMANDS, *plan_command.COMMANDS, *plot_commands.COMMANDS, *study_command.COMMANDS):
+PARTS = (file_commands, gallery_command, plan_command, plot_commands, study_command)
+for command in (command for part in PARTS for command in part.COMMANDS):
     commands.add_command(command)

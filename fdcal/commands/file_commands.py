@@ -74,7 +74,10 @@ def import_(source, output, number, dimension, force, **options):
 )
 @force_option
 def export(result, output, frame, original, table, force):
-    """Write the positions, or the gains, of a result for other programs; the suffix selects the format."""
+    """Write positions or gains of a result for other programs.
+
+    The suffix of the file selects the format.
+    """
     from ..assessment.result_file import load_result
     from ..recordings import formats
     from ..recordings.export import export_gains, export_positions

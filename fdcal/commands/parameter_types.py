@@ -126,6 +126,24 @@ class PictureSize(click.ParamType):
         return width, height
 
 
+class SlicePlane(click.ParamType):
+    """A plane through a volume: an axis, "x=1.5" for its place in metres, too, or "none"."""
+
+    name = "slice"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None):
+        if isinstance(value, tuple):
+            return value
+        axis, equals, place = value.partition("=")
+        try:
+            position = float(place) if equals else None
+        except ValueError:
+            position = math.nan
+        if axis not in ("x", "y", "z", "none") or (axis == "none" and equals) or not math.isfinite(position or 0.0):
+            self.fail(f'"{value}" is no slice; write x, y, z, x=1.5 for a place in metres, or none', param, ctx)
+        return axis, position
+
+
 class NoiseLevel(click.ParamType):
     """A signal-to-noise ratio in decibels, "auto" or "reported"; "told" is an old spelling of "reported"."""
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import click
 
 from ..model.limits import LIMITS
@@ -48,18 +46,24 @@ class RoomOrScene(click.ParamType):
 @click.option("--gain-sigma", type=Decibels(), metavar="DB", help="Spread of the channels' gains, as 1dB.")
 @click.option("--accuracy", type=Length(), default="10mm", show_default=True, metavar="LENGTH", help="That is wanted.")
 @click.option("--trials", type=click.IntRange(0, MOST_TRIALS), default=0, metavar="T", help="Simulated calibrations.")
+@click.option(
+    "--solver", type=click.Choice(["robust", "joint"]), default="robust", show_default=True, help="Of the trials."
+)
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, metavar="S", help="Of the trials.")
 @output_option("PLAN.html|json|png", required=False)
 @force_option
-def plan(layout, room, rt60, snr, frequencies, known, known_sigma, gain_sigma, accuracy, trials, seed, output, force):
-    """Tell how exact an array will be calibrated, before anything is recorded.
+def plan(
+    layout, room, rt60, snr, frequencies, known, known_sigma, gain_sigma, accuracy, trials, solver, seed, output, force
+):
+    """Tell beforehand how exact an array will be calibrated.
 
     LAYOUT is a table name,x,y[,z] (.csv), a geometry of Acoular (.xml), a scene, or a geometry in words: "circle 16
     0.2", "rectangle 4x4 0.6x0.6", "ball 32 0.3", "box 32 0.6x0.6x0.4", metres.
     """
     path = output_path(output, SUFFIXES, force, layout) if output else None
+    from ..session.planning.bounds import request_information
     from ..session.planning.layout import read_layout
-    from ..session.planning.plan import make_plan, request_information
+    from ..session.planning.plan import make_plan
     from ..session.planning.report import plan_lines
     from ..session.planning.request import PlanRequest
     from ..session.planning.trials import run_trials
@@ -76,11 +80,13 @@ def plan(layout, room, rt60, snr, frequencies, known, known_sigma, gain_sigma, a
         gain_sigma_db=gain_sigma or 0.0,
         accuracy=accuracy,
         seed=seed,
+        solver=solver,
     )
-    found = make_plan(request)
+    simulated = None
     if trials:
         with progress_bar("simulating") as progress:
-            found = replace(found, trials=run_trials(request, request_information(request), trials, progress))
+            simulated = run_trials(request, request_information(request), trials, progress)
+    found = make_plan(request, trials=simulated)
     if path is not None:
         _write(path, found, force)
     print("\n".join(plan_lines(found)))

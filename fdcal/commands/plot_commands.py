@@ -22,7 +22,7 @@ from .options import (
     solver_option,
 )
 from .outputs import output_path
-from .parameter_types import NumberList, PictureSize, microphone_number, mode_numbers
+from .parameter_types import NumberList, PictureSize, SlicePlane, microphone_number, mode_numbers
 
 
 @click.command()
@@ -41,22 +41,29 @@ from .parameter_types import NumberList, PictureSize, microphone_number, mode_nu
 @radius_option
 @force_option
 def landscape(source, microphone, numbers, result, output, search, radius, force):
-    """Draw the cost of moving one microphone, mode by mode and summed: the paper's Fig. 1.
+    """Draw the cost of moving one microphone, mode by mode.
+
+    The modes are summed, too, as in Fig. 1 of the paper.
 
     The suffix selects the format: a picture, a drawing, or numbers for ParaView. The other microphones stand at their
-    true positions, or at those of a result.
+    true positions, or at those of a result. Of an array in space there are numbers alone, in three dimensions and
+    summed over all modes.
     """
     path = output_path(output, [".png", ".svg", ".vti"], force)
     from ..graphics.landscape_figure import landscape_panels
+    from ..model.search_domain import with_search_domain
     from ..model.storage import write_atomically
-    from .plotting import shown_positions
+    from .plotting import shown_positions, write_volume
 
     inputs = input_of(source, search, radius)
     measurement = inputs.measurement
     n = microphone_number(microphone, measurement.count)
     modes = mode_numbers(numbers, len(measurement.frequencies))
     positions = shown_positions(measurement, result_of(result))
-    problem = measurement.problem(inputs.settings.weights)
+    if measurement.array_dimension == 3 and path.suffix.lower() == ".vti":
+        write_volume(path, inputs, positions, n, force)
+        return
+    problem = with_search_domain(measurement, positions).problem(inputs.settings.weights)
     panels = landscape_panels(problem, positions, n, modes, inputs.settings.order_offset)
     content = _landscape_bytes(path.suffix.lower(), panels, measurement)
     write_atomically(path, lambda file: file.write_bytes(content), force)
@@ -89,7 +96,10 @@ def _landscape_bytes(suffix: str, panels, measurement) -> bytes:
 @output_option("FILE.npz|csv|png|vti")
 @force_option
 def field(source, result, frequencies, step, output, force):
-    """Map the sound field inside the array, from the positions of a result (--result) or those in the input."""
+    """Map the sound field inside the array.
+
+    The positions are those of a result (--result), or those in the input.
+    """
     from ..graphics import field_files
     from ..model.storage import write_atomically
     from .plotting import field_inside
@@ -106,26 +116,41 @@ def field(source, result, frequencies, step, output, force):
 @click.command()
 @click.argument("scene")
 @result_option
-@click.option("--microphone", type=int, metavar="N", help="Draw the cost landscape of this one on the floor.")
+@click.option(
+    "--microphone",
+    type=int,
+    metavar="N",
+    help="Draw the cost landscape of this one: on the floor, or isosurfaces of an array in space.",
+)
+@click.option(
+    "--slice",
+    "plane",
+    type=SlicePlane(),
+    default="z",
+    show_default=True,
+    metavar="x|y|z[=METRES]|none",
+    help="Of an array in space: the axis across the slice, which goes through the microphone unless a place is given.",
+)
 @click.option(
     "--view", type=click.Choice(["top", "3d", "close"]), default="top", show_default=True, help="Camera position."
 )
 @click.option("--size", type=PictureSize(), default="1280x800", show_default=True, metavar="WxH", help="Pixels.")
 @output_option("FILE.png")
 @force_option
-def snapshot(scene, result, microphone, view, size, output, force):
-    """Draw room and microphones, and a result if given, without a browser."""
+def snapshot(scene, result, microphone, plane, view, size, output, force):
+    """Draw a room, its microphones and a result, without a browser."""
     path = output_path(output, ".png", force)
     inputs, found = scene_of(scene), result_of(result)
     from ..graphics.heatmap import cost_floor
+    from ..graphics.overlays import with_volume
     from ..graphics.picture import compose
     from ..graphics.snapshot import render
-    from .plotting import error_title, shown_positions, summed_landscape
+    from .plotting import error_title, shown_positions, sliced_volume, summed_landscape, volume_around
 
     measurement, scene_shown = inputs.measurement, inputs.scene
     if scene_shown is None:
         raise InputError(f"{scene} is a measurement", "give a scene", key="scene", value=scene)
-    positions, title, floor = None, scene_shown.title, None
+    positions, title, floor, volume = None, scene_shown.title, None, None
     if found is not None:
         positions = shown_positions(measurement, found)
         title += f": {error_title(measurement, found)}"
@@ -136,8 +161,12 @@ def snapshot(scene, result, microphone, view, size, output, force):
             problem = f"{scene} has no search domain to draw a landscape on"
             raise InputError(problem, "leave out <microphone>", key="microphone")
         others = shown_positions(measurement, found)
-        floor = cost_floor(summed_landscape(inputs, others, n, modes), measurement.search, log=True)
-    picture = compose(scene_shown, measurement, positions, microphone, floor, title)
+        if measurement.array_dimension == 3:
+            volume = sliced_volume(volume_around(inputs, others, n, modes), others[n], *plane)
+            title += f"\nCost of microphone {measurement.names[n]}"
+        else:
+            floor = cost_floor(summed_landscape(inputs, others, n, modes), measurement.search, log=True)
+    picture = with_volume(compose(scene_shown, measurement, positions, microphone, floor, title), volume)
     render(picture, path, size, view, force)
     print(path)
 
@@ -147,26 +176,38 @@ def snapshot(scene, result, microphone, view, size, output, force):
 @solver_option
 @modes_option
 @seed_option
+@click.option("--microphone", type=int, metavar="N", help="Whose map is shown first, counted from 0.")
 @output_option("FILE.html")
 @search_option
 @radius_option
 @force_option
-def replay(source, solver, modes, seed, output, search, radius, force):
-    """Calibrate, and write the whole run as one page that plays offline in any browser."""
+def replay(source, solver, modes, seed, microphone, output, search, radius, force):
+    """Write a calibration as a page that plays in any browser.
+
+    The page maps the cost of moving any microphone, at any step, from any modes; the address after # leads to a moment,
+    as in FILE.html#step=12&microphone=9&modes=1-20&view=top.
+    """
     path = output_path(output, ".html", force)
     from ..cost.yardstick import yardstick_of
     from ..graphics.replay import replay_html
+    from ..model.search_domain import with_search_domain
     from ..model.storage import write_atomically
     from ..session.calibrate import states_of
     from ..session.history import recorded
     from ..session.sources import with_settings
+    from .plotting import counted_microphones
 
     inputs = with_settings(input_of(source, search, radius), solver, modes, seed)
+    if microphone is not None:
+        microphone_number(microphone, inputs.measurement.count)
     with progress_bar("calibrating") as progress:
         states = recorded(states_of(inputs, progress))
     title = inputs.name if inputs.scene is None else inputs.scene.title
-    yardstick = yardstick_of(inputs.measurement.problem(inputs.settings.weights))
-    text = replay_html(inputs.scene, inputs.measurement, states, title, yardstick)
+    measurement = with_search_domain(inputs.measurement, states[-1].positions)
+    problem, sought = measurement.problem(inputs.settings.weights), counted_microphones(inputs, states[-1])
+    text = replay_html(
+        inputs.scene, measurement, states, title, yardstick_of(problem), sought, problem=problem, microphone=microphone
+    )
     write_atomically(path, lambda file: file.write_text(text, encoding="utf-8"), force)
     print(f"{path}: {len(states)} states of {inputs.settings.name}, {len(text) / 1e6:.2g} MB")
 
@@ -181,7 +222,9 @@ def replay(source, solver, modes, seed, output, search, radius, force):
 @output_option("FOLDER")
 @force_option
 def paper(figures, names, seeds, quick, output, force):
-    """Draw the paper's Figs. 1 to 5 from our own runs, and compare its results with ours in a table.
+    """Draw the figures of the paper from our own runs.
+
+    They are its Figs. 1 to 5, and a table that compares its results with ours.
 
     The first time this takes half an hour on an idle machine, nearly all of it for solver descent; the runs are kept
     in the cache, so that drawing again is fast.

@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ..assessment.calibration import Calibration
 from ..assessment.field_map import FieldMap, field_map
-from ..cost.mode_limits import require_modes, search_lattice
+from ..cost.mode_limits import require_modes, require_plane_field, search_lattice
 from ..graphics.units import error_summary
 from ..model.measurement import Measurement
 from ..model.validation import InputError
+from ..session.assess import assess, sound
+from ..session.calibrate import problem_of
 from ..session.sources import CalibrationInput
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from ..graphics.sampled_volume import SampledVolume
+    from ..graphics.volume import Volume
 
 
 def shown_positions(measurement: Measurement, result: Calibration | None) -> np.ndarray:
@@ -39,6 +49,16 @@ def error_title(measurement: Measurement, result: Calibration) -> str:
     return error_summary(measurement, result.positions_for(measurement), result.counted(given))
 
 
+def counted_microphones(inputs: CalibrationInput, state) -> np.ndarray:
+    """Return the numbers of the microphones whose errors are averaged, as `fdcal calibrate` does: (K,) int64.
+
+    Those that are sought; without the channels that are faulty, where the solver judges them.
+    """
+    free = np.setdiff1d(np.arange(inputs.measurement.count), inputs.given)
+    found = None if state.channels is None else assess(inputs, problem_of(inputs), state)
+    return sound(free if len(free) else np.arange(inputs.measurement.count), inputs.measurement.names, found)
+
+
 def summed_landscape(inputs: CalibrationInput, positions: np.ndarray, n: int, modes: int) -> np.ndarray:
     """Return what a step of solver descent on one microphone minimises: the sum over the lowest modes.
 
@@ -62,11 +82,62 @@ def summed_landscape(inputs: CalibrationInput, positions: np.ndarray, n: int, mo
 
     problem, settings = inputs.measurement.problem(inputs.settings.weights), inputs.settings
     offset = order_offset_of(settings, modes)
+    require_plane_field(problem)
     require_modes(problem, offset, modes)
     lattice = search_lattice(problem, offset)
     centre = lattice.nearest(np.mean(positions, axis=0))
     maps = lattice_landscape(problem, lattice, positions, n, centre, slice(0, modes), settings.known_weight)
     return maps.sum(axis=0)
+
+
+def volume_around(inputs: CalibrationInput, positions: np.ndarray, n: int, modes: int) -> SampledVolume:
+    """Return the cost of moving a microphone of an array in space through the search domain, as the page shows it.
+
+    Parameters
+    ----------
+    inputs : CalibrationInput
+    positions : (N, 3) float64
+        Metres.
+    n : int
+        The microphone that is moved.
+    modes : int
+        How many modes are summed, from the lowest up; those that the microphones can carry.
+    """
+    from ..cost.eq7_maps import expansion_of
+    from ..cost.volumes import cost_volume
+    from ..cost.yardstick import ORDER_OFFSET
+    from ..graphics.sampled_volume import sampled_volume
+
+    problem = inputs.measurement.problem(inputs.settings.weights)
+    carried = expansion_of(problem, ORDER_OFFSET).carried.modes + 1
+    used = carried[carried <= modes].tolist()
+    if not used:
+        raise InputError("the microphones are too few for any mode", "use a smaller <radius>", key="radius")
+    terms = cost_volume(problem, positions, n, used, ORDER_OFFSET)
+    sampled = None if terms is None else sampled_volume(terms)
+    if sampled is None:
+        raise ValueError("a volume that nobody cancels is complete")
+    return sampled
+
+
+def sliced_volume(sampled: SampledVolume, place, axis: str, position: float | None) -> Volume:
+    """Return a volume with a slice across an axis, at `position` or through the microphone at `place` (3,), metres."""
+    from ..graphics.sampled_volume import drawn_volume, sliced
+
+    through = float(place["xyz".find(axis)]) if position is None else position
+    return sliced(drawn_volume(sampled), sampled, axis, through)
+
+
+def write_volume(path: Path, inputs: CalibrationInput, positions: np.ndarray, n: int, force: bool) -> None:
+    """Write the cost of moving a microphone of an array in space, summed over all modes, for ParaView."""
+    from ..graphics.paraview import volume
+    from ..model.storage import write_atomically
+
+    sampled = volume_around(inputs, positions, n, len(inputs.measurement.frequencies))
+    text = volume(sampled.cost, sampled.search)
+    write_atomically(path, lambda file: file.write_text(text, encoding="ascii"), force)
+    place = ", ".join(f"{x:.4g}" for x in sampled.lowest)
+    print(f"{path}: microphone {n}, least cost {sampled.cost.min():.3g} of the power at ({place}) m")
 
 
 def field_inside(

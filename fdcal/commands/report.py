@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..assessment.calibration import Calibration
+from ..assessment.corrected_positions import GivenPosition
 from ..assessment.result_parts import Evidence
+from ..cost.yardstick import yardstick_of
 from ..model.measurement import Measurement
 from ..model.validation import InputError
+from ..session.calibrate import problem_of
 from ..session.sources import CalibrationInput
 from .options import OPTIONS
 
 LEAST_MOVE = 1e-3  # metres, of a given position that is mentioned
+MOST_ROWS = 12  # of the table of given positions
 
 
 def summary(inputs: CalibrationInput, result: Calibration) -> str:
@@ -19,27 +25,46 @@ def summary(inputs: CalibrationInput, result: Calibration) -> str:
     count, f = inputs.measurement.count, result.frequencies
     free = count - len(inputs.given)
     end = "converged" if result.converged else "stopped before it converged"
-    unit = "dimensionless" if inputs.settings.weights == "unit" else "pressure squared"
     lines = [
         f"{inputs.name}: {free} of {count} microphones sought by {result.solver}, seed {result.seed}",
         f"modes   {len(f)}, {f[0]:.1f} to {f[-1]:.1f} Hz",
         f"run     {result.sweeps} sweeps in {result.elapsed:.1f} s, {end}",
-        f"cost    {result.cost:.3g} ({unit})",
-        f"error   {_error(result, inputs.given)}",
+        f"cost    {_cost(inputs, result)}",
+        f"error   {_error(result, inputs.given, inputs.compared_with)}",
     ]
+    if inputs.estimate_sound_speed:
+        given = inputs.measurement.sound_speed
+        lines.append(f"speed   {result.sound_speed:.1f} m/s estimated, {given:.1f} m/s given")
     if result.sound_speed_sigma is not None:
         lines.append(f"speed   {result.sound_speed:.2f} m/s, one sigma {result.sound_speed_sigma:.2g} m/s")
     if result.evidence is not None:
         lines.append(f"predict {_prediction(result, result.evidence)}")
     if inputs.scene is not None and inputs.scene.room.response is not None:
         lines.append("field   plane waves of a measured impulse response: modelled between the microphones")
-    lines += _channel_lines(result, inputs.measurement)
+    lines += _channel_lines(result)
     lines.append(f"verdict {result.verdict}: {result.verdict_text}")
     return "\n".join([*lines, *_room_lines(result)])
 
 
-def _error(result: Calibration, given) -> str:
-    """Return the errors over the microphones sought whose channels are sound; `given` as of `Calibration.counted`."""
+def _cost(inputs: CalibrationInput, result: Calibration) -> str:
+    """Return Eq. 7 as the page shows it, in words; what the solver minimised where there is no search domain."""
+    yardstick = yardstick_of(problem_of(inputs))
+    if yardstick is None:
+        return f"{result.cost:.3g}, as solver {result.solver} counts it"
+    channels = None if result.channels is None else result.channels.correction
+    decibels = yardstick(result.positions, channels)
+    return f"{decibels:.1f} dB of the power (Eq. 7, {yardstick.count} modes)"
+
+
+def _error(result: Calibration, given, truth: str) -> str:
+    """Return the errors over the microphones sought whose channels are sound, in words.
+
+    Parameters
+    ----------
+    result : Calibration
+    given : as of `Calibration.counted`
+    truth : what the positions were compared with
+    """
     if result.mean_error is None or result.max_error is None:
         return "unknown, since the true positions are"
     mean, largest, counted = result.mean_error, result.max_error, result.counted(given)
@@ -47,7 +72,7 @@ def _error(result: Calibration, given) -> str:
     sought = " sought" if len(given) and not np.isin(counted, given).any() else ""
     over = f"{'the' if healthy or sought else 'all'} {len(counted)}{healthy} microphones{sought}"
     text = f"mean {round(1e3 * mean, 3):.3g} mm, largest {round(1e3 * largest, 3):.3g} mm over {over}"
-    text += ", moved as a whole onto the truth" if result.aligned else ""
+    text += f", moved as a whole onto {truth}" if result.aligned else ""
     return text + (", in the nearest of the room's symmetries" if result.room is not None else "")
 
 
@@ -64,22 +89,32 @@ def _prediction(result: Calibration, evidence: Evidence) -> str:
     )
 
 
-def _channel_lines(result: Calibration, measurement: Measurement) -> list[str]:
-    """Return the spread of the channels' gains, the odd channels, and how far given positions moved."""
+def _channel_lines(result: Calibration) -> list[str]:
+    """Return the spread of the channels' gains, the odd channels, and the given positions as corrected."""
     channels = result.channels
     if channels is None:
         return []
     gain, phase = (float(np.std(values[result.healthy])) for values in (channels.gain_db, channels.phase_deg))
     odd = "; ".join(fault.text for fault in channels.faults)
     lines = [f"channels spread {gain:.2g} dB and {phase:.2g} degrees; {'odd: ' + odd if odd else 'none is odd'}"]
-    given = [n for n in measurement.known if measurement.names[n] in (result.known or ())]
-    if given and measurement.known_positions is not None:
-        rows = np.isin(measurement.known, given)
-        moved = np.linalg.norm(result.positions[given] - measurement.known_positions[rows], axis=1)
-        if moved.max() > LEAST_MOVE:
-            name = result.names[given[int(moved.argmax())]]
-            lines.append(f"known   given positions moved by up to {1e3 * moved.max():.2g} mm (microphone {name})")
-    return lines
+    return lines + _given_lines(channels.given)
+
+
+def _given_lines(given: Sequence[GivenPosition]) -> list[str]:
+    """Return a table of the given positions as corrected, where any is by more than LEAST_MOVE."""
+    rows = sorted((one for one in given if one.difference > LEAST_MOVE), key=lambda one: -one.difference)
+    if not rows:
+        return []
+    text = [["microphone", "given (m)", "found (m)", "difference", "one sigma", ""]]
+    for one in rows[:MOST_ROWS]:
+        places = (", ".join(f"{x:.4f}" for x in place) for place in (one.given, one.found))
+        lengths = (f"{1e3 * x:.2g} mm" for x in (one.difference, one.sigma))
+        text.append([one.name, *places, *lengths, "wrong" if one.wrong else ""])
+    widths = [max(map(len, column)) for column in zip(*text, strict=True)]
+    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in text]
+    more = f"; the {MOST_ROWS} that differ most" if len(rows) > MOST_ROWS else ""
+    head = f"given   {len(rows)} of {len(given)} given positions corrected by more than {1e3 * LEAST_MOVE:g} mm{more}"
+    return [head, *(f"        {line}".rstrip() for line in lines)]
 
 
 def _room_lines(result: Calibration) -> list[str]:
@@ -98,7 +133,10 @@ def require_positions(measurement: Measurement) -> None:
     """Raise InputError where a measurement has no positions to compare with."""
     if measurement.positions is None:
         raise InputError(
-            "the file has no positions to compare with those found", "leave out <check>", key="check", value=True
+            "the file has no positions to compare with those found",
+            "name a file that has them with <positions>, or leave out <check>",
+            key="check",
+            value=True,
         )
 
 

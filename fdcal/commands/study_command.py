@@ -24,9 +24,10 @@ MOST_WORKERS = 1024
 @click.option("--axes", metavar="Y,X", help="Of the map of a report.  [default: the first two]")
 @click.option("--at", multiple=True, metavar="KEY=VALUE", help="Value of another axis in a report; may be repeated.")
 def study(file, output, workers, scheduler, resume, dry_run, report, axes, at):
-    """Run many calibrations on Dask over the axes of a file, or draw their report.
+    """Run many calibrations over the axes of a file.
 
-    Results are written as they come; an interrupted study goes on with --resume.
+    They run on Dask; --report draws what they found. Results are written as they come; an interrupted study goes on
+    with --resume.
     """
     if report is not None:
         _require(file is None and output is None, "study", "--report takes no study file and no -o", "leave them out")

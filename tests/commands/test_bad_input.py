@@ -67,6 +67,7 @@ from fdcal.assessment.result_schema import REQUIRED
         (["landscape", "tiny", "--microphone", "0", "--radius", "4", "-o", "f.png"], ["2L + 1 ="]),
         (["snapshot", "tiny", "--size", "big", "-o", "f.png"], ["'--size'", '"big"', "1280x800"]),
         (["snapshot", "tiny", "--size", "1x1", "-o", "f.png"], ["'--size'", '"1x1"', "64 to 8192"]),
+        (["snapshot", "ball3d", "--slice", "w=1", "-o", "f.png"], ["--slice", "w=1", "x=1.5"]),
         (["snapshot", "tiny", "--view", "side", "-o", "f.png"], ["side", "top"]),
         (["snapshot", "tiny", "-o", "."], [".png"]),
     ],

@@ -57,6 +57,25 @@ def test_a_result_without_gains_has_no_such_table(made, refused):
     assert "--solver robust" in refused("export", made / "result.json", "--table", "gains", "-o", "gains.csv")
 
 
+def test_a_wrong_given_position_is_corrected_in_summary_and_file(made, tmp_path):
+    with np.load(made / "tiny.npz") as archive:
+        table = dict(archive)
+    known = np.array([0, 3, 5, 7, 10, 13])
+    table["known"], table["known_positions"] = known, table["positions"][known]
+    table["known_positions"][4] += [0.05, -0.03]
+    np.savez(tmp_path / "wrong.npz", **table)
+    printed = done("calibrate", "wrong.npz", "--solver", "robust", "-o", "result.json", folder=tmp_path)
+    result = json.loads((tmp_path / "result.json").read_text())
+    rows = {row["name"]: row for row in result["given_positions"]}
+    assert list(rows) == [str(n) for n in known] and [name for name, row in rows.items() if row["wrong"]] == ["10"]
+    assert rows["10"]["given_m"] == table["known_positions"][4].tolist()
+    assert rows["10"]["found_m"] == result["positions"][10] and abs(rows["10"]["difference_m"] - 0.0583) < 0.003
+    assert np.linalg.norm(np.array(rows["10"]["found_m"]) - table["positions"][10]) < 0.003
+    assert result["verdict"] == "good" and "1 of 6 given positions corrected by more than 1 mm" in printed
+    (line,) = [line for line in printed.splitlines() if line.endswith("wrong")]
+    assert line.split()[0] == "10" and "58 mm" in line
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -70,7 +89,6 @@ def test_a_result_without_gains_has_no_such_table(made, refused):
         (["--solver", "robust", "--known-sigma", "5"], "as 5mm"),
         (["--solver", "robust", "--sound-speed-sigma", "0.3"], "as 0.3%"),
         (["--sound-speed-sigma", "0.3%", "--solver", "descent+joint"], "leave out --sound-speed-sigma"),
-        (["--solver", "robust", "--estimate-sound-speed"], "leave out --estimate-sound-speed"),
     ],
 )
 def test_options_that_do_nothing_or_are_malformed_are_refused(made, refused, options, words):

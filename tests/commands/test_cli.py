@@ -19,6 +19,7 @@ from running import FDCAL, done, fdcal
 
 from fdcal.assessment.result_file import load_result
 from fdcal.commands.cli import main
+from fdcal.cost.yardstick import Yardstick
 from fdcal.model.measurement_file import load_measurement
 from fdcal.model.scene_file import load_scene
 
@@ -75,6 +76,16 @@ def calibrated(made, tmp_path, monkeypatch, capsys):
         return capsys.readouterr().out, json.loads((tmp_path / "r.json").read_text())
 
     return run
+
+
+def test_the_cost_is_that_of_the_page(calibrated, made):
+    """Eq. 7 over all modes in decibels, whatever the solver minimises."""
+    measurement = load_measurement(made / "tiny.npz")
+    cost = Yardstick(measurement.problem())
+    for solver in ("joint", "robust"):
+        out, result = calibrated("--solver", solver)
+        shown = float(re.search(r"^cost +(-[\d.]+) dB", out, re.MULTILINE)[1])
+        assert shown == pytest.approx(cost(np.array(result["positions"])), abs=0.2)
 
 
 @pytest.mark.parametrize(
@@ -185,6 +196,14 @@ def test_snapshot(made, tmp_path, require_gl):
     size = ["--size", "320x200", "--view", "3d", "--microphone", 9]
     done("snapshot", "tiny", "--result", made / "result.json", *size, "-o", "room.png", folder=tmp_path)
     assert (tmp_path / "room.png").read_bytes().startswith(PNG)
+
+
+def test_the_cost_of_an_array_in_space_is_drawn_and_written(tmp_path, require_gl):
+    size = ["--size", "400x300", "--slice", "x=1.6"]
+    done("snapshot", "ball3d", "--microphone", 10, *size, "-o", "ball.png", folder=tmp_path)
+    assert (tmp_path / "ball.png").read_bytes().startswith(PNG)
+    printed = done("landscape", "ball3d", "--microphone", 10, "-o", "ball.vti", folder=tmp_path)
+    assert "least cost" in printed and 'Name="cost_dB"' in (tmp_path / "ball.vti").read_text()
 
 
 def test_scenes_and_help(tmp_path):

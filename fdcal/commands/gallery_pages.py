@@ -1,0 +1,150 @@
+"""What a gallery shows: runs of scenes that come with fdcal, and the race of two solvers, as pages of files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..cost.yardstick import yardstick_of
+from ..graphics.gallery import Entry, index_html, picture_of, race_html
+from ..graphics.replay import replay_html
+from ..model import mode_ranges
+from ..session.calibrate import problem_of, states_of
+from ..session.comparison import timed_states
+from ..session.history import recorded
+from ..session.sources import CalibrationInput, with_settings
+from .options import scene_of
+from .plotting import counted_microphones
+
+MOST_BYTES = 1_000_000  # of one replay
+LEAST_ERROR = 0.001  # mm, the least that is worth a number
+TITLE = "Microphone positions from the resonances of a room"
+INTRODUCTION = (
+    "Each picture opens a run of fdcal that plays in this browser: microphones, errors, and the cost of moving one of"
+    " them, from any modes. The address of a page names what it shows, so that you can link to a moment."
+)
+
+
+@dataclass(frozen=True)
+class Show:
+    """One run to be shown.
+
+    Attributes
+    ----------
+    name : of the file
+    scene : that comes with fdcal
+    solver : its name
+    microphone : whose map is shown first, counted from 0
+    address : what the index links to, after #
+    title, text : in the index
+    """
+
+    name: str
+    scene: str
+    solver: str
+    microphone: int
+    address: str
+    title: str
+    text: str
+
+
+SHOWS = (
+    Show(
+        "array1", "array1_circle", "joint", 9, "step=0&microphone=9&modes=1-10&view=top", "Array 1: a circle",
+        "The paper's first array: 65 microphones, of which three are known. Add modes, and the minima merge into one.",
+    ),
+    Show(
+        "array2", "array2_random", "joint", 20, "step=0&microphone=20&view=top", "Array 2: a square",
+        "The paper's second array: 6 x 6 microphones and 29 random ones, found from three known ones.",
+    ),
+    Show(
+        "fig1", "fig1_square", "descent", 16, "step=0&microphone=16&modes=57&view=top", "Fig. 1: many minima",
+        "One frequency leaves several places for microphone 16. Move the slider Modes: only the true one is common to"
+        " all frequencies.",
+    ),
+    Show(
+        "ball3d", "ball3d", "joint", 9, "step=0&microphone=9&view=3d", "A ball in three dimensions",
+        "Microphones in space; the map is the layer at the height of one of them. Drag to rotate.",
+    ),
+    Show(
+        "faults", "array2_faults", "robust", 20, "step=0&microphone=20&view=top", "A bad channel",
+        "Gains differ by 1 dB and 5 degrees, one channel is inverted and one is dead: the solver finds both.",
+    ),
+)  # fmt: skip
+RACE, RACERS = "tiny", ("descent", "joint")
+RACE_TITLE = "A race: descent beside joint"
+RACE_TEXT = (
+    "The same start for both, on one clock of processor time. Descent moves one microphone at a time over a grid;"
+    " joint moves all of them at once."
+)
+
+Progress = Callable[..., None]
+
+
+def gallery_pages(progress: Progress) -> Iterator[tuple[str, str]]:
+    """Yield name and text of each file, the index last.
+
+    Parameters
+    ----------
+    progress : callable
+        Called with the fraction done, 0 to 1, and a note.
+    """
+    entries, count = [], len(SHOWS) + 1
+    for i, show in enumerate(SHOWS):
+        progress(i / count, show.scene)
+        text, entry = _run(show)
+        entries.append(entry)
+        yield f"{show.name}.html", text
+    progress(len(SHOWS) / count, "race")
+    for name, text in _race(entries):
+        yield name, text
+    yield "index.html", index_html(TITLE, INTRODUCTION, entries)
+    progress(1.0, "written")
+
+
+def _run(show: Show) -> tuple[str, Entry]:
+    inputs = with_settings(scene_of(show.scene), show.solver, None, None)
+    states, problem = recorded(states_of(inputs)), problem_of(inputs)
+    sought = counted_microphones(inputs, states[-1])
+    text = _replay(inputs, states, show.title, show.microphone, sought)
+    chosen = dict(part.split("=") for part in show.address.split("&")).get("modes")
+    modes = None if chosen is None else mode_ranges.parse(chosen, len(problem.frequencies))
+    picture = picture_of(inputs.measurement, problem, states[-1], show.microphone, modes)
+    figures = f"{show.solver}, {_errors(inputs, states[-1], sought)}, {len(text) / 1e6:.2f} MB"
+    return text, Entry(f"{show.name}.html#{show.address}", show.title, show.text, figures, picture)
+
+
+def _replay(inputs: CalibrationInput, states: Sequence, title: str, microphone: int, sought, seconds=None) -> str:
+    problem = problem_of(inputs)
+    return replay_html(
+        inputs.scene, inputs.measurement, states, title, yardstick_of(problem), sought, problem=problem,
+        microphone=microphone, seconds=seconds, max_bytes=MOST_BYTES,
+    )  # fmt: skip
+
+
+def _race(entries: list[Entry]) -> Iterator[tuple[str, str]]:
+    """Yield two replays and the page that shows them side by side, and append the entry of the index."""
+    inputs = scene_of(RACE)
+    problem = problem_of(inputs)
+    runs = timed_states(problem, replace(inputs.settings, start="random"), RACERS, inputs.seed)
+    files, pictures, figures = [], [], []
+    microphone = int(problem.free[0])
+    for name, (states, seconds) in runs.items():
+        files.append(f"race-{name}.html")
+        yield files[-1], _replay(inputs, states, name, microphone, problem.free, seconds)
+        pictures.append(picture_of(inputs.measurement, problem, states[-1], microphone, None))
+        figures.append(f"{name}: {_errors(inputs, states[-1], problem.free)}, {seconds[-1]:.2g} s")
+    yield "race.html", race_html(RACE_TITLE, files, tuple(runs), [np.asarray(seconds) for _, seconds in runs.values()])
+    picture = f'<div class="pair">{"".join(pictures)}</div>'
+    entries.append(Entry("race.html", RACE_TITLE, RACE_TEXT, "; ".join(figures), picture))
+
+
+def _errors(inputs: CalibrationInput, state, sought) -> str:
+    """Return the mean error of the microphones that count, in words."""
+    errors = inputs.measurement.errors(state.positions)
+    if errors is None:
+        return ""
+    mean = 1e3 * float(errors[sought].mean())
+    return f"mean error {mean:.2g} mm" if mean >= LEAST_ERROR else f"mean error below {LEAST_ERROR:g} mm"

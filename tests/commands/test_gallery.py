@@ -1,0 +1,154 @@
+"""`fdcal gallery`: a folder of pages that a browser opens from the disk, written completely or not at all."""
+
+from __future__ import annotations
+
+import os
+import re
+
+import numpy as np
+import pytest
+from replays import Reader, contents, wait_for
+
+from fdcal.commands import gallery_pages
+from fdcal.commands.cli import main
+from fdcal.model.output_folder import folder_in_progress
+from fdcal.model.validation import InputError, StorageError
+
+PAGES = {
+    "index.html", "array1.html", "array2.html", "fig1.html", "ball3d.html", "faults.html", "race.html",
+    "race-descent.html", "race-joint.html",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The gallery, as the command writes it."""
+    folder = tmp_path_factory.mktemp("site") / "gallery"
+    with pytest.raises(SystemExit) as left:
+        main(["gallery", "-o", str(folder)])
+    assert not left.value.code
+    return folder
+
+
+def test_the_site_is_complete_small_and_needs_no_network(site):
+    assert {path.name for path in site.iterdir()} == PAGES
+    assert sum(path.stat().st_size for path in site.iterdir()) < 10e6
+    for path in site.iterdir():
+        text = path.read_text(encoding="utf-8")
+        assert not re.search(r"https?:|fetch\(|XMLHttpRequest|import\(|url\(", text), path.name
+        links = [value for key, value in Reader(text).given if key in ("href", "src") and not value.startswith("data:")]
+        assert all(link.partition("#")[0] in PAGES for link in links), path.name
+        assert links or path.name not in ("index.html", "race.html")
+
+
+def test_its_runs_are_what_it_says(site):
+    joint, faults = (contents((site / name).read_text(encoding="utf-8")) for name in ("array1.html", "faults.html"))
+    assert joint[1]["mean"][-1] < 1e-3 and joint[0]["names"][9] == "9"
+    assert "gains" in faults[1] and faults[0]["maps"], "the solver of the bad channel estimates gains"
+    times = [contents((site / f"race-{name}.html").read_text(encoding="utf-8"))[1] for name in ("descent", "joint")]
+    for arrays in times:
+        assert arrays["seconds"][0] == 0 and (np.diff(arrays["seconds"]) >= 0).all()
+    assert times[0]["mean"][0] == pytest.approx(times[1]["mean"][0]), "the race has one start"
+    assert times[1]["mean"][-1] < times[0]["mean"][-1]
+
+
+def test_every_page_opens_from_the_disk(site, browser):
+    faults = []
+    page = browser.new_context(offline=True, viewport={"width": 1280, "height": 720}).new_page()
+    page.on("pageerror", lambda error: faults.append(str(error)))
+    page.on("console", lambda message: faults.append(message.text))
+    page.goto((site / "index.html").as_uri())
+    links = [link.get_attribute("href") for link in page.get_by_role("link").all()]
+    assert len(links) == 6 and page.get_by_role("img").count() == 7
+    for number, link in enumerate(links):
+        page.get_by_role("link").nth(number).click()
+        page.wait_for_url(f"**/{link}")
+        if not link.startswith("race"):
+            wait_for(page, "Boolean(window.replay?.map)")
+            assert page.locator("#note").inner_text() == ""
+        page.go_back()
+    page.context.close()
+    assert not faults
+
+
+def test_the_race_leads_both_replays_by_one_clock(site, browser):
+    page = browser.new_context(offline=True, viewport={"width": 1280, "height": 720}).new_page()
+    page.goto((site / "race.html").as_uri())
+    slow, quick = (page.frame_locator(f"iframe[title={name}]") for name in ("descent", "joint"))
+    for frame in (slow, quick):
+        frame.get_by_text("step 0, sweep 0").wait_for()
+    page.get_by_label("Processor time").focus()
+    page.keyboard.press("End")
+    page.get_by_text("descent has finished, joint has finished").wait_for()
+    for name, frame in (("descent", slow), ("joint", quick)):
+        last = contents((site / f"race-{name}.html").read_text(encoding="utf-8"))[1]["step"][-1]
+        frame.get_by_text(f"step {last}, ").wait_for()
+    page.keyboard.press("Home")
+    page.get_by_role("button", name="Play").click()
+    page.get_by_text("joint has finished").wait_for()
+    page.get_by_text("descent has finished").wait_for()
+    page.get_by_role("button", name="Play").wait_for()
+    page.context.close()
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """A gallery of two pages, made at once."""
+    monkeypatch.setattr(gallery_pages, "gallery_pages", lambda progress: iter([("a.html", "A"), ("index.html", "I")]))
+
+
+def refused(capsys, *arguments):
+    """Run the command; return its exit code and its only line."""
+    with pytest.raises(SystemExit) as left:
+        main(["gallery", *arguments])
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1, lines
+    return left.value.code, lines[0]
+
+
+def test_a_folder_that_holds_something_is_kept(quick, tmp_path, capsys):
+    (tmp_path / "mine.txt").write_text("mine", encoding="utf-8")
+    code, line = refused(capsys, "-o", str(tmp_path))
+    assert code == 2 and "is not empty" in line and "--force" in line
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+    with pytest.raises(SystemExit) as left:
+        main(["gallery", "-o", str(tmp_path), "--force"])
+    assert not left.value.code
+    assert {path.name for path in tmp_path.iterdir()} == {"mine.txt", "a.html", "index.html"}
+
+
+@pytest.mark.parametrize("place", ["file", "missing/gallery"])
+def test_a_place_that_is_no_folder_is_refused(quick, place, tmp_path, capsys):
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    code, line = refused(capsys, "-o", str(tmp_path / place))
+    assert code == (2 if place == "file" else 3) and ("is a file" in line or "does not exist" in line)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_folder_that_cannot_be_written_is_said_before_the_work(monkeypatch, tmp_path):
+    def forbidden(*_, **__):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("pathlib.Path.mkdir", forbidden)
+    with pytest.raises(StorageError, match=r"cannot write .*: Permission denied"):
+        with folder_in_progress(tmp_path / "gallery"):
+            pytest.fail("the work has begun")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "fault", [KeyboardInterrupt, InputError("a problem", "a remedy"), OSError(28, "No space left")]
+)
+def test_nothing_half_written_is_left(fault, tmp_path):
+    with pytest.raises((KeyboardInterrupt, InputError, StorageError)):
+        with folder_in_progress(tmp_path / "gallery") as folder:
+            (folder / "a.html").write_text("A", encoding="utf-8")
+            raise fault
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_empty_folder_is_filled(tmp_path):
+    (tmp_path / "gallery").mkdir()
+    with folder_in_progress(tmp_path / "gallery") as folder:
+        (folder / "a.html").write_text("A", encoding="utf-8")
+    assert os.listdir(tmp_path) == ["gallery"] and os.listdir(tmp_path / "gallery") == ["a.html"]
