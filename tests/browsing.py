@@ -1,5 +1,12 @@
 """How to find things in the page of a real browser, for the tests that have one."""
 
+import contextlib
+import os
+import re
+import signal
+import subprocess
+import sys
+
 import pytest
 
 from fdcal.acoustics.measurement_cache import cached_measurement
@@ -18,6 +25,34 @@ ARGUMENTS = [
 ]
 ARGUMENTS += ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
 ARGUMENTS += ["--host-resolver-rules=MAP evil.example 127.0.0.1"]  # a foreign name that leads to this machine
+
+
+@contextlib.contextmanager
+def serving(path):
+    """Serve a scene's page with `fdcal view`; give its address, and require that it ends in good order on Ctrl-C."""
+    command = [sys.executable, "-m", "fdcal", "view", str(path), "--port", "0", "--no-browser"]
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ)
+    try:
+        url = server.stdout.readline().strip()
+        assert re.fullmatch(r"http://127\.0\.0\.1:\d+", url), url or server.stderr.read()
+        yield url
+        server.send_signal(signal.SIGINT)
+        _, errors = server.communicate(timeout=WAIT)
+        assert server.returncode == 0 and "Traceback" not in errors, errors
+    finally:
+        server.kill()
+
+
+def opened_page(browser, address, query="?fixedDpr=1", width=1280, height=720):
+    """A page whose picture is drawn; `page.faults` are the errors that it has reported to the browser's console."""
+    page = browser.new_page(viewport={"width": width, "height": height})
+    page.faults = []
+    page.on("console", lambda message: page.faults.append(message.text) if message.type == "error" else None)
+    page.set_default_timeout(WAIT * 1e3)
+    page.goto(f"{address}/{query}")
+    drawn = "name => window.__viserMutable?.nodeRefFromName?.[name] != null"
+    page.wait_for_function(drawn, arg="/microphones/true", timeout=WAIT * 1e3)
+    return page
 
 
 def press(page, name):

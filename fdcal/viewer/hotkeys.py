@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import viser
 from viser._messages import HotkeyKey, KeyModifier
 
-from .tabs.lessons import BACK, NEXT
-from .tabs.map import KINDS, LINEAR, LOG
+from .tabs.lesson_controls import BACK, NEXT
+from .tabs.map import LINEAR, LOG
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,18 @@ def _more_modes(shift: int) -> Callable:
 
 
 def _next_kind(panel) -> None:
-    panel.map.show_as(KINDS[(KINDS.index(panel.map.kind.value) + 1) % len(KINDS)])
+    kinds = panel.map.kinds
+    panel.map.show_as(kinds[(kinds.index(panel.map.kind.value) + 1) % len(kinds)])
+
+
+def _with_sweep(act: Callable) -> Callable:
+    """Return a function that calls `act(sweep_tab)` if there is a session."""
+
+    def do(page, client) -> None:
+        if page.viewer is not None:
+            act(page.viewer.side_panel.sweep)
+
+    return do
 
 
 def _toggle_scale(panel) -> None:
@@ -91,6 +102,10 @@ def _toggle_trails(panel) -> None:
 
 def _toggle_dark(panel) -> None:
     panel.view.darken(not panel.binding.choices.style.dark)
+
+
+def _toggle_lecture(panel) -> None:
+    panel.view.lecture_mode(not panel.binding.choices.lecture)
 
 
 def _place_camera(view: str) -> Callable:
@@ -109,11 +124,13 @@ KEYS = (
     Key("M", "Map of the previous microphone", _next_microphone(-1), "shift"),
     Key("O", "One more mode in the map", _more_modes(1)),
     Key("I", "One mode less in the map", _more_modes(-1)),
+    Key("P", "Play or pause the sweep of modes", _with_sweep(lambda sweep: sweep.toggle())),
     Key("U", "Map of the modes in use", _with_panel(lambda panel: panel.map.choose_modes(None))),
-    Key("V", "Flat map, relief, mode shape, no map", _with_panel(_next_kind)),
+    Key("V", "Flat map, relief, mode shape, isosurfaces, no map", _with_panel(_next_kind)),
     Key("L", "Logarithmic or linear scale", _with_panel(_toggle_scale)),
     Key("Y", "Trails", _with_panel(_toggle_trails)),
     Key("K", "Dark or light page", _with_panel(_toggle_dark)),
+    Key("H", "Lecture mode: large type, panels folded away", _with_panel(_toggle_lecture)),
     Key("1", "Plan view", _place_camera("top")),
     Key("2", "Whole room", _place_camera("3d")),
     Key("3", "Close view of the array", _place_camera("close")),
@@ -141,4 +158,6 @@ def _add(gui: viser.GuiApi, page, key: Key) -> None:
     @command.on_trigger
     async def _(event) -> None:
         if event.client is not None:
+            if page.viewer is not None:
+                page.viewer.binding.touch()
             key.act(page, event.client)

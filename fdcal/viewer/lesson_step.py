@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 from ..model import mode_ranges
 from ..session.lesson import IN_USE, Setting, run_goal
+from ..session.lesson_frame import Frame, parse_frame
+from ..session.session import Session
 from .gui.choices import FLOOR, NOTHING, RELIEF, SHAPE, Choices
 from .main_panel import MainPanel
-from .tabs.map import EQ7, LINEAR, LOG, OBJECTIVE, kind_of
+from .tabs.map import EQ7, LINEAR, LOG, OBJECTIVE
 
 KINDS = {"flat": FLOOR, "relief": RELIEF, "shape": SHAPE, "none": NOTHING}
 QUANTITIES = {"eq7": EQ7, "objective": OBJECTIVE}
+OF_THE_PAGE = ("microphone", "dark", "lecture")  # choices that a lesson does not begin with
 SCALES = {"log": LOG, "linear": LINEAR}
+
+
+def plain_choices() -> dict[str, Any]:
+    """Return the choices that a page begins with, for an OpenRequest, without OF_THE_PAGE."""
+    return {key: value for key, value in Choices(microphone=0).to_save().items() if key not in OF_THE_PAGE}
 
 
 def apply_setting(setting: Setting, panel: MainPanel, place_all: Callable[[str], None], restarted: bool) -> None:
@@ -30,6 +39,7 @@ def apply_setting(setting: Setting, panel: MainPanel, place_all: Callable[[str],
     InputError
         The setting names modes that were not measured.
     """
+    setting = setting.unfolded()
     _drive(setting, panel, restarted)
     if setting.microphone is not None:
         panel.map.pick(setting.microphone)
@@ -54,21 +64,6 @@ def apply_setting(setting: Setting, panel: MainPanel, place_all: Callable[[str],
         place_all(setting.view)
 
 
-def restore(choices: Choices, panel: MainPanel) -> None:
-    """Put the controls of the map and of the view back to what they were before a lesson."""
-    if choices.microphone < panel.binding.measurement.count:
-        panel.map.pick(choices.microphone)
-    panel.map.follow_solver(choices.follow)
-    panel.map.show_as(kind_of(choices))
-    modes = choices.modes
-    panel.map.choose_modes(modes if modes is None or modes[-1] <= panel.binding.modes else None)
-    panel.map.show_quantity(OBJECTIVE if choices.objective else EQ7)
-    panel.map.set_order(choices.order_offset)
-    panel.map.scale_as(LOG if choices.style.log else LINEAR)
-    panel.map.mark_minima(choices.style.minima)
-    panel.view.draw(trails=choices.trails, ellipses=choices.ellipses)
-
-
 def _drive(setting: Setting, panel: MainPanel, restarted: bool) -> None:
     """Apply what concerns the solver: the modes in use, and how far it runs."""
     session = panel.binding.session
@@ -85,3 +80,26 @@ def _drive(setting: Setting, panel: MainPanel, restarted: bool) -> None:
             session.play()
         else:
             {"step": session.step, "sweep": session.sweep, "stage": session.stage}[what](count)
+    if setting.frame is not None:
+        show_frame(session, parse_frame(setting.frame), session.view.history[: 1 if restarted else None])
+
+
+def show_frame(session: Session, frame: Frame, states: list) -> None:
+    """Show a frame of a run; one that the run has not come to is run to, from its last state.
+
+    Parameters
+    ----------
+    session : Session
+    frame : Frame; without a unit, the state that is shown stays
+    states : of the run so far
+    """
+    if not frame.unit:
+        return
+    wanted = frame.number - (frame.unit == "stage")  # a state counts its stages from 0
+    reached = [getattr(state, frame.unit) for state in states]
+    session.pause()
+    if max(reached) >= wanted:
+        session.seek(next(index for index, number in enumerate(reached) if number >= wanted))
+        return
+    session.seek(len(states) - 1)
+    {"step": session.step, "sweep": session.sweep, "stage": session.stage}[frame.unit](wanted - reached[-1])

@@ -52,6 +52,12 @@ class MainPanel:
         with folders.tab("Export"):
             self.export = ExportTab(binding, export)
 
+    def refresh(self) -> None:
+        """Let everything follow the values of the controls, after a program has set them."""
+        for tab in (self.solver, self.scene, self.map, self.view, self.export):
+            tab.refresh()
+        self.run_bar.apply_rate()
+
     def show(
         self,
         view: SessionView,
@@ -79,4 +85,3 @@ class MainPanel:
         self.run_bar.show(view, fault, note, found, sought)
         self.solver.show(view)
         self.map.show(microphone, drawn, reason)
-        self.view.show(view)

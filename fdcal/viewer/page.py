@@ -21,6 +21,7 @@ from .background.prepare import PreparedRun
 from .gui.binding import Binding
 from .gui.layout import Panels, SessionFolders
 from .hotkeys import add_keys
+from .opening import Opening
 from .preview import show_room
 from .scene3d.nodes import SceneNodes
 from .server.memory import release_memory
@@ -66,6 +67,7 @@ class Page:
         self._server, self.nodes, self.panels, self.switcher = server, nodes, Panels(server.gui), SessionSwitcher()
         self.status_bar = StatusBar(self.panels, self.switcher)
         self.viewer: Viewer | None = None
+        self._opening = Opening()
         self.lessons = LessonsTab(self, lessons)
         with self.panels.tab("Help"):
             add_help(server.gui)
@@ -129,7 +131,11 @@ class Page:
             self._replace_session(prepared)
         self.status_bar.show(first)
         if self.viewer is not None:
+            self.viewer.main_panel.run_bar.wait(self.switcher.progress is not None)
             self.viewer.guarded_tick(now)
+            warmup = self.viewer.run.warmup
+            compiles = warmup is not None and bool(warmup.text)
+            self._opening.tick(self.viewer, bool(self._server.get_clients()), compiles or self.lessons.active, now)
         elif self.nodes.is_empty and self.switcher.measured is not None:
             show_room(self.nodes, *self.switcher.measured)
             self.nodes.cameras.request_all("top")  # of browsers that connected before there was a picture
@@ -183,6 +189,7 @@ class Page:
         self._report_progress(COMPILING if self.switcher.compiling else "")
         if self.viewer is not None:
             self.viewer.close(CLOSE_TIME)
+        self.lessons.close()
         self.switcher.close(CLOSE_TIME)
         self._report_progress("")
         if self.viewer is not None:

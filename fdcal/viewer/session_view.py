@@ -15,20 +15,24 @@ from dataclasses import replace
 import viser
 
 from ..graphics.primitives import Picture
+from ..session.assess import Assessment
 from ..session.history import SessionView
 from ..session.request import OpenRequest
 from .background.comparison import ComparisonWorker
 from .background.cost_maps import CostMap, CostMapWorker
-from .background.exports import Exports, ViewSnapshot
+from .background.exports import Exports
 from .background.map_panels import map_modes
 from .background.map_request import CostMapRequest
 from .background.prepare import PreparedRun
-from .background.uncertainty import UncertaintyWorker
+from .background.uncertainty import PositionUncertainty, uncertainty_of
 from .background.verdict import VerdictWorker
+from .background.view_snapshot import ViewSnapshot
+from .canvas_panel import CanvasPanel
 from .gui.binding import Binding
 from .gui.choices import Choices
 from .gui.layout import SessionFolders
 from .main_panel import MainPanel
+from .scene3d.line_handles import LineHandles
 from .scene3d.nodes import SceneNodes
 from .scene3d.picking import MicrophonePicker
 from .session_picture import SessionPicture
@@ -57,7 +61,9 @@ class Viewer:
     binding : Binding
     main_panel : MainPanel
     side_panel : SidePanel
+    comparison : ComparisonWorker
     snapshot : ViewSnapshot, what is on the screen
+    call : runs a function on viser's event loop
 
     Raises
     ------
@@ -86,14 +92,18 @@ class Viewer:
         picture = self._picture.draw(run.session.view, self.binding.choices, self._selected)
         self.snapshot = ViewSnapshot(run, picture, run.session.view, self.binding.choices, self._selected, None)
         self.main_panel = MainPanel(folders, self.binding, nodes.cameras.request, self.export)
-        self._comparison = ComparisonWorker(run)
-        self.side_panel = SidePanel(folders, self.binding, self.main_panel.map, self._comparison)
+        self.comparison = ComparisonWorker(run)
+        self.call = server.get_event_loop().call_soon_threadsafe
+        self.side_panel = SidePanel(folders, self.binding, self.main_panel.map, self.comparison, self.call)
+        self.canvas = CanvasPanel(folders, self.binding, self.main_panel, picture)
         self.maps = CostMapWorker(run, wake)  # threads last: what is above may raise
-        self._uncertainty, self.exports = UncertaintyWorker(run), Exports()
-        self._verdict = VerdictWorker(run, wake)
+        self._verdict, self.exports = VerdictWorker(run, wake), Exports()
+        self._assessed: tuple[Assessment | None, PositionUncertainty | None] = None, None  # of the last verdict
+        self.main_panel.run_bar.apply_rate()
         nodes.show(picture)
         name = f"/picking/{folders.number}"
         self._picker = MicrophonePicker(server, self.binding, picture, self.main_panel.map.pick, name)
+        self._line_handles = LineHandles(server, self.binding, picture, f"/cut_handles/{folders.number}")
 
     @property
     def picture(self) -> Picture:
@@ -116,16 +126,19 @@ class Viewer:
     def take_down(self) -> None:
         """Remove the controls of this session; another session takes its place in the scene."""
         self._picker.remove()
+        self._line_handles.remove()
         self._folders.remove()
 
     def close(self, timeout: float = 1.0) -> None:
         """End all threads after the work in progress; wait `timeout` at most, s."""
         owners = (
             self.maps,
-            self._uncertainty,
             self._verdict,
-            self._comparison,
+            self.comparison,
             self.side_panel.maps.worker,
+            self.side_panel.sweep.worker,
+            self.side_panel.cut.worker,
+            self.side_panel.plan.worker,
             self.run.session,
         )
         end = time.perf_counter() + timeout
@@ -154,25 +167,35 @@ class Viewer:
     def tick(self, now: float) -> None:
         """Bring the screen up to date at the time `now`, s."""
         view, choices = self.run.session.view, self.binding.choices
+        self.canvas.fold(self.nodes.cameras)
         if view.state is not self._state:
             self._revision, self._state = self._revision + 1, view.state
         drawn, reason = self._select_map(view, choices, now)
-        floor = self._picture.faded(drawn.floor, choices.style.opacity) if drawn else None
-        uncertainty = self._uncertainty.of(view.state, view.running, now)
-        runs = self._comparison.update(now)
-        marked = self.side_panel.comparison.marked(runs)
-        key = self._revision, choices, self._selected, id(floor), id(uncertainty), id(marked)
-        if key != self._key:
-            picture = self._picture.draw(view, choices, self._selected, floor, uncertainty, marked)
-            sigma = None if uncertainty is None else uncertainty.sigma
-            self.snapshot = ViewSnapshot(self.run, picture, view, choices, self._selected, sigma)
-            self.nodes.show(picture)
-            self._picker.show(view.state.positions, floor)
-            self._key = key
+        floor, volume = self._picture.faded_parts(drawn, choices.style)
         found = self._verdict.of(view.state, view.running, now)
+        if found is not self._assessed[0]:
+            self._assessed = found, uncertainty_of(found)
+        uncertainty = self._assessed[1]
+        runs = self.comparison.update(now)
+        marked = self.side_panel.comparison.marked(runs)
+        planned = self.side_panel.plan.planned
+        drawn_ids = (id(part) for part in (floor, volume, uncertainty, marked, planned))
+        key = self._revision, choices, self._selected, *drawn_ids
+        if key != self._key:
+            picture = self._picture.draw(view, choices, self._selected, floor, uncertainty, marked, volume, planned)
+            sigma = None if uncertainty is None else uncertainty.sigma
+            self.snapshot = ViewSnapshot(self.run, picture, view, choices, self._selected, sigma, volume)
+            self.nodes.show(picture)
+            self.canvas.show_picture(picture)
+            self._picker.show(self._picture.places, picture.floor)
+            self._line_handles.show(choices.cut, floor)
+            self._key = key
         sought, note = self._verdict.sought(view, found), self.run.warmup.text if self.run.warmup else ""
+        self.main_panel.run_bar.announce(self.side_panel.sweep.note)
         self.main_panel.show(view, self._selected, drawn, reason, self._fault, note, found, sought)
-        self.side_panel.show(view, drawn, self._selected, uncertainty, runs, now, sought)
+        self.main_panel.view.show(view, self.picture)
+        self.canvas.show(view, self._fault, note, found, sought)
+        self.side_panel.show(view, self._revision, drawn, self._selected, uncertainty, runs, now, sought)
 
     def _select_map(self, view: SessionView, choices: Choices, now: float) -> tuple[CostMap | None, str]:
         """Select the microphone of the map; return the map, or None and the reason why there is none.
@@ -195,7 +218,7 @@ class Viewer:
     ) -> tuple[CostMap | None, str]:
         if not choices.shown or self.run.problem.search is None:
             return None, ""
-        state, order_offset = view.state, None if choices.objective else choices.order_offset
+        state, order_offset = view.state, choices.map_order
         wanted = CostMapRequest(
             revision=self._revision,
             microphone=state.moved if following and state.moved >= 0 else self._selected,
@@ -207,7 +230,8 @@ class Viewer:
             state=state,
             lineage=view.history.lineage,
         )
-        return self.maps.newest(wanted, view.running, now)
+        drawn, reason = self.maps.newest(wanted, view.running, now)
+        return self.side_panel.sweep.map_for(wanted, drawn, reason)
 
     def export(self, client: viser.ClientHandle, kind: str) -> None:
         """Send a file of what is on the screen to one browser; on viser's event loop."""

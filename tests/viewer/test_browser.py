@@ -1,22 +1,30 @@
 """The page of `tiny` in one real browser: steps, dragging, modes, files; and who may connect."""
 
-import base64
 import csv
 import io
-import json
-import os
 import re
-import signal
-import subprocess
-import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 import websockets
-from browsing import WAIT, choose, hover, middle, on_screen, pick, press, slider, stands, tab
+from browsing import (
+    WAIT,
+    choose,
+    hover,
+    middle,
+    on_screen,
+    opened_page,
+    pick,
+    press,
+    serving,
+    slider,
+    stands,
+    tab,
+)
 from PIL import Image
+from replays import contents
 from websockets.sync.client import connect
 
 from fdcal import solvers
@@ -35,32 +43,14 @@ def address(tmp_path_factory, kernels):
     slow = tmp_path_factory.mktemp("view") / "slow.toml"
     text = (scene_folder() / "tiny.toml").read_text(encoding="utf-8")
     slow.write_text(text.replace('name = "joint"', 'name = "descent"'), encoding="utf-8")
-    command = [sys.executable, "-m", "fdcal", "view", str(slow), "--port", "0", "--no-browser"]
-    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ)
-    try:
-        url = server.stdout.readline().strip()
-        assert re.fullmatch(r"http://127\.0\.0\.1:\d+", url), url or server.stderr.read()
+    with serving(slow) as url:
         yield url
-        server.send_signal(signal.SIGINT)
-        _, errors = server.communicate(timeout=WAIT)
-        assert server.returncode == 0 and "Traceback" not in errors, errors
-    finally:
-        server.kill()
 
 
 @pytest.fixture(scope="module")
 def open_page(address, browser):
     """Function that opens one more page and waits for its picture."""
-
-    def open_one():
-        page = browser.new_page(viewport={"width": 1280, "height": 720})
-        page.set_default_timeout(WAIT * 1e3)
-        page.goto(f"{address}/?fixedDpr=1")
-        drawn = "name => window.__viserMutable?.nodeRefFromName?.[name] != null"
-        page.wait_for_function(drawn, arg="/microphones/true", timeout=WAIT * 1e3)
-        return page
-
-    return open_one
+    return lambda: opened_page(browser, address)
 
 
 @pytest.fixture(scope="module")
@@ -87,9 +77,16 @@ def test_a_second_page_shows_the_same_session(page, open_page):
 
 
 def test_run_becomes_pause(page):
+    page.faults.clear()
     page.evaluate(
         """() => {
             window.seen = [];
+            window.widths = new Set();
+            const measure = () => {
+                for (const plot of document.querySelectorAll(".uplot")) window.widths.add(plot.offsetWidth);
+                requestAnimationFrame(measure);
+            };
+            measure();
             const look = () => {
                 const texts = [...document.querySelectorAll("button")].map(button => button.innerText.trim());
                 const now = ["Run", "Pause"].filter(text => texts.includes(text) && window.seen.at(-1) != text);
@@ -105,6 +102,8 @@ def test_run_becomes_pause(page):
     assert page.get_by_role("button", name="Run", exact=True).is_disabled(), "a finished run has nothing to run"
     assert not page.get_by_role("button", name="Step", exact=True).count()
     assert page.evaluate("window.seen") == ["Run", "Pause", "Run"]
+    assert page.evaluate("Math.min(...window.widths)") > 200, "the curves keep their width while they are drawn"
+    assert page.faults == []
     press(page, "Reset")
     page.get_by_text("step 0, sweep 0").wait_for()
 
@@ -235,9 +234,9 @@ def test_every_file_is_saved_and_can_be_read(page, tmp_path, require_gl):
     assert np.array_equal(cloud.points[cloud["kind"] == 1][:, :2], measurement.positions)
     grid = pyvista.read(tmp_path / "fdcal-slow-step-13-map.vti")
     assert grid.dimensions == (500, 500, 1) and np.isfinite(grid["sum"]).all()
-    data = json.loads(re.search(rb'id="data">(.*?)</script>', replay).group(1))
-    places = np.frombuffer(base64.b64decode(data["positions"]), "<f4").reshape(14, 16, 2) + np.array(data["origin"])
-    assert np.abs(places - [one.positions for one in session.states]).max() < 1e-6
+    data, arrays, places = contents(replay.decode())
+    assert np.abs(places - [one.positions for one in session.states]).max() < 1e-8
+    assert data["maps"]["modes"] and "pressures" in arrays, "the replay of the page maps the cost, too"
 
 
 def connect_with_origin(address, origin):

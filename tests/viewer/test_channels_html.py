@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,8 +12,12 @@ from fdcal import solvers
 from fdcal.graphics.overlays import with_odd_channels
 from fdcal.graphics.picture import static_picture
 from fdcal.model.settings import SolverSettings
-from fdcal.viewer.background import uncertainty
-from fdcal.viewer.gui.channels_html import channel_table
+from fdcal.session.assess import assess
+from fdcal.session.blas_threads import one_blas_thread
+from fdcal.session.sources import CalibrationInput
+from fdcal.viewer.background.uncertainty import uncertainty_of
+from fdcal.viewer.gui.channels_html import channel_table, given_table
+from fdcal.viewer.gui.html import CONTROLS
 
 INVERTED = 9
 
@@ -29,8 +32,14 @@ def shown():
     result = fdcal.calibrate(measurement, solver="robust", modes=12)
     problem = measurement.problem("unit", "all")
     *_, state = solvers.run(problem, SolverSettings(name="robust", modes=12), 0)
-    run = SimpleNamespace(problem=problem, solver=solvers.load("robust"), measurement=measurement)
-    return measurement, result, uncertainty.computed(run, state)
+    return measurement, result, shown_of(measurement, problem, state)
+
+
+def shown_of(measurement, problem, state):
+    """What the page shows of the state at the end of a run."""
+    inputs = CalibrationInput("tiny", fdcal.load_scene("tiny"), measurement, state.settings, state.seed)
+    with one_blas_thread():
+        return uncertainty_of(assess(inputs, problem, state, CONTROLS))
 
 
 def test_ellipses_verdict_and_gains_are_those_of_the_calibration(shown):
@@ -52,6 +61,19 @@ def test_the_table_has_the_odd_channels_first_and_marks_them(shown):
     assert "<script>" not in channel_table(evil, found)
 
 
+def test_given_positions_stand_beside_those_found_the_most_corrected_first(shown):
+    measurement, result, found = shown
+    assert found.channels.given == result.channels.given and len(result.channels.given) == len(measurement.known)
+    wrong = replace(found.channels.given[1], given=(9.25, 9.5), wrong=True)
+    channels = replace(found.channels, given=(found.channels.given[0], wrong, found.channels.given[2]))
+    html = given_table(replace(found, channels=channels))
+    assert f"&#9888; {wrong.name}" in html.split("<tr")[2] and "9.2500, 9.5000" in html and html.count("<tr") == 4
+    assert given_table(None) == "" and given_table(replace(found, channels=replace(channels, given=()))) == ""
+    assert "<script>" not in given_table(
+        replace(found, channels=replace(channels, given=(replace(wrong, name="<script>"),)))
+    )
+
+
 def test_odd_microphones_have_a_mark_of_their_own_at_their_place():
     measurement = fdcal.load("tiny")
     picture = static_picture(None, measurement)
@@ -68,6 +90,5 @@ def test_the_uncertainty_on_the_page_is_that_of_the_calibration():
     result = fdcal.calibrate(measurement, solver="joint", modes=12)
     problem = measurement.problem("unit", "all")
     *_, state = solvers.run(problem, SolverSettings(name="joint", modes=12), 0)
-    run = SimpleNamespace(problem=problem, solver=solvers.load("joint"), measurement=measurement)
-    found = uncertainty.computed(run, state)
+    found = shown_of(measurement, problem, state)
     assert np.allclose(found.sigma, result.uncertainty, rtol=1e-6, atol=0)

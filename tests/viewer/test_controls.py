@@ -4,6 +4,7 @@ import dataclasses
 
 from doubles import INVALID_VALUES, State, set_by_client, view_of
 
+from fdcal.graphics.picture import static_picture
 from fdcal.viewer.background import exports
 from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.gui.choices import NOTHING
@@ -17,14 +18,16 @@ def test_controls_without_effect_are_hidden(controls):
     assert map_.which.visible and map_.upto.visible and map_.scale.visible
     set_by_client(map_.kind, NOTHING)
     assert not any(handle.visible for handle in (map_.which, map_.upto, map_.text, map_.scale, map_.opacity))
-    panel.show(session.view, 3, None, "")
-    assert not panel.view.ellipses_later.visible
+    picture = static_picture(None, panel.binding.measurement)
+    panel.view.show(session.view, picture)
+    assert not panel.view.ellipses_text.visible and not panel.view.scale.visible
     set_by_client(panel.view.ellipses, True)
-    panel.show(session.view, 3, None, "")
-    assert panel.view.ellipses_later.visible, "they come later"
+    panel.view.show(session.view, picture)
+    assert panel.view.ellipses_text.visible and "appear when" in panel.view.ellipses_text.content, "they come later"
+    assert panel.view.scale.visible
     session.view = dataclasses.replace(session.view, state=dataclasses.replace(session.view.state, finished=True))
-    panel.show(session.view, 3, None, "")
-    assert not panel.view.ellipses_later.visible
+    panel.view.show(session.view, picture)
+    assert not panel.view.ellipses_text.visible
 
 
 def test_choosing_a_mode_shows_the_map_again(server, work):

@@ -114,7 +114,7 @@ def test_a_control_keeps_its_value_when_an_invalid_one_arrives(server, junk):
 def test_every_control_tolerates_invalid_values(controls, value):
     panel, session = controls
     solve, map_ = panel.solver, panel.map
-    handles = [solve.first, solve.last, solve.automatic, solve.speed, solve.seed, map_.microphone, map_.follow]
+    handles = [solve.first, solve.last, solve.automatic, panel.run_bar.speed, solve.seed, map_.microphone, map_.follow]
     tab = panel.scene
     handles += [tab.name, tab.microphones, tab.radius, tab.walls, tab.absorption, tab.noise, tab.snr, tab.speed]
     handles += [tab.known, tab.seed, solve.name, solve.start]

@@ -42,9 +42,12 @@ def page():
         choices=SimpleNamespace(modes=None, style=style, trails=True), modes=20,
         measurement=SimpleNamespace(count=16), session=CallRecorder(calls, "session", view=view),
     )  # fmt: skip
-    handles = {"microphone": SimpleNamespace(value=15), "kind": SimpleNamespace(value=KINDS[-1])}
+    handles = {"microphone": SimpleNamespace(value=15), "kind": SimpleNamespace(value=KINDS[-1]), "kinds": KINDS}
     controls = CallRecorder(calls, binding=binding, map=CallRecorder(calls, "map", **handles))
-    return CallRecorder(calls, viewer=SimpleNamespace(main_panel=controls)), calls
+    panels = {"main_panel": controls, "side_panel": CallRecorder(calls)}
+    touched = CallRecorder(calls, touch=lambda: touches.append(1))
+    touches: list[int] = []
+    return CallRecorder(calls, viewer=SimpleNamespace(binding=touched, **panels), touches=touches), calls
 
 
 @pytest.fixture
@@ -81,6 +84,7 @@ def test_no_key_moves_the_camera_or_is_used_twice():
         ("M", "shift", ("map.pick", 14)),
         ("O", None, ("map.choose_modes", range(1, 5))),
         ("I", None, ("map.choose_modes", range(1, 3))),
+        ("P", None, ("sweep.toggle",)),
         ("U", None, ("map.choose_modes", None)),
         ("V", None, ("map.show_as", KINDS[0])),
         ("L", None, ("map.scale_as", LINEAR)),
@@ -96,6 +100,7 @@ def test_no_key_moves_the_camera_or_is_used_twice():
 def test_a_key_does_what_its_button_does(page, keyboard, key, modifier, done):
     keyboard(key, modifier)
     assert page[1] == [done]
+    assert len(page[0].touches) == 1, "a user is at work: the opening ends"
 
 
 def test_keys_keep_the_modes_of_the_map_in_range(page, keyboard):

@@ -32,15 +32,17 @@ def test_modes_beyond_f_max_give_a_warning(measurement):
     assert "beyond" in html and "300.0 Hz" in html and "299 Hz" in html and "7 functions for 10" in html
 
 
-def test_uncertainty_is_computed_for_finished_states_only(measurement, monkeypatch):
-    asked = []
-    worker = SimpleNamespace(latest=None, request=asked.append)
-    monkeypatch.setattr(uncertainty, "LatestWorker", lambda *_, **__: worker)
-    made = uncertainty.UncertaintyWorker(SimpleNamespace())
-    going, done = State(measurement.positions), State(measurement.positions, finished=True)
-    for state in (going, done):
-        assert made.of(state, False, 0.0) is None and made.of(state, False, 9.0) is None
-    assert len(asked) == 1 and asked[0] is done
+def test_uncertainty_is_drawn_where_the_verdict_has_one(measurement):
+    N = measurement.count
+    covariance = np.tile(np.diag([4e-6, 1e-6]), (N, 1, 1))
+    found = SimpleNamespace(
+        room=None, covariance=covariance, uncertainty=np.full(N, 1e-3), verdict="good", verdict_text="", channels=None
+    )
+    drawn = uncertainty.uncertainty_of(found)
+    assert np.allclose(np.linalg.norm(drawn.axes, axis=2), uncertainty.SIGMAS * np.array([1e-3, 2e-3]))
+    assert uncertainty.uncertainty_of(None) is None
+    found.covariance = np.full((N, 2, 2), np.inf)
+    assert uncertainty.uncertainty_of(found) is None
 
 
 def test_texts_are_escaped(measurement):

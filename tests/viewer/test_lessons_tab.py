@@ -3,15 +3,21 @@
 from types import SimpleNamespace
 
 import pytest
+from browsing import WAIT
 
+from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.session.lesson import Lesson, Setting, Step
 from fdcal.session.lesson_file import load_lesson
+from fdcal.session.lesson_frame import Frame
+from fdcal.session.request import edited
+from fdcal.session.session import Session
 from fdcal.viewer.gui import lesson_html
 from fdcal.viewer.gui.layout import Panels
-from fdcal.viewer.lesson_step import apply_setting
+from fdcal.viewer.lesson_step import apply_setting, show_frame
 from fdcal.viewer.server.hardening import open_server
-from fdcal.viewer.tabs.lessons import BACK, NEXT, NONE, RESTORE, LessonsTab
+from fdcal.viewer.tabs.lesson_controls import BACK, NEXT, RESTORE
+from fdcal.viewer.tabs.lessons import LessonsTab
 
 EVIL = "<script>alert(1)</script>"
 
@@ -42,7 +48,9 @@ def controls():
         **{name: CallRecorder(calls, name) for name in ("reset", "use_modes", "play", "step", "sweep", "stage")},
     )
     binding = SimpleNamespace(session=session, modes=20, work=SimpleNamespace(scene=load_scene("tiny"), opening=None))
-    return SimpleNamespace(binding=binding, map=CallRecorder(calls, "map"), view=CallRecorder(calls, "view")), calls
+    return SimpleNamespace(
+        binding=binding, map=CallRecorder(calls, "map"), view=CallRecorder(calls, "view"), run_bar=CallRecorder([])
+    ), calls
 
 
 def test_a_setting_is_applied_in_its_documented_order(controls):
@@ -110,39 +118,70 @@ def page(server, controls):
 
 
 def text_of(lessons):
-    return lessons.text.content
+    return lessons.controls.text.content
+
+
+def answers_of(lessons):
+    """The words on the buttons of the answers that can be given."""
+    return [button.label for button in lessons.controls.answers if button.visible]
 
 
 def test_a_lesson_runs_from_its_start_to_the_answer(page):
-    lessons = LessonsTab(page, [load_lesson("3_too_many_too_soon")])
-    assert not lessons.answers.visible and not lessons.navigation.visible
+    lesson = load_lesson("3_too_many_too_soon")
+    lessons = LessonsTab(page, [lesson])
+    assert not answers_of(lessons) and not lessons.controls.navigation.visible
     lessons.start("3. Too many too soon")
-    assert "Step 1 of 3" in text_of(lessons) and "being prepared" in text_of(lessons)
-    assert not lessons.answers.visible, "no question is asked before its picture is shown"
+    assert "step 1 of 3" in text_of(lessons) and "being prepared" in text_of(lessons)
+    assert not answers_of(lessons), "no question is asked before its picture is shown"
     lessons.show()
     assert page.calls == [], "nothing is set while another scene is still on the page"
     assert page.opened[-1].scene.solver.name == "descent"
     page.ready()
     lessons.show()
     assert ("use_modes", 1, 20, False) in page.calls and ("view", "top") in page.calls
-    assert lessons.answers.options == ("A", "B", "C") and lessons.answers.visible
+    assert answers_of(lessons) == list(lesson.steps[0].choices), "the words of the answers are the buttons"
     assert "being prepared" not in text_of(lessons)
     page.calls.clear()
-    lessons.answer("A")
-    assert (
-        "The answer is B." in text_of(lessons) and "After 7 sweeps" in text_of(lessons) and not lessons.answers.visible
-    )
+    lessons.answer(0)
+    answer = "The answer is: Trapped far from the true positions."
+    assert answer in text_of(lessons) and "After 7 sweeps" in text_of(lessons) and not answers_of(lessons)
     assert ("play",) in page.calls and len(page.opened) == 1, "the scene is there"
-    lessons.answer("B")
-    assert "The answer is B." in text_of(lessons), "the first answer counts"
+    lessons.answer(1)
+    assert answer in text_of(lessons), "the first answer counts"
     page.calls.clear()
     lessons.go(NEXT)
     assert page.calls[0] == ("reset", 0) and page.calls[1] == ("use_modes", 1, 20, False)
-    assert lessons.navigation.options == (BACK, RESTORE, NEXT) and "Step 2 of 3" in text_of(lessons)
+    assert lessons.controls.navigation.options == (BACK, RESTORE, NEXT) and "step 2 of 3" in text_of(lessons)
     lessons.go(NEXT)
-    assert lessons.navigation.options == (BACK, RESTORE)
-    lessons.start(NONE)
-    assert "Step" not in text_of(lessons) and not lessons.navigation.visible
+    assert lessons.controls.navigation.options == (BACK, RESTORE)
+    lessons.end()
+    assert "step" not in text_of(lessons) and not lessons.controls.navigation.visible
+
+
+def test_a_lesson_ends_with_the_next_one(page):
+    first, second = load_lesson("4_frozen_grid"), load_lesson("5_corner_or_centre")
+    lessons = LessonsTab(page, [first, second])
+    following = lessons.controls.following
+    lessons.start(first.title)
+    page.ready()
+    lessons.show()
+    for _ in first.steps[1:]:
+        assert not following.visible
+        lessons.answer(0)
+        assert following.visible and following.label == "Next step"
+        lessons.follow()
+    page.ready()
+    lessons.show()
+    assert not following.visible, "the last question has no answer yet"
+    lessons.answer(2)
+    assert following.visible and following.label == f"Next lesson: {second.title}"
+    lessons.follow()
+    assert lessons.progress.lesson is second and not following.visible
+    lessons.progress = type(lessons.progress)(second, len(second.steps) - 1)
+    page.ready()
+    lessons.show()
+    lessons.answer(2)
+    assert not following.visible, "there is none after the last"
 
 
 def test_the_lesson_does_not_wait_for_a_refused_scene(page):
@@ -150,7 +189,7 @@ def test_the_lesson_does_not_wait_for_a_refused_scene(page):
     lessons.start("3. Too many too soon")
     page.switcher.idle = True
     lessons.show()
-    assert lessons.answers.visible and "being prepared" not in text_of(lessons)
+    assert answers_of(lessons) and "being prepared" not in text_of(lessons)
     page.ready()
     lessons.show()
     assert page.calls == []
@@ -159,7 +198,7 @@ def test_the_lesson_does_not_wait_for_a_refused_scene(page):
 def test_an_answer_before_the_scene_is_ready_is_kept(page):
     lessons = LessonsTab(page, [load_lesson("5_corner_or_centre")])
     lessons.start("5. Corner or centre")
-    lessons.answer("B")
+    lessons.answer(1)
     page.ready()
     lessons.show()
     assert ("map.show_as", "No map") in page.calls and page.calls.index(("play",)) > 0
@@ -171,7 +210,7 @@ def test_a_right_answer_is_confirmed(page):
     lessons.start("3. Too many too soon")
     page.ready()
     lessons.show()
-    lessons.answer("B")
+    lessons.answer(1)
     assert "Right." in text_of(lessons)
 
 
@@ -186,16 +225,15 @@ def test_the_next_step_restores_the_scene_of_the_lesson(page):
     assert page.opened[1].scene.solver.name == "descent"
 
 
-@pytest.mark.parametrize("junk", ["", "Z", "AB", "Next ", None, 7, EVIL, "a" * 300])
+@pytest.mark.parametrize("junk", ["", "Z", "AB", "Next ", None, EVIL, "a" * 300])
 def test_invalid_values_change_nothing(page, junk):
     lessons = LessonsTab(page, [load_lesson("3_too_many_too_soon")])
-    lessons.answer(junk), lessons.go(junk)
+    lessons.go(junk)
     lessons.start("3. Too many too soon")
     before = lessons.progress
-    lessons.answer(junk), lessons.go(junk)
+    lessons.go(junk), lessons.start(junk)
+    lessons.answer(3), lessons.answer(-1)
     assert lessons.progress == before
-    lessons.start(junk)
-    assert lessons.progress.lesson is None
 
 
 def test_a_setting_that_fails_is_shown_as_an_error(page):
@@ -206,7 +244,25 @@ def test_a_setting_that_fails_is_shown_as_an_error(page):
     lessons.show()
     assert "1 to 20" in text_of(lessons)
     lessons.go(RESTORE)
+    page.ready()
+    lessons.show()
     assert "1 to 20" in text_of(lessons)
+
+
+def test_a_frame_is_shown_or_run_to():
+    scene = edited(load_scene("tiny"), {"solver.name": "descent"})
+    session = Session(cached_measurement(scene).problem(), scene.solver, 0)
+    session.step(6)
+    assert session.wait_for(lambda view: view.state.step == 6, timeout=WAIT)
+    show_frame(session, Frame("step", 4), list(session.view.history))
+    assert session.wait_for(lambda view: view.state.step == 4 and not view.running, timeout=WAIT)
+    assert session.view.count == 7, "the run so far stays"
+    show_frame(session, Frame("sweep", 1), list(session.view.history))
+    assert session.wait_for(lambda view: view.state.sweep == 1 and not view.running, timeout=WAIT)
+    assert session.view.state.step == len(cached_measurement(scene).problem().free), "it went on from the last state"
+    show_frame(session, Frame("stage", 1), list(session.view.history))
+    assert session.wait_for(lambda view: view.index == 0, timeout=WAIT)
+    session.close()
 
 
 def test_texts_of_a_file_are_escaped():

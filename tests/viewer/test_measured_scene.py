@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fdcal import solvers
 from fdcal.commands.options import open_request_of
 from fdcal.graphics.picture import static_picture, with_estimate
 from fdcal.model.measured_scene import MeasuredScene, placeholder_scene
@@ -14,8 +15,11 @@ from fdcal.model.measurement import Measurement
 from fdcal.model.measurement_file import save_measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.model.settings import ALL_MODES, SolverSettings
+from fdcal.session.estimated_domain import with_estimated_domain
 from fdcal.session.sources import scene_input
 from fdcal.viewer.background.prepare import PreparationProgress, prepare_run
+from fdcal.viewer.tabs import comparison as comparison_tab
+from fdcal.viewer.tabs import map as map_tab
 
 
 @pytest.fixture(scope="module")
@@ -74,3 +78,34 @@ def test_the_page_uses_all_modes_of_a_measurement(tiny, tmp_path):
         assert work.scene.solver.modes == ALL_MODES, "so that another solver, or another scene, finds its own number"
     finally:
         work.session.close(2.0)
+
+
+@pytest.mark.parametrize(("solver", "known"), [("joint", "all"), ("joint", "none"), ("descent", "all")])
+def test_a_measurement_without_search_domain_gets_one_round_the_estimate(solver, known, tiny, tmp_path):
+    """Map, cost and race work then, and descent runs, in the axes of the solver."""
+    path = tmp_path / "hall.npz"
+    save_measurement(replace(tiny, positions=None, search=None), path)
+    opening = open_request_of(str(path))
+    opening = replace(opening, scene=replace(opening.scene, solver=SolverSettings(name=solver, known=known, modes=20)))
+    work = prepare_run(opening, PreparationProgress())
+    try:
+        search = work.measurement.search
+        assert search is work.problem.search and search is not None and work.yardstick is not None
+        *_, state = solvers.run(work.problem, replace(opening.scene.solver, name="joint"), 0)
+        low, high = np.array(search.origin), np.add(search.origin, search.size)
+        assert ((low < state.positions) & (state.positions < high)).all()
+        assert np.isfinite(work.solver.landscape(work.problem, work.session.view.state, 1, slice(0, 3))).all()
+        saved = replace(work.opening, states=(work.session.view.state,))
+        assert saved.measurement.search == search, "a session that is saved keeps the domain"
+    finally:
+        work.session.close(2.0)
+
+
+def test_without_an_estimate_there_is_no_domain_and_the_page_says_what_to_do():
+    rng = np.random.default_rng(0)
+    pressures = rng.normal(size=(1, 12)) + 1j * rng.normal(size=(1, 12))
+    few = Measurement([100.0], pressures, 343.0, known=[0, 1, 2], known_positions=[[0, 0], [1, 0], [0, 1]])
+    found = with_estimated_domain(few, SolverSettings(name="joint", modes=1, first_modes=1), 0)
+    assert found.search is None and found is few
+    for text in (map_tab.NO_SEARCH, comparison_tab.NO_SEARCH):
+        assert all(key in text for key in ("search_origin", "search_size", "search_step", "radius"))

@@ -9,6 +9,7 @@ from doubles import finish
 from fdcal.model import mode_ranges
 from fdcal.model.settings import Search
 from fdcal.model.validation import InputError
+from fdcal.viewer.gui.plan_choices import PlanChoices
 from fdcal.viewer.scene3d.picking import MicrophonePicker
 
 SEARCH = Search(origin=(1.0, 2.0), size=(0.4, 0.4), step=0.1, radius=1.0)
@@ -18,10 +19,10 @@ SEARCH = Search(origin=(1.0, 2.0), size=(0.4, 0.4), step=0.1, radius=1.0)
 def picker():
     """A picker, the positions that it gave the session, and a function that passes it a drag of viser's."""
     placed, selected, callbacks = [], [], {}
-    session = SimpleNamespace(place=lambda *arguments: placed.append(arguments))
     binding = SimpleNamespace(
-        session=session, measurement=SimpleNamespace(count=5, search=SEARCH), choices=SimpleNamespace(release=False),
-        run=SimpleNamespace(problem=SimpleNamespace(known=np.array([4]))),
+        place=lambda *arguments: placed.append(arguments), measurement=SimpleNamespace(count=5, search=SEARCH),
+        choices=SimpleNamespace(release=False, plan=PlanChoices()),
+        run=SimpleNamespace(problem=SimpleNamespace(known=np.array([4]))), touch=lambda: None,
     )  # fmt: skip
     disc = SimpleNamespace(
         on_click=lambda call: callbacks.update(click=call), on_drag=lambda _: lambda call: callbacks.update(drag=call)

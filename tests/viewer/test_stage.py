@@ -21,7 +21,7 @@ def placing(server, scene, measurement) -> cameras.Cameras:
 def test_a_camera_with_the_right_position_but_the_wrong_direction_is_set_again(server, scene, measurement):
     """It tells of its camera between two of our orders, and what it tells is then taken for what it has."""
     placed = placing(server, scene, measurement)
-    camera = SimpleNamespace(image_width=900, image_height=700)
+    camera = SimpleNamespace(image_width=900, image_height=900)
     client = SimpleNamespace(client_id=1, camera=camera, atomic=contextlib.nullcontext)
     placed.place(client, "top")
     old_opening, aim = camera.fov, camera.look_at
@@ -46,7 +46,7 @@ def test_a_camera_with_the_right_position_but_the_wrong_direction_is_set_again(s
 
 def test_the_camera_follows_the_canvas_until_the_user_moves_it(server, scene, measurement):
     placed = placing(server, scene, measurement)
-    camera = SimpleNamespace(image_width=900, image_height=700)
+    camera = SimpleNamespace(image_width=900, image_height=900)
     client = SimpleNamespace(client_id=1, camera=camera, atomic=contextlib.nullcontext)
     placed.place(client, "top")
     near = camera.position
@@ -81,7 +81,7 @@ def test_a_page_is_asked_for_the_size_of_its_canvas(server, scene, measurement):
     """What it tells while panels move may be the size before; later it tells nothing of its own accord."""
 
     class Browser:
-        reported_size, canvas, image_height = 900, 600, 700
+        reported_size, canvas, image_height = 900, 600, 900
 
         def __init__(self):
             self.client_id, self.camera, self.atomic, self._fov = 1, self, contextlib.nullcontext, 1.0

@@ -12,7 +12,7 @@ from doubles import State, view_of
 from fdcal import solvers
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.assessment.result_parts import ChannelFault, Channels, Evidence
-from fdcal.session.assess import Assessment
+from fdcal.session.assess import Assessment, sound
 from fdcal.session.calibrate import solve
 from fdcal.session.history import History
 from fdcal.session.request import OpenRequest
@@ -20,7 +20,7 @@ from fdcal.session.sources import scene_input
 from fdcal.viewer.background import prepare
 from fdcal.viewer.background.verdict import IDLE_TIME, VerdictWorker
 from fdcal.viewer.gui.html import CONTROLS
-from fdcal.viewer.gui.verdict_html import DOUBTFUL, GOOD, sound, verdict_html
+from fdcal.viewer.gui.verdict_html import DOUBTFUL, GOOD, verdict_html
 
 
 @pytest.fixture

@@ -7,73 +7,43 @@ from __future__ import annotations
 
 import collections
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from ...session.comparison import Comparison, ComparisonRun
-from ...session.history import SessionView
 from ...session.worker import LatestWorker
 from ...solvers.interface import RunState
 from ..gui.html import error_message
+from .comparison_summary import ComparisonSetup, RunSummary, drawn_states, status_word
 from .prepare import PreparedRun
 
 INTERVAL = 0.2  # s between two looks at the runs
-MAX_POINTS = 60  # of the curves of one run
 
-Command = Literal["toggle", "reset", "stop"]
-
-
-@dataclass(frozen=True)
-class ComparisonSetup:
-    """Which solvers are compared, and from where they start.
-
-    Attributes
-    ----------
-    names : of the solvers
-    start : of the positions, as in scene.Solver
-    seed : int, of the random start
-    """
-
-    names: tuple[str, ...]
-    start: str
-    seed: int
+Command = Literal["toggle", "reset", "stop", "release", "adopt"]
 
 
 @dataclass(frozen=True)
-class RunSummary:
-    """One run of a comparison, as it is shown.
+class PausedComparison:
+    """A comparison that no page shows, and what belongs to it.
 
     Attributes
     ----------
-    name : of the solver
-    positions : (N, D) float64, metres
-    status : "running", "converged", ...
-    step : int
-    seconds : processor time since the start, s
-    mean_error, largest_error : of the positions sought, mm; None where the true positions are unknown
-    times : (P,) float64, s, of the points of the curves
-    mean_errors : (P,) float64, mm, or None
-    costs : (P,) float64, dB, of `fdcal.cost.yardstick`
+    setup : ComparisonSetup
+    comparison : Comparison
+    points : of the curves of each run, by step: mean error, mm, and cost, dB
     """
 
-    name: str
-    positions: np.ndarray
-    status: str
-    step: int
-    seconds: float
-    mean_error: float | None
-    largest_error: float | None
-    times: np.ndarray
-    mean_errors: np.ndarray | None
-    costs: np.ndarray
+    setup: ComparisonSetup | None
+    comparison: Comparison
+    points: dict[str, dict[int, tuple[float, float]]]
 
 
 class ComparisonWorker:
     """Owns the threads that prepare a comparison, run its solvers and compute its curves.
 
     `error` says why the comparison could not start, "" where it could. `summaries` is a new tuple whenever something
-    has changed.
+    has changed. `released` is the comparison that the worker has let go, or None.
 
     Parameters
     ----------
@@ -82,7 +52,7 @@ class ComparisonWorker:
 
     def __init__(self, run: PreparedRun):
         self.run = run
-        self._commands: collections.deque[tuple[Command, ComparisonSetup | None]] = collections.deque()
+        self._commands: collections.deque[tuple[Command, Any]] = collections.deque()
         self._preparation = LatestWorker(self._prepare, "fdcal-comparison")
         self._curves = LatestWorker(self._compute_curves, "fdcal-comparison-curves")
         self._points: dict[str, dict[int, tuple[float, float]]] = {}  # of each run, by step: its error and cost
@@ -91,6 +61,8 @@ class ComparisonWorker:
         self._comparison: Comparison | None = None
         self._updated = -1e9
         self.error = ""
+        self.released: PausedComparison | None = None
+        self._let_go: Comparison | None = None  # which this worker does not close
         self.summaries: tuple[RunSummary, ...] = ()
 
     def toggle(self, setup: ComparisonSetup) -> None:
@@ -104,6 +76,14 @@ class ComparisonWorker:
     def stop(self) -> None:
         """End the comparison. Any thread."""
         self._commands.append(("stop", None))
+
+    def release(self) -> None:
+        """Pause the comparison and let it go, so that it stays when this worker ends. Any thread."""
+        self._commands.append(("release", None))
+
+    def adopt(self, other: ComparisonWorker) -> None:
+        """Show the comparison that another worker, or this one, has released, if there is one. Any thread."""
+        self._commands.append(("adopt", other))
 
     # Below: the main loop, except for _prepare and _compute_curves.
 
@@ -129,8 +109,12 @@ class ComparisonWorker:
             self._summarise(self._comparison)
         return self.summaries
 
-    def _execute(self, command: Command, setup: ComparisonSetup | None) -> None:
+    def _execute(self, command: Command, setup: Any) -> None:
         comparison, self.error = self._comparison, ""
+        if command == "release":
+            self._release()
+        if command == "adopt":
+            self._adopt(setup)
         if command == "stop" or (command == "toggle" and comparison is not None and setup != self._setup):
             self._end()
         if command == "toggle" and self._comparison is None and self._pending is None:
@@ -152,6 +136,22 @@ class ComparisonWorker:
             self._points = {run.name: {} for run in self._comparison.runs}
             self._comparison.play()
 
+    def _release(self) -> None:
+        comparison = self._comparison
+        if comparison is not None:
+            comparison.pause()
+            self.released = PausedComparison(self._setup, comparison, self._points)
+            self._let_go = comparison
+        self._comparison = None
+        self._end()
+
+    def _adopt(self, other: ComparisonWorker) -> None:
+        released, other.released = other.released, None
+        if released is not None:
+            self._end()
+            self._let_go = None
+            self._setup, self._comparison, self._points = released.setup, released.comparison, released.points
+
     def _end(self) -> None:
         if self._comparison is not None:
             self._comparison.close(0.0)
@@ -170,7 +170,7 @@ class ComparisonWorker:
         if changed:
             self.summaries = summaries
         if not self._curves.busy:
-            drawn = [(run.name, _drawn_states(run.session.view)) for run in comparison.runs]
+            drawn = [(run.name, drawn_states(run.session.view)) for run in comparison.runs]
             missing = [(name, [s for s in states if s.step not in self._points[name]]) for name, states in drawn]
             if any(states for _, states in missing):
                 self._curves.request(self._points, missing)
@@ -184,7 +184,7 @@ class ComparisonWorker:
         return RunSummary(
             name=run.name,
             positions=state.positions,
-            status="stopped by an error" if view.error else "running" if view.running else _status(state),
+            status="stopped by an error" if view.error else status_word(state, view.running),
             step=state.step,
             seconds=run.seconds(state),
             mean_error=None if errors is None else float(errors.mean()),
@@ -192,6 +192,7 @@ class ComparisonWorker:
             times=np.array([run.timed.spent.get(step, 0.0) if step else 0.0 for step in steps]),
             mean_errors=None if errors is None else np.array([points[step][0] for step in steps]),
             costs=np.array([points[step][1] for step in steps]),
+            cost=points[state.step][1] if state.step in points else None,
         )
 
     def _errors(self, state: RunState) -> np.ndarray | None:
@@ -213,19 +214,6 @@ class ComparisonWorker:
         self._end()
         done = self._preparation.close(timeout)
         latest = self._preparation.latest
-        if latest is not None and latest.result is not None:
+        if latest is not None and latest.result is not None and latest.result is not self._let_go:
             done = latest.result.close(timeout) and done
         return self._curves.close(timeout) and done
-
-
-def _status(state: RunState) -> str:
-    return ("converged" if state.converged else "sweep limit reached") if state.finished else "waiting"
-
-
-def _drawn_states(view: SessionView) -> list[RunState]:
-    """States that the curves of a run pass through: ever more of them on the same grid, and the last."""
-    count = view.index + 1
-    stride = 1
-    while count / stride > MAX_POINTS:
-        stride *= 2
-    return [*view.history[0:count:stride], view.state]

@@ -7,47 +7,24 @@ slow one computes the same map on a finer lattice once nothing changes, and stop
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from ...cost import landscapes
-from ...graphics.heatmap import cost_floor, field_floor
-from ...graphics.primitives import Floor
+from ...graphics.heatmap import field_floor
 from ...graphics.surroundings import z_range_of
 from ...model.settings import Search
 from ...session.worker import LatestWorker
 from ..gui.html import error_message
-from .map_panels import ModePanels, fine_panels, map_label, shown_modes
+from .cost_map import CostMap, cost_map
+from .map_panels import ModePanels, fine_panels, shown_modes
 from .map_request import CostMapRequest
 from .prepare import PreparedRun
+from .volume_maps import VolumeMaps
 
 PAUSE = 0.15  # s at least between two maps while the solver runs, which needs the processor, too
 FOLLOW_TIME = 0.6  # s at least that the map of a microphone stays while the page follows a running solver
-DRAG_TIME = 1.0  # s at most that a map stays while another microphone is dragged and the next map is in progress
+DRAG_TIME = 1.0  # s at most that a map stays while a microphone or a slice is dragged and the next map is in progress
 IDLE_TIME = 0.35  # s without a change before a finer map is requested
-
-
-@dataclass(frozen=True)
-class CostMap:
-    """A finished map: the floor, the costs it shows, and the figures of its caption.
-
-    Attributes
-    ----------
-    request : CostMapRequest
-    floor : Floor
-    panels : ModePanels of some of the single modes and of the sum, which the floor shows; or None
-    minima : int, local minima in the map
-    cost_here : cost at the estimated position of the microphone
-    lowest : lowest cost of the map
-    fine : whether its lattice is finer than the solver's
-    """
-
-    request: CostMapRequest
-    floor: Floor
-    panels: ModePanels | None
-    minima: int
-    cost_here: float
-    lowest: float
-    fine: bool = False
 
 
 class CostMapWorker:
@@ -62,6 +39,7 @@ class CostMapWorker:
     def __init__(self, run: PreparedRun, notify: Callable[[], None] = lambda: None):
         self._run, self._requested, self._since = run, None, 0.0
         self._fine_requested: CostMapRequest | None = None
+        self._volumes = VolumeMaps(run)
         self._costs: dict[str, tuple] = {}  # of each thread: the key of its last costs, and the costs
         self.worker = LatestWorker(self._compute, "fdcal-map", notify=notify)
         self._fine_worker = LatestWorker(self._compute_fine, "fdcal-fine-map")
@@ -81,13 +59,16 @@ class CostMapWorker:
         """
         wanted = self._request(wanted, running, now)
         fine, latest = self._fine_worker.latest, self.worker.latest
-        if fine is not None and fine.result is not None and fine.request[0] == wanted:
-            return fine.result, ""
+        if fine is not None and fine.result is not None:
+            finer = fine.request[0]
+            if finer == wanted or finer.differs_in_theme(wanted):
+                return fine.result, ""
         if latest is None:
             return None, ""
         last = latest.request[0]
-        dragged = not running and now - latest.ended < DRAG_TIME and last.differs_in_one_position(wanted)
-        if dragged or last.stands_for(wanted, running):
+        moved = last.differs_in_one_position(wanted) or last.differs_in_slider(wanted)
+        dragged = not running and now - latest.ended < DRAG_TIME and moved
+        if dragged or last.differs_in_theme(wanted) or last.stands_for(wanted, running):
             return latest.result, error_message(latest.cause)
         return None, ""
 
@@ -127,7 +108,9 @@ class CostMapWorker:
         return all([self._fine_worker.close(timeout), self.worker.close(timeout)])
 
     def _compute(self, request: CostMapRequest) -> CostMap:
-        """On the fast thread: a map over the solver's lattice."""
+        """On the fast thread: a map over the solver's lattice, or a coarse volume."""
+        if request.style.volume:
+            return self._volumes.coarse(request)
         if request.style.shape:
             return self._compute_shape(request)
         run, search = self._run, self._search()
@@ -139,7 +122,7 @@ class CostMapWorker:
             panels = ModePanels(tuple(modes[i] for i in shown), maps[shown], maps.sum(axis=0), search)
             self._costs["fast"] = key, panels, landscapes.local_minima(panels.total)
         _, panels, minima = self._costs["fast"]
-        return self._draw(request, minima, panels)
+        return cost_map(self._run, request, panels.total, panels.search, minima, panels)
 
     def _compute_shape(self, request: CostMapRequest) -> CostMap:
         """On the fast thread: the sound field of a mode."""
@@ -154,6 +137,8 @@ class CostMapWorker:
     def _compute_fine(self, request: CostMapRequest) -> CostMap | None:
         """On the slow thread: the finer map, mode by mode; None as soon as another one is requested."""
         run, n = self._run, request.microphone
+        if request.style.volume:
+            return self._volumes.fine(request, lambda: self._requested != request)
         key = (request.revision, n, request.modes, request.order_offset)
         if self._costs.get("fine", (None,))[0] != key:
             panels = fine_panels(run, request, lambda: self._requested != request)
@@ -161,24 +146,10 @@ class CostMapWorker:
                 return None
             self._costs["fine"] = key, panels, landscapes.local_minima(panels.total)
         _, panels, minima = self._costs["fine"]
-        return replace(self._draw(request, minima, panels), fine=True)
+        return replace(cost_map(self._run, request, panels.total, panels.search, minima, panels), fine=True)
 
     def _search(self) -> Search:
         search = self._run.problem.search
         if search is None:
             raise ValueError("a map needs a search domain")  # the page requests none without
         return search
-
-    def _draw(self, request: CostMapRequest, minima, panels: ModePanels) -> CostMap:
-        run, style, n, total = self._run, request.style, request.microphone, panels.total
-        label = map_label(run, request)
-        if run.measurement.array_dimension == 3:
-            label += f" at z = {request.state.positions[n, 2]:.2f} m"
-        floor = cost_floor(
-            total, panels.search, style.log, label, minima=landscapes.map_positions(minima, panels.search),
-            relief=style.relief, height=z_range_of(run.known_scene, run.measurement)[0],
-            decibels=request.order_offset is not None,
-        )  # fmt: skip
-        floor = replace(floor, show_minima=style.minima)
-        here = landscapes.interpolate(total, panels.search, request.state.positions[n])
-        return CostMap(request, floor, panels, len(minima), here, float(total.min()))

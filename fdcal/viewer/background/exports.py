@@ -16,21 +16,19 @@ import viser
 from ...assessment import position_table
 from ...graphics import paraview
 from ...graphics.landscape_figure import LandscapePanels, draw_landscape, figure_bytes, panels_of
-from ...graphics.primitives import Picture
 from ...graphics.replay import replay_html
+from ...graphics.sampled_volume import sampled_volume
 from ...graphics.snapshot_process import render_png
-from ...graphics.surroundings import z_range_of
 from ...graphics.units import error_summary
 from ...model.validation import InputError
 from ...session import session_file
-from ...session.history import SessionView
 from ...session.request import OpenRequest
 from ...session.worker import LatestWorker
 from ..gui import html
-from ..gui.choices import PICTURE, Choices
-from .map_panels import fine_panels, map_label, map_modes
-from .map_request import CostMapRequest
-from .prepare import PreparedRun
+from ..gui.choices import PICTURE
+from .map_panels import fine_panels, map_label
+from .view_snapshot import ViewSnapshot, map_request
+from .volume_maps import terms_of
 
 MAX_WAITING = 8  # files that may wait to be made
 MAX_PANELS = 8  # maps of single modes in a figure
@@ -39,66 +37,18 @@ MAX_NAME = 60  # characters of the scene in the name of a file
 log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class ViewSnapshot:
-    """What is on the screen at one moment.
-
-    Attributes
-    ----------
-    run : PreparedRun
-    picture : Picture, as drawn
-    view : SessionView, whose state the picture shows
-    choices : Choices
-    microphone : int, the selected one, counted from 0
-    sigma : (N,) float64, metres, one standard deviation of each position, or None
-    """
-
-    run: PreparedRun
-    picture: Picture
-    view: SessionView
-    choices: Choices
-    microphone: int
-    sigma: np.ndarray | None
-
-    @property
-    def caption(self) -> str:
-        """Scene, step and modes in words."""
-        state = self.view.state
-        modes = html.modes_text(self.run.measurement, state.first, state.last)
-        return f"{self.run.scene.title}: step {state.step}, {modes}"
-
-    @property
-    def height(self) -> float:
-        """Height of a plane array, metres."""
-        return z_range_of(self.run.known_scene, self.run.measurement)[0]
-
-
 def _picture(snapshot: ViewSnapshot) -> bytes:
     """Rendered again in a child process."""
     title = f"{snapshot.caption}\n{_errors(snapshot)}"
+    if snapshot.volume is not None:
+        name = snapshot.run.measurement.names[snapshot.microphone]
+        title += f"\nCost of microphone {name}"
     choices = snapshot.choices
     return render_png(replace(snapshot.picture, title=title), choices.export_size, choices.export_view)
 
 
 def _errors(snapshot: ViewSnapshot) -> str:
     return error_summary(snapshot.run.measurement, snapshot.view.state.positions, snapshot.run.sought)
-
-
-def map_request(snapshot: ViewSnapshot) -> CostMapRequest:
-    """Return the request for the map on the page."""
-    state, choices = snapshot.view.state, snapshot.choices
-    order_offset = None if choices.objective else choices.order_offset
-    return CostMapRequest(
-        revision=0,
-        microphone=snapshot.microphone,
-        modes=map_modes(snapshot.run, state, choices.modes, order_offset),
-        order_offset=order_offset,
-        custom_modes=choices.modes is not None,
-        style=choices.style,
-        follow=False,
-        state=state,
-        lineage=snapshot.view.history.lineage,
-    )
 
 
 def _panels(snapshot: ViewSnapshot, count: int) -> LandscapePanels:
@@ -119,14 +69,21 @@ def _figure(file_format: str) -> Callable[[ViewSnapshot], bytes]:
         truth = None if truth is None else truth[n][:2]
         heading = f"Cost of moving microphone {measurement.names[n]}\n{snapshot.caption}"
         request = map_request(snapshot)
-        label = map_label(snapshot.run, replace(request, style=replace(request.style, log=False)))
+        decibels = request.order_offset is not None  # of Eq. 7, as on the page
+        label = map_label(snapshot.run, replace(request, style=replace(request.style, log=True)))
         panels = _panels(snapshot, MAX_PANELS)
-        return figure_bytes(draw_landscape(panels, truth, label, heading, positions[n][:2]), file_format)
+        return figure_bytes(draw_landscape(panels, truth, label, heading, positions[n][:2], decibels), file_format)
 
     return make
 
 
 def _map(snapshot: ViewSnapshot) -> bytes:
+    if snapshot.choices.style.volume:
+        terms = terms_of(snapshot.run.problem, map_request(snapshot))
+        sampled = None if terms is None else sampled_volume(terms)
+        if sampled is None:
+            raise ValueError("a volume that nobody cancels is complete")
+        return paraview.volume(sampled.cost, sampled.search).encode()
     place = snapshot.view.state.positions[snapshot.microphone]
     height = float(place[2]) if len(place) == 3 else snapshot.height
     panels = _panels(snapshot, MAX_PANELS)
@@ -145,8 +102,10 @@ def _points(snapshot: ViewSnapshot) -> bytes:
 
 def _replay(snapshot: ViewSnapshot) -> bytes:
     run, history = snapshot.run, snapshot.view.history
-    text = replay_html(run.known_scene, run.measurement, history, run.scene.title, run.yardstick, run.sought)
-    return text.encode()
+    shown = {"problem": run.problem, "microphone": snapshot.microphone}
+    return replay_html(
+        run.known_scene, run.measurement, history, run.scene.title, run.yardstick, run.sought, **shown
+    ).encode()
 
 
 def _session(snapshot: ViewSnapshot) -> bytes:
@@ -189,7 +148,8 @@ KINDS = {
     ),
     "Map (VTI for ParaView)": Kind(
         "-map.vti",
-        "Values of up to eight maps of the selected microphone and of the sum of all, as fine as on the screen.",
+        "Values of up to eight maps of the selected microphone and of the sum of all, or of the volume whose"
+        " isosurfaces are shown, as fine as on the screen.",
         _map,
     ),
     "Microphones (CSV)": Kind(
@@ -238,9 +198,8 @@ class Exports:
             return
         except Exception as error:
             log.exception("a file could not be made")
-            client.add_notification(
-                "The file could not be made", f"{error!r}"[:300] + "; details in the log", color="red"
-            )
+            text = f"{error!r}"[:300] + "; details in the log"
+            client.add_notification("The file could not be made", text, color="red")
             return
         client.send_file_download(file_name(snapshot, kind), content, save_immediately=True)
 

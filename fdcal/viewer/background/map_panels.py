@@ -46,6 +46,14 @@ def map_label(run: PreparedRun, request: CostMapRequest) -> str:
     return cost_label(run.scene.solver.weights).replace("cost", "cost of the solver")
 
 
+def modes_label(modes: tuple[int, ...]) -> str:
+    """Return which modes a map is of, ascending: "mode 38", "modes 1 to 20", "4 modes from 2 to 9"."""
+    first, last, count = modes[0], modes[-1], len(modes)
+    if count == 1:
+        return f"mode {first}"
+    return f"modes {first} to {last}" if last - first + 1 == count else f"{count} modes from {first} to {last}"
+
+
 def map_modes(run: PreparedRun, state: RunState, chosen: tuple[int, ...] | None, order_offset: int | None):
     """Return the modes of a map, counted from 1 : tuple of int.
 
@@ -59,10 +67,19 @@ def map_modes(run: PreparedRun, state: RunState, chosen: tuple[int, ...] | None,
     if chosen is not None:
         return chosen
     used = tuple(range(state.first, state.last + 1))
-    if order_offset is None or run.problem.search is None:
-        return used
-    carried = set((expansion_of(run.problem, order_offset).carried.modes + 1).tolist())
+    carried = set(carried_modes(run, order_offset, state.last))
     return tuple(mode for mode in used if mode in carried) or used
+
+
+def carried_modes(run: PreparedRun, order_offset: int | None, last: int) -> tuple[int, ...]:
+    """Return the modes up to `last`, counted from 1, of which the microphones can carry a map of Eq. 7.
+
+    Without a search domain, and for a map of what the solver minimises (`order_offset` None), these are all.
+    """
+    if order_offset is None or run.problem.search is None:
+        return tuple(range(1, last + 1))
+    carried = expansion_of(run.problem, order_offset).carried.modes + 1
+    return tuple(int(mode) for mode in carried if mode <= last)
 
 
 def shown_modes(count: int, most: int = MAX_PANELS) -> np.ndarray:

@@ -18,19 +18,27 @@ class MapStyle:
     log : whether its scale is logarithmic
     opacity : 0 to 1
     relief : whether its heights rise with its colours
+    relief_height : of the highest cost, of the longer side of the search domain
     shared : one scale for all the maps side by side
     dark : whether the page is
     minima : whether its local minima are marked and counted
     shape : the sound field of the last of the modes instead of a cost
+    volume : the cost in space instead of on the floor
+    slice_axis : "x", "y" or "z", across the slice through the volume; "none" for no slice
+    slice_position : of the slice along that axis, metres; None for the estimate of the microphone
     """
 
     log: bool = True
     opacity: float = 1.0
     relief: bool = False
+    relief_height: float = 0.3
     shared: bool = False
     dark: bool = False
     shape: bool = False
     minima: bool = True
+    volume: bool = False
+    slice_axis: str = "z"
+    slice_position: float | None = None
 
 
 @dataclass(frozen=True)
@@ -79,6 +87,15 @@ class CostMapRequest:
         """Whether `wanted` is this map of costs or field in another style; its state may be newer."""
         alike = self.style.shape == wanted.style.shape and replace(self, style=wanted.style).stands_for(wanted, True)
         return alike and self.style != wanted.style
+
+    def differs_in_slider(self, wanted: CostMapRequest) -> bool:
+        """Whether `wanted` is this volume with another slice, or this relief of another height."""
+        moved = {name: getattr(wanted.style, name) for name in ("slice_axis", "slice_position", "relief_height")}
+        return replace(self, style=replace(self.style, **moved)) == wanted
+
+    def differs_in_theme(self, wanted: CostMapRequest) -> bool:
+        """Whether `wanted` is this map on a page of the other theme, whose colours of costs are the same."""
+        return self != wanted and replace(self, style=replace(self.style, dark=wanted.style.dark)) == wanted
 
     def differs_in_one_position(self, wanted: CostMapRequest) -> bool:
         """Whether `wanted` is this map except for the position of one microphone, as during a drag."""

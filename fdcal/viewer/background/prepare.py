@@ -13,8 +13,10 @@ from ...model.measured_scene import MeasuredScene
 from ...model.measurement import Measurement
 from ...model.problem import Problem
 from ...model.scene import Scene
+from ...model.search_domain import with_search_domain
 from ...model.settings import ALL_MODES
 from ...model.validation import InputError
+from ...session.estimated_domain import with_estimated_domain
 from ...session.request import OpenRequest, as_given
 from ...session.session import Session
 from ...solvers.interface import RunState, Solver
@@ -73,14 +75,15 @@ class PreparationProgress:
 
     Attributes
     ----------
-    done : float, 0 to 1, of the simulation
+    task : str, what is in progress
+    done : float, 0 to 1, of the task
     stop : bool
     warmup : Warmup or None
     measurement : Measurement, or None until there is one
     """
 
     def __init__(self):
-        self.done, self.stop = 0.0, False
+        self.task, self.done, self.stop = "Simulating the room", 0.0, False
         self.warmup: Warmup | None = None
         self.measurement: Measurement | None = None
 
@@ -98,7 +101,7 @@ class PreparationProgress:
     def text(self) -> str:
         """The progress in words."""
         if self.done < 1:
-            return f"Simulating the room ... {round(100 * self.done)} %"
+            return f"{self.task} ... {round(100 * self.done)} %"
         return (self.warmup.text if self.warmup else "") or "Preparing the solver ..."
 
 
@@ -132,6 +135,10 @@ def _prepare(opening: OpenRequest, progress: PreparationProgress, warmup: Warmup
     progress.measurement = measurement = as_given(scene, source)
     progress(1.0)
     warmup.wait(lambda: progress(1.0))
+    if source.search is None:
+        source = _with_domain(opening, source, progress)
+        progress.measurement = measurement = as_given(scene, source)
+        opening = replace(opening, measurement=source)
     problem = source.problem(scene.solver.weights, scene.solver.known)
     if opening.fewer_modes:
         scene = _with_available_modes(scene, problem)
@@ -149,6 +156,16 @@ def _prepare(opening: OpenRequest, progress: PreparationProgress, warmup: Warmup
     if opening.play:
         session.play()
     return PreparedRun(scene, measurement, problem, solver, session, opening, yardstick, warmup)
+
+
+def _with_domain(opening: OpenRequest, source: Measurement, progress: PreparationProgress) -> Measurement:
+    """Return the measurement with a search domain round the last state, or round an estimate made for it."""
+    if opening.states:
+        return with_search_domain(source, opening.states[-1].positions)
+    progress.task = "Estimating the positions, for a search domain"
+    found = with_estimated_domain(source, opening.scene.solver, opening.seed, progress)
+    progress(1.0)
+    return found
 
 
 def _with_available_modes(scene: Scene, problem: Problem) -> Scene:

@@ -9,14 +9,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ...session.assess import Assessment, assess
+from ...session.assess import Assessment, assess, sound
 from ...session.blas_threads import one_blas_thread
 from ...session.history import SessionView
 from ...session.sources import CalibrationInput
 from ...session.worker import LatestWorker
 from ...solvers.interface import RunState
 from ..gui.html import CONTROLS
-from ..gui.verdict_html import sound
 from .prepare import PreparedRun
 
 IDLE_TIME = 0.3  # s without a change before the verdict is computed

@@ -36,6 +36,7 @@ class Binding:
     ----------
     choices : Choices
     sent : dict, what `send` has sent last, by its key
+    touches : int, how many times a user has changed or pressed anything
     """
 
     def __init__(
@@ -51,12 +52,18 @@ class Binding:
         self.modes, self.weights, self.open = modes, run.scene.solver.weights, open_other
         self.choices, self._wake = initial_choices(run, modes, before), wake
         self.sent: dict[str, object] = {}
+        self.touches = 0
+
+    def touch(self) -> None:
+        """Note that a user has changed or pressed something."""
+        self.touches += 1
 
     def on(self, handle, act: Callable[[Any], object]) -> None:
         """Call `act(value)` when a client, and not this program, has changed a control."""
 
         async def respond(event) -> None:
             if event.client is not None:
+                self.touch()
                 self.session.yield_to_ui()
                 act(event.target.value)
 
@@ -68,12 +75,20 @@ class Binding:
         @handle.on_click
         async def _(event) -> None:
             if event.client is not None:
+                self.touch()
                 act(event.client, event.target.value)
 
     def choose(self, **changes) -> None:
         """Change some of the choices."""
         self.choices = replace(self.choices, **changes)
         self._wake()
+
+    def place(self, microphone: int, place, gesture: int) -> None:
+        """Move a microphone to a place, (2,), metres: its estimate, or where the plan has it while that is shown."""
+        if self.choices.plan.shown:
+            self.choose(plan=self.choices.plan.with_moved(microphone, place))
+        else:
+            self.session.place(microphone, place, gesture)
 
     def choose_style(self, **changes) -> None:
         """Change the style of the maps and of the page."""

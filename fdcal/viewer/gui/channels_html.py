@@ -1,15 +1,17 @@
-"""The verdict and the channels of a finished run as HTML: gain, phase and noise of each, the odd ones first."""
+"""The verdict of a finished run as HTML: gain, phase and noise of each channel, and given positions as corrected."""
 
 from __future__ import annotations
 
 from html import escape
 
+from ...graphics.units import mm_text
 from ...model.measurement import Measurement
 from ..background.uncertainty import PositionUncertainty
 from .html import CARD, RED
 from .verdict_html import verdict_word
 
 MAX_ROWS = 100  # of the table
+GIVEN_HEAD = ("mic", "given<br>(m)", "found<br>(m)", "difference<br>(mm)", "&sigma;<br>(mm)")
 HEAD = ("mic", "gain<br>(dB)", "phase<br>(&deg;)", "noise<br>(dB)", "")
 
 
@@ -43,4 +45,30 @@ def channel_table(measurement: Measurement, found: PositionUncertainty | None) -
         f"<div style='{CARD} font-size: 0.74em; overflow-x: auto'>"
         f"<b>Verdict: {escape(verdict_word(found.verdict))}</b><br>"
         f"{escape(found.text)}<table class='mics'><tr>{head}</tr>{''.join(rows)}</table></div>"
+    )
+
+
+def given_table(found: PositionUncertainty | None) -> str:
+    """Return a table of the given positions as corrected, the most corrected first; "" where there are none.
+
+    Parameters
+    ----------
+    found : PositionUncertainty of the state, or None
+    """
+    if found is None or found.channels is None or not found.channels.given:
+        return ""
+    rows = []
+    for one in sorted(found.channels.given, key=lambda one: -one.difference)[:MAX_ROWS]:
+        style = f" style='font-weight: 700; color: {RED}'" if one.wrong else ""
+        cells = (
+            ("&#9888; " if one.wrong else "") + escape(one.name),
+            *(", ".join(f"{x:.4f}" for x in place) for place in (one.given, one.found)),
+            mm_text(one.difference),
+            f"&plusmn; {mm_text(one.sigma)}",
+        )
+        rows.append(f"<tr{style}>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>")
+    head = "".join(f"<th>{text}</th>" for text in GIVEN_HEAD)
+    return (
+        f"<div style='{CARD} font-size: 0.74em; overflow-x: auto'><b>Given positions</b>"
+        f"<table class='mics'><tr>{head}</tr>{''.join(rows)}</table></div>"
     )

@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ...cost.yardstick import ORDER_OFFSET
+from ...model.measurement import Measurement
 from ...model.validation import InputError
 from ...session.lesson import MAX_ORDER_OFFSET
 from ..background.map_request import MapStyle
 from ..background.prepare import PreparedRun
+from .plan_choices import PlanChoices
 
 FLOOR, RELIEF, SHAPE, NOTHING = "Flat map", "Relief", "Mode shape (last mode)", "No map"  # kinds of map
+VOLUME = "Isosurfaces (3-D)"  # of an array in space
+SLICES = {"None": "none", "x": "x", "y": "y", "z": "z"}  # label to axis across the slice through a volume
 PICTURE = "Picture (PNG)"  # the first kind of file to save
+ELLIPSE_SCALES = {"Automatic": 0, "True": 1, "10 times": 10, "100 times": 100, "1000 times": 1000}  # label to factor
 VIEWS = {"Top": "top", "3-D": "3d", "Close": "close"}  # label to view of a camera
 
-KEPT = ("trails", "ellipses", "export_kind", "export_view", "export_size")  # choices that another scene keeps
+Line = tuple[tuple[float, float], tuple[float, float]]  # ends, metres
+MAX_RATE = 60  # steps per second at the end of the slider, which stands for no limit
+WATCHED_RATE = 5  # steps per second that can be followed, of a solver whose steps move all microphones
+# Choices that another scene keeps.
+KEPT = ("trails", "ellipses", "ellipse_scale", "lecture", "export_kind", "export_view", "export_size", "rate")
 SWITCHES = (
     "follow",
     "shown",
@@ -30,6 +40,7 @@ SWITCHES = (
     "objective",
     "minima",
     "release",
+    "volume",
 )
 
 
@@ -48,12 +59,17 @@ class Choices:
     style : MapStyle
     trails : whether the path of each estimate is drawn
     ellipses : whether the error ellipses are drawn
+    ellipse_scale : by which the error ellipses are enlarged; 0 for the factor that makes them visible
+    lecture : whether the page is shown by a projector
     release : whether known microphones can be dragged
     modes_error : why the text in the field "Mode numbers" was refused, "" if it was not
     export_kind : kind of file to save, a key of `exports.KINDS`
     export_view : view of a picture to save, a value of VIEWS
     export_size : of a picture to save, width and height in pixels
     seed : of the solver's next start
+    rate : steps per second that the user has chosen; None before that
+    cut : the line along which the cost is drawn; None for no line
+    plan : PlanChoices
     """
 
     microphone: int
@@ -65,12 +81,31 @@ class Choices:
     style: MapStyle = field(default_factory=MapStyle)
     trails: bool = False
     ellipses: bool = False
+    ellipse_scale: int = 0
+    lecture: bool = False
     release: bool = False
     modes_error: str = ""
     export_kind: str = PICTURE
     export_view: str = "top"
     export_size: tuple[int, int] = (1280, 800)
     seed: int = 0
+    rate: int | None = None
+    cut: Line | None = None
+    plan: PlanChoices = field(default_factory=PlanChoices)
+
+    def steps_per_second(self, moves_all: bool) -> int:
+        """Return how many steps the solver takes per second, MAX_RATE for no limit.
+
+        Parameters
+        ----------
+        moves_all : whether a step of the solver moves all microphones, so that a run has few of them
+        """
+        return self.rate or (WATCHED_RATE if moves_all else MAX_RATE)
+
+    @property
+    def map_order(self) -> int | None:
+        """What is added to ceil(k R) in the map; None for the solver's objective, which no volume shows."""
+        return None if self.objective and not self.style.volume else self.order_offset
 
     def with_values(self, values: Mapping[str, Any]) -> Choices:
         """Return the choices with some values changed, by the names of the fields of Choices and of MapStyle."""
@@ -80,7 +115,8 @@ class Choices:
 
     def to_save(self) -> dict[str, Any]:
         """Return the values that an OpenRequest needs to restore these choices."""
-        keys = ("microphone", "modes", "order_offset", "opacity", *SWITCHES)
+        keys = ("microphone", "modes", "order_offset", "opacity", "relief_height", "slice_axis", "slice_position")
+        keys += ("ellipse_scale", *SWITCHES)
         return {key: getattr(self.style if hasattr(self.style, key) else self, key) for key in keys}
 
 
@@ -103,9 +139,23 @@ def initial_choices(run: PreparedRun, modes: int, before: Choices | None) -> Cho
     choices = Choices(microphone=free[0] if free else 0, seed=run.session.view.state.seed)
     if before is not None:
         kept = {name: getattr(before, name) for name in KEPT}
-        choices = replace(choices, style=replace(before.style, shape=False), **kept)
+        choices = replace(choices, style=_style_elsewhere(before, measurement), **kept)
     wanted = run.opening.choices.items()
-    return choices.with_values({key: _checked(key, value, measurement.count, modes) for key, value in wanted})
+    choices = choices.with_values({key: _checked(key, value, measurement.count, modes) for key, value in wanted})
+    if choices.style.volume and not has_volume(measurement):  # a file of an array in a plane
+        choices = replace(choices, style=replace(choices.style, volume=False))
+    return choices
+
+
+def _style_elsewhere(before: Choices, measurement: Measurement) -> MapStyle:
+    """Return the style of the session before, without what the new measurement may not have."""
+    volume = before.style.volume and has_volume(measurement)
+    return replace(before.style, shape=False, volume=volume, slice_position=None)
+
+
+def has_volume(measurement: Measurement) -> bool:
+    """Return whether the cost of one microphone can be shown in space."""
+    return measurement.array_dimension == 3 and measurement.search is not None
 
 
 def _checked(key: str, value: Any, count: int, modes: int) -> Any:
@@ -114,19 +164,28 @@ def _checked(key: str, value: Any, count: int, modes: int) -> Any:
         return value
     if key == "opacity" and isinstance(value, (int, float)) and 0.1 <= value <= 1:
         return float(value)
+    if key == "relief_height" and isinstance(value, (int, float)) and 0.05 <= value <= 1:
+        return float(value)
     if key == "microphone" and isinstance(value, int) and 0 <= value < count:
         return value
     if key == "order_offset" and isinstance(value, int) and 0 <= value <= MAX_ORDER_OFFSET:
         return value
-    if key == "modes" and value is None:
+    if key in ("modes", "slice_position") and value is None:
         return None
+    if key == "ellipse_scale" and value in ELLIPSE_SCALES.values() and not isinstance(value, bool):
+        return value
+    if key == "slice_axis" and value in SLICES.values():
+        return value
+    if key == "slice_position" and isinstance(value, (int, float)) and math.isfinite(value):
+        return float(value)
     if key == "modes" and isinstance(value, (list, tuple)) and value:
         if all(isinstance(mode, int) and 1 <= mode <= modes for mode in value):
             return tuple(sorted(set(value)))
     raise InputError(
         f"choices.{key} = {value!r} is not possible",
         f"use microphone (0 to {count - 1}), modes (from 1 to {modes}), order_offset (0 to {MAX_ORDER_OFFSET}),"
-        " opacity (0.1 to 1) or, true or false,"
+        f" opacity (0.1 to 1), relief_height (0.05 to 1), slice_axis ({', '.join(SLICES.values())}), slice_position"
+        f" (metres), ellipse_scale ({', '.join(map(str, ELLIPSE_SCALES.values()))}) or, true or false,"
         f" {', '.join(SWITCHES)}",
         key=f"choices.{key}",
         value=value,

@@ -7,7 +7,7 @@ from html import escape
 
 import numpy as np
 
-from ...graphics.units import ALL, format_mm
+from ...graphics.units import ALL, length_text
 from ...model.measurement import Measurement
 from ...model.validation import InputError
 from ...session.history import SessionView
@@ -19,6 +19,7 @@ MAX_ERROR_LENGTH = 400  # characters of an exception
 
 # How the page calls the arguments that an error's remedy mentions (`InputError.worded`).
 CONTROLS = {
+    "frequencies": 'the slider "Frequencies" in the tab Plan',
     "known": 'the slider "Known microphones" in the tab Scene',
     "modes": 'the slider "Last mode" in the tab Solver',
     "radius": "its radius in the file that is shown",
@@ -93,8 +94,8 @@ def error_text(measurement: Measurement, positions: np.ndarray, sought: np.ndarr
         return "unknown (no true positions)"
     aligned, errors = ", after alignment" if measurement.blind else "", errors[sought]
     if len(errors) == 1:
-        return f"<b>{format_mm(errors[0])}</b>{aligned}"
-    return f"mean <b>{format_mm(errors.mean())}</b>, largest {format_mm(errors.max())}{aligned}"
+        return f"<b>{length_text(errors[0])}</b>{aligned}"
+    return f"mean <b>{length_text(errors.mean())}</b>, largest {length_text(errors.max())}{aligned}"
 
 
 def cost_text(cost: float, corrected: bool = False) -> str:

@@ -1,4 +1,4 @@
-"""The two panels and their tabs, which stay as long as the server; the contents of one session come and go.
+"""The panels and their tabs, which stay as long as the server; the contents of one session come and go.
 
 A tab that stays keeps its place in every browser: a user who looks at a tab while another scene is opened sees the
 same tab afterwards.
@@ -12,25 +12,30 @@ from contextlib import AbstractContextManager, contextmanager
 
 import viser
 
-RIGHT_WIDTH, LEFT_WIDTH = 340.0, 300.0  # pixels
-# All tabs of a panel stay in one row of its width; on a phone, whose panel is narrower, in two that do not overlap.
+RIGHT_WIDTH, LEFT_WIDTH = 340.0, 314.0  # pixels
+# All tabs of a panel stay in one row of its width; on a phone, whose sheet is as wide as its screen, in as few rows as
+# they need.
 TABS_STYLE = (
-    "<style>[role=tab] {padding: 0 5px !important}"
-    "@media (max-width: 600px) {[role=tablist] {height: auto !important; flex-wrap: wrap !important}"
+    "<style>[role=tab] {padding: 0 4px !important}"
+    "@media (max-width: 36em) {[style*='width: 20em'] {width: 100% !important}"
+    " [role=tablist] {height: auto !important; flex-wrap: wrap !important}"
     " [role=tab] {height: 2.2em !important; padding: 0 5px !important}}</style>"
 )
+LEGEND_EDGE, LEGEND_WIDTH = 8.0, 600.0  # pixels: from the edges of the canvas, and of the legend where there is room
+LECTURE_WIDTH = 400.0  # pixels, of the legend in lecture mode
 RIGHT = ("Solver", "Scene", "Map", "View", "Export", "Lessons", "Help")  # without icons, which would take too much room
-LEFT = ("Curves", "Maps", "Modes", "Mics", "Race")
+LEFT = ("Curves", "Maps", "Sweep", "Modes", "Mics", "Race", "Plan")
 
 
 class Panels:
-    """Owns the main panel on the right, the panel on the left, and their tabs.
+    """Owns the main panel on the right, the panel on the left, their tabs, and the panel on the canvas.
 
     Attributes
     ----------
     gui : viser.GuiApi
     top : folder above everything else, for messages about the page as a whole
     run_bar : folder between `top` and the tabs
+    canvas : tab of the panel on the canvas, which has the colour bar and the legend
     numbers : counts the sessions
     """
 
@@ -46,6 +51,28 @@ class Panels:
         self.tabs = {name: group.add_tab(name) for name in RIGHT} | {name: panel.add_tab(name) for name in LEFT}
         panel.dock_left()
         panel.set_width(LEFT_WIDTH)
+        self._left, self._legend = panel, gui.add_panel()
+        self.canvas = self._legend.add_tab("Legend")
+        self._folded: bool | None = None
+        self.fold(False)
+        self._legend.expand()  # on a phone, where sections are folded at first
+
+    def fold(self, folded: bool) -> None:
+        """Fold both panels away and put the legend beside the scene, or unfold them and put it below the scene.
+
+        Nothing moves where that is so already; a user may have moved panels since.
+        """
+        if folded == self._folded:
+            return
+        self._folded = folded
+        if folded:
+            self.gui.main_panel.minimize()
+            self._left.minimize()
+            self._legend.float(x=-LEGEND_EDGE, y=LEGEND_EDGE, width=LECTURE_WIDTH)
+            return
+        self.gui.main_panel.expand()
+        self._left.expand()
+        self._legend.float(x=LEGEND_EDGE, y=-LEGEND_EDGE, width=LEGEND_WIDTH)
 
     def tab(self, name: str) -> viser.GuiTabHandle:
         """Return a tab; used as a context, controls are added to it."""
@@ -67,6 +94,14 @@ class SessionFolders:
     def tab(self, name: str) -> AbstractContextManager[viser.GuiFolderHandle]:
         """Return a context in which controls are added to a tab."""
         return self._added(self._panels.tab(name))
+
+    def fold(self, folded: bool) -> None:
+        """Fold the panels away, or unfold them."""
+        self._panels.fold(folded)
+
+    def canvas(self) -> AbstractContextManager[viser.GuiFolderHandle]:
+        """Return a context in which controls are added to the panel on the canvas."""
+        return self._added(self._panels.canvas)
 
     def run_bar(self) -> AbstractContextManager[viser.GuiFolderHandle]:
         """Return a context in which controls are added above the tabs of the main panel."""

@@ -2,36 +2,55 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from html import escape
 
 import numpy as np
 
 from ...graphics.heatmap import to_rgb
-from ...graphics.markers import ESTIMATE, KNOWN, LOWEST, ODD
+from ...graphics.legend import Entry
+from ...graphics.legend_image import HALO_WIDTH
 from ...graphics.primitives import ColourBar, format_number
 from .html import CARD, MAX_ERROR_LENGTH
 
+EDGE = 18  # pixels, of a symbol
+# The panel on the canvas has no row of tabs, and leaves room for the panels at its sides. On a phone, where viser puts
+# it into the sheet below, it stands above the scene, also while the sheet is folded.
+CANVAS_STYLE = (
+    "<style>[data-floating-window]:has(.fdcal-legend) {max-width: max(300px, calc(100vw - 670px)); opacity: 0.94}"
+    "[data-floating-window]:has(.fdcal-legend) [role=tablist] {display: none !important}"
+    "[data-floating-window]:has(.fdcal-lecture) {max-width: none; opacity: 1}"
+    "[data-dock-group]:has(.fdcal-lecture) {zoom: 1.35}"
+    ".fdcal-lecture, .fdcal-lecture * {opacity: 1 !important}"
+    "@media (max-width: 36em) {.fdcal-legend {position: fixed; top: 0; left: 0; right: 0; font-size: 0.8em;"
+    " background: var(--mantine-color-body); z-index: 9; padding: 2px 4px}"
+    " [style*='display: none']:has(.fdcal-legend) {display: block !important; opacity: 1 !important}}</style>"
+)
 
-def legend(odd_channels: bool = True) -> str:
-    """Return the legend of the marks in the scene, that of odd channels as well where there can be any."""
-    diamond, small = "<path d='M9 3L15 9L9 15L3 9Z' fill='none'", "<path d='M9 6L12 9L9 12L6 9Z' fill='none'"
-    circle, cross, white = (
-        "<circle cx='9' cy='9' r='5.5' fill='none'",
-        "<path d='M4 4L14 14M14 4L4 14'",
-        "stroke='#fff'",
-    )
-    marks = {
-        "true": f"{circle} {white} stroke-width='5'/>{circle} stroke='#000' stroke-width='2'/>",
-        "estimate": f"{cross} {white} stroke-width='5.5'/>{cross} stroke='{_css(ESTIMATE)}' stroke-width='2.6'/>",
-        "known": "<rect x='3' y='3' width='12' height='12' fill='#fff'/>"
-        f"<rect x='5' y='5' width='8' height='8' fill='{_css(KNOWN)}'/>",
-        "lowest cost": f"{diamond} {white} stroke-width='4.5'/>{diamond} stroke='{_css(LOWEST)}' stroke-width='2.4'/>",
-        "other minimum": f"{small} {white} stroke-width='4'/>{small} stroke='{_css(LOWEST)}' stroke-width='1.8'/>",
-    }
-    if odd_channels:
-        stroke = f"fill='none' stroke='{_css(ODD)}' stroke-width='1.8'"
-        marks["odd channel"] = f"<circle cx='9' cy='9' r='7' {stroke}/><path d='M4 4L14 14' {stroke}/>"
-    return f"<div style='{CARD}'>{_marks(marks)}</div>"
+
+def legend(entries: Iterable[Entry]) -> str:
+    """Return the entries of a legend, each with its symbol."""
+    return f"<div style='{CARD}'>{_marks({escape(entry.text): symbol(entry) for entry in entries})}</div>"
+
+
+def symbol(entry: Entry) -> str:
+    """Return the symbol of an entry as SVG."""
+    half, corners = EDGE / 2, [(np.array(path) * [1.0, -1.0] + 1) * EDGE / 2 for path in entry.paths]
+    paths = ["M" + "L".join(f"{x:.3g} {y:.3g}" for x, y in path) for path in corners]
+    layers = [("#fff", entry.width + HALO_WIDTH)] if entry.halo else []
+    drawn = ""
+    for colour, width in (*layers, (_css(entry.colour), entry.width)):
+        for i, path in enumerate(paths):
+            fill = colour if entry.filled and i == 0 else "none"
+            style = f"fill='{fill}' stroke='{colour}' stroke-width='{width * half:.3g}' stroke-linejoin='round'"
+            drawn += f"<path d='{path}' {style}/>"
+    return _svg(drawn)
+
+
+def _svg(mark: str) -> str:
+    """A drawing of EDGE by EDGE pixels; its size follows the text."""
+    style = "width: 1.4em; height: 1.4em; vertical-align: -0.35em"
+    return f"<svg viewBox='0 0 {EDGE} {EDGE}' style='{style}'>{mark}</svg>"
 
 
 def spectrum_legend(curve: bool, inside: str, outside: str, limit: str, line: str) -> str:
@@ -53,20 +72,26 @@ def spectrum_legend(curve: bool, inside: str, outside: str, limit: str, line: st
         "f<sub>max</sub>": f"<path d='M9 1V17' stroke='{limit}' stroke-width='1.8' stroke-dasharray='5 3'/>",
     }
     marks |= {"mean power": f"<path d='M1 15L6 13L9 3L12 13L17 15' fill='none' stroke='{line}'/>"} if curve else {}
-    return f"<div style='{CARD}'>{_marks(marks)}</div>"
+    return f"<div style='{CARD}'>{_marks({name: _svg(mark) for name, mark in marks.items()})}</div>"
 
 
 def _marks(marks: dict[str, str]) -> str:
-    """Return drawings of 18 by 18 pixels, each with its name."""
+    """Return drawings, each with its name."""
     return "".join(
-        "<span style='white-space: nowrap; margin-right: 1.1em'>"
-        f"<svg width='18' height='18' style='vertical-align: -4px'>{mark}</svg> {name}</span>"
+        f"<span style='white-space: nowrap; margin-right: 1.1em; display: inline-block'>{mark} {name}</span>"
         for name, mark in marks.items()
     )
 
 
-def colour_bar(bar: ColourBar | None, reason: str = "") -> str:
-    """Return the scale of a map with ticks and unit, or the reason why there is no map."""
+def colour_bar(bar: ColourBar | None, reason: str = "", beside: bool = False) -> str:
+    """Return the scale of a map with ticks and unit, or the reason why there is no map.
+
+    Parameters
+    ----------
+    bar : ColourBar, or None
+    reason : why there is no map
+    beside : whether the label stands beside the scale, not below it
+    """
     if bar is None:
         return f"<div style='{CARD} opacity: 0.65'>{escape(reason[:MAX_ERROR_LENGTH]) or 'no map'}</div>"
     gradient = ", ".join(_css(colour) for colour in to_rgb(np.linspace(0, 1, 17), bar.colour_map))
@@ -76,14 +101,30 @@ def colour_bar(bar: ColourBar | None, reason: str = "") -> str:
         f"{text}</div>"
         for share, text in bar.ticks
     )
-    note = f"; values below {format_number(bar.low, 2)} are clipped" if bar.clipped else ""
+    note = f"values below {format_number(bar.low, 2)} are clipped" if bar.clipped else ""
+    words = "<br>".join if beside else "; ".join
+    layout = "display: flex; align-items: center; gap: 0.5em; line-height: 1.2" if beside else ""
     return (
-        f"<div style='{CARD}'><div style='margin: 0.3em 1em 0 1em'>"
+        f"<div style='{CARD} {layout}'><div style='margin: 0.3em 1em 0 1em; flex: 1'>"
         f"<div style='height: 12px; border-radius: 2px; background: linear-gradient(to right, {gradient})'></div>"
         f"<div style='position: relative; height: 1.7em; font-size: 0.9em'>{ticks}</div></div>"
-        f"<div style='opacity: 0.75; text-align: center'>{escape(bar.label)}{note}</div></div>"
+        f"<div style='opacity: 0.85; text-align: center'>{words(filter(None, (escape(bar.label), note)))}</div></div>"
     )
 
 
 def _css(colour) -> str:
     return f"rgb({int(colour[0])},{int(colour[1])},{int(colour[2])})"
+
+
+def canvas_legend(bar: ColourBar | None, entries: Iterable[Entry], lecture: bool = False) -> str:
+    """Return what stands on the canvas: the colour bar of the map, if there is one, and the marks that are drawn.
+
+    Parameters
+    ----------
+    bar : ColourBar, or None
+    entries : of the legend
+    lecture : whether it stands beside the scene, in large type
+    """
+    scale = "" if bar is None else colour_bar(bar, beside=not lecture)
+    kind = "fdcal-legend fdcal-lecture" if lecture else "fdcal-legend"
+    return f"{CANVAS_STYLE}<div class='{kind}'>{scale}{legend(entries)}</div>"

@@ -7,15 +7,16 @@ from html import escape
 from ...session.lesson import Lesson, Step
 from .html import CARD
 
-LETTERS = "ABCDEF"
 INTRODUCTION = (
     "A lesson sets the controls for you, asks a question, and shows what happens. Everyone who has this page open"
-    " follows the same lesson."
+    " follows the same lesson. What the page shows now comes back when the lesson ends."
 )
+WAITS = 'Your session waits, paused. "End lesson" brings it back, with all controls as they were.'
+RACE_WAITS = 'Your session and its race wait, paused. "End lesson" brings them back, with all controls as they were.'
 
 
-def step_html(lesson: Lesson | None, number: int, choice: int, ready: bool = True) -> str:
-    """Return a step of a lesson, with the answer once one is chosen.
+def step_html(lesson: Lesson | None, number: int, choice: int, ready: bool = True, waits: str = "") -> str:
+    """Return a step of a lesson, with the answer once one is chosen; before that, its choices are buttons.
 
     Parameters
     ----------
@@ -23,6 +24,7 @@ def step_html(lesson: Lesson | None, number: int, choice: int, ready: bool = Tru
     number : int, of the step, from 0
     choice : int, the answer chosen, from 0; -1 before one is chosen
     ready : bool, whether the page shows what the step asks about; the question is left out until then
+    waits : what waits for the end of the lesson, in words
 
     Returns
     -------
@@ -32,7 +34,10 @@ def step_html(lesson: Lesson | None, number: int, choice: int, ready: bool = Tru
     if lesson is None:
         return f"<div style='{CARD}'>{INTRODUCTION}</div>"
     step = lesson.steps[number]
-    parts = [f"<div style='opacity: 0.65'>Step {number + 1} of {len(lesson.steps)}</div>"]
+    place = f"{escape(lesson.title)}, step {number + 1} of {len(lesson.steps)}"
+    parts = [f"<div style='opacity: 0.75'>{place}</div>"]
+    if number == 0 and choice < 0 and waits:
+        parts.append(f"<div style='opacity: 0.75; font-size: 0.9em'>{escape(waits)}</div>")
     if choice < 0:
         parts.append(_paragraphs(step.text))
     if ready:
@@ -43,16 +48,20 @@ def step_html(lesson: Lesson | None, number: int, choice: int, ready: bool = Tru
 
 
 def _question(step: Step, choice: int) -> list[str]:
-    """Return the question, its choices and, once one is chosen, the answer."""
+    """Return the question and, once an answer is chosen, the choices, which of them is right, and why."""
     parts = [_bold(escape(step.question))] if step.question else []
+    if choice < 0:
+        return parts
     right = step.answer - 1
     for i, text in enumerate(step.choices):
-        mark = "" if choice < 0 else " &#10003;" if i == right else " &#10007;" if i == choice else ""
-        weight = "font-weight: 600" if mark else ""
-        parts.append(f"<div style='{weight}'>{LETTERS[i]}&ensp;{escape(text)}{mark}</div>")
-    if choice >= 0:
-        parts += [_bold("Right." if choice == right else f"The answer is {LETTERS[right]}."), _paragraphs(step.reveal)]
-    return parts
+        mark = "&#10003;" if i == right else "&#10007;" if i == choice else ""
+        weight = "font-weight: 600" if mark else "opacity: 0.75"
+        parts.append(
+            f"<div style='display: flex; {weight}'><span style='width: 1.4em'>{mark}</span>"
+            f"<span style='flex: 1'>{escape(text)}</span></div>"
+        )
+    verdict = "Right." if choice == right else f"The answer is: {escape(step.choices[right])}."
+    return [*parts, _bold(verdict), _paragraphs(step.reveal)]
 
 
 def _bold(html: str) -> str:

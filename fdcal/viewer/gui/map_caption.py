@@ -56,4 +56,5 @@ def caption(drawn: CostMap | None, orders: str = "") -> str:
     what += f": <b>{minima}</b> in the map" if request.style.minima else ""
     lowest = f", lowest {lowest}" if request.style.minima else ""
     orders = f"<br>{orders}" if orders else ""
+    orders = f"<br>{drawn.volume.text}{orders}" if drawn.volume is not None else orders
     return f"<div style='{html.CARD}'>{what}<br>cost at the estimate <b>{here}</b>{lowest}{orders}</div>"

@@ -1,4 +1,7 @@
-"""A plot by uPlot that is made again only where its title or its decades change, and common colours of curves.
+"""A plot by uPlot that stays in its place while its data, title and axes change, and common colours of curves.
+
+A plot that is removed and added again has no width for a moment, in which it pushes what is below it off the screen,
+and data for the old one may still be on their way.
 
 uPlot writes small numbers as 0, so errors are drawn in millimetres and costs in decibels. A NaN makes it search for
 axis ticks without end, so none is sent.
@@ -14,6 +17,7 @@ from viser import uplot
 
 RED, BLUE, ORANGE, GREY = "#d61828", "#1f78c8", "#e08a1e", "#8a8f98"
 MAX_NUMBERED_DECADES = 9  # decades that have a number each on the axis
+WHOLE_STEPS = tuple(float(step * 10**power) for power in range(7) for step in (1, 2, 5))  # between ticks
 PADDING = (12, 22, 0, 0)  # pixels; on the right the last number extends half beyond the axis
 
 
@@ -28,6 +32,8 @@ class Plot:
     x : label of the abscissa, with its unit
     scales : further scales of uPlot, by name
     height : pixels
+    whole : whether the abscissa has ticks at whole numbers alone, at any zoom
+    legend : whether the plot has a legend below
     """
 
     def __init__(
@@ -38,17 +44,38 @@ class Plot:
         x: str,
         scales: dict[str, uplot.Scale] | None = None,
         height: int = 215,
+        whole: bool = False,
+        legend: bool = True,
     ):
+        self._legend: Any = None if legend else {"show": False}
+        self._steps: dict[str, Any] = {"incrs": WHOLE_STEPS} if whole else {}
         self._gui, self._series, self._x, self._scales, self._height = gui, series, x, scales or {}, height
         self._folder, self.title, self.decades = gui.add_folder(None), title, None
+        self.limits: tuple[float, float] | None = None
         self.handle: viser.GuiUplotHandle | None = None
+
+    @property
+    def visible(self) -> bool:
+        """Whether the plot can be seen."""
+        return self._folder.visible
+
+    @visible.setter
+    def visible(self, visible: bool) -> None:
+        if self._folder.visible != visible:
+            self._folder.visible = visible
 
     @property
     def data(self) -> tuple[np.ndarray, ...]:
         """The columns that are drawn; empty before the first."""
         return () if self.handle is None else self.handle.data
 
-    def show(self, data: tuple[np.ndarray, ...], decades: range | None = None, title: str | None = None) -> None:
+    def show(
+        self,
+        data: tuple[np.ndarray, ...],
+        decades: range | None = None,
+        title: str | None = None,
+        limits: tuple[float, float] | None = None,
+    ) -> None:
         """Draw columns of finite numbers.
 
         Parameters
@@ -56,34 +83,40 @@ class Plot:
         data : abscissa and ordinates, (P,) float64 each
         decades : powers of ten between the ends of a logarithmic axis; None for a linear axis with uPlot's own ends
         title : a new title, or None to keep the present one
+        limits : ends of a linear axis; None for uPlot's own
         """
         title = title or self.title
-        if self.handle is not None and (title, decades) == (self.title, self.decades):
-            self.handle.data = data
+        renamed, rescaled = title != self.title, (decades, limits) != (self.decades, self.limits)
+        self.title, self.decades, self.limits = title, decades, limits
+        if self.handle is None:
+            with self._folder:
+                self.handle = self._make(data)
             return
-        self.title, self.decades = title, decades
-        if self.handle is not None:
-            self.handle.remove()
-        with self._folder:
-            self.handle = self._make(data)
+        if renamed:
+            self.handle.title = title
+        if rescaled:
+            self.handle.scales, self.handle.axes = self._scales_and_axes()
+        self.handle.data = data
 
-    def _make(self, data: tuple[np.ndarray, ...]) -> viser.GuiUplotHandle:
+    def _scales_and_axes(self) -> tuple[dict[str, uplot.Scale], tuple[uplot.Axis, uplot.Axis]]:
         y, axis = uplot.Scale(), uplot.Axis(size=58)
+        if self.limits is not None:
+            y = uplot.Scale(range=self.limits)
         if self.decades is not None:
             splits = tuple(10.0**power for power in self.decades)
             apart = 1 + len(splits) // MAX_NUMBERED_DECADES
             numbers = tuple(f"{split:,g}" if i % apart == 0 else "" for i, split in enumerate(splits))
             y = uplot.Scale(distr=3, range=(splits[0], splits[-1]))
             axis = uplot.Axis(size=58, splits=splits, values=numbers)
+        scales = {"x": uplot.Scale(time=False), "y": y, **self._scales}
+        return scales, (uplot.Axis(label=self._x, labelSize=20, size=34, **self._steps), axis)
+
+    def _make(self, data: tuple[np.ndarray, ...]) -> viser.GuiUplotHandle:
+        scales, axes = self._scales_and_axes()
         return self._gui.add_uplot(
-            data=data,
-            series=self._series,
-            title=self.title,
-            scales={"x": uplot.Scale(time=False), "y": y, **self._scales},
-            axes=(uplot.Axis(label=self._x, labelSize=20, size=34), axis),
-            height=self._height,
-            padding=PADDING,
-        )
+            data=data, series=self._series, title=self.title, scales=scales, axes=axes, height=self._height,
+            padding=PADDING, legend=self._legend,
+        )  # fmt: skip
 
     def remove(self) -> None:
         """Remove the plot from the panel."""

@@ -11,50 +11,26 @@ from __future__ import annotations
 import collections
 import contextlib
 import logging
-import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 import viser
 
 from ...graphics.camera import Camera, camera_for
 from ...graphics.primitives import Picture
-from ..server.client_values import bounded
+from .placement import TOLERANCE, KeptView, Placement, canvas, is_at, kept_view, planes, stands_at
 
 log = logging.getLogger(__name__)
 
-TOP_FOV = 0.06  # rad, of the top view: from far away, so that it looks like a plan
-MAX_PIXELS = 16384  # of a canvas
+TOP_FOV = 0.02  # rad, of the top view: from so far away that a relief lies on its axes, as on a plan
 CHECKS = (1, 2, 4, 8, 16)  # looks after a placement at which the page is made to report the size of its canvas again
 KEPT_POSITIONS = 6  # last positions of a camera that are remembered
-DEPTH_RANGE = 40.0  # times nearer and farther than what is looked at: nothing is drawn beyond
-AIM_TOLERANCE = 4e-6  # of its distance: how far from its target a page's camera may aim
-TOLERANCE = 1e-3  # relative, of camera positions that count as equal
 FOV_NUDGE = 1e-4  # relative change of a field of view that makes the page report its camera
-MARGINS = (76, 44, 34, 40)  # pixels left, bottom, right and top of the search domain, for its rulers
+MARGINS = (76, 156, 34, 40)  # pixels left, bottom, right and top of the search domain, for its rulers and the legend
+LECTURE_MARGINS = (110, 92, 450, 60)  # likewise, with larger numbers and the legend on the right
 PHONE_WIDTH = 440  # pixels, of the widest canvas of a telephone
 PHONE_PANEL = 0.62  # of the height of its canvas, which the panel covers
-PHONE_MARGINS = (48, 24, 34)  # pixels left, right and top there
-ASSUMED_SIZE = 720  # pixels, of a canvas whose size is not reported
-
-
-@dataclass(frozen=True)
-class Placement:
-    """The last command to a page.
-
-    Attributes
-    ----------
-    view : as in graphics.camera.VIEWS
-    size : (width, height) of the canvas at that time, pixels, or None
-    camera : that was commanded, or None
-    positions : the last ones of the camera, metres
-    """
-
-    view: str = "top"
-    size: tuple[int, int] | None = None
-    camera: Camera | None = None
-    positions: tuple[tuple[float, float, float], ...] = ()
+PHONE_MARGINS = (48, 24, 110)  # pixels left, right and top there
 
 
 class Cameras:
@@ -63,16 +39,18 @@ class Cameras:
     Attributes
     ----------
     picture : what there is to be seen, or None
+    legend_beside : whether the legend stands beside the scene, as in lecture mode, and not below it
     """
 
     def __init__(self, server: viser.ViserServer):
         self._server = server
         self.picture: Picture | None = None
+        self.legend_beside = False
         self._placements: dict[int, Placement] = {}
         self._looks: dict[int, int] = {}  # by page: looks since its camera was placed
-        self._requests: collections.deque[tuple[viser.ClientHandle, str | None]] = collections.deque()
+        self._requests: collections.deque[tuple[viser.ClientHandle, str | Camera | None]] = collections.deque()
 
-    def request(self, client: viser.ClientHandle, view: str | None = None) -> None:
+    def request(self, client: viser.ClientHandle, view: str | Camera | None = None) -> None:
         """Have the main loop place a page's camera or, without a view, check whether its canvas has changed.
 
         For any thread. Two threads that place one camera could each send what the other takes for the last command.
@@ -90,7 +68,21 @@ class Cameras:
             else:
                 self.place(client, view)
 
-    def place(self, client: viser.ClientHandle, view: str) -> None:
+    def kept_views(self) -> dict[int, KeptView]:
+        """Return how each page looks at the scene, by the number of its client."""
+        kept = {}
+        for number, client in self._server.get_clients().items():
+            with self._guarded(client):
+                kept[number] = kept_view(client.camera, self._placements.get(number, Placement()))
+        return kept
+
+    def request_kept(self, kept: Mapping[int, KeptView]) -> None:
+        """`request` for every page that is still open what `kept_views` has returned."""
+        for number, client in self._server.get_clients().items():
+            if number in kept:
+                self.request(client, kept[number].camera or kept[number].view)
+
+    def place(self, client: viser.ClientHandle, view: str | Camera) -> None:
         """Place one page's camera so that the search domain fills what the panels leave free.
 
         A page that reports an impossible camera is left alone; the others go on.
@@ -98,10 +90,13 @@ class Cameras:
         Parameters
         ----------
         client : the page
-        view : as in graphics.camera.VIEWS
+        view : as in graphics.camera.VIEWS, or the camera itself
         """
         with self._guarded(client):
-            self._place(client, view)
+            if isinstance(view, Camera):
+                self._command(client, view, Placement("", canvas(client.camera), self.legend_beside, view))
+            else:
+                self._place(client, view)
 
     @contextlib.contextmanager
     def _guarded(self, client: viser.ClientHandle) -> Iterator[None]:
@@ -116,16 +111,20 @@ class Cameras:
         if self.picture is None:
             return
         camera = client.camera
-        size = _canvas(camera)
-        wanted = camera_for(self.picture, size, view, _margins(size), fov=TOP_FOV if view == "top" else None)
+        size, beside = canvas(camera), self.legend_beside
+        wanted = camera_for(self.picture, size, view, _margins(size, beside), fov=TOP_FOV if view == "top" else None)
         x, y, z = self._server.initial_camera.position
         before = self._placements.get(client.client_id, Placement(positions=((x, y, z),))).positions
         before = tuple(p for p in before if not np.allclose(p, wanted.position, rtol=TOLERANCE))
         positions = (*before, wanted.position)[-KEPT_POSITIONS:]
-        self._placements[client.client_id] = Placement(view, size, wanted, positions)
+        self._command(client, wanted, Placement(view, size, beside, wanted, positions))
+
+    def _command(self, client: viser.ClientHandle, wanted: Camera, placement: Placement) -> None:
+        self._placements[client.client_id] = placement
         self._looks[client.client_id] = 0
+        camera = client.camera
         with client.atomic():
-            camera.near, camera.far = _planes(wanted)
+            camera.near, camera.far = planes(wanted)
             camera.fov, camera.up_direction = wanted.fov, wanted.up
             camera.position, camera.look_at = wanted.position, wanted.look_at
 
@@ -156,8 +155,9 @@ class Cameras:
         if placement.camera is None:
             self._place(client, placement.view)
             return
-        placed = _canvas(camera) == placement.size and _is_at(camera, placement.camera)
-        if not placed and any(_stands_at(camera, position) for position in placement.positions):
+        fits = (canvas(camera), self.legend_beside) == (placement.size, placement.beside)
+        placed = fits and is_at(camera, placement.camera)
+        if not placed and any(stands_at(camera, position) for position in placement.positions):
             self._place(client, placement.view)
 
     def follow_all(self, clients) -> None:
@@ -189,42 +189,13 @@ class Cameras:
         size : (width, height) that is assumed, pixels
         """
         wanted, first = camera_for(picture, size, "top", MARGINS, fov=TOP_FOV), self._server.initial_camera
-        first.near, first.far = _planes(wanted)
+        first.near, first.far = planes(wanted)
         first.fov, first.up, first.position, first.look_at = wanted.fov, wanted.up, wanted.position, wanted.look_at
 
 
-def _canvas(camera) -> tuple[int, int]:
-    """Width and height, pixels, that a page reports; bounded, for it may report anything."""
-    width, height = camera.image_width, camera.image_height
-    return bounded(width, 1, MAX_PIXELS, ASSUMED_SIZE), bounded(height, 1, MAX_PIXELS, ASSUMED_SIZE)
-
-
-def _margins(size: tuple[int, int]) -> tuple[int, int, int, int]:
-    """Pixels left, bottom, right and top of what is looked at."""
+def _margins(size: tuple[int, int], beside: bool = False) -> tuple[int, int, int, int]:
+    """Pixels left, bottom, right and top of what is looked at, with the legend `beside` it or below it."""
     if size[0] > PHONE_WIDTH or size[1] < 1.6 * size[0]:
-        return MARGINS
+        return LECTURE_MARGINS if beside else MARGINS
     left, right, top = PHONE_MARGINS
     return left, round(PHONE_PANEL * size[1]), right, top
-
-
-def _stands_at(camera, position) -> bool:
-    return bool(np.allclose(camera.position, position, rtol=TOLERANCE))
-
-
-def _planes(wanted: Camera) -> tuple[float, float]:
-    """Distances from the eye, metres, between which things are drawn."""
-    distance = math.dist(wanted.position, wanted.look_at)
-    return distance / DEPTH_RANGE, distance * DEPTH_RANGE
-
-
-def _is_at(camera, wanted: Camera) -> bool:
-    """Whether a page's camera is the one that was commanded: position, direction, field of view, clipping planes.
-
-    The direction counts to AIM_TOLERANCE: from the top, the hair's breadth from straight down decides which way is up.
-    """
-    off = np.subtract(camera.look_at, camera.position) - np.subtract(wanted.look_at, wanted.position)
-    aimed = np.abs(off[:2]).max() <= AIM_TOLERANCE * math.dist(wanted.position, wanted.look_at)
-    at = _stands_at(camera, wanted.position)
-    at = at and np.allclose(camera.look_at, wanted.look_at, rtol=TOLERANCE, atol=TOLERANCE)
-    clipped = np.allclose((camera.near, camera.far), _planes(wanted), rtol=TOLERANCE, atol=0)
-    return bool(at and aimed and clipped and abs(camera.fov - wanted.fov) <= TOLERANCE * wanted.fov)

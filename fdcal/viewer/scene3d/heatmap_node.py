@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...graphics.primitives import Floor
+from ...graphics.relief import relief_grid
 
 if TYPE_CHECKING:
     import trimesh
@@ -26,7 +27,7 @@ def image_of(floor: Floor) -> np.ndarray:
 
 
 def surface_of(floor: Floor, heights: np.ndarray) -> trimesh.Trimesh:
-    """Return a map in relief as a textured surface through the centres of its pixels.
+    """Return a map in relief as a textured surface through the middles of its pixels and to the edges of the map.
 
     The material neither reflects its surroundings nor shines, so that the colours are those of the map.
 
@@ -39,13 +40,17 @@ def surface_of(floor: Floor, heights: np.ndarray) -> trimesh.Trimesh:
     from PIL import Image
     from trimesh.visual import TextureVisuals, material
 
-    ny, nx = heights.shape
-    u, v = np.meshgrid(*((np.arange(count) + 0.5) / count for count in (nx, ny)))
-    x, y = (o + size * share.ravel() for o, size, share in zip(floor.origin, floor.size, (u, v), strict=True))
+    grid = relief_grid(floor.origin, floor.size, heights)
+    ny, nx = grid.heights.shape
+    x, y = (places.ravel() for places in np.meshgrid(grid.x, grid.y))
+    u, v = (
+        np.clip((places - low) / size, 0.5 / count, 1 - 0.5 / count)  # beyond, the other edge of the texture mixes in
+        for places, low, size, count in zip((x, y), floor.origin, floor.size, heights.shape[::-1], strict=True)
+    )
     corner = (nx * np.arange(ny - 1)[:, None] + np.arange(nx - 1)).ravel()[:, None]
     faces = np.concatenate([corner + [0, 1, nx + 1], corner + [0, nx + 1, nx]])
     image = Image.fromarray(np.ascontiguousarray(floor.rgb[::-1]))
     matt = material.PBRMaterial(baseColorTexture=image, metallicFactor=0.0, roughnessFactor=1.0, doubleSided=True)
-    visual = TextureVisuals(uv=np.column_stack([u.ravel(), v.ravel()]), material=matt)
-    vertices = np.column_stack([x, y, floor.height + heights.ravel()])
+    visual = TextureVisuals(uv=np.column_stack([u, v]), material=matt)
+    vertices = np.column_stack([x, y, floor.height + grid.heights.ravel()])
     return trimesh.Trimesh(vertices, faces, visual=visual, process=False)

@@ -10,12 +10,14 @@ import numpy as np
 import viser
 
 from ...graphics.primitives import Floor, Label, Lines, Mesh, Picture
+from ...graphics.solids import Plate, Surface
 from .cameras import Cameras
 from .heatmap_node import image_of, same_extent, surface_of
+from .space_nodes import orientation, same_frame, trimesh_of
 
 RULER_TEXT = 1.5  # height of a ruler's numbers, in radii of a marker
 
-Part = Lines | Mesh | Label | Floor
+Part = Lines | Mesh | Label | Floor | Surface | Plate
 
 
 class SceneNodes:
@@ -34,6 +36,7 @@ class SceneNodes:
         self._parts: dict[str, Part] = {}
         self._handles: dict[str, Any] = {}
         self._marker: float | None = None
+        self._text = 1.0  # size of labels
         self.cameras = Cameras(server)
 
     @property
@@ -49,12 +52,13 @@ class SceneNodes:
     def show(self, picture: Picture) -> None:
         """Make the scene look like `picture`."""
         parts: dict[str, Part] = {part.name: part for part in (*picture.lines, *picture.meshes, *picture.labels)}
+        parts |= {part.name: part for part in (*picture.surfaces, *picture.plates)}
         if picture.floor is not None:
             # No other name may lie below it: viser would move that node along. And a page keeps the position of a name
             # for the next node of that name, so a relief, which has none, needs a name of its own.
             parts["floor" if picture.floor.heights is None else "relief"] = picture.floor
         rescaled = self._marker is not None and self._marker != picture.marker_radius
-        self._marker = picture.marker_radius
+        self._marker, self._text = picture.marker_radius, picture.theme.text
         self.cameras.picture = picture
         with self._server.atomic():
             for name in sorted(self._handles.keys() - parts.keys(), reverse=True):  # a child before its parent
@@ -74,6 +78,10 @@ class SceneNodes:
             return self._send_floor(name, old, handle, part)
         if isinstance(part, Label):
             return self._send_label(name, handle, part)
+        if isinstance(part, Plate):
+            return self._send_plate(name, old, handle, part)
+        if isinstance(part, Surface):
+            return self._server.scene.add_mesh_trimesh(name, trimesh_of(part), cast_shadow=False, receive_shadow=False)
         return self._send_solid(name, old, handle, part)
 
     def _send_lines(self, name: str, old: Part | None, handle, lines: Lines):
@@ -97,16 +105,31 @@ class SceneNodes:
             wxyz=(1.0, 0.0, 0.0, 0.0), position=(x + width / 2, y + depth / 2, floor.height),
         )  # fmt: skip
 
+    def _send_plate(self, name: str, old: Part | None, handle, plate: Plate):
+        place = tuple(plate.corners.mean(axis=0).tolist())
+        if isinstance(old, Plate) and same_frame(old, plate):
+            if old.rgb is not plate.rgb:
+                handle.image = plate.rgb
+            handle.position = place
+            return handle
+        return self._server.scene.add_image(
+            name, plate.rgb, *plate.size, format="png", cast_shadow=False, receive_shadow=False,
+            wxyz=orientation(plate), position=place,
+        )  # fmt: skip
+
     def _send_label(self, name: str, handle, label: Label):
         if handle is None:
             ruler = label.name.startswith("frame/")  # sized in the room, so that numbers do not collide from afar
             return self._server.scene.add_label(
                 name, label.text, position=label.position, anchor=label.anchor,
                 font_size_mode="scene" if ruler else "screen", font_scene_height=RULER_TEXT * (self._marker or 0.0),
+                font_screen_scale=self._text,
             )  # fmt: skip
         handle.text, handle.position, handle.anchor = label.text, label.position, label.anchor
         if handle.font_scene_height != (height := RULER_TEXT * (self._marker or 0.0)):  # another scene, another size
             handle.font_scene_height = height
+        if handle.font_screen_scale != self._text:
+            handle.font_screen_scale = self._text
         return handle
 
     def _send_solid(self, name: str, old: Part | None, handle, solid: Mesh):

@@ -57,27 +57,19 @@ class MicrophonePicker:
         self._discs = self._add_discs(server, name)
 
     def _add_discs(self, server: viser.ViserServer, name: str):
-        """Add one disc for each microphone, and specks in the corners.
-
-        The browser looks for discs only inside the box that they all spanned at first, so they span the whole search
-        domain from the start, under a new name each time.
-        """
-        radius, count, specks = DISC_RADIUS * self._marker, self._binding.measurement.count, len(self._corners)
-        vertices, faces = annuli(np.zeros((1, 3)), radius / 2, radius, corners=12)
-        positions = np.concatenate([np.tile(self._corners[0], (count, 1)), self._corners])
-        discs = server.scene.add_batched_meshes_simple(
-            name, vertices, faces, np.tile([1.0, 0.0, 0.0, 0.0], (count + specks, 1)), positions,
-            batched_scales=np.repeat([1.0, 1e-3], [count, specks]),
-            opacity=0.0, side="double", lod="off", cast_shadow=False, receive_shadow=False,
-        )  # fmt: skip
+        """Add one disc for each microphone."""
+        start = np.tile(self._corners[0], (self._binding.measurement.count, 1))
+        discs = add_discs(server, name, start, DISC_RADIUS * self._marker, self._corners)
 
         @discs.on_click
         async def _(event) -> None:
+            self._binding.touch()
             if self._exists(event.instance_index):
                 self._select(event.instance_index)
 
         @discs.on_drag("left")
         async def _(event) -> None:
+            self._binding.touch()
             self._drag(event)
 
         return discs
@@ -86,9 +78,10 @@ class MicrophonePicker:
         return isinstance(index, int) and 0 <= index < self._binding.measurement.count
 
     def _movable(self, index) -> bool:
-        """Whether a microphone may be dragged: a known one stays where it is given, unless it is released."""
-        binding = self._binding
-        return self._exists(index) and (binding.choices.release or index not in binding.run.problem.known)
+        """Whether a microphone may be dragged: a known one stays, unless it is released or only planned."""
+        binding, choices = self._binding, self._binding.choices
+        free = choices.release or choices.plan.shown
+        return self._exists(index) and (free or index not in binding.run.problem.known)
 
     def _drag(self, event) -> None:
         """Move the microphone to where the line of sight meets its height, inside the search domain."""
@@ -98,9 +91,9 @@ class MicrophonePicker:
             return
         level = self._base if self._shown is None else self._shown[event.instance_index, 2]
         eye, point = (np.asarray(at, float) for at in (event.client.camera.position, event.end_position))
-        position = _intersect(eye, point, level)
+        position = ground_point(eye, point, level)
         if position is not None:
-            self._binding.session.place(
+            self._binding.place(
                 event.instance_index, np.clip(position, self._low, self._high), self._gesture[event.client_id]
             )
         if event.phase == "end":
@@ -122,7 +115,7 @@ class MicrophonePicker:
         positions : (N, D) float64, metres
         floor : the map, on the relief of which they stand, or None
         """
-        points = drape(positions, floor)
+        points = drape(positions, floor, self._marker)
         heights = points[:, 2] if points.shape[1] == 3 else np.full(len(points), self._base)
         discs = np.column_stack([points[:, :2], heights + DISC_HEIGHT * self._marker])
         if self._shown is None or not np.array_equal(self._shown, discs):
@@ -130,7 +123,32 @@ class MicrophonePicker:
             self._discs.batched_positions = np.concatenate([discs, self._corners]).astype(np.float32)
 
 
-def _intersect(eye: np.ndarray, point: np.ndarray, level: float) -> np.ndarray | None:
+def add_discs(server: viser.ViserServer, name: str, places: np.ndarray, radius: float, corners: np.ndarray):
+    """Add an invisible disc at each of `places` (P, 3), metres, and specks in the corners of the search domain.
+
+    The browser looks for discs only inside the box that they all spanned at first, so they span the whole search
+    domain from the start, under a new name each time.
+
+    Parameters
+    ----------
+    name : of the node, a new one each time
+    radius : metres
+    corners : (C, 3) float64, metres
+
+    Returns
+    -------
+    viser.BatchedMeshHandle
+    """
+    count, specks = len(places), len(corners)
+    vertices, faces = annuli(np.zeros((1, 3)), radius / 2, radius, corners=12)
+    return server.scene.add_batched_meshes_simple(
+        name, vertices, faces, np.tile([1.0, 0.0, 0.0, 0.0], (count + specks, 1)), np.concatenate([places, corners]),
+        batched_scales=np.repeat([1.0, 1e-3], [count, specks]),
+        opacity=0.0, side="double", lod="off", cast_shadow=False, receive_shadow=False,
+    )  # fmt: skip
+
+
+def ground_point(eye: np.ndarray, point: np.ndarray, level: float) -> np.ndarray | None:
     """Return where the ray from the eye through `point` comes down to a height, (2,), metres; None if it does not."""
     if point.shape != (3,):
         return None

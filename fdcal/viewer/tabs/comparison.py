@@ -10,18 +10,29 @@ import viser
 from viser import uplot
 
 from ... import solvers
+from ...graphics.legend import COMPARED, compared_entry
 from ...graphics.markers import solver_mark
+from ...graphics.units import length_text
 from ..background.comparison import ComparisonSetup, ComparisonWorker, RunSummary
 from ..gui import html
 from ..gui.binding import Binding
+from ..gui.legend_html import symbol
 from ..gui.plots import Plot, decades_of
 from ..server.client_values import bounded, one_of
 from .solver import MAX_SEED, STARTS
 
 ALL = "all"
 INTERVAL = 0.5  # s between two updates of the curves
+PLOT_HEIGHT = 150  # pixels; with them the whole tab has room in a window 720 pixels high
 MIN_ERROR = 1e-3  # mm, drawn for anything below: logarithms have no zero
-IMPOSSIBLE = "No race: it needs a two-dimensional sound field and a search domain."
+IN_SPACE = (
+    "No race: it takes a sound field of two dimensions. Compare solvers one after the other instead: choose another"
+    " Method in the tab Solver, and press Run."
+)
+NO_SEARCH = (
+    "No race: the file has no search domain, and the positions could not be estimated to make one. Add search_origin,"
+    " search_size, search_step and radius (metres) to the file of the measurement."
+)
 
 
 def combinations() -> dict[str, tuple[str, ...]]:
@@ -43,7 +54,7 @@ class ComparisonTab:
         if self._possible:
             self._add_controls()
         else:
-            binding.gui.add_html(html.remark(IMPOSSIBLE))
+            binding.gui.add_html(html.remark(NO_SEARCH if problem.dimension == 2 else IN_SPACE))
 
     def _add_controls(self) -> None:
         gui, worker = self._binding.gui, self._worker
@@ -56,7 +67,7 @@ class ComparisonTab:
         )  # fmt: skip
         self.run = gui.add_button("Start", icon=viser.Icon.FLAG, hint="Start; press again to pause and to resume")
         self.restart = gui.add_button_group("", ("Reset", "Clear"), visible=False, hint="Restart or clear the race")
-        self.marks = gui.add_checkbox("Show in the scene", True, hint="Mark the estimates of each solver")
+        self.marks = gui.add_checkbox("Show marks", True, hint="Mark the estimates of each solver")
         self.table = gui.add_html("")
         self._folder = gui.add_folder(None)  # of the plots, which are made when the solvers are known
         self._binding.on(self.run, lambda _: worker.toggle(self.setup))
@@ -81,6 +92,8 @@ class ComparisonTab:
         binding.send("comparison label", worker.button_label, self.run, "label")
         binding.send("comparison finished", worker.finished, self.run, "disabled")
         binding.send("comparison started", bool(summaries), self.restart, "visible")
+        for handle in (self.solvers, self.start, self.seed):  # those of the next race
+            handle.visible = not summaries
         binding.send("comparison table", html.complaint(worker.error) + table(summaries), self.table, "content")
         if summaries is not self._shown and now - self._updated >= INTERVAL:
             self._updated, self._shown = now, summaries
@@ -109,7 +122,7 @@ class ComparisonTab:
             for name, mark in marks.items()
         ]
         series = (uplot.Series(label="s"), *drawn)
-        return Plot(self._binding.gui, title, series, "processor time (s)", height=200)
+        return Plot(self._binding.gui, title, series, "processor time (s)", height=PLOT_HEIGHT, legend=False)
 
 
 def curve_columns(summaries: tuple[RunSummary, ...]) -> dict[str, tuple[np.ndarray, ...]]:
@@ -137,24 +150,24 @@ def curve_columns(summaries: tuple[RunSummary, ...]) -> dict[str, tuple[np.ndarr
 
 
 def table(summaries: tuple[RunSummary, ...]) -> str:
-    """Return time, steps, error and cost of each run as HTML."""
-    rows = []
-    for summary in summaries:
-        mark = solver_mark(summary.name)
-        dashes = ",".join(map(str, mark.dash))
-        line = (
-            f"<svg width='30' height='10'><line x1='0' y1='5' x2='30' y2='5' stroke='{mark.colour}' stroke-width='3'"
-            f" stroke-dasharray='{dashes}'/></svg> {mark.shape}"
-        )
-        error = ""
-        if summary.mean_error is not None:
-            error = f"error: mean {summary.mean_error:.3g} mm, largest {summary.largest_error:.3g} mm<br>"
-        cost = f"cost {summary.costs[-1]:.1f} dB" if len(summary.costs) else ""
-        rows.append(
-            f"<tr><td style='padding-right: 0.6em; vertical-align: top; white-space: nowrap'>{line}</td><td>"
-            f"<b>{escape(summary.name)}</b>: {escape(summary.status)}<br>"
-            f"{summary.seconds:.2f} s, {summary.step} steps<br>{error}{cost}</td></tr>"
-        )
-    if not rows:
-        return ""
-    return f"<div style='{html.CARD}'><table style='border-spacing: 0 0.2em'>{''.join(rows)}</table></div>"
+    """Return time, steps, error and cost of each run as HTML, with its line in the plots and its mark in the scene."""
+    rows = [_row(summary) for summary in summaries]
+    return f"<div style='{html.CARD} line-height: 1.25; font-size: 0.76em'>{''.join(rows)}</div>" if rows else ""
+
+
+def _row(summary: RunSummary) -> str:
+    mark = solver_mark(summary.name)
+    style = f"stroke='{mark.colour}' stroke-width='3' stroke-dasharray='{','.join(map(str, mark.dash))}'"
+    line = f"<svg width='30' height='10'><line x1='0' y1='5' x2='30' y2='5' {style}/></svg>"
+    drawn = symbol(compared_entry(COMPARED, summary.name))
+    figures = [f"{summary.seconds:.2f} s"]
+    if summary.mean_error is not None:
+        mean, largest = (length_text(1e-3 * length) for length in (summary.mean_error, summary.largest_error or 0.0))
+        figures.append(f"error {mean}, largest {largest}")
+    if summary.cost is not None:
+        figures.append(f"{summary.cost:.1f} dB")
+    return (
+        f"<div style='margin-top: 0.3em; white-space: nowrap'>{line} {drawn} <b>{escape(summary.name)}</b>:"
+        f" {escape(summary.status)}, {summary.step} steps<br>"
+        f"<span style='opacity: 0.85'>{'; '.join(figures)}</span></div>"
+    )

@@ -1,8 +1,8 @@
-"""The tab Curves: error of the positions sought and cost against sweeps, with a line where a stage began.
+"""The tab Curves: error of the positions sought and cost against sweeps, with a tick where a stage began.
 
-The lines of the stages have a scale of their own, from 0 at the bottom to 1 at the top. They run over the whole height
-while there are few of them; many are drawn as ticks at the bottom, which do not hide the curves. The number of the
-stage is in the legend.
+The marks of the stages have a scale of their own, from 0 at the bottom to 1 at the top. They are short ticks at the
+top, alike for any number of stages, which hide neither the curves nor the axis. The number of the stage is in the
+legend.
 """
 
 from __future__ import annotations
@@ -15,21 +15,19 @@ from viser import uplot
 
 from ...model.measurement import Measurement
 from ...session.history import SessionView
-from ..gui.legend_html import legend
 from ..gui.plots import BLUE, GREY, ORANGE, RED, Plot, decades_of
 
 MAX_POINTS = 600  # of a plot, which is sent whole each time
 INTERVAL = 0.25  # s between two updates
 MIN_ERROR = 1e-6  # m, drawn for anything below: logarithms have no zero
 COST_TITLE = "Cost (Eq. 7, all modes; dB re the power)"
-MAX_LINES = 10  # stages that are drawn as lines over the whole height
-TICK, HIDDEN = 0.06, -1.0  # height of the other stages' ticks, and a height below the plot
+TICK, HIDDEN = 0.92, 2.0  # lower end of a stage's tick, and a height above the plot
 SCALES = {"stage": uplot.Scale(range=(0.0, 1.0)), "number": uplot.Scale(range=(0.0, 1e4))}
 # The lines of the stages have no value in the legend, and the number of a stage has no point in the plot.
 REMARK = (
     "<style>.u-legend .fdcal-lines, .u-cursor-pt.fdcal-lines, .u-cursor-pt.fdcal-stage {display: none}</style>"
-    "<div style='padding: 0 0.75em; font-size: 0.8em; opacity: 0.75'>Grey lines: a new stage (mode, objective or"
-    " start changed). Hover to read values.</div>"
+    "<div style='padding: 0 0.75em; font-size: 0.8em; opacity: 0.75'>Grey ticks at the top: a new stage (mode,"
+    " objective or start changed). Hover to read values.</div>"
 )
 
 
@@ -42,19 +40,18 @@ class CurvesTab:
     cost : Plot
     """
 
-    def __init__(self, gui: viser.GuiApi, measurement: Measurement, sought: np.ndarray, odd_channels: bool = False):
+    def __init__(self, gui: viser.GuiApi, measurement: Measurement, sought: np.ndarray):
         self._measurement, self._free = measurement, max(measurement.count - len(measurement.known), 1)
         self._sought, self._costs = sought, -1  # microphones whose errors count; how many costs were computed
         self._states: list[Any] = []  # whose numbers are in _rows
         self._rows: list[tuple] = []  # sweeps, mean error, largest error, last mode in use, stage
         self._updated = -1e9
-        gui.add_html(legend(odd_channels))
         self.error: Plot | None = None
         if measurement.positions is not None:
             series = _series(("mean", RED, 2.0), ("largest", ORANGE, 1.25))
             title = "Position error (mm, after alignment)" if measurement.blind else "Position error (mm)"
-            self.error = Plot(gui, title, series, "sweeps", SCALES)
-        self.cost = Plot(gui, COST_TITLE, _series(("cost", BLUE, 2.0)), "sweeps", SCALES)
+            self.error = Plot(gui, title, series, "sweeps", SCALES, whole=True)
+        self.cost = Plot(gui, COST_TITLE, _series(("cost", BLUE, 2.0)), "sweeps", SCALES, whole=True)
         gui.add_html(REMARK)
 
     def show(self, view: SessionView, now: float, sought: np.ndarray | None = None) -> None:
@@ -110,12 +107,11 @@ def _drawable(value, minimum: float) -> float:
 
 
 def _with_stages(x, curves, drawn, begins, stage) -> tuple[np.ndarray, ...]:
-    """Return the columns of a plot: the curves at the `drawn` points, a line at each of `begins`, and the number of
+    """Return the columns of a plot: the curves at the `drawn` points, a tick at each of `begins`, and the number of
     the stage, from 1."""
     at = np.concatenate([drawn, np.repeat(begins, 3)])
     order = np.argsort(x[at], kind="stable")
-    top = 1.0 if len(begins) <= MAX_LINES else TICK
-    lines = np.concatenate([np.full(len(drawn), HIDDEN), np.tile([HIDDEN, top, HIDDEN], len(begins))])
+    lines = np.concatenate([np.full(len(drawn), HIDDEN), np.tile([HIDDEN, TICK, HIDDEN], len(begins))])
     return (x[at][order], *(curve[at][order] for curve in curves), lines[order], stage[at][order] + 1)
 
 
@@ -124,6 +120,6 @@ def _series(*curves: tuple[str, str, float]) -> tuple[uplot.Series, ...]:
     drawn = [uplot.Series(label=name, stroke=colour, width=width) for name, colour, width in curves]
     hidden: dict[str, Any] = {"points": {"show": False}, "stroke": GREY}
     css = {name: {"class": f"fdcal-{name}"} for name in ("lines", "stage")}
-    lines = uplot.Series(label="", scale="stage", width=1, dash=(4, 4), **css["lines"], **hidden)
+    lines = uplot.Series(label="", scale="stage", width=2, **css["lines"], **hidden)
     number = uplot.Series(label="stage", scale="number", width=0, **css["stage"], **hidden)
     return (uplot.Series(label="sweeps"), *drawn, lines, number)

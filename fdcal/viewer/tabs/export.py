@@ -44,6 +44,10 @@ class ExportTab:
         self.description.content = html.remark(KINDS[kind].description)
         self.view.visible = self.size.visible = kind == PICTURE
 
+    def refresh(self) -> None:
+        """Let what depends on the kind of file follow the choices."""
+        self.choose(self._binding.choices.export_kind)
+
 
 def _label(options: dict, value) -> str:
     return next(label for label, option in options.items() if option == value)

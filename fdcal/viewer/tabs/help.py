@@ -6,6 +6,7 @@ from html import escape
 
 import viser
 
+from ...graphics.legend import MARKS as DRAWN
 from ...model.measured_room import MEASURED_AND_MODELLED
 from ..gui.html import CARD
 from ..gui.legend_html import legend
@@ -14,8 +15,8 @@ from ..hotkeys import KEYS
 NUMBERS = {
     "Error (mm)": "distance from an estimated position to the true one, mean and largest over all microphones; of an"
     " array without known microphones after the best rotation, translation and reflection",
-    "Cost": "the part of the pressures that no sound field explains (Eq. 7 of the paper), summed over the modes in use;"
-    " dimensionless, because each mode is scaled to unit RMS",
+    "Cost (dB)": "the part of the pressures that no sound field explains (Eq. 7 of the paper), over all modes of the"
+    " measurement and relative to their power; it falls as the positions improve, with any solver",
     "Step, sweep, stage": "one move of the solver; each microphone moved once; one set of active modes",
     "Mode (Hz)": "a peak of the room's power spectrum, numbered from 1 at the lowest frequency. Microphones are"
     " numbered from 0",
@@ -42,7 +43,8 @@ def text() -> str:
     """Return the contents of the tab as HTML."""
     keys = {key.name: escape(key.label) for key in KEYS}
     return (
-        f"{_table('Keys', keys)}{_table('Mouse', MOUSE)}{_head('Marks')}{legend()}<div style='{CARD}'>{MARKS}</div>"
+        f"{_table('Keys', keys)}{_table('Mouse', MOUSE)}{_head('Marks')}"
+        f"{legend(DRAWN.values())}<div style='{CARD}'>{MARKS}</div>"
         f"{_table('Numbers', NUMBERS)}{_head('Measured rooms')}<div style='{CARD}'>{MEASURED_AND_MODELLED}</div>"
         f"{_head('More')}<div style='{CARD}'>{MORE}</div>"
     )

@@ -1,34 +1,33 @@
 """The tab Lessons: a text, a question and its answer; each step sets the page's own controls.
 
 All browsers that have the page open follow the same lesson. A step that needs another scene opens it first
-(`Page.open`), and sets the controls as soon as the scene is ready.
+(`Page.open`), and sets the controls as soon as the scene is ready. What the page showed before the first lesson comes
+back with its end (`lesson_return`).
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
 from ...model.scene import Scene
 from ...model.validation import InputError, StorageError
-from ...session.lesson import Lesson, Setting, Step
+from ...session.lesson import Lesson, LessonProgress, Setting
 from ...session.request import OpenRequest
+from ..gui.choices import MAX_RATE
 from ..gui.html import complaint, error_message
-from ..gui.lesson_html import LETTERS, step_html
-from ..lesson_step import apply_setting, restore
-from ..server.client_values import one_of
+from ..gui.lesson_html import RACE_WAITS, WAITS, step_html
+from ..lesson_return import PageBefore
+from ..lesson_step import apply_setting, plain_choices
+from .lesson_controls import BACK, NEXT, NEXT_LESSON, NEXT_STEP, RESTORE, LessonControls
 
 if TYPE_CHECKING:
-    from ..gui.choices import Choices
     from ..gui.layout import Panels
     from ..scene3d.nodes import SceneNodes
     from ..session_switch import SessionSwitcher
     from ..session_view import Viewer
-
-NONE = "No lesson"
-BACK, RESTORE, NEXT = "Back", "Restore", "Next"
 
 log = logging.getLogger(__name__)
 
@@ -46,76 +45,81 @@ class LessonPage(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class LessonProgress:
-    """Where in the lessons the page is.
-
-    Attributes
-    ----------
-    lesson : Lesson or None
-    number : int, of the step, from 0
-    choice : int, the answer chosen, from 0; -1 before one is chosen
-    """
-
-    lesson: Lesson | None = None
-    number: int = 0
-    choice: int = -1
-
-    @property
-    def step(self) -> Step | None:
-        return None if self.lesson is None else self.lesson.steps[self.number]
-
-    def moved(self, steps: int) -> LessonProgress | None:
-        """Return the progress at the beginning of another step; None where the lesson has no such step."""
-        number = self.number + steps
-        if self.lesson is None or not 0 <= number < len(self.lesson.steps):
-            return None
-        return LessonProgress(self.lesson, number)
-
-
 class LessonsTab:
-    """Owns the controls of the tab, and the settings that wait for a scene.
+    """Owns the controls of the tab, the settings that wait for a scene, and what the page showed before.
 
-    All methods run on viser's event loop, except `show`.
+    All methods run on viser's event loop, except `show` and `close`.
     """
 
     def __init__(self, page: LessonPage, lessons: Sequence[Lesson]):
-        self._page, gui = page, page.panels.gui
+        self._page = page
         self._lessons = {lesson.title: lesson for lesson in lessons}
         self.progress, self._error = LessonProgress(), ""
-        self._before: Choices | None = None  # of the page before the first lesson
-        self._pending: tuple[OpenRequest, list[Setting]] | None = None  # settings that wait for their scene
+        self._before: PageBefore | None = None  # the first lesson
+        self._returning: PageBefore | None = None  # what is being opened again after a lesson
+        self._requests: list[OpenRequest] = []  # of the lessons since the first
+        # What waits for the scene of a request.
+        self._pending: tuple[OpenRequest, Callable[[Viewer], None]] | None = None
         with page.panels.tab("Lessons"):
-            self.choice = gui.add_dropdown("Lesson", (NONE, *self._lessons), initial_value=NONE)
-            self.navigation = gui.add_button_group(
-                "Step", (BACK, RESTORE, NEXT), visible=False, hint="Restore: restore this step's settings"
-            )
-            self.text = gui.add_html("")
-            self.answers = gui.add_button_group("Your answer", ("A", "B"), visible=False)
-        self._on(self.choice, lambda value: self.start(one_of(value, self._lessons, NONE)))
-        self._on(self.answers, self.answer)
-        self._on(self.navigation, self.go)
+            self.controls = LessonControls(page.panels.gui, tuple(self._lessons))
+        self.controls.listen(self.start, self.answer, self.go, self.follow, self.end)
         self._redraw()
 
-    def _on(self, handle, act: Callable[[object], None]) -> None:
-        """Call `act(value)` when a client has changed a control."""
-
-        async def respond(event) -> None:
-            if event.client is not None:
-                act(event.target.value)
-
-        (handle.on_click if hasattr(handle, "on_click") else handle.on_update)(respond)
+    @property
+    def active(self) -> bool:
+        """Whether a lesson is in progress."""
+        return self.progress.lesson is not None
 
     def start(self, title: str) -> None:
-        """Start a lesson, by its title; any other text ends the present one."""
+        """Start a lesson, by its title; ignore any other text."""
         viewer, lesson = self._page.viewer, self._lessons.get(title)
-        if viewer is not None and lesson is not None and self.progress.lesson is None:
-            self._before = viewer.binding.choices
+        if lesson is None:
+            return
+        if viewer is not None and self.progress.lesson is None:
+            viewer.binding.touch()
+            self._before = self._returning or PageBefore.of(viewer, self._page.nodes.cameras)
+        self._returning = None
         self.progress = LessonProgress(lesson)
         self._set_up()
-        if viewer is not None and lesson is None and self._before is not None:
-            restore(self._before, viewer.main_panel)
-            self._before = None
+
+    def end(self) -> None:
+        """End the lesson, and show what the page showed before, unless the user has opened something else."""
+        before, viewer = self._before, self._page.viewer
+        self.progress, self._before, self._pending, self._error = LessonProgress(), None, None, ""
+        if before is not None and viewer is not None:
+            if self._page.switcher.idle and self._left(before, viewer):
+                before.close()
+            elif viewer.binding.run is before.run and self._page.switcher.idle:
+                self._put_back(before, viewer)
+            else:
+                request, self._returning = before.request(), before
+                self._page.open(request)
+                self._pending = request, lambda shown: self._put_back(before, shown)
+        self._requests = []
+        self._redraw()
+
+    def _left(self, before: PageBefore, viewer: Viewer) -> bool:
+        """Whether the user has opened something else during the lesson."""
+        opening = viewer.binding.run.opening
+        return viewer.binding.run is not before.run and not any(opening is request for request in self._requests)
+
+    def _put_back(self, before: PageBefore, viewer: Viewer) -> None:
+        self._returning = None
+        before.put_back(viewer, self._page.nodes.cameras)
+
+    def follow(self) -> None:
+        """Go to the next step; after the last one, start the next lesson, if there is one."""
+        if self.progress.moved(1) is not None:
+            self.go(NEXT)
+        else:
+            self.start(self._next_lesson)
+
+    @property
+    def _next_lesson(self) -> str:
+        """Title of the lesson after the present one, "" after the last."""
+        titles, lesson = list(self._lessons), self.progress.lesson
+        place = len(titles) if lesson is None or lesson.title not in titles else titles.index(lesson.title) + 1
+        return titles[place] if place < len(titles) else ""
 
     def go(self, where) -> None:
         """Go BACK or NEXT, or RESTORE the settings of the step; ignore anything else."""
@@ -126,12 +130,12 @@ class LessonsTab:
             self.progress = progress
             self._set_up()
 
-    def answer(self, letter) -> None:
-        """Answer the question, by the letter of the answer; only the first answer counts."""
-        step, choice = self.progress.step, LETTERS.find(str(letter))
-        if step is None or self.progress.choice >= 0 or len(str(letter)) != 1 or not 0 <= choice < len(step.choices):
+    def answer(self, number: int) -> None:
+        """Give an answer, counted from 0; only the first one counts."""
+        step = self.progress.step
+        if step is None or self.progress.choice >= 0 or not 0 <= number < len(step.choices):
             return
-        self.progress = replace(self.progress, choice=choice)
+        self.progress = replace(self.progress, choice=number)
         self._set_up()
 
     def _set_up(self) -> None:
@@ -155,22 +159,32 @@ class LessonsTab:
     def _begin(self, settings: list[Setting], scene: Scene, seed: int) -> None:
         """Apply the last of `settings`; if another scene has to be opened first, all settings of this step."""
         viewer, setting = self._page.viewer, settings[-1]
-        if viewer is None or viewer.binding.run.scene != scene:
-            request = OpenRequest(scene, start_seed=seed)
-            self._page.open(request)
-            self._pending = request, settings[-1:] if setting.begins else settings
-            self._redraw()
+        first = self.progress.number == 0 and len(settings) == 1
+        if viewer is None or first or viewer.binding.run.scene != scene or self._is_before(viewer):
+            self._open(OpenRequest(scene, start_seed=seed, choices=plain_choices()), settings)
             return
         restarted = setting.begins or bool(setting.reset)
         if restarted:
             viewer.binding.session.reset(seed)
         self._apply(setting, viewer, restarted)
 
+    def _open(self, request: OpenRequest, settings: list[Setting]) -> None:
+        """Open a scene with the controls that a page begins with, so that a lesson depends on nothing before it."""
+        self._page.open(request)
+        self._requests.append(request)
+        waiting = settings[-1:] if settings[-1].begins else settings
+        self._pending = request, lambda shown: self._apply_all(waiting, shown)
+        self._redraw()
+
+    def _is_before(self, viewer: Viewer) -> bool:
+        """Whether the page still shows the session from before the lesson, which no lesson changes."""
+        return self._before is not None and viewer.binding.run is self._before.run
+
     def _apply(self, setting: Setting, viewer: Viewer, restarted: bool) -> None:
         apply_setting(setting, viewer.main_panel, self._page.nodes.cameras.request_all, restarted)
 
     def show(self, call: Callable[[Callable[[], None]], object] = lambda function: function()) -> None:
-        """Apply the settings that wait for a scene once it is shown; called by the main loop.
+        """Do what waits for a scene once it is shown; called by the main loop.
 
         Parameters
         ----------
@@ -179,17 +193,35 @@ class LessonsTab:
         pending, viewer = self._pending, self._page.viewer
         if pending is None:
             return
-        if viewer is not None and viewer.binding.run.opening is pending[0]:
+        request, act = pending
+        if viewer is not None and viewer.binding.run.opening is request:
             self._pending = None
-            call(lambda: self._guarded(lambda: self._apply_all(pending[1], viewer)))
-        elif self._page.switcher.idle:  # the scene was refused or cancelled
+            call(lambda: self._guarded(lambda: self._act(act, viewer)))
+        elif self._page.switcher.idle:
             self._pending = None
-            call(self._redraw)
+            call(self._give_up)
+
+    def _give_up(self) -> None:
+        """Wait no longer: the scene was refused or cancelled, or the user has opened another one."""
+        if self._returning is not None:
+            self._returning.close()
+            self._returning = None
+        self._redraw()
+
+    def _act(self, act: Callable[[Viewer], None], viewer: Viewer) -> None:
+        if viewer is self._page.viewer:
+            act(viewer)
+        self._redraw()
 
     def _apply_all(self, settings: list[Setting], viewer: Viewer) -> None:
-        for setting in settings if viewer is self._page.viewer else ():
+        viewer.main_panel.run_bar.use_rate(MAX_RATE)  # a lesson does not depend on the speed chosen before
+        for setting in settings:
             self._apply(setting, viewer, restarted=setting is settings[0])
-        self._redraw()
+
+    def close(self) -> None:
+        """End the threads of a race that waits for the end of a lesson."""
+        for before in filter(None, (self._before, self._returning)):
+            before.close()
 
     def _guarded(self, act: Callable[[], None]) -> None:
         """Call `act`; show an exception on the page, and log it unless it is the user's."""
@@ -204,19 +236,10 @@ class LessonsTab:
     def _redraw(self) -> None:
         progress, lesson, step = self.progress, self.progress.lesson, self.progress.step
         ready = self._pending is None
-        self.text.content = step_html(lesson, progress.number, progress.choice, ready) + complaint(self._error)
-        self.navigation.visible = step is not None
-        if lesson is None or step is None:
-            self.answers.visible = False
-            return
-        self.answers.visible = bool(step.choices) and progress.choice < 0 and ready
-        if self.answers.visible:
-            _set_options(self.answers, tuple(LETTERS[: len(step.choices)]))
-        first, last = progress.number == 0, progress.number == len(lesson.steps) - 1
-        _set_options(self.navigation, (*((BACK,) * (not first)), RESTORE, *((NEXT,) * (not last))))
-
-
-def _set_options(handle, options: tuple[str, ...]) -> None:
-    """Set the buttons of a group where they differ: buttons that are sent again lose the focus."""
-    if handle.options != options:
-        handle.options = options
+        waits = "" if self._before is None else RACE_WAITS if self._before.has_race else WAITS
+        text = step_html(lesson, progress.number, progress.choice, ready, waits) + complaint(self._error)
+        asked = step is not None and progress.choice < 0 and ready
+        steps = (*((BACK,) * (progress.moved(-1) is not None)), RESTORE, *((NEXT,) * (progress.moved(1) is not None)))
+        following = NEXT_STEP if progress.moved(1) is not None else NEXT_LESSON.format(self._next_lesson)
+        following = following if progress.answered and ready and following != NEXT_LESSON.format("") else ""
+        self.controls.show(text, step.choices if asked and step else (), steps, following, lesson is not None)

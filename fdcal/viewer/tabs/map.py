@@ -8,20 +8,21 @@ from ...model.validation import InputError
 from ..background.cost_maps import CostMap
 from ..gui import html
 from ..gui.binding import Binding
-from ..gui.choices import FLOOR, MAX_ORDER_OFFSET, NOTHING, RELIEF, SHAPE, Choices
+from ..gui.choices import FLOOR, MAX_ORDER_OFFSET, NOTHING, RELIEF, SHAPE, VOLUME, Choices, has_volume
 from ..gui.legend_html import colour_bar
 from ..gui.map_caption import caption, orders_text
 from ..server.client_values import bounded, one_of
+from .slice_controls import SliceControls
 
 SAME_AS_SOLVER, CUSTOM = "Same as solver", "Custom"
-KINDS = (FLOOR, RELIEF, SHAPE, NOTHING)
+KINDS = (FLOOR, RELIEF, SHAPE, VOLUME, NOTHING)
 LINEAR, LOG = "Linear", "Logarithmic"
 EQ7, OBJECTIVE = "Cost, Eq. 7", "Solver's objective"
 QUANTITIES: tuple[str, ...] = (EQ7, OBJECTIVE)
 SCALES: tuple[str, ...] = (LOG, LINEAR)
 NO_SEARCH = (
-    "No map: the file has no search domain. Add search_origin, search_size, search_step and radius (metres) to the file"
-    " of the measurement."
+    "No map: the file has no search domain, and the positions could not be estimated to make one. Add search_origin,"
+    " search_size, search_step and radius (metres) to the file of the measurement."
 )
 
 
@@ -31,6 +32,7 @@ class MapTab:
     def __init__(self, binding: Binding):
         self._binding = binding
         self._possible = binding.run.problem.search is not None
+        self.kinds = kinds_of(binding)
         self._add_microphone()
         self._add_modes()
         self._add_quantity()
@@ -58,7 +60,7 @@ class MapTab:
         )  # fmt: skip
         modes = modes or (1,)
         self.upto = binding.gui.add_slider(
-            "Up to mode", 1, binding.modes, 1, modes[-1], hint="From mode 1 to this one; watch the local minima merge"
+            "Up to mode", 1, binding.modes, 1, modes[-1], hint="From mode 1 to this one; the tab Sweep plays this"
         )
         self.text = binding.gui.add_text("Mode numbers", mode_ranges.to_text(modes), hint="For example 1-3, 5")
 
@@ -75,7 +77,12 @@ class MapTab:
 
     def _add_style(self) -> None:
         gui, choices = self._binding.gui, self._binding.choices
-        self.kind = gui.add_dropdown("Show", KINDS, initial_value=kind_of(choices), visible=self._possible)
+        self.kind = gui.add_dropdown("Show", self.kinds, initial_value=kind_of(choices), visible=self._possible)
+        self.relief = gui.add_slider(
+            "Relief height (%)", 5, 100, 5, round(100 * choices.style.relief_height),
+            hint="Of the highest cost, of the longer side of the map",
+        )  # fmt: skip
+        self.slice = SliceControls(self._binding)
         self.scale = gui.add_dropdown("Scale", SCALES, initial_value=LOG if choices.style.log else LINEAR)
         self.minima = gui.add_checkbox("Mark minima", choices.style.minima, hint="Mark and count the local minima")
         self.opacity = gui.add_slider("Opacity (%)", 10, 100, 5, round(100 * choices.style.opacity))
@@ -86,9 +93,16 @@ class MapTab:
         kind = kind_of(choices) if self._possible else NOTHING
         self.which.visible = kind != NOTHING
         self.upto.visible = self.text.visible = choices.modes is not None and kind != NOTHING
-        self.quantity.visible = self.scale.visible = self.minima.visible = kind in (FLOOR, RELIEF)
-        self.order.visible = kind in (FLOOR, RELIEF) and not choices.objective
-        self.opacity.visible = kind in (FLOOR, SHAPE)
+        self.scale.visible = self.minima.visible = kind in (FLOOR, RELIEF, VOLUME)
+        self.quantity.visible = kind in (FLOOR, RELIEF)
+        self.order.visible = kind == VOLUME or (kind in (FLOOR, RELIEF) and not choices.objective)
+        self.opacity.visible = kind in (FLOOR, SHAPE, VOLUME)
+        self.relief.visible = kind == RELIEF
+        self.slice.show_relevant(kind == VOLUME)
+
+    def refresh(self) -> None:
+        """Let visibility follow the choices."""
+        self._show_relevant()
 
     def _listen(self) -> None:
         binding = self._binding
@@ -103,6 +117,7 @@ class MapTab:
         binding.on(self.scale, self.scale_as)
         binding.on(self.minima, lambda value: self.mark_minima(bool(value)))
         binding.on(self.opacity, self.fade)
+        binding.on(self.relief, self.raise_relief)
 
     @property
     def _selected(self) -> int:
@@ -172,10 +187,10 @@ class MapTab:
             self.order.value = offset
 
     def show_as(self, value) -> None:
-        """Show one of KINDS."""
-        kind = one_of(value, KINDS, FLOOR)
+        """Show one of `kinds`."""
+        kind = one_of(value, self.kinds, FLOOR)
         self._binding.choose(shown=kind != NOTHING)
-        self._binding.choose_style(relief=kind == RELIEF, shape=kind == SHAPE)
+        self._binding.choose_style(relief=kind == RELIEF, shape=kind == SHAPE, volume=kind == VOLUME)
         self._show_relevant()
         if self.kind.value != kind:
             self.kind.value = kind
@@ -197,6 +212,10 @@ class MapTab:
         """Set the opacity of the map, %."""
         self._binding.choose_style(opacity=bounded(value, 10, 100, 100) / 100)
 
+    def raise_relief(self, value) -> None:
+        """Set the height of the highest cost in a relief, % of the longer side of the map."""
+        self._binding.choose_style(relief_height=bounded(value, 5, 100, 30) / 100)
+
     def show(self, microphone: int, drawn: CostMap | None, reason: str) -> None:
         """Bring the tab up to date; called by the main loop.
 
@@ -210,18 +229,26 @@ class MapTab:
         if not choices.follow and choices.microphone == microphone:
             binding.sent["microphone"] = microphone  # set by the user, who may still be dragging the slider
         binding.send("microphone", microphone, self.microphone)
-        key = None if drawn is None else id(drawn.floor), reason, choices.modes_error, choices.shown
+        self.slice.show(drawn)
+        key = None if drawn is None else id(drawn.floor or drawn.volume), reason, choices.modes_error, choices.shown
         if binding.sent.get("map") == key:
             return
         binding.sent["map"] = key
         reason = reason or (NO_SEARCH if not self._possible else "computing the map ..." if choices.shown else "no map")
-        bar = colour_bar(drawn.floor.bar if drawn else None, reason)
+        bar = colour_bar(drawn.bar if drawn else None, reason)
         text = html.complaint(choices.modes_error) + bar + caption(drawn, orders_text(binding.run, drawn))
         binding.send("caption of the map", text, self.caption, "content")
 
 
 def kind_of(choices: Choices) -> str:
-    """Return which of KINDS the choices ask for."""
+    """Return which kind of map the choices ask for."""
     if not choices.shown:
         return NOTHING
+    if choices.style.volume:
+        return VOLUME
     return RELIEF if choices.style.relief else SHAPE if choices.style.shape else FLOOR
+
+
+def kinds_of(binding: Binding) -> tuple[str, ...]:
+    """Return those of KINDS that there can be of a measurement."""
+    return tuple(kind for kind in KINDS if kind != VOLUME or has_volume(binding.measurement))

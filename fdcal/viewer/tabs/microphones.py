@@ -15,13 +15,13 @@ from ...model.measurement import Measurement
 from ...session.history import SessionView
 from ..background.uncertainty import PositionUncertainty
 from ..gui.binding import Binding
-from ..gui.channels_html import channel_table
+from ..gui.channels_html import channel_table, given_table
 from ..gui.html import CARD
-from ..gui.plots import BLUE, PADDING, RED, dots
+from ..gui.plots import BLUE, RED, Plot, decades_of, dots
 
 TABLE_INTERVAL, PLOT_INTERVAL = 0.2, 0.5  # s between two updates
 MAX_ROWS = 100  # of the table
-MAX_ERROR = 1e6  # mm, drawn for anything above
+MIN_ERROR, MAX_ERROR = 1e-3, 1e6  # mm, drawn for anything below, since logarithms have no zero, and above
 STYLE = "<style>.mics td, .mics th {padding: 0 0.5em 0 0; text-align: left; white-space: nowrap}</style>"
 SELECTED = " style='font-weight: 700; background: rgba(31,120,200,0.15)'"  # row of the microphone of the map
 
@@ -34,6 +34,7 @@ class MicrophonesTab:
         self.error_by_distance = ErrorByDistance(binding.gui, binding.measurement)
         self.table = binding.gui.add_html("")
         self.channels = binding.gui.add_html("")
+        self.given = binding.gui.add_html("")
 
     def show(self, view: SessionView, microphone: int, uncertainty: PositionUncertainty | None, now: float) -> None:
         """Bring the tab up to date; called by the main loop.
@@ -54,10 +55,11 @@ class MicrophonesTab:
         text = table(self._binding.measurement, np.asarray(view.state.positions), sigma, microphone)
         self._binding.send("table", text, self.table, "content")
         self._binding.send("channels", channel_table(self._binding.measurement, uncertainty), self.channels, "content")
+        self._binding.send("given", given_table(uncertainty), self.given, "content")
 
 
 class ErrorByDistance:
-    """Owns the plot of the paper's Fig. 5: errors now, and their mean over the run.
+    """Owns the plot of the paper's Fig. 5: errors now, and their mean over the run, on one logarithmic axis.
 
     There is no plot for an array without true positions or without known microphones.
     """
@@ -66,7 +68,7 @@ class ErrorByDistance:
         self._truth, self._updated, self._key = measurement.positions, -1e9, ()
         self._states: list[Any] = []  # whose errors are in _sums
         self._sums: list[np.ndarray] = []  # of the errors up to each state, (N,) float64, mm
-        self.plot: viser.GuiUplotHandle | None = None
+        self.plot: Plot | None = None
         if self._truth is None or not len(measurement.known):
             return
         first = measurement.known[0]
@@ -74,19 +76,12 @@ class ErrorByDistance:
         free = np.setdiff1d(np.arange(measurement.count), measurement.known)
         self._order = free[np.argsort(distance[free], kind="stable")]
         self._x = distance[self._order]
-        self.plot = gui.add_uplot(
-            data=(self._x, np.zeros(len(self._x)), np.zeros(len(self._x))),
-            series=(
-                uplot.Series(label="distance (m)"),
-                uplot.Series(label="mean over the run", stroke=RED, width=0, points=dots(7, RED, RED)),
-                uplot.Series(label="now", stroke=BLUE, width=0, points=dots(7, BLUE, "transparent")),
-            ),
-            title=f"Error (mm) against distance from known microphone {first}",
-            scales={"x": uplot.Scale(time=False)},
-            axes=(uplot.Axis(label="distance (m)", labelSize=20, size=34), uplot.Axis(size=48)),
-            height=215,
-            padding=PADDING,
+        series = (
+            uplot.Series(label="distance (m)"),
+            uplot.Series(label="mean over the run", stroke=RED, width=0, points=dots(7, RED, RED)),
+            uplot.Series(label="now", stroke=BLUE, width=0, points=dots(7, BLUE, "transparent")),
         )
+        self.plot = Plot(gui, f"Error (mm) against distance from known microphone {first}", series, "distance (m)")
 
     def show(self, view: SessionView, now: float) -> None:
         """Bring the plot up to date; called by the main loop. The run ends with the state that is shown."""
@@ -97,7 +92,8 @@ class ErrorByDistance:
         self._update_sums(view.history)
         mean = self._sums[view.index] / (view.index + 1)
         here = self._sums[view.index] - (self._sums[view.index - 1] if view.index else 0.0)
-        self.plot.data = (self._x, *(_drawable(values[self._order]) for values in (mean, here)))
+        errors = [_drawable(values[self._order]) for values in (mean, here)]
+        self.plot.show((self._x, *errors), decades_of(*errors))
 
     def _update_sums(self, history) -> None:
         kept = min(len(self._states), len(history))
@@ -112,7 +108,7 @@ class ErrorByDistance:
 
 def _drawable(values: np.ndarray) -> np.ndarray:
     """Return finite numbers, as uPlot needs them."""
-    return np.clip(np.nan_to_num(values, nan=MAX_ERROR), 0.0, MAX_ERROR)
+    return np.clip(np.nan_to_num(values, nan=MAX_ERROR), MIN_ERROR, MAX_ERROR)
 
 
 def table(measurement: Measurement, positions: np.ndarray, sigma: np.ndarray | None, selected: int) -> str:

@@ -38,7 +38,7 @@ class ModesTab:
         gui.add_html(spectrum_legend(self.spectrum.has_spectrum, BLUE, ORANGE, RED, GREY))
         self.text = gui.add_html("")
         self.low = gui.add_slider("From mode", 1, modes, 1, 1, hint="First mode of the map")
-        self.high = gui.add_slider("To mode", 1, modes, 1, 1, hint="Last mode of the map; watch the local minima merge")
+        self.high = gui.add_slider("To mode", 1, modes, 1, 1, hint="Last mode of the map")
         self.same = gui.add_button("Same as solver", hint="Show the map of the modes that the solver uses")
         binding.on(self.low, lambda value: self._slide(value, self.high.value))
         binding.on(self.high, lambda value: self._slide(min(self.low.value, value), value))

@@ -47,6 +47,10 @@ class Ranges:
 
 
 RANGES = Ranges()
+MOST_TYPED = 1e5  # m: a radius in millimetres still arrives and gets a message; a larger number is dropped
+RADIUS = f"{RANGES.radius[0]:g} to {RANGES.radius[1]:g} m"
+# In place of keys of the scene's file, which the page does not have.
+SMALLER = 'change "Array radius (m)", "Microphones" or "Scene seed"'
 
 
 class SceneTab:
@@ -70,8 +74,8 @@ class SceneTab:
         low, high = RANGES.microphones
         self.microphones = gui.add_slider("Microphones", low, high, 1, low)
         self.radius = gui.add_number(
-            "Array radius (m)", 1.0, min=RANGES.radius[0], max=RANGES.radius[1], step=0.01,
-            hint="Of a rectangular array: half of its longest side. The search domain grows with it",
+            "Array radius (m)", 1.0, min=0.0, max=MOST_TYPED, step=0.01,
+            hint=f"{RADIUS}. Of a rectangular array: half of its longest side. The search domain grows with it",
         )  # fmt: skip
 
     def _add_room(self) -> None:
@@ -101,10 +105,11 @@ class SceneTab:
 
     def _listen(self) -> None:
         binding = self._binding
-        binding.on(self.name, self._choose)
+        binding.on(self.name, self.choose)
         binding.on(self.walls, lambda value: self._show_walls(one_of(value, WALLS, WALLS[0])))
         binding.on(self.noise, lambda value: self._show_noise(bool(value)))
         binding.on(self.microphones, lambda value: self._limit_known(bounded(value, *RANGES.microphones, 4)))
+        binding.on(self.radius, lambda _: self._check_radius())
         binding.on(self.apply, lambda _: self.press())
 
     def _show_scene(self, scene: Scene) -> None:
@@ -153,7 +158,14 @@ class SceneTab:
     def _show_noise(self, noisy: bool) -> None:
         self.snr.visible = noisy
 
-    def _choose(self, value) -> None:
+    def refresh(self) -> None:
+        """Let visibility and limits follow the values of the controls."""
+        if not isinstance(self._scene, MeasuredScene):
+            self._show_walls(self.walls.value)
+            self._show_noise(bool(self.noise.value))
+            self._limit_known(bounded(self.microphones.value, *RANGES.microphones, 4))
+
+    def choose(self, value) -> None:
         """Show the parameters of another scene; those of the page's own scene are as it is now, not as in its file."""
         name = one_of(value, (*scene_names(), self._own_name or ""), self._scene.name)
         own = self._binding.run.scene
@@ -190,14 +202,24 @@ class SceneTab:
             return math.inf
         return _unless_same(float(bounded(self.snr.value, *RANGES.snr, RANGES.default_snr)), old, 0.5)
 
+    def _check_radius(self) -> bool:
+        """Whether the radius is possible; the message says so if it is not."""
+        value, (low, high) = self.radius.value, RANGES.radius
+        own = abs(value - parameters_of(self._scene).radius) <= 1e-4  # of its file, which may be larger
+        possible = own or (math.isfinite(value) and low <= value <= high)
+        text = "" if possible else f"Array radius = {value:g} m is not possible; use {RADIUS}"
+        self.message.content = html.complaint(text)
+        return possible
+
     def press(self) -> None:
         """Open the changed scene, or say in one line why it is refused."""
-        if isinstance(self._scene, MeasuredScene):  # a client can press a button that is hidden
+        if isinstance(self._scene, MeasuredScene) or not self._check_radius():  # a client can press what is hidden
             return
         try:
             scene = with_parameters(self._scene, self.parameters)
         except InputError as error:
-            self.message.content = html.complaint(error)
+            of_the_file = "." in error.key or error.key == "array"
+            self.message.content = html.complaint(InputError(error.problem, SMALLER) if of_the_file else error)
             return
         self.message.content = ""
         self._binding.open(OpenRequest(scene, fewer_modes=True))

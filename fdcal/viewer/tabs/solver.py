@@ -1,4 +1,4 @@
-"""The tab Solver: the method and its start, the modes in use, the speed."""
+"""The tab Solver: the method and its start, the modes in use."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from ..gui.binding import Binding
 from ..server.client_values import bounded, one_of
 
 MAX_SEED = 2**31 - 1
-MAX_RATE = 60  # steps per second at the end of the slider, which stands for no limit
 STARTS = ("affine", "random")
 KEPT_BY_SOLVER = ("microphone", "follow", "shown", "modes")  # choices that a change of the solver keeps
 
@@ -34,9 +33,6 @@ class SolverTab:
             self._add_method()
         with binding.gui.add_folder("Modes in use"):
             self._add_modes()
-        self.speed = binding.gui.add_slider(
-            "Steps per second", 1, MAX_RATE, 1, MAX_RATE, hint=f"{MAX_RATE}: as fast as the machine can"
-        )
         self._show_relevant()
         self._listen()
 
@@ -44,8 +40,8 @@ class SolverTab:
         gui, settings, names = self._binding.gui, self._binding.run.scene.solver, self._names()
         self.name = gui.add_dropdown(
             "Method", names, initial_value=settings.name, disabled=len(names) == 1,
-            hint="joint: all microphones at once; descent: one at a time; descent+joint: both in turn; room: shoebox"
-            " room and sources together with the microphones",
+            hint="robust: all microphones at once, with their gains; joint: positions alone; descent: one at a time;"
+            " descent+joint: both in turn; room: shoebox room and sources together with the microphones",
         )  # fmt: skip
         self.start = gui.add_dropdown(
             "Start", STARTS, initial_value=settings.start or default_start(settings.name),
@@ -75,12 +71,11 @@ class SolverTab:
         binding.on(self.last, lambda value: self.use_modes(last=value))
         binding.on(self.automatic, lambda value: self.use_modes(automatic=bool(value)))
         binding.on(self.seed, lambda value: binding.choose(seed=bounded(value, 0, MAX_SEED, 0)))
-        binding.on(self.speed, self.limit_rate)
 
     def _names(self) -> tuple[str, ...]:
         """Return the names of the solvers that can solve this problem."""
         scene, problem = self._binding.run.scene, self._binding.run.problem
-        searchable = problem.dimension == 2 and problem.search is not None
+        searchable = problem.dimension == problem.array_dimension and problem.search is not None
         room_known = not isinstance(scene, MeasuredScene) and problem.array_dimension == problem.dimension
         room_known = room_known and not no_rectangle(scene)
 
@@ -101,6 +96,10 @@ class SolverTab:
         self.start.visible = bool(traits.starts)
         self.seed.visible = traits.uses_seed(self.start.value)
 
+    def refresh(self) -> None:
+        """Let visibility follow the values of the controls."""
+        self._show_relevant()
+
     def restart(self) -> None:
         """Restart with the settings of the tab: the same solver at once, another one as soon as it is ready."""
         binding, own = self._binding, self._binding.run.scene.solver
@@ -112,11 +111,6 @@ class SolverTab:
         scene = replace(binding.run.scene, solver=replace(own, name=name, start=start))
         choices = {key: getattr(binding.choices, key) for key in KEPT_BY_SOLVER}
         binding.open(OpenRequest(scene, binding.choices.seed, binding.measurement, choices=choices, fewer_modes=True))
-
-    def limit_rate(self, value) -> None:
-        """Limit the solver to so many steps per second; MAX_RATE removes the limit."""
-        rate = bounded(value, 1, MAX_RATE, MAX_RATE)
-        self._binding.session.pace(0 if rate == MAX_RATE else rate)
 
     def use_modes(self, first=None, last=None, automatic=None) -> None:
         """Set the modes in use; what is None stays.

@@ -1,0 +1,197 @@
+"""The maps of one microphone while modes are added, computed on a thread of its own and kept as images.
+
+A sweep adds modes in one order: from the lowest up, or from a high one down. Its maps are as fine as those that the
+page shows when nothing changes, so they have the same local minima.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ...cost.landscapes import refined
+from ...cost.partial_sums import ambiguous_mode, partial_sums
+from ...graphics.heatmap import colour_limits, colour_numbers, normalise, of_colour_numbers
+from ...graphics.primitives import Floor
+from ...session.worker import LatestWorker
+from ...solvers.interface import RunState
+from .cost_map import CostMap, cost_map
+from .map_request import CostMapRequest, MapStyle
+from .prepare import PreparedRun
+
+FEW_STOPS = 18  # maps of a sweep that leaves some out
+NO_IMAGE = np.zeros((1, 1, 3), np.uint8)
+
+
+@dataclass(frozen=True)
+class SweepRequest:
+    """A sweep to be computed.
+
+    Attributes
+    ----------
+    revision : int, counts the states on the screen
+    microphone : int, counted from 0
+    modes : those that can be summed, ascending, counted from 1
+    highest : the highest mode of the sum; None for the mode whose own map has most local minima
+    descending : whether the highest mode comes first
+    order_offset : of the maps; None for what the solver minimises
+    log : whether the scale is logarithmic
+    few : whether sums are left out, the more the more modes they have
+    state : of the solver
+    """
+
+    revision: int
+    microphone: int
+    modes: tuple[int, ...]
+    highest: int | None
+    descending: bool
+    order_offset: int | None
+    log: bool
+    few: bool
+    state: RunState = field(compare=False)
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A sweep, which may still grow.
+
+    Attributes
+    ----------
+    request : SweepRequest
+    modes : in the order in which they are added, counted from 1
+    stops : how many of them each map is the sum of
+    frames : the maps; a list that is only appended to
+    """
+
+    request: SweepRequest
+    modes: tuple[int, ...]
+    stops: tuple[int, ...]
+    frames: list[SweepFrame] = field(default_factory=list)
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """The numbers of local minima so far."""
+        return tuple(frame.map.minima for frame in self.frames[:])
+
+    def frame(self, count: int) -> SweepFrame | None:
+        """Return the map of the first `count` modes, or None where there is none, or not yet."""
+        place = self.stops.index(count) if count in self.stops else len(self.stops)
+        return self.frames[place] if place < len(self.frames) else None
+
+    def of_first(self, count: int) -> tuple[int, ...]:
+        """Return the first `count` modes, ascending."""
+        return tuple(sorted(self.modes[:count]))
+
+
+@dataclass(frozen=True)
+class SweepFrame:
+    """One map of a sweep.
+
+    Attributes
+    ----------
+    map : CostMap
+    floor : of the map, without its image
+    numbers : (ny, nx) uint8, the image, as of `colour_numbers`
+    """
+
+    map: CostMap
+    floor: Floor
+    numbers: np.ndarray
+
+
+def stops_of(count: int, most: int) -> tuple[int, ...]:
+    """Return how many of `count` modes the maps of a sweep are the sums of: all numbers, or `most` at most."""
+    if count <= most:
+        return tuple(range(1, count + 1))
+    return tuple(int(n) for n in np.unique(np.geomspace(1, count, most).round()))
+
+
+class SweepWorker:
+    """Computes the maps of one sweep at a time; all of it on the caller's thread except `_compute`.
+
+    Parameters
+    ----------
+    run : PreparedRun
+    notify : called when a sweep is complete
+    """
+
+    def __init__(self, run: PreparedRun, notify: Callable[[], None] = lambda: None):
+        self._run = run
+        self._requested: SweepRequest | None = None
+        self._sweep: Sweep | None = None
+        self._drawn: tuple[SweepFrame, bool, CostMap] | None = None
+        self.worker = LatestWorker(self._compute, "fdcal-sweep", notify=notify)
+
+    def request(self, wanted: SweepRequest) -> None:
+        """Compute a sweep, unless it is in progress or complete."""
+        if wanted != self._requested:
+            self._requested = wanted
+            self.worker.request(wanted)
+
+    def sweep(self, wanted: SweepRequest) -> Sweep | None:
+        """Return the sweep of a request, as far as it is computed; None before its modes are known."""
+        sweep = self._sweep
+        return sweep if sweep is not None and sweep.request == wanted else None
+
+    @property
+    def error(self) -> Exception | None:
+        """What has kept the last sweep from being computed."""
+        latest = self.worker.latest
+        return None if latest is None or latest.request[0] != self._requested else latest.cause
+
+    def map_of(self, wanted: CostMapRequest) -> CostMap | None:
+        """Return the map of a request where the sweep has it: the same object as long as nothing changes."""
+        sweep, style, count = self._sweep, wanted.style, len(wanted.modes)
+        if sweep is None or style.relief or style.shape or style.volume:
+            return None
+        of, alike = sweep.request, ("revision", "microphone", "order_offset")
+        if any(getattr(of, name) != getattr(wanted, name) for name in alike) or of.log != style.log:
+            return None
+        frame = sweep.frame(count)
+        return None if frame is None or sweep.of_first(count) != wanted.modes else self._image(frame, wanted)
+
+    def _image(self, frame: SweepFrame, wanted: CostMapRequest) -> CostMap:
+        if self._drawn is None or self._drawn[0] is not frame or self._drawn[1] != wanted.style.minima:
+            image = of_colour_numbers(frame.numbers)
+            floor = replace(frame.floor, rgb=image, show_minima=wanted.style.minima)
+            self._drawn = frame, wanted.style.minima, replace(frame.map, request=wanted, floor=floor, fine=True)
+        return self._drawn[2]
+
+    def close(self, timeout: float) -> bool:
+        """End the thread after the map in progress; False if that takes longer than `timeout`, s."""
+        self._requested = None
+        return self.worker.close(timeout)
+
+    def _compute(self, request: SweepRequest) -> None:
+        """On the thread: map after map, until another sweep is requested."""
+        run, state, n, offset = self._run, request.state, request.microphone, request.order_offset
+        if run.problem.search is None:
+            return
+        modes, highest = request.modes, request.highest
+        if highest is None:
+            highest = ambiguous_mode(run.problem, run.solver, state, n, modes, offset)
+        modes = tuple(mode for mode in modes if mode <= highest)
+        stops = stops_of(len(modes), FEW_STOPS if request.few else len(modes))
+        sweep = Sweep(request, modes[::-1] if request.descending else modes, stops)
+        self._sweep = sweep
+        search = refined(run.problem.search)
+        for sums in partial_sums(run.problem, run.solver, state, n, sweep.modes, offset, search, stops):
+            if self._requested != request:
+                return
+            sweep.frames.append(self._frame(request, sums.modes, sums.cost, sums.minima, search))
+
+    def _frame(self, request: SweepRequest, modes, cost: np.ndarray, minima, search) -> SweepFrame:
+        style = MapStyle(log=request.log)
+        of = CostMapRequest(
+            request.revision, request.microphone, tuple(sorted(modes)), request.order_offset, True, style,
+            follow=False, state=request.state, lineage=None,
+        )  # fmt: skip
+        drawn = cost_map(self._run, of, cost, search, minima)
+        low, high, _ = colour_limits(cost, request.log)
+        numbers = colour_numbers(normalise(cost, low, high, request.log))
+        if drawn.floor is None:
+            raise ValueError("a map of a sweep is on the floor")
+        floor = replace(drawn.floor, rgb=NO_IMAGE)
+        return SweepFrame(replace(drawn, floor=None), floor, numbers)

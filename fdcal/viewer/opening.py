@@ -1,0 +1,53 @@
+"""What the page shows first, without a click: why one frequency is not enough.
+
+The map of one mode that has several local minima, then the sum with more and more modes. It begins once, after the
+first browser has opened the page, and ends where it began, or as soon as a user touches anything.
+"""
+
+from __future__ import annotations
+
+from .session_view import Viewer
+
+DELAY = 2.5  # s from a browser's connection, in which it draws the room
+
+
+class Opening:
+    """Decides when the first sweep begins and ends; called by the main loop."""
+
+    def __init__(self):
+        self._due: float | None = None
+        self._viewer: Viewer | None = None  # in which it plays
+        self.done = False
+
+    def tick(self, viewer: Viewer, watched: bool, busy: bool, now: float) -> None:
+        """Begin when it is time, and stop for the user.
+
+        Parameters
+        ----------
+        viewer : of the session that is shown
+        watched : whether a browser shows the page
+        busy : whether the page does something else: a lesson, or a compilation
+        now : time, s
+        """
+        if self.done:
+            return
+        sweep, touched = viewer.side_panel.sweep, viewer.binding.touches > 0
+        if self._viewer is not None:
+            if touched or not sweep.playing or viewer is not self._viewer:
+                self.done = True
+                viewer.call(self._viewer.side_panel.sweep.end_opening)
+            return
+        if touched or not suitable(viewer):
+            self.done = True
+        elif watched and not busy:
+            self._due = now + DELAY if self._due is None else self._due
+            if now >= self._due:
+                self._viewer = viewer
+                sweep.open()
+
+
+def suitable(viewer: Viewer) -> bool:
+    """Whether a session begins with the sweep: one that nobody has begun or set up, with more than one mode."""
+    run, opening = viewer.run, viewer.run.opening
+    plain = not (opening.play or opening.states or opening.choices)
+    return plain and run.problem.search is not None and viewer.binding.modes > 1

@@ -1,0 +1,138 @@
+"""The tab Plan: how exact the array of the scene could be calibrated, before anything is measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from html import escape
+
+import numpy as np
+import viser
+
+from ..background.planned_array import PlannedArray, PlanWorker, can_plan
+from ..gui import html
+from ..gui.binding import Binding
+from ..gui.plan_choices import PlanChoices
+from ..server.client_values import bounded, bounded_number
+
+MEASURED = "This is a measurement; open a scene to plan its array."
+HINT = "Ellipses of the least error that is possible, before anything is measured; drag microphones to see it change"
+DRAGGED = "The scene shows the plan, not the solver. Dragged microphones change the plan only."
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """Between which bounds the controls can be set.
+
+    Attributes
+    ----------
+    snr_db : dB
+    least_frequencies : number of frequencies
+    gain_sigma_db : dB
+    """
+
+    snr_db: tuple[int, int] = (1, 60)
+    least_frequencies: int = 3
+    gain_sigma_db: tuple[float, float] = (0.0, 6.0)
+
+
+RANGES = Ranges()
+
+
+class PlanTab:
+    """Owns the controls of the tab, of which a measurement has none, and the thread of the bound."""
+
+    def __init__(self, binding: Binding):
+        self._binding, self._most, self.worker = binding, 0, PlanWorker(binding.run)
+        if not can_plan(binding.run):
+            binding.gui.add_html(html.remark(MEASURED))
+            return
+        binding.choices = replace(binding.choices, plan=initial_plan(binding))
+        self._add_controls(binding.choices.plan)
+        self._listen()
+
+    def _add_controls(self, plan: PlanChoices) -> None:
+        gui, count = self._binding.gui, self._binding.measurement.count
+        self.shown = gui.add_checkbox("Show the plan", plan.shown, hint=HINT)
+        self.snr = gui.add_slider(
+            "Planned SNR (dB)", *RANGES.snr_db, 1, round(plan.snr_db), hint="Signal-to-noise ratio of each frequency"
+        )
+        low = RANGES.least_frequencies
+        self.frequencies = gui.add_slider(
+            "Frequencies", low, low + 1, 1, low + 1, disabled=True, hint="The lowest so many of the independent ones"
+        )
+        self.known = gui.add_slider(
+            "Given positions", 0, count - 1, 1, len(plan.known), hint="Microphones whose positions will be measured"
+        )
+        self.gain = gui.add_slider(
+            "Gain sigma (dB)", *RANGES.gain_sigma_db, 0.1, plan.gain_sigma_db, hint="Spread of the channels' gains"
+        )
+        self.reset = gui.add_button("Original positions", icon=viser.Icon.ARROW_BACK_UP, disabled=True)
+        self.summary = gui.add_html("")
+
+    def _listen(self) -> None:
+        binding, (low, high) = self._binding, RANGES.gain_sigma_db
+        binding.on(self.shown, lambda value: self._choose(shown=bool(value)))
+        binding.on(self.snr, lambda value: self._choose(snr_db=float(bounded(value, *RANGES.snr_db, 30))))
+        binding.on(self.frequencies, self._limit)
+        binding.on(self.known, lambda value: self._choose(known=first_known(binding, value)))
+        binding.on(self.gain, lambda value: self._choose(gain_sigma_db=bounded_number(value, low, high, 0.0)))
+        binding.on(self.reset, lambda _: self._choose(moved=()))
+
+    def _choose(self, **changes) -> None:
+        self._binding.choose(plan=replace(self._binding.choices.plan, **changes))
+
+    def _limit(self, value) -> None:
+        """Use so many frequencies; the end of the slider stands for all that the array can use."""
+        count = bounded(value, RANGES.least_frequencies, max(self._most, RANGES.least_frequencies), self._most)
+        self._choose(frequencies=None if count >= self._most else count)
+
+    @property
+    def planned(self) -> PlannedArray | None:
+        """The newest bound; None while there is none or the plan is not shown."""
+        return self.worker.of(self._binding.choices.plan)
+
+    def show(self) -> None:
+        """Bring the tab up to date; called by the main loop."""
+        if not can_plan(self._binding.run):
+            return
+        plan, planned, send = self._binding.choices.plan, self.planned, self._binding.send
+        send("plan reset", not plan.moved, self.reset, "disabled")
+        if not plan.shown:
+            send("plan", "", self.summary, "content")
+        elif planned is not None:
+            send("plan", summary(planned), self.summary, "content")
+            self._show_most(planned.most)
+
+    def _show_most(self, most: int) -> None:
+        """Let the slider end at the number of frequencies that the array can use."""
+        if most == self._most or most <= RANGES.least_frequencies:
+            return
+        self._most, chosen = most, self._binding.choices.plan.frequencies
+        self.frequencies.disabled = False
+        self.frequencies.max = most
+        self.frequencies.value = most if chosen is None else min(chosen, most)
+
+
+def initial_plan(binding: Binding) -> PlanChoices:
+    """Return the circumstances of the scene itself."""
+    run = binding.run
+    noise = run.scene.measurement.snr_db
+    snr = float(bounded(noise, *RANGES.snr_db, 30)) if np.isfinite(noise) else PlanChoices().snr_db
+    return PlanChoices(snr_db=snr, known=tuple(run.measurement.known.tolist()))
+
+
+def first_known(binding: Binding, value) -> tuple[int, ...]:
+    """Return so many microphones: first those that the scene gives, then the others by their numbers."""
+    given = binding.measurement.known.tolist()
+    order = given + [n for n in range(binding.measurement.count) if n not in given]
+    return tuple(sorted(order[: bounded(value, 0, len(order) - 1, len(given))]))
+
+
+def summary(planned: PlannedArray) -> str:
+    """Return the summary in words as HTML."""
+    if planned.error:
+        return html.complaint(planned.error)
+    items = "".join(f"<li>{escape(line)}</li>" for line in planned.lines)
+    return (
+        f"<div style='{html.CARD}'><ul style='padding-left: 1.1em; margin: 0'>{items}</ul></div>{html.remark(DRAGGED)}"
+    )

@@ -1,0 +1,241 @@
+"""The tab Sweep: modes are added to the map one by one, and its local minima are counted on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import viser
+
+from ...session.history import SessionView
+from ..background.cost_map import CostMap
+from ..background.map_panels import ModePanels, carried_modes
+from ..background.map_request import CostMapRequest
+from ..background.mode_sweep import Sweep, SweepRequest, SweepWorker
+from ..gui import html
+from ..gui.binding import Binding
+from ..gui.choices import FLOOR
+from ..gui.plots import Plot
+from ..gui.sweep_html import caption, curve, curve_series
+from ..playback import OPENING_RATE, Playback
+from ..server.client_values import bounded, one_of
+from .map import MapTab
+
+UP, DOWN = "Lowest first", "Highest first"
+ORDERS: tuple[str, ...] = (UP, DOWN)
+RATE, MAX_RATE = 4, 20  # modes per second
+INTERVAL = 0.25  # s between two updates of the curve
+ADVICE = (
+    "Play adds one mode after the other to the map and counts its local minima; the sum keeps the one that all share."
+)
+
+
+class SweepTab:
+    """Owns the controls of the tab, the thread that computes the maps, and what plays.
+
+    Its callbacks run on viser's event loop, `show` on the main loop.
+
+    Parameters
+    ----------
+    binding : Binding
+    map_tab : MapTab, whose modes are set
+    call : runs a function on viser's event loop
+    """
+
+    def __init__(self, binding: Binding, map_tab: MapTab, call: Callable[[Callable[[], object]], object]):
+        self._binding, self._map, self._call = binding, map_tab, call
+        self.worker = SweepWorker(binding.run)
+        self._playing: Playback | None = None
+        self._wanted: SweepRequest | None = None  # of the last sweep that was asked for
+        self._revision, self._updated = -1, -1e9
+        self._panels: ModePanels | None = None  # maps of single modes, drawn last
+        self._add_controls()
+        self._plot = Plot(
+            binding.gui, "Local minima of the sum", curve_series(), "modes summed", height=140, whole=True, legend=False
+        )
+        self._listen()
+
+    def _add_controls(self) -> None:
+        gui, modes = self._binding.gui, self._binding.modes
+        self.play = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, hint="Add one mode after the other to the map")
+        self.summed = gui.add_slider("Modes summed", 1, modes, 1, modes, hint="How many modes the map is the sum of")
+        with gui.add_folder("Order and speed", expand_by_default=False):
+            self.order = gui.add_dropdown(
+                "Order", ORDERS, initial_value=UP, hint="Modes 1, 2, 3 and so on, or from the highest mode down"
+            )
+            self.highest = gui.add_slider("Highest mode", 1, modes, 1, modes, hint="Of the whole sum")
+            self.rate = gui.add_slider("Modes per second", 1, MAX_RATE, 1, RATE)
+        self.text = gui.add_html(html.remark(ADVICE))
+
+    def _listen(self) -> None:
+        binding = self._binding
+        binding.on(self.play, lambda _: self.toggle())
+        binding.on(self.summed, lambda value: self.sum_modes(bounded(value, 1, binding.modes, 1)))
+        binding.on(self.rate, self._set_rate)
+        binding.on(self.order, lambda _: self._restart())
+        binding.on(self.highest, lambda _: self._restart())
+
+    @property
+    def playing(self) -> bool:
+        """Whether modes are being added."""
+        return self._playing is not None
+
+    @property
+    def note(self) -> str:
+        """What the opening shows, as HTML; "" unless it plays."""
+        playing = self._playing
+        return self._caption() if playing is not None and playing.opening and playing.shown else ""
+
+    def toggle(self) -> None:
+        """Play from the modes of the map, or pause."""
+        if self._playing is not None:
+            self.pause()
+            return
+        playing = Playback(bounded(self.rate.value, 1, MAX_RATE, RATE), before=self._binding.choices.modes)
+        sequence = self._sequence()
+        playing.continue_from(self._summed_now(sequence), range(1, len(sequence) + 1))
+        self._begin(playing)
+
+    def open(self) -> None:
+        """Play the sweep with which a page opens: from the most ambiguous mode down, and back to the modes before."""
+        self.order.value = DOWN
+        self._begin(Playback(OPENING_RATE, opening=True, before=self._binding.choices.modes))
+
+    def _begin(self, playing: Playback) -> None:
+        if not self._binding.choices.shown:
+            self._map.show_as(FLOOR)
+        self._revision, self._playing = -1, playing
+
+    def pause(self) -> None:
+        """Stop; the opening puts the modes of the map back, unless someone else has chosen modes meanwhile."""
+        playing, self._playing = self._playing, None
+        if playing is not None and playing.opening and self._binding.choices.modes == playing.shown:
+            self._map.choose_modes(playing.before)
+
+    def end_opening(self) -> None:
+        """Stop the opening where it still plays."""
+        if self._playing is not None and self._playing.opening:
+            self.pause()
+
+    def sum_modes(self, count: int) -> None:
+        """Pause, and show the sum of the first `count` modes of the sweep."""
+        self.pause()
+        self._revision = -1
+        sequence = self._sequence()
+        self._map.choose_modes(sorted(sequence[: min(count, len(sequence))]))
+
+    def _restart(self) -> None:
+        """Show as many modes as before, in another order; whatever plays begins again."""
+        again = self.playing
+        self.sum_modes(1 if again else bounded(self.summed.value, 1, self._binding.modes, 1))
+        if again:
+            self.toggle()
+
+    def _set_rate(self, value) -> None:
+        playing = self._playing
+        if playing is not None:
+            playing.rate = bounded(value, 1, MAX_RATE, RATE)
+
+    def _usable(self) -> tuple[int, ...]:
+        """Return the modes that can be summed, ascending."""
+        choices = self._binding.choices
+        offset = None if choices.objective else choices.order_offset
+        return carried_modes(self._binding.run, offset, self._binding.modes) or (1,)
+
+    def _sequence(self) -> tuple[int, ...]:
+        """Return the modes in the order in which they are added."""
+        highest = bounded(self.highest.value, 1, self._binding.modes, self._binding.modes)
+        modes = tuple(mode for mode in self._usable() if mode <= highest) or (1,)
+        return modes[::-1] if one_of(self.order.value, ORDERS, UP) == DOWN else modes
+
+    def _summed_now(self, sequence: tuple[int, ...]) -> int:
+        """Return how many modes of the sweep the map is the sum of; 0 where it is another sum."""
+        modes = self._binding.choices.modes
+        return len(modes) if modes and tuple(sorted(sequence[: len(modes)])) == modes else 0
+
+    # Below: the main loop alone.
+
+    def map_for(self, wanted: CostMapRequest, drawn: CostMap | None, reason: str) -> tuple[CostMap | None, str]:
+        """Return the map of the sweep in place of `drawn`, where the sweep has the one that is wanted."""
+        if drawn is not None:
+            self._panels = drawn.panels
+        swept = self.worker.map_of(wanted)
+        return (drawn, reason) if swept is None else (replace(swept, panels=self._panels), "")
+
+    def show(self, view: SessionView, revision: int, microphone: int, now: float) -> None:
+        """Request the maps of a sweep that plays or was asked for, play it, and bring the tab up to date."""
+        if self._revision == -1:
+            self._revision = revision
+        elif self._revision != revision and not self.playing:
+            self._wanted = None  # its curve is of another state
+        if (self.playing or self._revision == revision) and not view.running:
+            self._wanted = self._request(view, revision, microphone)
+            self.worker.request(self._wanted)
+        sweep = None if self._wanted is None else self.worker.sweep(self._wanted)
+        self._step(sweep, now)
+        self._update(sweep, now)
+
+    def _request(self, view: SessionView, revision: int, microphone: int) -> SweepRequest:
+        choices, order = self._binding.choices, one_of(self.order.value, ORDERS, UP)
+        opening = self._playing is not None and self._playing.opening
+        highest = None if opening else bounded(self.highest.value, 1, self._binding.modes, 1)
+        offset = None if choices.objective else choices.order_offset
+        return SweepRequest(
+            revision, microphone, self._usable(), highest, order == DOWN, offset, choices.style.log, opening, view.state
+        )
+
+    def _step(self, sweep: Sweep | None, now: float) -> None:
+        """Show the next map of what plays, where it is due and ready."""
+        playing = self._playing
+        if playing is None or sweep is None:
+            return
+        if self.worker.error is not None or playing.ended(sweep.stops, now):
+            self._call(lambda: self.pause() if playing is self._playing else None)
+        elif (summed := playing.advance(sweep.stops, len(sweep.frames), now)) is not None:
+            self._call(lambda: self._go(playing, sweep, summed))
+
+    def _go(self, playing: Playback, sweep: Sweep, summed: int) -> None:
+        """On viser's event loop: show the sum of so many modes, unless the user has paused or chosen meanwhile."""
+        if playing is not self._playing:
+            return
+        if playing.shown is not None and self._binding.choices.modes != playing.shown:
+            self.pause()
+            return
+        playing.shown = sweep.of_first(summed)
+        self._map.choose_modes(playing.shown)
+
+    def _update(self, sweep: Sweep | None, now: float) -> None:
+        binding, sequence = self._binding, self._sequence() if sweep is None else sweep.modes
+        summed = self._summed_now(sequence)
+        binding.send("sweep plays", "Pause" if self.playing else "Play", self.play, "label")
+        icon = viser.Icon.PLAYER_PAUSE if self.playing else viser.Icon.PLAYER_PLAY
+        binding.send("sweep icon", icon, self.play, "icon")
+        binding.send("modes summed", summed or len(sequence), self.summed)
+        if sweep is not None and sweep.request.highest is None:
+            binding.send("highest mode", max(sweep.modes), self.highest)
+        binding.send("sweep", self._caption(), self.text, "content")
+        if now - self._updated > INTERVAL:
+            self._updated = now
+            self._draw(sweep, summed)
+
+    def _draw(self, sweep: Sweep | None, summed: int) -> None:
+        if sweep is None or not sweep.frames:
+            return
+        key = id(sweep), len(sweep.frames), summed
+        if self._binding.sent.get("curve of the sweep") != key:
+            self._binding.sent["curve of the sweep"] = key
+            columns = curve(sweep.stops, sweep.counts, summed)
+            self._plot.show(columns, limits=(0.0, max(sweep.counts) + 1.0))
+
+    def _caption(self) -> str:
+        """Return how many local minima the present sum has, as HTML."""
+        sweep = None if self._wanted is None else self.worker.sweep(self._wanted)
+        error = self.worker.error
+        if error is not None:
+            return html.complaint(error)
+        summed = 0 if sweep is None else self._summed_now(sweep.modes)
+        frame = None if sweep is None else sweep.frame(summed)
+        if sweep is None or frame is None:
+            return html.remark(ADVICE)
+        layer = self._binding.measurement.array_dimension == 3
+        return caption(sweep.request.microphone, sweep.of_first(summed), frame.map.minima, layer)

@@ -1,0 +1,204 @@
+"""The legend and the colour bar on the canvas, in a real browser, on a desktop and on a phone."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+
+import pytest
+from browsing import WAIT, choose, on_screen, press, tab
+
+from fdcal.model.scene_file import load_scene
+from fdcal.viewer.gui.layout import LEFT, LEFT_WIDTH, RIGHT
+
+DESKTOPS = ((1280, 720), (1440, 900))
+PHONE = (390, 844)
+
+
+@pytest.fixture(scope="module")
+def address(kernels):
+    """Where `fdcal view` serves `tiny`."""
+    command = [sys.executable, "-m", "fdcal", "view", "tiny", "--port", "0", "--no-browser"]
+    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ)
+    try:
+        yield server.stdout.readline().strip()
+        server.send_signal(signal.SIGINT)
+        _, errors = server.communicate(timeout=WAIT)
+        assert server.returncode == 0 and "Traceback" not in errors, errors
+    finally:
+        server.kill()
+
+
+@pytest.fixture
+def open_page(address, browser):
+    """Function of a size that opens a page and waits for its picture and its legend."""
+    opened = []
+
+    def open_one(size):
+        page = browser.new_page(viewport=dict(zip(("width", "height"), size, strict=True)))
+        opened.append(page)
+        page.set_default_timeout(WAIT * 1e3)
+        page.goto(f"{address}/?fixedDpr=1")
+        drawn = "name => window.__viserMutable?.nodeRefFromName?.[name] != null"
+        page.wait_for_function(drawn, arg="/microphones/estimate", timeout=WAIT * 1e3)
+        legend_of(page).get_by_text("dB").wait_for()
+        return page
+
+    yield open_one
+    for page in opened:
+        page.close()
+
+
+def legend_of(page):
+    return page.locator(".fdcal-legend")
+
+
+def entries(page):
+    return [text.strip() for text in legend_of(page).locator("span").all_inner_texts()]
+
+
+@pytest.mark.parametrize("size", DESKTOPS)
+def test_the_legend_stands_on_the_canvas_below_the_map(open_page, size):
+    page, scene = open_page(size), load_scene("tiny")
+    canvas = page.locator("canvas").first.bounding_box()
+    x, y = scene.search.origin[:2]
+    (_, bottom), _ = on_screen(page, scene, [(x, y, 0.0), (x + 0.1, y, 0.0)])
+    box = legend_of(page).bounding_box()
+    assert canvas["x"] <= box["x"] and box["x"] + box["width"] <= canvas["x"] + canvas["width"]
+    assert bottom + 30 < box["y"] and box["y"] + box["height"] <= size[1], "below the numbers of the ruler"
+
+
+def test_the_legend_follows_what_is_drawn(open_page):
+    page = open_page(DESKTOPS[0])
+    assert {"true", "estimate", "known"} < set(entries(page)) and "trail" not in entries(page)
+    press(page, "Step")
+    page.get_by_text("step 1, sweep").wait_for()
+    tab(page, "View")
+    page.get_by_role("checkbox", name="Trails").click()
+    legend_of(page).get_by_text("trail").wait_for()
+    page.get_by_role("checkbox", name="Trails").click()
+    legend_of(page).get_by_text("trail").wait_for(state="detached")
+    tab(page, "Map")
+    page.keyboard.press("v")
+    page.keyboard.press("v")
+    page.keyboard.press("v")  # no map
+    legend_of(page).get_by_text("dB").wait_for(state="detached")
+    page.keyboard.press("v")
+    legend_of(page).get_by_text("dB").wait_for()
+
+
+@pytest.mark.parametrize("folded", [False, True], ids=["open", "folded"])
+def test_on_a_phone_the_legend_stands_above_the_scene(open_page, folded):
+    page = open_page(PHONE)
+    if folded:
+        page.get_by_text(re.compile("fdcal · tiny")).click()
+        page.get_by_role("button", name="Run", exact=True).wait_for(state="hidden")
+    legend_of(page).get_by_text("estimate").wait_for()
+    box = legend_of(page).bounding_box()
+    assert box["x"] >= 0 and box["y"] >= 0 and box["width"] <= PHONE[0] and box["height"] < 0.2 * PHONE[1]
+
+
+def test_on_a_phone_every_tab_can_be_opened(open_page):
+    page = open_page(PHONE)
+    for name in (*RIGHT, *LEFT):
+        there = page.get_by_role("tab", name=name, exact=True)
+        there.click()
+        assert there.get_attribute("aria-selected") == "true"
+    sheet = page.get_by_role("tab", name="Solver", exact=True).locator("xpath=ancestor::*[@role='tablist']")
+    box = sheet.bounding_box()
+    assert box["width"] > 0.9 * PHONE[0], "the sheet uses the whole width"
+
+
+@pytest.mark.parametrize("size", DESKTOPS)
+def test_the_tabs_of_a_panel_stand_in_one_row(open_page, size):
+    page = open_page(size)
+    for names in (RIGHT, LEFT):
+        boxes = [page.get_by_role("tab", name=name, exact=True).bounding_box() for name in names]
+        assert len({box["y"] for box in boxes}) == 1
+        ends = [box["x"] + box["width"] for box in boxes]
+        assert all(end <= box["x"] + 0.5 for end, box in zip(ends, boxes[1:], strict=False))
+        assert ends[-1] <= size[0] if names is RIGHT else ends[-1] <= LEFT_WIDTH
+
+
+def canvas_width(page):
+    return page.locator("canvas").first.bounding_box()["width"]
+
+
+def wait_for_width(page, wanted):
+    for _ in range(int(WAIT / 0.2)):
+        if wanted(canvas_width(page)):
+            return
+        page.wait_for_timeout(200)
+    pytest.fail(f"the canvas is {canvas_width(page)} pixels wide")
+
+
+def letters(page):
+    """Height of an entry of the legend on the screen, pixels."""
+    return legend_of(page).get_by_text("estimate").bounding_box()["height"]
+
+
+@pytest.mark.parametrize("size", DESKTOPS)
+def test_lecture_mode_folds_the_panels_and_enlarges_the_type_and_back(open_page, size):
+    page = open_page(size)
+    width, small = canvas_width(page), letters(page)
+    tab(page, "View")
+    page.get_by_role("checkbox", name="Lecture mode").click()
+    wait_for_width(page, lambda now: now > size[0] - 120)
+    page.get_by_role("button", name="Show panels").wait_for()
+    assert letters(page) > 1.25 * small
+    page.wait_for_timeout(500)
+    box = legend_of(page).bounding_box()
+    assert box["x"] > 0.6 * size[0] and box["y"] + box["height"] <= size[1], "beside the scene, and whole"
+    press(page, "Reset")
+    page.get_by_text("step 0, sweep 0").wait_for()
+    press(page, "Step")
+    page.get_by_text("step 1, sweep 1").wait_for()
+    page.get_by_role("button", name="Show panels").click()
+    wait_for_width(page, lambda now: abs(now - width) < 2)
+    page.get_by_role("button", name="Show panels").wait_for(state="hidden")
+    assert letters(page) == pytest.approx(small, abs=0.5)
+    assert not page.get_by_role("checkbox", name="Lecture mode").is_checked()
+
+
+def test_a_key_begins_and_ends_lecture_mode(open_page):
+    page = open_page(DESKTOPS[0])
+    width = canvas_width(page)
+    page.keyboard.press("h")
+    wait_for_width(page, lambda now: now > width + 300)
+    page.keyboard.press("h")
+    wait_for_width(page, lambda now: abs(now - width) < 2)
+
+
+def test_the_legend_says_how_large_the_ellipses_are_drawn(open_page):
+    page = open_page(DESKTOPS[0])
+    press(page, "Run")
+    page.get_by_text(re.compile(r"one sigma [\d.]+ mm")).first.wait_for()
+    verdict = page.get_by_text(re.compile(r"one sigma [\d.]+ mm")).first.inner_text()
+    tab(page, "View")
+    page.get_by_role("checkbox", name="Error ellipses").click()
+    sigma = re.search(r"one sigma [\d.]+ mm", verdict)[0]
+    legend_of(page).get_by_text(re.compile(rf"drawn \d+ times larger; {re.escape(sigma)}")).wait_for()
+    choose(page, "Ellipse size", "100 times")
+    legend_of(page).get_by_text("drawn 100 times larger").wait_for()
+    choose(page, "Ellipse size", "True")
+    legend_of(page).get_by_text(re.compile(rf"error ellipse \(95 %\)(, too small to be seen)?; {sigma}")).wait_for()
+    page.get_by_role("checkbox", name="Error ellipses").click()
+    legend_of(page).get_by_text("error ellipse").wait_for(state="detached")
+    press(page, "Reset")
+
+
+def test_the_race_is_visible_whole(open_page):
+    page = open_page(DESKTOPS[0])
+    tab(page, "Race")
+    press(page, "Start")
+    page.get_by_text("Cost (Eq. 7", exact=False).last.wait_for()
+    page.get_by_text(re.compile("converged|limit")).nth(3).wait_for()  # all four solvers
+    last = page.locator(".uplot:visible").last
+    last.scroll_into_view_if_needed()  # does nothing where it is in view
+    for part in (last, page.get_by_role("button", name="Clear", exact=True)):
+        box = part.bounding_box()
+        assert box["y"] >= 0 and box["y"] + box["height"] <= DESKTOPS[0][1]
+    legend_of(page).get_by_text("robust").wait_for()
+    press(page, "Clear")
+    page.get_by_role("button", name="Clear", exact=True).wait_for(state="hidden")

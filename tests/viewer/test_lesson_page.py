@@ -1,0 +1,48 @@
+"""Lessons in a real browser: chosen, answered and left with buttons, and with keys."""
+
+import pytest
+from browsing import choose, opened_page, press, serving, slider, tab
+
+from fdcal.model.scene_file import scene_folder
+from fdcal.session.lesson_file import load_lesson
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory, kernels, browser):
+    """The page of `tiny`, solved by descent."""
+    slow = tmp_path_factory.mktemp("lessons") / "slow.toml"
+    text = (scene_folder() / "tiny.toml").read_text(encoding="utf-8")
+    slow.write_text(text.replace('name = "joint"', 'name = "descent"'), encoding="utf-8")
+    with serving(slow) as address:
+        page = opened_page(browser, address)
+        yield page
+        page.close()
+
+
+def test_a_lesson_is_taken_with_clicks_and_keys_and_left(page):
+    lesson = load_lesson("3_too_many_too_soon")
+    press(page, "Step")
+    page.get_by_text("step 1, sweep 0").wait_for()
+    tab(page, "Map")
+    handle = slider(page, "Microphone")
+    handle.focus()
+    handle.press("Home")
+    choose(page, "Scale", "Linear")
+    page.get_by_text("microphone 0, ").first.wait_for()
+    tab(page, "Lessons")
+    press(page, lesson.title)
+    page.get_by_text(lesson.steps[0].question).wait_for()
+    page.get_by_text("step 0, sweep 0").wait_for()
+    press(page, lesson.steps[0].choices[0])  # a wrong answer, in its own words
+    page.get_by_text(f"The answer is: {lesson.steps[0].choices[1]}.").wait_for()
+    page.keyboard.press("j")  # nothing on the page takes it as a letter
+    page.get_by_text(f"{lesson.title}, step 2 of 3").wait_for()
+    page.keyboard.press("Shift+J")
+    page.get_by_text(f"{lesson.title}, step 1 of 3").wait_for()
+    press(page, "End lesson")
+    page.get_by_role("button", name=lesson.title, exact=True).wait_for()
+    page.get_by_text("step 1, sweep 0").wait_for()
+    tab(page, "Map")
+    page.get_by_text("microphone 0, ").first.wait_for()
+    number = page.get_by_text("Scale", exact=True).get_attribute("for")
+    assert page.locator(f"[id='{number}']").input_value() == "Linear"

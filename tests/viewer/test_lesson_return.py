@@ -1,0 +1,175 @@
+"""A lesson puts back all that it has set: the session with its states, every control, the race."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fdcal.model.scene_file import load_scene
+from fdcal.session.lesson import Lesson, Setting, Step
+from fdcal.session.lesson_file import lesson_names, load_lesson
+from fdcal.session.request import OpenRequest, edited
+from fdcal.viewer.background.comparison import ComparisonSetup
+from fdcal.viewer.gui.choices import Choices
+from fdcal.viewer.lesson_return import control_values
+from fdcal.viewer.tabs.lessons import LessonsTab
+
+SMALL = "tiny"
+
+
+def controls_of(viewer):
+    """What every control of the page says."""
+    main, side = viewer.main_panel, viewer.side_panel
+    tabs = {**vars(main), **vars(side), "slice": main.map.slice}
+    return {name: values for name, tab in tabs.items() if (values := control_values_of(tab))}
+
+
+def control_values_of(tab):
+    return control_values(tab) if hasattr(tab, "__dict__") else {}
+
+
+def set_oddly(viewer):
+    """Set the page as no lesson does, as a user would: by its controls."""
+    main = viewer.main_panel
+    main.solver.use_modes(2, 7, False)
+    main.solver.seed.value = 5
+    viewer.binding.choose(seed=5)
+    main.run_bar.speed.value = 12
+    main.run_bar.limit_rate(12)
+    main.map.pick(4)
+    main.map.show_as("Relief")
+    main.map.choose_modes((2, 3, 6))
+    main.map.show_quantity("Solver's objective")
+    main.map.set_order(3)
+    main.map.scale_as("Linear")
+    main.map.mark_minima(False)
+    main.map.opacity.value = 60
+    main.map.fade(60)
+    main.view.draw(trails=True, ellipses=True)
+    main.view.darken(True)
+    main.view.release.value = True
+    viewer.binding.choose(release=True)
+    main.export.choose("Map (VTI for ParaView)")
+    main.export.kind.value = "Map (VTI for ParaView)"
+    main.scene.radius.value = 0.31
+    main.scene.walls.value = "absorbing"
+    main.scene.noise.value = True
+    main.scene.refresh()
+    side = viewer.side_panel
+    side.maps.shared.value = True
+    viewer.binding.choose_style(shared=True)
+    side.comparison.seed.value = 9
+    side.comparison.marks.value = False
+
+
+@pytest.fixture
+def opened(page_of):
+    """A page that shows `tiny` solved by descent, stopped at step 5 of 9 and set oddly."""
+    page, turn_until = page_of
+    scene = edited(load_scene(SMALL), {"solver.name": "descent"})
+    page.open(OpenRequest(scene, start_seed=3))
+    turn_until(lambda: page.viewer is not None)
+    session = page.viewer.binding.session
+    set_oddly(page.viewer)
+    assert session.wait_for(lambda view: view.state.last == 7, timeout=60)
+    session.pace(0)  # at once; the control stays
+    session.step(9)
+    assert session.wait_for(lambda view: view.state.step == 9 and not view.running, timeout=60)
+    session.seek(session.view.index - 4)
+    assert session.wait_for(lambda view: view.state.step == 5, timeout=60)
+    turn_until(lambda: page.viewer.main_panel.run_bar.time.value == page.viewer.binding.session.view.index)
+    turn_until(lambda: page.viewer.side_panel.modes.high.value == 6)  # follows the map
+    return page, turn_until
+
+
+def in_small(lesson):
+    """A lesson with all that it sets, in a scene that is there at once."""
+
+    def small(setting):
+        changes = {"scene": SMALL, "changes": {"solver.name": "descent"}} if setting.begins else {}
+        modes = {} if setting.modes is None else {"modes": "1-20"}
+        microphone = {} if setting.microphone is None else {"microphone": setting.microphone % 16}
+        mapped = {"map_modes": "2-4"} if setting.map_modes not in (None, "in use") else {}
+        run = {"run": "3 steps"} if setting.run else {}
+        return Setting(**(vars(setting) | changes | modes | microphone | mapped | run))
+
+    steps = tuple(Step(one.text, one.question, one.choices, one.answer, one.reveal, small(one.page), small(one.then))
+                  for one in lesson.steps)  # fmt: skip
+    return Lesson(lesson.title, steps)
+
+
+@pytest.mark.parametrize("name", lesson_names())
+def test_every_control_is_as_it_was_after_a_lesson(opened, name):
+    page, turn_until = opened
+    before, view = controls_of(page.viewer), page.viewer.binding.session.view
+    choices, lessons = page.viewer.binding.choices, LessonsTab(page, [in_small(load_lesson(name))])
+    page.lessons = lessons
+    lessons.start(load_lesson(name).title)
+    turn_until(lambda: page.switcher.idle and "being prepared" not in lessons.controls.text.content)
+    for number in range(len(load_lesson(name).steps)):
+        lessons.answer(0)
+        turn_until(lambda: page.switcher.idle and "being prepared" not in lessons.controls.text.content)
+        if number < len(load_lesson(name).steps) - 1:
+            lessons.go("Next")
+            turn_until(lambda: page.switcher.idle and "being prepared" not in lessons.controls.text.content)
+    assert controls_of(page.viewer) != before, "the lesson has set something"
+    shown = page.viewer
+    lessons.end()
+    turn_until(lambda: page.viewer is not shown and page.switcher.idle)
+    turn_until(lambda: page.viewer.binding.choices == choices)
+    turn_until(lambda: controls_of(page.viewer) == before)
+    after = page.viewer.binding.session.view
+    assert [state.step for state in after.history] == [state.step for state in view.history]
+    assert after.index == view.index and np.array_equal(after.state.positions, view.state.positions)
+
+
+def test_a_lesson_depends_on_nothing_before_it(opened):
+    """Its first step finds the controls with which a page begins."""
+    page, turn_until = opened
+    lessons = page.lessons = LessonsTab(page, [Lesson("Mine", (Step("Look.", page=Setting(scene=SMALL)),))])
+    lessons.start("Mine")
+    turn_until(lambda: "being prepared" not in lessons.controls.text.content)
+    odd, plain = page.viewer.binding.choices, Choices(microphone=page.viewer.binding.choices.microphone)
+    assert odd == replace(
+        plain, style=replace(plain.style, dark=True), seed=odd.seed, export_kind=odd.export_kind, rate=60, plan=odd.plan
+    )
+    assert page.viewer.main_panel.run_bar.speed.value == 60, "as fast as the machine can"
+    page.viewer.main_panel.map.mark_minima(False)
+    lessons.start("Mine")
+    turn_until(lambda: page.viewer.binding.choices.style.minima)
+
+
+def test_a_race_waits_for_the_end_of_a_lesson(opened):
+    page, turn_until = opened
+    lessons = page.lessons = LessonsTab(page, [Lesson("Mine", (Step("Look.", page=Setting(scene=SMALL)),))])
+    race = page.viewer.comparison
+    race.toggle(ComparisonSetup(("descent", "joint"), "random", 0))
+    turn_until(lambda: any(summary.step for summary in race.summaries))
+    lessons.start("Mine")
+    turn_until(lambda: race.released is not None)
+    assert "its race wait" in lessons.controls.text.content
+    waiting = race.released.comparison
+    turn_until(lambda: page.viewer.comparison is not race)
+    assert not waiting.running and page.viewer.comparison.summaries == ()
+    page.tick(0.0)
+    lessons.end()
+    turn_until(lambda: page.viewer.comparison.summaries)
+    again = page.viewer.comparison
+    assert [one.name for one in again.summaries] == ["descent", "joint"] and again.button_label == "Resume"
+    again.toggle(ComparisonSetup(("descent", "joint"), "random", 0))
+    turn_until(lambda: waiting.running or waiting.over)
+
+
+def test_what_the_user_opens_during_a_lesson_stays(opened):
+    page, turn_until = opened
+    lessons = page.lessons = LessonsTab(page, [Lesson("Mine", (Step("Look.", page=Setting(scene=SMALL)),))])
+    first = page.viewer
+    lessons.start("Mine")
+    turn_until(lambda: page.viewer is not first and page.switcher.idle)
+    of_the_lesson, mine = page.viewer, OpenRequest(edited(load_scene(SMALL), {"title": "Mine"}))
+    page.open(mine)
+    turn_until(lambda: page.viewer is not of_the_lesson and page.switcher.idle)
+    lessons.end()
+    for _ in range(5):
+        page.tick(0.0)
+    assert page.switcher.idle and page.viewer.binding.run.opening is mine

@@ -1,0 +1,189 @@
+"""The sweep of modes: its maps are those of the page, its counts are theirs; the opening ends with the first touch."""
+
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from browsing import WAIT
+from doubles import set_by_client
+
+from fdcal.cost import landscapes
+from fdcal.session.request import OpenRequest
+from fdcal.viewer import opening
+from fdcal.viewer.background import mode_sweep
+from fdcal.viewer.playback import FIRST_TIME, LAST_TIME, Playback
+from fdcal.viewer.tabs.sweep import DOWN
+
+
+def played(playback, stops, ready, times):
+    """What a playback shows, and when; `ready` maps a time to the number of maps computed."""
+    found = [(now, playback.advance(stops, ready(now), now)) for now in times]
+    return [(now, stop) for now, stop in found if stop is not None]
+
+
+def test_a_playback_shows_every_map_at_its_rate():
+    playback, times = Playback(rate=4.0), np.arange(0, 3, 0.05)
+    shown = played(playback, (1, 2, 3, 4, 5), lambda now: 5, times)
+    assert [stop for _, stop in shown] == [1, 2, 3, 4, 5]
+    assert np.diff([now for now, _ in shown]) == pytest.approx(0.25, abs=0.051)
+    assert playback.ended((1, 2, 3, 4, 5), 3.0) and not Playback(4.0).ended((1,), 3.0)
+
+
+def test_a_playback_waits_for_maps_and_leaves_none_out():
+    times = np.arange(0, 10, 0.05)
+    shown = played(Playback(rate=10.0), range(1, 9), lambda now: int(now), times)
+    assert [stop for _, stop in shown] == list(range(1, 9))
+    assert all(now >= stop for now, stop in shown)
+
+
+def test_the_opening_stays_longer_at_its_first_and_its_last_map():
+    playback, stops = Playback(rate=2.5, opening=True), (1, 2, 3)
+    shown = played(playback, stops, lambda now: 3, np.arange(0, 9, 0.01))
+    times = [now for now, _ in shown]
+    assert np.diff(times) == pytest.approx([FIRST_TIME, 0.4], abs=0.02)
+    assert not playback.ended(stops, times[-1] + LAST_TIME - 0.1) and playback.ended(stops, times[-1] + LAST_TIME)
+
+
+@pytest.mark.parametrize(("summed", "then"), [(0, 1), (3, 4), (4, 5), (5, 1)])
+def test_play_goes_on_after_the_present_sum_and_from_the_beginning_after_the_last(summed, then):
+    playback = Playback(rate=1.0)
+    playback.continue_from(summed, range(1, 6))
+    assert playback.advance(range(1, 6), 5, 0.0) == then
+
+
+@pytest.mark.parametrize("count", [1, 2, 17, 18, 19, 99, 400])
+def test_few_stops_begin_with_one_mode_and_end_with_all(count):
+    stops = mode_sweep.stops_of(count, 18)
+    assert stops[0] == 1 and stops[-1] == count and len(stops) <= 18
+    gaps = np.diff(stops)
+    assert (gaps > 0).all() and (np.diff(gaps[gaps > 1]) >= -1).all(), "they become rarer"
+
+
+@pytest.fixture
+def opened(page_of, scene):
+    """The page of `tiny`, whose maps are ready, and a function that ticks it until something happens."""
+    page, turn_until = page_of
+    page.open(OpenRequest(scene))
+    turn_until(lambda: page.viewer is not None)
+    return page.viewer, turn_until
+
+
+def map_on_page(viewer):
+    """The map that the page shows now."""
+    return viewer.snapshot.picture.floor
+
+
+def test_play_adds_modes_up_to_all_and_counts_the_minima_of_the_maps_shown(opened, monkeypatch):
+    viewer, turn_until = opened
+    sweep, binding, seen = viewer.side_panel.sweep, viewer.binding, []
+    set_by_client(sweep.highest, 6)
+    set_by_client(sweep.rate, 20)
+    set_by_client(sweep.summed, 1)
+    choose = binding.choose
+    monkeypatch.setattr(binding, "choose", lambda **changes: (seen.append(changes.get("modes")), choose(**changes)))
+    set_by_client(sweep.play, True)
+    turn_until(lambda: not sweep.playing)
+    shown = list(dict.fromkeys(modes for modes in seen if modes))
+    assert shown == [tuple(range(1, m + 1)) for m in range(2, 7)]
+    made = sweep.worker.sweep(sweep._wanted)
+    run, search = viewer.run, landscapes.refined(viewer.run.problem.search)
+    for m, count in zip(made.stops, made.counts, strict=True):
+        modes, state = range(1, m + 1), binding.session.view.state
+        n, offset = binding.choices.microphone, binding.choices.order_offset
+        maps = landscapes.cost_maps(run.problem, run.solver, state, n, modes, offset, search)
+        assert count == len(landscapes.local_minima(maps.sum(axis=0))), m
+    turn_until(lambda: "sum of 6 modes, 1 to 6" in sweep.text.content)
+    assert len(sweep._plot.data[0]) == 6
+
+
+def test_a_map_of_the_sweep_is_the_fine_map_of_the_page(opened):
+    viewer, turn_until = opened
+    sweep, tab = viewer.side_panel.sweep, viewer.main_panel.map
+    set_by_client(sweep.order, DOWN)
+    set_by_client(sweep.highest, 9)
+    set_by_client(sweep.summed, 4)
+    assert viewer.binding.choices.modes == (6, 7, 8, 9)
+    turn_until(lambda: (made := sweep.worker.sweep(sweep._wanted)) is not None and len(made.frames) == 9)
+    turn_until(lambda: map_on_page(viewer) is not None and "sum of 4 modes" in tab.caption.content)
+    swept, caption = map_on_page(viewer), tab.caption.content
+    sweep.worker._sweep = None  # so the page computes the map itself
+    turn_until(lambda: map_on_page(viewer) is not None and map_on_page(viewer) is not swept
+               and map_on_page(viewer).rgb.shape == swept.rgb.shape)  # fmt: skip
+    np.testing.assert_array_equal(map_on_page(viewer).rgb, swept.rgb)
+    assert map_on_page(viewer).minima == swept.minima and tab.caption.content == caption
+
+
+def test_another_state_makes_the_counts_invalid(opened):
+    viewer, turn_until = opened
+    sweep = viewer.side_panel.sweep
+    set_by_client(sweep.summed, 3)
+    turn_until(lambda: "sum of 3 modes" in sweep.text.content)
+    viewer.run.session.step()
+    turn_until(lambda: "Play adds" in sweep.text.content)
+
+
+def begin_opening(viewer, turn_until):
+    """Let the opening begin as if a browser had shown the page for long enough."""
+    made = opening.Opening()
+    made.tick(viewer, True, False, 0.0)
+    made.tick(viewer, True, False, opening.DELAY)
+    turn_until(lambda: viewer.binding.choices.modes is not None)
+    return made
+
+
+def test_the_opening_begins_with_several_minima_and_ends_where_it_began(opened):
+    viewer, turn_until = opened
+    sweep, notes, now = viewer.side_panel.sweep, [], time.perf_counter()
+    made = begin_opening(viewer, turn_until)
+
+    def over():
+        notes.append(viewer.main_panel.run_bar.note.content)
+        return not sweep.playing
+
+    turn_until(over)
+    assert viewer.binding.choices.modes is None and time.perf_counter() - now < WAIT
+    counted = list(dict.fromkeys(note for note in notes if "microphone" in note))
+    assert "alone" in counted[0] and "minima" in counted[0]
+    assert len(counted) > 5, "modes are added"
+    made.tick(viewer, True, False, opening.DELAY + 1)
+    assert made.done
+    turn_until(lambda: not viewer.main_panel.run_bar.note.visible)
+
+
+def test_the_opening_ends_as_soon_as_a_user_touches_anything(opened):
+    viewer, turn_until = opened
+    made = begin_opening(viewer, turn_until)
+    set_by_client(viewer.main_panel.view.trails, True)
+    made.tick(viewer, True, False, opening.DELAY + 1)
+    assert made.done
+    turn_until(lambda: viewer.binding.choices.modes is None)
+    assert not viewer.side_panel.sweep.playing
+
+
+def test_modes_chosen_during_the_opening_stay(opened):
+    viewer, turn_until = opened
+    made = begin_opening(viewer, turn_until)
+    set_by_client(viewer.main_panel.map.text, "2-4")
+    made.tick(viewer, True, False, opening.DELAY + 1)
+    turn_until(lambda: not viewer.side_panel.sweep.playing)
+    assert viewer.binding.choices.modes == (2, 3, 4)
+
+
+def test_the_opening_waits_for_a_browser_and_does_not_begin_after_a_touch(opened):
+    viewer, _ = opened
+    unwatched, touched = opening.Opening(), opening.Opening()
+    for now in (0.0, 10.0, 20.0):
+        unwatched.tick(viewer, False, False, now)
+    assert not viewer.side_panel.sweep.playing and not unwatched.done
+    viewer.binding.touch()
+    touched.tick(viewer, True, False, 0.0)
+    assert touched.done and not viewer.side_panel.sweep.playing
+
+
+@pytest.mark.parametrize("given", [{"play": True}, {"choices": {"modes": [2]}}, {"states": (1,)}])
+def test_a_session_that_was_set_up_has_no_opening(given):
+    given = {"play": False, "states": (), "choices": {}} | given
+    run = SimpleNamespace(opening=SimpleNamespace(**given), problem=SimpleNamespace(search=1))
+    viewer = SimpleNamespace(run=run, binding=SimpleNamespace(modes=9))
+    assert not opening.suitable(viewer)

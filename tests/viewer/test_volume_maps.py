@@ -1,0 +1,179 @@
+"""The cost of one microphone in space on the page: coarse at once, fine later, of what is looked at."""
+
+import dataclasses
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from browsing import WAIT
+from doubles import set_by_client, view_of
+
+from fdcal import solvers
+from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.graphics.overlays import with_volume
+from fdcal.graphics.picture import compose
+from fdcal.model.scene_file import load_scene
+from fdcal.model.validation import InputError
+from fdcal.session.request import OpenRequest
+from fdcal.viewer.background import exports, prepare
+from fdcal.viewer.background.cost_maps import IDLE_TIME, CostMapWorker
+from fdcal.viewer.background.map_request import MapStyle
+from fdcal.viewer.background.view_snapshot import ViewSnapshot, map_request
+from fdcal.viewer.gui.binding import Binding
+from fdcal.viewer.gui.choices import VOLUME, Choices, initial_choices
+from fdcal.viewer.gui.map_caption import caption
+from fdcal.viewer.scene3d.nodes import SceneNodes
+from fdcal.viewer.tabs.map import MapTab, kind_of
+
+MICROPHONE = 10
+
+
+@pytest.fixture(scope="module")
+def run():
+    scene = load_scene("ball3d")
+    measurement, solver = cached_measurement(scene), solvers.load("joint")
+    problem = measurement.problem()
+    state = solver.init(problem, dataclasses.replace(scene.solver, modes=30), 0)
+    away = 0.01 * np.random.default_rng(4).normal(size=measurement.positions.shape)
+    view = view_of([dataclasses.replace(state, positions=measurement.positions + away)])
+    return prepare.PreparedRun(
+        scene, measurement, problem, solver, SimpleNamespace(view=view, yield_to_ui=lambda: None), OpenRequest(scene)
+    )
+
+
+@pytest.fixture
+def snapshot(run):
+    style = MapStyle(volume=True)
+    return ViewSnapshot(
+        run, None, run.session.view, Choices(MICROPHONE, modes=(1, 5, 30), style=style), MICROPHONE, None
+    )
+
+
+@pytest.fixture(scope="module")
+def worker(run):
+    made = CostMapWorker(run)
+    yield made
+    made.close(WAIT)
+
+
+def first(worker, wanted, fine):
+    """The first volume of a request, or the first fine one."""
+    began = time.monotonic()
+    while time.monotonic() - began < WAIT:
+        found, error = worker.newest(wanted, False, time.monotonic())
+        assert not error
+        if found is not None and found.request == wanted and (found.fine or not fine):
+            return found
+        time.sleep(IDLE_TIME / 50)
+    pytest.fail("there is no volume")
+
+
+def test_a_coarse_volume_comes_first_and_a_fine_one_refines_it(worker, snapshot):
+    coarse = first(worker, map_request(snapshot), False)
+    fine = first(worker, map_request(snapshot), True)
+    assert coarse.floor is None and fine.floor is None
+    assert len(fine.volume.surface.faces) > 2 * len(coarse.volume.surface.faces)
+    assert fine.cost_here == pytest.approx(coarse.cost_here, rel=0.05)
+    place = fine.volume.minima[0]
+    truth = snapshot.run.measurement.positions[MICROPHONE]
+    assert np.linalg.norm(place - truth) < 0.05
+    assert np.linalg.norm(np.subtract(coarse.volume.minima[0], place)) < 0.05
+    assert fine.volume.text in caption(fine) and "dB" in fine.volume.text
+
+
+def test_the_slice_goes_through_the_estimate_until_it_is_moved(worker, snapshot):
+    wanted = map_request(snapshot)
+    place = wanted.state.positions[MICROPHONE]
+    for axis, number in (("x", 0), ("y", 1), ("z", 2)):
+        request = dataclasses.replace(wanted, style=dataclasses.replace(wanted.style, slice_axis=axis))
+        plate = first(worker, request, False).volume.plate
+        assert (plate.axis, plate.position) == (number, place[number])
+    moved = dataclasses.replace(wanted, style=dataclasses.replace(wanted.style, slice_position=1.0))
+    assert first(worker, moved, False).volume.plate.position == 1.0
+    beyond = dataclasses.replace(wanted, style=dataclasses.replace(wanted.style, slice_position=99.0))
+    assert first(worker, beyond, False).volume.plate.position == pytest.approx(1.81), "the edge of the domain"
+    none = dataclasses.replace(wanted, style=dataclasses.replace(wanted.style, slice_axis="none"))
+    assert first(worker, none, False).volume.plate is None
+
+
+def test_another_microphone_or_other_modes_make_another_volume(worker, snapshot):
+    wanted = map_request(snapshot)
+    costs = {
+        first(worker, dataclasses.replace(wanted, **change), False).lowest
+        for change in ({}, {"microphone": 11}, {"modes": (2, 6)})
+    }
+    assert len(costs) == 3
+
+
+def test_a_moved_slice_is_drawn_from_the_same_volume_and_the_last_one_stays_meanwhile(worker, snapshot):
+    wanted = map_request(snapshot)
+    drawn = first(worker, wanted, True)
+    moved = dataclasses.replace(wanted, style=dataclasses.replace(wanted.style, slice_position=1.1))
+    elsewhere = dataclasses.replace(moved, microphone=3)
+    assert drawn.request.differs_in_slider(moved) and not drawn.request.differs_in_slider(elsewhere)
+    quick = first(worker, moved, False)
+    assert quick.volume.surface is drawn.volume.surface, "no new volume"
+    again = first(worker, moved, True)
+    assert again.volume.plate.rgb.shape > quick.volume.plate.rgb.shape or quick.fine, "a finer slice follows"
+    assert again.volume.surface is drawn.volume.surface and again.volume.plate.position == 1.1
+
+
+def test_the_vti_file_has_the_volume(snapshot, tmp_path):
+    import pyvista
+
+    path = tmp_path / "volume.vti"
+    path.write_bytes(exports.KINDS["Map (VTI for ParaView)"].make(snapshot))
+    grid = pyvista.read(path)
+    assert min(grid.dimensions) > 40
+    lowest = grid.points[np.argmin(grid["cost_dB"])]
+    assert np.linalg.norm(lowest - snapshot.run.measurement.positions[MICROPHONE]) < 0.05
+    place = grid.find_closest_point(snapshot.view.state.positions[MICROPHONE])
+    np.testing.assert_allclose(10 ** (grid["cost_dB"][place] / 10), grid["cost"][place], rtol=1e-5)
+
+
+def test_the_tab_offers_isosurfaces_of_an_array_in_space_and_none_of_one_in_a_plane(server, run, controls):
+    assert VOLUME not in controls[0].map.kinds
+    binding = Binding(server.gui, run, 20)
+    tab = MapTab(binding)
+    assert VOLUME in tab.kinds and not tab.slice.axis.visible
+    set_by_client(tab.kind, VOLUME)
+    assert kind_of(binding.choices) == VOLUME and tab.slice.position.visible and not tab.quantity.visible
+    set_by_client(tab.slice.axis, "x")
+    assert (tab.slice.position.min, tab.slice.position.max) == (1.4, 2.4)
+    set_by_client(tab.slice.position, 2.0)
+    assert binding.choices.style.slice_position == 2.0
+    set_by_client(tab.slice.axis, "None")
+    assert not tab.slice.position.visible and binding.choices.style.slice_position is None
+
+
+def test_a_session_keeps_the_slice_and_another_array_gets_no_volume_that_it_cannot_have(run, work):
+    choices = Choices(3, style=MapStyle(volume=True, slice_axis="y", slice_position=1.5))
+    kept = initial_choices(
+        dataclasses.replace(run, opening=OpenRequest(run.scene, choices=choices.to_save())), 20, None
+    )
+    assert kept.style.volume and (kept.style.slice_axis, kept.style.slice_position) == ("y", 1.5)
+    assert not initial_choices(work, 5, choices).style.volume
+    assert initial_choices(run, 20, choices).style.slice_position is None
+    wrong = OpenRequest(run.scene, choices={"slice_axis": "w"})
+    with pytest.raises(InputError, match="slice_axis"):
+        initial_choices(dataclasses.replace(run, opening=wrong), 20, None)
+
+
+def test_the_scene_has_surfaces_and_slice_and_moves_the_slice_without_a_new_node(server, worker, snapshot, monkeypatch):
+    made, add_image = [], server.scene.add_image
+
+    def adding(*arguments, **named):
+        made.append(add_image(*arguments, **named))
+        return made[-1]
+
+    monkeypatch.setattr(server.scene, "add_image", adding)
+    run, nodes, wanted = snapshot.run, SceneNodes(server), map_request(snapshot)
+    picture = compose(run.scene, run.measurement, snapshot.view.state.positions, MICROPHONE)
+    nodes.show(with_volume(picture, first(worker, wanted, True).volume))
+    assert {"isosurfaces", "slice", "lowest"} <= set(nodes.parts)
+    moved = dataclasses.replace(wanted, style=dataclasses.replace(wanted.style, slice_position=1.2))
+    nodes.show(with_volume(picture, first(worker, moved, True).volume))
+    assert len(made) == 1 and made[0].position[2] == pytest.approx(1.2)
+    nodes.show(picture)
+    assert not {"isosurfaces", "slice"} & set(nodes.parts)
