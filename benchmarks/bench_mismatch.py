@@ -1,4 +1,4 @@
-"""What 1 dB of gain and 5 degrees of phase mismatch between the channels cost: RMS position error of `joint`."""
+"""What 1 dB of gain and 5 degrees of phase mismatch between the channels cost: RMS position error of `draws.SOLVER`."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from fdcal.model.gauge import position_errors
 from fdcal.model.scene_file import load_scene
 from fdcal.solvers import run as solve
 
+from .draws import SOLVER
 from .report import Figure
 
 DRAWS = int(os.environ.get("FDCAL_BENCH_DRAWS", "5"))
@@ -37,7 +38,7 @@ def run() -> list[Figure]:
     for name in ("array1_circle", "array2_random"):
         scene = load_scene(name)
         measurement = cached_measurement(scene)
-        settings = replace(scene.solver, name="joint")
+        settings = replace(scene.solver, name=SOLVER)
         for kind, (gain, phase) in KINDS.items():
             rng = np.random.default_rng(0)
             draws = DRAWS if gain or phase else 1

@@ -5,14 +5,15 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 
+from fdcal.session.planning.bounds import request_information
 from fdcal.session.planning.layout import read_layout
-from fdcal.session.planning.plan import make_plan, request_information
+from fdcal.session.planning.plan import make_plan
 from fdcal.session.planning.request import PlanRequest
 from fdcal.session.planning.trials import run_trials
 
 from .report import Figure
 
-TRIALS = 20
+TRIALS = 10  # whose median time stands for that of each of 50
 LAYOUTS = (
     ("circle 16 0.2", (0, 5, 9)),
     ("rectangle 5x5 0.8x0.8", (0, 4, 20)),
@@ -33,4 +34,5 @@ def run() -> Iterator[Figure]:
         trials = run_trials(request, request_information(request), TRIALS)
         yield Figure(f"{text}: trials that found the array", 100 * trials.found, "%")
         yield Figure(f"{text}: median error over the bound", trials.percentile(50) / trials.bound, "")
-        yield Figure(f"{text}: a trial", trials.seconds, "s cpu", "50 in a minute", trials.seconds <= 1.2)
+        fifty = 50 * trials.seconds
+        yield Figure(f"{text}: 50 trials", fifty, "s cpu", "<= 60 s", fifty <= 60)

@@ -42,8 +42,7 @@ class Served:
             self._environment |= {name: str(self._folder / name) for name in ("FDCAL_CACHE", "NUMBA_CACHE_DIR")}
 
     def __enter__(self) -> Served:
-        program = ["benchmarks.watched", str(self._log)] if self._watched else ["fdcal"]
-        command = [sys.executable, "-m", *program, "view", str(self._scene), "--port", "0", "--no-browser"]
+        command = self._command()
         with self._errors.open("w") as errors:
             self._process = subprocess.Popen(
                 command, stdout=subprocess.PIPE, stderr=errors, text=True, env=self._environment
@@ -52,6 +51,10 @@ class Served:
         if not self.url.startswith("http"):
             raise RuntimeError(f"fdcal view {self._scene} printed {self.url!r} in place of its address")
         return self
+
+    def _command(self) -> list[str]:
+        program = ["benchmarks.watched", str(self._log)] if self._watched else ["fdcal"]
+        return [sys.executable, "-m", *program, "view", str(self._scene), "--port", "0", "--no-browser"]
 
     def __exit__(self, *_) -> None:
         start = time.perf_counter()
@@ -76,6 +79,11 @@ class Served:
         pages = Path(f"/proc/{self._process.pid}/statm").read_text().split()[1]
         return int(pages) * os.sysconf("SC_PAGE_SIZE")
 
+    def processor(self) -> float:
+        """Processor time that the server has taken so far, s."""
+        fields = Path(f"/proc/{self._process.pid}/stat").read_text().rpartition(")")[2].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
     def threads(self) -> set[int]:
         """Numbers of the server's threads."""
         return {int(task.name) for task in Path(f"/proc/{self._process.pid}/task").iterdir()}
@@ -87,6 +95,16 @@ class Served:
             logged = self._error_log.read_text(encoding="utf-8", errors="replace").splitlines()
             lines += [line for line in logged if " ERROR " in line]
         return [line for line in lines if any(word in line for word in ("rror", "Traceback", "xception", "details in"))]
+
+
+class ServedEmpty(Served):
+    """An empty page of viser (`benchmarks.empty_page`), in place of `fdcal view`."""
+
+    def __init__(self):
+        super().__init__("", {})
+
+    def _command(self) -> list[str]:
+        return [sys.executable, "-m", "benchmarks.empty_page"]
 
 
 def _changed(scene: str, solver: dict[str, str], folder: Path) -> Path:

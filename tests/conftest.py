@@ -18,7 +18,16 @@ from fdcal.model.scene_file import scene_folder
 from fdcal.solvers.warmup import warmup_calls
 
 ROOT = Path(__file__).parent.parent
-BROWSER_FILES = ("test_browser.py", "test_fault.py", "test_page.py", "test_replay.py")
+BROWSER_FILES = (
+    "test_browser.py",
+    "test_fault.py",
+    "test_lesson_page.py",
+    "test_page.py",
+    "test_replay.py",
+    "test_replay_maps.py",
+    "test_gallery.py",
+    "test_sweep_browser.py",
+)
 CHROMIUM = ("/usr/bin/chromium", "/usr/bin/chromium-browser", "/usr/bin/google-chrome")
 
 

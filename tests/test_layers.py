@@ -34,6 +34,7 @@ HOMES = {
     "viser": {"viewer"},
     "pyvista": {"graphics.snapshot"},
     "vtk": {"graphics.snapshot"},
+    "vtkmodules": {"graphics.isosurfaces"},
     "threading": {"session"},
     "_thread": {"session"},
     "concurrent": {"session", "acoustics.threads"},
