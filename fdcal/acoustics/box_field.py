@@ -40,6 +40,7 @@ from .wavenumbers import wavenumber_continuous
 EXACT = 36.0  # nepers by which the first omitted term has decayed: exp(-36) = 2e-16
 ROUGH = 10.0  # likewise, for finding the peaks alone
 MOST_TERMS = 40_000
+BLOCK_VALUES = 65_536  # terms of microphones and wavenumbers in one batch: 1 MB an array
 LINE_WIDTH = math.sqrt(3) / math.pi * SPECTRUM.decay  # width at -6 dB of a line with this decay, times duration
 POINTS = 6  # points of the spectrum in the width of a line
 STEPS = 4.0  # continuation steps from a rigid to an absorbing wall, times |h| l; each takes a few Newton iterations
@@ -157,8 +158,10 @@ def point_source_pressures(room: Room, source, positions, wavenumbers, nepers: f
         lengths = np.array(room.size)[order]
         reach = nepers / max(float(apart[group, axis].min()), 1e-9)
         terms = eigenfunction_numbers(lengths, reach, float(np.abs(k).max()), int(group[apart[group, axis].argmin()]))
-        for m, one in enumerate(k):
-            p[m, group] = closed_form_sum(room, lengths, source[order], positions[group][:, order], one, terms)
+        block = max(1, BLOCK_VALUES // (len(terms[0]) * len(group)))
+        for first in range(0, len(k), block):
+            some = slice(first, first + block)
+            p[some, group] = closed_form_sum(room, lengths, source[order], positions[group][:, order], k[some], terms)
     return p
 
 
@@ -174,36 +177,35 @@ def eigenfunction_numbers(lengths, reach: float, k: float, n: int) -> tuple[np.n
     return first[kept], second[kept]
 
 
-def closed_form_sum(room: Room, lengths, source, positions, k: complex, terms) -> np.ndarray:
-    """Return the field at one wavenumber, the closed form along the last axis : (N,) complex128."""
+def closed_form_sum(room: Room, lengths, source, positions, k, terms) -> np.ndarray:
+    """Return the field at some wavenumbers, the closed form along the last axis : (M, N) complex128."""
     squares, shapes = 0.0, 1.0
     for axis, numbers in enumerate(terms):
-        kappa, psi = _eigenfunctions(
-            room, lengths[axis], k, np.append(positions[:, axis], source[axis]), numbers.max() + 1
-        )
-        squares = squares + kappa[numbers] ** 2
-        shapes = shapes * (psi[:, :-1] * psi[:, -1:])[numbers]
-    gamma = np.sqrt(squares - k**2 + 0j)[:, None]
+        x = np.append(positions[:, axis], source[axis])
+        kappa, psi = _eigenfunctions(room, lengths[axis], k, x, numbers.max() + 1)
+        squares = squares + kappa[:, numbers] ** 2
+        shapes = shapes * (psi[..., :-1] * psi[..., -1:])[:, numbers]
+    gamma = np.sqrt(squares - k[:, None] ** 2 + 0j)[..., None]
     heights, level = np.unique(positions[:, 2], return_inverse=True)  # few in a lattice
     ends = (heights, source[2:]) if heights[0] < source[2] else (source[2:], heights)
-    g = _between(room, lengths[2], k, gamma, *ends)
-    return np.einsum("tn,tn->n", shapes, g[:, level])
+    g = _between(room, lengths[2], k[:, None, None], gamma, *ends)
+    return np.sum(shapes * g[..., level], axis=1)
 
 
-def _eigenfunctions(room: Room, length: float, k: complex, x, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return kappa (count,), rad/m, and the eigenfunctions, of unit mean square integral, at x : (count, len(x)).
+def _eigenfunctions(room: Room, length: float, k, x, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return kappa (B, count), rad/m, and the eigenfunctions, of unit mean square integral, at x : (B, count, len(x)).
 
-    About the middle of the axis they are alternately cosines and sines.
+    B is 1 where the walls do not depend on the wavenumber, otherwise len(k). About the middle of the axis the
+    eigenfunctions are alternately cosines and sines.
     """
     n = np.arange(count)
-    kappa = (n + (room.walls == "pressure-release")) * np.pi / length
+    kappa = ((n + (room.walls == "pressure-release")) * np.pi / length)[None]
     if room.walls == "absorbing":
-        kappa = _absorbed(kappa, length, 1j * k * room.admittance)
-    odd = (n % 2 == 1)[:, None]
-    phase = kappa[:, None] * (np.asarray(x) - length / 2)
-    sign = np.where(odd[:, 0], -1, 1)
-    norm = length / 2 * (1 + sign * np.sinc(kappa * length / np.pi))
-    return kappa, np.where(odd, np.sin(phase), np.cos(phase)) / np.sqrt(norm + 0j)[:, None]
+        kappa = np.stack([_absorbed(kappa[0], length, 1j * one * room.admittance) for one in k])
+    odd = n % 2 == 1
+    phase = kappa[..., None] * (np.asarray(x) - length / 2)
+    norm = length / 2 * (1 + np.where(odd, -1, 1) * np.sinc(kappa * length / np.pi))
+    return kappa, np.where(odd[:, None], np.sin(phase), np.cos(phase)) / np.sqrt(norm + 0j)[..., None]
 
 
 def _absorbed(rigid: np.ndarray, length: float, h: complex) -> np.ndarray:
@@ -232,8 +234,8 @@ def _absorbed(rigid: np.ndarray, length: float, h: complex) -> np.ndarray:
     return kappa
 
 
-def _between(room: Room, length: float, k: complex, gamma, low, high) -> np.ndarray:
-    """Return g of every term and pair of ends, each (N,) or (1,), low <= high : (T, N) complex128, metres."""
+def _between(room: Room, length: float, k, gamma, low, high) -> np.ndarray:
+    """Return g of every wavenumber, term and pair of ends, each (N,) or (1,), low <= high : (M, T, N) complex128, m."""
     h = 1j * k * room.admittance
     R = -1.0 if room.walls == "pressure-release" else (gamma - h) / (gamma + h)
     echoes = (1 + R * np.exp(-2 * gamma * low)) * (1 + R * np.exp(-2 * gamma * (length - high)))

@@ -71,7 +71,7 @@ def test_the_axis_of_the_closed_form_makes_no_difference(axis, admittance):
     terms = box_field.eigenfunction_numbers(
         lengths, box_field.EXACT / np.abs(places[:, 2] - source[2]).min(), abs(K[-1]), 0
     )
-    along = [box_field.closed_form_sum(room, lengths, source, places, k, terms) for k in K]
+    along = box_field.closed_form_sum(room, lengths, source, places, np.asarray(K), terms)
     found = point_source_pressures(room, SOURCE, PLACES, K)
     np.testing.assert_allclose(along, found, atol=1e-11 * np.abs(found).max())
 
