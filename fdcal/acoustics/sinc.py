@@ -1,4 +1,7 @@
-"""sin(z) / z, the correlation of a diffuse field in three dimensions, and its derivative, for many z together."""
+"""sin(z) / z, the correlation of a diffuse field in three dimensions, and its derivative, for many z together.
+
+Tangent and exponential take the place of sine and cosine: of them NumPy computes many values at once.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +23,7 @@ def sinc(z) -> tuple[np.ndarray, np.ndarray]:
     two float64 arrays of the shape of `z`
     """
     z = np.asarray(z, float)
-    half = np.tan(z / 2)  # one function for sine and cosine; of it NumPy computes many values at once
+    half = np.tan(z / 2)
     weight = 2 / (1 + half * half)
     small = z < SMALL
     apart = np.where(small, 1.0, z)
@@ -30,4 +33,36 @@ def sinc(z) -> tuple[np.ndarray, np.ndarray]:
         square = z[small] ** 2
         kappa[small] = 1 - square / 6 * (1 - square / 20 * (1 - square / 42))
         slope[small] = square / 30 * (1 - square / 28) - 1 / 3
+    return kappa, slope
+
+
+def complex_sinc(square) -> tuple[np.ndarray, np.ndarray]:
+    """Return sin(z) / z and its derivative over z, of the square of a complex z.
+
+    Parameters
+    ----------
+    square : array of complex128
+        z^2, dimensionless. Both results are entire functions of it: it does not matter which root z is.
+
+    Returns
+    -------
+    two complex128 arrays of the shape of `square`
+    """
+    w = np.asarray(square, complex)
+    small = np.abs(w) < SMALL**2
+    w = np.where(small, 1.0, w)
+    z = np.sqrt(w)
+    half, growth = np.tan(z.real / 2), np.exp(z.imag)
+    weight, cosh, sinh = 2 / (1 + half * half), (growth + 1 / growth) / 2, (growth - 1 / growth) / 2
+    sine, cosine = half * weight, weight - 1
+    kappa, slope = np.empty_like(w), np.empty_like(w)
+    kappa.real, kappa.imag = sine * cosh, cosine * sinh
+    slope.real, slope.imag = cosine * cosh, -sine * sinh
+    kappa /= z
+    slope -= kappa
+    slope /= w
+    if small.any():
+        near = np.asarray(square)[small]
+        kappa[small] = 1 - near / 6 * (1 - near / 20 * (1 - near / 42))
+        slope[small] = near / 30 * (1 - near / 28) - 1 / 3
     return kappa, slope

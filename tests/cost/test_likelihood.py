@@ -7,7 +7,7 @@ import pytest
 from fields import measured
 from scipy.special import spherical_jn
 
-from fdcal.acoustics.sinc import sinc
+from fdcal.acoustics.sinc import complex_sinc, sinc
 from fdcal.cost.leave_one_out import likelihood_landscape, likelihood_landscapes, precision_terms
 from fdcal.cost.likelihood import (
     DiffuseField,
@@ -41,6 +41,18 @@ def test_the_fast_sine_over_z_and_its_slope_are_the_spherical_bessel_functions()
     np.testing.assert_allclose(slope * z, -spherical_jn(1, z), rtol=0, atol=2e-14)
     assert (value[0], slope[0]) == (1.0, pytest.approx(-1 / 3))
     assert sinc(z[:6].reshape(2, 3))[1].shape == (2, 3)
+
+
+def test_sine_over_z_of_a_complex_square_does_not_depend_on_the_root():
+    size = np.concatenate([np.geomspace(1e-5, 30, 301), np.linspace(0.0199, 0.0201, 21)])
+    z = np.multiply.outer(size, np.exp(1j * np.linspace(-np.pi, np.pi, 17))).ravel()
+    growth = np.exp(np.abs(z.imag))
+    value, slope = complex_sinc(z * z)
+    assert np.max(np.abs(value - spherical_jn(0, z)) / growth) < 2e-14
+    assert np.max(np.abs(slope * z + spherical_jn(1, z)) / growth) < 1e-12, "SciPy loses digits near 0"
+    value, slope = complex_sinc(np.array([0.0, -4.0]))
+    assert value == pytest.approx([1.0, np.sinh(2) / 2]), "the square of a damped wave may be negative"
+    assert slope == pytest.approx([-1 / 3, -(np.cosh(2) - np.sinh(2) / 2) / 4])
 
 
 def test_power_of_field_and_noise_add_up_to_the_power_of_the_pressures():

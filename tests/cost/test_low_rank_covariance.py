@@ -10,13 +10,14 @@ from scipy.special import jv, spherical_jn
 
 from fdcal.acoustics.bessel import bessel, spherical_bessel_functions
 from fdcal.acoustics.fourier_bessel import fourier_bessel, max_order
-from fdcal.acoustics.spherical_harmonics import spherical_bessel
+from fdcal.acoustics.spherical_harmonics import degrees, spherical_bessel
 from fdcal.cost import circular_waves, low_rank_covariance
 from fdcal.cost import eq7 as paper
 from fdcal.cost.dense_covariance import dense_terms
 from fdcal.cost.likelihood import DiffuseField, newton_terms, total_cost
 from fdcal.cost.low_rank_covariance import EXTRA_ORDERS, expansion_terms
 from fdcal.cost.mode_sums import summed
+from fdcal.cost.spherical_covariance import series_covariance
 
 N, M = 9, 3
 K = np.array([1.3, 3.1, 7.4])
@@ -187,6 +188,29 @@ def test_spherical_bessel_functions_are_scipy_s(top):
     j = spherical_bessel_functions(z.reshape(2, -1), top)
     expected = spherical_jn(np.arange(top + 1)[:, None, None], z.reshape(2, -1))
     np.testing.assert_allclose(j, expected, rtol=1e-9, atol=1e-13)
+
+
+@pytest.mark.parametrize("near", [False, True])
+@pytest.mark.parametrize("damped", [0.0, 0.05, 1.0])
+@pytest.mark.parametrize("D", [2, 3])
+def test_the_covariance_in_space_is_that_of_the_spherical_dictionary(D, damped, near):
+    x, _ = drawn(D, seed=6)
+    k = K - 1j * damped
+    centre, orders, gains = low_rank_covariance.expansion_centre(x, k, 3, near)
+    covariance, slope = series_covariance(x, centre, k, orders, gains, True)
+    for m, top in enumerate(orders if near else [40] * M):  # without gains it is the sum over all orders
+        factor = gains[m, degrees(int(top), D == 2)[0]] if near else 1.0
+        W = factor * spherical_bessel(x, complex(k[m]), int(top), centre)
+        expected = W @ W.conj().T
+        np.testing.assert_allclose(covariance[m], expected, rtol=0, atol=1e-12 * np.abs(expected).max())
+    h = 1e-5
+    for i, a in np.ndindex(N, D):
+        step = np.zeros_like(x)
+        step[i, a] = h
+        above, below = (series_covariance(x + way * step, centre, k, orders, gains, False)[0] for way in (1, -1))
+        found = slope[a, :, i].copy()
+        found[:, i] = 2 * found[:, i].real  # both microphones of that element move
+        np.testing.assert_allclose(found, (above - below)[:, i] / (2 * h), rtol=0, atol=1e-8 * np.abs(slope).max())
 
 
 @pytest.mark.parametrize(("dimension", "D"), [(2, 2), (3, 3), (3, 2)])
