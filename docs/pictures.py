@@ -1,4 +1,4 @@
-"""Make the pictures of the documentation: `python docs/pictures.py [NAME ...]`, all of them without a name.
+"""Make the pictures of the documentation: `python docs/pictures.py [NAME ...]`; all but those of studies without names.
 
 Each comes from commands of fdcal; those of the page from a real browser (playwright and Chromium, as for the tests).
 Pictures are committed, because the scenes of the paper take a minute to simulate. Look at them before you do.
@@ -40,6 +40,23 @@ COMMANDS = {
         "field array2_random --result result.json --frequencies 220 -o picture.png",
     ],
 }
+# Figures of the reports of studies. A study of 2,000 calibrations takes up to hours; it is run once, goes on after an
+# interruption, and its results stay in RESULTS.
+STUDIES = {
+    "study-paper-success": ("paper", "success"),
+    "study-paper-error": ("paper", "error"),
+    "study-paper-error-bars": ("paper", "error-bars"),
+    "study-paper-verdicts": ("paper", "verdicts"),
+    "study-sixteen-success": ("sixteen", "success"),
+    "study-sixteen-error": ("sixteen", "error"),
+    "study-sixteen-error-bars": ("sixteen", "error-bars"),
+    "study-sixteen-verdicts": ("sixteen", "verdicts"),
+    "study-mismatch-success": ("mismatch", "success"),
+    "study-mismatch-error": ("mismatch", "error"),
+    "study-mismatch-error-bars": ("mismatch", "error-bars"),
+    "study-mismatch-verdicts": ("mismatch", "verdicts"),
+}
+RESULTS = ROOT / "build" / "studies"  # ignored by git
 BROWSED = {"page-start": False, "page": True}  # pictures of the page, and whether the run has ended
 
 
@@ -84,6 +101,16 @@ def browsed(ended: bool, folder: Path) -> None:
         browser.close()
 
 
+def studied(study: str, figure: str) -> Path:
+    """Run what a study still lacks, write its report, and return one of its figures."""
+    folder = RESULTS / study
+    resumed = ["--resume"] if folder.is_dir() else []
+    run = ["study", str(ROOT / "studies" / f"{study}.toml"), "-o", str(folder), *resumed]
+    for arguments in (run, ["study", "--report", str(folder)]):
+        subprocess.run([sys.executable, "-m", "fdcal", *arguments], cwd=ROOT, check=True)
+    return folder / "report" / f"{figure}.png"
+
+
 def keep(path: Path, target: Path) -> None:
     """Write a picture to the documentation, with fewer colours where it is large."""
     picture = Image.open(path).convert("RGB")
@@ -95,6 +122,8 @@ def keep(path: Path, target: Path) -> None:
 
 def make(name: str) -> None:
     """Make one picture."""
+    if name in STUDIES:
+        return keep(studied(*STUDIES[name]), PICTURES / f"{name}.png")
     with tempfile.TemporaryDirectory() as folder:
         if name in COMMANDS:
             commanded(COMMANDS[name], Path(folder))
@@ -108,6 +137,6 @@ def make(name: str) -> None:
 if __name__ == "__main__":
     every = [*COMMANDS, "plate", *BROWSED]
     for wanted in sys.argv[1:] or every:
-        if wanted not in every:
-            raise SystemExit(f"no picture is called {wanted}: give any of {', '.join(every)}")
+        if wanted not in (*every, *STUDIES):
+            raise SystemExit(f"no picture is called {wanted}: give any of {', '.join((*every, *STUDIES))}")
         make(wanted)

@@ -67,13 +67,23 @@ def measure(scene: Scene, recordings: np.ndarray | None = None, progress=None) -
     InputError
         For anything that the scene does not allow.
     """
+    return measured(scene, sound_field(scene, recordings, progress))
+
+
+def sound_field(scene: Scene, recordings: np.ndarray | None = None, progress=None) -> ModalPressures:
+    """Return the pressures at the modes that are picked, without noise and faults; parameters as of `measure`.
+
+    It depends on the room, the source, the array and the picking alone, so that many measurements may share it.
+    """
     require_measurable(scene)
-    positions, dimension = positions_of(scene), scene.room.dimension
-    if dimension == 3:
-        modes = _in_closed_form(scene, progress)
-    else:
-        modes = _from_recordings(scene, positions, recordings, progress)
-    clean = modes.pressures
+    if scene.room.dimension == 3:
+        return _in_closed_form(scene, progress)
+    return _from_recordings(scene, positions_of(scene), recordings, progress)
+
+
+def measured(scene: Scene, modes: ModalPressures) -> Measurement:
+    """Return what the microphones of a scene measure of its `sound_field`: with noise and the faults of channels."""
+    positions, clean = positions_of(scene), modes.pressures
     noise_power = mode_power(clean) * 10 ** (-scene.measurement.snr_db / 10)
     rng = np.random.default_rng([scene.seed, 1])
     noise = rng.normal(scale=math.sqrt(0.5), size=(2, *clean.shape))  # of unit power, the same draw at any SNR
@@ -82,7 +92,7 @@ def measure(scene: Scene, recordings: np.ndarray | None = None, progress=None) -
         frequencies=modes.frequencies,
         pressures=_with_faults(scene, clean) + np.sqrt(noise_power)[:, None] * (noise[0] + 1j * noise[1]),
         sound_speed=speed_factor * scene.room.sound_speed,
-        dimension=dimension,
+        dimension=scene.room.dimension,
         array_dimension=positions.shape[1],
         wavenumbers=modes.wavenumbers / speed_factor,
         noise_power=noise_power,

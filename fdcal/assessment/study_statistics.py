@@ -3,6 +3,9 @@
 found     the error is below 5 mm, or three times the Cramer-Rao bound where that is larger
 trusted   the verdict is good
 wrong     trusted, and the error is above 5 mm and three times what was claimed
+good      trusted, and not wrong
+doubted   found, though not trusted
+lost      neither found nor trusted
 """
 
 from __future__ import annotations
@@ -40,7 +43,7 @@ class Grid:
 
 
 def judged(rows: pandas.DataFrame) -> pandas.DataFrame:
-    """Return the rows with the columns `found`, `trusted` and `wrong`, bool; a refused draw was not found."""
+    """Return the rows with the columns of this module's head, bool; a refused draw was not found."""
     rows = rows.copy()
     for name in COLUMNS:
         rows[name] = rows[name].astype(float) if name in rows else np.nan
@@ -49,6 +52,8 @@ def judged(rows: pandas.DataFrame) -> pandas.DataFrame:
     rows["trusted"] = (rows["verdict"] == "good").to_numpy()
     claimed = rows["claimed_sigma_m"].fillna(np.inf)
     rows["wrong"] = (rows["trusted"] & (error > np.maximum(LEAST, FACTOR * claimed))).to_numpy()
+    rows["good"], rows["doubted"] = rows["trusted"] & ~rows["wrong"], ~rows["trusted"] & rows["found"]
+    rows["lost"] = ~rows["trusted"] & ~rows["found"]
     return rows
 
 
@@ -86,7 +91,7 @@ def share_grid(rows: pandas.DataFrame, axes: dict[str, list], names: tuple[str, 
     rows : as of `judged`
     axes : of the study
     names : axes along y and x; "" for no second axis
-    column : "found", "trusted" or "wrong"
+    column : a column of this module's head
     """
     y, x = (axes.get(name, [""]) for name in names)
     share, count = np.full((len(y), len(x)), np.nan), np.zeros((len(y), len(x)), int)

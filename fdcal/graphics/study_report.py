@@ -11,6 +11,7 @@ from ..model.storage import write_atomically
 from ..model.validation import InputError
 from .landscape_figure import figure_bytes
 from .study_figures import draw_error, draw_error_bars, draw_success, draw_verdicts
+from .study_panels import study_panels
 
 if TYPE_CHECKING:
     import pandas
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 STYLE = "body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto}img{max-width:100%}"
 CAPTIONS = {
     "success": "An array counts as found where the error is below 5 mm, or three times the Cramer-Rao bound.",
-    "error": "Error of the microphones that are sought, median; dashed the Cramer-Rao bound in a diffuse field.",
+    "error": "Median error of the microphones that are sought, 10 to 90 % shaded; dashed the bound in a diffuse field.",
     "error-bars": "Error against the one sigma that each calibration claims.",
     "verdicts": "Verdicts, right and wrong either way; wrong is an error above 5 mm and three claimed sigmas.",
 }
@@ -33,7 +34,7 @@ def write_report(
     ----------
     folder : str or Path
     head, rows : as of `fdcal.session.study.results.read_results`
-    names : axes of the map of success, along y and x; the first two axes with several values unless given
+    names : axes along y and x of the figures; as of `study_panels` unless given
     at : values of other axes, as text
 
     Raises
@@ -42,15 +43,17 @@ def write_report(
         An axis or a value is not of the study.
     """
     axes = head["axes"]
-    names = _two_axes(axes, names)
+    _require_axes(axes, names)
     rows = judged(selected(rows, axes, at))
     if not len(rows):
         raise InputError("no calibration of the study has these values", "leave out <at>", key="at")
+    axes = {name: values for name, values in axes.items() if name not in at or name in (names or ())}
+    shown = study_panels(axes, names)
     figures = {
-        "success": draw_success(rows, axes, names),
-        "error": draw_error(rows, axes, names),
-        "error-bars": draw_error_bars(rows),
-        "verdicts": draw_verdicts(rows, axes, names[1] or names[0]),
+        "success": draw_success(rows, axes, shown),
+        "error": draw_error(rows, axes, shown),
+        "error-bars": draw_error_bars(rows, shown),
+        "verdicts": draw_verdicts(rows, axes, shown),
     }
     target = Path(folder) / "report"
     target.mkdir(exist_ok=True)
@@ -64,14 +67,10 @@ def write_report(
     return page
 
 
-def _two_axes(axes: dict, names: tuple[str, str] | None) -> tuple[str, str]:
+def _require_axes(axes: dict, names: tuple[str, str] | None) -> None:
     for name in names or ():
         if name not in axes:
             raise InputError(f"the study has no axis {name}", f"use {', '.join(axes)}", key="axes", value=name)
-    if names is not None:
-        return names
-    several = [key for key, values in axes.items() if len(values) > 1] or list(axes)
-    return several[0], several[1] if len(several) > 1 else ""
 
 
 def _page(head: dict, rows: pandas.DataFrame, at: dict[str, str]) -> str:

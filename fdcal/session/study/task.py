@@ -4,24 +4,29 @@ from __future__ import annotations
 
 import json
 import time
-from dataclasses import replace
+from dataclasses import asdict, replace
 from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 
-from ...acoustics.measure import measure
+from ...acoustics.measure import measured, sound_field
 from ...acoustics.measurement_cache import cached_recordings
+from ...acoustics.modal import ModalPressures
 from ...assessment.fisher_information import diffuse_information
 from ...assessment.position_bound import Prior, position_bound
 from ...model.arrays import positions_of
 from ...model.measurement import Measurement
 from ...model.random_source import random_source
 from ...model.scene import Scene
+from ...model.storage import cache_key
 from ...model.validation import InputError
 from ..calibrate import solve
 from ..sources import CalibrationInput
 from .definition import Study, scene_at
+
+KEPT_FIELDS = 6  # sound fields that a process keeps: a few megabytes
+_fields: dict[str, ModalPressures] = {}
 
 
 def run_task(study: Study, number: int) -> dict[str, Any]:
@@ -40,8 +45,7 @@ def run_task(study: Study, number: int) -> dict[str, Any]:
     began = time.process_time()
     try:
         scene = _with_source(study, scene_at(study, point, seed), seed)
-        recordings = cached_recordings(scene) if scene.room.dimension == 2 else None
-        measurement = measure(scene, recordings)
+        measurement = measured(scene, _sound_field(scene))
         simulated = time.process_time()
         inputs = CalibrationInput(scene.name, scene, measurement, scene.solver, seed, time_limit=study.time_limit)
         found = solve(inputs)
@@ -61,6 +65,18 @@ def run_task(study: Study, number: int) -> dict[str, Any]:
         "modes_used": len(found.frequencies),
         "seconds": time.process_time() - simulated,
     }
+
+
+def _sound_field(scene: Scene) -> ModalPressures:
+    """Return the sound field of a scene: computed once for the points of a draw that differ in noise or solver."""
+    sensing = asdict(replace(scene.measurement, snr_db=0.0, sound_speed_error=0.0))
+    key = cache_key("field", asdict(scene.room), asdict(scene.emitter), positions_of(scene).tolist(), sensing)
+    if key not in _fields:
+        recordings = cached_recordings(scene) if scene.room.dimension == 2 else None
+        _fields[key] = sound_field(scene, recordings)
+        for old in list(_fields)[:-KEPT_FIELDS]:
+            _fields.pop(old, None)
+    return _fields[key]
 
 
 def _with_source(study: Study, scene: Scene, seed: int) -> Scene:

@@ -12,10 +12,11 @@ import pytest
 from fdcal.assessment.study_statistics import judged, selected, share_grid
 from fdcal.graphics.study_report import write_report
 from fdcal.model.validation import InputError, StorageError
+from fdcal.session.study import task
 from fdcal.session.study.cluster import connected, run_study
 from fdcal.session.study.definition import load_study, scene_at
 from fdcal.session.study.results import PARTS, Results, read_results
-from fdcal.session.study.task import run_task
+from fdcal.session.study.task import run_task, sound_field
 
 TEXT = """
 scene = "tiny"
@@ -210,6 +211,34 @@ def test_a_killed_study_goes_on_and_draws_its_report(tmp_path):
     assert {one.suffix for one in page.parent.iterdir()} == {".png", ".svg", ".html"}
     with pytest.raises(InputError, match="no axis"):
         write_report(folder, head, rows, ("snr_db", "nothing"), {})
+
+
+def test_a_field_that_points_of_a_draw_share_changes_no_row(tmp_path, monkeypatch):
+    """Noise, solver and known microphones differ between points; the radius changes the field itself."""
+    path = tmp_path / "study.toml"
+    path.write_text(
+        'scene = "tiny"\ndraws = 2\n[axes]\nsnr_db = [20, 40]\nradius = [0.2, 0.25]\nknown = [3, 4]\n'
+        '[fixed]\n"solver.modes" = 12\n"solver.name" = "joint"\n[drawn]\nsource = true\nleast_distance = 0.2\n'
+    )
+    study, computed = load_study(path), []
+
+    def counted(*arguments):
+        computed.append(arguments)
+        return sound_field(*arguments)
+
+    def row(number):
+        found = run_task(study, number)
+        return {key: value for key, value in found.items() if key != "seconds"}
+
+    monkeypatch.setattr(task, "_fields", {})
+    alone = []
+    for number in range(study.count):
+        task._fields.clear()
+        alone.append(row(number))
+    task._fields.clear()
+    monkeypatch.setattr(task, "sound_field", counted)
+    assert [row(number) for number in range(study.count)] == alone
+    assert len(computed) == 4, "two draws of two radii"
 
 
 def test_statistics_of_a_table():
