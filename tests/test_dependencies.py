@@ -22,6 +22,7 @@ OPTIONAL = {
     "pyfar",
     "distributed",
     "pyarrow",
+    "locket",
 }  # imported where it is called, with a remedy where it is missing
 PRIVATE_MODULES = ("numba.core", "numba.np")  # private without an underscore
 ROW = re.compile(r"^\| (\w+) (<[\d.]+) \| (.*?) \| (.*?) \| (.*?) \|$", re.MULTILINE)

@@ -97,7 +97,17 @@ def run_study(
     -------
     int
         Calibrations that were computed now.
+
+    Raises
+    ------
+    InputError
+        Another run writes to the folder.
     """
+    with results.held():
+        return _run(study, results, client, progress)
+
+
+def _run(study: Study, results: Results, client: Client, progress) -> int:
     from distributed import as_completed
 
     done = results.done()

@@ -86,6 +86,9 @@ class Study:
             if not isinstance(values, list) or not values:
                 remedy = f'write it as "{shown(key)}" = [...]'
                 raise InputError(f"axes.{shown(key)} is no list of values", remedy, key=f"axes.{key}")
+            if len({_kind(value) for value in values}) > 1:
+                problem = f"axes.{shown(key)} mixes numbers with texts or lists"
+                raise InputError(problem, "run a study for each kind", key=f"axes.{key}")
         if bool(self.scene) == (SCENE in self.axes):
             remedy = 'write scene = "NAME", or name several by scene = [...] below [axes]'
             raise InputError("a study has a scene, or an axis of scenes", remedy, key=SCENE)
@@ -129,6 +132,11 @@ class Study:
         """Return what tells this study from any other: a hash of its content and of its scene."""
         content = json.dumps([asdict(self), *map(_table_of, self.scenes)], sort_keys=True, default=str)
         return hashlib.blake2b(content.encode(), digest_size=12).hexdigest()
+
+
+def _kind(value: Any) -> type:
+    """Return the kind of a value of an axis: integers and other numbers are one."""
+    return float if isinstance(value, (int, float)) and not isinstance(value, bool) else type(value)
 
 
 def load_study(path: str | Path) -> Study:

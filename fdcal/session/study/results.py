@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +17,24 @@ if TYPE_CHECKING:
     import pandas
 
 HEAD = "study.json"  # what study this folder is of
-PARTS = "part-*.parquet"
+ROWS = "rows"  # folder of the table, which `pandas.read_parquet` reads as a whole
+PARTS = f"{ROWS}/part-*.parquet"
+LOCK = "study.lock"  # held by the run that writes
+COLUMNS = {  # those of every row, beside the axes; missing values are null
+    "task": "int64",
+    "draw": "int64",
+    "seed": "int64",
+    "version": "string",
+    "verdict": "string",
+    "reason": "string",
+    "rms_error_m": "float64",
+    "max_error_m": "float64",
+    "claimed_sigma_m": "float64",
+    "bound_m": "float64",
+    "microphones": "int64",
+    "modes_used": "int64",
+    "seconds": "float64",
+}
 
 
 class Results:
@@ -40,7 +59,7 @@ class Results:
         require_tables()
         self.folder, self.study = Path(folder), study
         try:
-            self.folder.mkdir(parents=True, exist_ok=True)
+            (self.folder / ROWS).mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise StorageError(f"cannot make the folder {folder}: {error.strerror}") from error
         head = self.folder / HEAD
@@ -53,7 +72,7 @@ class Results:
                 remedy = "add <resume> to go on, or choose another folder"
                 raise InputError(f"{folder} holds results of this study", remedy, key="output", value=str(folder))
             return
-        if any(self.folder.iterdir()):
+        if any(path.name != ROWS for path in self.folder.iterdir()):
             raise InputError(f"{folder} is not empty", "choose another folder", key="output", value=str(folder))
         write_atomically(head, lambda file: file.write_text(json.dumps(own, indent=1) + "\n", encoding="utf-8"))
 
@@ -66,16 +85,42 @@ class Results:
             found.update(parquet.read_table(path, columns=["task"])["task"].to_pylist())
         return found
 
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Keep other runs from writing to the folder. Raises InputError if one does."""
+        import locket
+
+        try:
+            lock = locket.lock_file(str(self.folder / LOCK), timeout=0)
+            lock.acquire()
+        except locket.LockError as error:
+            problem = f"another run writes to {self.folder}"
+            raise InputError(problem, "wait for its end", key="output", value=str(self.folder)) from error
+        try:
+            yield
+        finally:
+            lock.release()
+
     def append(self, rows: list[dict[str, Any]]) -> None:
         """Write rows as one more file of the table. Raises StorageError where the disk is full."""
-        from pyarrow import Table, parquet
+        import pyarrow
+        from pyarrow import parquet
 
         if not rows:
             return
-        keys = list(dict.fromkeys(key for row in rows for key in row))
-        table = Table.from_pylist([{key: row.get(key) for key in keys} for row in rows])
-        path = self.folder / f"part-{min(row['task'] for row in rows):09d}-{secrets.token_hex(3)}.parquet"
-        write_atomically(path, lambda file: parquet.write_table(table, file))
+        kinds = {key: _kind_of(values) for key, values in self.study.axes.items()} | COLUMNS
+        columns = {key: pyarrow.array([row.get(key) for row in rows], kind) for key, kind in kinds.items()}
+        path = self.folder / ROWS / f"part-{min(row['task'] for row in rows):09d}-{secrets.token_hex(3)}.parquet"
+        write_atomically(path, lambda file: parquet.write_table(pyarrow.table(columns), file))
+
+
+def _kind_of(values: list) -> str:
+    """Return the type of the column of an axis, the same in every file of the table; lists are kept as JSON."""
+    if all(isinstance(value, bool) for value in values):
+        return "bool"
+    if all(isinstance(value, int) for value in values):
+        return "int64"
+    return "float64" if all(isinstance(value, (int, float)) for value in values) else "string"
 
 
 def read_results(folder: str | Path) -> tuple[dict, pandas.DataFrame]:

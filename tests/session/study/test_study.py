@@ -139,6 +139,34 @@ def test_a_folder_of_another_study_and_one_that_is_not_empty(file, tmp_path):
         read_results(tmp_path / "full")
 
 
+def test_all_parts_are_one_table_whatever_is_missing_in_some(file, tmp_path):
+    import pandas
+
+    results = Results(tmp_path / "out", load_study(file), False)
+    at = {"snr_db": 20, "solver.modes": 12}
+    results.append([{"task": 0, "draw": 0, "seed": 0, "verdict": "refused", "reason": "why", **at}])
+    results.append([{"task": 1, "draw": 0, "seed": 0, "verdict": "good", "rms_error_m": 0.01, **at}])
+    rows = pandas.read_parquet(tmp_path / "out" / "rows").sort_values("task")
+    assert rows["verdict"].tolist() == ["refused", "good"] and rows["rms_error_m"].tolist()[1] == 0.01
+    assert rows["snr_db"].tolist() == [20, 20]
+
+
+def test_two_runs_do_not_write_to_one_folder(file, tmp_path):
+    study = load_study(file)
+    first = Results(tmp_path / "out", study, False)
+    with first.held(), pytest.raises(InputError, match="another run"), Results(tmp_path / "out", study, True).held():
+        pytest.fail("both run")
+    with Results(tmp_path / "out", study, True).held():
+        pass
+
+
+def test_values_of_one_axis_are_of_one_kind(tmp_path):
+    path = tmp_path / "study.toml"
+    path.write_text('scene = "tiny"\ndraws = 1\n[axes]\n"solver.name" = ["joint", 3]\n')
+    with pytest.raises(InputError, match="mixes"):
+        load_study(path)
+
+
 def test_a_full_disk_is_a_storage_error_and_leaves_no_part(file, tmp_path, monkeypatch):
     from pyarrow import parquet
 
@@ -191,6 +219,8 @@ def test_a_killed_worker_costs_no_row(tmp_path):
 
 
 def test_a_killed_study_goes_on_and_draws_its_report(tmp_path):
+    import pandas
+
     path, folder = tmp_path / "study.toml", tmp_path / "out"
     path.write_text(TEXT.format(draws=6))
     command = [sys.executable, "-m", "fdcal", "study", str(path), "-o", str(folder)]
@@ -206,6 +236,7 @@ def test_a_killed_study_goes_on_and_draws_its_report(tmp_path):
     subprocess.run([*command, "--resume"], check=True, capture_output=True)
     head, rows = read_results(folder)
     assert sorted(rows["task"]) == list(range(study.count))
+    assert len(pandas.read_parquet(folder / "rows")) == study.count, "no calibration was done twice"
     page = write_report(folder, head, rows, None, {})
     assert page.read_text().startswith("<!doctype html>")
     assert {one.suffix for one in page.parent.iterdir()} == {".png", ".svg", ".html"}
