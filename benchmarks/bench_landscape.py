@@ -12,7 +12,7 @@ from benchmarks.report import Figure, best_time
 from fdcal.acoustics.lattice_dictionary import LatticeDictionary
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.cost.eq7 import leave_one_out_fits
-from fdcal.cost.lattice_search import best_candidate, candidate_costs, lattice_landscape
+from fdcal.cost.lattice_search import FitTables, best_candidate, candidate_costs, lattice_fits, lattice_landscape
 from fdcal.cost.leave_one_out import likelihood_landscape
 from fdcal.cost.likelihood import diffuse_field
 from fdcal.cost.likelihood_maps import likelihood_maps
@@ -50,7 +50,8 @@ def _one_mode(problem, lattice, guess, centre) -> list[Figure]:
     p, alone = problem.pressures[mode], slice(mode, mode + 1)
 
     def closed_form():
-        return candidate_costs(lattice, centre, alone, leave_one_out_fits([W], p[None], MICROPHONE))[0]
+        fits = FitTables.of(leave_one_out_fits([W], p[None], MICROPHONE))
+        return candidate_costs(lattice, centre, alone, fits)[0]
 
     def brute_force():
         candidate, costs = W.copy(), np.empty(len(rows))
@@ -74,7 +75,7 @@ def _many_modes(problem, lattice, guess, centre) -> list[Figure]:
     three, modes = slice(10, 31, 10), slice(0, 57)
     panels = best_time(lambda: lattice_landscape(problem, lattice, guess, MICROPHONE, centre, three).sum(axis=0))
     summed = best_time(lambda: lattice_landscape(problem, lattice, guess, MICROPHONE, centre, modes).sum(axis=0))
-    fits = leave_one_out_fits(lattice.dictionary(guess, centre, range(57)), problem.pressures[modes], MICROPHONE)
+    fits = lattice_fits(problem, lattice, guess, MICROPHONE, centre, modes, 1.0)
     here = lattice.index(guess[MICROPHONE])
     whole = best_time(lambda: candidate_costs(lattice, centre, modes, fits).sum(axis=0))
     short = best_time(lambda: best_candidate(lattice, centre, modes, fits, here), 20)

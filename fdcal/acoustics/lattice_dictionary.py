@@ -47,6 +47,7 @@ class LatticeDictionary:
         self.steps = np.stack([ix.ravel(), iy.ravel()], axis=1)
         self.points = np.asarray(search.origin) + search.step * self.steps
         self._phases: tuple = None, None
+        self._others: tuple = None, None
         squared = np.unique(np.add.outer(np.arange(nx) ** 2, np.arange(ny) ** 2))
         self.row = np.full(squared[-1] + 1, -1, dtype=np.int32)
         self.row[squared] = np.arange(len(squared))
@@ -83,6 +84,43 @@ class LatticeDictionary:
         unit[squared == 0] = 1.0
         return unit, self.row[squared]
 
+    def microphones(self, positions, centre) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return exp(j theta) and the row of `radial` of given positions, and W of those that are off the lattice.
+
+        Parameters
+        ----------
+        positions : (N, 2) float64
+            Metres.
+        centre : (2,) float64
+            Metres.
+
+        Returns
+        -------
+        unit : (N,) complex128
+            1 off the lattice.
+        row : (N,) int32
+            -1 off the lattice.
+        others : (M, N_off, 2 Lmax + 1) complex128
+            W of the microphones that are off the lattice, in their order; zero beyond the order of the mode.
+        """
+        steps = (np.asarray(positions) - self.nearest(centre)) / self.search.step
+        offset = np.rint(steps).astype(np.int64)
+        off = (np.abs(steps - offset) >= 1e-6).any(axis=1) | (np.abs(offset) >= self.shape[::-1]).any(axis=1)
+        offset[off] = 0
+        unit, row = self._unit_and_row(offset)
+        row[off] = -1
+        return unit, row, self._off_lattice(positions[off], centre)
+
+    def _off_lattice(self, positions: np.ndarray, centre) -> np.ndarray:
+        index = tuple(self._index(centre).tolist()), positions.tobytes()
+        cached, W = self._others  # these are known microphones, which stay in place
+        if cached != index:
+            W = np.zeros((len(self.orders), len(positions), 2 * int(self.orders.max()) + 1), dtype=complex)
+            for m, (k, L) in enumerate(zip(self.wavenumbers, self.orders, strict=True) if len(positions) else ()):
+                W[m, :, : 2 * L + 1] = fourier_bessel(positions, complex(k), int(L), centre)
+            self._others = index, W
+        return W
+
     def dictionary(self, positions, centre, modes) -> list[np.ndarray]:
         """Return W of given positions, on the lattice or off it.
 
@@ -98,11 +136,7 @@ class LatticeDictionary:
         -------
         list of (N, 2L + 1) complex128, one for each of `modes`
         """
-        steps = (np.asarray(positions) - self.nearest(centre)) / self.search.step
-        offset = np.rint(steps).astype(np.int64)
-        on = np.all(np.abs(steps - offset) < 1e-6, axis=1) & np.all(np.abs(offset) < self.shape[::-1], axis=1)
-        offset[~on] = 0
-        unit, row = self._unit_and_row(offset)
+        unit, row, others = self.microphones(np.asarray(positions), centre)
         phase = unit[:, None] ** np.arange(self.radial.shape[2])
         modes = np.asarray(modes)
         W: dict[int, np.ndarray] = {}
@@ -110,8 +144,8 @@ class LatticeDictionary:
             batch = modes[self.orders[modes] == L]
             J = self.radial[batch[:, None], row, : L + 1]
             W |= zip(batch.tolist(), join_orders(J, phase[:, : L + 1]), strict=True)
-        for m in modes.tolist() if not on.all() else ():
-            W[m][~on] = fourier_bessel(positions[~on], complex(self.wavenumbers[m]), int(self.orders[m]), centre)
+        for m in modes.tolist() if (row < 0).any() else ():
+            W[m][row < 0] = others[m, :, : 2 * self.orders[m] + 1]
         return [W[m] for m in modes.tolist()]
 
 

@@ -112,7 +112,7 @@ def fine_landscape(problem: Problem, solver, state, n: int, mode: int, search: S
     """
     if state.landscape_takes_lattice:
         return solver.landscape(problem, state, n, slice(mode - 1, mode), search)[0]
-    from .lattice_search import candidate_costs  # compiled code, loaded with the first map
+    from .lattice_search import FitTables, candidate_costs  # compiled code, loaded with the first map
 
     k = complex(problem.wavenumbers[mode - 1])
     L = int(max_order(problem.wavenumbers[mode - 1 : mode], search.radius, state.order_offset)[0])
@@ -121,7 +121,7 @@ def fine_landscape(problem: Problem, solver, state, n: int, mode: int, search: S
     W = fourier_bessel(np.asarray(state.positions), k, L, centre)
     weights = known_weights(problem, state.settings.known_weight)
     fits = leave_one_out_fits([W], problem.pressures[mode - 1 : mode], n, weights=weights)
-    return candidate_costs(lattice, centre, slice(0, 1), fits).reshape(lattice.shape)
+    return candidate_costs(lattice, centre, slice(0, 1), FitTables.of(fits)).reshape(lattice.shape)
 
 
 def mode_shape(

@@ -1,5 +1,6 @@
 """Laws of the cost, Eq. 7, and of its landscape."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -8,7 +9,7 @@ from fields import measured
 
 from fdcal.acoustics.fourier_bessel import fourier_bessel, max_order
 from fdcal.cost.eq7 import cost, known_weights, landscape, leave_one_out_fits, residual
-from fdcal.cost.lattice_search import best_candidate, lattice_landscape
+from fdcal.cost.lattice_search import FitTables, best_candidate, candidate_costs, lattice_fits, lattice_landscape
 from fdcal.cost.mode_limits import require_modes, search_lattice
 from fdcal.model.validation import InputError
 
@@ -108,11 +109,57 @@ def test_lattice_landscape_and_pruned_search_agree_with_the_landscape():
     maps = lattice_landscape(PROBLEM, lattice, GUESS, 7, centre, modes)
     assert maps.shape == (8, *lattice.shape)
     np.testing.assert_allclose(maps.reshape(8, -1), expected, atol=1e-10)
-    fits = leave_one_out_fits(lattice.dictionary(GUESS, centre, range(1, 9)), PROBLEM.pressures[modes], 7)
+    fits = lattice_fits(PROBLEM, lattice, GUESS, 7, centre, modes, 1.0)
     for start in (0, 400, len(lattice.points) - 1):
         best, least = best_candidate(lattice, centre, modes, fits, start)
         assert best == expected.sum(axis=0).argmin()
         assert least == pytest.approx(expected.sum(axis=0).min(), rel=1e-9)
+
+
+@pytest.mark.parametrize("known_weight", [1.0, 1000.0])
+@pytest.mark.parametrize("n", [0, 7, 23])
+def test_compiled_fits_are_the_fits_of_the_dictionary(n, known_weight):
+    """With microphones on the lattice and off it, and with a mode whose W is rank-deficient without microphone n."""
+    lattice = search_lattice(PROBLEM, 2)
+    centre, modes = lattice.nearest(CENTRE), slice(1, 9)
+    weights = known_weights(PROBLEM, known_weight)
+    mixed = np.where(np.arange(len(GUESS))[:, None] % 2, lattice.nearest(GUESS), GUESS)
+    for positions in (mixed, np.repeat(mixed[:8], 3, axis=0)):
+        W = lattice.dictionary(positions, centre, range(1, 9))
+        expected = leave_one_out_fits(W, PROBLEM.pressures[modes], n, weights=weights)
+        tables = lattice_fits(PROBLEM, lattice, positions, n, centre, modes, known_weight)
+        assert tables.triangular.tolist() == [fit.triangular for fit in expected]
+        for found in (tables, FitTables.of(expected)):
+            costs = candidate_costs(lattice, centre, modes, found)
+            for values, fit, m in zip(costs, expected, range(1, 9), strict=True):
+                rows = lattice.dictionary(lattice.points, centre, [m])[0]
+                np.testing.assert_allclose(values, fit.cost_of(rows), rtol=1e-8, atol=1e-11)
+    assert not tables.triangular.all(), "three microphones in each place carry few functions"
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_pruned_search_is_the_argmin_of_all_candidates(seed):
+    """From positions anywhere, first with few modes and then with many, and wherever the search starts."""
+    rng = np.random.default_rng(seed)
+    lattice = search_lattice(PROBLEM, 2)
+    positions = lattice.points[rng.choice(len(lattice.points), len(GUESS), replace=False)]
+    centre, n = lattice.nearest(positions.mean(axis=0)), int(rng.integers(len(GUESS)))
+    for modes in (slice(0, 1), slice(0, 3), slice(2, 10)):
+        fits = lattice_fits(PROBLEM, lattice, positions, n, centre, modes, 1000.0)
+        total = candidate_costs(lattice, centre, modes, fits).sum(axis=0)
+        for start in (int(total.argmin()), int(total.argmax()), lattice.index(positions[n])):
+            best, least = best_candidate(lattice, centre, modes, fits, start)
+            assert best == total.argmin()
+            assert least == pytest.approx(total.min(), rel=1e-12)
+
+
+def test_of_equal_candidates_the_first_in_the_lattice_is_taken():
+    """Without pressure at the microphone and a field of zero, every candidate costs the same."""
+    lattice = search_lattice(PROBLEM, 2)
+    centre, modes = lattice.nearest(CENTRE), slice(0, 3)
+    fits = lattice_fits(PROBLEM, lattice, lattice.nearest(GUESS), 7, centre, modes, 1.0)
+    silent = replace(fits, p_n=np.zeros(3, complex), columns=np.zeros_like(fits.columns))
+    assert best_candidate(lattice, centre, modes, silent, 500) == (0, pytest.approx(fits.r0.sum()))
 
 
 def test_weights_make_the_cost_dimensionless():

@@ -11,13 +11,14 @@ searched from coarse to fine (`fdcal.cost.space_lattice`), and the lowest one th
 
 from __future__ import annotations
 
+import functools
 from dataclasses import replace
 
 import numpy as np
 
 from ...acoustics.lattice_dictionary import LatticeDictionary
 from ...cost import mode_limits
-from ...cost.eq7 import LeaveOneOutFit, known_weights, leave_one_out_fits
+from ...cost.eq7 import known_weights, leave_one_out_fits
 from ...cost.mode_limits import require_modes, search_lattice
 from ...cost.space_lattice import SpaceLattice, layer_landscape, space_lattice
 from ...model.problem import Problem
@@ -94,10 +95,10 @@ def step(problem: Problem, state: State) -> State:
     """Return `state` with the next microphone moved to its best candidate; the same state if it is finished."""
     if state.finished:
         return state
-    n = int(_turns(problem, state)[state.turn])
-    lattice, _, fits = _fits(problem, state, n)
+    n = int(_turns(problem, state.seed, state.sweep)[state.turn])
+    lattice = _lattice(problem, state.order_offset)
     positions = state.positions.copy()
-    positions[n], least = _best(lattice, state, fits, positions[n])
+    positions[n], least = _best(problem, lattice, state, n)
     moved = replace(
         state,
         positions=frozen_array(positions, float),
@@ -108,7 +109,7 @@ def step(problem: Problem, state: State) -> State:
         changed=state.changed or not np.array_equal(positions[n], lattice.nearest(state.positions[n])),
         cost=least,
     )
-    return moved if moved.turn < len(problem.free) else _end_sweep(moved)
+    return moved if moved.turn < problem.pressures.shape[1] - len(problem.known) else _end_sweep(moved)
 
 
 def use_modes(problem: Problem, state: State, first: int, last: int, automatic: bool) -> State:
@@ -164,19 +165,22 @@ def _lattice(problem: Problem, order_offset: int) -> LatticeDictionary | SpaceLa
     return search_lattice(problem, order_offset)
 
 
-def _best(lattice, state: State, fits: list[LeaveOneOutFit], start: np.ndarray) -> tuple[np.ndarray, float]:
-    """The best candidate for a microphone at `start`, metres, and its cost."""
+def _best(problem: Problem, lattice, state: State, n: int) -> tuple[np.ndarray, float]:
+    """The best candidate for microphone `n`, metres, and its cost."""
     if isinstance(lattice, SpaceLattice):
-        return lattice.best(state.centre, state.modes, fits, start)
-    from ...cost.lattice_search import best_candidate  # compiled code is loaded with the first step
+        return lattice.best(state.centre, state.modes, _fits(problem, state, n)[2], state.positions[n])
+    from ...cost.lattice_search import best_candidate, lattice_fits  # compiled code is loaded with the first step
 
-    best, least = best_candidate(lattice, state.centre, state.modes, fits, lattice.index(start))
+    weight = state.settings.known_weight
+    fits = lattice_fits(problem, lattice, state.positions, n, state.centre, state.modes, weight)
+    best, least = best_candidate(lattice, state.centre, state.modes, fits, lattice.index(state.positions[n]))
     return lattice.points[best], least
 
 
-def _turns(problem: Problem, state: State) -> np.ndarray:
-    """Order in which the free microphones are moved in the present sweep; every sweep has its own."""
-    return np.random.default_rng([state.seed, 1, state.sweep]).permutation(problem.free)
+@functools.lru_cache(maxsize=8)
+def _turns(problem: Problem, seed: int, sweep: int) -> np.ndarray:
+    """Order in which the free microphones are moved in a sweep; every sweep has its own."""
+    return np.random.default_rng([seed, 1, sweep]).permutation(problem.free)
 
 
 def _cost(problem: Problem, state: State) -> float:
