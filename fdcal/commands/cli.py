@@ -170,7 +170,7 @@ def simulate(scene: str, output: str, force: bool):
     type=float,
     metavar="SECONDS",
     help="Of processor time, after which the best positions so far are written; Ctrl-C does the same."
-    "  [default: 45, more for large arrays, 600 for solver descent]",
+    "  [default: 45, more for large arrays]",
 )
 @click.option("--check", is_flag=True, help="Compare with the positions in the file and name swapped channels.")
 @click.option(

@@ -136,8 +136,9 @@ def fits(unit, row, others, radial, orders, pressures, roots):
                 re[:K, i], im[:K, i] = others[m, off, :K].real, others[m, off, :K].imag
                 off += 1
             re[K, i], im[K, i] = pressures[m, i].real, pressures[m, i].imag
-            re[: K + 1, i] *= roots[i]
-            im[: K + 1, i] *= roots[i]
+        for j in range(K + 1):
+            for i in range(len(row)):
+                re[j, i], im[j, i] = roots[i] * re[j, i], roots[i] * im[j, i]
         S = np.zeros((K, K + 1), np.complex128)
         _triangularise(re, im, K, S)
         r0[m] = np.sum(re[K, K:] ** 2 + im[K, K:] ** 2)
@@ -187,11 +188,11 @@ def _reflect(x, y, scale, re, im):
 @compiled
 def _invert(S, columns):
     """Columns of S^-1 and, behind them, S^-1 times the last column of S."""
-    K = len(S)
+    K, inverse = len(S), 1 / np.diag(S)
     for j in range(K + 1):
         z = columns[j]
         for i in range(min(j, K - 1), -1, -1):
             rest = S[i, j] if j == K else complex(1.0 if i == j else 0.0, 0.0)
             for l in range(i + 1, min(j + 1, K)):  # noqa: E741
                 rest -= S[i, l] * z[l]
-            z[i] = rest / S[i, i]
+            z[i] = rest * inverse[i]

@@ -21,7 +21,6 @@ class Limits:
     phase_per_microphone : likewise, for each microphone of a large array
     dispersion : largest ratio of a wavenumber to 2 pi f / c, and its inverse the smallest
     seconds : processor time of a calibration with up to `usual_pairs`; in proportion to the pairs beyond
-    seconds_one_by_one : likewise, of a solver that moves one microphone after the other
     usual_pairs : pairs of microphones times modes, 64 microphones at 64 frequencies
     candidates : candidate positions of a search; the tables of the solvers take 1 to 2 GB for so many
     coordinate : largest coordinate, metres
@@ -45,7 +44,6 @@ class Limits:
     phase_per_microphone: float = 2.0
     dispersion: float = 10.0
     seconds: float = 45.0
-    seconds_one_by_one: float = 600.0
     usual_pairs: float = 64.0**3
     candidates: int = 500_000
     coordinate: float = 1e9

@@ -172,7 +172,7 @@ def calibrate(
         Two microphones, by name or number, and how far they are apart, metres, where no microphone is known.
     time_limit : float, optional
         Seconds of processor time after which the best positions so far are assessed, with the verdict
-        "not_converged"; 45, more for large arrays, 600 for solver "descent". An interrupt does the same.
+        "not_converged"; 45, more for large arrays. An interrupt does the same.
     settings : SolverSettings, optional
         Settings to begin with, such as those of a scene (`scene.solver`).
     progress : callable, optional

@@ -148,7 +148,7 @@ def last_state(
     """
     limit = inputs.time_limit
     if limit is None:
-        limit = time_limit(problem, inputs.settings.modes, load(inputs.settings.name).TRAITS)
+        limit = time_limit(problem, inputs.settings.modes)
     end, states = clock() + limit, states_of(inputs, progress, problem)
     state = next(states)
     try:

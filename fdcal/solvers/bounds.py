@@ -27,14 +27,10 @@ def farthest(problem: Problem, modes: int) -> float:
     return phase / float(np.abs(problem.wavenumbers[:modes]).max())
 
 
-def time_limit(problem: Problem, modes: int, traits: Traits) -> float:
-    """Return the seconds of processor time that a calibration may take unless another limit is given.
-
-    A solver that moves one microphone after the other takes several times longer.
-    """
+def time_limit(problem: Problem, modes: int) -> float:
+    """Return the seconds of processor time that a calibration may take unless another limit is given."""
     pairs = problem.pressures.shape[1] ** 2 * min(modes, len(problem.pressures))
-    usual = LIMITS.seconds if traits.moves_all else LIMITS.seconds_one_by_one
-    return usual * max(1.0, pairs / LIMITS.usual_pairs)
+    return LIMITS.seconds * max(1.0, pairs / LIMITS.usual_pairs)
 
 
 def require_affordable(problem: Problem, settings: SolverSettings, traits: Traits) -> None:

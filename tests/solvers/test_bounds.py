@@ -149,9 +149,8 @@ def test_a_run_that_never_ends_is_ended(monkeypatch):
 
 
 def test_the_limit_grows_with_the_array_only_beyond_64_microphones():
-    traits = solvers.load("joint").TRAITS
-    assert bounds.time_limit(diffuse(count=64, modes=64).problem(), 64, traits) == 45.0
-    assert bounds.time_limit(diffuse(count=128, modes=64).problem(), 64, traits) == 180.0
+    assert bounds.time_limit(diffuse(count=64, modes=64).problem(), 64) == 45.0
+    assert bounds.time_limit(diffuse(count=128, modes=64).problem(), 64) == 180.0
 
 
 @pytest.mark.parametrize("known", [0, 4])

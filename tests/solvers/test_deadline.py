@@ -16,8 +16,10 @@ from fdcal.session.calibrate import solve
 from fdcal.session.sources import CalibrationInput
 from fdcal.solvers import residual_noise
 from fdcal.solvers.deadline import OutOfTime, check_deadline, deadline
+from fdcal.solvers.room import array_search, source_search
 
 COUNT, MODES, SPEED = 12, 16, 343.0
+SIZE = (3.0, 2.5)  # of the room of solver "room"
 
 
 def absurd(kind: str) -> Measurement:
@@ -34,7 +36,9 @@ def absurd(kind: str) -> Measurement:
 
 def inputs_of(measurement: Measurement, solver: str, limit: float) -> CalibrationInput:
     modes = 2 if solver == "descent" else MODES
-    settings = SolverSettings(name=solver, modes=modes, first_modes=2)
+    settings = SolverSettings(name=solver, modes=modes, first_modes=2, room=SIZE if solver == "room" else None)
+    if solver == "room":
+        measurement = replace(measurement, positions=None, known=(), known_positions=None)
     return CalibrationInput("test", None, measurement, settings, 0, time_limit=limit)
 
 
@@ -53,6 +57,7 @@ CASES = [
     *itertools.product(["noise", "twins", "high"], ["joint", "robust"]),
     ("noise", "descent"),
     ("twins", "descent"),
+    ("noise", "room"),
 ]
 
 
@@ -100,6 +105,21 @@ def test_a_step_of_many_trials_is_given_up_at_the_limit(monkeypatch):
     result = solve(inputs, clock=lambda: counted.now)
     assert counted.now == 41.0 and result.verdict == "not_converged"
     np.testing.assert_allclose(result.positions, first, atol=1e-12)
+
+
+def test_the_lattice_searches_of_solver_room_look_at_the_deadline():
+    problem = absurd("noise").problem()
+    x, noise = np.random.default_rng(0).uniform(0.5, 2.0, (COUNT, 2)), np.full(MODES, 0.01)
+    p, k, walls = problem.pressures, problem.wavenumbers, np.array([0.3, 0.3, 0.0, 0.0])
+    for search in (
+        lambda: array_search.likeliest(p, noise, k, SIZE),
+        lambda: source_search.sources(x, p, k, SIZE, 3),
+        lambda: source_search.relocated(x, walls, p, k, SIZE),
+    ):
+        clock = Readings()
+        with deadline(2.0, clock), pytest.raises(OutOfTime):
+            search()
+        assert clock.count == 3
 
 
 def test_a_deadline_holds_in_its_own_thread_and_context_only():

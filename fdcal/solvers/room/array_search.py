@@ -13,6 +13,7 @@ import numpy as np
 
 from ...acoustics.room_modes import DiffuseModel, diffuse_model
 from ...model.validation import frozen_array
+from ..deadline import check_deadline
 from .fit import diffuse_terms, field_power
 from .state import ArrayCandidate
 
@@ -113,6 +114,7 @@ class LatticePoints:
 
     def others(self, assumed, first: int) -> tuple[np.ndarray, np.ndarray]:
         """Return least costs (B,) with microphone `first` at each of `assumed` (B, D), and the points of all (B, N)."""
+        check_deadline()
         here, squares = self.model.shapes(assumed), np.abs(self.p) ** 2
         mine = (self.weights @ here.T**2 + self.noise[:, None])[..., None]  # (M, B, 1)
         shared = (here * self.weights[:, None]) @ self.shapes.T  # (M, B, C)
@@ -130,6 +132,7 @@ class LatticePoints:
 
         `most` limits the number of the others.
         """
+        check_deadline()
         others = np.delete(np.arange(len(positions)), n)
         if most is not None and len(others) > most:
             others = others[np.linspace(0, len(others) - 1, most).astype(int)]

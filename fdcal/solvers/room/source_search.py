@@ -8,6 +8,7 @@ import numpy as np
 
 from ...acoustics.room_modes import PointSourceModel, point_source_model, room_pressures
 from ...model.validation import frozen_array
+from ..deadline import check_deadline
 from .array_search import lattice, lattice_points, step_of
 from .state import SourceCandidate
 
@@ -117,6 +118,7 @@ def _along(room: PointSourceModel, axes) -> list[np.ndarray]:
 
 def _everywhere(T, along, m: int) -> np.ndarray:
     """Sums over the eigenfunctions of mode m, with weights `T` (X, n_1, ..., n_D), at each lattice point : (X, C)."""
+    check_deadline()
     for shape in along:  # each contraction takes the first of the axes left and puts the points last
         T = np.tensordot(T, shape[m], axes=(1, 1))
     return T.reshape(len(T), -1)
