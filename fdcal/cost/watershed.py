@@ -23,9 +23,27 @@ def prominent_minima(cost: np.ndarray, depth: float) -> np.ndarray:
     -------
     (K,) int64, flat indices; the global minimum is always one of them
     """
+    return flood(cost, depth)[1]
+
+
+def flood(cost: np.ndarray, depth: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the order in which points are added, the minima that survive, and where all others end.
+
+    Parameters
+    ----------
+    cost, depth : as of `prominent_minima`
+
+    Returns
+    -------
+    order : (P,) int64, flat indices, ascending in cost; of equal costs the first index is the lower one
+    minima : (K,) int64, of `prominent_minima`
+    heirs : (P,) int64; a minimum that is not prominent enough has joined the basin of the minimum that this names,
+        which may in turn have joined another one; any other point names itself
+    """
     cost = np.ascontiguousarray(cost, dtype=float)
+    order = np.argsort(cost.ravel(), kind="stable")
     layers = cost.reshape(-1, *cost.shape[-2:])  # a map is one layer
-    return _flood(layers, np.argsort(cost.ravel(), kind="stable"), float(depth))
+    return order, *_flood(layers, order, float(depth))
 
 
 @compiled
@@ -34,6 +52,7 @@ def _flood(cost, order, depth):
     basin = np.full(cost.size, -1, np.int64)  # union-find: of a point added, its parent; a minimum is its own
     flat = cost.ravel()
     survives = np.zeros(cost.size, np.bool_)
+    heirs = np.arange(cost.size)
     for here in order:
         basin[here] = here
         h, j, i = here // (nx * ny), here // nx % ny, here % nx
@@ -52,8 +71,10 @@ def _flood(cost, order, depth):
                         one, other = other, one  # `one` is the higher minimum: its basin ends here
                     survives[one] = flat[here] - flat[one] > depth
                     basin[one] = other
+                    if not survives[one]:
+                        heirs[one] = other
     survives[_minimum(basin, order[0])] = True  # the basin that all others have merged into
-    return np.array([point for point in order if survives[point]])
+    return np.array([point for point in order if survives[point]]), heirs
 
 
 @compiled

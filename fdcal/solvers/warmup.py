@@ -53,9 +53,9 @@ def _search() -> None:
 
 
 def _minima() -> None:
-    from ..cost.watershed import prominent_minima
+    from ..cost.basins import basins_of
 
-    prominent_minima(np.add.outer(np.arange(3.0), np.arange(3.0)), 0.1)
+    basins_of(np.add.outer(np.arange(3.0), np.arange(3.0)), 0.1)  # finds the minima, too
 
 
 SEARCH: Piece = ("search of solver descent", _search)

@@ -1,0 +1,125 @@
+"""Basins of attraction: descent from each place of a map ends at the minimum that its label names."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fdcal.cost.basins import OUTSIDE, basins_of
+from fdcal.cost.landscapes import local_minima
+from fdcal.model.settings import Search
+
+STEP = 0.01
+SEARCH = Search(origin=(0.0, 0.0), size=(1.2, 0.9), step=STEP, radius=1.0)
+
+
+def lattice(search=SEARCH):
+    return np.meshgrid(*(o + search.step * np.arange(n) for o, n in zip(search.origin, search.shape, strict=True)))
+
+
+def waves(rng):
+    """Cost and gradient of a sum of waves in a bowl, as functions of places (P, 2), metres."""
+    k, phase = rng.normal(0.0, 5.0, (6, 2)), rng.uniform(0, 2 * np.pi, 6)
+    middle = np.array([0.6, 0.45])
+
+    def cost(places):
+        return np.sin(places @ k.T + phase).sum(axis=-1) + 4 * ((places - middle) ** 2).sum(axis=-1)
+
+    def gradient(places):
+        return np.cos(places @ k.T + phase) @ k + 8 * (places - middle)
+
+    return cost, gradient
+
+
+def descended(places, gradient, high):
+    """Where steepest descent ends that follows the exact gradient in short steps and stays inside the map."""
+    places, stride = places.copy(), np.full((len(places), 1), STEP / 4)
+    before = np.zeros_like(places)
+    for _ in range(4000):
+        slope = gradient(places)
+        slope[((places <= 0) & (slope > 0)) | ((places >= high) & (slope < 0))] = 0
+        direction = slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-12)
+        stride[np.sum(direction * before, axis=1) < 0] /= 2  # it has gone past the minimum
+        places, before = np.clip(places - stride * direction, 0, high), direction
+    return places
+
+
+@settings(deadline=None, max_examples=15)
+@given(st.integers(0, 2**32 - 1))
+def test_a_convex_cost_has_one_basin(seed):
+    rng = np.random.default_rng(seed)
+    x, y = lattice()
+    u, v = x - rng.uniform(0.05, 1.15), y - rng.uniform(0.05, 0.85)
+    turn, narrow = rng.uniform(0, np.pi), rng.uniform(1, 15)
+    cost = (np.cos(turn) * u + np.sin(turn) * v) ** 2 + narrow * (np.cos(turn) * v - np.sin(turn) * u) ** 2
+    basins = basins_of(cost, 0.01)  # an oblique narrow valley has a string of shallow minima on a lattice
+    assert (basins.labels == 0).all() and len(basins.minima) == 1
+    assert basins.shares.tolist() == [1.0] and basins.outside == 0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_every_place_of_a_basin_ends_at_its_minimum_by_explicit_descent(seed):
+    """At all places but those within two steps of a border: there the lattice decides."""
+    cost, gradient = waves(np.random.default_rng(seed))
+    x, y = lattice()
+    basins = basins_of(cost(np.stack([x, y], axis=-1)))
+    labels = basins.labels
+    inner = np.ones(labels.shape, bool)
+    for axis in (0, 1):
+        for shift in (-2, -1, 1, 2):
+            inner &= np.roll(labels, shift, axis) == labels
+    inner[[0, 1, -2, -1]] = inner[:, [0, 1, -2, -1]] = False  # where np.roll has looked at the other side
+    rows, columns = np.nonzero(inner)
+    chosen = np.random.default_rng(1).choice(len(rows), 400, replace=False)
+    ends = descended(np.stack([x, y], axis=-1)[rows, columns][chosen], gradient, np.array([1.2, 0.9]))
+    minima = STEP * basins.minima[:, ::-1]
+    found = labels[rows, columns][chosen]
+    for end, label in zip(ends, found, strict=True):
+        if label == OUTSIDE:
+            assert min(end.min(), 1.2 - end[0], 0.9 - end[1]) < STEP, "at the edge of the map"
+        else:
+            assert np.linalg.norm(minima[label] - end) < 1.5 * STEP
+    assert len(set(found.tolist())) > 1
+
+
+def test_the_minima_are_those_that_the_map_marks():
+    for seed in range(6):
+        x, y = lattice()
+        cost = waves(np.random.default_rng(seed))[0](np.stack([x, y], axis=-1))
+        basins = basins_of(cost)
+        np.testing.assert_array_equal(basins.minima, local_minima(cost))
+        np.testing.assert_array_equal(basins.labels[tuple(basins.minima.T)], np.arange(len(basins.minima)))
+        assert basins.shares.sum() + basins.outside == pytest.approx(1)
+
+
+def test_a_minimum_too_shallow_to_be_marked_belongs_to_its_neighbour():
+    x, y = lattice()
+    cost = (x - 0.3) ** 2 * (x - 0.9) ** 2 + 0.05 * (y - 0.45) ** 2
+    cost[45, 50] -= 3.6e-4
+    assert len(basins_of(cost, 0.0).minima) == 3
+    basins = basins_of(cost, 1e-3)
+    np.testing.assert_array_equal(np.sort(basins.minima[:, 1]), [30, 90])
+    assert basins.shares == pytest.approx([0.5, 0.5], abs=0.01)
+    assert basins.labels[45, 50] == basins.labels[45, 30] != basins.labels[45, 90]
+
+
+def test_descent_down_a_slope_leaves_the_map():
+    x, y = lattice()
+    slope = basins_of(x + 0.3 * y)
+    assert (slope.labels == OUTSIDE).all() and slope.outside == 1 and not len(slope.minima)
+
+
+def test_a_place_has_the_basin_of_the_nearest_point_of_the_lattice():
+    x, y = lattice()
+    basins = basins_of((x - 0.3) ** 2 * (x - 0.9) ** 2 + 0.05 * (y - 0.45) ** 2)
+    left, right = (basins.at(SEARCH, place) for place in ((0.304, 0.1), (0.896, 0.8)))
+    assert {left, right} == {0, 1} and basins.at(SEARCH, (0.1, -0.2)) == OUTSIDE
+
+
+def test_basins_in_space_do_not_depend_on_the_order_of_the_axes():
+    rng = np.random.default_rng(3)
+    z, y, x = np.meshgrid(*(np.linspace(0, 1, n) for n in (19, 23, 27)), indexing="ij")
+    cost = sum(np.cos(rng.uniform(9, 14) * axis + rng.uniform(0, 6)) for axis in (x + 0.2 * y, y - 0.3 * z, z))
+    basins, turned = basins_of(cost), basins_of(np.ascontiguousarray(cost.transpose(2, 0, 1)))
+    assert len(basins.minima) > 1
+    assert np.mean(basins.labels.transpose(2, 0, 1) == turned.labels) > 0.995
