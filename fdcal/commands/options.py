@@ -108,6 +108,11 @@ def output_option(what: str, required: bool = True):
 
 
 force_option = click.option("--force", is_flag=True, help="Overwrite an existing output file.")
+basins_option = click.option(
+    "--basins",
+    is_flag=True,
+    help="Colour the basins of attraction instead of the cost: at which minimum descent from each place ends.",
+)
 result_option = click.option("--result", metavar="RESULT.json", help="Positions found by `fdcal calibrate -o`.")
 modes_option = click.option(
     "--modes",

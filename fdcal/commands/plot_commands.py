@@ -8,6 +8,7 @@ import click
 
 from ..model.validation import InputError
 from .options import (
+    basins_option,
     force_option,
     input_of,
     modes_option,
@@ -35,19 +36,20 @@ from .parameter_types import NumberList, PictureSize, SlicePlane, microphone_num
     metavar="M,M,...",
     help="Modes to draw, counted from 1.  [default: 1,5,9]",
 )
+@basins_option
 @result_option
 @output_option("FIG.png|svg|vti")
 @search_option
 @radius_option
 @force_option
-def landscape(source, microphone, numbers, result, output, search, radius, force):
+def landscape(source, microphone, numbers, basins, result, output, search, radius, force):
     """Draw the cost of moving one microphone, mode by mode.
 
     The modes are summed, too, as in Fig. 1 of the paper.
 
     The suffix selects the format: a picture, a drawing, or numbers for ParaView. The other microphones stand at their
     true positions, or at those of a result. Of an array in space there are numbers alone, in three dimensions and
-    summed over all modes.
+    summed over all modes. With --basins, colours say at which local minimum descent from each place ends.
     """
     path = output_path(output, [".png", ".svg", ".vti"], force)
     from ..graphics.landscape_figure import landscape_panels
@@ -61,26 +63,26 @@ def landscape(source, microphone, numbers, result, output, search, radius, force
     modes = mode_numbers(numbers, len(measurement.frequencies))
     positions = shown_positions(measurement, result_of(result))
     if measurement.array_dimension == 3 and path.suffix.lower() == ".vti":
-        write_volume(path, inputs, positions, n, force)
+        write_volume(path, inputs, positions, n, force, basins)
         return
     problem = with_search_domain(measurement, positions).problem(inputs.settings.weights)
     panels = landscape_panels(problem, positions, n, modes, inputs.settings.order_offset)
-    content = _landscape_bytes(path.suffix.lower(), panels, measurement)
+    content = _landscape_bytes(path.suffix.lower(), panels, measurement, basins)
     write_atomically(path, lambda file: file.write_bytes(content), force)
     x, y = panels.minima[-1]
     print(f"{path}: microphone {n}, least cost {panels.maps[-1].min():.3g} at ({x:.4g}, {y:.4g}) m")
 
 
-def _landscape_bytes(suffix: str, panels, measurement) -> bytes:
+def _landscape_bytes(suffix: str, panels, measurement, basins: bool) -> bytes:
     """Return panels in the format of a suffix."""
     if suffix == ".vti":
         from ..graphics.paraview import landscape
 
-        return landscape(panels).encode()
+        return landscape(panels, basins=basins).encode()
     from ..graphics.landscape_figure import draw_landscape, figure_bytes
 
     truth = None if measurement.positions is None else measurement.positions[panels.microphone]
-    return figure_bytes(draw_landscape(panels, truth), suffix[1:])
+    return figure_bytes(draw_landscape(panels, truth, basins=basins), suffix[1:])
 
 
 @click.command()
@@ -122,6 +124,7 @@ def field(source, result, frequencies, step, output, force):
     metavar="N",
     help="Draw the cost landscape of this one: on the floor, or isosurfaces of an array in space.",
 )
+@basins_option
 @click.option(
     "--slice",
     "plane",
@@ -137,36 +140,30 @@ def field(source, result, frequencies, step, output, force):
 @click.option("--size", type=PictureSize(), default="1280x800", show_default=True, metavar="WxH", help="Pixels.")
 @output_option("FILE.png")
 @force_option
-def snapshot(scene, result, microphone, plane, view, size, output, force):
+def snapshot(scene, result, microphone, basins, plane, view, size, output, force):
     """Draw a room, its microphones and a result, without a browser."""
     path = output_path(output, ".png", force)
     inputs, found = scene_of(scene), result_of(result)
-    from ..graphics.heatmap import cost_floor
     from ..graphics.overlays import with_volume
     from ..graphics.picture import compose
     from ..graphics.snapshot import render
-    from .plotting import error_title, shown_positions, sliced_volume, summed_landscape, volume_around
+    from .plotting import error_title, map_of, shown_positions
 
     measurement, scene_shown = inputs.measurement, inputs.scene
     if scene_shown is None:
         raise InputError(f"{scene} is a measurement", "give a scene", key="scene", value=scene)
-    positions, title, floor, volume = None, scene_shown.title, None, None
+    positions, title, shown = None, scene_shown.title, {}
     if found is not None:
         positions = shown_positions(measurement, found)
         title += f": {error_title(measurement, found)}"
     if microphone is not None:
         n = microphone_number(microphone, measurement.count)
         modes = inputs.settings.modes if found is None else len(found.frequencies)
-        if measurement.search is None:
-            problem = f"{scene} has no search domain to draw a landscape on"
-            raise InputError(problem, "leave out <microphone>", key="microphone")
-        others = shown_positions(measurement, found)
-        if measurement.array_dimension == 3:
-            volume = sliced_volume(volume_around(inputs, others, n, modes), others[n], *plane)
-            title += f"\nCost of microphone {measurement.names[n]}"
-        else:
-            floor = cost_floor(summed_landscape(inputs, others, n, modes), measurement.search, log=True)
-    picture = with_volume(compose(scene_shown, measurement, positions, microphone, floor, title), volume)
+        shown = map_of(inputs, shown_positions(measurement, found), n, modes, plane, basins)
+        if "volume" in shown:
+            title += f"\n{'Basins of attraction' if basins else 'Cost'} of moving microphone {measurement.names[n]}"
+    picture = compose(scene_shown, measurement, positions, microphone, shown.get("floor"), title)
+    picture = with_volume(picture, shown.get("volume"))
     render(picture, path, size, view, force)
     print(path)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,8 +19,10 @@ from ..session.sources import CalibrationInput
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from ..graphics.primitives import Floor
     from ..graphics.sampled_volume import SampledVolume
     from ..graphics.volume import Volume
+    from ..model.settings import Search
 
 
 def shown_positions(measurement: Measurement, result: Calibration | None) -> np.ndarray:
@@ -120,21 +122,78 @@ def volume_around(inputs: CalibrationInput, positions: np.ndarray, n: int, modes
     return sampled
 
 
-def sliced_volume(sampled: SampledVolume, place, axis: str, position: float | None) -> Volume:
-    """Return a volume with a slice across an axis, at `position` or through the microphone at `place` (3,), metres."""
+def place_of_basin(measurement: Measurement, positions: np.ndarray, n: int) -> tuple[np.ndarray, str]:
+    """Return the true position of a microphone and its name, or its position (D,), metres, where that is unknown."""
+    if measurement.positions is None:
+        return positions[n], "estimate"
+    return measurement.positions[n], "true position"
+
+
+def floor_of(cost: np.ndarray, search: Search, basin: tuple[np.ndarray, str] | None) -> Floor:
+    """Return a map on the floor of a cost (ny, nx).
+
+    Parameters
+    ----------
+    basin : a place and its name, whose basin of attraction comes first among all basins; None for the cost itself
+    """
+    from ..cost.basins import basins_of
+    from ..cost.landscapes import map_positions
+    from ..graphics.basin_map import basin_floor
+    from ..graphics.heatmap import cost_floor
+
+    if basin is None:
+        return cost_floor(cost, search, log=True)
+    lowest = map_positions(np.array([np.unravel_index(cost.argmin(), cost.shape)]), search)[0]
+    return basin_floor(basins_of(cost), search, *basin, lowest=lowest)
+
+
+def map_of(
+    inputs: CalibrationInput, positions: np.ndarray, n: int, modes: int, plane: tuple[str, float | None], basins: bool
+) -> dict[str, Any]:
+    """Return what a snapshot shows of the cost of a microphone: {"floor": Floor} or, in space, {"volume": Volume}.
+
+    Parameters
+    ----------
+    inputs, positions, n, modes : as of `summed_landscape`
+    plane : axis across the slice through a volume, and its place along it, metres, None for that of the microphone
+    basins : whether the colours are those of basins of attraction
+    """
+    measurement = inputs.measurement
+    if measurement.search is None:
+        problem = f"{inputs.name} has no search domain to draw a landscape on"
+        raise InputError(problem, "leave out <microphone>", key="microphone")
+    basin = place_of_basin(measurement, positions, n) if basins else None
+    if measurement.array_dimension == 3:
+        return {"volume": sliced_volume(volume_around(inputs, positions, n, modes), positions[n], *plane, basin)}
+    return {"floor": floor_of(summed_landscape(inputs, positions, n, modes), measurement.search, basin)}
+
+
+def sliced_volume(
+    sampled: SampledVolume, place, axis: str, position: float | None, basin: tuple[np.ndarray, str] | None
+) -> Volume:
+    """Return a volume with a slice across an axis, at `position` or through the microphone at `place` (3,), metres.
+
+    `basin` as of `floor_of`.
+    """
+    from ..cost.basins import basins_of
+    from ..graphics.basin_map import basin_slice
     from ..graphics.sampled_volume import drawn_volume, sliced
 
     through = float(place["xyz".find(axis)]) if position is None else position
+    if basin is not None:
+        return basin_slice(basins_of(sampled.cost), sampled.search, axis, through, *basin, lowest=sampled.lowest)
     return sliced(drawn_volume(sampled), sampled, axis, through)
 
 
-def write_volume(path: Path, inputs: CalibrationInput, positions: np.ndarray, n: int, force: bool) -> None:
-    """Write the cost of moving a microphone of an array in space, summed over all modes, for ParaView."""
+def write_volume(
+    path: Path, inputs: CalibrationInput, positions: np.ndarray, n: int, force: bool, basins: bool
+) -> None:
+    """Write the cost of moving a microphone in space, and its basins, summed over all modes, for ParaView."""
     from ..graphics.paraview import volume
     from ..model.storage import write_atomically
 
     sampled = volume_around(inputs, positions, n, len(inputs.measurement.frequencies))
-    text = volume(sampled.cost, sampled.search)
+    text = volume(sampled.cost, sampled.search, basins)
     write_atomically(path, lambda file: file.write_text(text, encoding="ascii"), force)
     place = ", ".join(f"{x:.4g}" for x in sampled.lowest)
     print(f"{path}: microphone {n}, least cost {sampled.cost.min():.3g} of the power at ({place}) m")

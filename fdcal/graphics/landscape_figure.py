@@ -11,20 +11,17 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..cost.landscapes import local_minima, map_positions
+from ..cost.landscapes import map_positions
 from ..cost.lattice_search import lattice_landscape
 from ..cost.mode_limits import require_modes, require_plane_field, search_lattice
 from ..model.problem import Problem
 from ..model.settings import Search
 from ..model.validation import frozen_array
-from .heatmap import DECADES
-from .markers import ESTIMATE, LOWEST
-from .picture import PLANE_MARKER
-from .primitives import COLOUR_MAP
+from .landscape_axes import draw_basins, draw_map, draw_marks, label_axes
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -62,19 +59,21 @@ class LandscapePanels:
     search: Search
     mode_count: int
 
-    def plot(self, truth=None) -> Figure:
+    def plot(self, truth=None, basins: bool = False) -> Figure:
         """Return a matplotlib figure of the maps.
 
         Parameters
         ----------
         truth : (2,) array_like, optional
             True position of the microphone, metres, drawn as a circle.
+        basins : bool, optional
+            Draw the basins of attraction, in place of the cost: from each place, the minimum where descent ends.
 
         Returns
         -------
         matplotlib.figure.Figure
         """
-        return draw_landscape(self, truth)
+        return draw_landscape(self, truth, basins=basins)
 
 
 def landscape_panels(problem: Problem, positions, n: int, modes: Sequence[int], order_offset: int) -> LandscapePanels:
@@ -149,6 +148,7 @@ def draw_landscape(
     heading: str = "",
     estimate=None,
     decibels: bool = False,
+    basins: bool = False,
 ) -> Figure:
     """Return a figure of the panels with the marks of the page: diamonds at the minima, the lowest one large.
 
@@ -160,6 +160,7 @@ def draw_landscape(
     heading : of the figure; by default it names the microphone
     estimate : (2,) metres, the estimated position, drawn as a cross; or None
     decibels : whether the scales have decibels re 1, as on the page
+    basins : whether the maps show basins of attraction, that of the true position, or of the estimate, first
     """
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
@@ -167,41 +168,26 @@ def draw_landscape(
     count = len(panels.maps)
     columns = int(np.ceil(np.sqrt(count)))
     rows = int(np.ceil(count / columns))
-    figure = Figure(figsize=(4.4 * columns, 3.7 * rows), dpi=120, layout="constrained")
+    width, layout = (5.4, "compressed") if basins else (4.4, "constrained")  # the first has room for legends
+    figure = Figure(figsize=(width * columns, 3.7 * rows), dpi=120, layout=layout)
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     titles = [f"mode {m}, {f:.1f} Hz" for m, f in zip(panels.modes, panels.frequencies, strict=True)]
     titles.append(f"sum of the {panels.mode_count} modes" if panels.mode_count > 1 else "sum (one mode)")
     for panel, title, cost, minimum in zip(axes, titles, panels.maps, panels.minima, strict=False):
-        image = _draw_map(panel, cost, panels.search, decibels)
-        _draw_marks(panel, cost, panels.search, minimum, truth, estimate)
+        if basins:
+            place = (estimate, "estimate") if truth is None else (truth, "true position")
+            draw_basins(panel, cost, panels.search, *place)
+        else:
+            ticks = MaxNLocator(MAX_TICKS, steps=[1, 2, 5, 10]) if decibels else None
+            figure.colorbar(draw_map(panel, cost, panels.search, decibels), ax=panel, label=label, ticks=ticks)
+        draw_marks(panel, cost, panels.search, minimum, truth, estimate)
         panel.set_title(title)
-        ticks = MaxNLocator(MAX_TICKS, steps=[1, 2, 5, 10]) if decibels else None
-        figure.colorbar(image, ax=panel, label=label, ticks=ticks)
-    _label_axes(axes, count, columns)
-    heading = heading or f"Cost of moving microphone {panels.microphone}"
+    label_axes(axes, count, columns)
+    heading = heading or f"{'Basins of attraction' if basins else 'Cost'} of moving microphone {panels.microphone}"
     figure.suptitle(heading, x=0.02, ha="left", parse_math=False)
     marks = {name: line for panel in axes for line, name in zip(*panel.get_legend_handles_labels(), strict=True)}
     figure.legend(marks.values(), marks.keys(), loc="outside upper right", ncols=4, frameon=False)
     return figure
-
-
-def _draw_marks(panel: Any, cost: np.ndarray, search: Search, lowest, truth, estimate) -> None:
-    """Draw the marks of the page on one map, each with a white halo."""
-    from matplotlib import patheffects
-
-    amber, red = (tuple(value / 255 for value in colour) for colour in (LOWEST, ESTIMATE))
-    others = map_positions(local_minima(cost), search)
-    near = PLANE_MARKER * search.step * max(cost.shape)
-    others = others[np.hypot(*(others - lowest).T) > near]
-    marks = [("true", truth, "o", "black", 15, 2.0), ("other minimum", others, "D", amber, 5, 1.5)]
-    marks += [("lowest cost", lowest, "D", amber, 11, 2.0), ("estimate", estimate, "x", red, 11, 2.5)]
-    for name, places, shape, colour, size, width in marks:
-        if places is None or not len(places):
-            continue
-        x, y = np.reshape(places, (-1, 2)).T
-        style = {"markersize": size, "markeredgewidth": width, "fillstyle": "none", "linestyle": "none"}
-        halo = [patheffects.withStroke(linewidth=width + 2, foreground="white")]
-        panel.plot(x, y, shape, color=colour, label=name, path_effects=halo, **style)
 
 
 def figure_bytes(figure: Figure, file_format: str) -> bytes:
@@ -212,32 +198,3 @@ def figure_bytes(figure: Figure, file_format: str) -> bytes:
     with matplotlib.rc_context({"svg.fonttype": "none"}):
         figure.savefig(file, format=file_format)
     return file.getvalue()
-
-
-def _draw_map(panel: Any, cost: np.ndarray, search: Search, decibels: bool) -> Any:
-    """Draw one map in decades of cost, as on the page; a pixel is one cell of the lattice."""
-    from matplotlib.colors import LogNorm, Normalize
-
-    high = max(float(cost.max()), float(np.finfo(float).tiny))
-    low = max(float(cost.min()), high * 10.0**-DECADES)
-    half = search.step / 2
-    (x, y), (ny, nx) = search.origin[:2], cost.shape
-    extent = (x - half, x + nx * search.step - half, y - half, y + ny * search.step - half)
-    high = high if high > low else 2 * low
-    norm: Normalize = LogNorm(low, high, clip=True)
-    if decibels:
-        cost, norm = 10 * np.log10(np.maximum(cost, low)), Normalize(10 * np.log10(low), 10 * np.log10(high), clip=True)
-    return panel.imshow(cost, origin="lower", extent=extent, cmap=COLOUR_MAP, norm=norm, interpolation="nearest")
-
-
-def _label_axes(axes, count: int, columns: int) -> None:
-    """Label the outer panels in metres, and hide the frames without a panel."""
-    for i, panel in enumerate(axes):
-        if i >= count:
-            panel.set_visible(False)
-            continue
-        panel.tick_params(labelbottom=True)
-        if i + columns >= count:
-            panel.set_xlabel("x (m)")
-        if i % columns == 0:
-            panel.set_ylabel("y (m)")

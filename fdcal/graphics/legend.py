@@ -15,9 +15,10 @@ import numpy as np
 from .glyphs import polygons, stars
 from .markers import CUT, ELLIPSE, ESTIMATE, KNOWN, LOWEST, ODD, TRAIL, TRUE, solver_mark
 from .overlays import ELLIPSE_TEXT
-from .primitives import Colour, Lines, Mesh, Picture
+from .primitives import Area, Colour, Lines, Mesh, Picture
 
 CIRCLE_SIDES = 24
+OUTLINE: Colour = (128, 128, 128)  # of an area, which may be as light as the page
 LOW_COST: Colour = (59, 82, 139)  # of COLOUR_MAP, at a quarter of the scale
 COMPARED = "comparison/"  # begins the names of the parts of compared solvers
 HALO = "_halo"  # ends the names of the parts below a mark
@@ -37,7 +38,8 @@ class Entry:
     colour : Colour
     width : of its lines, in halves of the symbol's edge
     filled : whether the first path is filled
-    halo : whether it has a white halo, as in the scene
+    halo : whether it has a halo, as in the scene
+    halo_colour : Colour
     """
 
     name: str
@@ -47,6 +49,7 @@ class Entry:
     width: float = 0.26
     filled: bool = False
     halo: bool = True
+    halo_colour: Colour = (255, 255, 255)
 
 
 def _path(points: np.ndarray) -> Path:
@@ -91,7 +94,7 @@ MARKS = {
 
 
 def legend_of(picture: Picture) -> tuple[Entry, ...]:
-    """Return the entries of the marks that can be seen in a picture, in the order of MARKS; compared solvers last.
+    """Return the entries of a picture: areas of its map, the marks that can be seen in the order of MARKS, solvers.
 
     Parameters
     ----------
@@ -104,7 +107,15 @@ def legend_of(picture: Picture) -> tuple[Entry, ...]:
     entries = [entry for name, entry in MARKS.items() if name in seen]
     names = [part.name for part in picture.meshes if part.name.startswith(COMPARED) and not part.name.endswith(HALO)]
     entries += [compared_entry(name, captions.get(name, name.removeprefix(COMPARED))) for name in names]
-    return tuple(replace(entry, text=captions.get(entry.name, entry.text)) for entry in entries)
+    if picture.areas:  # the slice has the colours of the areas
+        entries = [replace(entry, filled=False) if entry.name == "slice" else entry for entry in entries]
+    named = tuple(replace(entry, text=captions.get(entry.name, entry.text)) for entry in entries)
+    return tuple(area_entry(area) for area in picture.areas) + named
+
+
+def area_entry(area: Area) -> Entry:
+    """Return the entry of an area of a map, which has a colour and no mark."""
+    return Entry(area.name, area.text, (_square(0.75),), area.colour, 0.1, filled=True, halo_colour=OUTLINE)
 
 
 def compared_entry(name: str, solver: str) -> Entry:

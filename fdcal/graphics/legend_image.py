@@ -13,7 +13,6 @@ from .primitives import Colour, Theme
 SYMBOL, GAP, ROW = 18, 22, 27  # edge of a symbol, space between entries and height of a row, at a 16-pixel font
 FINER = 4  # times finer than the image, for smooth edges
 HALO_WIDTH = 0.3  # by how much a halo is wider than its line, in halves of a symbol's edge
-WHITE = (255, 255, 255)
 
 
 def legend_rows(
@@ -72,7 +71,7 @@ def symbol(entry: Entry, edge: int) -> Image.Image:
     image = Image.new("RGBA", (size, size))
     draw = ImageDraw.Draw(image)
     if entry.halo:
-        _draw_paths(draw, entry, WHITE, entry.width + HALO_WIDTH, size)
+        _draw_paths(draw, entry, entry.halo_colour, entry.width + HALO_WIDTH, size)
     _draw_paths(draw, entry, entry.colour, entry.width, size)
     return image.resize((edge, edge), Image.Resampling.LANCZOS)
 

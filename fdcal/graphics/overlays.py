@@ -168,6 +168,7 @@ def with_volume(picture: Picture, volume: Volume | None) -> Picture:
     plates = () if volume.plate is None else (volume.plate,)
     surfaces = (volume.surface,) if len(volume.surface.faces) else ()
     drawn = replace(picture, meshes=meshes, surfaces=surfaces, plates=plates, space_bar=volume.bar)
+    drawn = replace(drawn, space_areas=volume.areas)
     places = [("slice", f"slice at {AXES[plate.axis]} = {plate.position:.2f} m") for plate in plates]
     return replace(drawn, captions=(*picture.captions, ("isosurfaces", volume.text), *places))
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..cost.basins import basins_of
 from ..model.measurement import Measurement
 from ..model.settings import Search
 from . import vtk_xml
@@ -17,26 +18,31 @@ from .landscape_figure import LandscapePanels
 ESTIMATED, TRUE, KNOWN = 0, 1, 2  # `kind` of a point
 
 
-def landscape(panels: LandscapePanels, height: float = 0.0) -> str:
+def landscape(panels: LandscapePanels, height: float = 0.0, basins: bool = False) -> str:
     """Return the text of a .vti file with one field for each mode, and their sum.
 
     Parameters
     ----------
     panels : LandscapePanels
     height : of the map, metres
+    basins : whether there is a field with the number of the minimum of the sum where descent from each point ends, the
+        lowest minimum being 0; -1 where it ends at the edge of the map
     """
     modes = zip(panels.modes, panels.frequencies, panels.maps[:-1], strict=True)
     fields = {f"mode {m}, {f:.2f} Hz": cost for m, f, cost in modes}
     fields["sum"] = panels.maps[-1]
+    if basins:
+        fields["basin of the sum"] = basins_of(panels.maps[-1]).labels
     (x, y), step = panels.search.origin[:2], panels.search.step
     ny, nx = panels.maps.shape[1:]
     return vtk_xml.image((nx, ny, 1), (x, y, height), (step, step, step), fields)
 
 
-def volume(cost: np.ndarray, search: Search) -> str:
+def volume(cost: np.ndarray, search: Search, basins: bool = False) -> str:
     """Return the text of a .vti file of the cost of moving one microphone in space.
 
-    Fields of every point: `cost`, relative to the power, and `cost_dB`.
+    Fields of every point: `cost`, relative to the power, `cost_dB`, and `basin` where `basins` asks for it: the number
+    of the minimum where descent ends, the lowest minimum being 0, and -1 at the edge of the domain.
 
     Parameters
     ----------
@@ -45,8 +51,10 @@ def volume(cost: np.ndarray, search: Search) -> str:
     """
     values = np.asarray(cost, float).ravel()
     fields = {"cost": values, "cost_dB": 10 * np.log10(np.maximum(values, np.finfo(float).tiny))}
-    steps = [search.step] * 3
-    return vtk_xml.image(cost.shape[::-1], search.origin, steps, {k: v.astype(np.float32) for k, v in fields.items()})
+    fields = {name: field.astype(np.float32) for name, field in fields.items()}
+    if basins:
+        fields["basin"] = basins_of(cost).labels.ravel()
+    return vtk_xml.image(cost.shape[::-1], search.origin, [search.step] * 3, fields)
 
 
 def point_cloud(measurement: Measurement, positions, sigma=None, height: float = 0.0) -> str:

@@ -192,6 +192,22 @@ def _without_overlaps(ticks: Iterable[tuple[float, str]]) -> tuple[tuple[float, 
 
 
 @dataclass(frozen=True)
+class Area:
+    """What one colour of a map without a scale stands for.
+
+    Attributes
+    ----------
+    name : unique in a picture
+    text : in the legend
+    colour : Colour
+    """
+
+    name: str
+    text: str
+    colour: Colour
+
+
+@dataclass(frozen=True)
 class Floor:
     """A map on the floor.
 
@@ -199,25 +215,27 @@ class Floor:
     ----------
     rgb : (ny, nx, 3) uint8, row 0 at low y
     origin, size : lowest corner and extent in x and y, metres
-    bar : ColourBar
+    bar : ColourBar; None where the colours stand for areas
     minimum : where the cost is lowest, metres
     height : of the map, metres
     minima : where the other local minima are, metres
     opacity : 0 to 1
     show_minima : whether diamonds mark the minima
     heights : (ny, nx) float32, metres above `height`, of a map in relief; None of a flat one
+    areas : what the colours of a map without a bar stand for
     """
 
     rgb: np.ndarray
     origin: tuple[float, float]
     size: tuple[float, float]
-    bar: ColourBar
+    bar: ColourBar | None
     minimum: tuple[float, float]
     height: float = 0.0
     minima: tuple[tuple[float, float], ...] = ()
     opacity: float = 1.0
     show_minima: bool = True
     heights: np.ndarray | None = None
+    areas: tuple[Area, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -237,6 +255,7 @@ class Picture:
     surfaces, plates : isosurfaces and slices in space
     space_bar : ColourBar, of surfaces and plates, or None
     captions : pairs of the name of a part and the words for it in the legend, where they differ from the usual ones
+    space_areas : what the colours of a slice without a bar stand for
     """
 
     theme: Theme
@@ -253,8 +272,14 @@ class Picture:
     plates: tuple[Plate, ...] = ()
     space_bar: ColourBar | None = None
     captions: tuple[tuple[str, str], ...] = ()
+    space_areas: tuple[Area, ...] = ()
 
     @property
     def bar(self) -> ColourBar | None:
         """The scale of the colours of the map, or of what is in space; None where there is neither."""
         return self.space_bar if self.floor is None else self.floor.bar
+
+    @property
+    def areas(self) -> tuple[Area, ...]:
+        """What the colours of a map or slice without a scale stand for."""
+        return self.space_areas if self.floor is None else self.floor.areas

@@ -97,7 +97,7 @@ def sliced(
     log : as of `drawn_volume`
     pixels : along the longer edge of the slice
     """
-    if axis not in AXES:
+    if axis not in AXES or volume.bar is None:
         return replace(volume, plate=None)
     number, terms = AXES.index(axis), sampled.terms
     domain = area(terms.domain, 3)

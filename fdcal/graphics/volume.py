@@ -20,7 +20,7 @@ from ..model.validation import frozen_array
 from .glyphs import round_ticks
 from .heatmap import colour_limits, normalise, to_rgb
 from .isosurfaces import isosurface
-from .primitives import ColourBar
+from .primitives import Area, ColourBar
 from .solids import Plate, Surface
 
 AXES = "xyz"
@@ -41,20 +41,24 @@ class Volume:
     ----------
     surface : of all isosurfaces
     plate : the slice, or None
-    bar : ColourBar, of both
+    bar : ColourBar, of both; None where the colours of the slice stand for areas
     levels : of the isosurfaces, in the unit of `bar`, ascending
     minima : places of the lowest cost and of the other local minima, in this order, metres; none to mark none
+    areas : what the colours of a slice without a bar stand for
     """
 
     surface: Surface
     plate: Plate | None
-    bar: ColourBar
+    bar: ColourBar | None
     levels: tuple[float, ...]
     minima: tuple[tuple[float, float, float], ...] = ()
+    areas: tuple[Area, ...] = ()
 
     @property
     def text(self) -> str:
-        """The levels in words, as "isosurfaces at -26, -24 and -22 dB"."""
+        """The levels in words, as "isosurfaces at -26, -24 and -22 dB"; "" of a volume of areas."""
+        if self.areas:
+            return ""
         if not self.levels:
             return "no isosurface"
         values = [f"{level:g}" for level in self.levels]
@@ -115,6 +119,11 @@ def slice_of(cost: np.ndarray, axis: int, position: float, domain: np.ndarray, b
     """
     low, high = (10 ** (bar.low / 10), 10 ** (bar.high / 10)) if log else (bar.low, bar.high)
     rgb = to_rgb(normalise(cost, low, high, log))
+    return plate_of(rgb, axis, position, domain)
+
+
+def plate_of(rgb: np.ndarray, axis: int, position: float, domain: np.ndarray) -> Plate:
+    """Return an image (h, w, 3) uint8 as a slice; the other parameters as of `slice_of`."""
     others = [other for other in range(3) if other != axis]
     (a, b), (width, height) = domain[0][others], np.ptp(domain, axis=0)[others]
     return Plate(

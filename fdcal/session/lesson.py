@@ -20,7 +20,7 @@ from ..model.scene_file import load_scene
 from .lesson_frame import parse_frame
 from .request import edited
 
-MAPS = ("flat", "relief", "shape", "none")
+MAPS = ("flat", "relief", "shape", "basins", "volume", "none")
 SCALES = ("log", "linear")
 QUANTITIES = ("eq7", "objective")
 MAX_ORDER_OFFSET = 4  # of a map

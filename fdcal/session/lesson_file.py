@@ -153,6 +153,9 @@ def _check_setting(key: str, setting: Setting, scene: Scene) -> None:
         if getattr(setting, name) is not None:
             require_choice(f"{key}.{name}", getattr(setting, name), choices)
     _check_modes(key, setting)
+    if setting.map == "volume" and positions_of(scene).shape[1] != 3:
+        remedy = "name a scene whose array is in space, as ball3d, or another map"
+        raise InputError(f'{key}.map = "volume" needs an array in space', remedy, key=f"{key}.map", value="volume")
     if setting.run not in (None, "end") and not RUN.fullmatch(setting.run):
         remedy = 'write "end", or as "3 sweeps", "1 step", "2 stages"'
         raise InputError(f'{key}.run = "{setting.run}" is unknown', remedy, key=f"{key}.run", value=setting.run)

@@ -9,11 +9,11 @@ from ..model import mode_ranges
 from ..session.lesson import IN_USE, Setting, run_goal
 from ..session.lesson_frame import Frame, parse_frame
 from ..session.session import Session
-from .gui.choices import FLOOR, NOTHING, RELIEF, SHAPE, Choices
+from .gui.choices import BASINS, FLOOR, NOTHING, RELIEF, SHAPE, VOLUME, Choices
 from .main_panel import MainPanel
 from .tabs.map import EQ7, LINEAR, LOG, OBJECTIVE
 
-KINDS = {"flat": FLOOR, "relief": RELIEF, "shape": SHAPE, "none": NOTHING}
+KINDS = {"flat": FLOOR, "relief": RELIEF, "shape": SHAPE, "basins": BASINS, "volume": VOLUME, "none": NOTHING}
 QUANTITIES = {"eq7": EQ7, "objective": OBJECTIVE}
 OF_THE_PAGE = ("microphone", "dark", "lecture")  # choices that a lesson does not begin with
 SCALES = {"log": LOG, "linear": LINEAR}

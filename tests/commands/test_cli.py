@@ -15,11 +15,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from running import FDCAL, done, fdcal
 
 from fdcal.assessment.result_file import load_result
 from fdcal.commands.cli import main
 from fdcal.cost.yardstick import Yardstick
+from fdcal.graphics.basin_map import PLACE
 from fdcal.model.measurement_file import load_measurement
 from fdcal.model.scene_file import load_scene
 
@@ -190,6 +192,22 @@ def test_landscape_finds_the_true_place(made, tmp_path):
     assert f"at ({x:.4g}, {y:.4g}) m" in out
     others = ["--mode-numbers", "2,3", "--result", made / "result.json"]
     done("landscape", "tiny", "--microphone", 0, *others, "-o", "other.png", folder=tmp_path)
+
+
+def test_landscape_draws_and_writes_the_basins_of_attraction(tmp_path):
+    done("landscape", "tiny", "--microphone", 9, "--mode-numbers", "20", "--basins", "-o", "fig.svg", folder=tmp_path)
+    assert re.search(r"basin of the true position \d+ %", (tmp_path / "fig.svg").read_text())
+    done("landscape", "tiny", "--microphone", 9, "--basins", "-o", "map.vti", folder=tmp_path)
+    assert 'Name="basin of the sum"' in (tmp_path / "map.vti").read_text()
+
+
+def test_a_snapshot_of_basins_is_not_that_of_costs(tmp_path, require_gl):
+    for name, extra in (("cost", []), ("basins", ["--basins"])):
+        shown = ["--size", "320x200", "--microphone", 9, *extra]
+        done("snapshot", "tiny", *shown, "-o", f"{name}.png", folder=tmp_path)
+    cost, basins = (np.asarray(Image.open(tmp_path / f"{name}.png"), int) for name in ("cost", "basins"))
+    place = np.abs(basins[..., :3] - PLACE).max(axis=-1) < 8
+    assert place.sum() > 500 > np.sum(np.abs(cost[..., :3] - PLACE).max(axis=-1) < 8), "the colour of the true basin"
 
 
 def test_snapshot(made, tmp_path, require_gl):

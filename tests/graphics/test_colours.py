@@ -6,7 +6,7 @@ import matplotlib
 import numpy as np
 import pytest
 
-from fdcal.graphics import legend, markers
+from fdcal.graphics import basin_map, legend, markers
 from fdcal.graphics.primitives import COLOUR_MAP, DARK, DIVERGING_COLOUR_MAP, LIGHT
 from fdcal.viewer.gui import plots
 from fdcal.viewer.tabs import spectrum_plot
@@ -43,12 +43,15 @@ MARKS = {
 }
 TRACES = {"trail": markers.TRAIL, "ellipse": markers.ELLIPSE, "estimate": markers.ESTIMATE, "known": markers.KNOWN}
 TRACES["cut"] = markers.CUT
+BASINS = {f"basin {i}": tuple(colour) for i, colour in enumerate(basin_map.TABLE.tolist())}
 CURVES = {"mean": rgb(plots.RED), "largest": rgb(plots.ORANGE), "cost": rgb(plots.BLUE)}
 MODES = {"in": rgb(plots.BLUE), "out": rgb(plots.ORANGE), "spectrum": rgb(spectrum_plot.GREY)}
 
 
 @pytest.mark.parametrize("eye", EYES)
-@pytest.mark.parametrize("palette", [MARKS, TRACES, CURVES, MODES], ids=["marks", "traces", "curves", "modes"])
+@pytest.mark.parametrize(
+    "palette", [MARKS, TRACES, CURVES, MODES, BASINS], ids=["marks", "traces", "curves", "modes", "basins"]
+)
 def test_colours_of_one_picture_are_distinguishable(palette, eye):
     places = dict(zip(palette, lab(list(palette.values()), eye), strict=True))
     for one, other in itertools.combinations(palette, 2):

@@ -69,6 +69,12 @@ def test_a_lesson_is_read_as_written(written):
     assert second == lessons.Step("Again.")
 
 
+def test_a_lesson_can_show_the_cost_in_space(written):
+    text = 'scene = "tiny"\nchanges = { "solver.name" = "descent" }'
+    lesson = load_lesson(written(text, 'scene = "ball3d"\nmap = "volume"'))
+    assert lesson.steps[0].page.map == "volume"
+
+
 def test_a_step_stands_on_the_last_scene_named(written):
     lesson = load_lesson(written('text = "Again."', 'text = "Again."\n[steps.page]\nchanges = { "seed" = 4 }'))
     scene, seed = lesson.start(0)
@@ -108,6 +114,7 @@ def test_a_scene_beside_the_lesson_is_found(written, edited):
         ('modes = "1-5"', 'modes = "1, 5"', "has gaps"),
         ('modes = "1-5"', 'map_modes = "x"', 'steps[1].page.map_modes = "x"'),
         ('modes = "1-5"', 'map = "hilly"', 'steps[1].page.map = "hilly" is unknown; use one of flat, relief'),
+        ('modes = "1-5"', 'map = "volume"', 'steps[1].page.map = "volume" needs an array in space; name a scene'),
         ('modes = "1-5"', 'view = "up"', 'steps[1].page.view = "up" is unknown'),
         ('modes = "1-5"', "start_seed = -1", "steps[1].page.start_seed = -1"),
         ("microphone = 3", "microphone = 16", "steps[1].page.microphone = 16 is not there; tiny has 0 to 15"),

@@ -7,9 +7,10 @@ from types import SimpleNamespace
 import pytest
 from viser import _messages
 
+from fdcal.viewer.gui.map_kinds import KINDS
 from fdcal.viewer.hotkeys import KEYS, add_keys
 from fdcal.viewer.tabs import help
-from fdcal.viewer.tabs.map import KINDS, LINEAR, LOG
+from fdcal.viewer.tabs.map import LINEAR, LOG
 
 CAMERA_KEYS = (*"WASDQE", "arrowup", "arrowdown", "arrowleft", "arrowright")  # used by viser
 

@@ -7,13 +7,14 @@ from browsing import WAIT
 
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.model.scene_file import load_scene
-from fdcal.session.lesson import Lesson, Setting, Step
+from fdcal.session.lesson import MAPS, Lesson, Setting, Step
 from fdcal.session.lesson_file import load_lesson
 from fdcal.session.lesson_frame import Frame
 from fdcal.session.request import edited
 from fdcal.session.session import Session
 from fdcal.viewer.gui import lesson_html
 from fdcal.viewer.gui.layout import Panels
+from fdcal.viewer.gui.map_kinds import KINDS
 from fdcal.viewer.lesson_step import apply_setting, show_frame
 from fdcal.viewer.server.hardening import open_server
 from fdcal.viewer.tabs.lesson_controls import BACK, NEXT, RESTORE
@@ -51,6 +52,14 @@ def controls():
     return SimpleNamespace(
         binding=binding, map=CallRecorder(calls, "map"), view=CallRecorder(calls, "view"), run_bar=CallRecorder([])
     ), calls
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_every_map_of_a_lesson_is_one_of_the_page(controls, name):
+    made, calls = controls
+    apply_setting(Setting(map=name), made, lambda view: None, restarted=False)
+    ((called, kind),) = calls
+    assert called == "map.show_as" and kind in KINDS
 
 
 def test_a_setting_is_applied_in_its_documented_order(controls):

@@ -23,8 +23,9 @@ from fdcal.viewer.background.view_snapshot import ViewSnapshot, map_request
 from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.gui.choices import VOLUME, Choices, initial_choices
 from fdcal.viewer.gui.map_caption import caption
+from fdcal.viewer.gui.map_kinds import kind_of
 from fdcal.viewer.scene3d.nodes import SceneNodes
-from fdcal.viewer.tabs.map import MapTab, kind_of
+from fdcal.viewer.tabs.map import MapTab
 
 MICROPHONE = 10
 
@@ -117,6 +118,22 @@ def test_a_moved_slice_is_drawn_from_the_same_volume_and_the_last_one_stays_mean
     again = first(worker, moved, True)
     assert again.volume.plate.rgb.shape > quick.volume.plate.rgb.shape or quick.fine, "a finer slice follows"
     assert again.volume.surface is drawn.volume.surface and again.volume.plate.position == 1.1
+
+
+def test_basins_in_space_are_a_slice_without_isosurfaces_that_follows_its_slider(worker, snapshot):
+    wanted = map_request(snapshot)
+    style = dataclasses.replace(wanted.style, basins=True)
+    drawn = first(worker, dataclasses.replace(wanted, style=style), True)
+    assert drawn.bar is None and not len(drawn.volume.surface.faces) and drawn.volume.minima
+    assert drawn.areas[0].text.startswith("basin of the true position") and "ends within" in drawn.note
+    moved = first(worker, dataclasses.replace(wanted, style=dataclasses.replace(style, slice_position=0.9)), False)
+    assert moved.areas == drawn.areas and moved.volume.plate.position == pytest.approx(0.9, abs=0.02)
+    assert not np.array_equal(moved.volume.plate.rgb, drawn.volume.plate.rgb)
+    picture = with_volume(compose(snapshot.run.scene, snapshot.run.measurement), drawn.volume)
+    assert picture.bar is None and picture.areas == drawn.areas
+    same = dataclasses.replace(drawn.volume.plate, position=0.0)
+    middle = same.rgb[same.rgb.shape[0] // 2, same.rgb.shape[1] // 2]
+    assert any(tuple(middle) == area.colour for area in drawn.areas)
 
 
 def test_the_vti_file_has_the_volume(snapshot, tmp_path):

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from ...cost import landscapes
+from ...cost.basins import basins_of
+from ...graphics.basin_map import basin_floor, descent_text
 from ...graphics.heatmap import cost_floor
-from ...graphics.primitives import ColourBar, Floor
+from ...graphics.primitives import Area, ColourBar, Floor
 from ...graphics.surroundings import z_range_of
 from ...graphics.volume import Volume
 from ...model.settings import Search
@@ -29,6 +33,7 @@ class CostMap:
     lowest : lowest cost of the map
     fine : whether its lattice is finer than the solver's
     volume : Volume, or None of a map on the floor
+    note : on the basins of attraction, in words; "" of other maps
     """
 
     request: CostMapRequest
@@ -39,10 +44,17 @@ class CostMap:
     lowest: float
     fine: bool = False
     volume: Volume | None = None
+    note: str = ""
 
     @property
-    def bar(self) -> ColourBar:
-        """The scale of its colours."""
+    def areas(self) -> tuple[Area, ...]:
+        """What its colours stand for, where they have no scale."""
+        part = self.volume if self.floor is None else self.floor
+        return () if part is None else part.areas
+
+    @property
+    def bar(self) -> ColourBar | None:
+        """The scale of its colours; None where they stand for areas."""
         if self.volume is not None:
             return self.volume.bar
         if self.floor is None:
@@ -65,14 +77,42 @@ def cost_map(
     panels : maps of single modes, or None
     """
     style, n = request.style, request.microphone
+    here = landscapes.interpolate(total, search, request.state.positions[n])
+    figures = len(minima), here, float(total.min())
+    height = z_range_of(run.known_scene, run.measurement)[0]
+    if style.basins:
+        floor, note = basins_floor(run, request, total, search, height)
+        return CostMap(request, floor, panels, *figures, note=note)
     label = f"{map_label(run, request)}, {modes_label(request.modes)}"
     if run.measurement.array_dimension == 3:
         label += f" at z = {request.state.positions[n, 2]:.2f} m"
     floor = cost_floor(
         total, search, style.log, label, minima=landscapes.map_positions(minima, search),
-        relief=style.relief, relief_height=style.relief_height, height=z_range_of(run.known_scene, run.measurement)[0],
+        relief=style.relief, relief_height=style.relief_height, height=height,
         decibels=request.order_offset is not None,
     )  # fmt: skip
-    floor = replace(floor, show_minima=style.minima)
-    here = landscapes.interpolate(total, search, request.state.positions[n])
-    return CostMap(request, floor, panels, len(minima), here, float(total.min()))
+    return CostMap(request, replace(floor, show_minima=style.minima), panels, *figures)
+
+
+def basins_floor(
+    run: PreparedRun, request: CostMapRequest, total: np.ndarray, search: Search, height: float
+) -> tuple[Floor, str]:
+    """Return the basins of attraction of a cost (ny, nx), and a sentence on them.
+
+    Parameters
+    ----------
+    run, request, search : as of `cost_map`
+    height : of the map, metres
+    """
+    basins, (place, name) = basins_of(total), place_of_basin(run, request)
+    lowest = landscapes.map_positions(np.array([np.unravel_index(total.argmin(), total.shape)]), search)[0]
+    floor = basin_floor(basins, search, place, name, lowest=lowest, height=height)
+    return replace(floor, show_minima=request.style.minima), descent_text(basins, search, place, name)
+
+
+def place_of_basin(run: PreparedRun, request: CostMapRequest) -> tuple[np.ndarray, str]:
+    """Return the place whose basin matters most, and its name: the true position if known, or the estimate."""
+    positions = np.asarray(request.state.positions)
+    truth = run.measurement.aligned_truth(positions)
+    places, name = (positions, "estimate") if truth is None else (truth, "true position")
+    return places[request.microphone], name

@@ -42,7 +42,7 @@ def _picture(snapshot: ViewSnapshot) -> bytes:
     title = f"{snapshot.caption}\n{_errors(snapshot)}"
     if snapshot.volume is not None:
         name = snapshot.run.measurement.names[snapshot.microphone]
-        title += f"\nCost of microphone {name}"
+        title += f"\n{'Basins of attraction' if snapshot.volume.areas else 'Cost'} of moving microphone {name}"
     choices = snapshot.choices
     return render_png(replace(snapshot.picture, title=title), choices.export_size, choices.export_view)
 
@@ -67,12 +67,14 @@ def _figure(file_format: str) -> Callable[[ViewSnapshot], bytes]:
         positions = snapshot.view.state.positions
         truth = measurement.aligned_truth(positions)
         truth = None if truth is None else truth[n][:2]
-        heading = f"Cost of moving microphone {measurement.names[n]}\n{snapshot.caption}"
         request = map_request(snapshot)
+        what = "Basins of attraction" if request.style.basins else "Cost"
+        heading = f"{what} of moving microphone {measurement.names[n]}\n{snapshot.caption}"
         decibels = request.order_offset is not None  # of Eq. 7, as on the page
         label = map_label(snapshot.run, replace(request, style=replace(request.style, log=True)))
         panels = _panels(snapshot, MAX_PANELS)
-        return figure_bytes(draw_landscape(panels, truth, label, heading, positions[n][:2], decibels), file_format)
+        shown = {"decibels": decibels, "basins": request.style.basins}
+        return figure_bytes(draw_landscape(panels, truth, label, heading, positions[n][:2], **shown), file_format)
 
     return make
 
@@ -83,11 +85,12 @@ def _map(snapshot: ViewSnapshot) -> bytes:
         sampled = None if terms is None else sampled_volume(terms)
         if sampled is None:
             raise ValueError("a volume that nobody cancels is complete")
-        return paraview.volume(sampled.cost, sampled.search).encode()
+        return paraview.volume(sampled.cost, sampled.search, snapshot.choices.style.basins).encode()
     place = snapshot.view.state.positions[snapshot.microphone]
     height = float(place[2]) if len(place) == 3 else snapshot.height
     panels = _panels(snapshot, MAX_PANELS)
-    return paraview.landscape(replace(panels, maps=panels.maps.astype(np.float32)), height).encode()
+    panels = replace(panels, maps=panels.maps.astype(np.float32))
+    return paraview.landscape(panels, height, snapshot.choices.style.basins).encode()
 
 
 def _table(snapshot: ViewSnapshot) -> bytes:
@@ -139,7 +142,7 @@ KINDS = {
     PICTURE: Kind(".png", "The current view, re-rendered off-screen in about 5 s.", _picture, slow=True),
     "Maps as in Fig. 1 (PNG)": Kind(
         "-maps.png",
-        "Cost maps of the selected microphone: up to eight single modes, and the sum of all.",
+        "Cost maps of the selected microphone, or its basins: up to eight single modes, and the sum of all.",
         _figure("png"),
         slow=True,
     ),

@@ -24,6 +24,7 @@ class MapStyle:
     minima : whether its local minima are marked and counted
     shape : the sound field of the last of the modes instead of a cost
     volume : the cost in space instead of on the floor
+    basins : the basins of attraction instead of the cost
     slice_axis : "x", "y" or "z", across the slice through the volume; "none" for no slice
     slice_position : of the slice along that axis, metres; None for the estimate of the microphone
     """
@@ -37,6 +38,7 @@ class MapStyle:
     shape: bool = False
     minima: bool = True
     volume: bool = False
+    basins: bool = False
     slice_axis: str = "z"
     slice_position: float | None = None
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from ...cost.landscapes import refined
 from ...cost.partial_sums import ambiguous_mode, partial_sums
+from ...graphics.basin_map import TABLE, table_numbers
 from ...graphics.heatmap import colour_limits, colour_numbers, normalise, of_colour_numbers
 from ...graphics.primitives import Floor
 from ...session.worker import LatestWorker
@@ -38,6 +39,7 @@ class SweepRequest:
     descending : whether the highest mode comes first
     order_offset : of the maps; None for what the solver minimises
     log : whether the scale is logarithmic
+    basins : whether the maps show basins of attraction
     few : whether sums are left out, the more the more modes they have
     state : of the solver
     """
@@ -49,6 +51,7 @@ class SweepRequest:
     descending: bool
     order_offset: int | None
     log: bool
+    basins: bool
     few: bool
     state: RunState = field(compare=False)
 
@@ -93,7 +96,7 @@ class SweepFrame:
     ----------
     map : CostMap
     floor : of the map, without its image
-    numbers : (ny, nx) uint8, the image, as of `colour_numbers`
+    numbers : (ny, nx) uint8, the image: numbers of colours
     """
 
     map: CostMap
@@ -147,14 +150,17 @@ class SweepWorker:
         if sweep is None or style.relief or style.shape or style.volume:
             return None
         of, alike = sweep.request, ("revision", "microphone", "order_offset")
-        if any(getattr(of, name) != getattr(wanted, name) for name in alike) or of.log != style.log:
+        if any(getattr(of, name) != getattr(wanted, name) for name in alike) or (of.log, of.basins) != (
+            style.log,
+            style.basins,
+        ):
             return None
         frame = sweep.frame(count)
         return None if frame is None or sweep.of_first(count) != wanted.modes else self._image(frame, wanted)
 
     def _image(self, frame: SweepFrame, wanted: CostMapRequest) -> CostMap:
         if self._drawn is None or self._drawn[0] is not frame or self._drawn[1] != wanted.style.minima:
-            image = of_colour_numbers(frame.numbers)
+            image = TABLE[frame.numbers] if frame.floor.areas else of_colour_numbers(frame.numbers)
             floor = replace(frame.floor, rgb=image, show_minima=wanted.style.minima)
             self._drawn = frame, wanted.style.minima, replace(frame.map, request=wanted, floor=floor, fine=True)
         return self._drawn[2]
@@ -183,15 +189,18 @@ class SweepWorker:
             sweep.frames.append(self._frame(request, sums.modes, sums.cost, sums.minima, search))
 
     def _frame(self, request: SweepRequest, modes, cost: np.ndarray, minima, search) -> SweepFrame:
-        style = MapStyle(log=request.log)
+        style = MapStyle(log=request.log, basins=request.basins)
         of = CostMapRequest(
             request.revision, request.microphone, tuple(sorted(modes)), request.order_offset, True, style,
             follow=False, state=request.state, lineage=None,
         )  # fmt: skip
         drawn = cost_map(self._run, of, cost, search, minima)
-        low, high, _ = colour_limits(cost, request.log)
-        numbers = colour_numbers(normalise(cost, low, high, request.log))
         if drawn.floor is None:
             raise ValueError("a map of a sweep is on the floor")
+        if request.basins:
+            numbers = table_numbers(drawn.floor.rgb)
+        else:
+            low, high, _ = colour_limits(cost, request.log)
+            numbers = colour_numbers(normalise(cost, low, high, request.log))
         floor = replace(drawn.floor, rgb=NO_IMAGE)
         return SweepFrame(replace(drawn, floor=None), floor, numbers)

@@ -7,15 +7,18 @@ microphone, modes or positions change, so that another slice, scale or opacity i
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
+from ...cost.basins import Basins, basins_of
 from ...cost.volumes import NEGLIGIBLE, CostVolume, cost_volume
 from ...cost.yardstick import ORDER_OFFSET
+from ...graphics.basin_map import basin_slice, descent_text
 from ...graphics.sampled_volume import PIXELS, POINTS, SampledVolume, drawn_volume, sampled_volume, sliced
 from ...graphics.volume import AXES, Volume
 from ...model.problem import Problem
-from .cost_map import CostMap
+from .cost_map import CostMap, place_of_basin
 from .map_request import CostMapRequest, MapStyle
 from .prepare import PreparedRun
 
@@ -36,6 +39,7 @@ class VolumeMaps:
         self._run = run
         self._sampled: dict[bool, tuple[tuple, SampledVolume]] = {}  # by whether fine
         self._drawn: dict[bool, tuple[tuple, Volume]] = {}  # likewise, without a slice
+        self._found: dict[bool, tuple[tuple, Basins]] = {}  # likewise
 
     def coarse(self, request: CostMapRequest) -> CostMap:
         """Return the volume on a coarse lattice, or the fine one where that is there already; with a coarse slice."""
@@ -64,6 +68,8 @@ class VolumeMaps:
         return sampled
 
     def _map(self, request: CostMapRequest, sampled: SampledVolume, fine: bool, pixels: int) -> CostMap:
+        if request.style.basins:
+            return self._basins(request, sampled, fine)
         style = request.style
         key = (_key(request), style.log, style.minima)
         if self._drawn.get(fine, (None,))[0] != key:
@@ -73,11 +79,21 @@ class VolumeMaps:
             self._drawn[fine][1], sampled, style.slice_axis, place_of(style, position), style.log,
             pixels,
         )  # fmt: skip
-        here = sampled.terms.on(*position)
-        return CostMap(
-            request, None, None, len(sampled.minima), float("nan") if here is None else float(here[0, 0, 0]),
-            float(sampled.cost.min()), fine and pixels == PIXELS, volume,
-        )  # fmt: skip
+        return CostMap(request, None, None, *_figures(sampled, position), fine and pixels == PIXELS, volume)
+
+    def _basins(self, request: CostMapRequest, sampled: SampledVolume, fine: bool) -> CostMap:
+        """Return a slice through the basins of attraction; another slice needs no new ones."""
+        key, style = _key(request), request.style
+        if self._found.get(fine, (None,))[0] != key:
+            self._found[fine] = key, basins_of(sampled.cost)
+        basins, (place, name) = self._found[fine][1], place_of_basin(self._run, request)
+        position = request.state.positions[request.microphone]
+        volume = basin_slice(
+            basins, sampled.search, style.slice_axis, place_of(style, position), place, name, lowest=sampled.lowest
+        )
+        volume = volume if style.minima else replace(volume, minima=())
+        note = descent_text(basins, sampled.search, place, name)
+        return CostMap(request, None, None, *_figures(sampled, position), fine, volume, note)
 
 
 def terms_of(
@@ -98,6 +114,12 @@ def place_of(style: MapStyle, position: np.ndarray) -> float:
     if style.slice_axis not in AXES:
         return 0.0
     return float(position[AXES.index(style.slice_axis)]) if style.slice_position is None else style.slice_position
+
+
+def _figures(sampled: SampledVolume, position: np.ndarray) -> tuple[int, float, float]:
+    """Return the number of local minima, the cost at a position (3,), metres, and the lowest cost."""
+    here = sampled.terms.on(*position)
+    return len(sampled.minima), float("nan") if here is None else float(here[0, 0, 0]), float(sampled.cost.min())
 
 
 def _key(request: CostMapRequest) -> tuple:

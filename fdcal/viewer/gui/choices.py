@@ -16,6 +16,7 @@ from ..background.prepare import PreparedRun
 from .plan_choices import PlanChoices
 
 FLOOR, RELIEF, SHAPE, NOTHING = "Flat map", "Relief", "Mode shape (last mode)", "No map"  # kinds of map
+BASINS = "Basins of attraction"
 VOLUME = "Isosurfaces (3-D)"  # of an array in space
 SLICES = {"None": "none", "x": "x", "y": "y", "z": "z"}  # label to axis across the slice through a volume
 PICTURE = "Picture (PNG)"  # the first kind of file to save
@@ -41,6 +42,7 @@ SWITCHES = (
     "minima",
     "release",
     "volume",
+    "basins",
 )
 
 
@@ -149,7 +151,7 @@ def initial_choices(run: PreparedRun, modes: int, before: Choices | None) -> Cho
 
 def _style_elsewhere(before: Choices, measurement: Measurement) -> MapStyle:
     """Return the style of the session before, without what the new measurement may not have."""
-    volume = before.style.volume and has_volume(measurement)
+    volume = (before.style.volume or before.style.basins) and has_volume(measurement)
     return replace(before.style, shape=False, volume=volume, slice_position=None)
 
 

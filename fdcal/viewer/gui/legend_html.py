@@ -37,7 +37,7 @@ def symbol(entry: Entry) -> str:
     """Return the symbol of an entry as SVG."""
     half, corners = EDGE / 2, [(np.array(path) * [1.0, -1.0] + 1) * EDGE / 2 for path in entry.paths]
     paths = ["M" + "L".join(f"{x:.3g} {y:.3g}" for x, y in path) for path in corners]
-    layers = [("#fff", entry.width + HALO_WIDTH)] if entry.halo else []
+    layers = [(_css(entry.halo_colour), entry.width + HALO_WIDTH)] if entry.halo else []
     drawn = ""
     for colour, width in (*layers, (_css(entry.colour), entry.width)):
         for i, path in enumerate(paths):

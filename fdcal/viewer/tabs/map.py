@@ -8,14 +8,14 @@ from ...model.validation import InputError
 from ..background.cost_maps import CostMap
 from ..gui import html
 from ..gui.binding import Binding
-from ..gui.choices import FLOOR, MAX_ORDER_OFFSET, NOTHING, RELIEF, SHAPE, VOLUME, Choices, has_volume
+from ..gui.choices import BASINS, FLOOR, MAX_ORDER_OFFSET, NOTHING, RELIEF, SHAPE, VOLUME
 from ..gui.legend_html import colour_bar
 from ..gui.map_caption import caption, orders_text
+from ..gui.map_kinds import kind_of, kinds_of, style_of
 from ..server.client_values import bounded, one_of
 from .slice_controls import SliceControls
 
 SAME_AS_SOLVER, CUSTOM = "Same as solver", "Custom"
-KINDS = (FLOOR, RELIEF, SHAPE, VOLUME, NOTHING)
 LINEAR, LOG = "Linear", "Logarithmic"
 EQ7, OBJECTIVE = "Cost, Eq. 7", "Solver's objective"
 QUANTITIES: tuple[str, ...] = (EQ7, OBJECTIVE)
@@ -32,7 +32,7 @@ class MapTab:
     def __init__(self, binding: Binding):
         self._binding = binding
         self._possible = binding.run.problem.search is not None
-        self.kinds = kinds_of(binding)
+        self.kinds = kinds_of(binding.measurement)
         self._add_microphone()
         self._add_modes()
         self._add_quantity()
@@ -93,12 +93,14 @@ class MapTab:
         kind = kind_of(choices) if self._possible else NOTHING
         self.which.visible = kind != NOTHING
         self.upto.visible = self.text.visible = choices.modes is not None and kind != NOTHING
-        self.scale.visible = self.minima.visible = kind in (FLOOR, RELIEF, VOLUME)
-        self.quantity.visible = kind in (FLOOR, RELIEF)
-        self.order.visible = kind == VOLUME or (kind in (FLOOR, RELIEF) and not choices.objective)
-        self.opacity.visible = kind in (FLOOR, SHAPE, VOLUME)
+        of_cost, in_space = kind in (FLOOR, RELIEF, VOLUME, BASINS), kind != NOTHING and choices.style.volume
+        self.scale.visible = of_cost and kind != BASINS
+        self.minima.visible = of_cost
+        self.quantity.visible = of_cost and not in_space
+        self.order.visible = of_cost and choices.map_order is not None
+        self.opacity.visible = kind in (FLOOR, SHAPE, VOLUME, BASINS)
         self.relief.visible = kind == RELIEF
-        self.slice.show_relevant(kind == VOLUME)
+        self.slice.show_relevant(in_space)
 
     def refresh(self) -> None:
         """Let visibility follow the choices."""
@@ -190,7 +192,7 @@ class MapTab:
         """Show one of `kinds`."""
         kind = one_of(value, self.kinds, FLOOR)
         self._binding.choose(shown=kind != NOTHING)
-        self._binding.choose_style(relief=kind == RELIEF, shape=kind == SHAPE, volume=kind == VOLUME)
+        self._binding.choose_style(**style_of(kind, self._binding.measurement))
         self._show_relevant()
         if self.kind.value != kind:
             self.kind.value = kind
@@ -235,20 +237,6 @@ class MapTab:
             return
         binding.sent["map"] = key
         reason = reason or (NO_SEARCH if not self._possible else "computing the map ..." if choices.shown else "no map")
-        bar = colour_bar(drawn.bar if drawn else None, reason)
-        text = html.complaint(choices.modes_error) + bar + caption(drawn, orders_text(binding.run, drawn))
+        scale = "" if drawn and drawn.areas else colour_bar(drawn.bar if drawn else None, reason)
+        text = html.complaint(choices.modes_error) + scale + caption(drawn, orders_text(binding.run, drawn))
         binding.send("caption of the map", text, self.caption, "content")
-
-
-def kind_of(choices: Choices) -> str:
-    """Return which kind of map the choices ask for."""
-    if not choices.shown:
-        return NOTHING
-    if choices.style.volume:
-        return VOLUME
-    return RELIEF if choices.style.relief else SHAPE if choices.style.shape else FLOOR
-
-
-def kinds_of(binding: Binding) -> tuple[str, ...]:
-    """Return those of KINDS that there can be of a measurement."""
-    return tuple(kind for kind in KINDS if kind != VOLUME or has_volume(binding.measurement))

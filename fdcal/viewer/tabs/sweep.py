@@ -180,9 +180,11 @@ class SweepTab:
         opening = self._playing is not None and self._playing.opening
         highest = None if opening else bounded(self.highest.value, 1, self._binding.modes, 1)
         offset = None if choices.objective else choices.order_offset
+        style = choices.style
         return SweepRequest(
-            revision, microphone, self._usable(), highest, order == DOWN, offset, choices.style.log, opening, view.state
-        )
+            revision, microphone, self._usable(), highest, order == DOWN, offset, style.log, style.basins, opening,
+            view.state,
+        )  # fmt: skip
 
     def _step(self, sweep: Sweep | None, now: float) -> None:
         """Show the next map of what plays, where it is due and ready."""
