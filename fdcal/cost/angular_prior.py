@@ -1,13 +1,15 @@
-"""A prior of the field whose power by direction is learned from the pressures, in two dimensions.
+"""A prior of the field whose power by direction is learned from the pressures.
 
-    C = s W W^H + v I,    W[n, q] = sqrt(S_q / Q) exp(-j k (x_n cos t_q + y_n sin t_q)),
-    t_q = 2 pi q / Q
+    C = s W W^H + v I,    W[n, q] = sqrt(w_q S_q) exp(-j k x_n . u_q)
 
-S_q is the power that comes from direction t_q, mean 1. With all S_q equal this is the diffuse field, J_0. In a room a
-mode is a few plane waves, and assuming a diffuse field biases the positions. With alpha = A^-1 W^H p the coefficients
-and mu A^-1 their variance (`fdcal.cost.low_rank_terms`), one step of expectation and maximisation is
+u_q are the directions of `fdcal.cost.wave_directions`, w_q their weights; in the plane w_q = 1 / Q. S_q is the power
+that comes from direction u_q, of weighted mean 1. With all S_q equal this is the diffuse field, J_0 or sin(z) / z. In a
+room a mode is a few plane waves, and assuming a diffuse field biases the positions. With alpha = A^-1 W^H p the
+coefficients and mu A^-1 their variance (`fdcal.cost.low_rank_terms`), one step of expectation and maximisation is
 
     S_q <- S_q (|alpha_q|^2 / s + mu (A^-1)_qq)
+
+Of more directions than microphones, alpha = W^H C^-1 p and the variance 1 - (W^H s C^-1 W)_qq are the same.
 
 Starting from a diffuse field, a few such steps sharpen the prior where the pressures support it; a weak bias remains.
 With a prior of `count` observations that S_q is 1, the step is S_q <- (S_q (..) + count) / (1 + count).
@@ -23,24 +25,32 @@ import numpy as np
 from .low_rank_covariance import LEAST_WEIGHT
 from .low_rank_terms import low_rank_terms
 from .mode_sums import ModeTerms, blocks, over_blocks, triangular_inverses
+from .wave_directions import direction_count, wave_directions
 
 EXTRA_ORDERS = 6  # beyond ceil(k R), that the directions must resolve
 
 
-def diffuse_prior(positions, wavenumbers) -> np.ndarray:
+def diffuse_prior(positions, wavenumbers, dimension: int = 2) -> np.ndarray:
     """Return the prior of a diffuse field, with enough directions for the array.
 
     Parameters
     ----------
-    positions : (N, 2) float64, metres
+    positions : (N, D) float64, metres
     wavenumbers : (M,) complex128 or float64, rad/m
+    dimension : 2 or 3, of the sound field
 
     Returns
     -------
     (M, Q) float64, S, all 1
     """
+    return np.ones((len(wavenumbers), directions_needed(positions, wavenumbers, dimension)))
+
+
+def directions_needed(positions, wavenumbers, dimension: int) -> int:
+    """Return how many directions resolve a field over the array; parameters as of `diffuse_prior`."""
     reach = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
-    return np.ones((len(wavenumbers), 2 * (int(np.ceil(np.real(wavenumbers).max() * reach)) + EXTRA_ORDERS)))
+    order = int(np.ceil(np.real(wavenumbers).max() * reach)) + EXTRA_ORDERS
+    return direction_count(dimension, order)
 
 
 def learned_prior(
@@ -54,19 +64,21 @@ def learned_prior(
     channel_noise=None,
     count: float = 0.0,
     about=None,
+    dimension: int = 2,
 ) -> np.ndarray:
     """Return the prior after a number of iterations of expectation and maximisation.
 
     Parameters
     ----------
-    positions : (N, 2) float64, metres
+    positions : (N, D) float64, metres
     pressures : (M, N) complex128
     wavenumbers : (M,) complex128 or float64, rad/m
     power, noise : (M,) float64, s and v, in the unit of abs(pressures)**2
     prior : (M, Q) float64, S to start from
     channel_noise : (N,) float64, noise of each channel over `noise`; 1 unless given
     count : float, observations that the field is diffuse
-    about : (N, 2) float64, metres, positions whose mean is the centre; `positions` unless given
+    about : (N, D) float64, metres, positions whose mean is the centre; `positions` unless given
+    dimension : 2 or 3, of the sound field
 
     Returns
     -------
@@ -75,48 +87,66 @@ def learned_prior(
     x, k = np.asarray(positions, float), np.asarray(wavenumbers)
     weight = np.ones(len(x)) if channel_noise is None else 1 / np.sqrt(channel_noise)
     x, p = x - np.mean(x if about is None else about, axis=0), weight * pressures / np.sqrt(power)[:, None]
-    done = []
+    done, w = [], wave_directions(dimension, prior.shape[1])[1]
     for m in blocks(len(k), 2 * max(len(x), prior.shape[1]) * prior.shape[1]):
-        S, E = np.array(prior[m], float), _plane_waves(x, k[m], prior.shape[1]) * weight
+        S, E = np.array(prior[m], float), _plane_waves(x, k[m], prior.shape[1], dimension) * weight
         for _ in range(iterations):
-            S = (_learned(S, E, p[m], (noise[m] / power[m])[:, None]) + count) / (1 + count)
+            S = (_learned(S, E, p[m], (noise[m] / power[m])[:, None], w) + count) / (1 + count)
         done.append(S)
     return np.concatenate(done)
 
 
-def _learned(S, E, p, mu) -> np.ndarray:
-    """The prior (M, Q) after one iteration; E (M, Q, N) plane waves, p (M, N) over sqrt(s), mu (M, 1)."""
-    W, directions = E * np.sqrt(S)[..., None], np.arange(S.shape[1])
-    WH = np.conj(W)
+def _learned(S, E, p, mu, w) -> np.ndarray:
+    """The prior (M, Q) after one iteration; E (M, Q, N) plane waves, p (M, N) over sqrt(s), mu (M, 1), w (Q,)."""
+    W = E * np.sqrt(S)[..., None]
+    amplitude, variance = _coefficients(W, p, mu) if S.shape[1] <= E.shape[2] else _of_many(W, p, mu)
+    fresh = S * (np.abs(amplitude) ** 2 + variance)
+    return fresh / (fresh @ w)[:, None]
+
+
+def _coefficients(W, p, mu) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and variance (M, Q) of the waves' coefficients, of fewer waves than microphones."""
+    WH, q = np.conj(W), np.arange(W.shape[1])
     A = WH @ W.swapaxes(1, 2)
-    A[:, directions, directions] += mu
+    A[:, q, q] += mu
     X = triangular_inverses(np.linalg.cholesky(A))
     alpha = (np.conj(X.swapaxes(1, 2)) @ (X @ (WH @ p[..., None])))[..., 0]
-    fresh = S * (np.abs(alpha) ** 2 + mu * np.sum(np.abs(X) ** 2, axis=1))
-    return fresh * (S.shape[1] / fresh.sum(axis=1, keepdims=True))
+    return alpha, mu * np.sum(np.abs(X) ** 2, axis=1)
 
 
-def plane_wave_kernel(positions, about, wavenumbers, prior, slope: bool = True):
+def _of_many(W, p, mu) -> tuple[np.ndarray, np.ndarray]:
+    """The same of more waves than microphones."""
+    n = np.arange(W.shape[2])
+    C = W.swapaxes(1, 2) @ np.conj(W)
+    C[:, n, n] += mu
+    X = triangular_inverses(np.linalg.cholesky(C))
+    Y = X @ W.swapaxes(1, 2)
+    alpha = (np.conj(Y.swapaxes(1, 2)) @ (X @ p[..., None]))[..., 0]
+    return alpha, np.maximum(1 - np.sum(np.abs(Y) ** 2, axis=1), 0.0)
+
+
+def plane_wave_kernel(positions, about, wavenumbers, prior, slope: bool = True, dimension: int = 2):
     """Return the covariance of a field of unit power whose power by direction is `prior`.
 
     Parameters
     ----------
-    positions : (N, 2) float64, metres
-    about : (N, 2) float64, metres, positions whose mean is the centre
+    positions : (N, D) float64, metres
+    about : (N, D) float64, metres, positions whose mean is the centre
     wavenumbers : (M,) float64 or complex128, rad/m
     prior : (M, Q) float64, S
     slope : bool
+    dimension : 2 or 3, of the sound field
 
     Returns
     -------
     K : (M, N, N) complex128, Hermitian
-    D : (2, M, N, N) complex128, 1/m, derivatives with respect to the first microphone; None unless wanted
+    D : (D, M, N, N) complex128, 1/m, derivatives with respect to the first microphone; None unless wanted
     """
     x, k = np.asarray(positions, float) - np.mean(about, axis=0), np.asarray(wavenumbers)
-    (N, M), Q = (len(x), len(prior)), prior.shape[1]
-    K, D = np.empty((M, N, N), complex), np.empty((2, M, N, N), complex) if slope else None
+    (N, axes), (M, Q) = x.shape, prior.shape
+    K, D = np.empty((M, N, N), complex), np.empty((axes, M, N, N), complex) if slope else None
     for m in blocks(M, 2 * N * max(N, Q)):
-        W, dW = weighted_waves(x, k[m], prior[m], slope)
+        W, dW = weighted_waves(x, k[m], prior[m], slope, dimension)
         WH = np.conj(W)
         np.matmul(W.swapaxes(1, 2), WH, out=K[m])
         if D is not None and dW is not None:
@@ -142,24 +172,20 @@ def learned_terms(positions, pressures, wavenumbers, power, noise, prior, log_de
     return over_blocks(of_block, len(k), 2 * len(x) * max(len(x), Q))
 
 
-def weighted_waves(x, k, S, slope: bool) -> tuple[np.ndarray, np.ndarray | None]:
-    """Return W (M, Q, N) and, if wanted, its derivatives (2, M, Q, N), 1/m.
+def weighted_waves(x, k, S, slope: bool, dimension: int = 2) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return W (M, Q, N) and, if wanted, its derivatives (D, M, Q, N), 1/m.
 
-    x : (N, 2) float64, metres, about the centre;  k : (M,), rad/m;  S : (M, Q) float64, power by direction
+    x : (N, D) float64, metres, about the centre;  k : (M,), rad/m;  S : (M, Q) float64, power by direction
     """
-    W = _plane_waves(x, k, S.shape[1]) * np.sqrt(S)[..., None]
+    W = _plane_waves(x, k, S.shape[1], dimension) * np.sqrt(S)[..., None]
     if not slope:
         return W, None
     along = -1j * k[:, None, None] * W
-    return W, np.stack([along * one[:, None] for one in _directions(S.shape[1])])
+    u = wave_directions(dimension, S.shape[1])[0]
+    return W, np.stack([along * one[:, None] for one in u[: x.shape[1]]])
 
 
-def _plane_waves(x, k, Q: int) -> np.ndarray:
-    """sqrt(1 / Q) exp(-j k (x cos t + y sin t)) : (M, Q, N) complex128."""
-    c, s = _directions(Q)
-    return np.exp(-1j * np.multiply.outer(k, np.outer(c, x[:, 0]) + np.outer(s, x[:, 1]))) / np.sqrt(Q)
-
-
-def _directions(Q: int) -> tuple[np.ndarray, np.ndarray]:
-    t = 2 * np.pi * np.arange(Q) / Q
-    return np.cos(t), np.sin(t)
+def _plane_waves(x, k, Q: int, dimension: int) -> np.ndarray:
+    """sqrt(w_q) exp(-j k x . u_q) : (M, Q, N) complex128."""
+    u, w = wave_directions(dimension, Q)
+    return np.exp(-1j * np.multiply.outer(k, u[: x.shape[1]].T @ x.T)) * np.sqrt(w)[:, None]

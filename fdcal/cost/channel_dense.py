@@ -38,7 +38,7 @@ def channel_kernel(x, field: ChannelField, slope: bool):
     """
     if field.directions is not None:
         about = x if field.about is None else field.about
-        return plane_wave_kernel(x, about, field.wavenumbers, field.directions, slope)
+        return plane_wave_kernel(x, about, field.wavenumbers, field.directions, slope, field.dimension)
     if np.iscomplexobj(field.wavenumbers):
         return series_kernel(x, field.about, field.wavenumbers, field.dimension, field.near, slope)
     N, M = len(x), len(field.wavenumbers)

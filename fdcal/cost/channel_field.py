@@ -20,7 +20,7 @@ class ChannelField:
     near : whether a source may be close to the array; with the series only
     about : (N, D) float64, metres, or None: positions that give the centre of the series, those of the microphones
         unless given; the gradient takes it as fixed
-    directions : (M, Q) float64 or None: power by direction, mean 1 (`fdcal.cost.angular_prior`), in two dimensions
+    directions : (M, Q) float64 or None: power by direction, mean 1 (`fdcal.cost.angular_prior`)
     """
 
     wavenumbers: np.ndarray

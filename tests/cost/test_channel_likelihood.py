@@ -9,6 +9,7 @@ from fdcal.cost.angular_prior import diffuse_prior, learned_prior, plane_wave_ke
 from fdcal.cost.channel_kernels import series_kernel
 from fdcal.cost.channel_likelihood import ChannelField, channel_terms, log_response
 from fdcal.cost.likelihood import diffuse_field, newton_terms
+from fdcal.cost.wave_directions import wave_directions
 
 K = np.array([1.5, 2.5, 4.0])  # rad/m
 SHARE = 1e-2  # of noise in the power
@@ -32,12 +33,13 @@ def drawn(dimension, damped=False, count=9, seed=0):
 def lopsided(field, x):
     """`field` with a power that depends on the direction."""
     about = x if field.about is None else field.about
-    directions = np.random.default_rng(3).uniform(0.1, 2.0, diffuse_prior(x, field.wavenumbers).shape)
+    directions = np.random.default_rng(3).uniform(0.1, 2.0, diffuse_prior(x, field.wavenumbers, field.dimension).shape)
     return replace(field, directions=directions, about=about)
 
 
 @pytest.mark.parametrize(
-    ("dimension", "damped", "directed"), [(2, 0, 0), (2, 1, 0), (3, 0, 0), (3, 1, 0), (2, 0, 1), (2, 1, 1)]
+    ("dimension", "damped", "directed"),
+    [(2, 0, 0), (2, 1, 0), (3, 0, 0), (3, 1, 0), (2, 0, 1), (2, 1, 1), (3, 0, 1), (3, 1, 1)],
 )
 def test_gradient_is_that_of_finite_differences(dimension, damped, directed):
     x, p, field = drawn(dimension, damped)
@@ -108,6 +110,30 @@ def test_waves_of_equal_power_from_everywhere_are_a_diffuse_field(damping):
     K2, D2 = plane_wave_kernel(x, about, k, np.ones((len(k), 40)))
     np.testing.assert_allclose(K2, K1, atol=1e-4 if damping else 1e-9)  # the series' centre is a little beside the mean
     np.testing.assert_allclose(D2, D1, atol=1e-3 if damping else 1e-8)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.05])
+def test_waves_of_equal_power_from_the_whole_sphere_are_a_diffuse_field_in_space(damping):
+    x, k = drawn(3)[0], K - 1j * damping
+    about = x - [0.3e-3, 0.2e-3, 0.3e-3]
+    K1, D1 = series_kernel(x, about, k, 3, False)
+    K2, D2 = plane_wave_kernel(x, about, k, diffuse_prior(x, k, 3), dimension=3)
+    np.testing.assert_allclose(K2, K1, atol=1e-4 if damping else 1e-9)
+    np.testing.assert_allclose(D2, D1, atol=1e-3 if damping else 1e-7)
+
+
+def test_learning_the_directions_in_space_raises_the_likelihood_and_finds_a_wave():
+    x, _, field = drawn(3, count=14)
+    towards = np.array([0.6, -0.48, 0.64])
+    p = np.exp(-1j * K[:, None] * (x @ towards))
+    prior, costs = diffuse_prior(x, K, 3), []
+    assert prior.shape[1] > len(x)
+    for _ in range(6):
+        costs.append(channel_terms(x, np.zeros((14, 2)), p, replace(field, directions=prior), 0).cost)
+        prior = learned_prior(x, p, K, field.power, field.noise, prior, 1, field.channel_noise, dimension=3)
+    assert np.all(np.diff(costs) < 0)
+    found = wave_directions(3, prior.shape[1])[0][:, np.argmax(prior, axis=1)]
+    assert np.all(towards @ found > 0.9)
 
 
 def test_learning_the_directions_raises_the_likelihood_and_finds_a_wave():

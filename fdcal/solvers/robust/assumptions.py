@@ -146,6 +146,13 @@ def with_noise(problem: Problem, state: State, deflation: float = 1.0, rough: bo
     return replace(state, model=replace(model, noise=noise, share=share, spread=spread, deflation=deflation))
 
 
+def misfit(problem: Problem, state: State) -> float:
+    """Return -log likelihood of the pressures with the noise found and each mode's likeliest power of the field."""
+    used = used_modes(problem, state, ASSUMED.noise_modes)
+    seen = corrected(problem, state, used)
+    return noise_model.profile_cost(state.positions, seen, field(problem, state, used), state.model.share)
+
+
 def least_share(state: State) -> float:
     """Least share of noise in the power that the kernel can show."""
     return LEAST_SHARE[state.model.kernel]

@@ -110,8 +110,7 @@ def _begin_final(problem: Problem, state: State) -> State:
     if is_low_noise_end(problem, state):
         return _begin_noiseless(problem, state)
     state = given_positions.resolved(problem, relocated(problem, state, local=True)[0])
-    kernel = "directional" if problem.dimension == 2 else state.model.kernel
-    return refined(problem, replace(state, model=replace(state.model, kernel=kernel)))
+    return refined(problem, replace(state, model=replace(state.model, kernel=kernels.last_kernel(problem, state))))
 
 
 def _begin_noiseless(problem: Problem, state: State) -> State:
@@ -142,16 +141,16 @@ def _gathered(end: End) -> np.ndarray:
 def refined(problem: Problem, state: State) -> State:
     """Return the beginning of a round of the last row: new noise, and perhaps another kernel.
 
-    The near-field kernel is taken only if its residual is much smaller.
+    The near-field kernel is taken only if the pressures are likelier with it: it explains those of few microphones
+    without any noise, but then they have more power than the field would have at most of them.
     """
-    plain = _with_kernel(problem, state, state.model.kernel, 1.0)
-    plain = _with_kernel(problem, state, state.model.kernel, kernels.noise_deflation(problem, plain))
-    if state.model.kernel != "near" and kernels.near_field_counts(problem, plain):
-        near = _with_kernel(problem, state, "near", RULES.near_deflation)
-        plain = near if near.model.share < RULES.near_gain * plain.model.share else plain
-    elif state.model.kernel == "near":
-        plain = _with_kernel(problem, state, "near", RULES.near_deflation)
-    begun = begin_row(problem, plain, FINAL)
+    near = state.model.kernel == "near"
+    fresh = _with_kernel(problem, state, state.model.kernel, RULES.near_deflation if near else 1.0)
+    if not near and kernels.near_field_counts(problem, fresh):
+        other = _with_kernel(problem, state, "near", RULES.near_deflation)
+        likelier = assumptions.misfit(problem, other) < assumptions.misfit(problem, fresh)
+        fresh = other if likelier else fresh
+    begun = begin_row(problem, fresh, FINAL)
     first = ASSUMED.first_updates if begun.model.directions is None else 0
     return kernels.with_directions(problem, begun, assumptions.used_modes(problem, begun, 0), first)
 
@@ -171,7 +170,7 @@ def end_final(problem: Problem, state: State, settled: bool) -> State:
     framed = state.positions if problem.frame is None else move_to_frame(state.positions, problem.frame)
     positions = anchored(problem, state) if problem.frame is None else frozen_array(framed, float)
     ended = replace(state, positions=positions, finished=True, converged=settled)
-    return kernels.with_turned_directions(problem, ended)
+    return kernels.with_turned_directions(problem, ended, state.positions)
 
 
 def _changed(before: Model, after: Model) -> bool:

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...cost.angular_prior import diffuse_prior, learned_prior
+from ...cost.angular_prior import diffuse_prior, directions_needed, learned_prior
 from ...model.problem import Problem
 from ...model.validation import frozen_array
-from .assumptions import corrected, used_modes, wavenumbers
+from .assumptions import corrected, given_carry_scale, used_modes, wavenumbers
 from .settings import ASSUMED, NOISE_RULES
 from .state import KernelName, State
 
@@ -23,20 +23,17 @@ def kernel_of(problem: Problem, state: State) -> KernelName:
     return "series" if (np.abs(np.imag(k)).max() * radius) ** 2 > ASSUMED.damped * state.model.share else "diffuse"
 
 
+def last_kernel(problem: Problem, state: State) -> KernelName:
+    """The kernel of the last row: directional, but for plane arrays in space and where that would take too long."""
+    k = wavenumbers(problem, state)[used_modes(problem, state, 0)]
+    products = len(k) * len(state.positions) ** 2 * directions_needed(state.positions, k, problem.dimension)
+    slow = problem.dimension == 3 and products > ASSUMED.most_products
+    return state.model.kernel if slow or given_carry_scale(problem) else "directional"
+
+
 def near_field_counts(problem: Problem, state: State) -> bool:
     """Whether the noise is so low that a source near the array would count."""
     return state.model.share <= NEAR_SHARE[problem.dimension]
-
-
-def noise_deflation(problem: Problem, state: State) -> float:
-    """Factor by which less noise is assumed than there is: in space, where the field is taken as isotropic.
-
-    A room's field is not. With less noise the positions depend more on the pressures and less on that assumption; with
-    much noise it is needed. A plane array needs it always, for its size.
-    """
-    if problem.array_dimension < 3 or state.model.kernel == "directional":
-        return 1.0
-    return float(np.clip(NOISE_RULES.deflated / state.model.share, 1.0, NOISE_RULES.deflation))
 
 
 def with_directions(problem: Problem, state: State, used, updates: int) -> State:
@@ -45,7 +42,9 @@ def with_directions(problem: Problem, state: State, used, updates: int) -> State
     if model.kernel != "directional":
         return state
     k = wavenumbers(problem, state)
-    learned = np.array(diffuse_prior(state.positions, k) if model.directions is None else model.directions)
+    learned = np.array(
+        diffuse_prior(state.positions, k, problem.dimension) if model.directions is None else model.directions
+    )
     learned[used] = learned_prior(
         state.positions,
         corrected(problem, state, used),
@@ -55,13 +54,18 @@ def with_directions(problem: Problem, state: State, used, updates: int) -> State
         learned[used],
         updates,
         model.channel_noise,
-        NOISE_RULES.direction_count,
+        NOISE_RULES.direction_count[problem.dimension],
         state.shape,
+        problem.dimension,
     )
     return replace(state, model=replace(model, directions=frozen_array(learned, float)))
 
 
-def with_turned_directions(problem: Problem, state: State) -> State:
-    """`state` with directions learned again, for an array that was turned as a whole."""
-    cleared = replace(state, model=replace(state.model, directions=None), shape=state.positions)
+def with_turned_directions(problem: Problem, state: State, before) -> State:
+    """`state`, which was moved as a whole from the positions `before` (N, D), with directions learned again."""
+    furthest = float(np.abs(state.positions - before).max())
+    shape = replace(state, shape=state.positions)
+    if furthest * float(np.real(problem.wavenumbers).max()) < ASSUMED.turned:
+        return with_directions(problem, shape, used_modes(problem, state, 0), ASSUMED.direction_updates)
+    cleared = replace(shape, model=replace(state.model, directions=None))
     return with_directions(problem, cleared, used_modes(problem, cleared, 0), ASSUMED.turned_updates)

@@ -73,6 +73,17 @@ def hyper_cost(field: ChannelField, corrected) -> float:
     )
 
 
+def profile_cost(positions, q, field: ChannelField, noise: float) -> float:
+    """Return -log likelihood of corrected pressures q (M, N) with each mode's likeliest power of the field.
+
+    noise : float, share of the power
+    """
+    values, along = channel_spectra(positions, q, field)
+    powers = np.geomspace(1 / NOISE_RULES.most_profiled, NOISE_RULES.most_profiled, NOISE_RULES.profiled)
+    spectra = np.multiply.outer(powers, values * field.power[:, None]) + noise
+    return float((np.log(spectra) + along / spectra).sum(axis=2).min(axis=0).sum())
+
+
 def estimate_noise(positions, q, field: ChannelField, least: float) -> tuple[float, float, float]:
     """Share of noise and spread of the positions, metres, that make corrected pressures q (M, N) most likely.
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,6 @@ class Rules:
     settled_near_noise : the same with the near-field kernel, of which less noise hardly moves anything
     known_outlier : distance of a given position over the median of all of them, or their sigma, that leaves it out
         when the array is moved onto the given positions
-    near_gain : part of the residual of the series that the near-field kernel must leave to be taken
     near_deflation : residual of the near-field kernel over the noise that is assumed with it
     converged_sigmas : largest Newton step left of a run that has converged, over one sigma of the coordinate
     """
@@ -86,7 +87,6 @@ class Rules:
     settled_noise: float = 0.15
     settled_near_noise: float = 0.7
     known_outlier: float = 3.0
-    near_gain: float = 0.5
     near_deflation: float = 3.0
     converged_sigmas: float = 0.2
 
@@ -102,27 +102,28 @@ class NoiseRules:
     ----------
     power_count : observations that the mean power of the pressures is worth
     channel_count : observations that a channel is like the others
-    direction_count : observations that the field's power is the same from every direction
+    direction_count : observations that the field's power from a direction is that from all; by dimension of the
+        field: in space there are more directions
     least_channel_noise : least channel noise over that of the array
     most_channel_noise : greatest, likewise
     least_power : least power of the field over the mean power of the pressures
     most_power : greatest, likewise: without noise a singular covariance would let it grow without bound
     most_share : greatest noise over the power
-    deflated, deflation : share below which less noise is assumed in space than there is, and by what factor at most
+    most_profiled, profiled : greatest factor on the power of the field where two kernels are compared, and how many
     least_sigma : least spread of gains and phases, nepers and radians
     most_sigma : greatest, likewise
     """
 
     power_count: float = 2.0
     channel_count: float = 6.0
-    direction_count: float = 1.0
+    direction_count: Mapping[int, float] = field(default_factory=lambda: MappingProxyType({2: 1.0, 3: 0.1}))
     least_channel_noise: float = 0.3
     most_channel_noise: float = 1e6
     least_power: float = 1e-3
     most_power: float = 1e3
     most_share: float = 0.7
-    deflated: float = 1e-4
-    deflation: float = 10.0
+    most_profiled: float = 1e4
+    profiled: int = 33
     least_sigma: float = 1e-4
     most_sigma: float = 0.6
 
@@ -180,7 +181,9 @@ class AssumptionRules:
         degrees of freedom of their prior, which is then nearly Gaussian
     first_updates : steps of expectation and maximisation of the directions' power before the first step
     direction_updates : steps of expectation and maximisation of the directions' power after every step
-    turned_updates : the same after the array was turned as a whole
+    most_products : products M N^2 Q of a field in space by Q directions at most; beyond it stays isotropic
+    turned : move of a microphone with the array as a whole, times the greatest k, below which the directions are kept
+    turned_updates : the same after the array was turned further as a whole
     learned : nats, a stage goes on while the cost falls by more, since the directions are still being learned
     """
 
@@ -197,6 +200,8 @@ class AssumptionRules:
     carrying_tail: float = 1e6
     first_updates: int = 10
     direction_updates: int = 3
+    most_products: float = 3e8
+    turned: float = 0.05
     turned_updates: int = 60
     learned: float = 0.5
 
