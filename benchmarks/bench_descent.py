@@ -25,13 +25,13 @@ def _scene(name: str) -> list[Figure]:
     scene = load_scene(name)
     settings, measurement = replace(scene.solver, name="descent"), cached_measurement(scene)
     problem = measurement.problem(scene.solver.weights)
-    errors, sweeps, start = [], [], time.perf_counter()
+    errors, sweeps, start = [], [], time.process_time()
     for seed in range(SEEDS):
         for state in solvers.run(problem, settings, seed):  # noqa: B007, the last one counts
             pass
         errors.append(position_errors(state.positions, measurement.positions).mean())
         sweeps.append(state.sweep)
-    seconds = (time.perf_counter() - start) / SEEDS
+    seconds = (time.process_time() - start) / SEEDS
     near = np.array(errors) <= NEAR
     return [
         Figure(f"{name}: mean error at the end, median of {SEEDS} seeds", 1e3 * float(np.median(errors)), "mm"),
@@ -39,5 +39,5 @@ def _scene(name: str) -> list[Figure]:
         Figure(f"{name}: largest mean error", 1e3 * max(errors), "mm"),
         Figure(f"{name}: seeds that end within 5 cm", 100 * float(near.mean()), "%"),
         Figure(f"{name}: sweeps, mean", float(np.mean(sweeps)), ""),
-        Figure(f"{name}: time of a run, mean", seconds, "s"),
+        Figure(f"{name}: processor time of a run, mean", seconds, "s", "at most 45", seconds <= 45),
     ]

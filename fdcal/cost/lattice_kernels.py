@@ -57,37 +57,32 @@ def pruned_search(unit, row, radial, orders, columns, triangular, r0, p_n, start
 @compiled
 def _add_mode(unit, row, J, L, columns, triangular, p_n, kept, total):
     """Add the excess of one mode to the sums of the candidates `kept`."""
-    re, im, work = np.empty((2 * L + 1, BLOCK)), np.empty((2 * L + 1, BLOCK)), np.empty((6, BLOCK))
+    re, im, work = np.empty((2 * L + 1, BLOCK)), np.empty((2 * L + 1, BLOCK)), np.empty((3, BLOCK))
     which, block = np.empty(BLOCK, np.int64), np.empty(BLOCK)
     for first in range(0, len(kept), BLOCK):
         count = min(BLOCK, len(kept) - first)
         for c in range(BLOCK):
             which[c] = kept[first + min(c, count - 1)]
         block[:] = 0.0
-        _rows(J, unit, row, which, L, work, re, im)
+        _rows(J, unit, row, which, L, re, im)
         _add_excess(re, im, columns, p_n, 2 * L + 1, triangular, work, block)
         for c in range(count):
             total[first + c] += block[c]
 
 
 @compiled
-def _rows(J, unit, row, which, L, work, re, im):
+def _rows(J, unit, row, which, L, re, im):
     """re[l] + j im[l] = J_l exp(j l theta), l = -L..L, of the points `which`; their rows of the table J are `row`."""
-    x, y, u, v, a, b = work  # x + j y is exp(j l theta)
-    sign = 1.0
     for c in range(len(which)):
         point = which[c]
-        u[c], v[c], x[c], y[c] = unit[point].real, unit[point].imag, 1.0, 0.0
-        re[L, c], im[L, c] = J[row[point], 0].real, J[row[point], 0].imag
-    for l in range(1, L + 1):  # noqa: E741
-        sign = -sign
-        for c in range(len(which)):
-            value = J[row[which[c]], l]
-            a[c], b[c] = value.real, value.imag
-        for c in range(len(which)):
-            x[c], y[c] = x[c] * u[c] - y[c] * v[c], x[c] * v[c] + y[c] * u[c]
-            re[L + l, c], im[L + l, c] = a[c] * x[c] - b[c] * y[c], a[c] * y[c] + b[c] * x[c]
-            re[L - l, c], im[L - l, c] = sign * (a[c] * x[c] + b[c] * y[c]), sign * (b[c] * x[c] - a[c] * y[c])
+        r, u, v = row[point], unit[point].real, unit[point].imag
+        x, y, sign = 1.0, 0.0, 1.0  # x + j y is exp(j l theta)
+        re[L, c], im[L, c] = J[r, 0].real, J[r, 0].imag
+        for l in range(1, L + 1):  # noqa: E741
+            x, y, sign = x * u - y * v, x * v + y * u, -sign
+            a, b = J[r, l].real, J[r, l].imag
+            re[L + l, c], im[L + l, c] = a * x - b * y, a * y + b * x
+            re[L - l, c], im[L - l, c] = sign * (a * x + b * y), sign * (b * x - a * y)
 
 
 @compiled
@@ -125,11 +120,10 @@ def fits(unit, row, others, radial, orders, pressures, roots):
     columns = np.zeros((len(orders), width + 1, width), np.complex128)
     r0, whole = np.empty(len(orders)), np.empty(len(orders), np.bool_)
     re, im = np.zeros((width + 1, padded)), np.zeros((width + 1, padded))
-    work, everyone = np.empty((6, len(row))), np.arange(len(row))
-    on = np.maximum(row, 0)
+    everyone, on = np.arange(len(row)), np.maximum(row, 0)
     for m in range(len(orders)):
         L, K = orders[m], 2 * orders[m] + 1
-        _rows(radial[m], unit, on, everyone, L, work, re, im)
+        _rows(radial[m], unit, on, everyone, L, re, im)
         off = 0
         for i in range(len(row)):
             if row[i] < 0:
