@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, overload
@@ -82,6 +81,5 @@ class SessionView:
 
     @property
     def cost(self) -> float:
-        """Cost of the state by the yardstick, dB; while the solver runs, perhaps that of a state just before."""
-        value = self.costs.of(self.state)
-        return self.costs.newest if self.running and math.isnan(value) else value
+        """Cost of the state by the yardstick, dB; in a run or a drag perhaps that of a state just before."""
+        return self.costs.of(self.state) if self.costs.knows(self.state) else self.costs.newest

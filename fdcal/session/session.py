@@ -124,6 +124,7 @@ class Session:
 
         Moves of one `gesture` (any object but None) make one state of the history.
         """
+        self._yielding.request()
         self._commands.put(("place", int(microphone), tuple(map(float, position)), gesture))
 
     def seek(self, index: int) -> None:
@@ -168,13 +169,14 @@ class Session:
             time.sleep(0)  # release the interpreter: a solver that never does would starve the page
 
     def _work(self) -> None:
-        """Take a step; when idle, compute a cost that was left out while the solver ran."""
+        """Take a step; when idle, compute a cost that was left out while the solver ran or in a drag."""
         if self._run.running:
             self._run.guarded(self._run.advance)
             self._stepped = time.monotonic()
             self._yielding.step_taken()
         elif self._run.costs_missing:
             self._run.fill_in()
+            self._yielding.step_taken()
 
     def _pending(self) -> list[tuple]:
         """Return the commands that wait; when idle, or before the next step is due, block for one."""

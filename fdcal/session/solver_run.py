@@ -92,11 +92,14 @@ class SolverRun:
         self.view = replace(self.view, **changes)
         self._on_change()
 
-    def _keep(self, states: list, error: str = "", lineage: object = None) -> None:
-        """Show the last of `states`. Published lists are only appended to, never cut."""
+    def _keep(self, states: list, error: str = "", lineage: object = None, dragged: bool = False) -> None:
+        """Show the last of `states`. Published lists are only appended to, never cut.
+
+        The cost of a state that the next move of a drag will replace is computed when there is time (`fill_in`).
+        """
         self._states, count = states, len(states)
         self._gesture = None
-        if self._goal is None:
+        if self._goal is None and not dragged:
             self._costs.compute(states[-1])
         self._publish(
             state=states[-1],
@@ -204,9 +207,9 @@ class SolverRun:
         positions[microphone, : len(position)] = position  # a move in the plan view leaves the height as it is
         state = replace(old, positions=frozen_array(positions, float))
         state = self._module.use_modes(self._problem, state, old.first, old.last, old.automatic)
-        kept = self.view.index + (0 if gesture is not None and gesture == self._gesture else 1)
+        dragged = gesture is not None and gesture == self._gesture
         self._goal = None
-        self._keep([*self._states[:kept], state])
+        self._keep([*self._states[: self.view.index + (not dragged)], state], dragged=dragged)
         self._gesture = gesture
 
 

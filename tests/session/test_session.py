@@ -427,6 +427,23 @@ def test_the_state_that_is_shown_has_its_cost_and_the_others_get_theirs_at_rest(
     assert session.wait_for(lambda view: view.index == 4, WAIT) and session.view.cost == costs[4]
 
 
+def test_a_drag_does_not_wait_for_costs_and_its_last_place_gets_one(make):
+    yardstick = Slow(0.02)
+    session = make(Counter(), yardstick=yardstick, yield_time=0.1)
+    end = time.monotonic() + 0.5
+    moves = 0
+    while time.monotonic() < end:
+        moves += 1
+        session.place(1, (0.001 * moves, 0.5), gesture="drag")
+        assert session.wait_for(lambda view, x=0.001 * moves: view.state.positions[1][0] == x, WAIT)
+        assert not math.isnan(session.view.cost), "that of a place just before"
+    assert moves > 2 * yardstick.used
+    while session.view.costs.missing(session.view.history):
+        assert time.monotonic() < end + WAIT
+        time.sleep(0.01)
+    assert session.view.cost == session.view.costs.of(session.view.state)
+
+
 def test_costs_take_a_bounded_share_of_a_run():
     yardstick, spent = Slow(0.004), 0.0
     costs = StateCosts(yardstick)

@@ -58,7 +58,7 @@ def controls():
 def test_every_map_of_a_lesson_is_one_of_the_page(controls, name):
     made, calls = controls
     apply_setting(Setting(map=name), made, lambda view: None, restarted=False)
-    ((called, kind),) = calls
+    called, kind = calls[0]
     assert called == "map.show_as" and kind in KINDS
 
 

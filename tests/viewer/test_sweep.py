@@ -123,6 +123,18 @@ def test_another_state_makes_the_counts_invalid(opened):
     turn_until(lambda: "Play adds" in sweep.text.content)
 
 
+def test_a_sweep_of_another_state_stops(opened, monkeypatch):
+    viewer, turn_until = opened
+    sweep, slow = viewer.side_panel.sweep, mode_sweep.SweepWorker._frame
+    monkeypatch.setattr(mode_sweep.SweepWorker, "_frame", lambda *args: (time.sleep(0.2), slow(*args))[1])
+    set_by_client(sweep.highest, 19)
+    turn_until(lambda: (made := sweep.worker.sweep(sweep._wanted)) is not None and len(made.frames) >= 2)
+    made = sweep.worker.sweep(sweep._wanted)
+    viewer.run.session.step()
+    turn_until(lambda: sweep._wanted is None and not sweep.worker.worker.busy)
+    assert len(made.frames) < 19
+
+
 def begin_opening(viewer, turn_until):
     """Let the opening begin as if a browser had shown the page for long enough."""
     made = opening.Opening()

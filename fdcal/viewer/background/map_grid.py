@@ -10,7 +10,8 @@ from ...session.worker import LatestWorker
 from .cost_maps import CostMap
 from .prepare import PreparedRun
 
-INTERVAL = 0.2  # s between two images
+INTERVAL = 0.2  # s at least between two images
+PAUSES = 10  # by how much longer that is than an image takes: the map on the floor needs the processor, too
 
 
 class MapGridWorker:
@@ -43,10 +44,11 @@ class MapGridWorker:
             return None
         last = self._requested
         current = last is not None and last.panels is drawn.panels and last.request.style == drawn.request.style
-        if not current and now - self._since > INTERVAL and not self.worker.busy:
+        latest = self.worker.latest
+        pause = INTERVAL if latest is None else max(INTERVAL, PAUSES * (latest.ended - latest.began))
+        if not current and now - self._since > pause and not self.worker.busy:
             self._requested, self._since = drawn, now
             self.worker.request(drawn)
-        latest = self.worker.latest
         return None if latest is None or self._requested is None else latest.result
 
     def close(self, timeout: float) -> bool:

@@ -133,6 +133,10 @@ class SweepWorker:
             self._requested = wanted
             self.worker.request(wanted)
 
+    def cancel(self) -> None:
+        """Stop the sweep that is in progress, after the map in progress."""
+        self._requested = None
+
     def sweep(self, wanted: SweepRequest) -> Sweep | None:
         """Return the sweep of a request, as far as it is computed; None before its modes are known."""
         sweep = self._sweep

@@ -26,6 +26,7 @@ from ...model.validation import InputError
 from .client_values import fits, is_plain
 from .connections import GuardedConnection, version_checked
 from .connections import log as connection_log
+from .image_encoding import use_quick_encoding
 from .message_buffer import use_safe_buffers
 from .origin_probe import require_foreign_origin_refused
 
@@ -102,6 +103,7 @@ def _open_restricted(host: str, port: int) -> viser.ViserServer:
     server = None
     try:
         use_safe_buffers()
+        use_quick_encoding()
         with _restricted_listening(host):
             server = without_output(lambda: viser.ViserServer(host=host, port=port, verbose=False))
         for message in BLOCKED_MESSAGES:

@@ -168,6 +168,7 @@ class SweepTab:
             self._revision = revision
         elif self._revision != revision and not self.playing:
             self._wanted = None  # its curve is of another state
+            self.worker.cancel()
         if (self.playing or self._revision == revision) and not view.running:
             self._wanted = self._request(view, revision, microphone)
             self.worker.request(self._wanted)
