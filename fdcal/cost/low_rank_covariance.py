@@ -12,11 +12,14 @@ of `fdcal.cost.circular_waves`.
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 from scipy.special import hankel1, spherical_jn, spherical_yn
 
 from ..acoustics.fourier_bessel import max_order
 from ..acoustics.threads import parallel_map
+from ..model.validation import frozen_array
 from .circular_waves import circular_waves, combined_waves
 from .low_rank_terms import low_rank_terms
 from .mode_sums import ModeTerms, blocks, over_blocks, worth_threads
@@ -85,10 +88,17 @@ def expansion_centre(x, k, dimension: int, near_field: bool, reference=None):
     orders = max_order(k, furthest, NEAR_FIELD_ORDERS if near_field else EXTRA_ORDERS)
     gains = np.ones((len(k), int(orders.max()) + 1))
     if near_field and reach > 0:
-        l, z = np.arange(gains.shape[1]), np.real(k)[:, None] * SOURCE_DISTANCE * reach  # noqa: E741
-        loud = np.abs(hankel1(l, z)) if dimension == 2 else np.hypot(spherical_jn(l, z), spherical_yn(l, z))
-        gains = np.clip(loud, 1.0, 1e100)
+        z = np.real(k) * SOURCE_DISTANCE * reach
+        gains = _loudness(tuple(z.tolist()), gains.shape[1], dimension)
     return centre, orders, gains
+
+
+@functools.lru_cache(maxsize=4)
+def _loudness(z: tuple[float, ...], count: int, dimension: int) -> np.ndarray:
+    """Return |h_l(z)| for l = 0..count - 1, at least 1 : (M, count) float64, read-only; trials of a step share it."""
+    l, column = np.arange(count), np.array(z)[:, None]  # noqa: E741
+    loud = np.abs(hankel1(l, column)) if dimension == 2 else np.hypot(spherical_jn(l, column), spherical_yn(l, column))
+    return frozen_array(np.clip(loud, 1.0, 1e100), float)
 
 
 def numbers_of(x, k, orders, dimension: int) -> int:

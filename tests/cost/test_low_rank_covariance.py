@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from scipy.special import jv, spherical_jn
+from scipy.special import jv, spherical_jn, spherical_yn, yv
 
 from fdcal.acoustics.bessel import bessel, spherical_bessel_functions
 from fdcal.acoustics.fourier_bessel import fourier_bessel, max_order
@@ -224,3 +224,14 @@ def test_the_reference_positions_set_the_centre_of_a_near_field_expansion(dimens
     away = field(dimension, 0.2, True, True, reference + 0.3)
     assert total_cost(moved, p, away) == pytest.approx(total_cost(x, p, shared), rel=1e-9)
     assert total_cost(moved, p, shared) != pytest.approx(total_cost(x, p, shared), rel=1e-6)
+
+
+def test_gains_follow_wavenumbers_size_and_dimension():
+    """Each in turn, since trials of a step share them."""
+    x = drawn(2)[0]
+    reach = float(np.linalg.norm(x - x.mean(axis=0), axis=1).max())
+    for k, scale, dimension in ((K, 1.0, 2), (1.1 * K, 1.0, 2), (K, 1.3, 2), (K, 1.3, 3), (K, 1.0, 2)):
+        _, orders, gains = low_rank_covariance.expansion_centre(scale * x, k, dimension, True)
+        l, z = np.arange(orders.max() + 1), (k * low_rank_covariance.SOURCE_DISTANCE * scale * reach)[:, None]  # noqa: E741
+        sizes = np.hypot(jv(l, z), yv(l, z)) if dimension == 2 else np.hypot(spherical_jn(l, z), spherical_yn(l, z))
+        np.testing.assert_allclose(gains, np.clip(sizes, 1.0, 1e100), rtol=1e-10)
