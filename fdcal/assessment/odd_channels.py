@@ -30,6 +30,7 @@ class OddThresholds:
     ----------
     inverted : radians, phase
     gain_sigmas : spreads of the gains, or phases, of all channels
+    median_of_normal : median absolute deviation of a normal distribution over its sigma
     least_gain : nepers of the gain, or radians of the phase, that are never odd
     noise : noise of a channel over that of the median channel
     least_noise : share of the power below which noise is not odd: the misfit of the field model may be a channel's
@@ -47,6 +48,7 @@ class OddThresholds:
 
     inverted: float = 2.5
     gain_sigmas: float = 4.0
+    median_of_normal: float = 0.6745
     least_gain: float = 0.12
     noise: float = 12.0
     least_noise: float = 1e-4
@@ -107,7 +109,7 @@ def odd_channels(problem: Problem, state: State, found: Uncertainty) -> tuple[Od
     tau = np.where(tau * state.model.share < LIMITS.least_noise, 1.0, tau)
     alone = np.mean(1 / (terms.precision * _variance(state, terms)), axis=0)
     lost = (alone > LIMITS.unpredicted) & (alone > LIMITS.unpredicted_to_median * np.median(alone))
-    filtered = _filtered(problem, state, found)
+    filtered, spreads = _filtered(problem, state, found), gain_spreads(state)
     for n in range(len(tau)):
         if n in filtered and tau[n] < LIMITS.noise and not lost[n]:
             odd[n] = filtered[n]
@@ -115,9 +117,9 @@ def odd_channels(problem: Problem, state: State, found: Uncertainty) -> tuple[Od
             odd[n] = OddChannel(n, "inverted", np.nan, "")
         elif tau[n] > LIMITS.noise or lost[n]:
             odd[n] = _faulty(problem, state, terms, predicted, n, bool(lost[n]))
-        elif _far(state.gains[n, 0], state.model.gain_sigma):
+        elif _far(state.gains[n, 0], spreads[0]):
             odd[n] = OddChannel(n, "gain", float(DECIBELS_PER_NEPER * state.gains[n, 0]), "dB")
-        elif _far(state.gains[n, 1], state.model.phase_sigma):
+        elif _far(state.gains[n, 1], spreads[1]):
             odd[n] = OddChannel(n, "gain", float(np.degrees(state.gains[n, 1])), "degrees")
     odd.update(_misplaced(problem, state, found))
     return tuple(odd[n] for n in sorted(odd))
@@ -140,6 +142,16 @@ def _filtered(problem: Problem, state: State, found: Uncertainty) -> dict[int, O
 
 def _beyond(value, least, column: int) -> np.ndarray:
     return np.flatnonzero(np.abs(value[:, column]) > least[:, column])
+
+
+def gain_spreads(state: State) -> np.ndarray:
+    """Return the spreads of log gains, nepers, and of phases, radians, of all channels : (2,) float64.
+
+    The solver's own are those of the channels whose gain it does not take for grossly wrong. Where the channels differ
+    by several decibels these are too few, and the median deviation of all channels is larger.
+    """
+    scatter = np.median(np.abs(state.gains - np.median(state.gains, axis=0)), axis=0) / LIMITS.median_of_normal
+    return np.maximum([state.model.gain_sigma, state.model.phase_sigma], scatter)
 
 
 def _far(value: float, sigma: float) -> bool:

@@ -53,6 +53,17 @@ def test_healthy_channels_are_not_odd(sound, reference):
     assert np.max(np.linalg.norm(reference.positions - sound.positions, axis=1)) < 0.01
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_channels_that_all_differ_are_not_odd(sound, seed):
+    """Gains of 3 dB, one sigma: each is found, none is a fault."""
+    gains = 10 ** (3.0 * np.random.default_rng(seed).normal(size=COUNT) / 20)
+    found = judged(replace(sound, pressures=sound.pressures * gains))
+    assert found.odd == () and found.code == "good"
+    off = found.gains[:, 0] - np.log(gains)
+    assert np.max(np.abs(off - np.median(off))) < 0.05
+    assert np.max(np.linalg.norm(found.positions - sound.positions, axis=1)) < 0.02
+
+
 def test_a_channel_of_pure_noise_moves_no_other_microphone(sound, reference):
     p, rng = np.array(sound.pressures), np.random.default_rng(5)
     power = np.sqrt(np.mean(np.abs(p) ** 2, axis=1))
