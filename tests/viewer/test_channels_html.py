@@ -53,9 +53,10 @@ def test_ellipses_verdict_and_gains_are_those_of_the_calibration(shown):
 def test_the_table_has_the_odd_channels_first_and_marks_them(shown):
     measurement, _, found = shown
     html = channel_table(measurement, found)
-    first = html.split("<tr")[2]
-    assert "inverted" in first and "&#9888; 9" in first and html.count("&#9888;") == 1
-    assert html.count("<tr") == 17 and f"Verdict: {found.verdict}".replace("_", " ") in html
+    first, fault = html.split("<tr")[2:4]
+    assert "&#9888; 9" in first and html.count("&#9888;") == 1
+    assert "inverted" in fault and "white-space: normal" in fault, "a long text does not widen the table"
+    assert html.count("<tr") == 18 and f"Verdict: {found.verdict}".replace("_", " ") in html
     assert channel_table(measurement, None) == ""
     evil = replace(measurement, names=("<script>", *measurement.names[1:]))
     assert "<script>" not in channel_table(evil, found)
@@ -67,7 +68,9 @@ def test_given_positions_stand_beside_those_found_the_most_corrected_first(shown
     wrong = replace(found.channels.given[1], given=(9.25, 9.5), wrong=True)
     channels = replace(found.channels, given=(found.channels.given[0], wrong, found.channels.given[2]))
     html = given_table(replace(found, channels=channels))
-    assert f"&#9888; {wrong.name}" in html.split("<tr")[2] and "9.2500, 9.5000" in html and html.count("<tr") == 4
+    assert f"&#9888; {wrong.name}" in html.split("<tr")[2] and "9.2500,<br>9.5000" in html and html.count("<tr") == 4
+    head = html.split("</tr>")[0]
+    assert head.index("difference") < head.index("given"), "in a narrow panel the difference is seen first"
     assert given_table(None) == "" and given_table(replace(found, channels=replace(channels, given=()))) == ""
     assert "<script>" not in given_table(
         replace(found, channels=replace(channels, given=(replace(wrong, name="<script>"),)))

@@ -10,9 +10,10 @@ from doubles import State, set_by_client, view_of
 from fdcal.graphics.units import length_text
 from fdcal.model.scene_file import load_scene
 from fdcal.session.request import OpenRequest, edited
+from fdcal.viewer.background.comparison import ComparisonSetup
 from fdcal.viewer.background.comparison_summary import RunSummary, status_word
 from fdcal.viewer.background.map_panels import modes_label
-from fdcal.viewer.tabs.comparison import table
+from fdcal.viewer.tabs.comparison import remark_on_start, table
 from fdcal.viewer.tabs.microphones import ErrorByDistance
 
 
@@ -51,6 +52,13 @@ def test_the_errors_now_are_seen_beside_their_mean_over_the_run(server, measurem
     assert chart.plot.handle.scales["y"]["distr"] == 3, "logarithmic"
     assert low <= here.min() < mean.max() <= high and here.max() < 1e-3 * mean.min()
     server.gui.reset()
+
+
+def test_a_race_says_what_a_random_start_means_to_solvers_that_find_their_own():
+    remark = remark_on_start(ComparisonSetup(("descent", "joint", "robust"), "random", 0))
+    assert "joint and robust" in remark and "metres off" in remark and "descent" not in remark
+    assert remark_on_start(ComparisonSetup(("descent", "joint"), "affine", 0)) == ""
+    assert remark_on_start(ComparisonSetup(("descent",), "random", 0)) == ""
 
 
 def test_a_race_says_that_it_prepares_and_gives_large_errors_in_metres():

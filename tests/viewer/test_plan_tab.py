@@ -89,7 +89,7 @@ def test_controls_change_the_bound_in_the_right_direction(viewer, tab):
 
 def test_fewer_frequencies_are_the_lowest_ones(viewer, tab):
     set_by_client(tab.shown, True)
-    turned(viewer, lambda: not tab.frequencies.disabled)
+    turned(viewer, lambda: tab.frequencies.visible)
     most = tab.frequencies.max
     set_by_client(tab.frequencies, 8)
     turned(viewer, lambda: "8 independent frequencies" in tab.summary.content)

@@ -11,8 +11,8 @@ from .html import CARD, RED
 from .verdict_html import verdict_word
 
 MAX_ROWS = 100  # of the table
-GIVEN_HEAD = ("mic", "given<br>(m)", "found<br>(m)", "difference<br>(mm)", "&sigma;<br>(mm)")
-HEAD = ("mic", "gain<br>(dB)", "phase<br>(&deg;)", "noise<br>(dB)", "")
+GIVEN_HEAD = ("mic", "difference<br>(mm)", "&sigma;<br>(mm)", "given<br>(m)", "found<br>(m)")
+HEAD = ("mic", "gain<br>(dB)", "phase<br>(&deg;)", "noise<br>(dB)")
 
 
 def channel_table(measurement: Measurement, found: PositionUncertainty | None) -> str:
@@ -37,9 +37,10 @@ def channel_table(measurement: Measurement, found: PositionUncertainty | None) -
             f"{channels.gain_db[n]:+.2f} &plusmn; {channels.gain_sigma_db[n]:.2f}",
             f"{channels.phase_deg[n]:+.1f} &plusmn; {channels.phase_sigma_deg[n]:.1f}",
             f"{channels.noise_db[n]:+.1f}",
-            escape(fault),
         )
         rows.append(f"<tr{style}>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>")
+        if fault:  # in a row of its own, for the panel is narrow
+            rows.append(f"<tr{style}><td colspan='{len(HEAD)}' style='white-space: normal'>{escape(fault)}</td></tr>")
     head = "".join(f"<th>{text}</th>" for text in HEAD)
     return (
         f"<div style='{CARD} font-size: 0.74em; overflow-x: auto'>"
@@ -62,9 +63,9 @@ def given_table(found: PositionUncertainty | None) -> str:
         style = f" style='font-weight: 700; color: {RED}'" if one.wrong else ""
         cells = (
             ("&#9888; " if one.wrong else "") + escape(one.name),
-            *(", ".join(f"{x:.4f}" for x in place) for place in (one.given, one.found)),
             mm_text(one.difference),
             f"&plusmn; {mm_text(one.sigma)}",
+            *(",<br>".join(f"{x:.4f}" for x in place) for place in (one.given, one.found)),
         )
         rows.append(f"<tr{style}>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>")
     head = "".join(f"<th>{text}</th>" for text in GIVEN_HEAD)

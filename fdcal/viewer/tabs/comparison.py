@@ -67,6 +67,7 @@ class ComparisonTab:
         )  # fmt: skip
         self.run = gui.add_button("Start", icon=viser.Icon.FLAG, hint="Start; press again to pause and to resume")
         self.restart = gui.add_button_group("", ("Reset", "Clear"), visible=False, hint="Restart or clear the race")
+        self.far = gui.add_html("", visible=False)
         self.marks = gui.add_checkbox("Show marks", True, hint="Mark the estimates of each solver")
         self.table = gui.add_html("")
         self._folder = gui.add_folder(None)  # of the plots, which are made when the solvers are known
@@ -94,6 +95,9 @@ class ComparisonTab:
         binding.send("comparison started", bool(summaries), self.restart, "visible")
         for handle in (self.solvers, self.start, self.seed):  # those of the next race
             handle.visible = not summaries
+        remark = remark_on_start(self.setup)
+        binding.send("far start", remark, self.far, "content")
+        binding.send("has far start", bool(remark) and not summaries, self.far, "visible")
         binding.send("comparison table", html.complaint(worker.error) + table(summaries), self.table, "content")
         if summaries is not self._shown and now - self._updated >= INTERVAL:
             self._updated, self._shown = now, summaries
@@ -123,6 +127,17 @@ class ComparisonTab:
         ]
         series = (uplot.Series(label="s"), *drawn)
         return Plot(self._binding.gui, title, series, "processor time (s)", height=PLOT_HEIGHT, legend=False)
+
+
+def remark_on_start(setup: ComparisonSetup) -> str:
+    """Return what a random start means for solvers that move all microphones at once, as HTML; "" where it does not."""
+    far = [name for name in setup.names if solvers.load(name).TRAITS.moves_all]
+    if setup.start != "random" or not far:
+        return ""
+    return html.remark(
+        f"A random start is far from the array. {' and '.join(far)}, which look for a near one by themselves, may end"
+        " metres off from there; to compare where all solvers end, start from affine."
+    )
 
 
 def curve_columns(summaries: tuple[RunSummary, ...]) -> dict[str, tuple[np.ndarray, ...]]:

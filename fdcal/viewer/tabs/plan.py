@@ -58,7 +58,7 @@ class PlanTab:
         )
         low = RANGES.least_frequencies
         self.frequencies = gui.add_slider(
-            "Frequencies", low, low + 1, 1, low + 1, disabled=True, hint="The lowest so many of the independent ones"
+            "Frequencies", low, low + 1, 1, low + 1, visible=False, hint="The lowest so many of the independent ones"
         )
         self.known = gui.add_slider(
             "Given positions", 0, count - 1, 1, len(plan.known), hint="Microphones whose positions will be measured"
@@ -108,7 +108,7 @@ class PlanTab:
         if most == self._most or most <= RANGES.least_frequencies:
             return
         self._most, chosen = most, self._binding.choices.plan.frequencies
-        self.frequencies.disabled = False
+        self.frequencies.visible = True
         self.frequencies.max = most
         self.frequencies.value = most if chosen is None else min(chosen, most)
 
