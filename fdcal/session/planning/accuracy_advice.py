@@ -20,6 +20,8 @@ class AccuracyRules:
     ----------
     margin : error of a calibration over the bound, unless trials have shown another: what simulated calibrations by the
         solver "robust" in two-dimensional rooms and in diffuse fields stay below, in the median of some draws
+    plane_margin : likewise for a plane array in a room of three dimensions. Its size follows from equally strong waves
+        from all directions, which the bound assumes and no room has.
     most_snr_db : dB, greatest ratio that is proposed. Channels that are equal to 0.1 dB and 0.5 degrees err by as much
         as noise 38 dB below the signal, so that less noise is of no use.
     least_slope : of the logarithm of the error over that of the noise's amplitude. Where it is below, twice as long a
@@ -28,6 +30,7 @@ class AccuracyRules:
     """
 
     margin: float = 1.5
+    plane_margin: float = 4.0
     most_snr_db: float = 40.0
     least_slope: float = 0.4
     sizes: tuple[float, ...] = (0.35, 0.5, 0.71, 1.0, 1.41, 2.0, 2.83)
@@ -67,10 +70,15 @@ def accuracy_advice(request: PlanRequest, margin: float | None = None) -> Accura
     margin : float, optional
         Error of a calibration over the bound, as trials have shown it.
     """
-    margin = RULES.margin if margin is None else margin
+    margin = usual_margin(request) if margin is None else margin
     snr, sizes = needed_snr(request, margin), sizes_of(request)
     factor = None if snr is None else 10 ** ((snr - request.snr_db) / 10)
     return AccuracyAdvice(margin, snr, factor, sizes, largest_size(sizes, request.accuracy / margin))
+
+
+def usual_margin(request: PlanRequest) -> float:
+    """Return the error of a calibration over the bound that is reckoned with where no trials have shown it."""
+    return RULES.plane_margin if request.is_plane_in_room else RULES.margin
 
 
 def needed_snr(request: PlanRequest, margin: float) -> float | None:

@@ -37,6 +37,11 @@ def plan_lines(plan: Plan) -> list[str]:
         lines[1:1] = [_judgement(plan.trials), *trial_lines(plan.trials)]
     else:
         lines.append("no calibration errs less than the bound; simulated trials show how near they come to it")
+        if request.is_plane_in_room:
+            lines.append(
+                "a plane array in a room: calibrations err 2 to 4 times the bound, which assumes equally strong waves from"
+                " all directions; trials show how much"
+            )
     if plan.advice is not None:
         lines += advice_lines(plan, plan.advice)
     return lines

@@ -128,6 +128,11 @@ class PlanRequest:
         return 3 if self.room is None else len(self.room)
 
     @property
+    def is_plane_in_room(self) -> bool:
+        """Whether the array is plane and the room has three dimensions."""
+        return self.room is not None and len(self.room) == 3 and self.layout.positions.shape[1] == 2
+
+    @property
     def f_max(self) -> float:
         """The highest frequency that the array can interpolate (Eq. 9), Hz."""
         return array_f_max(self.layout.positions, self.sound_speed, self.dimension)

@@ -153,3 +153,15 @@ def test_the_advised_size_is_right_in_direction(text, factor):
     assert present == (size >= 1)
     assert median_error(resized(request, size), 4) <= 1.25 * request.accuracy
     assert median_error(resized(request, 2 * size), 4) > request.accuracy
+
+
+def test_the_advised_size_of_a_plane_array_in_a_room_of_three_dimensions_reaches_the_accuracy():
+    """The bound takes waves from all directions for equally strong, and determines its size from that."""
+    layout = read_layout("rectangle 4x4 0.6x0.6")
+    request = PlanRequest(
+        layout, room=(7.0, 6.0, 2.7), reverberation_time=0.4, snr_db=30.0, known=(0, 3, 12), accuracy=0.01
+    )
+    size = accuracy_advice(request).size
+    assert size is not None and size < 1
+    assert median_error(request, 6) > request.accuracy
+    assert median_error(resized(request, size), 6) <= request.accuracy
