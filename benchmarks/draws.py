@@ -43,7 +43,7 @@ FROM_WALLS = {2: 0.2, 3: 0.3}  # metres
 DECAY = {2: 3.0, 3: 1.5}  # s, 1/s: recordings of 4 s and 8 s, weighted
 FREE = 1000.0  # times the power of the field: its coefficients are then as good as unknown
 LOST = 3.0  # times the bound
-SOLVER = os.environ.get("FDCAL_BENCH_SOLVER", "joint")  # or robust, of `exact`, `noise`, `rooms` and `mismatch`
+SOLVER = os.environ.get("FDCAL_BENCH_SOLVER", "robust")  # or joint, of `exact`, `noise`, `rooms` and `mismatch`
 
 
 @dataclass(frozen=True)

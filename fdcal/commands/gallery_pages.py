@@ -52,11 +52,11 @@ class Show:
 
 SHOWS = (
     Show(
-        "array1", "array1_circle", "joint", 9, "step=0&microphone=9&modes=1-10&view=top", "Array 1: a circle",
+        "array1", "array1_circle", "robust", 9, "step=0&microphone=9&modes=1-10&view=top", "Array 1: a circle",
         "The paper's first array: 65 microphones, of which three are known. Add modes, and the minima merge into one.",
     ),
     Show(
-        "array2", "array2_random", "joint", 20, "step=0&microphone=20&view=top", "Array 2: a square",
+        "array2", "array2_random", "robust", 20, "step=0&microphone=20&view=top", "Array 2: a square",
         "The paper's second array: 6 x 6 microphones and 29 random ones, found from three known ones.",
     ),
     Show(
@@ -65,7 +65,7 @@ SHOWS = (
         " all frequencies.",
     ),
     Show(
-        "ball3d", "ball3d", "joint", 9, "step=0&microphone=9&view=3d", "A ball in three dimensions",
+        "ball3d", "ball3d", "robust", 9, "step=0&microphone=9&view=3d", "A ball in three dimensions",
         "Microphones in space; the map is the layer at the height of one of them. Drag to rotate.",
     ),
     Show(

@@ -103,8 +103,8 @@ class SolverSettings:
     Attributes
     ----------
     name : str
-        "joint"; "robust", which also seeks the gains of the channels and names faulty ones; "descent", the paper's;
-        "descent+joint", one after the other; or "room".
+        "robust", which seeks the gains of the channels, too, and names faulty ones; "joint", of matched channels;
+        "descent", the paper's; "descent+joint", one after the other; or "room".
     modes, first_modes : int
         Modes in use at the end and at the start. `modes` is ALL_MODES unless given: all that were measured, up to what
         the array can interpolate and the solver can use (`fdcal.solvers.mode_count`).
@@ -119,7 +119,7 @@ class SolverSettings:
     max_sweeps : int
         Sweeps of one stage at most.
     start : str or None
-        "affine" or "random"; unless given, random for "descent" and affine for "joint".
+        "affine" or "random"; unless given, random for "descent" and affine for "joint"; "robust" has its own.
     cost : str
         Of "joint": "likelihood", or "projection", Eq. 7 with a Tikhonov weight.
     noise : str
@@ -141,7 +141,7 @@ class SolverSettings:
         Of "robust": standard deviation of the sound speed, relative (0.003 is 0.3 %); it is exact unless given.
     """
 
-    name: str = "joint"
+    name: str = "robust"
     modes: int = ALL_MODES
     first_modes: int = 3
     order_offset: int = 2

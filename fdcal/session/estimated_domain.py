@@ -14,7 +14,7 @@ from .blas_threads import one_blas_thread
 from .calibrate import last_state, problem_of
 from .sources import CalibrationInput, Progress
 
-SOLVER = "joint"  # estimates the positions where the solver of the run needs a search domain itself
+SOLVER = "robust"  # estimates the positions where the solver of the run needs a search domain itself
 SECONDS = 20.0  # of processor time for the estimate
 
 
@@ -27,7 +27,7 @@ def with_estimated_domain(
     ----------
     measurement : Measurement
     settings : SolverSettings
-        Of the run. Its solver estimates the positions, so that they are in its axes; solver joint does so for one that
+        Of the run. Its solver estimates the positions, so that they are in its axes; solver robust does so for one that
         needs a search domain. A known room is the domain itself.
     seed : int
     progress : callable, optional

@@ -95,17 +95,22 @@ def affine(problem: Problem, modes: int, lowest: int | None = None, last: int | 
     shape, values, lowest = singular_vectors(problem, modes, lowest, last)
     if not len(problem.known):
         return _with_metric(problem, modes, shape, values, lowest)
-    if not fixes_gauge(problem.known_positions):
+    require_gauge(problem)
+    extended = np.column_stack([shape, np.ones(len(shape))])
+    positions = extended @ np.linalg.lstsq(extended[problem.known], problem.known_positions, rcond=None)[0]
+    positions[problem.known] = problem.known_positions
+    return positions
+
+
+def require_gauge(problem: Problem) -> None:
+    """Raise InputError if there are known microphones and an array and its mirror image fit them equally well."""
+    if len(problem.known) and not fixes_gauge(problem.known_positions):
         raise InputError(
             f"known = {problem.known.tolist()} does not fix translation, rotation and mirror",
             f"name at least {problem.array_dimension + 1} known microphones that span the array, or none",
             key="known",
             value=problem.known.tolist(),
         )
-    extended = np.column_stack([shape, np.ones(len(shape))])
-    positions = extended @ np.linalg.lstsq(extended[problem.known], problem.known_positions, rcond=None)[0]
-    positions[problem.known] = problem.known_positions
-    return positions
 
 
 def redirected(problem: Problem, modes: int) -> np.ndarray:

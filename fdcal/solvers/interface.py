@@ -109,7 +109,7 @@ class Traits:
     takes_positions : whether `init` takes the keyword `positions`
     settings : fields of `SolverSettings` that change what it does; None stands for all of them
     assessment : how its result is assessed
-    uses_likelihood : whether it calls the compiled kernels of the likelihood
+    uses_likelihood : whether it minimises a likelihood: the covariance of all microphones in each mode
     """
 
     moves_all: bool

@@ -53,8 +53,9 @@ def test_the_gains_become_a_table(spoiled, refused):
     assert "--frame" in refused("export", path, "--table", "gains", "--frame", "axes", "-o", "gains.csv")
 
 
-def test_a_result_without_gains_has_no_such_table(made, refused):
-    assert "--solver robust" in refused("export", made / "result.json", "--table", "gains", "-o", "gains.csv")
+def test_a_result_without_gains_has_no_such_table(made, tmp_path, refused):
+    done("calibrate", made / "tiny.npz", "--modes", 12, "--solver", "joint", "-o", "r.json", folder=tmp_path)
+    assert "--solver robust" in refused("export", tmp_path / "r.json", "--table", "gains", "-o", "gains.csv")
 
 
 def test_a_wrong_given_position_is_corrected_in_summary_and_file(made, tmp_path):
@@ -79,15 +80,17 @@ def test_a_wrong_given_position_is_corrected_in_summary_and_file(made, tmp_path)
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--gains", "fixed"], "--solver robust"),
-        (["--gain-sigma", "1dB,5deg"], "leave out --gain-sigma"),
+        (["--solver", "joint", "--gains", "fixed"], "--solver robust"),
+        (["--solver", "joint", "--gain-sigma", "1dB,5deg"], "leave out --gain-sigma"),
+        (["--cost", "projection"], "--solver joint"),
+        (["--start", "affine"], "leave out --start"),
         (["--known-sigma", "5mm", "--solver", "descent+joint"], "leave out --known-sigma"),
-        (["--solver", "robust", "--gains", "fixed", "--gain-sigma", "1dB,5deg"], "--gains auto"),
-        (["--solver", "robust", "--gain-sigma", "1,5"], "as 1dB,5deg"),
-        (["--solver", "robust", "--gain-sigma", "1..2dB,5deg"], "as 1dB,5deg"),
-        (["--solver", "robust", "--gain-sigma", "0dB,5deg"], "solver.gain_sigma_db"),
-        (["--solver", "robust", "--known-sigma", "5"], "as 5mm"),
-        (["--solver", "robust", "--sound-speed-sigma", "0.3"], "as 0.3%"),
+        (["--gains", "fixed", "--gain-sigma", "1dB,5deg"], "--gains auto"),
+        (["--gain-sigma", "1,5"], "as 1dB,5deg"),
+        (["--gain-sigma", "1..2dB,5deg"], "as 1dB,5deg"),
+        (["--gain-sigma", "0dB,5deg"], "solver.gain_sigma_db"),
+        (["--known-sigma", "5"], "as 5mm"),
+        (["--sound-speed-sigma", "0.3"], "as 0.3%"),
         (["--sound-speed-sigma", "0.3%", "--solver", "descent+joint"], "leave out --sound-speed-sigma"),
     ],
 )

@@ -44,9 +44,15 @@ def test_calibrate_writes_the_result_and_prints_a_summary(made):
     keys |= {"names", "excluded", "verdict", "verdict_text", "uncertainty_m", "residual_to_noise", "sound_speed"}
     assert keys | {"mean_error_m", "max_error_m"} <= set(result)
     assert np.shape(result["positions"]) == (16, 2)
-    assert (result["solver"], result["seed"], len(result["frequencies"])) == ("joint", 1, 12)
+    assert (result["solver"], result["seed"], len(result["frequencies"])) == ("robust", 1, 12)
     assert 0 <= result["mean_error_m"] <= result["max_error_m"]
     measurement = load_measurement(made / "tiny.npz")
+    corrected = np.array(result["positions"])[measurement.known] - measurement.known_positions
+    assert 0 < np.abs(corrected).max() < 1e-3, "given positions are uncertain, and here they are right"
+
+
+def test_solver_joint_takes_given_positions_as_exact(calibrated, made):
+    measurement, (_, result) = load_measurement(made / "tiny.npz"), calibrated("--solver", "joint")
     assert np.array_equal(np.array(result["positions"])[measurement.known], measurement.known_positions)
 
 
@@ -94,7 +100,7 @@ def test_the_cost_is_that_of_the_page(calibrated, made):
     ("options", "sought", "aligned"),
     [
         ([], 13, False),
-        (["--known", "all", "--cost", "projection"], 13, False),
+        (["--known", "all", "--solver", "joint", "--cost", "projection"], 13, False),
         (["--known", "minimal"], 16, False),
         (["--known", "none"], 16, True),
         (["--noise", "60"], 13, False),
@@ -130,22 +136,32 @@ def test_the_minimal_gauge_takes_a_position_a_direction_and_a_side(calibrated, m
     assert sides[0] * sides[1] > 0
 
 
-def test_the_seed_determines_a_random_start_and_does_not_change_the_affine_start(calibrated):
+def test_the_seed_determines_a_random_start_and_changes_nothing_else(calibrated):
     one, two = (calibrated("--seed", seed)[1]["positions"] for seed in (0, 1))
     assert one == two
-    one, two = (calibrated("--seed", seed, "--start", "random")[1]["positions"] for seed in (0, 1))
+    start = ("--solver", "joint", "--start")
+    one, two = (calibrated("--seed", seed, *start, "affine")[1]["positions"] for seed in (0, 1))
+    assert one == two
+    one, two = (calibrated("--seed", seed, *start, "random")[1]["positions"] for seed in (0, 1))
     assert one != two
 
 
-def test_a_given_snr_replaces_the_reported_one(calibrated, altered):
-    """With 3 dB supposed, where there is no noise, the prior wins and the pressures hardly count."""
-    careful, exact = (calibrated("--noise", snr)[1] for snr in ("3", "reported"))
+def test_a_given_snr_replaces_the_reported_one(calibrated):
+    """With 3 dB supposed, where there is no noise, joint's prior wins and the pressures hardly count."""
+    careful, exact = (calibrated("--solver", "joint", "--noise", snr)[1] for snr in ("3", "reported"))
     assert careful["mean_error_m"] > 3 * exact["mean_error_m"]
-    measured = altered(noise_power=None)
-    assert (
-        calibrated("--noise", "reported", path=measured)[1]["positions"]
-        == calibrated("--noise", "auto")[1]["positions"]
-    )
+
+
+def test_solver_robust_does_not_believe_a_noise_that_the_pressures_contradict(calibrated):
+    stated, estimated = (calibrated("--noise", snr)[1] for snr in ("3", "auto"))
+    assert np.abs(np.subtract(stated["positions"], estimated["positions"])).max() < 2e-5
+    assert stated["uncertainty_m"] == pytest.approx(estimated["uncertainty_m"], rel=0.05)
+
+
+@pytest.mark.parametrize("solver", ["joint", "robust"])
+def test_the_noise_is_estimated_where_none_is_reported(calibrated, altered, solver):
+    reported = calibrated("--solver", solver, "--noise", "reported", path=altered(noise_power=None))[1]
+    assert reported["positions"] == calibrated("--solver", solver, "--noise", "auto")[1]["positions"]
 
 
 def test_the_old_spelling_of_a_choice_is_accepted(calibrated, refused):
@@ -156,9 +172,12 @@ def test_the_old_spelling_of_a_choice_is_accepted(calibrated, refused):
 
 
 def test_known_microphones_that_do_not_span_the_array_are_refused(altered, refused):
+    """An array and its mirror image fit two known microphones equally well, whatever the solver."""
     table = load_measurement(altered())
     path = altered(known=table.known[:2], known_positions=table.known_positions[:2])
-    assert "name at least 3 known microphones that span the array, or none" in refused("calibrate", path)
+    for solver in ("robust", "joint"):
+        line = refused("calibrate", path, "--solver", solver)
+        assert "name at least 3 known microphones that span the array, or none" in line
     line = refused("calibrate", path, "--known", "minimal")
     assert "known = [0, 5] does not fix the gauge" in line and "3 known microphones" in line
     bare = altered(known=None, known_positions=None)
@@ -181,7 +200,7 @@ def test_search_domain_from_the_command_line(altered, made, tmp_path, refused):
     one, two = (json.loads(path.read_text()) for path in (made / "result.json", tmp_path / "out.json"))
     assert one["positions"] == two["positions"]
     assert "--search" in refused("calibrate", bare, "--solver", "descent")
-    assert "--search" in refused("calibrate", bare, "--start", "random")
+    assert "--search" in refused("calibrate", bare, "--solver", "joint", "--start", "random")
     assert "--radius" in refused("calibrate", bare, *domain[:2])
 
 

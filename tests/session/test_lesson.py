@@ -80,7 +80,7 @@ def test_a_step_stands_on_the_last_scene_named(written):
     scene, seed = lesson.start(0)
     assert (scene.name, scene.solver.name, seed) == ("tiny", "descent", 0)
     scene, seed = lesson.start(1)
-    assert (scene.solver.name, seed) == ("joint", 4), "the changes are of the scene, not of what was changed before"
+    assert (scene.solver.name, seed) == ("robust", 4), "the changes are of the scene, not of what was changed before"
     unchanged = load_lesson(written())
     assert unchanged.start(0) == unchanged.start(0, revealed=True) == unchanged.start(1)
 

@@ -126,7 +126,7 @@ def test_a_session_of_an_older_version_is_refused_in_one_line(folder):
 def test_without_noise_the_scene_comes_back_too(tmp_path):
     scene = load_scene("tiny")
     measurement = cached_measurement(scene)
-    state = solvers.load("joint").init(measurement.problem(), scene.solver, 0)
+    state = solvers.load(scene.solver.name).init(measurement.problem(), scene.solver, 0)
     path = tmp_path / "left.zip"
     path.write_bytes(session_file.write(OpenRequest(scene, 0, measurement, (state,))))
     assert np.isinf(scene.measurement.snr_db) and session_file.read(path).scene == scene
@@ -304,7 +304,7 @@ def test_a_session_in_a_measured_room_comes_back(tmp_path):
     scene = load_scene("listening_lab")
     scene = dataclasses.replace(scene, solver=dataclasses.replace(scene.solver, modes=12))
     measurement = cached_measurement(scene)
-    problem, solver = measurement.problem(scene.solver.weights), solvers.load("joint")
+    problem, solver = measurement.problem(scene.solver.weights), solvers.load(scene.solver.name)
     path = tmp_path / "lab.zip"
     path.write_bytes(session_file.write(OpenRequest(scene, 0, measurement, (solver.init(problem, scene.solver, 0),))))
     assert session_file.read(path).scene == scene

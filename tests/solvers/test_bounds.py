@@ -18,6 +18,7 @@ from fdcal.session.sources import CalibrationInput
 from fdcal.solvers import bounds
 
 SPEED = 343.0
+DEFAULT = SolverSettings().name
 
 
 def diffuse(count: int = 12, modes: int = 16, extent: float = 0.6, known: int = 4, **others) -> Measurement:
@@ -70,12 +71,13 @@ def test_wavenumbers_of_no_wave_are_refused(k):
         diffuse(wavenumbers=k * np.linspace(0.5, 1, 16))
 
 
-def test_known_positions_in_millimetres_are_refused_before_they_fill_the_memory():
+@pytest.mark.parametrize("solver", ["joint", "robust"])
+def test_known_positions_in_millimetres_are_refused_before_they_fill_the_memory(solver):
     measurement = diffuse()
     known = 1000 * 10 * measurement.positions[:4]
-    wrong = replace_known(measurement, known)
+    wrong = inputs_of(replace_known(measurement, known))
     with pytest.raises(InputError, match=r"known microphones lie up to .* metres"):
-        solve(inputs_of(wrong))
+        solve(replace(wrong, settings=replace(wrong.settings, name=solver)))
 
 
 def replace_known(measurement: Measurement, known) -> Measurement:
@@ -84,12 +86,13 @@ def replace_known(measurement: Measurement, known) -> Measurement:
     return Measurement(**table, known=measurement.known, known_positions=known)
 
 
-def test_more_microphones_than_memory_are_refused_at_once():
+@pytest.mark.parametrize("solver", ["joint", "robust"])
+def test_more_microphones_than_memory_are_refused_at_once(solver):
     rng = np.random.default_rng(0)
     p = rng.normal(size=(2, 60, 3000))
     measurement = Measurement(np.arange(100.0, 160.0), p[0] + 1j * p[1], SPEED)
     with pytest.raises(InputError, match=r"3000 microphones at 60 frequencies.*use at most 11 modes"):
-        next(solvers.run(measurement.problem(), SolverSettings(modes=60), 0))
+        next(solvers.run(measurement.problem(), SolverSettings(name=solver, modes=60), 0))
 
 
 class Runaway:
@@ -106,7 +109,7 @@ class Runaway:
 
 
 def test_a_microphone_that_runs_away_ends_the_run(monkeypatch):
-    runaway = Runaway(solvers.load("joint"))
+    runaway = Runaway(solvers.load(DEFAULT))
     monkeypatch.setattr(solvers, "load", lambda name: runaway)
     problem = diffuse().problem()
     *_, end = itertools.islice(solvers.run(problem, SolverSettings(modes=16), 0), 1000)
@@ -115,7 +118,7 @@ def test_a_microphone_that_runs_away_ends_the_run(monkeypatch):
 
 
 def test_positions_that_are_no_numbers_end_the_run(monkeypatch):
-    runaway = Runaway(solvers.load("joint"))
+    runaway = Runaway(solvers.load(DEFAULT))
     monkeypatch.setattr(runaway, "step", lambda problem, state: replace(state, positions=state.positions * np.nan))
     monkeypatch.setattr(solvers, "load", lambda name: runaway)
     *_, end = itertools.islice(solvers.run(diffuse().problem(), SolverSettings(modes=16), 0), 1000)
@@ -140,7 +143,7 @@ def test_an_interrupt_gives_the_best_so_far():
 
 def test_a_run_that_never_ends_is_ended(monkeypatch):
     """The limit holds without being asked for, whatever the solver."""
-    endless = Runaway(solvers.load("joint"))
+    endless = Runaway(solvers.load(DEFAULT))
     monkeypatch.setattr(endless, "step", lambda problem, state: replace(state, step=state.step + 1))
     monkeypatch.setattr(solvers, "load", lambda name: endless)
     seconds = iter(range(0, 10**6, 7))

@@ -202,7 +202,7 @@ def test_an_unconvincing_result_is_followed_by_other_attempts_and_the_best_is_ke
     for n in range(4):
         pressures[:, n] = loud * (rng.normal(size=len(pressures)) + 1j * rng.normal(size=len(pressures)))
     measurement = replace(measurement, pressures=pressures)
-    states = solve(measurement, SolverSettings(modes=14))
+    states = solve(measurement, SolverSettings(name="joint", modes=14))
     assert states[-1].attempt.number > 0
     best = min((s.attempt.best for s in states if s.attempt.best is not None), key=lambda best: best.cost)
     last = states[-1]

@@ -42,7 +42,7 @@ def address(tmp_path_factory, kernels):
     """Where `fdcal view` serves `tiny`, solved by descent, which has steps to be seen; ends in good order on Ctrl-C."""
     slow = tmp_path_factory.mktemp("view") / "slow.toml"
     text = (scene_folder() / "tiny.toml").read_text(encoding="utf-8")
-    slow.write_text(text.replace('name = "joint"', 'name = "descent"'), encoding="utf-8")
+    slow.write_text(text.replace('name = "robust"', 'name = "descent"'), encoding="utf-8")
     with serving(slow) as url:
         yield url
 

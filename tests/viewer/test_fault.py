@@ -54,7 +54,7 @@ def edited_descent(tmp_path_factory):
 
     path = tmp_path_factory.mktemp("fault") / "failing.toml"
     text = (scene_folder() / "tiny.toml").read_text(encoding="utf-8")
-    path.write_text(text.replace('name = "joint"', 'name = "descent"'), encoding="utf-8")
+    path.write_text(text.replace('name = "robust"', 'name = "descent"'), encoding="utf-8")
     return path
 
 

@@ -12,7 +12,7 @@ def page(tmp_path_factory, kernels, browser):
     """The page of `tiny`, solved by descent."""
     slow = tmp_path_factory.mktemp("lessons") / "slow.toml"
     text = (scene_folder() / "tiny.toml").read_text(encoding="utf-8")
-    slow.write_text(text.replace('name = "joint"', 'name = "descent"'), encoding="utf-8")
+    slow.write_text(text.replace('name = "robust"', 'name = "descent"'), encoding="utf-8")
     with serving(slow) as address:
         page = opened_page(browser, address)
         yield page

@@ -56,7 +56,9 @@ def test_restart_opens_another_solver_and_resets_the_same_one(controls):
 
 def test_a_seed_without_effect_is_hidden(controls):
     panel, _ = controls
-    assert not panel.solver.seed.visible, "joint from its affine start"
+    assert not panel.solver.seed.visible and not panel.solver.start.visible, "robust has starts of its own"
+    set_by_client(panel.solver.name, "joint")
+    assert not panel.solver.seed.visible and panel.solver.start.visible, "joint from its affine start"
     set_by_client(panel.solver.start, "random")
     assert panel.solver.seed.visible
     set_by_client(panel.solver.name, "room")

@@ -156,10 +156,10 @@ def test_cancel_keeps_the_old_session(page_of, scene, monkeypatch):
 
 def test_a_session_continues_from_given_states(page_of, scene):
     page, turn_until = page_of
-    problem, joint = cached_measurement(scene).problem("unit"), solvers.load("joint")
-    states = [joint.init(problem, scene.solver, 0)]
+    problem, solver = cached_measurement(scene).problem("unit"), solvers.load(scene.solver.name)
+    states = [solver.init(problem, scene.solver, 0)]
     for _ in range(3):
-        states.append(joint.step(problem, states[-1]))
+        states.append(solver.step(problem, states[-1]))
     page.open(OpenRequest(scene, states=tuple(states), index=2))
     turn_until(lambda: page.viewer is not None)
     view = page.binding.session.view

@@ -96,8 +96,8 @@ def test_an_end_of_the_cut_is_dragged_and_the_plot_follows(page, scene):
     text = page.get_by_text(re.compile(r"lowest [\d.]+ m from A")).first
     text.wait_for()
     before = text.inner_text()
-    problem, joint = cached_measurement(scene).problem("unit"), solvers.load("joint")
-    start = joint.init(problem, solvers.with_mode_count(problem, scene.solver), scene.seed).positions
+    problem, solver = cached_measurement(scene).problem("unit"), solvers.load(scene.solver.name)
+    start = solver.init(problem, solvers.with_mode_count(problem, scene.solver), scene.seed).positions
     search, height = scene.search, float(start[problem.free[0], 1])
     low, high = search.origin[0], search.origin[0] + search.step * (search.shape[0] - 1)
     stands(page, "/cut", [(low + high) / 2, height], 2e-3)

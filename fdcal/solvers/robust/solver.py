@@ -19,6 +19,7 @@ from ...model.power import mode_power
 from ...model.problem import Problem
 from ...model.settings import Search, SolverSettings
 from ...model.validation import InputError
+from ..initial_positions import require_gauge
 from ..interface import AssessmentMethod, Traits
 from ..joint.requirements import require_modes
 from ..polynomial_deformation import polynomial_deformations
@@ -43,7 +44,7 @@ TRAITS = Traits(
         {"modes", "noise", "known", "gains", "gain_sigma_db", "phase_sigma_deg", "known_sigma", "sound_speed_sigma"}
     ),
     assessment=AssessmentMethod.CHANNELS,
-    uses_likelihood=False,
+    uses_likelihood=True,
 )
 FREE = next(i for i, row in enumerate(SCHEDULE) if not row.degree)  # the first row that moves every microphone
 
@@ -61,9 +62,10 @@ def init(problem: Problem, settings: SolverSettings, seed: int, positions: np.nd
     Raises
     ------
     InputError
-        For too few modes, or modes that show too few directions.
+        For too few modes, modes that show too few directions, or known microphones that do not span the array.
     """
     require_modes(problem, settings.modes)
+    require_gauge(problem)
     problem, N = in_unit_power(problem), problem.pressures.shape[1]
     here = np.zeros((N, problem.array_dimension)) if positions is None else np.asarray(positions, float)
     empty = State(

@@ -10,9 +10,8 @@ from itertools import combinations
 
 import numpy as np
 
-from ...model.gauge import align, fixes_gauge
+from ...model.gauge import align
 from ...model.problem import Problem
-from ...model.validation import InputError
 from .. import initial_positions
 from .coherence import coherence_start
 
@@ -58,8 +57,6 @@ def _blind(problem: Problem) -> Problem:
 
 def _mapped(problem: Problem, modes: int, lowest: int) -> np.ndarray:
     """The affine image under the map of the given positions that most of them agree on (least median of squares)."""
-    if not fixes_gauge(problem.known_positions):
-        raise InputError("the given positions do not fix the gauge", "give more of them, or none", key="known")
     shape, _, _ = initial_positions.singular_vectors(problem, modes, lowest)
     extended = np.column_stack([shape, np.ones(len(shape))])
     rows, places = extended[problem.known], problem.known_positions
