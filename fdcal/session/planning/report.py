@@ -39,7 +39,7 @@ def plan_lines(plan: Plan) -> list[str]:
         lines.append("no calibration errs less than the bound; simulated trials show how near they come to it")
         if request.is_plane_in_room:
             lines.append(
-                "a plane array in a room: calibrations err 2 to 4 times the bound, which assumes equally strong waves from"
+                "a plane array in a room: calibrations err 2 to 4 times the bound, which assumes equal waves from"
                 " all directions; trials show how much"
             )
     if plan.advice is not None:
