@@ -120,7 +120,9 @@ def test_another_state_makes_the_counts_invalid(opened):
     set_by_client(sweep.summed, 3)
     turn_until(lambda: "sum of 3 modes" in sweep.text.content)
     viewer.run.session.step()
-    turn_until(lambda: "Play adds" in sweep.text.content)
+    turn_until(lambda: "Play adds" in sweep.text.content and not sweep._plot.visible)
+    set_by_client(sweep.summed, 3)
+    turn_until(lambda: "sum of 3 modes" in sweep.text.content and sweep._plot.visible)
 
 
 def test_a_sweep_of_another_state_stops(opened, monkeypatch):

@@ -76,6 +76,7 @@ def test_a_coarse_volume_comes_first_and_a_fine_one_refines_it(worker, snapshot)
     assert coarse.floor is None and fine.floor is None
     assert len(fine.volume.surface.faces) > 2 * len(coarse.volume.surface.faces)
     assert fine.cost_here == pytest.approx(coarse.cost_here, rel=0.05)
+    assert fine.lowest <= fine.cost_here and coarse.lowest <= coarse.cost_here
     place = fine.volume.minima[0]
     truth = snapshot.run.measurement.positions[MICROPHONE]
     assert np.linalg.norm(place - truth) < 0.05

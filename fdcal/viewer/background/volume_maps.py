@@ -117,9 +117,10 @@ def place_of(style: MapStyle, position: np.ndarray) -> float:
 
 
 def _figures(sampled: SampledVolume, position: np.ndarray) -> tuple[int, float, float]:
-    """Return the number of local minima, the cost at a position (3,), metres, and the lowest cost."""
-    here = sampled.terms.on(*position)
-    return len(sampled.minima), float("nan") if here is None else float(here[0, 0, 0]), float(sampled.cost.min())
+    """Return the number of local minima, the cost at a position (3,), metres, and the lowest cost that is known."""
+    found, lowest = sampled.terms.on(*position), float(sampled.cost.min())
+    here = float("nan") if found is None else float(found[0, 0, 0])
+    return len(sampled.minima), here, float(np.nanmin([lowest, here]))  # a minimum may lie between lattice points
 
 
 def _key(request: CostMapRequest) -> tuple:

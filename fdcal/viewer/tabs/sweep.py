@@ -222,6 +222,8 @@ class SweepTab:
             self._draw(sweep, summed)
 
     def _draw(self, sweep: Sweep | None, summed: int) -> None:
+        """Draw the curve; a sweep of another state has none."""
+        self._binding.send("sweep has a curve", sweep is not None, self._plot, "visible")
         if sweep is None or not sweep.frames:
             return
         key = id(sweep), len(sweep.frames), summed
