@@ -52,7 +52,7 @@ def complex_sinc(square) -> tuple[np.ndarray, np.ndarray]:
     small = np.abs(w) < SMALL**2
     w = np.where(small, 1.0, w)
     z = np.sqrt(w)
-    half, growth = np.tan(z.real / 2), np.exp(z.imag)
+    half, growth = np.tan(np.real(z) / 2), np.exp(np.imag(z))
     weight, cosh, sinh = 2 / (1 + half * half), (growth + 1 / growth) / 2, (growth - 1 / growth) / 2
     sine, cosine = half * weight, weight - 1
     kappa, slope = np.empty_like(w), np.empty_like(w)
