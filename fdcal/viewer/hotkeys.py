@@ -126,7 +126,7 @@ KEYS = (
     Key("I", "One mode less in the map", _more_modes(-1)),
     Key("P", "Play or pause the sweep of modes", _with_sweep(lambda sweep: sweep.toggle())),
     Key("U", "Map of the modes in use", _with_panel(lambda panel: panel.map.choose_modes(None))),
-    Key("V", "Flat map, relief, mode shape, isosurfaces, no map", _with_panel(_next_kind)),
+    Key("V", "Flat map, relief, mode shape, basins, isosurfaces, no map", _with_panel(_next_kind)),
     Key("L", "Logarithmic or linear scale", _with_panel(_toggle_scale)),
     Key("Y", "Trails", _with_panel(_toggle_trails)),
     Key("K", "Dark or light page", _with_panel(_toggle_dark)),

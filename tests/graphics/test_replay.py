@@ -131,7 +131,7 @@ def test_it_plays_in_a_browser_without_a_network(run, browser, tmp_path):
 def test_the_command_writes_a_run(tmp_path, capsys):
     path = tmp_path / "run.html"
     with pytest.raises(SystemExit) as left:
-        main(["replay", "tiny", "--microphone", "9", "-o", str(path)])
+        main(["replay", "tiny", "--solver", "joint", "--microphone", "9", "-o", str(path)])
     assert not left.value.code, capsys.readouterr().err
     data, arrays, _ = contents(path.read_text(encoding="utf-8"))
     said = capsys.readouterr().out
