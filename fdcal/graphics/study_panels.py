@@ -79,6 +79,7 @@ def study_panels(axes: dict[str, list], names: tuple[str, str] | None = None) ->
     kept = list(others)
     while _count(axes, kept) > MOST_PANELS:
         kept.pop()
+    kept.sort(key=lambda name: len(axes[name]))  # the longest fills the rows
     combinations = itertools.product(*(axes[name] for name in kept))
     panels = tuple(dict(zip(kept, values, strict=True)) for values in combinations)
     columns = len(axes[kept[-1]]) if len(kept) > 1 else min(len(panels), MOST_COLUMNS)
