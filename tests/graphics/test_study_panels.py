@@ -28,8 +28,8 @@ def test_each_calibration_is_in_one_panel(name):
     assert sorted(itertools.chain.from_iterable(part.index for part in parts)) == list(rows.index)
     assert len(shown.panels) <= MOST_PANELS and shown.columns <= len(shown.panels)
     assert len(axes[shown.x]) > 1 and (shown.y == "" or len(axes[shown.y]) > 1)
-    told = {shown.x, shown.y, *shown.averaged, *shown.panels[0]}
-    assert {key for key, values in axes.items() if len(values) > 1} <= told
+    named = {shown.x, shown.y, *shown.averaged, *shown.panels[0]}
+    assert {key for key, values in axes.items() if len(values) > 1} <= named
 
 
 def test_noise_is_along_x_and_solvers_are_side_by_side():
