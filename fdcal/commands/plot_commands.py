@@ -191,6 +191,7 @@ def replay(source, solver, modes, seed, microphone, output, search, radius, forc
     from ..model.storage import write_atomically
     from ..session.calibrate import states_of
     from ..session.history import recorded
+    from ..session.request import as_given
     from ..session.sources import with_settings
     from .plotting import counted_microphones
 
@@ -200,8 +201,10 @@ def replay(source, solver, modes, seed, microphone, output, search, radius, forc
     with progress_bar("calibrating") as progress:
         states = recorded(states_of(inputs, progress))
     title = inputs.name if inputs.scene is None else inputs.scene.title
-    measurement = with_search_domain(inputs.measurement, states[-1].positions)
-    problem, sought = measurement.problem(inputs.settings.weights), counted_microphones(inputs, states[-1])
+    source = with_search_domain(inputs.measurement, states[-1].positions)
+    measurement = source if inputs.scene is None else as_given(inputs.scene, source)
+    problem = source.problem(inputs.settings.weights, inputs.settings.known)
+    sought = counted_microphones(inputs, states[-1])
     text = replay_html(
         inputs.scene, measurement, states, title, yardstick_of(problem), sought, problem=problem, microphone=microphone
     )

@@ -9,7 +9,7 @@ import numpy as np
 from ..assessment.calibration import Calibration
 from ..assessment.field_map import FieldMap, field_map
 from ..cost.mode_limits import require_modes, require_plane_field, search_lattice
-from ..graphics.units import error_summary
+from ..graphics.units import errors_in_words
 from ..model.measurement import Measurement
 from ..model.validation import InputError
 from ..session.assess import assess, sound
@@ -48,7 +48,10 @@ def shown_positions(measurement: Measurement, result: Calibration | None) -> np.
 def error_title(measurement: Measurement, result: Calibration) -> str:
     """Return the errors of a result in words, over the microphones that `fdcal calibrate` averages."""
     given = [n for n, name in enumerate(measurement.names) if name in (result.known or ())]
-    return error_summary(measurement, result.positions_for(measurement), result.counted(given))
+    compared = result.compared_with(measurement, given)
+    if compared.errors is None:
+        return "true positions unknown"
+    return errors_in_words(compared.errors[result.counted(given)], result.aligned)
 
 
 def counted_microphones(inputs: CalibrationInput, state) -> np.ndarray:

@@ -147,8 +147,10 @@ def _static_data(scene: Scene | None, measurement: Measurement) -> dict:
 def _state_data(measurement: Measurement, states: Sequence, yardstick, sought) -> tuple[dict, dict[str, np.ndarray]]:
     """What changes from state to state: where and in what unit the positions are, and the arrays."""
     positions, truth = np.array([state.positions for state in states], float), measurement.positions
-    if measurement.blind and truth is not None:
-        positions = np.array([align(estimate, truth) for estimate in positions])
+    free = np.setdiff1d(np.arange(measurement.count), measurement.known) if sought is None else sought
+    counted = free if len(free) else slice(None)
+    if measurement.blind and truth is not None:  # by the same microphones as `Calibration.positions_for`
+        positions = np.array([align(estimate, truth, counted) for estimate in positions])
     origin = positions[-1].mean(axis=0)
     unit = float(np.abs(positions - origin).max()) / POSITION_LEVELS or 1.0
     arrays = {name: np.array([getattr(state, name) for state in states], "<i4") for name in STATE_NUMBERS}
@@ -156,8 +158,7 @@ def _state_data(measurement: Measurement, states: Sequence, yardstick, sought) -
     if yardstick is not None:
         arrays["cost"] = _costs(states, yardstick)
     if truth is not None:
-        free = np.setdiff1d(np.arange(measurement.count), measurement.known) if sought is None else sought
-        errors = np.linalg.norm(positions - truth, axis=2)[:, free if len(free) else slice(None)]
+        errors = np.linalg.norm(positions - truth, axis=2)[:, counted]
         arrays |= {"truth": truth - origin, "mean": errors.mean(axis=1), "largest": errors.max(axis=1)}
     return {"count": len(states), "origin": origin.tolist(), "unit": unit}, arrays
 

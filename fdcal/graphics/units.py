@@ -21,8 +21,19 @@ def error_summary(measurement: Measurement, positions: np.ndarray, sought: np.nd
     errors = measurement.errors(positions)
     if errors is None:
         return "true positions unknown"
-    aligned, errors = ", after alignment" if measurement.blind else "", errors[sought]
-    return f"mean error {format_mm(errors.mean())}, largest {format_mm(errors.max())}{aligned}"
+    return errors_in_words(errors[sought], measurement.blind)
+
+
+def errors_in_words(errors: np.ndarray, aligned: bool) -> str:
+    """Return the mean and the largest of some position errors (K,), metres, in words.
+
+    Parameters
+    ----------
+    errors : (K,) float64, metres
+    aligned : whether the array was moved as a whole onto the true positions
+    """
+    after = ", after alignment" if aligned else ""
+    return f"mean error {format_mm(float(errors.mean()))}, largest {format_mm(float(errors.max()))}{after}"
 
 
 def format_mm(length: float) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from replays import Reader, contents
 
+import fdcal
 from fdcal import solvers
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.commands.cli import main
@@ -17,7 +18,7 @@ from fdcal.graphics.replay import MAX_BYTES, replay_html
 from fdcal.model.gauge import position_errors
 from fdcal.model.measurement import Measurement
 from fdcal.model.measurement_file import save_measurement
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene_file import load_scene, scene_folder
 
 EVIL = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"
 
@@ -138,6 +139,20 @@ def test_the_command_writes_a_run(tmp_path, capsys):
     assert f"{data['count']} states of joint" in said and data["count"] > 5 and data["microphone"] == 9
     assert f"{path.stat().st_size / 1e6:.2g} MB" in said and path.stat().st_size < 100_000
     assert arrays["mean"][-1] < 2e-3
+
+
+def test_the_replay_of_a_solver_that_is_given_nothing_has_the_errors_of_calibrate(tmp_path):
+    """The scene has known microphones, and its solver gets none: errors are those after alignment."""
+    text, path = (scene_folder() / "tiny.toml").read_text(encoding="utf-8"), tmp_path / "given_none.toml"
+    path.write_text(text.replace('name = "robust"', 'name = "joint"\nknown = "none"'), encoding="utf-8")
+    scene = load_scene(path)
+    with pytest.raises(SystemExit) as left:
+        main(["replay", str(path), "-o", str(tmp_path / "run.html")])
+    assert not left.value.code
+    data, arrays, _ = contents((tmp_path / "run.html").read_text(encoding="utf-8"))
+    found = fdcal.calibrate(cached_measurement(scene), settings=scene.solver)
+    assert data["aligned"] and data["known"] == []
+    assert arrays["mean"][-1] == pytest.approx(found.mean_error, rel=1e-3) and found.mean_error < 2e-3
 
 
 @pytest.mark.parametrize("known", [True, False])

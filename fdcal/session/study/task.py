@@ -16,7 +16,6 @@ from ...acoustics.modal import ModalPressures
 from ...assessment.fisher_information import diffuse_information
 from ...assessment.position_bound import Prior, position_bound
 from ...model.arrays import positions_of
-from ...model.measurement import Measurement
 from ...model.random_source import random_source
 from ...model.scene import Scene
 from ...model.storage import cache_key
@@ -51,16 +50,13 @@ def run_task(study: Study, number: int) -> dict[str, Any]:
         found = solve(inputs)
     except InputError as error:
         return row | {"verdict": "refused", "reason": str(error), "seconds": time.process_time() - began}
-    errors = np.array(measurement.errors(found.positions))
-    sought = np.ones(measurement.count, bool)
-    sought[[] if found.aligned else measurement.known] = False
-    uncertainty = found.uncertainty
+    counted, uncertainty = found.counted(inputs.given), found.uncertainty
     return row | {
         "verdict": found.verdict,
-        "rms_error_m": float(np.sqrt(np.mean(errors[sought] ** 2))),
-        "max_error_m": float(errors[sought].max()),
-        "claimed_sigma_m": None if uncertainty is None else float(np.sqrt(np.mean(uncertainty[sought] ** 2))),
-        "bound_m": _bound(scene, measurement, len(found.frequencies), found.aligned),
+        "rms_error_m": found.rms_error,
+        "max_error_m": found.max_error,
+        "claimed_sigma_m": None if uncertainty is None else float(np.sqrt(np.mean(uncertainty[counted] ** 2))),
+        "bound_m": _bound(inputs, len(found.frequencies)),
         "microphones": measurement.count,
         "modes_used": len(found.frequencies),
         "seconds": time.process_time() - simulated,
@@ -109,12 +105,16 @@ def _allowed(scene: Scene) -> bool:
     return True
 
 
-def _bound(scene: Scene, measurement: Measurement, modes: int, blind: bool) -> float | None:
-    """Return the Cramer-Rao bound in a diffuse field, root mean square in metres; None without noise."""
-    snr = scene.measurement.snr_db
+def _bound(inputs: CalibrationInput, modes: int) -> float | None:
+    """Return the Cramer-Rao bound in a diffuse field, root mean square in metres; None without noise.
+
+    Without given positions it is the bound of the array after the best rigid alignment.
+    """
+    assert inputs.scene is not None
+    measurement, snr = inputs.measurement, inputs.scene.measurement.snr_db
     if not np.isfinite(snr):
         return None
     noise = 10 ** (-snr / 10)
     k = np.real(measurement.wavenumbers[:modes])
     information = diffuse_information(measurement.positions, k, noise / (1 + noise), measurement.dimension)
-    return position_bound(information, Prior(np.zeros(0, int) if blind else np.array(measurement.known))).rms
+    return position_bound(information, Prior(np.array(inputs.given, int))).rms

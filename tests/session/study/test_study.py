@@ -9,12 +9,13 @@ import threading
 import numpy as np
 import pytest
 
+import fdcal
 from fdcal.assessment.study_statistics import judged, selected, share_grid
 from fdcal.graphics.study_report import write_report
 from fdcal.model.validation import InputError, StorageError
 from fdcal.session.study import task
 from fdcal.session.study.cluster import connected, run_study
-from fdcal.session.study.definition import load_study, scene_at
+from fdcal.session.study.definition import Study, load_study, scene_at
 from fdcal.session.study.results import PARTS, Results, read_results
 from fdcal.session.study.task import run_task, sound_field
 
@@ -105,6 +106,20 @@ def test_a_calibration_is_determined_by_its_number(file):
     assert (one["draw"], other["draw"]) == (1, 2)
     assert one["rms_error_m"] != other["rms_error_m"]
     assert 0 < one["bound_m"] < one["rms_error_m"] * 5
+
+
+def test_a_row_has_the_errors_of_calibrate_whatever_is_known():
+    """Given none, the array is compared after alignment; given the minimal gauge, every microphone counts."""
+    axes = {"solver.known": ["all", "minimal", "none"]}
+    fixed = {"snr_db": 30.0, "solver.name": "joint", "solver.modes": 12}
+    study = Study(title="known", draws=1, axes=axes, scene="tiny", fixed=fixed)
+    for number in range(study.count):
+        row, scene = run_task(study, number), scene_at(study, study.point(number), study.seed)
+        found = fdcal.calibrate(fdcal.simulate(scene), seed=study.seed, settings=scene.solver)
+        assert row["rms_error_m"] == pytest.approx(found.rms_error, rel=1e-9)
+        assert row["max_error_m"] == pytest.approx(found.max_error, rel=1e-9)
+        assert row["max_error_m"] < 0.05, row["solver.known"]
+        assert row["bound_m"] < 2 * row["rms_error_m"]
 
 
 def test_the_source_of_a_draw_is_the_same_at_all_points(file):
