@@ -1,7 +1,8 @@
 """What the page shows first, without a click: why one frequency is not enough.
 
 The map of one mode that has several local minima, then the sum with more and more modes. It begins once, after the
-first browser has opened the page, and ends where it began, or as soon as a user touches anything.
+first browser has opened the page, and ends where it began, or as soon as a user touches anything: a control, a key, a
+microphone, or the camera.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ class Opening:
         """
         if self.done:
             return
-        sweep, touched = viewer.side_panel.sweep, viewer.binding.touches > 0
+        sweep, touched = viewer.side_panel.sweep, viewer.binding.touches + viewer.nodes.cameras.user_moves > 0
         if self._viewer is not None:
             if touched or not sweep.playing or viewer is not self._viewer:
                 self.done = True

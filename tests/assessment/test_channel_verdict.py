@@ -119,3 +119,15 @@ def test_a_run_converges_where_the_step_left_is_a_small_part_of_sigma(solved):
     assert state.converged and is_converged(problem, state)
     step, sigma = remaining_step(problem, state)
     assert np.max(np.abs(step) / sigma) < 0.2 and np.all(sigma > 0)
+
+
+def test_where_given_positions_place_the_array_a_step_of_the_whole_array_is_no_step_left(solved):
+    problem, state = solved
+    assert len(problem.known) and problem.frame is None
+    _, sigma = remaining_step(problem, state)
+    shifted = state.positions + 0.5 * sigma.min()
+    assert np.max(np.abs(remaining_step(problem, replace(state, positions=shifted))[0]) / sigma) > 0.2
+    assert is_converged(problem, replace(state, positions=shifted))
+    alone = state.positions.copy()
+    alone[problem.free[0]] += sigma[problem.free[0]]
+    assert not is_converged(problem, replace(state, positions=alone))

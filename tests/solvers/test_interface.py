@@ -7,6 +7,8 @@ import dataclasses
 import pytest
 
 from fdcal import solvers
+from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.model.scene_file import load_scene
 from fdcal.model.settings import KNOWN_ROOM_SOLVERS
 from fdcal.solvers.interface import RunState, Traits
 
@@ -26,6 +28,14 @@ def test_the_states_of_a_solver_are_frozen_run_states_of_its_name(name):
     assert issubclass(State, RunState) and State.solver == name
     assert State.__dataclass_params__.frozen
     assert {field.name for field in dataclasses.fields(RunState)} < {field.name for field in dataclasses.fields(State)}
+
+
+@pytest.mark.parametrize("name", [name for name in solvers.names() if not solvers.load(name).TRAITS.needs_room])
+def test_a_run_begins_in_the_first_stage(name, cache):
+    problem = cached_measurement(load_scene("tiny")).problem("unit")
+    settings = solvers.with_mode_count(problem, dataclasses.replace(load_scene("tiny").solver, name=name))
+    first = solvers.load(name).init(problem, settings, 0)
+    assert (first.step, first.sweep, first.stage) == (0, 0, 0)
 
 
 def test_the_model_and_the_solvers_agree_on_who_needs_the_room():

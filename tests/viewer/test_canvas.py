@@ -195,7 +195,7 @@ def test_the_race_is_visible_whole(open_page):
     tab(page, "Race")
     press(page, "Start")
     page.get_by_text("Cost (Eq. 7", exact=False).last.wait_for()
-    page.get_by_text(re.compile("converged|limit")).nth(3).wait_for()  # all four solvers
+    page.get_by_text(re.compile("converged")).nth(3).wait_for()  # all four solvers
     last = page.locator(".uplot:visible").last
     last.scroll_into_view_if_needed()  # does nothing where it is in view
     for part in (last, page.get_by_role("button", name="Clear", exact=True)):

@@ -65,6 +65,25 @@ def test_the_camera_follows_the_canvas_until_the_user_moves_it(server, scene, me
     assert camera.position == pytest.approx(near), "the page learnt late where it was to begin"
 
 
+def test_a_move_of_the_user_is_told_from_placements_of_the_program(server, scene, measurement):
+    placed = placing(server, scene, measurement)
+    camera = SimpleNamespace(image_width=900, image_height=900)
+    client = SimpleNamespace(client_id=1, camera=camera, atomic=contextlib.nullcontext)
+    placed.place(client, "top")
+    top = camera.position
+    for position, width in ((top, 900), (server.initial_camera.position, 900), (top, 900), (top, 450)):
+        camera.position, camera.image_width = position, width
+        placed.follow(client)  # late, resized: what the page reports by itself
+        placed.follow(client)
+    placed.place(client, "3d")
+    placed.follow(client)
+    assert placed.user_moves == 0
+    for _ in range(3):  # one movement has many reports
+        camera.position = tuple(1.2 * np.asarray(camera.position))
+        placed.follow(client)
+    assert placed.user_moves == 1
+
+
 def test_on_a_telephone_the_panel_covers_nothing(server, scene, measurement):
     placed = placing(server, scene, measurement)
     picture = placed.picture

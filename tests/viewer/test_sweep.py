@@ -175,6 +175,16 @@ def test_the_opening_ends_as_soon_as_a_user_touches_anything(opened):
     assert not viewer.side_panel.sweep.playing
 
 
+def test_the_opening_ends_as_soon_as_a_user_turns_the_scene(opened):
+    viewer, turn_until = opened
+    made = begin_opening(viewer, turn_until)
+    viewer.nodes.cameras.user_moves += 1
+    made.tick(viewer, True, False, opening.DELAY + 1)
+    assert made.done
+    turn_until(lambda: viewer.binding.choices.modes is None)
+    assert not viewer.side_panel.sweep.playing
+
+
 def test_modes_chosen_during_the_opening_stay(opened):
     viewer, turn_until = opened
     made = begin_opening(viewer, turn_until)

@@ -46,6 +46,11 @@ def page(browser, kernels):
         server.kill()
 
 
+@pytest.fixture(scope="module")
+def scene():
+    return load_scene("tiny")
+
+
 def test_the_page_opens_with_a_map_of_several_minima_to_which_modes_are_added(page):
     page.wait_for_function("window.notes.filter(Boolean).length > 0 && window.notes.at(-1) == ''")
     notes = [note for note in page.evaluate("window.notes") if note]
@@ -67,6 +72,23 @@ def test_the_opening_ends_with_the_first_click_and_the_speed_is_at_hand(page):
     page.get_by_text("Converged").wait_for()
 
 
+@pytest.mark.parametrize("gesture", ["turn", "zoom"])
+def test_the_opening_ends_when_the_user_moves_the_camera(page, scene, gesture):
+    page.get_by_text(NOTE).first.wait_for()
+    (x, y), _ = on_screen(page, scene, np.array([[*scene.search.origin, 0.0], [*scene.search.origin, 1.0]]))
+    page.mouse.move(x - 30, y + 30)  # beside the map, where there is no microphone
+    if gesture == "zoom":
+        page.mouse.wheel(0, 200)
+    else:
+        page.mouse.down()
+        page.mouse.move(x + 60, y - 90, steps=6)
+        page.mouse.up()
+    page.get_by_text(NOTE).first.wait_for(state="hidden")
+    notes = [note for note in page.evaluate("window.notes") if note]
+    last = NOTE.search(notes[-1])
+    assert last[2] or int(last[3]) < 20, "it has not come to its end by itself"
+
+
 def test_play_pause_and_the_slider_of_the_sweep(page):
     page.get_by_text("step 0, sweep 0").wait_for()
     tab(page, "Sweep")
@@ -82,11 +104,6 @@ def test_play_pause_and_the_slider_of_the_sweep(page):
     handle.press("ArrowRight")
     page.get_by_text(re.compile(r"sum of 2 modes")).first.wait_for()
     page.locator(".uplot", has_text="Local minima of the sum").first.wait_for()
-
-
-@pytest.fixture(scope="module")
-def scene():
-    return load_scene("tiny")
 
 
 def test_an_end_of_the_cut_is_dragged_and_the_plot_follows(page, scene):

@@ -98,3 +98,18 @@ def test_long_words_leave_the_controls_where_they_are_and_a_click_shows_all_of_t
     assert long.verdict_text in page.locator("summary").inner_text() + " "
     page.close()
     assert heights[1] <= heights[0] + 20 < heights[2] - 100, heights
+
+
+def test_the_names_of_two_odd_channels_are_seen_without_a_click(browser):
+    odd = "nothing speaks against the positions of the other microphones; one sigma 0.45 mm; odd: microphone 20: "
+    odd += "inverted; microphone 45: dead"
+    faults = (ChannelFault("20", "inverted"), ChannelFault("45", "dead"))
+    page = browser.new_page(viewport={"width": 340, "height": 720})
+    hidden = []
+    for channels in (None, Channels(*np.zeros((5, 50)), faults)):
+        line = verdict_html(found("good", odd, channels=channels))
+        page.set_content(f"<body style='margin: 0; font: 14px DejaVu Sans, sans-serif'>{line}</body>")  # as viser's
+        words = page.locator("summary div").first
+        hidden.append(words.evaluate("words => words.scrollHeight > words.clientHeight + 2"))
+    page.close()
+    assert hidden == [True, False]

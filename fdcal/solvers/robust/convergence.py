@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...model.gauge import align
 from ...model.problem import Problem
 from . import assumptions
 from .channel_fit import reduced
@@ -54,10 +55,16 @@ def scaled_inverse(H: np.ndarray) -> np.ndarray:
 
 
 def is_converged(problem: Problem, state: State) -> bool:
-    """Return whether no healthy channel is farther from the minimum than a small part of its sigma."""
+    """Return whether no healthy channel is farther from the minimum than a small part of its sigma.
+
+    Where there are given positions, a step of the array as a whole does not count: `attempts.anchored` has moved the
+    array onto them, since they say more of it than the pressures do.
+    """
     try:
         step, sigma = remaining_step(problem, state)
     except np.linalg.LinAlgError:
         return False
-    healthy = state.model.channel_noise < OUTLIERS.suspicious
+    x, healthy = state.positions, state.model.channel_noise < OUTLIERS.suspicious
+    if len(problem.known) and problem.frame is None and np.any(healthy):
+        step = align(x + step, x, healthy) - x
     return bool(np.all(np.abs(step[healthy]) < RULES.converged_sigmas * sigma[healthy]))

@@ -74,7 +74,7 @@ def init(problem: Problem, settings: SolverSettings, seed: int, positions: np.nd
         seed=seed,
         step=0,
         sweep=0,
-        stage=0,
+        stage=-1,  # `begin_row` counts the first
         moved=-1,
         first=1,
         last=settings.modes,

@@ -63,7 +63,7 @@ def status_word(state: RunState, running: bool) -> str:
     """Return what a run of a comparison is doing, by its newest state and by whether it runs."""
     if running:
         return "running" if state.step else "preparing the first step"
-    return ("converged" if state.converged else "sweep limit reached") if state.finished else "waiting"
+    return ("converged" if state.converged else "not converged") if state.finished else "waiting"
 
 
 def drawn_states(view: SessionView) -> list[RunState]:

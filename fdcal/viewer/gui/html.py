@@ -75,7 +75,7 @@ def state_word(view: SessionView) -> str:
     if view.running:
         return "Running"
     if view.state.finished:
-        return "Converged" if view.state.converged else "Sweep limit reached"
+        return "Converged" if view.state.converged else "Stopped before it converged"
     return "Paused"
 
 

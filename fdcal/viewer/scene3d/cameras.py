@@ -40,12 +40,14 @@ class Cameras:
     ----------
     picture : what there is to be seen, or None
     legend_beside : whether the legend stands beside the scene, as in lecture mode, and not below it
+    user_moves : int, how many times a user has moved a camera away from where it was placed
     """
 
     def __init__(self, server: viser.ViserServer):
         self._server = server
         self.picture: Picture | None = None
-        self.legend_beside = False
+        self.legend_beside, self.user_moves = False, 0
+        self._at_rest: set[int] = set()  # pages whose camera is where it was placed
         self._placements: dict[int, Placement] = {}
         self._looks: dict[int, int] = {}  # by page: looks since its camera was placed
         self._requests: collections.deque[tuple[viser.ClientHandle, str | Camera | None]] = collections.deque()
@@ -156,9 +158,13 @@ class Cameras:
             self._place(client, placement.view)
             return
         fits = (canvas(camera), self.legend_beside) == (placement.size, placement.beside)
-        placed = fits and is_at(camera, placement.camera)
-        if not placed and any(stands_at(camera, position) for position in placement.positions):
+        if fits and is_at(camera, placement.camera):
+            self._at_rest.add(client.client_id)
+        elif any(stands_at(camera, position) for position in placement.positions):
             self._place(client, placement.view)
+        elif client.client_id in self._at_rest and not stands_at(camera, placement.camera.position):
+            self._at_rest.discard(client.client_id)
+            self.user_moves += 1
 
     def follow_all(self, clients) -> None:
         """`follow` pages whose canvas has changed without a report; called by the main loop now and then."""
@@ -179,6 +185,7 @@ class Cameras:
         """Drop what belongs to a page that has closed."""
         self._placements.pop(client.client_id, None)
         self._looks.pop(client.client_id, None)
+        self._at_rest.discard(client.client_id)
 
     def set_initial(self, picture: Picture, size: tuple[int, int] = (680, 720)) -> None:
         """Set the camera of a page that opens, until its size is known.
