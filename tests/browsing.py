@@ -6,12 +6,17 @@ import re
 import signal
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
+from queue import Queue
+from types import SimpleNamespace
 
 import pytest
 
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.picture import compose
+from fdcal.session.request import OpenRequest
+from fdcal.viewer import app
 from fdcal.viewer.scene3d import cameras
 
 WAIT = 60.0  # s, bound of every wait
@@ -41,6 +46,24 @@ def serving(path):
         assert server.returncode == 0 and "Traceback" not in errors, errors
     finally:
         server.kill()
+
+
+@contextlib.contextmanager
+def serving_here(scene):
+    """Serve a scene's page from a thread of this process, which saves the imports of `serving`; give its address.
+
+    Every test that takes it has a session, controls and panels of its own. The opening does not play.
+    """
+    stop, address = SimpleNamespace(received=False), Queue()
+    request = OpenRequest(scene, choices={"trails": False})  # one that a user has set up
+    with pytest.MonkeyPatch.context() as patch, ThreadPoolExecutor(1) as pool:
+        patch.setattr(app, "Interrupt", lambda: contextlib.nullcontext(stop))
+        served = pool.submit(app.serve, request, port=0, on_ready=address.put)
+        try:
+            yield address.get(timeout=WAIT)
+        finally:
+            stop.received = True
+            served.result(WAIT)
 
 
 def opened_page(browser, address, query="?fixedDpr=1", width=1280, height=720):

@@ -19,6 +19,7 @@ from browsing import (
     pick,
     press,
     serving,
+    serving_here,
     slider,
     stands,
     tab,
@@ -32,32 +33,33 @@ from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.cost import landscapes
 from fdcal.cost.yardstick import ORDER_OFFSET
 from fdcal.graphics.picture import compose
-from fdcal.model.scene_file import scene_folder
+from fdcal.model.scene_file import load_scene, scene_folder
 from fdcal.session import session_file
 from fdcal.viewer.background import exports
 
 
 @pytest.fixture(scope="module")
-def address(tmp_path_factory, kernels):
-    """Where `fdcal view` serves `tiny`, solved by descent, which has steps to be seen; ends in good order on Ctrl-C."""
-    slow = tmp_path_factory.mktemp("view") / "slow.toml"
+def slow(tmp_path_factory):
+    """`tiny` solved by descent, which has steps to be seen."""
+    path = tmp_path_factory.mktemp("view") / "slow.toml"
     text = (scene_folder() / "tiny.toml").read_text(encoding="utf-8")
-    slow.write_text(text.replace('name = "robust"', 'name = "descent"'), encoding="utf-8")
-    with serving(slow) as url:
-        yield url
+    path.write_text(text.replace('name = "robust"', 'name = "descent"'), encoding="utf-8")
+    return path
 
 
-@pytest.fixture(scope="module")
-def open_page(address, browser):
-    """Function that opens one more page and waits for its picture."""
-    return lambda: opened_page(browser, address)
+@pytest.fixture
+def open_page(slow, kernels, browser):
+    """Function that opens one more page of a server of this test's own, and waits for its picture."""
+    opened = []
+    with serving_here(load_scene(slow)) as url:
+        yield lambda: opened.append(opened_page(browser, url)) or opened[-1]
+        for page in opened:
+            page.close()
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def page(open_page):
-    page = open_page()
-    yield page
-    page.close()
+    return open_page()
 
 
 def test_step_advances_the_state(page):
@@ -69,15 +71,16 @@ def test_step_advances_the_state(page):
 
 
 def test_a_second_page_shows_the_same_session(page, open_page):
+    press(page, "Sweep")
     second = open_page()
     second.get_by_text("step 13, sweep 1").wait_for()
     press(second, "Step")
     page.get_by_text("step 14, sweep 1").wait_for()
-    second.close()
 
 
 def test_run_becomes_pause(page):
     page.faults.clear()
+    page.get_by_text("step 0, sweep 0").wait_for()
     page.evaluate(
         """() => {
             window.seen = [];
@@ -119,8 +122,6 @@ def test_the_solver_continues_from_a_rewound_state(page):
     page.get_by_text("step 1, sweep 0").wait_for()
     press(page, "Step")
     page.get_by_text("step 2, sweep 0").wait_for()
-    press(page, "Reset")
-    page.get_by_text("step 0, sweep 0").wait_for()
 
 
 def test_a_slider_sets_the_modes_in_use(page):
@@ -130,20 +131,26 @@ def test_a_slider_sets_the_modes_in_use(page):
     page.get_by_text(re.compile(r"^modes 1 to 4, ")).wait_for()
 
 
+def pick_known(page, scene):
+    """Click at microphone 5, which is known and stands at its true place, with the tab Map open."""
+    pick(page, scene, cached_measurement(scene).positions[5], "microphone 5, ")
+
+
 def test_a_microphone_is_picked_by_a_click(page, scene):
     tab(page, "Map")
-    known = cached_measurement(scene).positions[5]
-    pick(page, scene, known, "microphone 5, ")
+    pick_known(page, scene)
     assert not page.get_by_label("Follow solver").is_checked()
 
 
 def test_the_diamond_marks_the_lowest_cost(page, scene):
+    tab(page, "Map")
+    pick_known(page, scene)
     choose(page, "Modes shown", "Custom")
     page.locator("//label[.='Mode numbers']/following::input[1]").first.fill("2-4, 6")
     page.keyboard.press("Enter")
     page.get_by_text("microphone 5, sum of 4 modes").wait_for()
     problem, descent = cached_measurement(scene).problem("unit"), solvers.load("descent")
-    state = descent.use_modes(problem, descent.init(problem, scene.solver, 0), 1, 4, True)  # what the page shows
+    state = descent.init(problem, scene.solver, 0)  # what the page shows
     fine = landscapes.refined(scene.search)
     cost = landscapes.cost_maps(problem, descent, state, 5, (2, 3, 4, 6), ORDER_OFFSET, fine).sum(axis=0)
     lowest = landscapes.map_positions(np.array([np.unravel_index(cost.argmin(), cost.shape)]), fine)[0]
@@ -156,6 +163,7 @@ def test_dragging_a_microphone_keeps_the_map_of_the_selected_one(page, scene):
     tab(page, "View")
     page.get_by_text("Release known", exact=True).click()
     tab(page, "Map")
+    pick_known(page, scene)
     page.get_by_text("cost at the estimate").first.wait_for()
     before = page.get_by_text("cost at the estimate").first.inner_text()
     start, end = on_screen(page, scene, np.column_stack([[truth[7], target], [0.0, 0.0]]))
@@ -177,13 +185,13 @@ def test_the_tabs_of_each_panel_are_in_one_row(page):
 
 
 def test_a_mode_is_switched_on_and_off(page):
-    tab(page, "Modes")
-    press(page, "●6")
-    page.get_by_text("sum of 3 modes").first.wait_for()
-    press(page, "○5")
-    page.get_by_text("sum of 4 modes").first.wait_for()
-    page.get_by_text("highest in the map: mode 5").first.wait_for()
     tab(page, "Map")
+    tab(page, "Modes")
+    press(page, "●3")
+    page.get_by_text("sum of 2 modes").first.wait_for()
+    press(page, "○5")
+    page.get_by_text("sum of 3 modes").first.wait_for()
+    page.get_by_text("highest in the map: mode 5").first.wait_for()
     choose(page, "Show", "Mode shape (last mode)")
     page.get_by_text("pressure of mode 5").first.wait_for()
     choose(page, "Show", "Flat map")
@@ -209,8 +217,6 @@ def saved(page, label):
 def test_every_file_is_saved_and_can_be_read(page, tmp_path, require_gl):
     import pyvista
 
-    press(page, "Reset")
-    page.get_by_text("step 0, sweep 0").wait_for()
     press(page, "Sweep")
     page.get_by_text("step 13, sweep 1").wait_for()
     tab(page, "Export")
@@ -237,6 +243,13 @@ def test_every_file_is_saved_and_can_be_read(page, tmp_path, require_gl):
     data, arrays, places = contents(replay.decode())
     assert np.abs(places - [one.positions for one in session.states]).max() < 1e-8
     assert data["maps"]["modes"] and "pressures" in arrays, "the replay of the page maps the cost, too"
+
+
+@pytest.fixture(scope="module")
+def address(slow, kernels):
+    """Where `fdcal view` serves the scene; ends in good order on Ctrl-C."""
+    with serving(slow) as url:
+        yield url
 
 
 def connect_with_origin(address, origin):

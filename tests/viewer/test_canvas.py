@@ -1,13 +1,9 @@
 """The legend and the colour bar on the canvas, in a real browser, on a desktop and on a phone."""
 
-import os
 import re
-import signal
-import subprocess
-import sys
 
 import pytest
-from browsing import WAIT, choose, on_screen, press, tab
+from browsing import WAIT, choose, on_screen, press, serving_here, tab
 
 from fdcal.model.scene_file import load_scene
 from fdcal.viewer.gui.choices import NOTHING, VOLUME
@@ -18,18 +14,11 @@ DESKTOPS = ((1280, 720), (1440, 900))
 PHONE = (390, 844)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def address(kernels):
-    """Where `fdcal view` serves `tiny`."""
-    command = [sys.executable, "-m", "fdcal", "view", "tiny", "--port", "0", "--no-browser"]
-    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ)
-    try:
-        yield server.stdout.readline().strip()
-        server.send_signal(signal.SIGINT)
-        _, errors = server.communicate(timeout=WAIT)
-        assert server.returncode == 0 and "Traceback" not in errors, errors
-    finally:
-        server.kill()
+    """Where the page of `tiny` is served, by a server of this test's own."""
+    with serving_here(load_scene("tiny")) as url:
+        yield url
 
 
 @pytest.fixture
@@ -152,8 +141,6 @@ def test_lecture_mode_folds_the_panels_and_enlarges_the_type_and_back(open_page,
     page.wait_for_timeout(500)
     box = legend_of(page).bounding_box()
     assert box["x"] > 0.6 * size[0] and box["y"] + box["height"] <= size[1], "beside the scene, and whole"
-    press(page, "Reset")
-    page.get_by_text("step 0, sweep 0").wait_for()
     press(page, "Step")
     page.get_by_text("step 1, sweep 1").wait_for()
     page.get_by_role("button", name="Show panels").click()
@@ -187,7 +174,6 @@ def test_the_legend_says_how_large_the_ellipses_are_drawn(open_page):
     legend_of(page).get_by_text(re.compile(rf"error ellipse \(95 %\)(, too small to be seen)?; {sigma}")).wait_for()
     page.get_by_role("checkbox", name="Error ellipses").click()
     legend_of(page).get_by_text("error ellipse").wait_for(state="detached")
-    press(page, "Reset")
 
 
 def test_the_race_is_visible_whole(open_page):
