@@ -12,7 +12,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..model.validation import InputError
+
 RESONANCE_WIDTH = 2.2  # times 1 / T60, Hz
+MOST_FREQUENCIES = 1_000_000  # of a band: more are a mistake, and fill the memory
 
 
 def decay_rate(reverberation_time: float) -> float:
@@ -61,6 +64,11 @@ def independent_frequencies(low: float, high: float, reverberation_time: float, 
     Returns
     -------
     (M,) float64, Hz, ascending
+
+    Raises
+    ------
+    InputError
+        The band holds more than MOST_FREQUENCIES.
     """
     grid = np.linspace(low, high, 4000)
     count = (grid - low) * reverberation_time / RESONANCE_WIDTH
@@ -68,4 +76,8 @@ def independent_frequencies(low: float, high: float, reverberation_time: float, 
         slope = np.gradient(mode_count(size, grid, sound_speed), grid)
         rate = np.minimum(slope, reverberation_time / RESONANCE_WIDTH)
         count = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(grid))])
+    if count[-1] > MOST_FREQUENCIES:
+        problem = f"{low:g} to {high:g} Hz with a reverberation time of {reverberation_time:g} s hold {count[-1]:.2g}"
+        remedy = "use a narrower band (<frequencies>) or a shorter reverberation time"
+        raise InputError(f"{problem} independent frequencies", remedy, key="frequencies", value=(low, high))
     return np.interp(np.arange(0.5, count[-1]), count, grid)

@@ -86,6 +86,20 @@ def position_bound(information: Information, prior: Prior) -> Bound:
     return Bound(blocks, free, sigmas, shapes, scale)
 
 
+def aligned_rms(information: Information, prior: Prior) -> float:
+    """Return the bound of the shape: of all microphones after the best rigid motion, root mean square, metres.
+
+    Parameters
+    ----------
+    information : Information
+    prior : Prior
+        Its given positions count by what they say on the shape.
+    """
+    P, R = _covariance(information, prior), rigid_motions(information.positions)
+    Q = np.eye(len(P)) - R @ np.linalg.pinv(R)
+    return float(np.sqrt(np.trace(Q @ P @ Q) / len(information.positions)))
+
+
 def _covariance(information: Information, prior: Prior) -> np.ndarray:
     """Return the covariance of all coordinates : (N D, N D), metres^2."""
     x = information.positions

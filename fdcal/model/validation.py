@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 import reprlib
 from collections.abc import Iterable, Mapping
+from numbers import Integral, Real
 
 import numpy as np
 
@@ -164,8 +165,34 @@ def require_array(key: str, values, kind: str, shape: tuple[int | None, ...], un
     return frozen_array(array, dtype)
 
 
+def require_number(key: str, value: object) -> None:
+    """Raise InputError unless `value` is a real number, of Python or NumPy."""
+    if not isinstance(value, Real) or isinstance(value, bool):
+        raise InputError(f"{key} = {shown_literal(value)} is no number", "give a number", key=key, value=value)
+
+
+def require_integer(key: str, value: object, least: int = 0) -> None:
+    """Raise InputError unless `value` is a whole number, not below `least`."""
+    if not isinstance(value, Integral) or isinstance(value, bool):
+        problem = f"{key} = {shown_literal(value)} is no whole number"
+        raise InputError(problem, f"use {least} or more", key=key, value=value)
+    if value < least:
+        raise InputError(f"{key} = {value} is below {least}", f"use {least} or more", key=key, value=value)
+
+
+def require_not_negative(key: str, value: float, unit: str = "") -> None:
+    """Raise InputError unless `value` is zero or as `require_positive` has it."""
+    require_number(key, value)
+    if value == 0:
+        return
+    if not 0 < value <= LIMITS.largest:
+        problem = f"{key} = {value:g}{unit and ' ' + unit} must be finite and not negative"
+        raise InputError(problem, f"use a number from 0 to {LIMITS.largest:g}", key=key, value=value)
+
+
 def require_positive(key: str, value: float, unit: str = "") -> None:
     """Raise InputError unless `value` is above zero and a product of a few such values cannot overflow."""
+    require_number(key, value)
     if not LIMITS.smallest <= value <= LIMITS.largest:
         text = f"{value:g}" if isinstance(value, float) else str(value)
         raise InputError(

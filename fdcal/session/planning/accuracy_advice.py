@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...acoustics.fourier_bessel import array_f_max
 from ...assessment.position_bound import position_bound
+from ...model.validation import InputError
 from .bounds import rms_at, sparse_information
-from .request import LEAST_FREQUENCIES, PlanRequest
+from .request import PlanRequest
 
 
 @dataclass(frozen=True)
@@ -26,14 +26,14 @@ class AccuracyRules:
         as noise 38 dB below the signal, so that less noise is of no use.
     least_slope : of the logarithm of the error over that of the noise's amplitude. Where it is below, twice as long a
         recording lowers the error by less than an eighth: noise is not what limits it.
-    sizes : factors on the size of the array that are tried
+    sizes : factors on the size of the array that are tried beside its own
     """
 
     margin: float = 1.5
     plane_margin: float = 4.0
     most_snr_db: float = 40.0
     least_slope: float = 0.4
-    sizes: tuple[float, ...] = (0.35, 0.5, 0.71, 1.0, 1.41, 2.0, 2.83)
+    sizes: tuple[float, ...] = (0.35, 0.5, 0.71, 1.41, 2.0, 2.83)
 
 
 RULES = AccuracyRules()
@@ -47,7 +47,7 @@ class AccuracyAdvice:
 
     Attributes
     ----------
-    margin : error of a calibration over the bound that is reckoned with
+    margin : error of a calibration over the bound that is reckoned with; infinite where most trials were refused
     snr_db : dB, least signal-to-noise ratio that reaches it; None if none does
     recording_factor : the recording's length over the present one that gives this ratio with steady noise
     sizes : (S, 2) float64, factor on the size of the array and the bound, metres
@@ -70,8 +70,10 @@ def accuracy_advice(request: PlanRequest, margin: float | None = None) -> Accura
     margin : float, optional
         Error of a calibration over the bound, as trials have shown it.
     """
-    margin = usual_margin(request) if margin is None else margin
-    snr, sizes = needed_snr(request, margin), sizes_of(request)
+    margin, sizes = usual_margin(request) if margin is None else margin, sizes_of(request)
+    if not np.isfinite(margin):
+        return AccuracyAdvice(margin, None, None, sizes, None)
+    snr = needed_snr(request, margin)
     factor = None if snr is None else 10 ** ((snr - request.snr_db) / 10)
     return AccuracyAdvice(margin, snr, factor, sizes, largest_size(sizes, request.accuracy / margin))
 
@@ -104,18 +106,24 @@ def sizes_of(request: PlanRequest) -> np.ndarray:
     A band that was given stays, but for frequencies that the enlarged array cannot interpolate; without one, every
     array has the band that it can interpolate.
     """
-    rows = []
+    rows = [(1.0, position_bound(sparse_information(request, request.layout.positions), request.prior).rms)]
     for factor in RULES.sizes:
-        other = resized(request, factor)
-        x = other.layout.positions
-        highest = array_f_max(x, request.sound_speed, request.dimension)
-        if np.sum(other.frequencies <= highest) >= LEAST_FREQUENCIES:
-            rows.append((factor, position_bound(sparse_information(other, x, highest=highest), request.prior).rms))
-    return np.array(rows)
+        try:
+            other = resized(request, factor)
+        except InputError:  # its band holds too few frequencies
+            continue
+        rows.append((factor, position_bound(sparse_information(other, other.layout.positions), request.prior).rms))
+    return np.array(sorted(rows))
 
 
 def resized(request: PlanRequest, factor: float) -> PlanRequest:
-    """Return `request` with an array that is `factor` times as large."""
+    """Return `request` with an array that is `factor` times as large.
+
+    Raises
+    ------
+    InputError
+        The band of this array holds too few frequencies.
+    """
     x = request.layout.positions
     scaled = x.mean(axis=0) + factor * (x - x.mean(axis=0))
     return replace(request, layout=replace(request.layout, positions=scaled))

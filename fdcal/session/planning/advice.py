@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...assessment.fisher_information import Information
-from ...assessment.position_bound import Prior, position_bound, with_known
+from ...assessment.position_bound import Prior, aligned_rms, position_bound, with_known
 from ...model.gauge import fixes_gauge
 from .accuracy_advice import AccuracyAdvice, accuracy_advice
 from .bounds import sparse_information
@@ -70,12 +70,16 @@ class TapeMeasure:
     microphones : (A,) tuple of int
     sigma : metres, of each measured coordinate
     rms, usual_rms : metres, bound of all others in the frame of the tape, and the median over other choices
+    shape_rms, shape_before : metres, bound of the shape of the array with the tape and without given positions: of all
+        microphones after the best rigid motion
     """
 
     microphones: tuple[int, ...]
     sigma: float
     rms: float
     usual_rms: float
+    shape_rms: float
+    shape_before: float
 
 
 @dataclass(frozen=True)
@@ -165,7 +169,9 @@ def best_tape(request: PlanRequest, information: Information) -> TapeMeasure:
             break
     rng = np.random.default_rng(request.seed)
     usual = [_tape_rms(request, information, rng.choice(len(x), count, replace=False).tolist()) for _ in range(40)]
-    return TapeMeasure(tuple(sorted(chosen)), ASSUMED.tape_sigma_m, least, float(np.median(usual)))
+    sigma, taken = ASSUMED.tape_sigma_m, tuple(sorted(chosen))
+    shapes = [aligned_rms(information, with_known(request.prior, known, sigma)) for known in (taken, ())]
+    return TapeMeasure(taken, sigma, least, float(np.median(usual)), *shapes)
 
 
 def _tape_rms(request: PlanRequest, information: Information, chosen: list[int]) -> float:

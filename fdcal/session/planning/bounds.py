@@ -17,8 +17,8 @@ def request_information(request: PlanRequest) -> Information:
     return found.scaled(len(request.frequencies) / len(used))
 
 
-def sparse_information(request: PlanRequest, positions, share: float | None = None, highest: float = np.inf):
-    """Return the information of a few frequencies, scaled to all of them below `highest`, Hz.
+def sparse_information(request: PlanRequest, positions, share: float | None = None) -> Information:
+    """Return the information of a few frequencies, scaled to all of them.
 
     Parameters
     ----------
@@ -26,15 +26,12 @@ def sparse_information(request: PlanRequest, positions, share: float | None = No
     positions : (N, D) float64, metres, in place of those of the request
     share : float, optional
         Power of the noise in that of the pressures, that of the request unless given.
-    highest : float
-        Hz.
     """
-    f = request.frequencies
-    f = f[f <= highest]
-    used = f[np.unique(np.linspace(0, len(f) - 1, min(len(f), LIMITS.search_frequencies)).round().astype(int))]
+    used = request.spaced(LIMITS.search_frequencies)
     share = request.noise_share if share is None else share
     k = 2 * np.pi * used / request.sound_speed
-    return diffuse_information(positions, k, share, request.dimension).scaled(len(f) / len(used))
+    found = diffuse_information(positions, k, share, request.dimension)
+    return found.scaled(len(request.frequencies) / len(used))
 
 
 def rms_at(request: PlanRequest, snr_db: float) -> float:

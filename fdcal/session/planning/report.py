@@ -25,7 +25,7 @@ def plan_lines(plan: Plan) -> list[str]:
         f"{len(request.layout.names)} microphones ({request.layout.name}) in {field},"
         f" reverberation time {request.reverberation_time:g} s, {request.snr_db:g} dB",
         f"frequencies: {plan.modes} independent ones from {low:.0f} to {high:.0f} Hz;"
-        f" the array interpolates up to {plan.f_max:.0f} Hz",
+        f" the array interpolates up to {plan.f_max:.0f} Hz{_left_out(request)}",
         f"least error (Cramer-Rao bound): {_mm(bound.rms)} rms, {_mm(bound.sigma[bound.free].max())} at the worst"
         " microphone, in a diffuse field",
     ]
@@ -45,6 +45,14 @@ def plan_lines(plan: Plan) -> list[str]:
     if plan.advice is not None:
         lines += advice_lines(plan, plan.advice)
     return lines
+
+
+def _left_out(request: PlanRequest) -> str:
+    """Return in words which frequencies of the given band are not used; "" if all are."""
+    low, high = request.limits
+    if request.band is None or request.band[1] <= high:
+        return ""
+    return f", so that of {low:g} to {request.band[1]:g} Hz the higher ones are left out"
 
 
 def _judgement(trials: Trials) -> str:
@@ -89,11 +97,13 @@ def advice_lines(plan: Plan, advice: Advice) -> list[str]:
     chosen = ", ".join(names[n] for n in tape.microphones)
     lines = [
         f"one more microphone helps the others most at ({place}) m: {_mm(extra.before)} -> {_mm(extra.best_rms)}",
-        f"measure microphones {chosen} by tape: {_mm(tape.rms)} for the others with {_mm(tape.sigma)} a coordinate;"
-        f" a random choice gives {_mm(tape.usual_rms)}",
-        _snr_line(plan, advice.accuracy),
+        f"measure microphones {chosen} by tape, each coordinate to {_mm(tape.sigma)}: the others come out to"
+        f" {_mm(tape.rms)} in the frame of the tape, {_mm(tape.usual_rms)} with a random choice; the shape of the"
+        f" array, after alignment, {_mm(tape.shape_before)} -> {_mm(tape.shape_rms)}",
     ]
-    return [*lines, _size_line(plan, advice.accuracy)]
+    if not np.isfinite(advice.accuracy.margin):
+        return [*lines, "no advice on noise and size: most simulated calibrations were refused"]
+    return [*lines, _snr_line(plan, advice.accuracy), _size_line(plan, advice.accuracy)]
 
 
 def _snr_line(plan: Plan, advice: AccuracyAdvice) -> str:
@@ -164,6 +174,8 @@ def _advice_dict(plan: Plan, advice: Advice) -> dict:
         "tape": [plan.request.layout.names[n] for n in tape.microphones],
         "tape_sigma_m": tape.sigma,
         "tape_rms_m": tape.rms,
+        "tape_shape_rms_m": tape.shape_rms,
+        "shape_rms_before_m": tape.shape_before,
         "accuracy_m": plan.request.accuracy,
         "margin": _finite(advice.accuracy.margin),
         "snr_needed_db": advice.accuracy.snr_db,

@@ -9,8 +9,16 @@ import numpy as np
 from ...acoustics.fourier_bessel import array_f_max
 from ...acoustics.mode_density import independent_frequencies
 from ...assessment.position_bound import Prior
-from ...model.validation import InputError, require_positive
+from ...model.validation import (
+    InputError,
+    require_choice,
+    require_integer,
+    require_not_negative,
+    require_number,
+    require_positive,
+)
 from .layout import Layout
+from .request_checks import require_given, require_layout, require_modes, require_room
 
 
 @dataclass(frozen=True)
@@ -28,6 +36,7 @@ class PlanLimits:
     sources : source positions in a room that the bound is averaged over
     place : centre of an array in a room where its own coordinates do not lie inside, relative to the room's lengths
     most_microphones : of a plan
+    most_snr_db : dB
     """
 
     low: float = 20.0
@@ -38,6 +47,7 @@ class PlanLimits:
     sources: int = 4
     place: tuple[float, float, float] = (0.43, 0.46, 0.45)
     most_microphones: int = 300
+    most_snr_db: float = 120.0
 
 
 LIMITS = PlanLimits()
@@ -65,6 +75,7 @@ class Assumptions:
 
 ASSUMED = Assumptions()
 LEAST_FREQUENCIES = 3  # of a calibration
+SOLVERS = ("robust", "joint")  # that trials run
 
 
 @dataclass(frozen=True)
@@ -77,7 +88,8 @@ class PlanRequest:
     room : (2,) or (3,) tuple of float, metres, lengths of a rectangular room; None for a diffuse field in space
     reverberation_time : float, T60, s
     snr_db : float, signal-to-noise ratio of each frequency
-    band : (2,) tuple of float, Hz; from 20 Hz to 0.7 times what the array can interpolate (Eq. 9) unless given
+    band : (2,) tuple of float, Hz; from 20 Hz to 0.7 times what the array can interpolate (Eq. 9) unless given. Of
+        frequencies above what it can interpolate none is used
     known : (A,) tuple of int, microphones whose positions are given
     known_sigma : float, metres, one sigma of each of their coordinates; 0 for exact ones
     gain_sigma_db : float, spread of the channels' gains; 0 for equal channels
@@ -85,7 +97,12 @@ class PlanRequest:
     accuracy : float, metres, that is wanted
     seed : int, of sources, noise and gains
     modes : int, the lowest so many independent frequencies of the band; all of them unless given
-    solver : str, of the trials; "robust" models all that a plan assumes of gains and given positions
+    solver : str, of the trials, one of SOLVERS; "robust" models all that a plan assumes of gains and given positions
+
+    Raises
+    ------
+    InputError
+        A value is out of range, or the band holds too few frequencies.
     """
 
     layout: Layout
@@ -103,19 +120,20 @@ class PlanRequest:
     solver: str = "robust"
 
     def __post_init__(self):
-        for key in ("reverberation_time", "sound_speed", "accuracy"):
-            require_positive(key, getattr(self, key), "s" if key == "reverberation_time" else "")
-        if not 0 < self.snr_db <= 120:
-            raise InputError(f"snr = {self.snr_db:g} dB is out of range", "use 0 to 120", key="snr", value=self.snr_db)
-        N = len(self.layout.positions)
-        least = self.layout.positions.shape[1] + 3
-        if not least <= N <= LIMITS.most_microphones:
-            remedy = f"give {least} to {LIMITS.most_microphones}"
-            raise InputError(f"the layout has {N} microphones", remedy, key="layout", value=N)
-        if np.ptp(self.layout.positions, axis=0).max() <= 0:
-            raise InputError("all microphones are at one place", "move them apart", key="layout")
-        if self.room is not None and len(self.room) == 2 and self.layout.positions.shape[1] == 3:
-            raise InputError("the array has heights and the room has none", "give <room> three lengths", key="room")
+        require_layout(self.layout, LIMITS.most_microphones)
+        units = {"reverberation_time": "s", "sound_speed": "m/s", "accuracy": "m"}
+        for key, unit in units.items():
+            require_positive(key, getattr(self, key), unit)
+        require_number("snr", self.snr_db)
+        if not 0 < self.snr_db <= LIMITS.most_snr_db:
+            remedy = f"use more than 0 and at most {LIMITS.most_snr_db:g}"
+            raise InputError(f"snr = {self.snr_db:g} dB is out of range", remedy, key="snr", value=self.snr_db)
+        require_room(self.room, self.layout.positions.shape[1])
+        require_given(self.known, self.known_sigma, self.layout.positions)
+        require_not_negative("gain_sigma_db", self.gain_sigma_db, "dB")
+        require_integer("seed", self.seed)
+        require_modes(self.modes, LEAST_FREQUENCIES)
+        require_choice("solver", self.solver, SOLVERS)
         if len(self.frequencies) < LEAST_FREQUENCIES:
             low, high = self.limits
             problem = f"{low:g} to {high:.0f} Hz with a reverberation time of {self.reverberation_time:g} s hold"
@@ -139,12 +157,16 @@ class PlanRequest:
 
     @property
     def limits(self) -> tuple[float, float]:
-        """The band in use, Hz."""
+        """The band in use, Hz: of the one that was given, what the array can interpolate."""
         low, high = self.band or (min(LIMITS.low, self.f_max / 10), LIMITS.high * self.f_max)
         if not 0 < low < high:
             remedy = "give <frequencies> as LO:HI with LO below HI"
             raise InputError(f"{low:g} to {high:g} Hz is no band", remedy, key="frequencies")
-        return low, high
+        if low >= self.f_max:
+            problem = f"the array interpolates up to {self.f_max:.0f} Hz, and the band begins at {low:g} Hz"
+            remedy = "use a lower band (<frequencies>), a smaller array or more microphones"
+            raise InputError(problem, remedy, key="frequencies", value=self.band)
+        return low, min(high, self.f_max)
 
     @property
     def frequencies(self) -> np.ndarray:

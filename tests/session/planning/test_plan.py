@@ -16,7 +16,7 @@ from fdcal.session.planning.layout import read_layout
 from fdcal.session.planning.plan import make_plan
 from fdcal.session.planning.report import plan_dict, plan_lines
 from fdcal.session.planning.request import PlanRequest
-from fdcal.session.planning.trials import draw_measurement, run_trials
+from fdcal.session.planning.trials import Trials, draw_measurement, run_trials
 
 
 def request_of(text="circle 12 0.3", **others):
@@ -59,18 +59,97 @@ def test_a_file_that_is_not_there(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "wrong",
+    ("wrong", "key"),
     [
-        {"snr_db": 0.0},
-        {"snr_db": np.nan},
-        {"reverberation_time": -1.0},
-        {"band": (300.0, 200.0)},
-        {"band": (20.0, 21.0)},
+        ({"snr_db": 0.0}, "snr"),
+        ({"snr_db": np.nan}, "snr"),
+        ({"snr_db": "30"}, "snr"),
+        ({"reverberation_time": -1.0}, "reverberation_time"),
+        ({"reverberation_time": 1e9}, "frequencies"),
+        ({"band": (300.0, 200.0)}, "frequencies"),
+        ({"band": (20.0, 21.0)}, "frequencies"),
+        ({"band": (5000.0, 6000.0)}, "frequencies"),
+        ({"band": (np.nan, 200.0)}, "frequencies"),
+        ({"known": (-1,)}, "known"),
+        ({"known": (0, 0)}, "known"),
+        ({"known": (99,)}, "known"),
+        ({"known": (0.5,)}, "known"),
+        ({"known": tuple(range(12))}, "known"),
+        ({"known": (0, 4, 8), "known_sigma": -1.0}, "known_sigma"),
+        ({"known": (0, 4, 8), "known_sigma": np.nan}, "known_sigma"),
+        ({"known_sigma": 0.005}, "known_sigma"),
+        ({"gain_sigma_db": -3.0}, "gain_sigma_db"),
+        ({"gain_sigma_db": np.inf}, "gain_sigma_db"),
+        ({"modes": -1}, "modes"),
+        ({"modes": 0}, "modes"),
+        ({"modes": 4.5}, "modes"),
+        ({"room": (5.0,)}, "room"),
+        ({"room": (5.0, -4.0)}, "room"),
+        ({"text": "ball 12 0.3", "room": (5.0, 4.0)}, "room"),
+        ({"seed": -1}, "seed"),
+        ({"solver": "x"}, "solver"),
     ],
 )
-def test_requests_out_of_range(wrong):
-    with pytest.raises(InputError):
+def test_requests_out_of_range(wrong, key):
+    with pytest.raises(InputError) as caught:
         request_of(**wrong)
+    assert caught.value.key == key and "\n" not in str(caught.value)
+
+
+def test_the_remedy_for_a_ratio_of_nothing_excludes_it():
+    with pytest.raises(InputError, match="more than 0 and at most 120"):
+        request_of(snr_db=0.0)
+
+
+def test_two_microphones_at_one_place_are_named():
+    layout = read_layout("circle 8 0.2")
+    positions = layout.positions.copy()
+    positions[5] = positions[2]
+    with pytest.raises(InputError, match="microphones 2 and 5 are at one place"):
+        PlanRequest(replace(layout, positions=positions))
+
+
+def test_what_the_array_cannot_interpolate_is_left_out_of_a_band():
+    """The bound is that of the band up to this frequency, in every line, and the plan says so."""
+    wide, whole = request_of("circle 8 0.2", band=(1.0, 1e5)), request_of("circle 8 0.2")
+    cut = replace(wide, band=(1.0, whole.f_max))
+    assert wide.limits == (1.0, whole.f_max) and np.array_equal(wide.frequencies, cut.frequencies)
+    plan = make_plan(wide)
+    sizes = dict(plan.advice.accuracy.sizes.tolist())
+    assert plan.bound.rms == make_plan(cut, with_advice=False).bound.rms
+    assert sizes[1.0] == pytest.approx(plan.bound.rms, rel=0.1)
+    assert "of 1 to 100000 Hz the higher ones are left out" in plan_lines(plan)[1]
+    assert "left out" not in plan_lines(make_plan(cut, with_advice=False))[1]
+
+
+def test_sizes_whose_band_holds_nothing_are_left_out():
+    """A larger array interpolates too little of the band; the plan of the present one stays."""
+    request = request_of("circle 8 0.2", band=(500.0, 690.0))
+    factors = make_plan(request).advice.accuracy.sizes[:, 0]
+    assert 1.0 in factors and factors.max() < 2 and factors.min() == pytest.approx(0.35)
+
+
+def test_trials_that_are_all_refused_give_no_advice_on_noise_and_size(recwarn):
+    request = request_of("circle 8 0.2")
+    none = np.full((4, 8), np.nan)
+    trials = Trials(none, ("refused",) * 4, np.ones(8, bool), 0.01, request.accuracy, 1.0)
+    plan = make_plan(request, trials=trials)
+    text = "\n".join(plan_lines(plan))
+    assert " inf " not in text and "no advice on noise and size" in text
+    assert json.loads(json.dumps(plan_dict(plan), allow_nan=False))["advice"]["margin"] is None
+    assert not recwarn.list
+
+
+@pytest.mark.parametrize("known", [(), (0, 3, 12)])
+def test_the_tape_improves_the_shape_which_is_compared_in_one_frame(known):
+    """The error in the frame of the tape may be larger than that after alignment, which has no frame to err in."""
+    plan = make_plan(request_of("rectangle 4x4 0.5x0.5", known=known))
+    tape = plan.advice.tape
+    blind = make_plan(request_of("rectangle 4x4 0.5x0.5"), with_advice=False).bound.rms
+    assert tape.shape_rms < tape.shape_before == pytest.approx(blind, rel=1e-6)
+    assert tape.shape_rms < tape.rms
+    line = next(line for line in plan_lines(plan) if "by tape," in line)
+    assert "in the frame of the tape" in line and "after alignment" in line
 
 
 def test_an_array_larger_than_the_room():
