@@ -16,7 +16,7 @@ STYLE = (
     ".fdcal-verdict summary::-webkit-details-marker {display: none}"
     ".fdcal-verdict[open] .fdcal-more {display: none}"
     ".fdcal-verdict:not([open]) summary div:first-child {display: -webkit-box; -webkit-box-orient: vertical;"
-    " overflow: hidden; -webkit-line-clamp: var(--lines)}</style>"
+    " overflow: hidden}</style>"
 )
 
 
@@ -38,7 +38,7 @@ def verdict_html(found: Assessment | None) -> str:
         f"{STYLE}<div style='{CARD} font-size: 0.8em; line-height: 1.35; padding-bottom: 0.5em'>"
         f"<div style='border-left: 4px solid {colour}; padding-left: 0.6em'><details class='fdcal-verdict'>"
         f"<summary title='Click to read all of it'>"
-        f"<div style='color: {colour}; --lines: {lines}'>{text}</div>{rest}</summary></details></div></div>"
+        f"<div style='color: {colour}; -webkit-line-clamp: {lines}'>{text}</div>{rest}</summary></details></div></div>"
     )
 
 
