@@ -18,8 +18,8 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .assessment.alignment import compare_positions
     from .assessment.calibration import Calibration
+    from .assessment.position_check import compare_positions
     from .graphics.landscape import landscape
     from .model.measurement import Measurement
     from .model.scene import Scene
@@ -35,7 +35,7 @@ PUBLIC = {
     "Scene": "model.scene:Scene",
     "StorageError": "model.validation:StorageError",
     "calibrate": "session.api:calibrate",
-    "compare_positions": "assessment.alignment:compare_positions",
+    "compare_positions": "assessment.position_check:compare_positions",
     "landscape": "graphics.landscape:landscape",
     "load": "session.api:load",
     "load_scene": "model.scene_file:load_scene",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 from ..model.limits import LIMITS
@@ -9,9 +10,10 @@ from ..model.reading import read_bytes
 from ..model.storage import write_atomically
 from ..model.validation import InputError
 from .calibration import Calibration
+from .position_check import PositionCheck
 
 
-def save_result(result: Calibration, path: str | Path, force: bool = False) -> None:
+def save_result(result: Calibration, path: str | Path, force: bool = False, check: PositionCheck | None = None) -> None:
     """Write a calibration as JSON.
 
     Parameters
@@ -20,6 +22,8 @@ def save_result(result: Calibration, path: str | Path, force: bool = False) -> N
     path : str or Path
     force : bool
         Whether an existing file is overwritten.
+    check : PositionCheck, optional
+        A comparison with a list of positions, written as the key "check", which `load_result` leaves out.
 
     Raises
     ------
@@ -29,6 +33,8 @@ def save_result(result: Calibration, path: str | Path, force: bool = False) -> N
         The file cannot be written.
     """
     text = result.to_json()
+    if check is not None:
+        text = json.dumps(json.loads(text) | {"check": check.table(result.names)}, indent=1, allow_nan=False) + "\n"
     write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8"), force)
 
 

@@ -1,9 +1,9 @@
 """The command line: it reads arguments and options, and calls the other packages.
 
 Exit codes: 0 done, 1 out of memory or a fault of fdcal itself, 2 bad input, 3 a file that cannot be read or written,
-4 calibrated but the verdict is not "good" (everything is written all the same, with the verdict), 130 interrupted. An
-error is one line on standard error; `--debug` shows the traceback as well. Libraries that take long to load are
-imported by the command that needs them.
+4 calibrated but the verdict is not "good" (everything is written all the same, with the verdict), 5 the list that
+`--check` compares with does not fit or is in another order, 130 interrupted. An error is one line on standard error;
+`--debug` shows the traceback as well. Libraries that take long to load are imported by the command that needs them.
 """
 
 from __future__ import annotations
@@ -186,7 +186,8 @@ def calibrate(
 ):  # fmt: skip
     """Find the microphones and assess the result.
 
-    The exit code is 4 if the result cannot be trusted.
+    The exit code is 4 if the result cannot be trusted, and 5 if --check finds channels exchanged or a list that does
+    not fit.
     """
     path = output_path(output, ".json", force, source) if output else None
     from ..session.calibrate import solve
@@ -205,14 +206,17 @@ def calibrate(
         report.require_positions(inputs.measurement)
     with progress_bar("calibrating") as progress:
         result = solve(inputs, progress, OPTIONS)
+    compared = report.comparison(inputs, result) if check else None
     if path is not None:
         from ..assessment.result_file import save_result
 
-        save_result(result, path, force)
+        save_result(result, path, force, compared)
     print(report.summary(inputs, result))
-    if check:
-        print(report.comparison(inputs, result))
-    return 0 if result.verdict == "good" else 4
+    if compared is not None:
+        print(report.comparison_text(inputs, result, compared))
+    if result.verdict != "good":
+        return 4
+    return 0 if compared is None or compared.agrees else 5
 
 
 @commands.command()

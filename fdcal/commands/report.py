@@ -8,6 +8,8 @@ import numpy as np
 
 from ..assessment.calibration import Calibration
 from ..assessment.corrected_positions import GivenPosition
+from ..assessment.position_check import PositionCheck, compare_positions
+from ..assessment.position_check_text import describe
 from ..assessment.result_parts import Evidence
 from ..cost.yardstick import yardstick_of
 from ..model.measurement import Measurement
@@ -140,24 +142,25 @@ def require_positions(measurement: Measurement) -> None:
         )
 
 
-def comparison(inputs: CalibrationInput, result: Calibration) -> str:
-    """Return how the positions found differ from those in the measurement, and which channels are swapped.
+def comparison(inputs: CalibrationInput, result: Calibration) -> PositionCheck:
+    """Return how the positions found differ from those in the measurement.
 
     Raises
     ------
     InputError
         The measurement has no positions.
     """
-    from ..assessment.alignment import compare_positions, describe
-
     measurement = inputs.measurement
     require_positions(measurement)
     positions = result.positions if result.room is None else result.positions_for(measurement)
-    known = measurement.known if inputs.settings.known == "all" else ()
-    return describe(
-        compare_positions(positions, measurement.positions, known),
-        measurement.names,
-        result.verdict,
-        len(known) > 0,
-        OPTIONS,
-    )
+    return compare_positions(positions, measurement.positions, _frame(inputs))
+
+
+def comparison_text(inputs: CalibrationInput, result: Calibration, check: PositionCheck) -> str:
+    """Return a comparison in words: what is exchanged, and how far each microphone is from its place in the list."""
+    return describe(check, inputs.measurement.names, result.verdict, len(_frame(inputs)) > 0, OPTIONS)
+
+
+def _frame(inputs: CalibrationInput) -> Sequence[int]:
+    """Return the numbers of the known microphones that fix the axes."""
+    return inputs.measurement.known if inputs.settings.known == "all" else ()

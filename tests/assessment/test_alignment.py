@@ -1,8 +1,7 @@
-"""Frames leave every distance as it is, and a swap of two channels is found and named."""
+"""Frames leave every distance as it is."""
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -11,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import pdist
 
-from fdcal.assessment import room_verdict, verdict
-from fdcal.assessment.alignment import FRAMES, compare_positions, describe, in_frame, placed_in_frame
+from fdcal.assessment.alignment import FRAMES, in_frame, placed_in_frame
 from fdcal.assessment.calibration import Calibration
 from fdcal.model.validation import InputError
 
@@ -65,39 +63,6 @@ def test_a_line_or_plane_of_microphones_has_a_minimal_frame():
     assert np.allclose(in_frame(plane, "minimal")[:, 2], 0, atol=1e-9)
 
 
-@settings(deadline=None, max_examples=50)
-@given(st.integers(0, 200), st.sampled_from([2, 3]), st.data())
-def test_swapped_channels_are_named(seed, dimension, data):
-    given = array(seed, dimension)
-    a, b, c, d = data.draw(st.permutations(range(20)))[:4]
-    rng = np.random.default_rng(seed)
-    found = given @ turn(seed, dimension) + 1.0 + 0.003 * rng.normal(size=given.shape)
-    found[[a, b, c, d]] = found[[b, a, d, c]]
-    result = compare_positions(found, given)
-    assert set(result.swapped) == {tuple(sorted((a, b))), tuple(sorted((c, d)))}
-    assert result.permuted == ()
-    names = [f"m{n}" for n in range(20)]
-    assert f"channels m{min(a, b)} and m{max(a, b)} are swapped" in describe(result, names)
-
-
-@settings(deadline=None, max_examples=50)
-@given(st.integers(0, 200))
-def test_position_errors_are_not_taken_for_swaps(seed):
-    given = array(seed, 3)
-    found = given + 0.02 * np.random.default_rng(seed).normal(size=given.shape)
-    result = compare_positions(found, given)
-    assert (result.swapped, result.permuted) == ((), ())
-    assert np.allclose(compare_positions(found, given, [0, 1, 2, 3]).errors, np.linalg.norm(found - given, axis=1))
-    assert "no channels are swapped" in describe(result, range(20))
-
-
-def test_three_channels_in_each_others_places():
-    given = array(0, 3)
-    found = given.copy()
-    found[[4, 9, 15]] = given[[9, 15, 4]]
-    assert compare_positions(found, given).permuted == ((4, 9, 15),)
-
-
 def test_a_result_is_placed_in_its_frame():
     names = tuple("abcdefghijklmnopqrst")
     result = Calibration(array(0, 2), names, "joint", 0, np.array([50.0]), 0.1, 3, 1.5, True, known=("a",))
@@ -106,15 +71,3 @@ def test_a_result_is_placed_in_its_frame():
     with pytest.raises(InputError, match="no microphone was known; use frame minimal or axes"):
         placed_in_frame(replace(result, known=()), "known")
     assert placed_in_frame(replace(result, known=None), None).frame == "known"
-
-
-def test_where_the_positions_are_not_trusted_the_search_for_swaps_is_reported_as_inconclusive():
-    places = np.random.default_rng(0).uniform(size=(8, 3))
-    nothing = compare_positions(places, places)
-    assert describe(nothing, range(8)).startswith("no channels are swapped")
-    codes = set(re.findall(r"^(\w+)  ", verdict.__doc__ + room_verdict.__doc__, re.MULTILINE))
-    assert {"good", "scale_undetermined", "undersampled", "room_size", "sound_speed", "odd_channel"} <= codes
-    for code in codes - {"good"}:
-        assert describe(nothing, range(8), code).startswith("swaps cannot be detected"), code
-        assert "--known none" in describe(nothing, range(8), code, arguments={"known": "--known"})
-        assert "known none" not in describe(nothing, range(8), code, known=False)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
@@ -81,6 +83,23 @@ def test_exchanged_channels_are_found_with_the_positions_of_a_file(exchanged, ca
     with pytest.raises(SystemExit):
         main(["calibrate", "tiny", "--check", "--positions", str(exchanged)])
     assert "3" in (text := capsys.readouterr().out) and "10" in text and "swapped" in text
+
+
+@pytest.mark.parametrize(
+    ("step", "factor", "said"), [(-1, 1, "is in reverse"), (1, 100, "in centimetres?"), (1, 1, "")]
+)
+def test_a_wrong_list_is_named_in_the_text_the_exit_code_and_the_result(tmp_path, capsys, step, factor, said):
+    places = factor * fdcal.load("tiny").positions[::step]
+    rows = [f"{n},{x},{y}" for n, (x, y) in enumerate(places.tolist())]
+    positions, result = written(tmp_path, "\n".join(["name,x,y", *rows]), "list.csv"), tmp_path / "r.json"
+    with pytest.raises(SystemExit) as ended:
+        main(["calibrate", "tiny", "--known", "none", "--check", "--positions", str(positions), "-o", str(result)])
+    text, check = capsys.readouterr().out, json.loads(result.read_text())["check"]
+    assert said in text and ended.value.code == (5 if said else 0)
+    assert ("no channels are swapped" in text) == (step == 1)
+    assert check["fits"] and check["scale"] == pytest.approx(factor, rel=0.02)
+    assert check["order"] == [str(n) for n in range(16)][::step]
+    assert fdcal.Calibration.load(result).verdict == "good"
 
 
 def test_exchanged_channels_are_found_in_python(exchanged):

@@ -1,0 +1,180 @@
+"""Two sets of points matched by their shape: which point of one is which of the other, in whatever place and order.
+
+A base of D points far apart is laid onto every group of D points of the other set that has the same distances. Each
+such group gives a rigid motion, and a mirror image of it. The motions under which most points lie close to one of the
+other set are refined in turns: the best assignment for the motion, then the best motion for the assignment, which is
+iterative closest point with the Hungarian method. Several disjoint bases are tried, so that a few wrong points do no
+harm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..model.gauge import align
+
+
+@dataclass(frozen=True)
+class MatchingLimits:
+    """How many motions are tried, and how far apart points count as the same.
+
+    Attributes
+    ----------
+    tolerance : of the median distance between nearest neighbours, dimensionless
+    bases : number of bases at most
+    groups : number of groups of points, of each base, at most
+    refined : number of motions, of each base, that are refined
+    rounds : number of turns of a refinement at most
+    enough : share of the points that must lie close to another for no further base to be tried
+    """
+
+    tolerance: float = 0.5
+    bases: int = 8
+    groups: int = 1000
+    refined: int = 40
+    rounds: int = 20
+    enough: float = 0.9
+
+
+LIMITS = MatchingLimits()
+
+
+@dataclass(frozen=True, eq=False)
+class Match:
+    """One way to lay points onto others.
+
+    Attributes
+    ----------
+    placed : (N, D) float64
+        The points, moved as a whole, metres.
+    order : (N,) int64
+        Number of the other point at which each lies.
+    cost : float
+        Mean square of the distances, each cut off at the tolerance, metres^2.
+    """
+
+    placed: np.ndarray
+    order: np.ndarray
+    cost: float
+
+
+def nearest_neighbours(points: np.ndarray) -> np.ndarray:
+    """Return the distance of each of `points` (N, D) from the nearest other one : (N,) float64."""
+    distance = np.linalg.norm(points[:, None] - points[None], axis=2)
+    np.fill_diagonal(distance, np.inf)
+    return distance.min(axis=1)
+
+
+def tolerance_of(points: np.ndarray) -> float:
+    """Return how far from one of `points` (N, D) another one counts as the same."""
+    return LIMITS.tolerance * float(np.median(nearest_neighbours(points)))
+
+
+def matches(points: np.ndarray, others: np.ndarray) -> list[Match]:
+    """Return the ways in which `points` lie closest to `others`, each with another order.
+
+    Parameters
+    ----------
+    points, others : (N, D) float64
+        Metres, D of 2 or 3.
+
+    Returns
+    -------
+    list of Match
+        The closest first; those that leave the order as it is are among them.
+    """
+    from scipy.spatial import cKDTree
+
+    tolerance, tree = tolerance_of(others), cKDTree(others)
+    half = _same_order(points, others)
+    found = [_refined(align(points, others, by), others, tolerance) for by in (half, slice(None))]
+    for base in _bases(points):
+        motions = _motions(points, others, base, tolerance)
+        if len(motions):
+            rough = np.minimum(tree.query(motions)[0], tolerance)
+            best = np.argsort((rough**2).sum(axis=1), kind="stable")[: LIMITS.refined]
+            found += [_refined(motions[n], others, tolerance) for n in best]
+        closest = min(found, key=lambda match: match.cost)
+        if np.mean(_distances(closest, others) < tolerance) >= LIMITS.enough:
+            break
+    different = {tuple(match.order): match for match in sorted(found, key=lambda match: -match.cost)}
+    return sorted(different.values(), key=lambda match: match.cost)
+
+
+def assigned(placed: np.ndarray, others: np.ndarray, tolerance: float) -> np.ndarray:
+    """Return at which of `others` each of `placed` lies, each at one : (N,) int64."""
+    from scipy.optimize import linear_sum_assignment  # takes a tenth of a second to load
+
+    distance = np.linalg.norm(placed[:, None] - others[None], axis=2)
+    beyond = np.maximum(distance - tolerance, 0.0)  # beyond the tolerance nearer is better still, but counts little
+    return linear_sum_assignment(np.minimum(distance, tolerance) ** 2 + 1e-3 * tolerance * beyond)[1]
+
+
+def _same_order(points: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Return the half of the points whose distances to the rest agree best in the order as it is."""
+    off = [np.median(np.abs(np.linalg.norm(p - points, axis=1) - np.linalg.norm(q - others, axis=1)))
+           for p, q in zip(points, others, strict=True)]  # fmt: skip
+    return np.argsort(off, kind="stable")[: max(points.shape[1] + 2, (len(points) + 1) // 2)]
+
+
+def _refined(placed: np.ndarray, others: np.ndarray, tolerance: float) -> Match:
+    order = assigned(placed, others, tolerance)
+    for _ in range(LIMITS.rounds):
+        distance = np.linalg.norm(placed - others[order], axis=1)
+        close = np.flatnonzero(distance <= max(tolerance, float(np.median(distance))))
+        placed = align(placed, others[order], close)
+        before, order = order, assigned(placed, others, tolerance)
+        if np.array_equal(before, order):
+            break
+    distance = np.linalg.norm(placed - others[order], axis=1)
+    return Match(placed, order, float(np.mean(np.minimum(distance, tolerance) ** 2)))
+
+
+def _distances(match: Match, others: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(match.placed - others[match.order], axis=1)
+
+
+def _bases(points: np.ndarray) -> Iterator[np.ndarray]:
+    """Yield disjoint groups of D points that are far from each other."""
+    free = list(range(len(points)))
+    for _ in range(LIMITS.bases):
+        if len(free) < points.shape[1]:
+            return
+        middle = points[free].mean(axis=0)
+        base = [free[int(np.argmax(np.linalg.norm(points[free] - middle, axis=1)))]]
+        while len(base) < points.shape[1]:
+            apart = [np.linalg.norm(points[base] - points[n], axis=1).min() for n in free]
+            base.append(free[int(np.argmax(apart))])
+        free = [n for n in free if n not in base]
+        yield np.array(base)
+
+
+def _motions(points: np.ndarray, others: np.ndarray, base: np.ndarray, tolerance: float) -> np.ndarray:
+    """Return the points laid onto every group of `others` with the distances of the base : (K, N, D) float64."""
+    groups = _groups(points[base], others, tolerance)
+    centre, goals = points[base].mean(axis=0), others[groups]
+    middles = goals.mean(axis=1, keepdims=True)
+    U, _, Vt = np.linalg.svd((points[base] - centre).T @ (goals - middles))
+    mirror = np.ones(points.shape[1])
+    mirror[-1] = -1.0  # D points lie in a line or a plane, which leaves the side open
+    placed = [(points - centre) @ (U * sides) @ Vt + middles for sides in (np.abs(mirror), mirror)]
+    return np.concatenate(placed)
+
+
+def _groups(base: np.ndarray, others: np.ndarray, tolerance: float) -> np.ndarray:
+    """Return the numbers of the groups of D points that have the distances of `base` : (K, D) int64, closest first."""
+    distance = np.linalg.norm(others[:, None] - others[None], axis=2)
+    groups, misfit = np.arange(len(others))[:, None], np.zeros(len(others))
+    for n in range(1, len(base)):
+        wanted = np.linalg.norm(base[:n] - base[n], axis=1)
+        off = np.abs(distance[groups] - wanted[None, :, None])  # (K, n, N)
+        group, last = np.nonzero(off.max(axis=1) < tolerance)
+        misfit = misfit[group] + (off[group, :, last] ** 2).sum(axis=1)
+        groups = np.column_stack([groups[group], last])
+        best = np.argsort(misfit, kind="stable")[: LIMITS.groups * (1 if n == len(base) - 1 else 20)]
+        groups, misfit = groups[best], misfit[best]
+    apart = [len(set(group)) == len(group) for group in groups.tolist()]
+    return groups[apart]

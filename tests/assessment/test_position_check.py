@@ -1,0 +1,179 @@
+"""A list is compared by its shape: whatever its order, place, size or mirror image, what is wrong with it is said."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fdcal.assessment import room_verdict, verdict
+from fdcal.assessment.position_check import compare_positions
+from fdcal.assessment.position_check_text import describe
+
+ERROR = 0.003  # metres, one sigma of each coordinate found
+
+
+def ball(seed: int, count: int, dimension: int, radius: float = 0.3) -> np.ndarray:
+    """Positions in a disk or ball, none close to another, as somebody hangs microphones up."""
+    rng, places = np.random.default_rng(seed), []
+    while len(places) < count:
+        place = rng.uniform(-radius, radius, dimension)
+        apart = 0.9 * radius / count ** (1 / dimension)
+        if np.linalg.norm(place) < radius and all(np.linalg.norm(place - other) > apart for other in places):
+            places.append(place)
+    return np.array(places)
+
+
+def plane(seed: int, count: int) -> np.ndarray:
+    """Positions in a plane of space."""
+    return np.column_stack([ball(seed, count, 2), np.zeros(count)])
+
+
+def moved(places: np.ndarray, seed: int, mirrored: bool = False, error: float = ERROR) -> np.ndarray:
+    """The positions as a calibration finds them: somewhere, turned, maybe mirrored, with errors."""
+    rng = np.random.default_rng(seed + 1)
+    turn = np.linalg.qr(rng.normal(size=(places.shape[1],) * 2))[0]
+    turn[0] *= (-1 if mirrored else 1) * np.sign(np.linalg.det(turn))
+    return places @ turn + rng.normal(size=places.shape[1]) + error * rng.normal(size=places.shape)
+
+
+ARRAYS = {
+    "plane16": lambda seed: ball(seed, 16, 2),
+    "plane32": lambda seed: ball(seed, 32, 2),
+    "space16": lambda seed: ball(seed, 16, 3),
+    "space32": lambda seed: ball(seed, 32, 3),
+    "plane in space": lambda seed: plane(seed, 16),
+}
+ORDERS = {
+    "as it is": lambda own, rng: own,
+    "reversed": lambda own, rng: own[::-1],
+    "halves exchanged": lambda own, rng: np.roll(own, len(own) // 2),
+    "shifted": lambda own, rng: np.roll(own, -1),
+    "shuffled": lambda own, rng: rng.permutation(own),
+}
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("array", ARRAYS)
+def test_the_order_of_a_list_is_found(array, order, mirrored):
+    for seed in range(3):
+        places = ARRAYS[array](seed)
+        wanted = ORDERS[order](np.arange(len(places)), np.random.default_rng(seed))
+        check = compare_positions(moved(places[wanted], seed, mirrored), places)
+        np.testing.assert_array_equal(check.order, wanted)
+        assert check.fits and check.scale == 1 and not check.symmetric and check.distances.max() < 6 * ERROR
+        assert check.agrees == (order == "as it is")
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.integers(0, 200), st.sampled_from([2, 3]), st.sampled_from([16, 32]), st.integers(1, 8), st.booleans())
+def test_pairs_are_named(seed, dimension, count, pairs, mirrored):
+    places = ball(seed % 10, count, dimension)
+    chosen = np.random.default_rng(seed).permutation(count)[: 2 * pairs].reshape(-1, 2)
+    found = places.copy()
+    found[chosen] = found[chosen[:, ::-1]]
+    check = compare_positions(moved(found, seed, mirrored), places)
+    assert set(check.swapped) == {tuple(sorted(pair)) for pair in chosen.tolist()}
+    assert check.permuted == () and check.fits and not check.agrees
+    names = [f"m{n}" for n in range(count)]
+    for a, b in check.swapped if 4 * pairs <= count else ():
+        assert f"channels m{a} and m{b} are swapped" in describe(check, names)
+
+
+def test_three_channels_in_each_others_places():
+    places = ball(0, 20, 3)
+    found = places.copy()
+    found[[4, 9, 15]] = places[[9, 15, 4]]
+    check = compare_positions(found, places)
+    assert check.permuted == ((4, 9, 15),)
+    assert "channels 4, 9, 15 stand in each other's places" in describe(check, range(20))
+
+
+@pytest.mark.parametrize("verdict", ["good", "model_mismatch"])
+@pytest.mark.parametrize("array", ARRAYS)
+def test_the_list_of_another_array_fits_in_no_order(array, verdict):
+    for seed in range(3):
+        check = compare_positions(moved(ARRAYS[array](seed), seed), ARRAYS[array](seed + 50))
+        text = describe(check, range(len(check.errors)), verdict)
+        assert not check.fits and not check.agrees
+        assert text.startswith("the list fits the array found in no order")
+        assert "no channels are swapped" not in text and "another array" in text
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(100.0, "centimetres"), (1000.0, "millimetres"), (1.3, None)])
+@pytest.mark.parametrize("array", ARRAYS)
+def test_a_list_of_another_size_is_matched_all_the_same(array, factor, unit):
+    places = ARRAYS[array](1)
+    wanted = np.roll(np.arange(len(places)), 2)
+    check = compare_positions(moved(places[wanted], 1), factor * places)
+    np.testing.assert_array_equal(check.order, wanted)
+    assert check.fits and not check.agrees and check.distances.max() < 6 * ERROR
+    assert check.scale == pytest.approx(factor, rel=0.01)
+    text = describe(check, range(len(places)))
+    assert f"is it in {unit}?" in text if unit else "times as large as the array found;" in text
+
+
+def test_swaps_are_seen_among_microphones_that_stand_elsewhere():
+    places = ball(3, 16, 3)
+    found = places.copy()
+    found[[2, 7]] = found[[7, 2]]
+    found[[0, 5, 11]] += [[0.2, 0, 0], [0, 0.25, 0], [0, 0, -0.3]]
+    check = compare_positions(moved(found, 3), places)
+    assert (check.swapped, check.permuted) == (((2, 7),), ())
+    assert set(np.argsort(check.distances)[-3:]) == {0, 5, 11}
+
+
+def test_a_turned_list_of_a_regular_circle_cannot_be_told_from_the_right_one():
+    angles = 2 * np.pi * np.arange(16) / 16
+    circle = 0.2 * np.column_stack([np.cos(angles), np.sin(angles)])
+    check = compare_positions(moved(np.roll(circle, 1, axis=0), 0, error=0.001), circle)
+    assert check.fits and check.symmetric and check.agrees
+    assert "turned or mirrored" in describe(check, range(16))
+    fixed = compare_positions(np.roll(circle, 1, axis=0), circle, known=[0, 4, 8])
+    assert not fixed.agrees or fixed.moved
+
+
+def test_known_microphones_fix_the_axes_unless_the_list_has_others():
+    places = ball(4, 20, 3)
+    found = places + ERROR * np.random.default_rng(4).normal(size=places.shape)
+    check = compare_positions(found, places, known=[0, 1, 2, 3])
+    np.testing.assert_allclose(check.errors, np.linalg.norm(found - places, axis=1))
+    assert not check.moved and check.agrees
+    other = compare_positions(moved(places, 4), places, known=[0, 1, 2, 3])
+    assert other.moved and other.agrees and "other axes" in describe(other, range(20))
+
+
+@settings(deadline=None, max_examples=25)
+@given(st.integers(0, 200))
+def test_position_errors_are_not_taken_for_swaps(seed):
+    places = ball(seed % 10, 20, 3, 0.5)
+    check = compare_positions(places + 0.02 * np.random.default_rng(seed).normal(size=places.shape), places)
+    assert check.agrees and (check.swapped, check.permuted) == ((), ())
+    assert describe(check, range(20)).startswith("no channels are swapped")
+
+
+CODES = set(re.findall(r"^(\w+)  ", verdict.__doc__ + room_verdict.__doc__, re.MULTILINE)) - {"good"}
+
+
+def test_without_a_good_verdict_no_swap_is_seen_only_where_all_are_near_their_places():
+    assert {"scale_undetermined", "undersampled", "room_size", "sound_speed", "odd_channel"} <= CODES
+    places = ball(5, 16, 3)
+    near = compare_positions(moved(places, 5), places)
+    off = np.random.default_rng(0).normal(size=places.shape)
+    far = compare_positions(places + 0.1 * off / np.linalg.norm(off, axis=1, keepdims=True) * np.eye(16)[:1].T, places)
+    for code in CODES:
+        assert describe(near, range(16), code).startswith("no swap seen: the largest distance, "), code
+        assert describe(far, range(16), code).startswith("swaps cannot be detected"), code
+        assert "--known none" in describe(far, range(16), code, arguments={"known": "--known"})
+        assert "known none" not in describe(far, range(16), code, known=False)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_few_microphones_are_compared_in_their_order(count):
+    places = ball(6, count, 3)
+    check = compare_positions(places + 1.0, places)
+    assert check.agrees and check.errors.max() < 1e-9
