@@ -104,6 +104,31 @@ def test_without_known_microphones_the_result_says_so(tiny):
         ({"modes": 0}, "modes"),
         ({"seed": -1}, "seed"),
         ({"distance": (0, 1, 0.2)}, "distance"),
+        ({"distance": ("0",)}, "distance"),
+        ({"distance": ("0", "1", "x")}, "distance"),
+        ({"distance": 0.2}, "distance"),
+        ({"modes": 2.5}, "modes"),
+        ({"modes": True}, "modes"),
+        ({"modes": "12"}, "modes"),
+        ({"seed": "a"}, "seed"),
+        ({"seed": 1.5, "solver": "joint", "start": "random"}, "seed"),
+        ({"known": 3}, "known"),
+        ({"known": {3: "here"}}, "known"),
+        ({"known": {3: None}}, "known"),
+        ({"exclude": "12"}, "exclude"),
+        ({"exclude": 12}, "exclude"),
+        ({"time_limit": "3"}, "time_limit"),
+        ({"time_limit": 0}, "time_limit"),
+        ({"room": "7x6"}, "room"),
+        ({"room": (7, "6")}, "room"),
+        ({"room": (7,)}, "room"),
+        ({"settings": 3}, "settings"),
+        ({"solver": ["joint"]}, "solver.name"),
+        ({"start": 1}, "solver.start"),
+        ({"gain_sigma_db": "1"}, "solver.gain_sigma_db"),
+        ({"max_sweeps": 2.5}, "solver.max_sweeps"),
+        ({"estimate_sound_speed": "no"}, "estimate_sound_speed"),
+        ({"progress": 3}, "progress"),
     ],
 )
 def test_what_cannot_be_is_an_error_that_names_the_argument(tiny, arguments, key):
@@ -111,6 +136,50 @@ def test_what_cannot_be_is_an_error_that_names_the_argument(tiny, arguments, key
         fdcal.calibrate(tiny, **arguments)
     assert caught.value.key == key
     assert "--" not in str(caught.value)
+
+
+def test_one_excluded_microphone_is_written_as_a_list(tiny):
+    """A text is not taken apart into letters, which would leave out other microphones."""
+    for read in (lambda: fdcal.calibrate(tiny, exclude="12"), lambda: fdcal.load("tiny", exclude="12")):
+        with pytest.raises(fdcal.InputError, match=r"put names or numbers into a list: exclude = \['12'\]"):
+            read()
+    assert fdcal.load("tiny", exclude=["12"]).names == tuple(str(n) for n in range(16) if n != 12)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "key"),
+    [
+        ({"source": 3}, "source"),
+        ({"source": "tiny", "positions": 3}, "positions"),
+        ({"source": "tiny", "positions": "nowhere.csv"}, None),
+        ({"source": "tiny", "progress": 3}, "progress"),
+        ({"source": "nowhere.wav", "temperature": "warm"}, "temperature"),
+        ({"source": "nowhere.wav", "most": 2.5}, "most"),
+        ({"source": "nowhere.wav", "known": 3}, "known"),
+    ],
+)
+def test_what_cannot_be_loaded_is_an_error_of_the_two_kinds(arguments, key):
+    with pytest.raises((fdcal.InputError, fdcal.StorageError)) as caught:
+        fdcal.load(**arguments)
+    assert key is None or caught.value.key == key
+
+
+@pytest.mark.parametrize(
+    ("arguments", "key"),
+    [
+        ({"modes": 3}, "modes"),
+        ({"modes": [1.5]}, "modes"),
+        ({"modes": [99]}, "modes"),
+        ({"settings": 3}, "settings"),
+        ({"calibration": 3}, "calibration"),
+        ({"microphone": "nosuch"}, "microphone"),
+        ({"measurement": "tiny"}, "measurement"),
+    ],
+)
+def test_no_landscape_is_an_error_that_names_the_argument(tiny, arguments, key):
+    with pytest.raises(fdcal.InputError) as caught:
+        fdcal.landscape(**({"measurement": tiny, "microphone": 3} | arguments))
+    assert caught.value.key == key
 
 
 def test_an_argument_that_does_not_exist_is_a_type_error(tiny):

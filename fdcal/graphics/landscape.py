@@ -8,7 +8,8 @@ from ..assessment.calibration import Calibration
 from ..model.channels import microphone_index
 from ..model.measurement import Measurement
 from ..model.settings import SolverSettings
-from ..model.validation import InputError
+from ..model.validation import InputError, shown_literal
+from ..session.arguments import mode_numbers, require_measurement, require_settings
 from ..session.blas_threads import one_blas_thread
 from .landscape_figure import LandscapePanels, landscape_panels
 
@@ -55,15 +56,17 @@ def landscape(
     >>> panels.maps.shape
     (4, 25, 25)
     """
-    settings, count = settings or SolverSettings(), len(measurement.frequencies)
+    require_measurement(measurement, "landscape")
+    require_settings(settings)
+    settings, used = settings or SolverSettings(), mode_numbers(modes, len(measurement.frequencies))
     n = microphone_index(str(microphone), measurement.names, "microphone")
-    for mode in modes:
-        if not 1 <= mode <= count:
-            raise InputError(f"mode {mode} does not exist", f"give <modes> from 1 to {count}", key="modes", value=mode)
+    if calibration is not None and not isinstance(calibration, Calibration):
+        problem = f"calibration = {shown_literal(calibration)} is none"
+        raise InputError(problem, "give what fdcal.calibrate returns", key="calibration", value=calibration)
     positions = measurement.positions if calibration is None else calibration.positions_for(measurement)
     if positions is None:
         raise InputError(
             "the measurement holds no true positions", "give the calibration that found the others", key="calibration"
         )
     with one_blas_thread():
-        return landscape_panels(measurement.problem(settings.weights), positions, n, list(modes), settings.order_offset)
+        return landscape_panels(measurement.problem(settings.weights), positions, n, used, settings.order_offset)

@@ -10,7 +10,7 @@ import numpy as np
 from .channels import microphone_index
 from .measurement import Measurement
 from .microphones import MicrophonePositions
-from .validation import InputError
+from .validation import InputError, shown_literal
 
 FLAT = 1e-6  # metres: heights that differ less are one height
 
@@ -35,7 +35,7 @@ def with_known(measurement: Measurement, known: Mapping | Sequence) -> Measureme
     if len(set(numbers)) < len(numbers):
         raise InputError("known gives a microphone twice", "give each of <known> once", key="known")
     if isinstance(known, Mapping):
-        places = [np.asarray(place, float) for place in known.values()]
+        places = [_place_of(name, place) for name, place in known.items()]
     else:
         places = [_position(measurement, n) for n in numbers]
     shape = (measurement.array_dimension,)
@@ -45,6 +45,15 @@ def with_known(measurement: Measurement, known: Mapping | Sequence) -> Measureme
             raise InputError(problem, f"give {shape[0]} coordinates, metres, in <known>", key="known")
     rows = np.array(places, float).reshape(len(numbers), *shape)
     return replace(measurement, known=numbers, known_positions=rows)
+
+
+def _place_of(name: object, place: object) -> np.ndarray:
+    """Return the position that is given for a known microphone as an array, metres."""
+    try:
+        return np.asarray(place, float)
+    except (TypeError, ValueError) as error:
+        problem = f"the position of known microphone {name} is {shown_literal(place)}"
+        raise InputError(problem, "give numbers, metres, in <known>", key="known", value=place) from error
 
 
 def _position(measurement: Measurement, number: int) -> np.ndarray:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .field_types import require_field_types
 from .limits import LIMITS
 from .room import Point
 from .validation import InputError, require_choice, require_finite, require_positive
@@ -168,6 +169,7 @@ class SolverSettings:
     def __post_init__(self):
         if self.noise == "told":  # the old spelling
             object.__setattr__(self, "noise", "reported")
+        require_field_types(self, "solver.")
         for key in ("modes", "first_modes", "max_sweeps", "ample_modes", "known_weight"):
             require_positive(f"solver.{key}", getattr(self, key))
         if self.first_modes > self.modes:

@@ -171,13 +171,13 @@ def require_number(key: str, value: object) -> None:
         raise InputError(f"{key} = {shown_literal(value)} is no number", "give a number", key=key, value=value)
 
 
-def require_integer(key: str, value: object, least: int = 0) -> None:
+def require_integer(key: str, value: object, least: int = 0, remedy: str = "") -> None:
     """Raise InputError unless `value` is a whole number, not below `least`."""
+    remedy = remedy or f"use {least} or more"
     if not isinstance(value, Integral) or isinstance(value, bool):
-        problem = f"{key} = {shown_literal(value)} is no whole number"
-        raise InputError(problem, f"use {least} or more", key=key, value=value)
+        raise InputError(f"{key} = {shown_literal(value)} is no whole number", remedy, key=key, value=value)
     if value < least:
-        raise InputError(f"{key} = {value} is below {least}", f"use {least} or more", key=key, value=value)
+        raise InputError(f"{key} = {value} is below {least}", remedy, key=key, value=value)
 
 
 def require_not_negative(key: str, value: float, unit: str = "") -> None:
@@ -206,7 +206,7 @@ def require_positive(key: str, value: float, unit: str = "") -> None:
 def require_choice(key: str, value: object, choices: Iterable[object]) -> None:
     """Raise InputError unless `value` is one of `choices`."""
     choices = tuple(choices)
-    if value not in choices:
+    if isinstance(value, np.ndarray) or value not in choices:
         remedy = f"use one of {', '.join(map(str, choices))}"
         raise InputError(f'{key} = "{shown(value)}" is unknown', remedy, key=key, value=value)
 

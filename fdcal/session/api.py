@@ -7,12 +7,23 @@ from dataclasses import fields, replace
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
+from ..model.field_types import require_field_types
 from ..model.given_positions import with_known, with_positions
 from ..model.measurement import Measurement
 from ..model.microphones import MicrophonePositions
 from ..model.scene import Scene
 from ..model.settings import SolverSettings
-from ..model.validation import InputError
+from ..model.validation import InputError, require_array
+from .arguments import (
+    known_distance,
+    known_microphones,
+    lengths,
+    microphone_names,
+    require_callable,
+    require_measurement,
+    require_settings,
+    require_truth_value,
+)
 from .blas_threads import one_blas_thread
 from .calibrate import solve
 from .sources import Progress, is_recording, load_input, measurement_input, scene_input, with_settings
@@ -67,7 +78,8 @@ def load(
     if not isinstance(source, (str, PathLike)):
         problem = f"load takes the path of a file or the name of a scene, not {type(source).__name__}"
         raise InputError(problem, "give it as text", key="source")
-    text, excluded = str(source), tuple(str(one) for one in exclude)
+    require_callable("progress", progress)
+    text, excluded = str(source), microphone_names("exclude", exclude)
     with one_blas_thread():
         measurement = load_input(text, progress, excluded, _import_options(text, options)).measurement
     return measurement if positions is None else _compared(measurement, positions, len(set(excluded)))
@@ -83,7 +95,9 @@ def _import_options(text: str, options: dict):
     unknown = set(options) - {field.name for field in fields(ImportOptions)}
     if unknown:
         raise TypeError(f"load() got an unexpected keyword argument {sorted(unknown)[0]!r}")
-    return ImportOptions(**options)
+    found = ImportOptions(**options)
+    require_field_types(found)
+    return found
 
 
 def _compared(measurement: Measurement, positions: Any, excluded: int) -> Measurement:
@@ -91,8 +105,8 @@ def _compared(measurement: Measurement, positions: Any, excluded: int) -> Measur
 
     if isinstance(positions, (str, PathLike)):
         return with_positions(measurement, read_positions(positions), excluded)
-    names = tuple(map(str, range(len(positions))))
-    return with_positions(measurement, MicrophonePositions(names, positions), excluded)
+    places = require_array("positions", positions, "real", (None, None), "m")
+    return with_positions(measurement, MicrophonePositions(tuple(map(str, range(len(places)))), places), excluded)
 
 
 def simulate(scene: Scene | str | PathLike[str], *, progress: Progress | None = None) -> Measurement:
@@ -200,18 +214,18 @@ def calibrate(
     >>> bool(found.max_error < 0.02)
     True
     """
-    if not isinstance(measurement, Measurement):
-        problem = f"calibrate takes a measurement, not {type(measurement).__name__}"
-        raise InputError(problem, "load it first: fdcal.calibrate(fdcal.load(...))", key="measurement")
+    require_measurement(measurement, "calibrate")
+    require_settings(settings)
+    require_truth_value("estimate_sound_speed", estimate_sound_speed)
+    require_callable("progress", progress)
     gauge = known if isinstance(known, str) else None
     if known is not None and gauge is None:
-        measurement = with_known(measurement, known)
-    inputs = measurement_input(measurement, excluded=tuple(str(one) for one in exclude), settings=settings)
+        measurement = with_known(measurement, known_microphones(known))
+    inputs = measurement_input(measurement, excluded=microphone_names("exclude", exclude), settings=settings)
     others |= {"known": gauge, "noise": None if noise is None else str(noise)}
     if room is not None:
-        solver, others["room"] = solver or "room", tuple(float(length) for length in room)
+        solver, others["room"] = solver or "room", lengths("room", room)
     inputs = with_settings(inputs, solver, modes, seed, **others)
-    if distance is not None:
-        distance = (str(distance[0]), str(distance[1]), float(distance[2]))
-    inputs = replace(inputs, estimate_sound_speed=estimate_sound_speed, distance=distance, time_limit=time_limit)
+    pair = known_distance(distance)
+    inputs = replace(inputs, estimate_sound_speed=estimate_sound_speed, distance=pair, time_limit=time_limit)
     return solve(inputs, progress)

@@ -16,7 +16,7 @@ from ..model.measurement_file import load_measurement
 from ..model.scene import Scene, require_rectangle
 from ..model.scene_file import load_scene
 from ..model.settings import ALL_MODES, SolverSettings
-from ..model.validation import InputError
+from ..model.validation import InputError, require_integer
 from ..solvers import load, with_mode_count
 from ..solvers.interface import AssessmentMethod
 
@@ -229,15 +229,13 @@ def with_settings(
     """
     given = {key: value for key, value in others.items() if value is not None}
     settings = replace(inputs.settings, **given)
-    if seed is not None and seed < 0:
-        raise InputError(f"seed = {seed} must not be negative", "use 0 or more", key="seed", value=seed)
+    if seed is not None:
+        require_integer("seed", seed)
     if modes is not None:
-        if modes < 1:
-            count = len(inputs.measurement.frequencies)
-            raise InputError(f"modes = {modes} must be at least 1", f"use 1 to {count}", key="modes", value=modes)
+        require_integer("modes", modes, 1, f"use 1 to {len(inputs.measurement.frequencies)}")
         settings = replace(settings, modes=modes, first_modes=min(settings.first_modes, modes))
         inputs = replace(inputs, all_modes=False)
-    settings = replace(settings, name=solver or settings.name)
+    settings = replace(settings, name=settings.name if solver is None else solver)
     traits = load(settings.name).TRAITS
     _require_used(given, settings)
     if traits.needs_room and inputs.scene is not None:
