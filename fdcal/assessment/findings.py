@@ -41,13 +41,21 @@ def undersampled(problem: Problem, positions: np.ndarray, modes: slice) -> str:
     used = problem.frequencies[modes]
     if used[-1] <= limit:
         return ""
-    # The limit is that of the array found, which is another with other modes: some room ends the search in one step.
-    below = int(np.sum(problem.frequencies <= MODES_MARGIN * limit))
+    below = modes_below_limit(problem, positions)
     remedy = f"use <modes> {below}, or" if below >= FEWEST_MODES else "use"
     return (
         f"{len(positions)} microphones so far apart interpolate up to {limit:.0f} Hz (Eq. 9), but modes up to"
         f" {used[-1]:.0f} Hz are in use; {remedy} more microphones closer together"
     )
+
+
+def modes_below_limit(problem: Problem, positions: np.ndarray) -> int:
+    """Return the number of modes below f_max (Eq. 9) of an array found at `positions` (N, D), metres.
+
+    The array is another with other modes: MODES_MARGIN below the limit ends the search in one step.
+    """
+    limit = array_f_max(positions, problem.sound_speed, problem.dimension)
+    return int(np.sum(problem.frequencies <= MODES_MARGIN * limit))
 
 
 def odd_channel(problem: Problem, figures: Diagnostics, names: Sequence[str]) -> str:

@@ -183,7 +183,7 @@ def frequency_band(
         raise InputError(
             f"{recording.path}: an array of {found.radius:.3g} m radius is too large for {recording.count} microphones:"
             f" they interpolate up to {found.limit:.3g} Hz, and the band begins at {low:g} Hz",
-            "give positions in metres, neither in degrees nor in millimetres",
+            "give positions in metres, not in centimetres, millimetres or degrees",
             key="frequencies",
         )
     if not 0 < low < high <= top:

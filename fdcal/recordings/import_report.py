@@ -10,9 +10,12 @@ import numpy as np
 from ..model.measurement import Measurement
 from ..model.power import mode_power
 from ..model.validation import word_arguments
+from ..solvers.identifiability import least_microphones
 from .impulse_response import Pressures
 from .recording import Recording
 
+LOWEST = 3  # frequencies of the lowest signal-to-noise ratio that are named
+MANY = 32  # microphones with which errors in a room are of the order of their uncertainty
 CLEAN_DB = 100.0  # above it the estimate of the noise is at its floor
 ARGUMENTS: Mapping[str, str] = {}  # by their own names
 
@@ -76,7 +79,7 @@ def import_summary(measurement: Measurement, report: ImportReport, wording: Mapp
         f"known        {len(measurement.known)} of {measurement.count} microphones",
     ]
     lines += [f"modelled     {recording.modelled}"] if recording.modelled else _snr_lines(taken)
-    return "\n".join([*lines, f"highest usable frequency  {limit}"])
+    return "\n".join([*lines, f"highest usable frequency  {limit}", *_count_lines(measurement)])
 
 
 def _left_out(reasons: dict[str, str]) -> str:
@@ -85,13 +88,21 @@ def _left_out(reasons: dict[str, str]) -> str:
 
 
 def _snr_lines(taken: Pressures) -> list[str]:
-    """Return the signal-to-noise ratio of every frequency, decibels, six to a line."""
+    """Return the signal-to-noise ratio of the frequencies, decibels, and where it is lowest."""
     if taken.noise_power is None:
         return ["SNR          unknown: the room still rings at the end; a longer recording would show the noise"]
     power = mode_power(taken.pressures)
     snr = 10 * np.log10(np.maximum(power / np.maximum(taken.noise_power, 1e-12 * power) - 1, 1e-3))
     if snr.min() > CLEAN_DB:
         return [f"SNR          above {CLEAN_DB:g} dB at all frequencies: no noise was found"]
-    cells = [f"{f:7.1f} Hz {s:3.0f} dB" for f, s in zip(taken.frequencies, snr, strict=True)]
-    rows = ["  ".join(cells[start : start + 6]) for start in range(0, len(cells), 6)]
-    return [f"SNR          median {np.median(snr):.0f} dB, {snr.min():.0f} to {snr.max():.0f} dB", *rows]
+    low = np.sort(np.argsort(snr, kind="stable")[:LOWEST])
+    cells = ", ".join(f"{snr[n]:.0f} dB at {taken.frequencies[n]:.1f} Hz" for n in low)
+    return [f"SNR          median {np.median(snr):.0f} dB, {snr.min():.0f} to {snr.max():.0f} dB; lowest {cells}"]
+
+
+def _count_lines(measurement: Measurement) -> list[str]:
+    """Return a warning where the microphones are too few for any calibration, or for an exact one."""
+    count, needed = measurement.count, least_microphones(measurement.array_dimension)
+    if count < needed:
+        return [f"warning: {count} microphones are too few to be found: use {needed} or more, {MANY} in a room"]
+    return []

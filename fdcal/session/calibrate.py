@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..assessment.calibration import Calibration
+from ..assessment.findings import FEWEST_MODES, modes_below_limit
 from ..model.channels import check_channels
 from ..model.measurement import Measurement
 from ..model.problem import Problem
@@ -19,7 +20,7 @@ from ..solvers.bounds import ended_early, time_limit
 from ..solvers.deadline import OutOfTime, check_deadline, deadline
 from ..solvers.identifiability import check_solvable
 from ..solvers.interface import AssessmentMethod, RunState
-from .assess import ARGUMENTS, assess, distance_pair
+from .assess import ARGUMENTS, Assessment, assess, distance_pair
 from .blas_threads import one_blas_thread
 from .sources import CalibrationInput, Progress
 
@@ -109,10 +110,7 @@ def solve(
         require_positive("time_limit", inputs.time_limit, "s")
     start = time.perf_counter()
     with one_blas_thread():
-        state, stopped = last_state(inputs, progress, problem, clock)
-        found = assess(inputs, problem, state, wording)
-    if stopped:
-        found = replace(found, verdict="not_converged", verdict_text=word_arguments(stopped, wording))
+        inputs, state, found = _assessed(inputs, progress, problem, wording, clock)
     measurement = inputs.measurement
     return Calibration(
         positions=found.positions,
@@ -137,6 +135,38 @@ def solve(
         room=found.room,
         channels=found.channels,
     ).compared_with(measurement, inputs.given)
+
+
+def _assessed(
+    inputs: CalibrationInput,
+    progress: Progress | None,
+    problem: Problem,
+    wording: Mapping[str, str],
+    clock: Callable[[], float],
+) -> tuple[CalibrationInput, RunState, Assessment]:
+    """Return the end of a run and what it is worth; of a second run where the array found cannot carry all modes.
+
+    Before the first run nothing but the coherence speaks for the size of the array. The second run takes the modes
+    that the array found interpolates, if their number was left open and as much time is left as the first run took.
+    """
+    begun, limit = clock(), inputs.time_limit or time_limit(problem, inputs.settings.modes)
+    state, stopped = last_state(inputs, progress, problem, clock)
+    found = assess(inputs, problem, state, wording)
+    left = limit - 2 * (clock() - begun)
+    if stopped:
+        text = word_arguments(stopped, wording)
+        return inputs, state, replace(found, verdict="not_converged", verdict_text=text)
+    if not inputs.all_modes or found.verdict != "undersampled" or left <= 0:
+        return inputs, state, found
+    fewer = modes_below_limit(problem, found.positions)
+    if not FEWEST_MODES <= fewer < inputs.settings.modes:
+        return inputs, state, found
+    settings = replace(inputs.settings, modes=fewer, first_modes=min(inputs.settings.first_modes, fewer))
+    inputs = replace(inputs, settings=settings, all_modes=False, time_limit=limit - (clock() - begun))
+    inputs, state, found = _assessed(inputs, progress, problem, wording, clock)
+    above = f"{len(problem.frequencies) - fewer} modes above {problem.frequencies[fewer - 1]:.0f} Hz are left out"
+    text = f"{found.verdict_text}; {above}, since the array found cannot interpolate all of them (Eq. 9)"
+    return inputs, state, replace(found, verdict_text=text)
 
 
 def last_state(

@@ -34,6 +34,14 @@ class LineLimits:
 LINE = LineLimits()
 
 
+def least_microphones(dimension: int) -> int:
+    """Return the number of microphones below which no array of D = `dimension` coordinates can be found.
+
+    A field of the lowest order has D + 1 functions; as many equations again must be left for the positions.
+    """
+    return 2 * dimension + 2
+
+
 def check_solvable(problem: Problem, modes: int, names: Sequence[str]) -> None:
     """Raise InputError for a problem that no solver can work on; it names microphones if it can.
 
@@ -74,7 +82,7 @@ def _check_count(problem: Problem, modes: int) -> None:
     if each <= 0:
         raise InputError(
             f"{N} microphones are too few: a field of the lowest order has {D + 1} functions",
-            f"use {2 * D + 2} microphones or more",
+            f"use {least_microphones(D)} microphones or more",
             key="pressures",
         )
     needed, used = -(-unknowns // each), min(modes, measured)

@@ -455,7 +455,7 @@ def test_positions_in_degrees_are_refused(folder, tmp_path):
     rows = [f"{n},{x},{y},{z}" for n, (x, y, z) in enumerate(angles[:5].tolist())]
     (tmp_path / "known.csv").write_text("\n".join(["name,x,y,z", *rows]) + "\n")
     for path, table in ((tmp_path / "a.npz", None), (folder / "responses.wav", str(tmp_path / "known.csv"))):
-        with pytest.raises(InputError, match=r"the band begins at 20 Hz; give positions in metres, neither in degrees"):
+        with pytest.raises(InputError, match=r"the band begins at 20 Hz; give positions in metres, not in centimetres"):
             import_recording(path, ImportOptions(known=table))
 
 
@@ -517,3 +517,24 @@ def test_a_table_of_a_spreadsheet_with_commas_as_decimal_signs(folder, tmp_path)
     (names, places), (same, also) = (read_positions(tmp_path / f"{n}.csv") for n in ("english", "german"))
     assert names == same
     assert np.array_equal(places, also)
+
+
+@pytest.mark.parametrize(("count", "warned"), [(7, True), (8, False)])
+def test_too_few_microphones_are_said_at_the_import(tmp_path, count, warned):
+    np.savez(tmp_path / "few.npz", recordings=noisy(responses(), 40)[:count], sample_rate=FS, kind="response")
+    measurement, report = import_recording(tmp_path / "few.npz", ImportOptions(sound_speed=SPEED, array_radius=0.5))
+    last = import_summary(measurement, report).splitlines()[-1]
+    assert last.startswith(f"warning: {count} microphones are too few") == warned
+    if warned:
+        with pytest.raises(InputError, match=f"{count} microphones are too few|too few"):
+            solve(load_input(str(tmp_path / "few.npz")))
+
+
+def test_of_many_frequencies_those_of_the_lowest_snr_are_named(tmp_path):
+    np.savez(tmp_path / "a.npz", recordings=noisy(responses(), 40), sample_rate=FS, kind="response")
+    measurement, report = import_recording(tmp_path / "a.npz", ImportOptions(sound_speed=SPEED))
+    text = import_summary(measurement, report)
+    (line,) = [line for line in text.splitlines() if line.startswith("SNR")]
+    snr = np.mean(np.abs(measurement.pressures) ** 2, axis=1) / measurement.noise_power - 1
+    worst = measurement.frequencies[np.argmin(snr)]
+    assert f"at {worst:.1f} Hz" in line and len(text.splitlines()) < 12
