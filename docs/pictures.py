@@ -116,7 +116,8 @@ def keep(path: Path, target: Path) -> None:
     picture = Image.open(path).convert("RGB")
     picture.save(target, optimize=True)
     if target.stat().st_size > LARGEST:
-        picture.quantize(COLOURS, kmeans=4, dither=Image.Dither.NONE).save(target, optimize=True)
+        even = picture.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, kmeans=4)  # also for a colour bar, which is small
+        picture.quantize(palette=even, dither=Image.Dither.FLOYDSTEINBERG).save(target, optimize=True)
     print(f"{target.relative_to(ROOT)}: {target.stat().st_size / 1000:.0f} kB", flush=True)
 
 

@@ -90,6 +90,16 @@ def test_on_a_phone_the_legend_stands_above_the_scene(open_page, folded):
     assert box["x"] >= 0 and box["y"] >= 0 and box["width"] <= PHONE[0] and box["height"] < 0.2 * PHONE[1]
 
 
+def test_on_a_phone_the_sheet_stays_as_wide_as_the_screen(open_page):
+    page = open_page(PHONE)
+    page.get_by_text("Cost (Eq. 7", exact=False).last.wait_for()  # a plot, which fills the width
+    press(page, "Step")
+    page.get_by_text("step 1, sweep 1").wait_for()
+    page.wait_for_timeout(1500)
+    widths = "areas => areas.map(area => area.scrollWidth)"
+    assert max(page.locator(".mantine-ScrollArea-viewport").evaluate_all(widths)) == PHONE[0]
+
+
 def test_on_a_phone_every_tab_can_be_opened(open_page):
     page = open_page(PHONE)
     for name in (*RIGHT, *LEFT):

@@ -14,10 +14,10 @@ import viser
 
 RIGHT_WIDTH, LEFT_WIDTH = 340.0, 314.0  # pixels
 # All tabs of a panel stay in one row of its width; on a phone, whose sheet is as wide as its screen, in as few rows as
-# they need.
+# they need. 100 % in place of 100vw would be of what the sheet holds, and grow with every plot that fills it.
 TABS_STYLE = (
     "<style>[role=tab] {padding: 0 4px !important}"
-    "@media (max-width: 36em) {[style*='width: 20em'] {width: 100% !important}"
+    "@media (max-width: 36em) {[style*='width: 20em'] {width: 100vw !important}"
     " [role=tablist] {height: auto !important; flex-wrap: wrap !important}"
     " [role=tab] {height: 2.2em !important; padding: 0 5px !important}}</style>"
 )
