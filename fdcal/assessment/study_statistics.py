@@ -72,7 +72,7 @@ def selected(rows: pandas.DataFrame, axes: dict[str, list], at: dict[str, str]) 
         texts = [str(value) for value in axes[key]]
         if text not in texts:
             raise InputError(f"{key} has no value {text}", f"use {', '.join(texts)}", key="at", value=text)
-        found = found[found[key].astype(str) == str(column_value(axes[key][texts.index(text)]))]
+        found = found[found[key] == column_value(axes[key][texts.index(text)])]
     return found
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING
 from ..assessment.study_statistics import judged, selected
 from ..model.storage import write_atomically
 from ..model.validation import InputError
+from ..session.study.provenance import version_text
 from .landscape_figure import figure_bytes
 from .study_figures import draw_error, draw_error_bars, draw_success, draw_verdicts
 from .study_panels import study_panels
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
     import pandas
 
 STYLE = "body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto}img{max-width:100%}"
+UNKNOWN = "an fdcal that did not note its sources"
 CAPTIONS = {
     "success": "An array counts as found where the error is below 5 mm, or three times the Cramer-Rao bound.",
     "error": "Median error of the microphones that are sought, 10 to 90 % shaded; dashed the bound in a diffuse field.",
@@ -73,12 +76,25 @@ def _require_axes(axes: dict, names: tuple[str, str] | None) -> None:
             raise InputError(f"the study has no axis {name}", f"use {', '.join(axes)}", key="axes", value=name)
 
 
+def code_text(rows: pandas.DataFrame) -> str:
+    """Return in a sentence which code computed the rows of a study, and how many each where there are several."""
+    counts: Counter = Counter()
+    for row in rows.to_dict("records"):
+        source, commit = row.get("source"), row.get("commit")
+        known = isinstance(source, str)
+        text = version_text(row["version"], source, commit if isinstance(commit, str) else None) if known else UNKNOWN
+        counts[text] += 1
+    if len(counts) == 1:
+        return f"Computed by {next(iter(counts))}."
+    return f"Computed by different code: {'; '.join(f'{count} by {text}' for text, count in counts.most_common())}."
+
+
 def _page(head: dict, rows: pandas.DataFrame, at: dict[str, str]) -> str:
     where = "".join(f", {escape(key)} = {escape(value)}" for key, value in at.items())
     summary = (
         f"{len(rows)} of {head['count']} calibrations{where}: the array found in {rows['found'].mean():.1%}, verdict"
         f" good in {rows['trusted'].mean():.1%}, good and wrong in {rows['wrong'].mean():.2%};"
-        f" {rows['seconds'].median():.2g} s of processor time each (median)."
+        f" {rows['seconds'].median():.2g} s of processor time each (median). {escape(code_text(rows))}"
     )
     pictures = "".join(
         f'<h2>{escape(name.replace("-", " ").capitalize())}</h2><p>{escape(text)}</p><a href="{name}.svg">'

@@ -6,12 +6,14 @@ import json
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from ...model.storage import write_atomically
 from ...model.validation import InputError, StorageError
 from .definition import Study
+from .provenance import code_version, version_text
 
 if TYPE_CHECKING:
     import pandas
@@ -25,6 +27,8 @@ COLUMNS = {  # those of every row, beside the axes; missing values are null
     "draw": "int64",
     "seed": "int64",
     "version": "string",
+    "source": "string",  # these two as of `provenance.CodeVersion`; null in rows of fdcal before it wrote them
+    "commit": "string",
     "verdict": "string",
     "reason": "string",
     "rms_error_m": "float64",
@@ -50,7 +54,8 @@ class Results:
     Raises
     ------
     InputError
-        The folder holds rows and `resume` is not set, or those of another study; pandas or pyarrow is missing.
+        The folder holds rows and `resume` is not set, or those of another study or of other code; pandas or pyarrow is
+        missing.
     StorageError
         The folder cannot be made.
     """
@@ -64,17 +69,33 @@ class Results:
             raise StorageError(f"cannot make the folder {folder}: {error.strerror}") from error
         head = self.folder / HEAD
         own = {"digest": study.digest(), "title": study.title, "count": study.count, "axes": study.axes}
+        own["code"] = asdict(code_version())
         if head.exists():
-            if _head(head).get("digest") != own["digest"]:
-                remedy = "choose another folder, or the study that it was begun with"
-                raise InputError(f"{folder} holds another study", remedy, key="output", value=str(folder))
-            if not resume and any(self.folder.glob(PARTS)):
-                remedy = "add <resume> to go on, or choose another folder"
-                raise InputError(f"{folder} holds results of this study", remedy, key="output", value=str(folder))
-            return
-        if any(path.name != ROWS for path in self.folder.iterdir()):
+            self._require_own(_head(head), own, resume)
+        elif any(path.name != ROWS for path in self.folder.iterdir()):
             raise InputError(f"{folder} is not empty", "choose another folder", key="output", value=str(folder))
-        write_atomically(head, lambda file: file.write_text(json.dumps(own, indent=1) + "\n", encoding="utf-8"))
+        if not any(self.folder.glob(PARTS)):  # whoever writes the first row has begun the folder
+            text = json.dumps(own, indent=1) + "\n"
+            write_atomically(head, lambda file: file.write_text(text, encoding="utf-8"), force=True)
+
+    def _require_own(self, head: dict, own: dict, resume: bool) -> None:
+        """Raise InputError unless the folder was begun by this study and this code, and may be gone on with."""
+
+        def refuse(problem: str, remedy: str) -> NoReturn:
+            raise InputError(f"{self.folder} {problem}", remedy, key="output", value=str(self.folder))
+
+        if head.get("digest") != own["digest"]:
+            refuse("holds another study", "choose another folder, or the study that it was begun with")
+        if not any(self.folder.glob(PARTS)):
+            return
+        if not resume:
+            refuse("holds results of this study", "add <resume> to go on, or choose another folder")
+        began = head.get("code")  # older folders do not say
+        if began is not None and began["source"] != own["code"]["source"]:
+            text, other = version_text(**own["code"]), version_text(**began)
+            refuse(
+                f"holds results of other code ({other}; this is {text})", "choose another folder, or go on with that"
+            )
 
     def done(self) -> set[int]:
         """Return the numbers of the tasks whose rows are there."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import time
 from dataclasses import asdict, replace
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -23,6 +22,7 @@ from ...model.validation import InputError
 from ..calibrate import solve
 from ..sources import CalibrationInput
 from .definition import Study, scene_at
+from .provenance import code_version
 
 KEPT_FIELDS = 6  # sound fields that a process keeps: a few megabytes
 _fields: dict[str, ModalPressures] = {}
@@ -39,7 +39,7 @@ def run_task(study: Study, number: int) -> dict[str, Any]:
     """
     draw, index = divmod(number, study.points)
     point, seed = study.point(index), study.seed + draw
-    row: dict[str, Any] = {"task": number, "draw": draw, "seed": seed, "version": version("fdcal")}
+    row: dict[str, Any] = {"task": number, "draw": draw, "seed": seed, **asdict(code_version())}
     row |= {key: value if isinstance(value, (int, float, str)) else json.dumps(value) for key, value in point.items()}
     began = time.process_time()
     try:

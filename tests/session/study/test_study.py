@@ -1,10 +1,13 @@
 """Studies: their file, one calibration, the table, and runs on a real local cluster of Dask."""
 
+import json
 import os
 import signal
 import subprocess
 import sys
 import threading
+from dataclasses import asdict
+from importlib.metadata import version as fdcal_version
 
 import numpy as np
 import pytest
@@ -13,9 +16,11 @@ import fdcal
 from fdcal.assessment.study_statistics import judged, selected, share_grid
 from fdcal.graphics.study_report import write_report
 from fdcal.model.validation import InputError, StorageError
+from fdcal.session.study import results as table_of_study
 from fdcal.session.study import task
 from fdcal.session.study.cluster import connected, run_study
 from fdcal.session.study.definition import Study, load_study, scene_at
+from fdcal.session.study.provenance import CodeVersion, code_version, source_hash
 from fdcal.session.study.results import PARTS, Results, read_results
 from fdcal.session.study.task import run_task, sound_field
 
@@ -152,6 +157,64 @@ def test_a_folder_of_another_study_and_one_that_is_not_empty(file, tmp_path):
         Results(tmp_path / "full", study, False)
     with pytest.raises(InputError, match="no results"):
         read_results(tmp_path / "full")
+
+
+def rows_of(code, tasks):
+    """Return rows at the first point of the study, computed by some code."""
+    at = {"snr_db": 20, "solver.modes": 12, "draw": 0, "seed": 0, "verdict": "good", "seconds": 1.0}
+    error = {"rms_error_m": 0.002, "claimed_sigma_m": 0.002, "bound_m": 0.001, "max_error_m": 0.004}
+    return [{"task": number, **at, **error, **code} for number in tasks]
+
+
+def test_a_study_does_not_go_on_with_other_code(file, tmp_path, monkeypatch):
+    """Its rows would be of two solvers; before the first row nothing can mix, and the folder is begun again."""
+    study, folder = load_study(file), tmp_path / "out"
+    first, other = CodeVersion("0.1.0", "aaaa", "1234567"), CodeVersion("0.1.0", "bbbb", None)
+    for code in (other, first):
+        monkeypatch.setattr(table_of_study, "code_version", lambda code=code: code)
+        table = Results(folder, study, False)
+    table.append(rows_of(asdict(first), [0, 1]))
+    assert Results(folder, study, True).done() == {0, 1}
+    monkeypatch.setattr(table_of_study, "code_version", lambda: other)
+    with pytest.raises(InputError, match=r"other code .*sources aaaa, commit 1234567; this is .*sources bbbb"):
+        Results(folder, study, True)
+
+
+def test_the_report_names_the_code_and_reads_rows_that_lack_it(file, tmp_path):
+    """Folders of before have neither the columns nor the key in their head: they go on, and the report says so."""
+    import pandas
+
+    study, folder = load_study(file), tmp_path / "out"
+    table = Results(folder, study, False)
+    head = folder / "study.json"
+    old = {key: value for key, value in json.loads(head.read_text()).items() if key != "code"}
+    head.write_text(json.dumps(old))
+    frame = pandas.DataFrame(rows_of({"version": "0.1.0"}, [0, 1, 2]))
+    frame.to_parquet(folder / "rows" / "part-000000000-abcdef.parquet")
+    again = Results(folder, study, True)
+    again.append(rows_of(asdict(code_version()), [3]))
+    page = write_report(folder, *read_results(folder), None, {}).read_text()
+    assert "3 by an fdcal that did not note its sources" in page
+    assert f"1 by fdcal {code_version().version}, sources {code_version().source}" in page
+    assert table.done() == {0, 1, 2, 3}
+
+
+def test_the_hash_of_sources_is_of_what_a_row_depends_on(tmp_path):
+    for part in ("cost", "viewer"):
+        (tmp_path / part).mkdir()
+        (tmp_path / part / "one.py").write_bytes(b"x = 1\n")
+    before = source_hash(tmp_path)
+    (tmp_path / "viewer" / "one.py").write_bytes(b"x = 2\n")
+    (tmp_path / "cost" / "one.py").write_bytes(b"x = 1\r\n")
+    assert source_hash(tmp_path) == before, "neither the page nor the ends of lines"
+    (tmp_path / "cost" / "one.py").write_bytes(b"x = 2\n")
+    assert source_hash(tmp_path) != before
+
+
+def test_a_row_names_the_code_that_computed_it(file):
+    row = run_task(load_study(file), 0)
+    assert (row["source"], row["version"]) == (code_version().source, fdcal_version("fdcal"))
+    assert len(row["source"]) == 16 and set(row) >= set(asdict(code_version()))
 
 
 def test_all_parts_are_one_table_whatever_is_missing_in_some(file, tmp_path):
@@ -309,3 +372,15 @@ def test_statistics_of_a_table():
     assert len(selected(rows, axes, {"snr_db": "20"})) == 2
     with pytest.raises(InputError):
         selected(rows, axes, {"snr_db": "30"})
+
+
+def test_a_value_of_an_axis_of_whole_and_other_numbers_is_found():
+    """The column of such an axis holds 10.0 where the study's file says 10."""
+    import pandas
+
+    rows = pandas.DataFrame(
+        {"snr_db": [10.0, 20.5, 10.0], "known": ["all", "none", "all"], "walls": [True, False, True]}
+    )
+    axes = {"snr_db": [10, 20.5], "known": ["all", "none"], "walls": [True, False]}
+    for at, count in (({"snr_db": "10"}, 2), ({"snr_db": "20.5"}, 1), ({"known": "all", "walls": "True"}, 2)):
+        assert len(selected(rows, axes, at)) == count
