@@ -43,7 +43,9 @@ class Calibration(CalibrationViews):
     frequencies : (M,) float64
         Those used, Hz, ascending.
     cost : float
-        What the solver minimised; dimensionless with modes of unit RMS.
+        What the solver minimised; dimensionless with modes of unit RMS. Solvers minimise different quantities.
+    cost_db : float or None
+        Eq. 7 over all modes that the microphones can carry, dB of their power: alike for all solvers.
     sweeps : int
         Number of times that all free microphones were moved.
     elapsed : float
@@ -111,6 +113,7 @@ class Calibration(CalibrationViews):
     channels: Channels | None = None
     sound_speed_sigma: float | None = None
     rms_error: float | None = field(default=None, metadata={"key": "rms_error_m"})
+    cost_db: float | None = None
 
     def __post_init__(self):
         for name in ("positions", "frequencies", "errors", "uncertainty", "covariance"):

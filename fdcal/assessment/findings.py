@@ -13,6 +13,7 @@ import numpy as np
 from ..acoustics import single_wave
 from ..acoustics.fourier_bessel import array_f_max
 from ..cost.noise_model import NOISE
+from ..model.lengths import length_text
 from ..model.problem import Problem
 from .diagnostics import Diagnostics
 from .error_ellipses import one_sigma
@@ -247,10 +248,11 @@ def precision(sigma: np.ndarray, residual_to_noise: float, given: bool) -> str:
 
     Parameters
     ----------
-    sigma : (N,) float64, metres
+    sigma : (N,) float64, metres; 0 for a known microphone that the solver held, which does not count
     given : whether the noise is given; a residual over the noise that was estimated from it tells nothing
     """
-    text = f"one sigma {1e3 * root_mean_square(sigma):.2g} mm"
+    sought = sigma[sigma > 0] if np.any(sigma > 0) else sigma
+    text = f"one sigma {length_text(root_mean_square(sought), 2)}"
     return f"{text}, residual {residual_to_noise:.2g} times the noise given" if given else text
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ..model.lengths import length_text
 from ..model.validation import word_arguments
 from .position_check import PositionCheck
 
@@ -77,9 +78,10 @@ def _unchanged(check: PositionCheck, verdict: str, advice: str) -> str:
     if verdict == TRUSTED:
         return "no channels are swapped"
     if np.all(check.errors < check.spacing / 2):
+        largest, least = (length_text(float(x), 2) for x in (check.errors.max(), check.spacing.min()))
         return (
-            f"no swap seen: the largest distance, {1e3 * check.errors.max():.0f} mm, is far below the spacing of the"
-            f" microphones, {1e3 * check.spacing.min():.0f} mm, though the verdict is {verdict}"
+            f"no swap seen: the largest distance, {largest}, is far below the spacing of the microphones, {least},"
+            f" though the verdict is {verdict}"
         )
     return f"swaps cannot be detected from positions that are not to be trusted ({verdict}){advice}"
 

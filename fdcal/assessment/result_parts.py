@@ -27,12 +27,16 @@ class Evidence:
         The same of each microphone.
     frequencies_db : (M,) float64 or None
         The same of each frequency.
+    noise_to_given : float or None
+        Noise that solver "robust" finds over the noise given, medians of the frequencies: the factor in the words of
+        the verdict model_mismatch. None without a given noise.
     """
 
     residual_to_noise: float
     leave_one_out_db: float | None = None
     microphones_db: np.ndarray | None = None
     frequencies_db: np.ndarray | None = None
+    noise_to_given: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +78,7 @@ def evidence_table(evidence: Evidence | None) -> dict:
         "left_out_db": evidence.leave_one_out_db,
         "left_out_microphones_db": plain(evidence.microphones_db),
         "left_out_frequencies_db": plain(evidence.frequencies_db),
+        "noise_to_given": evidence.noise_to_given,
     }
 
 
@@ -81,7 +86,7 @@ def evidence_of(table: dict) -> Evidence | None:
     """Return the evidence in the table of a result file; None where an older version wrote it."""
     if "residual_to_noise" not in table:
         return None
-    names = ("left_out_db", "left_out_microphones_db", "left_out_frequencies_db")
+    names = ("left_out_db", "left_out_microphones_db", "left_out_frequencies_db", "noise_to_given")
     return Evidence(table["residual_to_noise"], *(table.get(name) for name in names))
 
 

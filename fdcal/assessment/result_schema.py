@@ -26,11 +26,13 @@ REQUIRED = {
 }
 OPTIONAL = {  # files written by older versions lack some of these; "room" and what follows are those of solver "room"
     "rms_error_m": (float, 0),
+    "cost_db": (float, 0),
     "errors_m": (float, 1),
     "aligned": (bool, 0),
     "uncertainty_m": (float, 1),
     "covariance_m2": (float, 3),
     "residual_to_noise": (float, 0),
+    "noise_to_given": (float, 0),
     "verdict": (str, 0),
     "verdict_text": (str, 0),
     "sound_speed": (float, 0),

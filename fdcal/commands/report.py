@@ -11,10 +11,9 @@ from ..assessment.corrected_positions import GivenPosition
 from ..assessment.position_check import PositionCheck, compare_positions
 from ..assessment.position_check_text import describe
 from ..assessment.result_parts import Evidence
-from ..cost.yardstick import yardstick_of
+from ..model.lengths import length_text
 from ..model.measurement import Measurement
 from ..model.validation import InputError
-from ..session.calibrate import problem_of
 from ..session.sources import CalibrationInput
 from .options import OPTIONS
 
@@ -26,14 +25,16 @@ def summary(inputs: CalibrationInput, result: Calibration) -> str:
     """Return a calibration in seven lines, and more of an uncertain sound speed, of its channels or of a known room."""
     count, f = inputs.measurement.count, result.frequencies
     free = count - len(inputs.given)
-    end = "converged" if result.converged else "stopped before it converged"
     lines = [
         f"{inputs.name}: {free} of {count} microphones sought by {result.solver}, seed {result.seed}",
         f"modes   {len(f)}, {f[0]:.1f} to {f[-1]:.1f} Hz",
-        f"run     {result.sweeps} sweeps in {result.elapsed:.1f} s, {end}",
-        f"cost    {_cost(inputs, result)}",
+        f"run     {result.sweeps} sweeps in {result.elapsed:.1f} s, {_end(result)}",
         f"error   {_error(result, inputs.given, inputs.compared_with)}",
     ]
+    if result.cost_db is not None:
+        lines.insert(
+            3, f"cost    {result.cost_db:.1f} dB of the power (Eq. 7, of all modes that the microphones carry)"
+        )
     if inputs.estimate_sound_speed:
         given = inputs.measurement.sound_speed
         lines.append(f"speed   {result.sound_speed:.1f} m/s estimated, {given:.1f} m/s given")
@@ -48,14 +49,13 @@ def summary(inputs: CalibrationInput, result: Calibration) -> str:
     return "\n".join([*lines, *_room_lines(result)])
 
 
-def _cost(inputs: CalibrationInput, result: Calibration) -> str:
-    """Return Eq. 7 as the page shows it, in words; what the solver minimised where there is no search domain."""
-    yardstick = yardstick_of(problem_of(inputs))
-    if yardstick is None:
-        return f"{result.cost:.3g}, as solver {result.solver} counts it"
-    channels = None if result.channels is None else result.channels.correction
-    decibels = yardstick(result.positions, channels)
-    return f"{decibels:.1f} dB of the power (Eq. 7, {yardstick.count} modes)"
+def _end(result: Calibration) -> str:
+    """Return how the run ended, in the sense of the verdict."""
+    if result.converged:
+        return "converged"
+    if result.verdict == "good":  # of which no step is left that is large beside one sigma
+        return "ended; the step left is small beside one sigma"
+    return "stopped before it converged"
 
 
 def _error(result: Calibration, given, truth: str) -> str:
@@ -68,14 +68,23 @@ def _error(result: Calibration, given, truth: str) -> str:
     truth : what the positions were compared with
     """
     if result.mean_error is None or result.max_error is None:
-        return "unknown, since the true positions are"
+        return f"unknown, since the true positions are{_sigma(result, result.counted(given))}"
     mean, largest, counted = result.mean_error, result.max_error, result.counted(given)
     healthy = " healthy" if len(result.healthy) < len(result.names) else ""
     sought = " sought" if len(given) and not np.isin(counted, given).any() else ""
     over = f"{'the' if healthy or sought else 'all'} {len(counted)}{healthy} microphones{sought}"
-    text = f"mean {round(1e3 * mean, 3):.3g} mm, largest {round(1e3 * largest, 3):.3g} mm over {over}"
+    text = f"mean {length_text(mean)}, largest {length_text(largest)} over {over}"
     text += f", moved as a whole onto {truth}" if result.aligned else ""
-    return text + (", in the nearest of the room's symmetries" if result.room is not None else "")
+    text += ", in the nearest of the room's symmetries" if result.room is not None else ""
+    return text + _sigma(result, counted)
+
+
+def _sigma(result: Calibration, counted: np.ndarray) -> str:
+    """Return one sigma of the microphones whose errors are averaged, in words."""
+    if result.uncertainty is None:
+        return ""
+    sigma = float(np.sqrt(np.mean(result.uncertainty[counted] ** 2)))
+    return f"; their one sigma {length_text(sigma, 2)}"
 
 
 def _prediction(result: Calibration, evidence: Evidence) -> str:
@@ -110,7 +119,7 @@ def _given_lines(given: Sequence[GivenPosition]) -> list[str]:
     text = [["microphone", "given (m)", "found (m)", "difference", "one sigma", ""]]
     for one in rows[:MOST_ROWS]:
         places = (", ".join(f"{x:.4f}" for x in place) for place in (one.given, one.found))
-        lengths = (f"{1e3 * x:.2g} mm" for x in (one.difference, one.sigma))
+        lengths = (length_text(x, 2) for x in (one.difference, one.sigma))
         text.append([one.name, *places, *lengths, "wrong" if one.wrong else ""])
     widths = [max(map(len, column)) for column in zip(*text, strict=True)]
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in text]

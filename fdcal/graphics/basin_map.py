@@ -18,11 +18,11 @@ import numpy as np
 
 from ..cost.basins import OUTSIDE, Basins
 from ..cost.landscapes import map_positions
+from ..model.lengths import length_text
 from ..model.settings import Search
 from ..model.validation import frozen_array
 from .primitives import Area, Colour, Floor
 from .solids import Surface
-from .units import length_text
 from .volume import AXES, Volume, plate_of
 
 PLACE: Colour = (68, 170, 153)  # of the basin of one place

@@ -124,16 +124,26 @@ def _assess_channels(inputs: CalibrationInput, problem: Problem, state, wording:
         found = from_distance(problem, state.positions, distance_pair(inputs), inputs.distance[2])
         stretch = found.sound_speed / problem.sound_speed
     verdict = judge(problem, state, names, stretch)
-    pressures = assumptions.corrected(problem, state, slice(None))
+    pressures, recorded = assumptions.corrected(problem, state, slice(None)), problem
     problem = at_sound_speed(problem, verdict.sound_speed)
     corrected = replace(problem, pressures=pressures)
     healthy = healthy_channels(len(names), verdict.odd)
     prediction = cross_validate_healthy(corrected, verdict.positions, state.modes, healthy)
     return Assessment(
         verdict.positions, problem, verdict.code, verdict.worded(wording), verdict.sigma, verdict.covariance,
-        _evidence(verdict, prediction), channels=verdict.channels(names),
+        replace(_evidence(verdict, prediction), noise_to_given=_noise_to_given(recorded, verdict.noise_share)),
+        channels=verdict.channels(names),
         sound_speed_sigma=verdict.sound_speed_sigma or None,
     )  # fmt: skip
+
+
+def _noise_to_given(problem: Problem, share: float) -> float | None:
+    """Return a noise, as a share of the power, over the noise given; None where none is given."""
+    from ..solvers.robust.unit_power import in_unit_power
+
+    given = in_unit_power(problem).noise_power
+    median = 0.0 if given is None else float(np.median(given))
+    return share / median if median > 0 else None
 
 
 def _at_estimated_sound_speed(inputs: CalibrationInput, problem: Problem, state, noise) -> tuple[np.ndarray, Problem]:

@@ -6,22 +6,20 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
-import numpy as np
-
 from ..assessment.calibration import Calibration
 from ..assessment.findings import FEWEST_MODES, modes_below_limit
 from ..model.channels import check_channels
-from ..model.measurement import Measurement
 from ..model.problem import Problem
-from ..model.settings import SolverSettings
-from ..model.validation import InputError, require_positive, word_arguments
+from ..model.validation import require_positive, word_arguments
 from ..solvers import load
 from ..solvers.bounds import ended_early, time_limit
 from ..solvers.deadline import OutOfTime, check_deadline, deadline
 from ..solvers.identifiability import check_solvable
 from ..solvers.interface import AssessmentMethod, RunState
-from .assess import ARGUMENTS, Assessment, assess, distance_pair
+from .assess import ARGUMENTS, Assessment, assess
 from .blas_threads import one_blas_thread
+from .input_checks import require_inside_search, require_length, require_room_for_array
+from .shared_cost import cost_in_decibels
 from .sources import CalibrationInput, Progress
 
 FREE_SOUND_SPEED = 0.05  # one sigma of a sound speed that is to be estimated, relative: 30 K in air
@@ -60,11 +58,11 @@ def states_of(inputs: CalibrationInput, progress: Progress | None = None, proble
     """
     from ..solvers import run
 
-    _require_inside_search(inputs)
+    require_inside_search(inputs)
     problem, last = problem_of(inputs) if problem is None else problem, inputs.settings.modes
     check_channels(inputs.measurement.pressures, inputs.measurement.names)
     if load(inputs.settings.name).TRAITS.needs_room:
-        _require_room_for_array(inputs.measurement, inputs.settings)
+        require_room_for_array(inputs.measurement, inputs.settings)
     else:
         check_solvable(problem, last, inputs.measurement.names)
     for state in run(problem, inputs.settings, inputs.seed):
@@ -105,7 +103,7 @@ def solve(
     """
     inputs = with_free_sound_speed(inputs)
     problem = problem_of(inputs)
-    _require_length(inputs, problem)
+    require_length(inputs, problem)
     if inputs.time_limit is not None:
         require_positive("time_limit", inputs.time_limit, "s")
     start = time.perf_counter()
@@ -121,6 +119,7 @@ def solve(
         seed=inputs.seed,
         frequencies=found.problem.frequencies[state.first - 1 : state.last],
         cost=float(state.cost),
+        cost_db=cost_in_decibels(found),
         sweeps=int(state.sweep),
         elapsed=time.perf_counter() - start,
         converged=bool(state.converged),
@@ -192,67 +191,3 @@ def last_state(
     except KeyboardInterrupt:
         return ended_early(state), "the solver was interrupted; these are the best positions so far"
     return state, ""
-
-
-def _require_length(inputs: CalibrationInput, problem: Problem) -> None:
-    """Raise InputError where the sound speed is asked for without a known length, or with two."""
-    needs_room = load(inputs.settings.name).TRAITS.needs_room
-    if needs_room and (inputs.estimate_sound_speed or inputs.settings.known == "minimal"):
-        raise InputError(
-            "a known room fixes size and place", "leave out <estimate_sound_speed> and <known> minimal", key="room"
-        )
-    if inputs.distance is not None:
-        if not inputs.estimate_sound_speed:
-            raise InputError(
-                "distance fixes the size of the array, so that the sound speed follows from it",
-                "give <estimate_sound_speed> with <distance>",
-                key="distance",
-            )
-        if len(problem.known):
-            raise InputError(
-                "distance is for arrays without known microphones, which fix the size already",
-                "leave out <distance>",
-                key="distance",
-            )
-        require_positive("distance", inputs.distance[2], "m")
-        distance_pair(inputs)
-    elif inputs.estimate_sound_speed and len(problem.known) < 2:
-        raise InputError(
-            "the sound speed follows from a known length, and fewer than two microphones are known",
-            "name two known microphones at least, or give <distance>",
-            key="estimate_sound_speed",
-        )
-
-
-def _require_inside_search(inputs: CalibrationInput) -> None:
-    """Raise InputError if the solver searches a lattice and a true position lies outside the search domain."""
-    measurement, traits = inputs.measurement, load(inputs.settings.name).TRAITS
-    if measurement.positions is None or measurement.search is None or not traits.needs_search:
-        return
-    search, free = measurement.search, np.setdiff1d(np.arange(measurement.count), measurement.known)
-    low, high = np.array(search.origin) - search.step, np.add(search.origin, search.size) + search.step
-    truth = measurement.positions[free]
-    outside = free[np.any((truth < low) | (truth > high), axis=1)]
-    if len(outside):
-        raise InputError(
-            f"microphone {outside[0]} stands at {measurement.positions[outside[0]].tolist()} m, outside the search"
-            f" domain of origin {list(search.origin)} m and size {list(search.size)} m",
-            "enlarge or move it with <search>",
-            key="search",
-        )
-
-
-def _require_room_for_array(measurement: Measurement, settings: SolverSettings) -> None:
-    """Raise InputError where the true positions do not fit into the known room."""
-    truth, size = measurement.positions, settings.room
-    if truth is None or size is None or len(size) != measurement.array_dimension:
-        return
-    extent, diagonal = float(np.linalg.norm(truth[:, None] - truth, axis=-1).max()), float(np.linalg.norm(size))
-    if extent > diagonal:
-        text = "x".join(f"{length:g}" for length in size)
-        raise InputError(
-            f"room = {text} m is smaller than the array, whose microphones are up to {extent:.3g} m apart",
-            "give <room> in metres",
-            key="room",
-            value=size,
-        )

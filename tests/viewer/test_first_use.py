@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from doubles import State, set_by_client, view_of
 
-from fdcal.graphics.units import length_text
+from fdcal.model.lengths import length_text
 from fdcal.model.scene_file import load_scene
 from fdcal.session.request import OpenRequest, edited
 from fdcal.viewer.background.comparison import ComparisonSetup

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from html import escape
 
-from ...graphics.units import mm_text
+from ...model.lengths import mm_text
 from ...model.measurement import Measurement
 from ..background.uncertainty import PositionUncertainty
 from .html import CARD, RED

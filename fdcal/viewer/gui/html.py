@@ -7,7 +7,8 @@ from html import escape
 
 import numpy as np
 
-from ...graphics.units import ALL, length_text
+from ...graphics.units import ALL
+from ...model.lengths import length_text
 from ...model.measurement import Measurement
 from ...model.validation import InputError
 from ...session.history import SessionView

@@ -12,7 +12,7 @@ from viser import uplot
 from ... import solvers
 from ...graphics.legend import COMPARED, compared_entry
 from ...graphics.markers import solver_mark
-from ...graphics.units import length_text
+from ...model.lengths import length_text
 from ..background.comparison import ComparisonSetup, ComparisonWorker, RunSummary
 from ..gui import html
 from ..gui.binding import Binding

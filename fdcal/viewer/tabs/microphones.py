@@ -9,8 +9,8 @@ import numpy as np
 import viser
 from viser import uplot
 
-from ...graphics.units import mm_text
 from ...model.gauge import position_errors
+from ...model.lengths import mm_text
 from ...model.measurement import Measurement
 from ...session.history import SessionView
 from ..background.uncertainty import PositionUncertainty

@@ -1,0 +1,80 @@
+"""The summary agrees with the result file: one cost, one end of the run, errors and sigma of the same microphones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import fdcal
+from fdcal.assessment.findings import precision
+from fdcal.commands.report import summary
+from fdcal.model.lengths import length_text
+from fdcal.session.calibrate import solve
+from fdcal.session.sources import load_input, with_settings
+
+
+@pytest.fixture(scope="module")
+def inputs():
+    return with_settings(load_input("tiny"), modes=12)
+
+
+@pytest.fixture(scope="module")
+def found(inputs):
+    return solve(inputs)
+
+
+def line_of(text: str, head: str) -> str:
+    (line,) = [line for line in text.splitlines() if line.startswith(head)]
+    return line
+
+
+def test_the_cost_is_in_decibels_and_in_the_file_with_and_without_a_search_domain(inputs, found):
+    bare = replace(inputs, measurement=replace(inputs.measurement, search=None))
+    other = solve(bare)
+    for one, result in ((inputs, found), (bare, other)):
+        assert f"{result.cost_db:.1f} dB of the power" in line_of(summary(one, result), "cost")
+        assert fdcal.Calibration.from_json(result.to_json()).cost_db == result.cost_db
+    assert other.cost_db < -30
+
+
+@pytest.mark.parametrize(
+    ("converged", "verdict", "words"),
+    [
+        (True, "good", "converged"),
+        (False, "not_converged", "stopped before it converged"),
+        (False, "good", "ended; the"),
+    ],
+)
+def test_the_end_of_the_run_is_in_the_sense_of_the_verdict(inputs, found, converged, verdict, words):
+    line = line_of(summary(inputs, replace(found, converged=converged, verdict=verdict)), "run")
+    assert words in line and ("stopped" in line) == (verdict == "not_converged")
+
+
+def test_error_and_sigma_are_of_the_same_microphones(inputs, found):
+    sought = np.setdiff1d(np.arange(16), inputs.given)
+    sigma = length_text(float(np.sqrt(np.mean(found.uncertainty[sought] ** 2))), 2)
+    assert line_of(summary(inputs, found), "error").endswith(f"over the 13 microphones sought; their one sigma {sigma}")
+    unknown = replace(found, mean_error=None, max_error=None, errors=None)
+    assert line_of(summary(inputs, unknown), "error").endswith(f"their one sigma {sigma}")
+
+
+def test_the_verdict_leaves_out_known_microphones_that_the_solver_held():
+    assert precision(np.array([0.0, 0.0, 0.003, 0.003]), 1.0, False) == "one sigma 3 mm"
+    assert precision(np.zeros(4), 1.0, False) == "one sigma 0 mm"
+
+
+def test_the_noise_over_that_given_is_in_the_file_as_the_verdict_says_it(inputs):
+    measurement = inputs.measurement
+    rng = np.random.default_rng(0)
+    power = np.mean(np.abs(measurement.pressures) ** 2, axis=1)
+    noise = rng.normal(size=(2, *measurement.pressures.shape)) * np.sqrt(power / 2)[:, None] * 0.1
+    noisy = replace(
+        measurement, pressures=measurement.pressures + noise[0] + 1j * noise[1], noise_power=power * 1e-2 / 30
+    )
+    result = solve(replace(inputs, measurement=noisy))
+    ratio = result.evidence.noise_to_given
+    assert ratio == pytest.approx(30, rel=0.5)
+    assert fdcal.Calibration.from_json(result.to_json()).evidence.noise_to_given == ratio
+    assert f"{ratio:.2g} times what the noise explains" in result.verdict_text
