@@ -31,7 +31,8 @@ class Measurement(MeasurementSources):
     pressures : (M, N) complex128
         In any one unit for all (recordings are not calibrated).
     sound_speed : float
-        c, m/s.
+        c, m/s. With `dataclasses.replace`, wavenumbers that were not given follow a new one; those that were must be
+        given again.
     dimension : int
         Of the sound field, 2 or 3.
     array_dimension : int, optional

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from .held_wavenumbers import given_wavenumbers, hold
 from .limits import LIMITS
 from .settings import Search
 from .validation import InputError, frozen_array, require_array, require_choice, require_positive
@@ -57,8 +58,10 @@ def _name_microphone_not_finite(values, labels) -> None:
 
 def wavenumbers(values, frequencies: np.ndarray, speed: float) -> np.ndarray:
     """Return the wavenumbers, 2 pi f / c unless given : (M,) complex128, rad/m."""
-    given = 2 * np.pi * frequencies / speed if values is None else values
-    return require_array("wavenumbers", given, "number", (len(frequencies),), "rad/m")
+    given = given_wavenumbers(values, speed)
+    array = 2 * np.pi * frequencies / speed if given is None else given
+    checked = require_array("wavenumbers", array, "number", (len(frequencies),), "rad/m")
+    return hold(checked, speed, given is None)
 
 
 def names(values: Sequence[str] | np.ndarray | None, count: int) -> tuple[str, ...]:
