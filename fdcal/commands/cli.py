@@ -34,7 +34,7 @@ from .options import (
     solver_option,
 )
 from .outputs import output_path
-from .parameter_types import Distance, NameList, NoiseLevel, RoomSize, room_solver
+from .parameter_types import Distance, KnownChoice, NameList, NoiseLevel, RoomSize, room_solver
 from .sigma_types import GainSigma, Length, Percentage
 
 
@@ -116,7 +116,7 @@ def simulate(scene: str, output: str, force: bool):
 )
 @click.option(
     "--known",
-    type=click.Choice(["all", "minimal", "none"]),
+    type=KnownChoice(),
     help="Which known microphones to use; minimal: one position, one direction, one side.",
 )
 @click.option(

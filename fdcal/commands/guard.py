@@ -59,6 +59,8 @@ def _described(error: BaseException) -> tuple[str, int]:
     """Return the message for an exception, and the exit code."""
     if isinstance(error, (click.exceptions.Abort, KeyboardInterrupt)):
         return INTERRUPTED, 130
+    if isinstance(error, click.NoSuchOption):
+        return error.format_message().rstrip(".") + _owners(error), 2
     if isinstance(error, click.ClickException):
         return error.format_message(), 2
     if isinstance(error, InputError):
@@ -68,6 +70,19 @@ def _described(error: BaseException) -> tuple[str, int]:
     if isinstance(error, OSError):
         return str(error), 3
     return f"{REPORT} --debug ({type(error).__name__}: {error})", 1
+
+
+def _owners(error: click.NoSuchOption) -> str:
+    """Return which other commands have an option, in words; "" if none has."""
+    group = error.ctx.parent.command if error.ctx and error.ctx.parent else None
+    if not isinstance(group, click.Group):
+        return ""
+    owners = [
+        f"fdcal {name}"
+        for name, command in group.commands.items()
+        if any(error.option_name in option.opts for option in command.params)
+    ]
+    return f"; it is an option of {', '.join(owners)}" if owners else ""
 
 
 def _print_error(message: str) -> None:

@@ -35,6 +35,19 @@ class RenamedChoice(click.Choice):
         return super().convert(self.old.get(value, value), param, ctx)
 
 
+class KnownChoice(click.Choice):
+    """Which known microphones to use; names or a file are for the import, which an error says."""
+
+    def __init__(self):
+        super().__init__(["all", "minimal", "none"])
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if value not in self.choices:
+            where = "known positions are given at the import: fdcal import INPUT -o FILE.npz --known FILE.csv"
+            self.fail(f"{value!r} is not one of {', '.join(map(repr, self.choices))}; {where}", param, ctx)
+        return value
+
+
 class NumberList(click.ParamType):
     """Numbers with commas between, such as "1,5,9"; `kind` is int or float."""
 

@@ -13,6 +13,10 @@ from .sigma_types import Decibels, Length
 
 SUFFIXES = [".html", ".json", ".png"]
 MOST_TRIALS = 10_000
+BOUND_ONLY = (
+    "a bound only, which calibrations exceed, some by far: add --trials 20, of some seconds each, to learn whether this"
+    " array will be found"
+)
 
 
 class RoomOrScene(click.ParamType):
@@ -89,6 +93,8 @@ def plan(
     found = make_plan(request, trials=simulated)
     if path is not None:
         _write(path, found, force)
+    if not trials:
+        print(BOUND_ONLY)
     print("\n".join(plan_lines(found)))
 
 

@@ -35,6 +35,8 @@ def summary(inputs: CalibrationInput, result: Calibration) -> str:
         lines.insert(
             3, f"cost    {result.cost_db:.1f} dB of the power (Eq. 7, of all modes that the microphones carry)"
         )
+    if inputs.remark:
+        lines.append(f"list    {inputs.remark}")
     if inputs.estimate_sound_speed:
         given = inputs.measurement.sound_speed
         lines.append(f"speed   {result.sound_speed:.1f} m/s estimated, {given:.1f} m/s given")

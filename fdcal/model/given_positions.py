@@ -100,6 +100,21 @@ def with_positions(measurement: Measurement, placed: MicrophonePositions, exclud
     )
 
 
+def row_order_remark(names: Sequence[str], given: Sequence[str]) -> str:
+    """Return in words that the rows of a list count and not its names; "" where it names all of `names`.
+
+    Parameters
+    ----------
+    names : of the microphones
+    given : of the rows of the list
+    """
+    shared = len(set(names) & set(given))
+    if shared == len(names):
+        return ""
+    few = f"only {shared} of {len(names)} names of the list are names of channels" if shared else "the names differ"
+    return f"{few}: the list is taken in row order, {given[0]} = channel {names[0]}"
+
+
 def _rows(names: Sequence[str], given: Sequence[str], excluded: int) -> list[int]:
     """Return the row of `given` for each of `names`."""
     if set(names) <= set(given):

@@ -87,6 +87,8 @@ def _file_of(path: Path) -> Path:
         raise InputError(problem, f"give a file, a folder of MeshRIR, or {available}", key="scene", value=path)
     if path.suffix == ".toml" or "\0" in str(path) or os.path.isfile(path):  # False for a name that is too long
         return path
+    if path.suffix.lower() in OTHER_FILES:
+        return path  # there is none: reading it says so
     if path.name not in scene_names() or path.name != str(path):
         raise InputError(f'scene "{shown(str(path))}" is unknown', f"use {available}", key="scene", value=path)
     return scene_folder() / f"{path.name}.toml"

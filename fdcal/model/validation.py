@@ -76,7 +76,7 @@ class StorageError(OSError):
     ...     fdcal.load("nowhere.wav")
     ... except fdcal.StorageError as error:
     ...     print(error)
-    cannot read nowhere.wav: there is no such file or folder
+    cannot read nowhere.wav: No such file or directory
     """
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from ..acoustics.measure import require_measurable
 from ..model.arrays import positions_of
 from ..model.channels import exclude_microphones
-from ..model.given_positions import with_positions
+from ..model.given_positions import row_order_remark, with_positions
 from ..model.measurement import Measurement
 from ..model.measurement_file import load_measurement
 from ..model.scene import Scene, require_rectangle
@@ -56,6 +56,8 @@ class CalibrationInput:
         Whether the number of modes was left to the measurement, the array and the solver.
     compared_with : str
         What the positions of the measurement are called where errors are reported.
+    remark : str
+        On how these positions belong to the channels; "" where there is none.
     """
 
     name: str
@@ -69,6 +71,7 @@ class CalibrationInput:
     time_limit: float | None = None
     all_modes: bool = False
     compared_with: str = "the truth"
+    remark: str = ""
 
     @property
     def given(self) -> tuple[int, ...]:
@@ -159,8 +162,10 @@ def compared_with_file(inputs: CalibrationInput, path: str) -> CalibrationInput:
     """
     from ..recordings.positions_file import read_positions
 
-    measurement = with_positions(inputs.measurement, read_positions(path), len(set(inputs.excluded)))
-    return replace(inputs, measurement=measurement, compared_with=f"the positions in {Path(path).name}")
+    placed, name = read_positions(path), Path(path).name
+    measurement = with_positions(inputs.measurement, placed, len(set(inputs.excluded)))
+    remark = row_order_remark(measurement.names, placed.names)
+    return replace(inputs, measurement=measurement, compared_with=f"the positions in {name}", remark=remark)
 
 
 def scene_input(scene: Scene, progress: Progress | None = None) -> CalibrationInput:

@@ -43,3 +43,10 @@ def test_a_plan_is_written_in_each_format(tmp_path, capsys):
 )
 def test_bad_input_is_refused_in_one_line(refused, arguments):
     assert refused("plan", *arguments)
+
+
+def test_without_trials_the_first_line_says_that_it_is_a_bound_only(capsys):
+    for options, said in (([], True), (["--trials", "1", "--solver", "joint"], False)):
+        with pytest.raises(SystemExit):
+            main(["plan", LAYOUT, "--frequencies", "50:400", *options])
+        assert capsys.readouterr().out.startswith("a bound only") == said

@@ -56,3 +56,26 @@ def test_the_version(capsys):
         main(["--version"])
     assert not ended.value.code
     assert re.fullmatch(r"fdcal \d+\.\d+\.\d+\n", capsys.readouterr().out)
+
+
+def test_what_belongs_to_the_import_is_said(error):
+    assert "fdcal import INPUT -o FILE.npz --known FILE.csv" in error("calibrate", "tiny", "--known", "known.csv")
+    assert "it is an option of fdcal import" in error("calibrate", "tiny", "--temperature", "21")
+    assert "it is an option of" not in error("calibrate", "tiny", "--magic", "21")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["calibrate", "gone.json"],
+        ["calibrate", "gone.npz"],
+        ["import", "gone.wav", "-o", "a.npz"],
+        ["plan", "gone.csv"],
+    ],
+)
+def test_a_file_that_is_not_there_is_named_alike_everywhere(capsys, arguments):
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    line = capsys.readouterr().err
+    assert ended.value.code == 3
+    assert re.search(r"cannot read (scene )?gone\.\w+: No such file or directory", line)

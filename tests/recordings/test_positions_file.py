@@ -118,3 +118,25 @@ def test_channels_may_be_left_out_with_positions_of_all(exchanged, capsys):
     with pytest.raises(SystemExit):
         main(["calibrate", "tiny", "--exclude", "1,2", "--check", "--positions", str(exchanged)])
     assert "10" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("label", "said"),
+    [
+        ("{}", ""),
+        ("mic{:02d}", "the names differ: the list is taken in row order, mic00 = channel 0"),
+        (
+            "1+{}",
+            "only 15 of 16 names of the list are names of channels: the list is taken in row order, 1 = channel 0",
+        ),
+    ],
+)
+def test_a_list_whose_names_are_not_those_of_the_channels_is_said_to_count_by_rows(tmp_path, capsys, label, said):
+    places = fdcal.load("tiny").positions.tolist()
+    names = [str(n + 1) if label == "1+{}" else label.format(n) for n in range(16)]
+    rows = [f"{name},{x},{y}" for name, (x, y) in zip(names, places, strict=True)]
+    positions = written(tmp_path, "\n".join(["name,x,y", *rows]), "list.csv")
+    with pytest.raises(SystemExit) as ended:
+        main(["calibrate", "tiny", "--check", "--positions", str(positions)])
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("list ")]
+    assert lines == ([f"list    {said}"] if said else []) and ended.value.code == 0

@@ -70,7 +70,7 @@ def read(path: str | Path, source: int | None = None) -> Recording:
     path = Path(path)
     try:
         if not path.exists():
-            raise StorageError(f"cannot read {path}: there is no such file or folder")
+            raise StorageError(f"cannot read {path}: No such file or directory")
         require_regular(path)
         module = reader_of(path)
         if module is None:
@@ -127,7 +127,7 @@ def render(path: str | Path, names: tuple[str, ...], positions: np.ndarray, soun
             f"{path} holds channels that were recorded; none can be rendered", "leave out <array>", key="array"
         )
     if module is None:
-        raise StorageError(f"cannot read {path}: there is no such file or folder")
+        raise StorageError(f"cannot read {path}: No such file or directory")
     return module.render(path, names, positions, sound_speed)
 
 

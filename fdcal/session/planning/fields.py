@@ -37,7 +37,7 @@ def places_in_room(request: PlanRequest) -> np.ndarray:
     size, x = np.array(request.room), request.layout.positions
     if x.shape[1] < len(size):
         x = np.column_stack([x, np.full(len(x), LIMITS.place[2] * size[2])])
-    if np.all((x > WALL_DISTANCE_M) & (x < size - WALL_DISTANCE_M)):
+    if _inside(x, size):
         return x
     extent = np.ptp(x, axis=0)
     if np.any(extent > size - 2 * WALL_DISTANCE_M):
@@ -45,6 +45,16 @@ def places_in_room(request: PlanRequest) -> np.ndarray:
     edge = extent / 2 + WALL_DISTANCE_M
     centre = np.clip(np.array(LIMITS.place[: len(size)]) * size, edge, size - edge)
     return x - (x.min(axis=0) + x.max(axis=0)) / 2 + centre
+
+
+def is_moved(request: PlanRequest) -> bool:
+    """Return whether the array's own coordinates do not lie inside the room, so that it is moved there."""
+    x = request.layout.positions
+    return request.room is not None and not _inside(x, np.array(request.room)[: x.shape[1]])
+
+
+def _inside(places: np.ndarray, size: np.ndarray) -> bool:
+    return bool(np.all((places > WALL_DISTANCE_M) & (places < size - WALL_DISTANCE_M)))
 
 
 def source_place(request: PlanRequest, places: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -7,6 +7,7 @@ import numpy as np
 from ...assessment.position_bound import Bound
 from .accuracy_advice import AccuracyAdvice
 from .advice import Advice
+from .fields import is_moved, places_in_room
 from .plan import Plan
 from .request import PlanRequest
 from .trials import Trials
@@ -30,7 +31,7 @@ def plan_lines(plan: Plan) -> list[str]:
         " microphone, in a diffuse field",
     ]
     if plan.room_bound is not None:
-        lines.append(f"in this room, mean of some source positions: {_mm(plan.room_bound.rms)} rms")
+        lines.append(f"in this room, mean of some source positions: {_mm(plan.room_bound.rms)} rms{_moved(request)}")
     lines += [f"{case.name}: {_mm(case.rms)} rms, {_mm(case.worst)} at the worst" for case in plan.cases]
     lines += list(plan.degeneracies)
     if plan.trials is not None:
@@ -45,6 +46,14 @@ def plan_lines(plan: Plan) -> list[str]:
     if plan.advice is not None:
         lines += advice_lines(plan, plan.advice)
     return lines
+
+
+def _moved(request: PlanRequest) -> str:
+    """Return in words where the array is put whose own coordinates do not lie inside the room; "" if they do."""
+    if not is_moved(request):
+        return ""
+    centre = ", ".join(f"{value:.3g}" for value in places_in_room(request).mean(axis=0))
+    return f"; the layout does not lie inside it: the array is moved as a whole, its centre to ({centre}) m"
 
 
 def _left_out(request: PlanRequest) -> str:
@@ -109,6 +118,8 @@ def advice_lines(plan: Plan, advice: Advice) -> list[str]:
 def _snr_line(plan: Plan, advice: AccuracyAdvice) -> str:
     wanted = _mm(plan.request.accuracy)
     if advice.snr_db is None or advice.recording_factor is None:
+        if advice.margin * plan.bound.rms <= plan.request.accuracy:
+            return f"{wanted} is within reach at {plan.request.snr_db:g} dB, and noise is not what limits the error"
         given = plan.request.known_sigma > 0 and len(plan.request.known) > 0
         remedy = "measure the given positions better" if given else "add microphones or frequencies"
         return f"no signal-to-noise ratio reaches {wanted}: {remedy}"
@@ -128,7 +139,7 @@ def _size_line(plan: Plan, advice: AccuracyAdvice) -> str:
         judged = f"{wanted} needs an array of {advice.size:.2g} times the size"
     else:
         judged = f"the array may be {advice.size:.2g} times as large for {wanted}"
-    return f"size: {judged}, where {reckoned} ({others}; as it is {_mm(float(np.interp(1.0, *advice.sizes.T)))})"
+    return f"size: {judged}, where {reckoned} ({others}; as it is {_mm(plan.bound.rms)})"
 
 
 def _mm(metres: float) -> str:

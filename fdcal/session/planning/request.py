@@ -37,6 +37,7 @@ class PlanLimits:
     place : centre of an array in a room where its own coordinates do not lie inside, relative to the room's lengths
     most_microphones : of a plan
     most_snr_db : dB
+    wide : width of an array from which a refusal asks for its unit, metres
     """
 
     low: float = 20.0
@@ -48,6 +49,7 @@ class PlanLimits:
     place: tuple[float, float, float] = (0.43, 0.46, 0.45)
     most_microphones: int = 300
     most_snr_db: float = 120.0
+    wide: float = 5.0
 
 
 LIMITS = PlanLimits()
@@ -137,7 +139,7 @@ class PlanRequest:
         if len(self.frequencies) < LEAST_FREQUENCIES:
             low, high = self.limits
             problem = f"{low:g} to {high:.0f} Hz with a reverberation time of {self.reverberation_time:g} s hold"
-            remedy = "use a wider band (<frequencies>), or a smaller array, whose band reaches higher"
+            remedy = "use a wider band (<frequencies>), or a smaller array, whose band reaches higher" + self._width
             raise InputError(f"{problem} {len(self.frequencies)} independent frequencies", remedy, key="frequencies")
 
     @property
@@ -164,9 +166,16 @@ class PlanRequest:
             raise InputError(f"{low:g} to {high:g} Hz is no band", remedy, key="frequencies")
         if low >= self.f_max:
             problem = f"the array interpolates up to {self.f_max:.0f} Hz, and the band begins at {low:g} Hz"
-            remedy = "use a lower band (<frequencies>), a smaller array or more microphones"
+            remedy = "use a lower band (<frequencies>), a smaller array or more microphones" + self._width
             raise InputError(problem, remedy, key="frequencies", value=self.band)
         return low, min(high, self.f_max)
+
+    @property
+    def _width(self) -> str:
+        """What a remedy adds for an array so wide that its positions may be in another unit than metres."""
+        width = float(np.ptp(self.layout.positions, axis=0).max())
+        wide = f"; the array is {width:.3g} m wide: give its positions in metres, not in centimetres or millimetres"
+        return wide if width > LIMITS.wide else ""
 
     @property
     def frequencies(self) -> np.ndarray:

@@ -231,3 +231,32 @@ def test_a_plan_with_trials_answers_first():
     assert lines[0][1].startswith("yes: ")
     assert lines[1][1].startswith("no: ")
     assert any("trials show" in line for line in lines[2])
+
+
+def test_what_is_reached_already_is_not_said_to_be_out_of_reach():
+    plan = make_plan(request_of("circle 16 0.2"))
+    assert plan.advice.accuracy.snr_db is None and 1.5 * plan.bound.rms < plan.request.accuracy
+    text = "\n".join(plan_lines(plan))
+    assert "10 mm is within reach at 30 dB" in text and "no signal-to-noise ratio reaches" not in text
+    assert f"as it is {1e3 * plan.bound.rms:.3g} mm" in text
+
+
+def test_an_array_that_does_not_lie_in_the_room_is_said_to_be_moved(tmp_path):
+    places = np.random.default_rng(0).uniform([1.7, 0.5, 0.5], [2.2, 1.0, 1.0], (10, 3))
+    table = tmp_path / "a.csv"
+    table.write_text("\n".join(["name,x,y,z", *(f"{n},{x},{y},{z}" for n, (x, y, z) in enumerate(places))]))
+    layout = read_layout(str(table))
+    for size, moved in (((2.0, 2.0, 2.7), True), ((3.0, 2.0, 2.7), False)):
+        request = PlanRequest(layout, room=size)
+        text = "\n".join(plan_lines(make_plan(request, with_advice=False)))
+        assert ("the array is moved as a whole" in text) == moved
+        assert np.allclose(places_in_room(request), layout.positions) == (not moved)
+
+
+def test_positions_in_centimetres_are_suspected(tmp_path):
+    places = np.random.default_rng(0).uniform(0, 60, (10, 3))
+    table = tmp_path / "cm.csv"
+    table.write_text("\n".join(["name,x,y,z", *(f"{n},{x},{y},{z}" for n, (x, y, z) in enumerate(places))]))
+    for band in (None, (50.0, 400.0)):
+        with pytest.raises(InputError, match="in metres, not in centimetres"):
+            PlanRequest(read_layout(str(table)), band=band)
