@@ -139,8 +139,9 @@ def with_estimate(
 ) -> Picture:
     """Return the picture with the estimated positions and the selected microphone.
 
-    A known microphone that the user has moved is drawn where it is now assumed to be. The true positions of an array
-    without known microphones are moved as a whole to the estimate, for its gauge is free.
+    A known microphone that is assumed to be elsewhere, by a solver that takes given positions as measurements or since
+    the user has moved it, has a cross there, too. The true positions of an array without known microphones are moved as
+    a whole to the estimate, for its gauge is free.
 
     Parameters
     ----------
@@ -152,6 +153,8 @@ def with_estimate(
     """
     truth = measurement.aligned_truth(positions)
     radius, known = picture.marker_radius, measurement.known
+    crossed = _seen_elsewhere(measurement.known_positions, known, np.asarray(positions, float), radius)
+    lined = crossed if truth is None else crossed | _seen_elsewhere(truth[known], known, np.asarray(positions), radius)
     truth = None if truth is None else drape(truth, floor, radius)
     positions = drape(positions, floor, radius)
     if truth is not None and measurement.blind:
@@ -159,13 +162,11 @@ def with_estimate(
     meshes, base = picture.meshes, picture.z_range[0]
     if len(known):
         others = tuple(mesh for mesh in meshes if not mesh.name.startswith("microphones/known"))
-        meshes = others + known_microphones(positions[known], base, radius)
-    free = np.setdiff1d(np.arange(len(positions)), known)
+        meshes = others + known_microphones(drape(measurement.known_positions, floor, radius), base, radius)
     if truth is not None:
         pieces = np.stack([on_layer(points, base, radius, Layer.ERROR) for points in (truth, positions)], axis=1)
-        moved = np.isin(np.arange(len(truth)), free) | (np.ptp(pieces, axis=1) > 1e-6).any(axis=1)
-        meshes += strokes("microphones/error", pieces[moved], radius, TRUE, 0.13, halo=0.2)
-    crosses = glyphs.stars(on_layer(positions[free], base, radius, Layer.ESTIMATE), radius)
+        meshes += strokes("microphones/error", pieces[lined], radius, TRUE, 0.13, halo=0.2)
+    crosses = glyphs.stars(on_layer(positions[crossed], base, radius, Layer.ESTIMATE), radius)
     meshes += strokes("microphones/estimate", crosses, radius, ESTIMATE, 0.34)
     picture = replace(picture, meshes=meshes)
     if microphone is None or not 0 <= microphone < len(positions):
@@ -175,6 +176,14 @@ def with_estimate(
     minima = np.empty((0, 2)) if floor is None or not floor.show_minima else np.array([floor.minimum, *floor.minima])
     marks = np.concatenate([others, minima] if truth is None else [others, minima, truth[:, :2]])
     return _with_selected(picture, name, positions[microphone], None if truth is None else truth[microphone], marks)
+
+
+def _seen_elsewhere(places, known: np.ndarray, positions: np.ndarray, radius: float) -> np.ndarray:
+    """Whether each of the `positions` (N, D) is free or farther from its place (K, D) than a mark hides : (N,) bool."""
+    away = np.ones(len(positions), bool)
+    if len(known):
+        away[known] = np.linalg.norm(positions[known] - places, axis=1) > radius
+    return away
 
 
 def _with_truth_at(picture: Picture, positions) -> Picture:

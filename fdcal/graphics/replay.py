@@ -128,6 +128,7 @@ def _static_data(scene: Scene | None, measurement: Measurement) -> dict:
     data = {
         "names": list(measurement.names),
         "known": measurement.known.tolist(),
+        "given": np.round(np.asarray(measurement.known_positions, float), 6).tolist(),
         "aligned": bool(measurement.blind),  # each state is moved as a whole to the true positions
         "dimension": measurement.array_dimension,
         "frequencies": np.round(measurement.frequencies, 3).tolist(),

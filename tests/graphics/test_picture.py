@@ -67,6 +67,7 @@ def names(drawn):
 
 def test_circles_at_the_truth_and_crosses_at_the_estimate(scene, measurement):
     estimate = measurement.positions + 0.01
+    estimate[:3] = measurement.known_positions
     drawn = compose(scene, measurement, estimate, microphone=5)
     circles = part(drawn, "microphones/true")
     assert circles.colour == TRUE
@@ -97,14 +98,21 @@ def test_known_microphones_are_squares_of_their_own_colour(scene, measurement):
     assert len({TRUE, ESTIMATE, KNOWN}) == 3
 
 
-def test_a_known_microphone_that_the_user_has_moved_is_drawn_at_its_assumed_position(scene, measurement):
+def test_a_known_microphone_that_is_assumed_to_be_elsewhere_has_a_cross_there_and_its_square_where_it_was_given(
+    scene, measurement
+):
+    """Solver robust begins with an array that fits the given positions only in part."""
     estimate = measurement.positions.copy()
     estimate[1] += 0.05
+    estimate[2] += 1e-4  # its square covers that
     drawn = compose(scene, measurement, estimate)
     squares = part(drawn, "microphones/known").vertices.reshape(3, 4, 3).mean(axis=1)
-    np.testing.assert_allclose(squares[:, :2], estimate[:3], atol=1e-6)
+    np.testing.assert_allclose(squares[:, :2], measurement.known_positions, atol=1e-6)
+    crosses = part(drawn, "microphones/estimate").vertices.reshape(-1, 2, 4, 3).mean(axis=(1, 2))
+    np.testing.assert_allclose(crosses[:, :2], estimate[[1, *range(3, len(estimate))]], atol=1e-6)
     lines = part(drawn, "microphones/error").vertices.reshape(-1, 4, 3)[..., :2]
     assert np.isclose(lines[:, [0, 3]].mean(axis=1), measurement.positions[1], atol=1e-6).all(axis=1).any()
+    assert len(lines) == len(crosses)
 
 
 @pytest.mark.parametrize("microphone", [4, None, -1, 99])

@@ -50,6 +50,7 @@ def test_the_numbers_are_those_of_the_run(run):
     assert np.array_equal(arrays["cost"], [yardstick(state.positions) for state in states])
     for name in ("step", "sweep", "stage", "moved", "first", "last"):
         assert np.array_equal(arrays[name], [getattr(state, name) for state in states])
+    np.testing.assert_allclose(data["given"], measurement.known_positions, atol=1e-6)
     assert data["known"] == measurement.known.tolist() and data["names"] == list(measurement.names)
     assert np.array_equal(data["outline"], scene.room.vertices) and Reader(text).texts["title"] == "Tiny"
 

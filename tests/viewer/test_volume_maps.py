@@ -17,6 +17,7 @@ from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError
 from fdcal.session.request import OpenRequest
 from fdcal.viewer.background import exports, prepare
+from fdcal.viewer.background.comparison import ComparisonWorker
 from fdcal.viewer.background.cost_maps import IDLE_TIME, CostMapWorker
 from fdcal.viewer.background.map_request import MapStyle
 from fdcal.viewer.background.view_snapshot import ViewSnapshot, map_request
@@ -25,6 +26,7 @@ from fdcal.viewer.gui.choices import VOLUME, Choices, initial_choices
 from fdcal.viewer.gui.map_caption import caption
 from fdcal.viewer.gui.map_kinds import kind_of
 from fdcal.viewer.scene3d.nodes import SceneNodes
+from fdcal.viewer.tabs.comparison import ComparisonTab
 from fdcal.viewer.tabs.map import MapTab
 
 MICROPHONE = 10
@@ -195,3 +197,20 @@ def test_the_scene_has_surfaces_and_slice_and_moves_the_slice_without_a_new_node
     assert len(made) == 1 and made[0].position[2] == pytest.approx(1.2)
     nodes.show(picture)
     assert not {"isosurfaces", "slice"} & set(nodes.parts)
+
+
+def test_solvers_race_in_three_dimensions(server, run):
+    worker = ComparisonWorker(run)
+    tab = ComparisonTab(Binding(server.gui, run, 30), worker)
+    set_by_client(tab.solvers, "descent, joint")
+    set_by_client(tab.start, "affine")
+    set_by_client(tab.run, True)
+    end = time.monotonic() + WAIT
+    while not worker.error and "converged" not in [summary.status for summary in worker.update(time.monotonic())]:
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    found = {summary.name: summary for summary in worker.summaries}
+    assert not worker.error and found["joint"].mean_error < 10 and found["descent"].step > 0
+    assert tab.marked(worker.summaries) == worker.summaries, "their estimates are marked"
+    assert worker.close(WAIT)
+    server.gui.reset()

@@ -20,6 +20,7 @@ function point(array, i) {
   return [array[i] + o[0], array[i + 1] + o[1], z];
 }
 const placeOf = (t, n) => point(places, (t * N + n) * D), truthOf = n => point(truth, n * D);
+const givenOf = i => [data.given[i][0], data.given[i][1], D == 3 ? data.given[i][2] : z0];  // of the i-th known one
 
 function fit(canvas) {
   const dpr = window.devicePixelRatio || 1, w = canvas.clientWidth, h = canvas.clientHeight;
@@ -120,6 +121,8 @@ function scene() {
   if (mapShown()) floorMap(pen, project);
   room(pen, project);
   const now = [...Array(N).keys()].map(n => project(placeOf(at, n)));
+  const held = new Map(data.known.map((n, i) => [n, project(givenOf(i))]));
+  const covered = n => held.has(n) && Math.hypot(now[n][0] - held.get(n)[0], now[n][1] - held.get(n)[1]) <= r;  // by its square
   if ($("trails").checked) for (let n = 0; n < N; n++) {
     if (known.has(n)) continue;
     const path = [];
@@ -128,17 +131,17 @@ function scene() {
   }
   if (truth) for (let n = 0; n < N; n++) {
     const p = project(truthOf(n));
-    if (!known.has(n)) withHalo((c, width) => stroke(pen, [p, now[n]], c, width), "#000", 1.3, 1.6);
+    if (!covered(n)) withHalo((c, width) => stroke(pen, [p, now[n]], c, width), "#000", 1.3, 1.6);
     ring(pen, p, r, "#000", Math.max(1.6, r * 0.28));
   }
-  for (const n of known) square(pen, now[n], r * 0.8);
-  for (let n = 0; n < N; n++) if (!known.has(n)) cross(pen, now[n], r * 0.75, RED, Math.max(1.8, r * 0.34));
+  for (const p of held.values()) square(pen, p, r * 0.8);
+  for (let n = 0; n < N; n++) if (!covered(n)) cross(pen, now[n], r * 0.75, RED, Math.max(1.8, r * 0.34));
   if (mapShown()) drawMinima(pen, project, r);
   const n = subject();
   if (n >= 0) {
     if (D == 3 && !flat) stroke(pen, [now[n], project([...placeOf(at, n).slice(0, 2), z0])], RED, 1.6);  // down to the map
     if (truth) ring(pen, project(truthOf(n)), 1.9 * r, "#000", Math.max(2, r * 0.4));
-    if (known.has(n)) square(pen, now[n], 1.3 * r); else cross(pen, now[n], 1.45 * r, RED, Math.max(2.4, r * 0.5));
+    if (covered(n)) square(pen, held.get(n), 1.3 * r); else cross(pen, now[n], 1.45 * r, RED, Math.max(2.4, r * 0.5));
     pen.font = "600 13px system-ui, sans-serif";
     pen.lineWidth = 4; pen.strokeStyle = css("--back"); pen.fillStyle = css("--ink");
     const left = now[n][0] > w - 150, x = now[n][0] + (left ? -2.4 : 2.4) * r;

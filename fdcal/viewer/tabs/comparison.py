@@ -25,10 +25,6 @@ ALL = "all"
 INTERVAL = 0.5  # s between two updates of the curves
 PLOT_HEIGHT = 150  # pixels; with them the whole tab has room in a window 720 pixels high
 MIN_ERROR = 1e-3  # mm, drawn for anything below: logarithms have no zero
-IN_SPACE = (
-    "No race: it takes a sound field of two dimensions. Compare solvers one after the other instead: choose another"
-    " Method in the tab Solver, and press Run."
-)
 NO_SEARCH = (
     "No race: the file has no search domain, and the positions could not be estimated to make one. Add search_origin,"
     " search_size, search_step and radius (metres) to the file of the measurement."
@@ -49,12 +45,11 @@ class ComparisonTab:
         self._shown: tuple[RunSummary, ...] | None = None
         self._names: tuple[str, ...] = ()  # of the solvers that the plots are made for
         self._plots: list[Plot] = []
-        problem = binding.run.problem
-        self._possible = problem.dimension == 2 and problem.search is not None
+        self._possible = binding.run.problem.search is not None
         if self._possible:
             self._add_controls()
         else:
-            binding.gui.add_html(html.remark(NO_SEARCH if problem.dimension == 2 else IN_SPACE))
+            binding.gui.add_html(html.remark(NO_SEARCH))
 
     def _add_controls(self) -> None:
         gui, worker = self._binding.gui, self._worker
