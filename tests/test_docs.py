@@ -12,13 +12,15 @@ from documents import ALL, DOCS, PAGES, ROOT, blocks, name_of, run_fdcal, run_py
 from PIL import Image
 
 import fdcal
-from fdcal.assessment import room_verdict, verdict
+from fdcal.acoustics.fourier_bessel import array_f_max
+from fdcal.assessment import channel_findings, room_verdict, verdict
 from fdcal.assessment.result_parts import ChannelFault, Evidence, KnownRoom, channels_table, evidence_table, room_table
 from fdcal.assessment.result_schema import OPTIONAL as RESULT_OPTIONAL
 from fdcal.assessment.result_schema import REQUIRED as RESULT_REQUIRED
 from fdcal.commands.cli import commands
+from fdcal.model.arrays import positions_of
 from fdcal.model.measurement_file import OPTIONAL, REQUIRED, SEARCH
-from fdcal.model.scene_file import scene_names
+from fdcal.model.scene_file import load_scene, scene_names
 from fdcal.recordings import formats
 from fdcal.session.lesson import MAPS, QUANTITIES, SCALES, VIEWS, Lesson, Setting, Step
 from fdcal.session.lesson_file import load_lesson
@@ -181,6 +183,21 @@ def test_every_verdict_is_documented_with_a_remedy():
     assert {"good", "room_size", "scale_undetermined"} <= codes
     for code in codes:
         assert VERDICTS.count(f"| `{code}` |") == (1 if code == "good" else 2), code
+
+
+@pytest.mark.parametrize(("module", "begin"), [(channel_findings, "Solver `robust`"), (verdict, "Solvers `joint`")])
+def test_the_order_of_the_checks_is_that_of_the_code(module, begin):
+    codes = re.findall(r'^ +\("(\w+)",', source(module), re.M)
+    paragraph = VERDICTS[VERDICTS.index(begin) :].partition("\n\n")[0].partition(":")[2]
+    told = re.findall(r"`(\w+)`", paragraph)
+    assert told == [code for code, before in zip(codes, [None, *codes], strict=False) if code != before]
+
+
+def test_the_highest_frequency_of_array_1_is_computed():
+    scene = load_scene("array1_circle")
+    highest = array_f_max(positions_of(scene), scene.room.sound_speed, scene.room.dimension)
+    told = re.search(r"about (\d+) Hz for array 1 \(c = (\d+) m/s\)", text_of(DOCS / "explanation" / "limits.md"))
+    assert [float(told[1]), float(told[2])] == [round(highest), scene.room.sound_speed]
 
 
 def source(module) -> str:

@@ -13,8 +13,6 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-
 
 @functools.cache
 def _compiler() -> Callable:
@@ -53,8 +51,3 @@ def compiled(function: Callable, **options) -> Callable:
 def compiled_parallel(function: Callable) -> Callable:
     """Decorate as `compiled` does, with the iterations of `numba.prange` distributed over threads."""
     return compiled(function, parallel=True)
-
-
-def writable(values, dtype=None) -> np.ndarray:
-    """Return a writable copy in C order: a read-only array is another type, for which numba would compile again."""
-    return np.array(values, dtype, order="C")

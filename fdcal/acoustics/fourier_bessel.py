@@ -111,25 +111,6 @@ def fourier_bessel(positions: np.ndarray, wavenumber: complex, order: int, centr
     return join_orders(J, np.exp(1j * l * theta[:, None]))
 
 
-def fourier_bessel_gradient(positions, wavenumber: complex, order: int, centre) -> tuple[np.ndarray, np.ndarray]:
-    """Return the derivatives dW/dx and dW/dy of the dictionary, from the atoms of order L + 1.
-
-    d/dx W_l = k/2 (W_{l-1} - W_{l+1}),  d/dy W_l = j k/2 (W_{l-1} + W_{l+1}).
-
-    Parameters
-    ----------
-    positions, wavenumber, order, centre
-        As of `fourier_bessel`.
-
-    Returns
-    -------
-    two (N, 2L + 1) complex128 arrays, 1/m
-    """
-    W = fourier_bessel(positions, wavenumber, order + 1, centre)
-    below, above = W[:, :-2], W[:, 2:]
-    return wavenumber / 2 * (below - above), 1j * wavenumber / 2 * (below + above)
-
-
 def join_orders(J: np.ndarray, phase: np.ndarray) -> np.ndarray:
     """Return W of orders -L..L from J_l and exp(j l theta) of orders 0..L, each (..., L + 1); J_{-l} = (-1)^l J_l."""
     sign = (-1.0) ** np.arange(J.shape[-1] - 1, 0, -1)

@@ -104,15 +104,10 @@ def laplace_transform(recordings: np.ndarray, fs: float, s: float, frequencies: 
     return total
 
 
-def pick_modes(
-    recordings: np.ndarray,
-    fs: float,
-    lowest: float,
-    highest: float,
-    prominence_db: float = 1.0,
-    resolution: float = 1.0,
-) -> np.ndarray:
-    """Return the frequencies of the peaks of the power spectrum averaged over the microphones.
+def mean_power(
+    recordings: np.ndarray, fs: float, lowest: float, highest: float, resolution: float = 1.0
+) -> tuple[float, float, np.ndarray]:
+    """Return the power spectrum in which `pick_peaks` finds peaks, averaged over the microphones.
 
     The recording is weighted with a Blackman-Harris window raised to a power between 0 and 1: to 1 for a room that has
     not decayed, to 0 for one that has, whose sound is at the start.
@@ -124,33 +119,8 @@ def pick_modes(
         Sampling rate, Hz.
     lowest, highest : float
         Band of the peaks, Hz.
-    prominence_db : float
-        Prominence of a peak, dB.
     resolution : float
-        Hz; of two peaks closer than this, the stronger is kept.
-
-    Returns
-    -------
-    (M,) float64
-        Hz, ascending, interpolated between the points of the spectrum.
-
-    Raises
-    ------
-    InputError
-        For silence, a recording too short for the resolution, or no peak.
-    """
-    first, step, power = mean_power(recordings, fs, lowest, highest, resolution)
-    return pick_peaks(power, first, step, prominence_db, resolution)
-
-
-def mean_power(
-    recordings: np.ndarray, fs: float, lowest: float, highest: float, resolution: float = 1.0
-) -> tuple[float, float, np.ndarray]:
-    """Return the power spectrum in which `pick_modes` finds peaks, averaged over the microphones.
-
-    Parameters
-    ----------
-    recordings, fs, lowest, highest, resolution : as of `pick_modes`
+        Hz, of the peaks.
 
     Returns
     -------
@@ -180,7 +150,7 @@ def mean_power(
 
 
 def pick_peaks(power: np.ndarray, lowest: float, step: float, prominence_db: float, resolution: float) -> np.ndarray:
-    """Return the frequencies of the peaks of a power spectrum.
+    """Return the frequencies of the peaks of a power spectrum, interpolated between its points.
 
     Parameters
     ----------
@@ -188,8 +158,10 @@ def pick_peaks(power: np.ndarray, lowest: float, step: float, prominence_db: flo
         At `lowest`, `lowest` + `step`, ... Hz.
     lowest, step : float
         Hz.
-    prominence_db, resolution
-        As of `pick_modes`; a prominence of 0 takes every frequency, `resolution` apart, instead of peaks.
+    prominence_db : float
+        Prominence of a peak, dB; 0 takes every frequency, `resolution` apart, instead of peaks.
+    resolution : float
+        Hz; of two peaks closer than this, the stronger is kept.
 
     Returns
     -------

@@ -11,6 +11,7 @@ from ..assessment.error_ellipses import ellipse_axes
 from ..model.validation import InputError
 from .markers import ELLIPSE, ESTIMATE, KNOWN, TRUE
 from .overlays import enlargement
+from .theme import fractions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -60,10 +61,10 @@ def _draw_view(panel: Any, result: Calibration, truth: np.ndarray | None, view: 
     if result.covariance is not None:
         enlarged_ellipses(panel, places, result.covariance[:, view][:, :, view], result.positions)
     if truth is not None:
-        panel.plot(*truth[:, view].T, "o", color=_rgb(TRUE), fillstyle="none", markersize=10, label="true")
-    panel.plot(*places[~known].T, "x", color=_rgb(ESTIMATE), markersize=7, markeredgewidth=1.8, label="estimated")
+        panel.plot(*truth[:, view].T, "o", color=fractions(TRUE), fillstyle="none", markersize=10, label="true")
+    panel.plot(*places[~known].T, "x", color=fractions(ESTIMATE), markersize=7, markeredgewidth=1.8, label="estimated")
     if known.any():
-        panel.plot(*places[known].T, "s", color=_rgb(KNOWN), fillstyle="none", markersize=9, label="known")
+        panel.plot(*places[known].T, "s", color=fractions(KNOWN), fillstyle="none", markersize=9, label="known")
     panel.set_aspect("equal", adjustable="datalim")
     panel.set_xlabel(f"{'xyz'[view[0]]} (m)")
     panel.set_ylabel(f"{'xyz'[view[1]]} (m)")
@@ -90,10 +91,5 @@ def enlarged_ellipses(panel: Any, places: np.ndarray, covariance: np.ndarray, po
     circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     label = "95 % ellipse" + (f", {factor:g} times enlarged" if factor > 1 else "")
     for place, pair in zip(places[shown], axes[shown], strict=True):
-        panel.plot(*(place + factor * circle @ pair).T, "-", color=_rgb(ELLIPSE), linewidth=1.2, label=label)
+        panel.plot(*(place + factor * circle @ pair).T, "-", color=fractions(ELLIPSE), linewidth=1.2, label=label)
         label = "_"  # one entry of the legend for all
-
-
-def _rgb(colour: tuple[int, int, int]) -> tuple[float, float, float]:
-    red, green, blue = colour
-    return red / 255, green / 255, blue / 255

@@ -17,7 +17,7 @@ import numpy as np
 from ..assessment.field_map import FieldMap
 from ..model.validation import InputError
 from . import vtk_xml
-from .primitives import COLOUR_MAP, DIVERGING_COLOUR_MAP
+from .colour_bar import COLOUR_MAP, DIVERGING_COLOUR_MAP
 
 MAX_ROWS = 12  # frequencies in a picture
 

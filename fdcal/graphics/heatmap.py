@@ -9,7 +9,8 @@ import numpy as np
 
 from ..model.settings import Search
 from ..model.validation import frozen_array
-from .primitives import COLOUR_MAP, DIVERGING_COLOUR_MAP, ColourBar, Floor
+from .colour_bar import COLOUR_MAP, DIVERGING_COLOUR_MAP, ColourBar
+from .primitives import Floor
 from .relief import shaded
 
 DECADES = 4  # of cost that a logarithmic map shows below its highest value

@@ -10,10 +10,11 @@ from ..cost.basins import OUTSIDE, basins_of
 from ..cost.landscapes import local_minima, map_positions
 from ..model.settings import Search
 from .basin_map import TABLE, basin_image
+from .colour_bar import COLOUR_MAP
 from .heatmap import DECADES
 from .markers import ESTIMATE, LOWEST
 from .picture import PLANE_MARKER
-from .primitives import COLOUR_MAP
+from .theme import fractions
 
 
 def draw_map(panel: Any, cost: np.ndarray, search: Search, decibels: bool) -> Any:
@@ -78,7 +79,7 @@ def draw_marks(panel: Any, cost: np.ndarray, search: Search, lowest, truth, esti
     """Draw the marks of the page on one map, each with a white halo."""
     from matplotlib import patheffects
 
-    amber, red = (tuple(value / 255 for value in colour) for colour in (LOWEST, ESTIMATE))
+    amber, red = fractions(LOWEST), fractions(ESTIMATE)
     others = map_positions(local_minima(cost), search)
     near = PLANE_MARKER * search.step * max(cost.shape)
     others = others[np.hypot(*(others - lowest).T) > near]

@@ -15,7 +15,8 @@ import numpy as np
 from .glyphs import polygons, stars
 from .markers import CUT, ELLIPSE, ESTIMATE, KNOWN, LOWEST, ODD, TRAIL, TRUE, solver_mark
 from .overlays import ELLIPSE_TEXT
-from .primitives import Area, Colour, Lines, Mesh, Picture
+from .primitives import Area, Lines, Mesh, Picture
+from .theme import Colour
 
 CIRCLE_SIDES = 24
 OUTLINE: Colour = (128, 128, 128)  # of an area, which may be as light as the page

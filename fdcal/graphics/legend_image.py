@@ -8,7 +8,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from .legend import Entry
-from .primitives import Colour, Theme
+from .theme import Colour, Theme
 
 SYMBOL, GAP, ROW = 18, 22, 27  # edge of a symbol, space between entries and height of a row, at a 16-pixel font
 FINER = 4  # times finer than the image, for smooth edges

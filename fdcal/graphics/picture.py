@@ -34,8 +34,9 @@ from .markers import (
     true_microphones,
 )
 from .name_tags import name_place
-from .primitives import Floor, Label, Picture, theme_of
+from .primitives import Floor, Label, Picture
 from .surroundings import focus_of, frame, room_and_source, upper_frame, z_range_of
+from .theme import theme_of
 
 PLANE_MARKER, SPACE_MARKER = 0.0125, 0.016  # radius of a marker, of the longer side of the search domain
 

@@ -9,6 +9,7 @@ import numpy as np
 from ..session.planning.plan import Plan
 from .calibration_figure import enlarged_ellipses
 from .markers import ELLIPSE, ESTIMATE, KNOWN, TRUE
+from .theme import fractions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,9 +41,11 @@ def _draw_bound(plan: Plan, panel: Any) -> None:
     """Draw the microphones from above, with the ellipses of the bound."""
     x, bound = plan.request.layout.positions[:, :2], plan.bound
     enlarged_ellipses(panel, x, bound.covariance[:, :2, :2], plan.request.layout.positions)
-    panel.plot(*x[bound.free].T, "o", color=_rgb(TRUE), markersize=5, label="microphone")
+    panel.plot(*x[bound.free].T, "o", color=fractions(TRUE), markersize=5, label="microphone")
     if not bound.free.all():
-        panel.plot(*x[~bound.free].T, "s", color=_rgb(KNOWN), fillstyle="none", markersize=9, label="position given")
+        panel.plot(
+            *x[~bound.free].T, "s", color=fractions(KNOWN), fillstyle="none", markersize=9, label="position given"
+        )
     panel.set_title(f"Bound: {1e3 * bound.rms:.3g} mm rms")
     _finish(panel)
 
@@ -58,7 +61,7 @@ def _draw_extra(plan: Plan, panel: Any) -> None:
     assert plan.advice is not None
     extra = plan.advice.extra
     _draw_map(plan, panel, extra.rms, "Others, with one more microphone here", "mm rms")
-    panel.plot(*extra.best[:2], "*", color=_rgb(ESTIMATE), markersize=14, label="best place")
+    panel.plot(*extra.best[:2], "*", color=fractions(ESTIMATE), markersize=14, label="best place")
     _finish(panel)
 
 
@@ -71,7 +74,7 @@ def _draw_map(plan: Plan, panel: Any, values: np.ndarray, title: str, unit: str)
         places, values = places[layer], values[layer]
     drawn = panel.pcolormesh(places[0, :, 0], places[:, 0, 1], 1e3 * values, shading="nearest", cmap="viridis")
     panel.figure.colorbar(drawn, ax=panel, label=unit)
-    panel.plot(*x[:, :2].T, "o", color=_rgb(TRUE), markeredgecolor="white", markersize=5)
+    panel.plot(*x[:, :2].T, "o", color=fractions(TRUE), markeredgecolor="white", markersize=5)
     panel.set_title(title)
     _finish(panel, legend=False)
 
@@ -80,7 +83,7 @@ def _draw_sizes(plan: Plan, panel: Any) -> None:
     """Draw the bound against the size of the array."""
     assert plan.advice is not None
     factors, rms = plan.advice.accuracy.sizes.T
-    panel.loglog(factors, 1e3 * rms, "o-", color=_rgb(KNOWN))
+    panel.loglog(factors, 1e3 * rms, "o-", color=fractions(KNOWN))
     panel.axvline(1.0, color="grey", linestyle=":")
     panel.set_xticks(factors, [f"{factor:g}" for factor in factors], minor=False)
     panel.set_xticks([], minor=True)
@@ -97,9 +100,9 @@ def _draw_trials(plan: Plan, panel: Any) -> None:
     rms = 1e3 * trials.rms[np.isfinite(trials.rms)]
     if len(rms):
         low, high = min(rms.min(), 1e3 * trials.bound), max(rms.max(), 1e3 * trials.bound)
-        panel.hist(rms, np.geomspace(0.9 * low, 1.1 * high, BINS), color=_rgb(ELLIPSE), label="trials")
-    panel.axvline(1e3 * trials.bound, color=_rgb(TRUE), linestyle="--", label="bound")
-    panel.axvline(1e3 * trials.accuracy, color=_rgb(KNOWN), linestyle=":", label="wanted")
+        panel.hist(rms, np.geomspace(0.9 * low, 1.1 * high, BINS), color=fractions(ELLIPSE), label="trials")
+    panel.axvline(1e3 * trials.bound, color=fractions(TRUE), linestyle="--", label="bound")
+    panel.axvline(1e3 * trials.accuracy, color=fractions(KNOWN), linestyle=":", label="wanted")
     panel.set_xscale("log")
     panel.set_xlabel("error (mm rms)")
     panel.set_ylabel("trials")
@@ -113,8 +116,3 @@ def _finish(panel: Any, legend: bool = True) -> None:
     panel.set_ylabel("y (m)")
     if legend:
         panel.legend(loc="upper right", fontsize="small", frameon=True)
-
-
-def _rgb(colour: tuple[int, int, int]) -> tuple[float, float, float]:
-    red, green, blue = colour
-    return red / 255, green / 255, blue / 255

@@ -23,6 +23,7 @@ from .primitives import Floor, Mesh, Picture
 from .relief import relief_grid
 from .snapshot_process import render_png, require_size
 from .solids import Plate, Surface
+from .theme import fractions
 
 MIN_LINE_WIDTH = 0.75  # pixels
 SUPERSAMPLED = 2.5  # width of a line, where the image is drawn larger and then reduced
@@ -79,7 +80,7 @@ def draw(picture: Picture, size: tuple[int, int], view: str) -> np.ndarray:
         plotter.enable_depth_peeling(PEELS, occlusion_ratio=0.0)
     else:
         plotter.enable_anti_aliasing("msaa", multi_samples=8)
-    plotter.set_background([channel / 255 for channel in picture.theme.background])
+    plotter.set_background(fractions(picture.theme.background))
     camera = camera_of(picture, size, view)
     if picture.floor is not None:
         _add_floor(plotter, pyvista, picture.floor)

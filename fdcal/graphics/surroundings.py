@@ -11,7 +11,8 @@ from ..model.measurement import Measurement
 from ..model.scene import Scene
 from . import glyphs
 from .markers import TRUE, Layer, layer_height, lines, mesh, strokes
-from .primitives import Anchor, Label, Lines, Mesh, Theme
+from .primitives import Anchor, Label, Lines, Mesh
+from .theme import Theme
 
 Box = tuple[float, float, float, float]
 

@@ -17,10 +17,11 @@ import numpy as np
 
 from ..model.settings import Search
 from ..model.validation import frozen_array
+from .colour_bar import ColourBar
 from .glyphs import round_ticks
 from .heatmap import colour_limits, normalise, to_rgb
 from .isosurfaces import isosurface
-from .primitives import Area, ColourBar
+from .primitives import Area
 from .solids import Plate, Surface
 
 AXES = "xyz"

@@ -5,7 +5,7 @@ import pytest
 from fields import bessel_kernel, plane_wave, plane_wave_coefficients
 from scipy.special import jv
 
-from fdcal.acoustics.fourier_bessel import array_f_max, f_max, fourier_bessel, fourier_bessel_gradient, max_order
+from fdcal.acoustics.fourier_bessel import array_f_max, f_max, fourier_bessel, max_order
 from fdcal.acoustics.lattice_dictionary import LatticeDictionary, bessel_orders
 from fdcal.model.settings import Search
 
@@ -27,15 +27,6 @@ def test_each_atom_solves_helmholtz(k):
     fields = [fourier_bessel(POINTS + d, k, L, CENTRE) for d in ([0, 0], [h, 0], [-h, 0], [0, h], [0, -h])]
     laplacian = (sum(fields[1:]) - 4 * fields[0]) / h**2
     np.testing.assert_allclose(laplacian, -(k**2) * fields[0], atol=abs(k) ** 4 * h**2)
-
-
-@pytest.mark.parametrize("k", WAVENUMBERS)
-def test_gradient_is_the_limit_of_differences(k):
-    h, L = 1e-5, 6
-    for axis, gradient in enumerate(fourier_bessel_gradient(POINTS, k, L, CENTRE)):
-        d = h * np.eye(2)[axis]
-        difference = fourier_bessel(POINTS + d, k, L, CENTRE) - fourier_bessel(POINTS - d, k, L, CENTRE)
-        np.testing.assert_allclose(gradient, difference / (2 * h), atol=1e-8)
 
 
 def test_gram_matrix_is_the_diffuse_field_kernel_whatever_the_centre():

@@ -12,7 +12,7 @@ from scipy.special import jv
 from fdcal.acoustics.fdtd import simulate
 from fdcal.acoustics.measure import measure
 from fdcal.acoustics.measurement_cache import cached_recordings
-from fdcal.acoustics.spectrum import laplace_transform, pick_modes, window_rate
+from fdcal.acoustics.spectrum import laplace_transform, mean_power, pick_peaks, window_rate
 from fdcal.acoustics.wavenumbers import wavenumber_continuous, wavenumber_discrete
 from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError
@@ -31,6 +31,12 @@ def recordings(tiny):
     return cached_recordings(tiny)
 
 
+def picked_modes(recordings, fs, lowest, highest, prominence_db, resolution):
+    """The peaks of the spectrum of recordings, as a measurement picks them, Hz."""
+    first, step, power = mean_power(recordings, fs, lowest, highest, resolution)
+    return pick_peaks(power, first, step, prominence_db, resolution)
+
+
 def eigenfrequencies(scene):
     """Of the rigid rectangle on the grid, Hz, ascending, each once."""
     h, fs = scene.room.cell, scene.source.sample_rate
@@ -42,7 +48,7 @@ def eigenfrequencies(scene):
 
 def test_peaks_are_the_eigenfrequencies(tiny, recordings):
     sensing = tiny.measurement
-    picked = pick_modes(recordings, tiny.source.sample_rate, sensing.lowest, sensing.highest, 1.0, sensing.resolution)
+    picked = picked_modes(recordings, tiny.source.sample_rate, sensing.lowest, sensing.highest, 1.0, sensing.resolution)
     modes = eigenfrequencies(tiny)
     modes = modes[modes < sensing.highest]
     nearest = np.abs(picked[:, None] - modes)
@@ -57,13 +63,13 @@ def test_peaks_are_the_eigenfrequencies(tiny, recordings):
 def test_picking_refines_beyond_the_points_of_the_spectrum():
     frequencies = [100.123, 130.456, 133.2]
     ringing = sum(np.sin(2 * np.pi * f * TIME + f) for f in frequencies)[None]
-    np.testing.assert_allclose(pick_modes(ringing, FS, 50, 300, 1.0, 1.4), frequencies, atol=0.02)
+    np.testing.assert_allclose(picked_modes(ringing, FS, 50, 300, 1.0, 1.4), frequencies, atol=0.02)
 
 
 def test_damped_modes_are_found_without_a_window():
     damped = sum(np.exp(-12 * TIME) * np.sin(2 * np.pi * f * TIME) for f in (100.0, 140.0))[None]
     assert window_rate(damped, FS) == 0
-    np.testing.assert_allclose(pick_modes(damped, FS, 50, 300, 1.0, 1.4), [100, 140], atol=0.3)
+    np.testing.assert_allclose(picked_modes(damped, FS, 50, 300, 1.0, 1.4), [100, 140], atol=0.3)
 
 
 @pytest.mark.parametrize("decay", [0.0, 1.0, 3.0, 5.0])
@@ -90,7 +96,7 @@ def test_silence_and_nan_are_refused():
 def test_too_short_a_recording_names_the_remedy(tiny):
     message = r"source\.duration = 2 s is too short for measurement\.resolution = 1 Hz; use at least 2\.72 s"
     with pytest.raises(InputError, match=message):
-        pick_modes(np.sin(TIME)[None], FS, 50, 300, 1.0, 1.0)
+        picked_modes(np.sin(TIME)[None], FS, 50, 300, 1.0, 1.0)
     with pytest.raises(InputError, match=r"source\.duration = 0\.3 s is too short"):
         measure(dataclasses.replace(tiny, source=dataclasses.replace(tiny.source, duration=0.3)))
 
@@ -98,7 +104,7 @@ def test_too_short_a_recording_names_the_remedy(tiny):
 def test_no_peak_is_refused():
     decay = np.exp(-500 * TIME)[None]
     with pytest.raises(InputError, match="no mode stands out"):
-        pick_modes(decay, FS, 50, 300, 1.0, 1.4)
+        picked_modes(decay, FS, 50, 300, 1.0, 1.4)
 
 
 @pytest.mark.parametrize("s", [0.0, 3.0])

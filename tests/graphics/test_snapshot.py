@@ -10,10 +10,10 @@ from PIL import Image
 
 from fdcal.graphics import snapshot, snapshot_process
 from fdcal.graphics.camera import camera_for, project
+from fdcal.graphics.colour_bar import COLOUR_MAP
 from fdcal.graphics.heatmap import cost_floor
 from fdcal.graphics.markers import ESTIMATE, KNOWN, TRUE, Layer, layer_height
 from fdcal.graphics.picture import compose
-from fdcal.graphics.primitives import COLOUR_MAP
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError, StorageError

@@ -49,7 +49,7 @@ class ExtraMicrophone:
     rms : (...) float64, metres, bound of the present microphones with one there; NaN too close to another
     own_sigma : (...) float64, metres, bound of the microphone that is added
     best : (D,) float64, metres
-    best_rms, worst_rms, before : metres, of the present microphones
+    best_rms, before : metres, of the present microphones
     """
 
     places: np.ndarray
@@ -57,7 +57,6 @@ class ExtraMicrophone:
     own_sigma: np.ndarray
     best: np.ndarray
     best_rms: float
-    worst_rms: float
     before: float
 
 
@@ -129,9 +128,7 @@ def best_addition(request: PlanRequest) -> ExtraMicrophone:
     before = position_bound(sparse_information(request, x), prior).rms
     shape = places.shape[:-1]
     best = flat[np.nanargmin(rms)]
-    return ExtraMicrophone(
-        places, rms.reshape(shape), own.reshape(shape), best, float(np.nanmin(rms)), float(np.nanmax(rms)), before
-    )
+    return ExtraMicrophone(places, rms.reshape(shape), own.reshape(shape), best, float(np.nanmin(rms)), before)
 
 
 def _lattice(x: np.ndarray) -> np.ndarray:

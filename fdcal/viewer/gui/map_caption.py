@@ -6,7 +6,7 @@ import numpy as np
 
 from ...acoustics.fourier_bessel import max_order
 from ...cost.yardstick import decibels
-from ...graphics.primitives import format_number
+from ...graphics.colour_bar import format_number
 from ..background.cost_maps import CostMap
 from ..background.prepare import PreparedRun
 from . import html

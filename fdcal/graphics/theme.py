@@ -1,0 +1,47 @@
+"""Colours that depend on the background of a picture. Colours are RGB from 0 to 255."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+Colour = tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class Theme:
+    """Colours that depend on the background.
+
+    Attributes
+    ----------
+    background : Colour
+    foreground : of texts, rulers and walls
+    grid : of the grid on the floor
+    text : size of the texts, 1 for the usual one
+    marks : size of the marks, likewise
+    """
+
+    background: Colour
+    foreground: Colour
+    grid: Colour
+    text: float = 1.0
+    marks: float = 1.0
+
+
+LIGHT = Theme(background=(255, 255, 255), foreground=(40, 44, 52), grid=(222, 225, 230))
+DARK = Theme(background=(26, 27, 30), foreground=(222, 225, 230), grid=(58, 61, 68))
+# For a projector: large, and with as much contrast as there is.
+LECTURE_LIGHT = Theme(background=(255, 255, 255), foreground=(0, 0, 0), grid=(168, 172, 180), text=1.5, marks=1.4)
+LECTURE_DARK = Theme(background=(26, 27, 30), foreground=(255, 255, 255), grid=(112, 116, 124), text=1.5, marks=1.4)
+
+
+def theme_of(dark: bool, lecture: bool = False) -> Theme:
+    """Return the theme of a dark or light background, for a projector or not."""
+    if lecture:
+        return LECTURE_DARK if dark else LECTURE_LIGHT
+    return DARK if dark else LIGHT
+
+
+def fractions(colour: Colour) -> tuple[float, float, float]:
+    """Return a colour as matplotlib and VTK take it: red, green and blue from 0 to 1."""
+    red, green, blue = colour
+    return red / 255, green / 255, blue / 255
