@@ -240,3 +240,15 @@ def test_saving_and_loading_gives_the_same_result(found, tmp_path):
         found.save(tmp_path / "r.json")
     found.save(tmp_path / "r.json", force=True)
     assert json.loads((tmp_path / "r.json").read_text())["verdict"] == found.verdict
+
+
+def test_an_argument_that_does_not_exist_is_a_type_error_with_a_suggestion(tiny):
+    for arguments, meant in (({"know": "none"}, "known"), ({"mode": 3}, "modes"), ({"gain_sigma": 1}, "gain_sigma_db")):
+        with pytest.raises(TypeError, match=f"calibrate.. got an unexpected .*did you mean '{meant}'"):
+            fdcal.calibrate(tiny, **arguments)
+
+
+def test_a_result_shows_itself_in_a_line(tiny):
+    text = repr(fdcal.calibrate(tiny, modes=12))
+    assert len(text.splitlines()) == 1 and len(text) < 200
+    assert "16 microphones, 3 known, 12 frequencies, verdict good, mean error" in text

@@ -5,22 +5,28 @@ from __future__ import annotations
 import re
 
 import click
+import pytest
 from documents import README, ROOT, blocks, text_of
 
+import fdcal
 from fdcal.commands.cli import commands
 
 TEXT = text_of(README)
 FIRST_SCREEN = "\n".join(TEXT.splitlines()[:30])
 
 
-def test_python_example_runs_and_finds_the_array(capsys):
+@pytest.mark.parametrize("scored", [True, False], ids=["scene", "own recording"])
+def test_python_example_runs_with_and_without_true_positions(capsys, scored):
     (example,) = [block.code for block in blocks(TEXT) if block.language == "python"]
-    exec(compile(example, "README.md", "exec"), {})
-    printed = capsys.readouterr().out
-    sweeps, modes, error = re.fullmatch(r"(\d+) sweeps, (\d+) modes, mean error ([\d.]+) mm\n", printed).groups()
-    assert int(sweeps) > 0
-    assert int(modes) == 36, "all that the scene has"
-    assert float(error) < 40, "within two steps of the search lattice"
+    code = example if scored else example.replace('load("tiny")', 'load("tiny")\nimport dataclasses\n'
+        'measurement = dataclasses.replace(measurement, positions=None)')  # fmt: skip
+    found: dict = {}
+    exec(compile(code, "README.md", "exec"), found)
+    modes, verdict = re.fullmatch(r"(\d+) modes, verdict (\w+): .+\n", capsys.readouterr().out).groups()
+    assert (int(modes), verdict) == (36, "good")
+    assert "takes all 36" in TEXT and "asks for 20 modes" in " ".join(TEXT.split())
+    assert fdcal.load_scene("tiny").solver.modes == 20
+    assert (found["found"].mean_error is not None) == scored
 
 
 def test_it_is_short():

@@ -29,7 +29,7 @@ from .result_schema import REQUIRED, require_result
 PARTS = ("evidence", "room", "channels")  # attributes that have several keys in the file
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Calibration(CalibrationViews):
     """Positions of the microphones of an array, and whether to trust them.
 

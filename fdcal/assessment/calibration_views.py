@@ -10,6 +10,7 @@ from typing import Any
 
 import fdcal
 
+from ..model.lengths import length_text
 from ..model.validation import require_choice
 
 
@@ -184,6 +185,15 @@ class CalibrationViews:
         'x (m)'
         """
         return fdcal.extension("draw_calibration")(self, truth)
+
+    def __repr__(self) -> str:
+        result: Any = self
+        known = "" if result.known is None else f", {len(result.known)} known"
+        error = "" if result.mean_error is None else f", mean error {length_text(result.mean_error)}"
+        return (
+            f"<Calibration by {result.solver}: {len(result.names)} microphones{known},"
+            f" {len(result.frequencies)} frequencies, verdict {result.verdict or 'unknown'}{error}>"
+        )
 
     def _repr_html_(self) -> str:
         return fdcal.extension("calibration_html")(self)

@@ -65,6 +65,7 @@ def _run(found, output: str, workers: int, scheduler: str | None, resume: bool) 
 
 
 def _report(folder: str, axes: str | None, at: tuple[str, ...]) -> int:
+    _require(Path(folder).is_dir(), "report", f"{folder} is no folder", "give the folder that a study has written")
     from ..graphics.study_report import write_report
     from ..session.study.results import read_results
 

@@ -5,6 +5,7 @@ Every message names the key, its value and the remedy, on one line.
 
 from __future__ import annotations
 
+import difflib
 import re
 import reprlib
 from collections.abc import Iterable, Mapping
@@ -52,6 +53,8 @@ class InputError(ValueError):
 
     def within(self, place: object) -> InputError:
         """Return the same error with the file or table that it occurred in before the problem."""
+        if self.problem.startswith(str(place)):
+            return self
         return InputError(f"{place}: {self.problem}", self.remedy, key=self.key, value=self.value)
 
 
@@ -78,6 +81,24 @@ class StorageError(OSError):
     ...     print(error)
     cannot read nowhere.wav: No such file or directory
     """
+
+
+def install_remedy(extra: str) -> str:
+    """Return how to install an extra of fdcal, in a checkout and elsewhere."""
+    return f"install it: pip install -e '.[{extra}]' in a checkout of fdcal, pip install 'fdcal[{extra}]' elsewhere"
+
+
+def unexpected_argument(function: str, name: str, known: Iterable[str]) -> TypeError:
+    """Return the error for an argument that a function does not have, with the one that may be meant.
+
+    Examples
+    --------
+    >>> unexpected_argument("calibrate", "know", ["known", "modes"])
+    TypeError("calibrate() got an unexpected keyword argument 'know'; did you mean 'known'?")
+    """
+    near = difflib.get_close_matches(name, list(known), 1)
+    meant = f"; did you mean {near[0]!r}?" if near else ""
+    return TypeError(f"{function}() got an unexpected keyword argument {name!r}{meant}")
 
 
 def shown(value: object, most: int = 60) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from os import PathLike
@@ -13,7 +14,7 @@ from ..model.measurement import Measurement
 from ..model.microphones import MicrophonePositions
 from ..model.scene import Scene
 from ..model.settings import SolverSettings
-from ..model.validation import InputError, require_array
+from ..model.validation import InputError, require_array, unexpected_argument
 from .arguments import (
     known_distance,
     known_microphones,
@@ -94,7 +95,7 @@ def _import_options(text: str, options: dict):
 
     unknown = set(options) - {field.name for field in fields(ImportOptions)}
     if unknown:
-        raise TypeError(f"load() got an unexpected keyword argument {sorted(unknown)[0]!r}")
+        raise unexpected_argument("load", sorted(unknown)[0], [field.name for field in fields(ImportOptions)])
     found = ImportOptions(**options)
     require_field_types(found)
     return found
@@ -218,6 +219,7 @@ def calibrate(
     require_settings(settings)
     require_truth_value("estimate_sound_speed", estimate_sound_speed)
     require_callable("progress", progress)
+    _require_settings_named(others)
     gauge = known if isinstance(known, str) else None
     if known is not None and gauge is None:
         measurement = with_known(measurement, known_microphones(known))
@@ -229,3 +231,10 @@ def calibrate(
     pair = known_distance(distance)
     inputs = replace(inputs, estimate_sound_speed=estimate_sound_speed, distance=pair, time_limit=time_limit)
     return solve(inputs, progress)
+
+
+def _require_settings_named(others: dict) -> None:
+    """Raise TypeError for an argument of `calibrate` that is neither its own nor a field of `SolverSettings`."""
+    known = {field.name for field in fields(SolverSettings)}
+    for name in sorted(set(others) - known):
+        raise unexpected_argument("calibrate", name, known | set(inspect.signature(calibrate).parameters))

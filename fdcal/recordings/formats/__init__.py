@@ -22,7 +22,7 @@ import numpy as np
 
 from ...model.microphones import MicrophonePositions
 from ...model.reading import require_regular
-from ...model.validation import InputError, StorageError
+from ...model.validation import InputError, StorageError, install_remedy
 from ..recording import Recording
 
 MAX_SAMPLES_PER_BYTE = 2000  # no compression of sound reaches this: a header that announces more is damaged
@@ -167,6 +167,4 @@ def needs(name: str, extra: str = "formats") -> ModuleType:
     try:
         return importlib.import_module(name)
     except ImportError:
-        raise InputError(
-            f'this format needs the library "{name}"', f'install it: pip install "fdcal[{extra}]"'
-        ) from None
+        raise InputError(f'this format needs the library "{name}"', install_remedy(extra)) from None

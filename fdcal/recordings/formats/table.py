@@ -16,16 +16,22 @@ from ...model.validation import InputError, require_point, shown
 SUFFIXES = (".csv",)
 MOST_BYTES = 10_000_000
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)  # Python also takes 1_0 for a number
+DECIMALS = 7  # of a metre: a ten-thousandth of a millimetre
 HEADER = ["name", "x", "y", "z", "uncertainty"]
 
 
 def write(path: Path, placed: MicrophonePositions, original: str | None = None) -> None:
-    """Write `placed`; an unknown uncertainty is left empty. Numbers are written with all their digits."""
+    """Write `placed`, metres with DECIMALS; an unknown uncertainty is left empty."""
     with open(path, "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(HEADER)
         for n, (name, place) in enumerate(zip(placed.names, placed.positions.tolist(), strict=True)):
-            writer.writerow([name, *place, "" if placed.uncertainty is None else float(placed.uncertainty[n])])
+            uncertainty = "" if placed.uncertainty is None else _written(placed.uncertainty[n])
+            writer.writerow([name, *map(_written, place), uncertainty])
+
+
+def _written(metres: float) -> str:
+    return f"{metres:.{DECIMALS}f}"
 
 
 def read_positions(path: str | Path) -> tuple[list[str], np.ndarray]:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
-from ...model.validation import InputError
+from ...model.validation import InputError, install_remedy
 from .definition import Study
 from .results import Results
 
@@ -59,8 +59,7 @@ def connected(workers: int, scheduler: str | None) -> Iterator[Client]:
     try:
         from distributed import Client, LocalCluster
     except ImportError as error:
-        remedy = "install it: pip install 'fdcal[study]'"
-        raise InputError("a study needs dask", remedy, key="study") from error
+        raise InputError("a study needs dask", install_remedy("study"), key="study") from error
     if scheduler is not None:
         try:
             client = Client(scheduler, timeout=PACE.connect_seconds)

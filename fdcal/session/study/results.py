@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from ...model.storage import write_atomically
-from ...model.validation import InputError, StorageError
+from ...model.validation import InputError, StorageError, install_remedy
 from .definition import Study
 from .provenance import code_version, version_text
 
@@ -170,8 +170,7 @@ def require_tables() -> None:
         import pandas
         import pyarrow.parquet
     except ImportError as error:
-        remedy = "install them: pip install 'fdcal[study]'"
-        raise InputError("a study needs dask, pandas and pyarrow", remedy, key="study") from error
+        raise InputError("a study needs dask, pandas and pyarrow", install_remedy("study"), key="study") from error
     del pandas, pyarrow
 
 
