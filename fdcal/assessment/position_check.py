@@ -208,20 +208,21 @@ def _differs(one: Match, other: Match) -> bool:
 
 
 def _checked(placed: np.ndarray, given: np.ndarray, order: np.ndarray) -> PositionCheck:
-    """Return the comparison of positions already placed, in an order."""
-    own = np.arange(len(order))
+    """Return the comparison of positions already placed, in an order; in that of the list where it does not fit."""
+    own, spacing = np.arange(len(order)), nearest_neighbours(given)
+    errors = np.linalg.norm(placed - given, axis=1)
     distances = np.linalg.norm(placed - given[order], axis=1)
-    spacing, cycles = nearest_neighbours(given), cycles_of(order)
-    D, typical = given.shape[1], float(np.median(spacing))
-    many = min(1.0, (len(order) - D - 1) / LIMITS.freedom)
+    many = min(1.0, (len(order) - given.shape[1] - 1) / LIMITS.freedom)
     limit = LIMITS.close if np.mean(order == own) > LIMITS.kept else LIMITS.found * many
+    fits = bool(np.median(distances) <= limit * np.median(spacing))
+    cycles = cycles_of(order) if fits else []
     return PositionCheck(
-        errors=np.linalg.norm(placed - given, axis=1),
+        errors=errors,
         swapped=tuple((c[0], c[1]) for c in cycles if len(c) == 2),
         permuted=tuple(c for c in cycles if len(c) > 2),
-        order=order,
-        distances=distances,
-        fits=bool(np.median(distances) <= limit * typical),
+        order=order if fits else own,
+        distances=distances if fits else errors,
+        fits=fits,
         scale=1.0,
         spacing=spacing,
     )

@@ -212,6 +212,8 @@ def calibrate(
 
         save_result(result, path, force, compared)
     print(report.summary(inputs, result))
+    if positions is not None and compared is None:
+        print("list    add --check to see which channels are swapped, and how far each microphone is from its place")
     if compared is not None:
         print(report.comparison_text(inputs, result, compared))
     if result.verdict != "good":

@@ -85,7 +85,7 @@ def response_path(text: str) -> Path:
     require_response_name(text)
     path = Path(text) if is_response_file(text) else response_folder() / f"{text}{SUFFIX}"
     if not path.is_file():
-        raise StorageError(f"cannot read {path}: there is no such file")
+        raise StorageError(f"cannot read {path}: No such file or directory")
     return path
 
 

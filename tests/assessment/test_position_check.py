@@ -100,7 +100,8 @@ def test_the_list_of_another_array_fits_in_no_order(array, verdict):
         check = compare_positions(moved(ARRAYS[array](seed), seed), ARRAYS[array](seed + 50))
         text = describe(check, range(len(check.errors)), verdict)
         assert not check.fits and not check.agrees
-        assert text.startswith("the list fits the array found in no order")
+        assert text.startswith("the list fits the array found in no order") and "at the place of" not in text
+        assert (check.swapped, check.permuted) == ((), ()) and np.array_equal(check.order, np.arange(len(check.order)))
         assert "no channels are swapped" not in text and "another array" in text
 
 

@@ -473,7 +473,7 @@ def test_an_archive_larger_than_memory_is_refused_in_one_line(tmp_path, monkeypa
 def test_a_recording_that_is_not_there_is_no_scene(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     run("calibrate", "nothing.wav", code=3)
-    assert "nothing.wav: there is no such file" in capsys.readouterr().err
+    assert "nothing.wav: No such file or directory" in capsys.readouterr().err
 
 
 def test_an_output_that_exists_is_kept(folder, tmp_path, monkeypatch, capsys):

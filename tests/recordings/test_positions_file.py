@@ -140,3 +140,9 @@ def test_a_list_whose_names_are_not_those_of_the_channels_is_said_to_count_by_ro
         main(["calibrate", "tiny", "--check", "--positions", str(positions)])
     lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("list ")]
     assert lines == ([f"list    {said}"] if said else []) and ended.value.code == 0
+
+
+def test_a_list_without_check_points_to_it(exchanged, capsys):
+    with pytest.raises(SystemExit):
+        main(["calibrate", "tiny", "--modes", "12", "--positions", str(exchanged)])
+    assert "add --check" in capsys.readouterr().out
