@@ -17,6 +17,7 @@ from ..model.lengths import length_text
 from ..model.problem import Problem
 from .diagnostics import Diagnostics
 from .error_ellipses import one_sigma
+from .finding_texts import CAUSES, contradicted, enumerated, mostly_noise, unexplained, unfitted
 from .thresholds import LIMITS
 
 MODES_MARGIN = 0.9  # of the highest frequency that the array found can interpolate, in the remedy
@@ -27,7 +28,6 @@ SCALE_UNDETERMINED = (
 )
 NOT_CONVERGED = "the solver stopped while microphones still moved; use other <modes>"
 SINGLE_WAVE = f"{single_wave.PROBLEM}; {single_wave.REMEDY}"
-CAUSES = "a source or an obstacle inside the array, odd channels, or positions not found yet (try another solver)"
 
 
 def undersampled(problem: Problem, positions: np.ndarray, modes: slice) -> str:
@@ -71,7 +71,7 @@ def odd_channel(problem: Problem, figures: Diagnostics, names: Sequence[str]) ->
         return ""
     named = [names[int(n)] for n in worst]
     return (
-        f"microphone {_enumerated(named)}: the others do not predict what it recorded; another kind of channel, gain,"
+        f"microphone {enumerated(named)}: the others do not predict what it recorded; another kind of channel, gain,"
         f" phase, or position; leave it out with <exclude> {','.join(named)}"
     )
 
@@ -98,24 +98,9 @@ def known_position(problem: Problem, figures: Diagnostics, names: Sequence[str],
     return contradicted([names[int(n)] for n in problem.known[out]])
 
 
-def contradicted(names: Sequence[str]) -> str:
-    """Return the message of known microphones that are elsewhere than given."""
-    return (
-        f"known microphone {_enumerated(names)}: the position given contradicts the recordings; it is wrong, or the"
-        " channel is swapped with another; check the positions and the cables of the known microphones"
-    )
-
-
 def too_noisy(figures: Diagnostics) -> str:
     """Report that most of the power is noise."""
     return "" if figures.noise_share <= LIMITS.noise_share else mostly_noise(figures.noise_share)
-
-
-def mostly_noise(share: float) -> str:
-    """Return the message of a measurement with so much noise as a share of the power."""
-    return (
-        f"about {100 * share:.0f} % of the power is noise or unexplained; measure longer, louder, or use fewer <modes>"
-    )
 
 
 def sound_speed(problem: Problem, figures: Diagnostics) -> str:
@@ -182,14 +167,6 @@ def _excess_residual(problem: Problem, figures: Diagnostics, modes: slice) -> st
     return ""
 
 
-def unexplained(share: float) -> str:
-    """Return the message of so much unexplained, as a share of the power, without any noise given."""
-    return (
-        f"{100 * share:.1g} % of the power is left unexplained, though the measurement is said to be free of noise:"
-        f" {CAUSES}"
-    )
-
-
 def _unfitted_channels(figures: Diagnostics, names: Sequence[str], modes: slice, problem: Problem) -> str:
     """Report the channels, three at most, with a studentised residual far above the median."""
     ratio = figures.studentised_residual / np.median(figures.studentised_residual)
@@ -197,11 +174,6 @@ def _unfitted_channels(figures: Diagnostics, names: Sequence[str], modes: slice,
     limit = LIMITS.studentised_to_median * (1 + LIMITS.studentised_modes / np.sqrt(count))
     worst = [names[int(n)] for n in np.argsort(-ratio) if ratio[n] > limit][:3]
     return unfitted(worst) if worst else ""
-
-
-def unfitted(names: Sequence[str]) -> str:
-    """Return the message of channels that no sound field without sources explains."""
-    return f"no sound field without sources explains microphone {_enumerated(names)}: {CAUSES}"
 
 
 def only_wavenumber_scales(problem: Problem, figures: Diagnostics) -> bool:
@@ -259,7 +231,3 @@ def precision(sigma: np.ndarray, residual_to_noise: float, given: bool) -> str:
 def root_mean_square(values: np.ndarray) -> float:
     """Return the root mean square of some values."""
     return float(np.sqrt(np.mean(values**2)))
-
-
-def _enumerated(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -191,7 +191,7 @@ def calibrate(
     """
     path = output_path(output, ".json", force, source) if output else None
     from ..session.calibrate import solve
-    from ..session.sources import with_settings
+    from ..session.choices import with_settings
     from . import report
 
     inputs, solver = input_of(source, search, radius, exclude, positions), room_solver(room, solver)

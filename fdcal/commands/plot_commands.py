@@ -190,9 +190,9 @@ def replay(source, solver, modes, seed, microphone, output, search, radius, forc
     from ..model.search_domain import with_search_domain
     from ..model.storage import write_atomically
     from ..session.calibrate import states_of
+    from ..session.choices import with_settings
     from ..session.history import recorded
     from ..session.request import as_given
-    from ..session.sources import with_settings
     from .plotting import counted_microphones
 
     inputs = with_settings(input_of(source, search, radius), solver, modes, seed)

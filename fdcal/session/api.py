@@ -27,7 +27,8 @@ from .arguments import (
 )
 from .blas_threads import one_blas_thread
 from .calibrate import solve
-from .sources import Progress, is_recording, load_input, measurement_input, scene_input, with_settings
+from .choices import with_settings
+from .sources import Progress, is_recording, load_input, measurement_input, scene_input
 
 if TYPE_CHECKING:
     from ..assessment.calibration import Calibration

@@ -13,18 +13,13 @@ from ..model.channels import exclude_microphones
 from ..model.given_positions import row_order_remark, with_positions
 from ..model.measurement import Measurement
 from ..model.measurement_file import load_measurement
-from ..model.scene import Scene, require_rectangle
+from ..model.scene import Scene
 from ..model.scene_file import load_scene
 from ..model.settings import ALL_MODES, SolverSettings
-from ..model.validation import InputError, require_integer
 from ..solvers import load, with_mode_count
-from ..solvers.interface import AssessmentMethod
 
 if TYPE_CHECKING:
     from ..recordings.import_options import ImportOptions
-
-# of solvers that seek gains
-CHANNEL_SETTINGS = ("gains", "gain_sigma_db", "phase_sigma_deg", "known_sigma", "sound_speed_sigma")
 
 Progress = Callable[[float, str], None]  # fraction done, 0 to 1, and a note
 
@@ -113,7 +108,7 @@ def load_input(
     else:
         inputs = scene_input(load_scene(text), progress)
         inputs = replace(inputs, measurement=_without(inputs.measurement, excluded), excluded=excluded)
-        return _counted(inputs) if excluded else inputs
+        return with_mode_number(inputs) if excluded else inputs
     return replace(measurement_input(measurement, Path(text).stem), excluded=excluded)
 
 
@@ -140,10 +135,10 @@ def measurement_input(
         settings = replace(settings, modes=modes, first_modes=min(settings.first_modes, modes))
     if excluded:
         measurement = _without(measurement, excluded)
-    return _counted(CalibrationInput(name, None, measurement, settings, 0, excluded))
+    return with_mode_number(CalibrationInput(name, None, measurement, settings, 0, excluded))
 
 
-def _counted(inputs: CalibrationInput) -> CalibrationInput:
+def with_mode_number(inputs: CalibrationInput) -> CalibrationInput:
     """Return `inputs` with a number of modes, where their settings leave it open."""
     settings = replace(inputs.settings, modes=ALL_MODES) if inputs.all_modes else inputs.settings
     if settings.modes != ALL_MODES:
@@ -178,7 +173,7 @@ def scene_input(scene: Scene, progress: Progress | None = None) -> CalibrationIn
     from ..acoustics.measurement_cache import cached_measurement  # brings the simulation, which only scenes need
 
     measurement = cached_measurement(scene, progress)
-    return _counted(CalibrationInput(scene.name, scene, measurement, scene.solver, scene.seed))
+    return with_mode_number(CalibrationInput(scene.name, scene, measurement, scene.solver, scene.seed))
 
 
 def is_recording(text: str) -> bool:
@@ -210,56 +205,3 @@ def check_scene(scene: Scene) -> None:
     require_measurable(scene)
     if scene.room.dimension == 2:
         make_grid(scene.room, scene.emitter.band.sample_rate)
-
-
-def with_settings(
-    inputs: CalibrationInput,
-    solver: str | None = None,
-    modes: int | None = None,
-    seed: int | None = None,
-    **others: str | float | tuple[float, ...] | None,
-) -> CalibrationInput:
-    """Return `inputs` with another solver, number of modes, seed, or other fields of `SolverSettings`.
-
-    Parameters
-    ----------
-    inputs : CalibrationInput
-    solver, modes, seed, **others
-        None leaves a setting as it is.
-
-    Raises
-    ------
-    InputError
-        A value is out of range, or does nothing with this solver.
-    """
-    given = {key: value for key, value in others.items() if value is not None}
-    settings = replace(inputs.settings, **given)
-    if seed is not None:
-        require_integer("seed", seed)
-    if modes is not None:
-        require_integer("modes", modes, 1, f"use 1 to {len(inputs.measurement.frequencies)}")
-        settings = replace(settings, modes=modes, first_modes=min(settings.first_modes, modes))
-        inputs = replace(inputs, all_modes=False)
-    settings = replace(settings, name=settings.name if solver is None else solver)
-    traits = load(settings.name).TRAITS
-    _require_used(given, settings)
-    if traits.needs_room and inputs.scene is not None:
-        require_rectangle(inputs.scene)
-        settings = replace(settings, room=settings.room or inputs.scene.room.size)
-    return _counted(replace(inputs, settings=settings, seed=inputs.seed if seed is None else seed))
-
-
-def _require_used(given: dict, settings: SolverSettings) -> None:
-    """Raise InputError for a given setting that does nothing with the solver of `settings`."""
-    traits, remedies = load(settings.name).TRAITS, dict.fromkeys(("noise", "cost", "start"), "joint")
-    remedies |= dict.fromkeys(CHANNEL_SETTINGS, "robust")
-    for key, other in remedies.items():
-        channels = key not in CHANNEL_SETTINGS or traits.assessment is AssessmentMethod.CHANNELS
-        ignored = traits.ignores(key) or not channels or (key == "start" and not traits.starts)
-        if key in given and ignored:
-            problem = f'{key} = "{given[key]}" does nothing with solver.name = "{settings.name}"'
-            raise InputError(problem, f"leave out <{key}>, or use <solver> {other}", key=key, value=given[key])
-    for key in ("gain_sigma_db", "phase_sigma_deg"):
-        if key in given and settings.gains == "fixed":
-            problem = f"{key} = {given[key]:g} does nothing with solver.gains = fixed"
-            raise InputError(problem, f"leave out <{key}>, or use <gains> auto", key=key, value=given[key])

@@ -12,7 +12,8 @@ from fdcal.assessment.findings import precision
 from fdcal.commands.report import summary
 from fdcal.model.lengths import length_text
 from fdcal.session.calibrate import solve
-from fdcal.session.sources import load_input, with_settings
+from fdcal.session.choices import with_settings
+from fdcal.session.sources import load_input
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,9 @@ from fdcal.model.limits import LIMITS
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene_file import load_scene, scene_names
 from fdcal.model.settings import ALL_MODES, Search, SolverSettings
+from fdcal.session.choices import with_settings
 from fdcal.session.request import edited, table_of
-from fdcal.session.sources import load_input, measurement_input, scene_input, with_settings
+from fdcal.session.sources import load_input, measurement_input, scene_input
 from fdcal.solvers import load, run
 from fdcal.solvers.mode_count import highest_frequency, mode_count
 
