@@ -86,9 +86,9 @@ def matches(points: np.ndarray, others: np.ndarray) -> list[Match]:
     list of Match
         The closest first; those that leave the order as it is are among them.
     """
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
-    tolerance, tree = tolerance_of(others), cKDTree(others)
+    tolerance, tree = tolerance_of(others), KDTree(others)
     half = _same_order(points, others)
     found = [_refined(align(points, others, by), others, tolerance) for by in (half, slice(None))]
     for base in _bases(points):

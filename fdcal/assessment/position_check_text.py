@@ -110,9 +110,9 @@ def _size(check: PositionCheck) -> list[str]:
 
 def _rows(check: PositionCheck, names: Sequence[object]) -> list[str]:
     rows = []
-    for n in np.argsort(-check.errors, kind="stable"):
+    for n in np.argsort(-check.errors, kind="stable").tolist():
         row = f"{names[n]!s:>12}  {1e3 * check.errors[n]:8.1f} mm"
         if check.order[n] != n:
-            row += f"  at the place of {names[check.order[n]]}, within {1e3 * check.distances[n]:.1f} mm"
+            row += f"  at the place of {names[int(check.order[n])]}, within {1e3 * check.distances[n]:.1f} mm"
         rows.append(row)
     return rows

@@ -174,4 +174,4 @@ def comparison_text(inputs: CalibrationInput, result: Calibration, check: Positi
 
 def _frame(inputs: CalibrationInput) -> Sequence[int]:
     """Return the numbers of the known microphones that fix the axes."""
-    return inputs.measurement.known if inputs.settings.known == "all" else ()
+    return inputs.measurement.known.tolist() if inputs.settings.known == "all" else []
