@@ -66,6 +66,9 @@ def press(page, name):
 
 
 def begin_anew(page):
+    """Reset, as soon as there is one session alone: while one takes the place of another, the browser has both."""
+    buttons = "() => [...document.querySelectorAll('button')].filter(one => one.innerText.trim() == 'Reset').length"
+    page.wait_for_function(f"({buttons})() == 1")
     press(page, "Reset")
     page.get_by_text("step 0, sweep 0").wait_for()
 
@@ -121,6 +124,7 @@ def test_a_lesson_runs_from_its_start_to_the_answer(page):
     page.get_by_text(f"{lesson.title}, step 2 of 3").wait_for()
     page.get_by_text("step 0, sweep 0").wait_for()
     press(page, "End lesson")
+    page.get_by_role("button", name=lesson.title, exact=True).wait_for()
 
 
 # -- hostile and malformed clients -----------------------------------------------------------------------------------
