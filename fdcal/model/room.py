@@ -10,7 +10,8 @@ import numpy as np
 
 from .limits import LIMITS
 from .measured_room import UNKNOWN_WALLS, require_no_walls
-from .validation import InputError, require_choice, require_point, require_positive
+from .points import require_point
+from .validation import InputError, require_choice, require_positive
 
 Point = tuple[float, ...]
 

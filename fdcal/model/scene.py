@@ -19,10 +19,11 @@ from dataclasses import dataclass, field, replace
 from .array_layout import Array, Gauge
 from .faults import Faults
 from .limits import LIMITS
+from .points import require_point
 from .room import Room, Source, is_no_pair
 from .sensing import Sensing
 from .settings import KNOWN_ROOM_SOLVERS, Search, SolverSettings
-from .validation import InputError, require_point
+from .validation import InputError
 
 
 @dataclass(frozen=True)

@@ -238,19 +238,3 @@ def require_finite(key: str, values) -> None:
     if len(bad):
         index = tuple(int(i) for i in bad[0])
         raise InputError(f"{key}{list(index)} is not a finite number", "correct or remove that entry", key=key)
-
-
-def require_point(key: str, values, lengths: tuple[int, ...]) -> None:
-    """Raise InputError unless `values` are finite coordinates, as many as one of `lengths`, which are 2 or 3."""
-    if len(values) not in lengths:
-        words = " or ".join({2: "two, along x and y", 3: "three, along x, y and z"}[n] for n in lengths)
-        raise InputError(f"{key} = {list(values)} has {len(values)} numbers", f"give {words}", key=key, value=values)
-    require_finite(key, values)
-    if max(map(abs, values)) > LIMITS.coordinate:
-        remedy = f"use coordinates up to {LIMITS.coordinate:g} m"
-        raise InputError(f"{key} = {list(values)} is too far away", remedy, key=key, value=values)
-
-
-def point_text(point) -> str:
-    """Return the coordinates of a point for a message: "(1.25, 0.5) m"."""
-    return f"({', '.join(f'{coordinate:.4g}' for coordinate in point)}) m"
