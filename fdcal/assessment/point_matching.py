@@ -25,16 +25,18 @@ class MatchingLimits:
     ----------
     tolerance : of the median distance between nearest neighbours, dimensionless
     bases : number of bases at most
-    groups : number of groups of points, of each base, at most
-    refined : number of motions, of each base, that are refined
+    work : number of points that the motions of each base move, at most
+    refined : number of motions, of each base, that are refined, at most
+    usual : number of points from which fewer motions are refined
     rounds : number of turns of a refinement at most
     enough : share of the points that must lie close to another for no further base to be tried
     """
 
     tolerance: float = 0.5
     bases: int = 8
-    groups: int = 1000
+    work: int = 64_000
     refined: int = 40
+    usual: int = 64
     rounds: int = 20
     enough: float = 0.9
 
@@ -89,13 +91,14 @@ def matches(points: np.ndarray, others: np.ndarray) -> list[Match]:
     from scipy.spatial import KDTree
 
     tolerance, tree = tolerance_of(others), KDTree(others)
+    most = max(1, int(LIMITS.refined * min(1.0, (LIMITS.usual / len(points)) ** 2)))
     half = _same_order(points, others)
     found = [_refined(align(points, others, by), others, tolerance) for by in (half, slice(None))]
     for base in _bases(points):
         motions = _motions(points, others, base, tolerance)
         if len(motions):
             rough = np.minimum(tree.query(motions)[0], tolerance)
-            best = np.argsort((rough**2).sum(axis=1), kind="stable")[: LIMITS.refined]
+            best = np.argsort((rough**2).sum(axis=1), kind="stable")[:most]
             found += [_refined(motions[n], others, tolerance) for n in best]
         closest = min(found, key=lambda match: match.cost)
         if np.mean(_distances(closest, others) < tolerance) >= LIMITS.enough:
@@ -174,7 +177,8 @@ def _groups(base: np.ndarray, others: np.ndarray, tolerance: float) -> np.ndarra
         group, last = np.nonzero(off.max(axis=1) < tolerance)
         misfit = misfit[group] + (off[group, :, last] ** 2).sum(axis=1)
         groups = np.column_stack([groups[group], last])
-        best = np.argsort(misfit, kind="stable")[: LIMITS.groups * (1 if n == len(base) - 1 else 20)]
+        most = LIMITS.work // len(others) * (1 if n == len(base) - 1 else 20)
+        best = np.argsort(misfit, kind="stable")[:most]
         groups, misfit = groups[best], misfit[best]
     apart = [len(set(group)) == len(group) for group in groups.tolist()]
     return groups[apart]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..model.gauge import align
-from ..model.validation import InputError, frozen_array
+from ..model.validation import InputError, frozen_array, require_finite
 from .point_matching import Match, assigned, matches, nearest_neighbours, tolerance_of
 
 
@@ -129,7 +129,7 @@ def compare_positions(found, given, known=()) -> PositionCheck:
     Raises
     ------
     InputError
-        The two have different shapes.
+        The two have different shapes, or a value is not finite.
 
     Examples
     --------
@@ -145,6 +145,8 @@ def compare_positions(found, given, known=()) -> PositionCheck:
             "use the result of this measurement",
             key="result",
         )
+    require_finite("found", found)
+    require_finite("given", given)
     if len(found) <= found.shape[1]:
         return _checked(found if len(known) else align(found, given), given, np.arange(len(found)))
     free = _free(found, given)

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from fdcal.assessment import room_verdict, verdict
 from fdcal.assessment.position_check import compare_positions
 from fdcal.assessment.position_check_text import describe
+from fdcal.model.validation import InputError
 
 ERROR = 0.003  # metres, one sigma of each coordinate found
 
@@ -178,3 +179,24 @@ def test_few_microphones_are_compared_in_their_order(count):
     places = ball(6, count, 3)
     check = compare_positions(places + 1.0, places)
     assert check.agrees and check.errors.max() < 1e-9
+
+
+def test_two_hundred_microphones_are_compared():
+    places = ball(7, 200, 3, 1.5)
+    wanted = np.random.default_rng(7).permutation(200)
+    check = compare_positions(moved(places[wanted], 7), places)
+    np.testing.assert_array_equal(check.order, wanted)
+    assert check.fits
+
+
+def test_positions_that_do_not_fit_or_are_not_finite_are_refused():
+    places = ball(8, 8, 3)
+    with pytest.raises(InputError, match="shape"):
+        compare_positions(places[:7], places)
+    with pytest.raises(InputError, match="not a finite number"):
+        compare_positions(np.where(np.eye(8)[:, :3] > 0, np.nan, places), places)
+
+
+def test_an_array_collapsed_to_a_point_fits_nothing():
+    assert not compare_positions(np.zeros((16, 3)), ball(9, 16, 3)).fits
+    assert not compare_positions(ball(9, 16, 3), np.zeros((16, 3))).fits
