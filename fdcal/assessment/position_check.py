@@ -22,8 +22,8 @@ class CheckLimits:
     improved : share of the microphones of a cycle for which it must
     kept : share of the microphones that must be at their own places for the order to count as that of the list
     close : median distance of a list in its own order, of the spacing of the microphones, at most
-    found : the same of a list in another order, of many microphones; unrelated arrays of 16 reach 0.28, of 32 0.34
-    freedom : number of microphones beyond D + 1 from which these are many; of fewer `found` is less in proportion
+    found : the same of a list in which most are exchanged; unrelated arrays of 16 reach 0.28, of 32 0.34
+    freedom : number of microphones beyond D + 1 from which `found` holds; of fewer it is less in proportion
     alike, resolved : other orders fit as well up to this factor of the mean square, and this share of the spacing
     size : factor by which list and array may differ in size
     """
@@ -214,9 +214,7 @@ def _checked(placed: np.ndarray, given: np.ndarray, order: np.ndarray) -> Positi
     own, spacing = np.arange(len(order)), nearest_neighbours(given)
     errors = np.linalg.norm(placed - given, axis=1)
     distances = np.linalg.norm(placed - given[order], axis=1)
-    many = min(1.0, (len(order) - given.shape[1] - 1) / LIMITS.freedom)
-    limit = LIMITS.close if np.mean(order == own) > LIMITS.kept else LIMITS.found * many
-    fits = bool(np.median(distances) <= limit * np.median(spacing))
+    fits = bool(np.median(distances) <= _closeness(order, given.shape[1]) * np.median(spacing))
     cycles = cycles_of(order) if fits else []
     return PositionCheck(
         errors=errors,
@@ -228,6 +226,14 @@ def _checked(placed: np.ndarray, given: np.ndarray, order: np.ndarray) -> Positi
         scale=1.0,
         spacing=spacing,
     )
+
+
+def _closeness(order: np.ndarray, dimension: int) -> float:
+    """Return how close a list must be in an order, of the spacing: the more is exchanged, the more easily it fits."""
+    many = min(1.0, max(0.0, (len(order) - dimension - 1) / LIMITS.freedom))
+    moved = float(np.mean(order != np.arange(len(order))))
+    exchanged = min(1.0, moved / (1 - LIMITS.kept))
+    return (1 - exchanged) * LIMITS.close + exchanged * LIMITS.found * many
 
 
 def _kept_order(placed: np.ndarray, given: np.ndarray) -> np.ndarray:
