@@ -77,6 +77,7 @@ class LessonsTab:
             return
         if viewer is not None and self.progress.lesson is None:
             viewer.binding.touch()
+            viewer.side_panel.sweep.end_opening()  # what comes back later is the page without it
             self._before = self._returning or PageBefore.of(viewer, self._page.nodes.cameras)
         self._returning = None
         self.progress = LessonProgress(lesson)
