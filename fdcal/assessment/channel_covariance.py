@@ -19,6 +19,7 @@ from ..model.gauge import GaugeFrame, rigid_motions
 from ..model.problem import Problem
 from ..solvers.robust import assumptions
 from ..solvers.robust.channel_fit import reduced
+from ..solvers.robust.conditional import stretch_sigma
 from ..solvers.robust.convergence import scaled_inverse
 from ..solvers.robust.objective import Evaluation, Objective, Unknowns
 from ..solvers.robust.settings import FINAL
@@ -81,7 +82,7 @@ def uncertainty(problem: Problem, state: State, weaker: float = 1.0) -> Uncertai
     state : State
     weaker : float
         Factor on the power of the field in H alone, which weakens the prior of an isotropic field: what then becomes
-        uncertain rests on that prior and not on the wave equation.
+        uncertain rests on that prior and not on the wave equation. A conditional likelihood needs none.
     """
     progress = replace(state.progress, row=FINAL)
     state = replace(state, progress=progress, shape=state.positions)
@@ -113,7 +114,7 @@ def uncertainty(problem: Problem, state: State, weaker: float = 1.0) -> Uncertai
         channels[:, :2],
         channels[:, 2:] if channels.shape[1] > 2 else np.zeros((N, 2)),
         float(sigma[-1]) if len(problem.known) else state.settings.sound_speed_sigma or 0.0,
-        _stretch_sigma(newton, moves, state),
+        stretch_sigma(state.positions, [newton, *(v.T @ v for v in moves)]),
         evaluated.terms,
         goal,
         terms,
@@ -121,7 +122,9 @@ def uncertainty(problem: Problem, state: State, weaker: float = 1.0) -> Uncertai
 
 
 def _weakened(goal: Objective, weaker: float, here: Unknowns) -> Evaluation:
-    """The objective with a field of more power; as it is where its covariance is then singular, without noise."""
+    """The objective with a field of more power; as it is where it is conditional, and where C is then singular."""
+    if goal.field.conditional is not None:
+        return goal.evaluate(here)
     try:
         return replace(goal, field=replace(goal.field, power=weaker * goal.field.power)).evaluate(here)
     except np.linalg.LinAlgError:
@@ -187,14 +190,3 @@ def _enlarged(blocks, moves) -> np.ndarray:
     influences = np.max([np.sum(v.reshape(-1, N, D) ** 2, axis=(0, 2)) for v in moves], axis=0)
     size = np.trace(blocks, axis1=1, axis2=2)
     return np.maximum(1.0, influences / np.maximum(size, np.finfo(float).tiny))[:, None, None] * blocks
-
-
-def _stretch_sigma(newton, moves, state: State) -> float:
-    """`Uncertainty.stretch_sigma`: of the maps x -> x + B x that fit a move best."""
-    x = state.positions - state.positions.mean(axis=0)
-    N, D = x.shape
-    fit = np.kron(np.linalg.pinv(np.column_stack([x, np.ones(N)]))[:D], np.eye(D))  # (D D, N D)
-    symmetric = np.array([(B + B.T).ravel() / 2 for B in np.eye(D * D).reshape(-1, D, D)])
-    fit = symmetric @ fit
-    variances = [fit @ newton @ fit.T] + [(v @ fit.T).T @ (v @ fit.T) for v in moves]
-    return float(np.sqrt(max(np.linalg.eigvalsh(V)[-1] for V in variances)))

@@ -20,14 +20,14 @@ def dense_channel_terms(x, q, log_gain, by_parameter, field: ChannelField, deriv
     K *= field.power[:, None, None]
     diagonal = np.arange(len(x))
     K[:, diagonal, diagonal] += np.multiply.outer(field.noise, field.channel_noise)
-    precision, log_det = _inverses(K)
-    u = _apply(precision, q)
+    precision, log_det = inverses(K)
+    u = applied(precision, q)
     costs = log_det + np.sum(np.real(np.conj(q) * u + 2 * log_gain), axis=1)
     d = np.ascontiguousarray(np.real(precision[:, diagonal, diagonal]))
     if not derivatives:
         return Terms(float(costs.sum()), costs, None, None, u, d, q)
-    slopes, J = _gradients(x, q, u, precision, D, field, by_parameter)
-    H = _curvature(precision, J)
+    slopes, J = gradients(x, q, u, precision, D, field.power, by_parameter)
+    H = curvature(precision, J)
     return Terms(float(costs.sum()), costs, slopes.sum(axis=0), H, u, d, q, slopes if derivatives > 2 else None)
 
 
@@ -58,7 +58,7 @@ def channel_kernel(x, field: ChannelField, slope: bool):
     return K.reshape(M, N, N), S.reshape(M, N, N)
 
 
-def _inverses(C):
+def inverses(C):
     """C^-1 (M, N, N) and log det C (M,) of Hermitian matrices; C is overwritten."""
     factor, invert = get_lapack_funcs(("potrf", "potri"), (C,))
     log_det = np.empty(len(C))
@@ -75,7 +75,7 @@ def _inverses(C):
     return C, log_det
 
 
-def _apply(A, v):
+def applied(A, v):
     """A v for every mode: A (M, N, N) real or complex, v (M, N) complex."""
     if np.iscomplexobj(A):
         return np.matmul(A, v[..., None])[..., 0]
@@ -83,30 +83,36 @@ def _apply(A, v):
     return np.ascontiguousarray(np.matmul(A, two)).view(complex)[..., 0]
 
 
-def _gradients(x, q, u, precision, D, field: ChannelField, by_parameter):
-    """Gradient of every mode (M, N, P), and J (M, N, P) complex128."""
+def gradients(x, q, u, traced, D, power, by_parameter, counted=1.0):
+    """Gradient of every mode (M, N, P), and J (M, N, P) complex128.
+
+    x, q, u, by_parameter : as of `dense_channel_terms`
+    traced : (M, N, N) Hermitian, A, where the slope tr(A dC) belongs to the gradient; C^-1 for a log-determinant
+    D : slope of the kernel, as of `channel_kernel`;  power : (M,) float64, s
+    counted : by which the slope of 2 Re log g is multiplied, 1 or (M, N)
+    """
     M, (N, dimensions) = len(q), x.shape
     J = np.empty((M, N, dimensions + len(by_parameter)), complex)
     logs = np.zeros(J.shape)
-    s = field.power[:, None]
+    s = power[:, None]
     if D.ndim == 3:  # D_a = S (x_i - x_j)_a
         moments = np.concatenate([u[..., None], u[..., None] * x], axis=-1)
         Su = np.matmul(D, moments.view(float)).view(complex) * s[..., None]
         J[..., :dimensions] = x * Su[..., :1] - Su[..., 1:]
-        E = precision * D
+        E = traced * D
         rows = np.matmul(E, np.column_stack([np.ones(N), x]))
         logs[..., :dimensions] = 2 * s[..., None] * (x * rows[..., :1] - rows[..., 1:])
     else:
         for a in range(dimensions):
             J[..., a] = s * np.matmul(D[a], u[..., None])[..., 0]
-            logs[..., a] = 2 * s * np.einsum("mij,mij->mi", D[a], np.conj(precision)).real
+            logs[..., a] = 2 * s * np.einsum("mij,mij->mi", D[a], np.conj(traced)).real
     for i, derivative in enumerate(by_parameter, dimensions):
         J[..., i] = q * derivative
-        logs[..., i] = 2 * np.real(derivative)
+        logs[..., i] = 2 * np.real(derivative) * counted
     return logs - 2 * (np.conj(u)[..., None] * J).real, J
 
 
-def _curvature(precision, J):
+def curvature(precision, J):
     """2 Re sum_m conj(J_mia) (C_m^-1)_ij J_mjb : (N, P, N, P) float64."""
     N, P = J.shape[1:]
     H = np.empty((P, P, N, N))

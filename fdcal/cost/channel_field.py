@@ -8,6 +8,24 @@ import numpy as np
 
 
 @dataclass(frozen=True)
+class Conditional:
+    """A conditional likelihood, which hardly assumes anything of the field (`fdcal.cost.conditional_likelihood`).
+
+    Attributes
+    ----------
+    power : float, factor on the power of the field in it
+    weight : float, of the likelihood of a random field beside it
+    damped : whether the imaginary part of the wavenumbers counts in it
+    reference : (M, N) or (1, N) complex128, log response of the channels behind which the noise is the one assumed
+    """
+
+    power: float
+    weight: float
+    damped: bool
+    reference: np.ndarray
+
+
+@dataclass(frozen=True)
 class ChannelField:
     """What is assumed of the sound field and of the noise.
 
@@ -21,6 +39,7 @@ class ChannelField:
     about : (N, D) float64, metres, or None: positions that give the centre of the series, those of the microphones
         unless given; the gradient takes it as fixed
     directions : (M, Q) float64 or None: power by direction, mean 1 (`fdcal.cost.angular_prior`)
+    conditional : Conditional or None, for a conditional likelihood beside that of the random field
     """
 
     wavenumbers: np.ndarray
@@ -31,6 +50,7 @@ class ChannelField:
     near: bool = False
     about: np.ndarray | None = None
     directions: np.ndarray | None = None
+    conditional: Conditional | None = None
 
 
 @dataclass(frozen=True)

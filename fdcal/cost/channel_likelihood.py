@@ -15,6 +15,8 @@ The parameters of a microphone are (x, a, b), or (x, a, b, d, kappa). With J = (
 the gradient is -2 Re[conj(u) J] and what the log-determinants and log g add, the curvature
 2 Re sum_m conj(J_mi) (C_m^-1)_ij J_mj.
 
+With `ChannelField.conditional` the cost is that of `fdcal.cost.conditional_likelihood`, and this one beside it.
+
 In the plane K consists of few waves (`fdcal.cost.channel_low_rank`) unless the array is of many wavelengths; in space,
 and then, C is factorised itself (`fdcal.cost.channel_dense`).
 """
@@ -26,6 +28,7 @@ import numpy as np
 from .channel_dense import channel_kernel, dense_channel_terms
 from .channel_field import ChannelField, Terms
 from .channel_low_rank import few_waves, low_rank_channel_terms, low_rank_spectra
+from .conditional_likelihood import conditional_terms, joined
 
 __all__ = ["ChannelField", "Terms", "channel_spectra", "channel_terms", "log_response"]
 
@@ -43,8 +46,13 @@ def channel_terms(positions, gains, pressures, field: ChannelField, derivatives:
     q = pressures * np.exp(-log_gain)
     few = few_waves(x, field)
     if few is None:
-        return dense_channel_terms(x, q, log_gain, by_parameter, field, derivatives)
-    return low_rank_channel_terms(*few, q, log_gain, by_parameter, field, derivatives)
+        random = dense_channel_terms(x, q, log_gain, by_parameter, field, derivatives)
+    else:
+        random = low_rank_channel_terms(*few, q, log_gain, by_parameter, field, derivatives)
+    if field.conditional is None:
+        return random
+    conditional = conditional_terms(x, q, log_gain, by_parameter, field, field.conditional, derivatives)
+    return joined(conditional, random, field.conditional.weight)
 
 
 def log_response(gains, wavenumbers):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from fdcal.cost.angular_prior import diffuse_prior, learned_prior, plane_wave_kernel
+from fdcal.cost.channel_field import Conditional
 from fdcal.cost.channel_kernels import series_kernel
 from fdcal.cost.channel_likelihood import ChannelField, channel_terms, log_response
 from fdcal.cost.likelihood import diffuse_field, newton_terms
@@ -37,13 +38,20 @@ def lopsided(field, x):
     return replace(field, directions=directions, about=about)
 
 
+def conditional(field, gains, damped=False):
+    """`field` with a conditional likelihood, whose noise is that behind other gains than `gains`."""
+    return replace(field, conditional=Conditional(50.0, 0.1, bool(damped), log_response(gains, K)[0] + 0.05))
+
+
+@pytest.mark.parametrize("conditioned", [False, True])
 @pytest.mark.parametrize(
     ("dimension", "damped", "directed"),
     [(2, 0, 0), (2, 1, 0), (3, 0, 0), (3, 1, 0), (2, 0, 1), (2, 1, 1), (3, 0, 1), (3, 1, 1)],
 )
-def test_gradient_is_that_of_finite_differences(dimension, damped, directed):
+def test_gradient_is_that_of_finite_differences(dimension, damped, directed, conditioned):
     x, p, field = drawn(dimension, damped)
     field = lopsided(field, x) if directed else field
+    field = conditional(field, np.zeros((len(x), 4)), damped) if conditioned else field
     rng = np.random.default_rng(1)
     gains = 0.1 * rng.normal(size=(len(x), 4))
     gradient, _ = channel_terms(x, gains, p, field).newton()

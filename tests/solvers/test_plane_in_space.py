@@ -40,11 +40,22 @@ def solved(measurement):
     return state.positions, judge(problem, state)
 
 
+def rms(found, measurement):
+    return np.sqrt(np.mean(np.sum((found - measurement.positions) ** 2, axis=1)))
+
+
 def test_given_corners_hold_the_size_of_a_plane_array(plane):
     found, verdict = solved(plane)
-    assert verdict.code == "good"
     np.testing.assert_allclose(found[CORNERS], plane.positions[CORNERS], atol=3e-3)
-    assert np.sqrt(np.mean(np.sum((found - plane.positions) ** 2, axis=1))) < 0.01
+    assert rms(found, plane) < 0.01
+    assert verdict.code == "ambiguous" and "nothing would show an error of a given position" in verdict.message
+
+
+def test_a_fifth_given_position_checks_the_corners(plane):
+    known = np.sort(np.append(CORNERS, SIDE**2 // 2))
+    found, verdict = solved(replace(plane, known=known, known_positions=plane.positions[known]))
+    assert verdict.code == "good"
+    assert rms(found, plane) < 0.005
 
 
 def test_the_size_follows_the_given_corners(plane):

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...cost.channel_field import Conditional
 from ...cost.channel_likelihood import ChannelField, Terms, log_response
 from ...model.problem import Problem
 from ...model.settings import SolverSettings
@@ -13,7 +14,7 @@ from ...model.validation import frozen_array
 from . import noise_model
 from .channel_fit import free_basis
 from .objective import NU, Objective, Priors, Unknowns
-from .settings import ASSUMED, FILTERS, FINAL, NOISE_RULES, RULES, SCHEDULE
+from .settings import ASSUMED, CONDITIONAL, FILTERS, FINAL, NOISE_RULES, RULES, SCHEDULE
 from .state import Model, State
 
 LEAST_SHARE = {"diffuse": 1e-6, "series": 1e-8, "directional": 1e-8, "near": 1e-10}  # of noise in the power
@@ -46,7 +47,17 @@ def field(problem: Problem, state: State, used) -> ChannelField:
         model.kernel == "near",
         None if plain else state.shape,
         model.directions[used] if model.kernel == "directional" and model.directions is not None else None,
+        _conditional(problem, state, used),
     )
+
+
+def _conditional(problem: Problem, state: State, used) -> Conditional | None:
+    """The conditional likelihood of the last row, where the array can do without the other."""
+    model = state.model
+    if not model.conditional or model.kernel == "near" or state.progress.row != FINAL:
+        return None
+    response = log_response(unknowns(state).channels, np.real(wavenumbers(problem, state)[used]))[0]
+    return Conditional(CONDITIONAL.power, CONDITIONAL.weight, model.conditional == "series", response)
 
 
 def wavenumbers(problem: Problem, state: State) -> np.ndarray:
@@ -167,7 +178,7 @@ def is_noiseless(problem: Problem, state: State) -> bool:
 def given_noise(problem: Problem, state: State) -> np.ndarray | None:
     """Noise power of the measurement (M,), None where it is not given or not to be used."""
     if state.settings.snr_db is not None:
-        return np.full(len(problem.pressures), 10 ** (-state.settings.snr_db / 10))
+        return np.full(len(problem.pressures), 1 / (1 + 10 ** (state.settings.snr_db / 10)))
     return problem.noise_power if state.settings.noise == "reported" else None
 
 
@@ -206,16 +217,19 @@ def same_spreads(before: Model, after: Model) -> bool:
     )
 
 
-def score(problem: Problem, state: State, chosen: ChannelField, trial) -> float:
-    """Return -log evidence of the end of an attempt, by Laplace's approximation, up to a constant."""
+def score(problem: Problem, state: State, goal: Objective, trial) -> float:
+    """Return -log evidence of the end of an attempt, by Laplace's approximation, up to a constant.
+
+    goal : what the last step minimised; the cost of the state and the normalisation of the priors are both its
+    """
     used = used_modes(problem, state, 0)
     N, D = state.positions.shape
-    m = state.model
-    cost = state.cost + noise_model.hyper_cost(chosen, corrected(problem, state, used))
-    cost += 0.5 * np.linalg.slogdet(trial.matrix)[1] + len(problem.known) * D * np.log(max(m.known_sigma, 1e-6))
-    if SCHEDULE[state.progress.row].gains and gains_are_free(state):
-        cost += N * (np.log(m.gain_sigma) + np.log(m.phase_sigma))
-        cost += np.sum((m.filters != 0) * np.log([FILTERS.delay_sigma, FILTERS.corner_sigma]))
+    priors = goal.priors
+    cost = state.cost + noise_model.hyper_cost(goal.field, corrected(problem, state, used))
+    cost += 0.5 * np.linalg.slogdet(trial.matrix)[1] + len(problem.known) * D * np.log(max(priors.known_sigma, 1e-6))
+    if priors.gain_sigma > 0:
+        cost += N * (np.log(priors.gain_sigma) + np.log(priors.phase_sigma))
+        cost += np.sum((state.model.filters != 0) * np.log([FILTERS.delay_sigma, FILTERS.corner_sigma]))
     if speed_is_free(problem, state):
         cost += np.log(state.settings.sound_speed_sigma or 1.0)
     return float(cost)

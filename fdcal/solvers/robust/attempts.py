@@ -10,6 +10,7 @@ from ...model.gauge import align, fixes_gauge, move_to_frame
 from ...model.problem import Problem
 from ...model.validation import InputError, frozen_array
 from . import assumptions, given_positions, kernels, starts
+from .conditional import with_conditional
 from .relocation import relocated
 from .settings import ASSUMED, FINAL, NOISELESS, OUTLIERS, RULES, SCHEDULE
 from .state import End, KernelName, Model, Progress, State
@@ -152,7 +153,8 @@ def refined(problem: Problem, state: State) -> State:
         fresh = other if likelier else fresh
     begun = begin_row(problem, fresh, FINAL)
     first = ASSUMED.first_updates if begun.model.directions is None else 0
-    return kernels.with_directions(problem, begun, assumptions.used_modes(problem, begun, 0), first)
+    begun = kernels.with_directions(problem, begun, assumptions.used_modes(problem, begun, 0), first)
+    return begun if begun.progress.rounds else with_conditional(problem, begun)
 
 
 def _with_kernel(problem: Problem, state: State, kernel: KernelName, deflation: float) -> State:

@@ -56,7 +56,8 @@ def free_array(problem: Problem, state: State, steps: int) -> FreeArray:
         here, damping = trial.unknowns, trial.damping
         if trial.fall < GIVEN.negligible:
             break
-    weaker = replace(goal, field=replace(goal.field, power=GIVEN.weaker_field * goal.field.power))
+    factor = 1.0 if goal.field.conditional is not None else GIVEN.weaker_field
+    weaker = replace(goal, field=replace(goal.field, power=factor * goal.field.power))
     g, H = reduced(here, weaker.evaluate(here), free, True)
     inverse, count = scaled_inverse(H), here.positions.size
     if not steps:

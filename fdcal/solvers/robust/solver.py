@@ -124,7 +124,7 @@ def step(problem: Problem, state: State) -> State:
         if moved.model.kernel == "directional":
             settled = settled and progress.steps > 0 and state.cost - moved.cost < ASSUMED.learned
     if settled or trial.terms is None or moved.progress.steps >= row.steps:
-        after = end_row(problem, moved, goal.field, trial, settled)
+        after = end_row(problem, moved, goal, trial, settled)
         return replace(after, converged=is_converged(problem, after)) if after.finished else after
     return moved
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...cost.channel_likelihood import ChannelField
 from ...model.problem import Problem
 from . import assumptions, kernels
 from .attempts import begin_row, end_attempt, end_final, end_noiseless, is_low_noise_end
 from .channel_fit import ChannelStep
+from .objective import Objective
 from .relocation import relocated
 from .settings import RULES, SCHEDULE
 from .state import State
@@ -18,8 +18,8 @@ from .state import State
 __all__ = ["begin_row", "end_row"]
 
 
-def end_row(problem: Problem, state: State, field: ChannelField, trial: ChannelStep, settled: bool) -> State:
-    """Return the state that follows the last step `trial` of a row; `field` is what that step assumed."""
+def end_row(problem: Problem, state: State, goal: Objective, trial: ChannelStep, settled: bool) -> State:
+    """Return the state that follows the last step `trial` of a row; `goal` is what that step minimised."""
     row = SCHEDULE[state.progress.row]
     if trial.terms is None and row.name == "final":
         return replace(state, finished=True, converged=False)
@@ -38,14 +38,14 @@ def end_row(problem: Problem, state: State, field: ChannelField, trial: ChannelS
         return _end_deformation(problem, state)
     state = assumptions.with_noise(problem, state, rough=row.name != "gains")
     if is_low_noise_end(problem, state):
-        return end_attempt(problem, state, assumptions.score(problem, state, field, trial), settled)
+        return end_attempt(problem, state, assumptions.score(problem, state, goal, trial), settled)
     moved = False
     if state.progress.rounds <= RULES.searches:
         state, moved = relocated(problem, state)
     if row.name == "free":
         return begin_row(problem, state, state.progress.row + 1)
     if (not moved and _settled_noise(problem, state, before)) or state.progress.rounds + 1 >= RULES.rounds:
-        return end_attempt(problem, state, assumptions.score(problem, state, field, trial), settled)
+        return end_attempt(problem, state, assumptions.score(problem, state, goal, trial), settled)
     return begin_row(problem, _next_round(state), state.progress.row)
 
 

@@ -34,6 +34,7 @@ class Model:
         channel; 0 for one without, and not free then
     log_speed : logarithm of the sound speed over that of the measurement
     directions : (M, Q) float64, power of the field by direction, mean 1; of the kernel "directional" only
+    conditional : kernel of the conditional likelihood that the last row minimises; "" for that of a random field
     """
 
     power: np.ndarray
@@ -50,6 +51,7 @@ class Model:
     filters: np.ndarray
     log_speed: float = 0.0
     directions: np.ndarray | None = None
+    conditional: Literal["", "diffuse", "series"] = ""
     deflation: float = 1.0
 
 
