@@ -118,7 +118,7 @@ def first_finding(problem: Problem, state: State, seen: ChannelEvidence, names: 
         ("undersampled", lambda: _undersampled(problem, x, state.modes)),
         ("not_converged", lambda: "" if ended and seen.step_left < LIMITS.unfinished else findings.NOT_CONVERGED),
         ("model_mismatch", lambda: _excess_noise(problem, share)),
-        ("sound_speed", lambda: findings.implied_speed(problem.sound_speed, seen.stretch, seen.found.stretch_sigma)),
+        ("sound_speed", lambda: _implied_speed(problem, state, seen)),
         ("scale_undetermined", lambda: "" if seen.stretch is not None else _loose_scale(problem, seen.found)),
         ("ambiguous", lambda: _ambiguous(problem, state, seen)),
         ("good", lambda: _good(problem, state, seen, names)),
@@ -173,6 +173,14 @@ def _excess_noise(problem: Problem, share: float) -> str:
     if given == 0 and share > LIMITS.unexplained_share:
         return findings.unexplained(share)
     return ""
+
+
+def _implied_speed(problem: Problem, state: State, seen: ChannelEvidence) -> str:
+    """Report a sound speed that the air can hardly have: of a given distance, or found from given positions."""
+    if seen.stretch is None and state.model.log_speed:
+        found = float(np.exp(state.model.log_speed))
+        return findings.implied_speed(problem.sound_speed, found, seen.found.log_speed, "position of a microphone")
+    return findings.implied_speed(problem.sound_speed, seen.stretch, seen.found.stretch_sigma)
 
 
 def _loose_scale(problem: Problem, found: Uncertainty) -> str:

@@ -1,7 +1,7 @@
 """Whether the array that solver "robust" found can be trusted.
 
-The codes and their order are those of `fdcal.assessment.verdict`. A faulty channel does not spoil the verdict of the
-others: it is named, and the verdict is that of the rest.
+The codes are those of `fdcal.assessment.verdict`, their order is that of `fdcal.assessment.channel_findings`. A faulty
+channel does not spoil the verdict of the others: it is named, and the verdict is that of the rest.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ class RobustVerdict:
     Attributes
     ----------
     code : str
-        good, too_noisy, undersampled, not_converged, known_position, model_mismatch, ambiguous or scale_undetermined.
+        good, too_noisy, undersampled, not_converged, known_position, model_mismatch, sound_speed, ambiguous or
+        scale_undetermined.
     message : str
         What it means and what to do, one line; arguments stand in angle brackets.
     positions : (N, D) float64

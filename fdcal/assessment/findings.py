@@ -115,21 +115,22 @@ def sound_speed(problem: Problem, figures: Diagnostics) -> str:
     )
 
 
-def implied_speed(sound_speed: float, stretch: float | None, scale_sigma: float) -> str:
-    """Report a given distance from which a sound speed follows that the air can hardly have.
+def implied_speed(sound_speed: float, stretch: float | None, scale_sigma: float, given: str = "distance") -> str:
+    """Report given lengths from which a sound speed follows that the air can hardly have.
 
     Parameters
     ----------
     sound_speed : of the measurement, m/s
     stretch : the sound speed that follows over that of the measurement; None where no distance is given
     scale_sigma : one sigma of the size of the array, relative
+    given : what has them, a distance or a position
     """
     uncertain = LIMITS.implied_speed + LIMITS.sound_speed_sigmas * scale_sigma
     if stretch is None or abs(stretch - 1) <= min(uncertain, LIMITS.sound_speed_most):
         return ""
     return (
-        f"with the distance given the sound speed would be {sound_speed * stretch:.0f} m/s, not"
-        f" {sound_speed:.0f} m/s; the distance or the sound speed is wrong, or the array was not"
+        f"with the {given} given the sound speed would be {sound_speed * stretch:.0f} m/s, not"
+        f" {sound_speed:.0f} m/s; the {given} or the sound speed is wrong, or the array was not"
         " found"
     )
 

@@ -35,6 +35,15 @@ def test_a_distance_that_no_air_explains_is_doubted(blind, factor, solver):
     assert "the distance or the sound speed is wrong" in found.verdict_text
 
 
+@pytest.mark.parametrize("factor", [0.85, 1.06, 1.2])
+def test_given_positions_that_no_air_explains_are_doubted(factor):
+    measurement = fdcal.load("tiny")
+    known = {n: factor * measurement.positions[n] for n in (0, 5, 7)}
+    found = fdcal.calibrate(measurement, solver="robust", known=known, estimate_sound_speed=True)
+    assert found.verdict == "sound_speed"
+    assert "the position of a microphone or the sound speed is wrong" in found.verdict_text
+
+
 @pytest.mark.parametrize("given", [{"distance": (0, 15, None), "known": "none"}, {}])
 def test_solver_robust_estimates_the_sound_speed_too(given):
     """From a given distance, or from the known microphones, of a measurement whose sound speed is 2 % too low."""

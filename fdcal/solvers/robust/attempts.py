@@ -9,7 +9,7 @@ import numpy as np
 from ...model.gauge import align, fixes_gauge, move_to_frame
 from ...model.problem import Problem
 from ...model.validation import InputError, frozen_array
-from . import assumptions, given_positions, kernels, starts
+from . import assumptions, given_positions, hyperparameters, kernels, starts
 from .conditional import with_conditional
 from .relocation import relocated
 from .settings import ASSUMED, FINAL, NOISELESS, OUTLIERS, RULES, SCHEDULE
@@ -30,7 +30,7 @@ def begin_attempt(problem: Problem, state: State, positions: np.ndarray, attempt
         model=assumptions.first_model(problem, state.settings),
         progress=Progress(attempt=attempt, row=0, rounds=0, steps=0, damping=0.0),
     )
-    return begin_row(problem, assumptions.with_noise(problem, begun), 0)
+    return begin_row(problem, hyperparameters.with_noise(problem, begun), 0)
 
 
 def begin_row(problem: Problem, state: State, row: int) -> State:
@@ -57,9 +57,9 @@ def next_attempt(problem: Problem, state: State, attempt: int) -> State:
     InputError
         If there is no start at all.
     """
-    given = assumptions.given_noise(problem, state)
+    given = hyperparameters.given_noise(problem, state)
     noise = None if given is None else float(np.median(given[state.modes]))
-    plan = starts.plan(problem, state.last, assumptions.is_noiseless(problem, state))
+    plan = starts.plan(problem, state.last, hyperparameters.is_noiseless(problem, state))
     for number, one in enumerate(plan[: RULES.attempts]):
         if number < attempt:
             continue
@@ -81,10 +81,10 @@ def _agreed(problem: Problem, state: State) -> bool:
 
 def is_low_noise_end(problem: Problem, state: State) -> bool:
     """Whether, without noise, the array explains all pressures by sound channels: in a wrong basin none does so."""
-    if not assumptions.is_noiseless(problem, state):
+    if not hyperparameters.is_noiseless(problem, state):
         return False
     share, worst = state.model.share, float(state.model.channel_noise.max())
-    least = 1.01 * assumptions.least_share(state)
+    least = 1.01 * hyperparameters.least_share(state)
     return share <= max(RULES.low_noise, least) and share * worst <= RULES.low_noise_channel
 
 
@@ -117,7 +117,7 @@ def _begin_final(problem: Problem, state: State) -> State:
 def _begin_noiseless(problem: Problem, state: State) -> State:
     """Begin with the near-field kernel and as little noise as it can show, alike in all channels."""
     state = replace(state, model=replace(state.model, kernel="near", channel_noise=np.ones(len(state.positions))))
-    noise = frozen_array(np.full(len(state.model.noise), assumptions.least_share(state)), float)
+    noise = frozen_array(np.full(len(state.model.noise), hyperparameters.least_share(state)), float)
     return begin_row(problem, replace(state, model=replace(state.model, noise=noise)), NOISELESS)
 
 
@@ -149,7 +149,7 @@ def refined(problem: Problem, state: State) -> State:
     fresh = _with_kernel(problem, state, state.model.kernel, RULES.near_deflation if near else 1.0)
     if not near and kernels.near_field_counts(problem, fresh):
         other = _with_kernel(problem, state, "near", RULES.near_deflation)
-        likelier = assumptions.misfit(problem, other) < assumptions.misfit(problem, fresh)
+        likelier = hyperparameters.misfit(problem, other) < hyperparameters.misfit(problem, fresh)
         fresh = other if likelier else fresh
     begun = begin_row(problem, fresh, FINAL)
     first = ASSUMED.first_updates if begun.model.directions is None else 0
@@ -159,7 +159,7 @@ def refined(problem: Problem, state: State) -> State:
 
 def _with_kernel(problem: Problem, state: State, kernel: KernelName, deflation: float) -> State:
     chosen = replace(state, model=replace(state.model, kernel=kernel), shape=state.positions)
-    return assumptions.with_noise(problem, chosen, deflation, rough=False)
+    return hyperparameters.with_noise(problem, chosen, deflation, rough=False)
 
 
 def end_final(problem: Problem, state: State, settled: bool) -> State:

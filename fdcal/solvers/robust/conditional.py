@@ -14,8 +14,9 @@ import numpy as np
 from ...model.problem import Problem
 from . import assumptions, kernels
 from .channel_fit import reduced
+from .conditional_rules import CONDITIONAL
 from .convergence import scaled_inverse
-from .settings import CONDITIONAL, FINAL
+from .settings import FINAL
 from .state import State
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from ...model.problem import Problem
 from ...model.validation import frozen_array
-from . import assumptions, outliers
+from . import assumptions, hyperparameters, outliers
 from .settings import RULES, SCHEDULE
 from .state import State
 
@@ -37,4 +37,4 @@ def relocated(problem: Problem, state: State, local: bool = False) -> tuple[Stat
         offsets=frozen_array(found.offsets, float),
         model=replace(m, channel_noise=found.channel_noise, filters=frozen_array(found.filters, float)),
     )
-    return assumptions.with_noise(problem, elsewhere, rough=not gains), True
+    return hyperparameters.with_noise(problem, elsewhere, rough=not gains), True

@@ -23,7 +23,7 @@ from ..initial_positions import require_gauge
 from ..interface import AssessmentMethod, Traits
 from ..joint.requirements import require_modes
 from ..polynomial_deformation import polynomial_deformations
-from . import assumptions, kernels
+from . import assumptions, hyperparameters, kernels
 from .attempts import begin_attempt, next_attempt
 from .channel_fit import channel_step
 from .convergence import is_converged
@@ -116,11 +116,11 @@ def step(problem: Problem, state: State) -> State:
     )
     settled = trial.moved < row.settled or trial.fall < row.negligible
     if row.learns and trial.terms is not None and trial.matrix is not None:
-        moved = assumptions.with_power(moved, used, goal.field, trial.terms)
+        moved = hyperparameters.with_power(moved, used, goal.field, trial.terms)
         moved = kernels.with_directions(problem, moved, used, ASSUMED.direction_updates)
         if gains:
-            moved = assumptions.centred(assumptions.with_spreads(problem, moved, trial.free, trial.matrix))
-            settled = settled and assumptions.same_spreads(state.model, moved.model)
+            moved = hyperparameters.centred(hyperparameters.with_spreads(problem, moved, trial.free, trial.matrix))
+            settled = settled and hyperparameters.same_spreads(state.model, moved.model)
         if moved.model.kernel == "directional":
             settled = settled and progress.steps > 0 and state.cost - moved.cost < ASSUMED.learned
     if settled or trial.terms is None or moved.progress.steps >= row.steps:
@@ -143,7 +143,7 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
     problem = in_unit_power(problem)
     changed = replace(state, first=first, last=last, automatic=automatic, ends=(), finished=False, converged=False)
     changed = replace(changed, progress=replace(state.progress, row=FREE, rounds=0))
-    return begin_row(problem, assumptions.with_noise(problem, changed), FREE)
+    return begin_row(problem, hyperparameters.with_noise(problem, changed), FREE)
 
 
 def landscape(problem: Problem, state: State, n: int, modes: slice, search: Search | None = None) -> np.ndarray:

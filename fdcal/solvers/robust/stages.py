@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...model.problem import Problem
-from . import assumptions, kernels
+from . import hyperparameters, kernels
 from .attempts import begin_row, end_attempt, end_final, end_noiseless, is_low_noise_end
 from .channel_fit import ChannelStep
 from .objective import Objective
@@ -36,23 +36,23 @@ def end_row(problem: Problem, state: State, goal: Objective, trial: ChannelStep,
     state = replace(state, model=replace(state.model, kernel=kernel), shape=state.positions)
     if row.degree:
         return _end_deformation(problem, state)
-    state = assumptions.with_noise(problem, state, rough=row.name != "gains")
+    state = hyperparameters.with_noise(problem, state, rough=row.name != "gains")
     if is_low_noise_end(problem, state):
-        return end_attempt(problem, state, assumptions.score(problem, state, goal, trial), settled)
+        return end_attempt(problem, state, hyperparameters.score(problem, state, goal, trial), settled)
     moved = False
     if state.progress.rounds <= RULES.searches:
         state, moved = relocated(problem, state)
     if row.name == "free":
         return begin_row(problem, state, state.progress.row + 1)
     if (not moved and _settled_noise(problem, state, before)) or state.progress.rounds + 1 >= RULES.rounds:
-        return end_attempt(problem, state, assumptions.score(problem, state, goal, trial), settled)
+        return end_attempt(problem, state, hyperparameters.score(problem, state, goal, trial), settled)
     return begin_row(problem, _next_round(state), state.progress.row)
 
 
 def _end_deformation(problem: Problem, state: State) -> State:
     """Begin the next row, with the noise that its modes show; after the last deformation outliers are moved."""
     row = state.progress.row
-    ahead = assumptions.with_noise(problem, _at_row(state, row + 1))
+    ahead = hyperparameters.with_noise(problem, _at_row(state, row + 1))
     state = _at_row(ahead, row)
     if not SCHEDULE[row + 1].degree:
         state, _ = relocated(problem, state)

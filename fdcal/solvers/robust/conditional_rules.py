@@ -1,0 +1,28 @@
+"""The numbers of the conditional likelihood in the last row."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class ConditionalRules:
+    """When and how the last row minimises the conditional likelihood.
+
+    Attributes
+    ----------
+    power : factor on the power of the field in it
+    weight : of the likelihood of a random field beside it
+    stretch_sigma : one sigma of the least certain stretching of the array, relative, up to which it is minimised
+    blind_stretch_sigma : the same without given positions, where nothing else shows that there is no such field
+    most_products : products M N^3 at most
+    """
+
+    power: float = 50.0
+    weight: float = 0.1
+    stretch_sigma: float = 0.05
+    blind_stretch_sigma: float = 0.02
+    most_products: float = 1e8
+
+
+CONDITIONAL = ConditionalRules()
