@@ -41,6 +41,17 @@ def options(name: str) -> set[str]:
     return {text for option in commands.commands[name].params for text in option.opts if text.startswith("-")}
 
 
+def figure(pattern: str, text: str) -> float:
+    """The one number of a pattern in a text."""
+    (found,) = re.findall(pattern, text)
+    return float(found)
+
+
+def test_the_first_run_finds_the_array_as_exactly_as_the_installation_says():
+    said = figure(r"finds them to ([\d.]+) mm", text_of(DOCS / "how-to" / "install.md"))
+    assert said == pytest.approx(figure(r"error +mean ([\d.]+) mm", run_fdcal("fdcal calibrate tiny")), abs=0.15)
+
+
 def run_page(page, namespace: dict, skip: str = "") -> None:
     """Run the Python code and the commands of a page in their order, and compare what they print."""
     for block in blocks(text_of(page)):
@@ -74,6 +85,13 @@ def test_the_tutorial_runs_from_beginning_to_end_and_then_the_check_of_its_chann
     assert {"plate.wav", "plate.npz", "result.json", "positions.csv", "positions.xml"} <= set(
         path.name for path in tmp_path.iterdir()
     )
+    prose = " ".join(text_of(TUTORIAL).split())
+    printed = run_fdcal("fdcal calibrate plate.npz --check --positions layout.csv")
+    for said, shown_in, near in (
+        (r"not used: (-\d+) dB here", r"leave-one-out error (-[\d.]+) dB", 1.5),
+        (r"largest distance is ([\d.]+) mm", r"no channels are swapped\n +\w+ +([\d.]+) mm", 0.3),
+    ):
+        assert figure(said, prose) == pytest.approx(figure(shown_in, printed), abs=near)
     rows = (tmp_path / "layout.csv").read_text().splitlines()
     rows[4], rows[13] = rows[13].replace("12,", "3,", 1), rows[4].replace("3,", "12,", 1)
     (tmp_path / "layout.csv").write_text("\n".join(rows))
