@@ -432,7 +432,7 @@ def test_a_plane_of_microphones_in_space(tmp_path):
         (["--most", "0"], "1 to 2000", 2),
         (["--subset", "1"], "two microphones", 2),
         (["--array-radius", "-1"], "above zero", 2),
-        (["--reference", "nothing.wav"], "no such file", 3),
+        (["--reference", "nothing.wav"], "No such file", 3),
         (["--reference-microphone", "99"], "is no channel", 2),
         (["--known", "0,1"], "contains no positions", 2),
         (["--known", "nothing.csv"], "cannot read nothing.csv", 3),
