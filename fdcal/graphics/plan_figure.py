@@ -106,7 +106,9 @@ def _draw_trials(plan: Plan, panel: Any) -> None:
     panel.set_xscale("log")
     panel.set_xlabel("error (mm rms)")
     panel.set_ylabel("trials")
-    panel.set_title(f"{trials.accurate:.0%} of {len(trials.verdicts)} trials within {1e3 * trials.accuracy:g} mm")
+    panel.yaxis.get_major_locator().set_params(integer=True)
+    share = f"{trials.accurate:.0%} of {len(trials.verdicts)} trials"  # of which rms errors alone can be shown
+    panel.set_title(f"Every microphone within {1e3 * trials.accuracy:g} mm: {share}")
     panel.legend(frameon=False)
 
 

@@ -214,6 +214,18 @@ def test_json_figure_and_page_hold_the_plan():
     assert page.count("<tr>") == 17
 
 
+def test_the_figure_says_that_the_accuracy_is_of_every_microphone_and_counts_trials():
+    """Its bars are errors of whole arrays: all may lie below the accuracy that few trials reach at every microphone."""
+    request = request_of("circle 8 0.2")
+    errors = np.full((4, 8), 0.005)
+    errors[:3, 0] = 0.02
+    trials = Trials(errors, ("good",) * 4, np.ones(8, bool), 0.01, 0.01, 1.0)
+    panels = draw_plan(make_plan(request, with_advice=False, trials=trials)).axes
+    drawn = next(panel for panel in panels if panel.get_ylabel() == "trials")
+    assert drawn.get_title() == "Every microphone within 10 mm: 25% of 4 trials"
+    assert np.array_equal(drawn.get_yticks(), np.rint(drawn.get_yticks()))
+
+
 def test_trials_find_an_easy_array_and_never_an_impossible_accuracy():
     easy = request_of("rectangle 4x4 0.6x0.6", room=(6.0, 5.0), snr_db=40.0, known=(0, 3, 12), band=(20.0, 400.0))
     found = run_trials(easy, request_information(easy), 3)
