@@ -252,3 +252,4 @@ def test_a_result_shows_itself_in_a_line(tiny):
     text = repr(fdcal.calibrate(tiny, modes=12))
     assert len(text.splitlines()) == 1 and len(text) < 200
     assert "16 microphones, 3 known, 12 frequencies, verdict good, mean error" in text
+    assert repr(tiny) == "<Measurement: 16 microphones, 3 known, 36 frequencies from 102.1 to 831.0 Hz>"

@@ -20,7 +20,7 @@ from .settings import Search
 from .validation import InputError, frozen_array, require_choice
 
 
-@dataclass(frozen=True, init=False)
+@dataclass(frozen=True, init=False, repr=False)
 class Measurement(MeasurementSources):
     """Pressures of M modes at N microphones and what is known about them.
 
@@ -124,6 +124,11 @@ class Measurement(MeasurementSources):
         checks.require_usable(
             self.frequencies, self.pressures, self.wavenumbers, self.noise_power, self.names, self.sound_speed
         )
+
+    def __repr__(self) -> str:
+        f = self.frequencies
+        band = f"{len(f)} frequencies from {f[0]:.1f} to {f[-1]:.1f} Hz"
+        return f"<Measurement: {self.count} microphones, {len(self.known)} known, {band}>"
 
     @property
     def count(self) -> int:
