@@ -40,7 +40,7 @@ class ChannelThresholds:
     rival_sigmas, rival_distance : sigmas and metres within which two ends are one; the larger one counts
     uneven_noise : noise of a healthy channel over that of the median channel
     uneven_share : part of the healthy channels above that level; more than it are no single noisy channels
-    uneven_share_of_power : share of the power that its noise must exceed: without noise only rounding and grid are left
+    uneven_share_of_power : share of the power that its noise must exceed: a recording leaves as much by leakage
     uneven_channels : fewest such channels
     unfinished : Newton step left over one sigma of its coordinate
     """
@@ -58,7 +58,7 @@ class ChannelThresholds:
     rival_distance: float = 1e-3
     uneven_noise: float = 2.0
     uneven_share: float = 0.1
-    uneven_share_of_power: float = 1e-6
+    uneven_share_of_power: float = 1e-4
     uneven_channels: int = 3
     unfinished: float = 3.0
 
