@@ -145,7 +145,7 @@ def simulate(scene: str, output: str, force: bool):
     "--known-sigma",
     type=Length(),
     metavar="LENGTH",
-    help="One sigma of each given coordinate for solver robust, as 5mm.  [default: estimated, 3mm at most]",
+    help="One sigma of each given coordinate for solver robust, as 5mm; 0mm: exact.  [default: estimated, 3mm at most]",
 )
 @click.option(
     "--sound-speed-sigma",

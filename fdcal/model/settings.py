@@ -137,7 +137,7 @@ class SolverSettings:
         Of "robust": standard deviation of the gains, decibels, and of the phases, degrees; estimated unless given.
     known_sigma : float or None
         Of "robust": standard deviation of each coordinate of a given position, metres; at most 3 mm unless given, and
-        1 mm where given positions carry the size: of a plane array in space.
+        1 mm where given positions carry the size: of a plane array in space. With 0 they are exact and never move.
     sound_speed_sigma : float or None
         Of "robust": standard deviation of the sound speed, relative (0.003 is 0.3 %); it is exact unless given.
     """
@@ -193,7 +193,7 @@ class SolverSettings:
         units = {"gain_sigma_db": "dB", "phase_sigma_deg": "degrees", "known_sigma": "m", "sound_speed_sigma": ""}
         for key, unit in units.items():
             value = getattr(self, key)
-            if value is not None:
+            if value is not None and not (key == "known_sigma" and value == 0):
                 require_positive(f"solver.{key}", value, unit)
         _ = self.snr_db  # raises for a `noise` that is neither a choice nor a number
 

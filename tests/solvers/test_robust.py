@@ -53,6 +53,25 @@ def solved(measurement, **settings):
     return problem, state, judge(problem, state)
 
 
+def test_given_positions_that_are_exact_never_move():
+    measurement = measured()
+    _, state, verdict = solved(measurement, known_sigma=0.0)
+    assert np.array_equal(state.positions[KNOWN], measurement.positions[KNOWN])
+    assert verdict.code == "good"
+    free = np.setdiff1d(np.arange(COUNT), KNOWN)
+    assert rms(state.positions, measurement.positions, free) < 5e-3
+
+
+def test_an_exact_position_that_is_wrong_is_doubted_and_stays():
+    def shifted(places):
+        return places + np.array([[0.05, 0.0], [0, 0], [0, 0], [0, 0]])
+
+    measurement = measured(given=shifted)
+    _, state, verdict = solved(measurement, known_sigma=0.0)
+    assert np.array_equal(state.positions[KNOWN], measurement.known_positions)
+    assert verdict.code != "good"
+
+
 def rms(found, truth, chosen):
     return float(np.sqrt(np.mean(np.sum((found - truth)[chosen] ** 2, axis=1))))
 

@@ -126,7 +126,7 @@ def corrected(problem: Problem, state: State, used) -> np.ndarray:
 
 def first_known_sigma(settings: SolverSettings) -> float:
     """Return one sigma of a given coordinate to begin with, and at most, metres."""
-    return RULES.known_sigma if settings.known_sigma is None else settings.known_sigma
+    return RULES.known_sigma if settings.known_sigma is None else max(settings.known_sigma, RULES.exact_sigma)
 
 
 def first_model(problem: Problem, settings: SolverSettings) -> Model:

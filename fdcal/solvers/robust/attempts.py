@@ -183,12 +183,16 @@ def _changed(before: Model, after: Model) -> bool:
 
 
 def anchored(problem: Problem, state: State) -> np.ndarray:
-    """Return the array moved as a whole onto the given positions, if any, without outliers among them.
+    """Return the array moved as a whole onto the given positions, if any, without outliers among them; exact ones stay.
 
     The pressures do not fix the array as a whole, and the last steps hardly see the weak pull of the given positions
     where there is hardly any noise.
     """
     x, (known, given) = state.positions, assumptions.held(problem, state)
+    if state.settings.known_sigma == 0:
+        exact = np.array(x)
+        exact[known] = given
+        return frozen_array(exact, float)
     away = np.linalg.norm(x[known] - given, axis=1)
     near = away <= RULES.known_outlier * max(float(np.median(away)) if len(away) else 0.0, state.model.known_sigma)
     if not len(known) or np.sum(near) <= x.shape[1] or not fixes_gauge(given[near]):

@@ -30,7 +30,8 @@ def resolved(problem: Problem, state: State) -> State:
         With modes of unit power.
     state : State
     """
-    if len(problem.known) <= problem.array_dimension or assumptions.given_carry_scale(problem):
+    exact = state.settings.known_sigma == 0
+    if exact or len(problem.known) <= problem.array_dimension or assumptions.given_carry_scale(problem):
         return state
     if state.model.kernel == "near" and _close(problem, state):
         return state

@@ -55,6 +55,7 @@ class Rules:
     gain_sigma : nepers, spread of the channel gains to begin with
     phase_sigma : radians, spread of the channel phases to begin with
     known_sigma : metres, one sigma of a given coordinate to begin with, and at most
+    exact_sigma : the same of given positions that are stated to be exact; below it rounding counts
     stride : longest move of a microphone in one step, over the shortest wavelength
     rounds : stages "gains" at most in one attempt
     attempts : starts tried at most
@@ -75,6 +76,7 @@ class Rules:
     gain_sigma: float = 0.02
     phase_sigma: float = 0.02
     known_sigma: float = 0.003
+    exact_sigma: float = 1e-6
     stride: float = 0.125
     rounds: int = 8
     attempts: int = 6
