@@ -64,7 +64,18 @@ class PositionCheck:
         return self.fits and self.scale == 1 and not self.swapped and not self.permuted
 
     def table(self, names: Sequence[str]) -> dict:
-        """Return the comparison as it stands in a result file, with the names of the microphones."""
+        """Return the comparison as it stands in a result file.
+
+        Parameters
+        ----------
+        names : sequence of N str
+            Of the microphones.
+
+        Returns
+        -------
+        dict
+            Of values for JSON; lengths in metres.
+        """
         return {
             "fits": self.fits,
             "swapped": [[names[n] for n in pair] for pair in self.swapped],
