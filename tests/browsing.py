@@ -79,7 +79,12 @@ def opened_page(browser, address, query="?fixedDpr=1", width=1280, height=720):
 
 
 def press(page, name):
-    page.get_by_role("button", name=name, exact=True).click()
+    """Press a button, as soon as there is one of that name: while a session takes another's place there are two."""
+    from playwright.sync_api import expect
+
+    button = page.get_by_role("button", name=name, exact=True)
+    expect(button).to_have_count(1, timeout=WAIT * 1e3)
+    button.click()
 
 
 def slider(page, label):

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from browsing import press
 
 WAIT = 60.0  # s, bound of every wait
 FAILING = """
@@ -56,10 +57,6 @@ def edited_descent(tmp_path_factory):
     text = (scene_folder() / "tiny.toml").read_text(encoding="utf-8")
     path.write_text(text.replace('name = "robust"', 'name = "descent"'), encoding="utf-8")
     return path
-
-
-def press(page, name):
-    page.get_by_role("button", name=name, exact=True).click()
 
 
 def test_an_exception_of_the_solver_is_shown_with_the_path_of_the_log(page):

@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 import pytest
 import viser
+from browsing import press
 from viser import _messages
 from websockets.exceptions import ConnectionClosed
 
@@ -61,14 +62,7 @@ def page(served, browser):
     page.close()
 
 
-def press(page, name):
-    page.get_by_role("button", name=name, exact=True).click()
-
-
 def begin_anew(page):
-    """Reset, as soon as there is one session alone: while one takes the place of another, the browser has both."""
-    buttons = "() => [...document.querySelectorAll('button')].filter(one => one.innerText.trim() == 'Reset').length"
-    page.wait_for_function(f"({buttons})() == 1")
     press(page, "Reset")
     page.get_by_text("step 0, sweep 0").wait_for()
 

@@ -21,7 +21,7 @@ RECORD = """() => {
     new MutationObserver(() => {
         const now = document.body?.innerText.match(note)?.[0] ?? "";
         if (window.notes.at(-1) != now) window.notes.push(now);
-    }).observe(document, {subtree: true, childList: true, characterData: true});
+    }).observe(document, {subtree: true, childList: true, characterData: true, attributes: true});
 }"""  # all that the line of the opening says, in order
 
 
