@@ -49,7 +49,7 @@ def test_a_loud_wave_moves_the_minimum_less_than_that_of_a_random_field(seed):
 
 
 def test_the_noise_has_no_part_in_the_mean_gradient():
-    share, repeats = 1e-2, 300
+    share, repeats = 1e-2, 100
     rng = np.random.default_rng(0)
     x, clean = few_waves(rng, 0.0)
     field = assumed(share, True)
