@@ -207,15 +207,15 @@ def test_every_verdict_is_documented_with_a_remedy():
 def test_the_order_of_the_checks_is_that_of_the_code(module, begin):
     codes = re.findall(r'^ +\("(\w+)",', source(module), re.M)
     paragraph = VERDICTS[VERDICTS.index(begin) :].partition("\n\n")[0].partition(":")[2]
-    told = re.findall(r"`(\w+)`", paragraph)
-    assert told == [code for code, before in zip(codes, [None, *codes], strict=False) if code != before]
+    stated = re.findall(r"`(\w+)`", paragraph)
+    assert stated == [code for code, before in zip(codes, [None, *codes], strict=False) if code != before]
 
 
 def test_the_highest_frequency_of_array_1_is_computed():
     scene = load_scene("array1_circle")
     highest = array_f_max(positions_of(scene), scene.room.sound_speed, scene.room.dimension)
-    told = re.search(r"about (\d+) Hz for array 1 \(c = (\d+) m/s\)", text_of(DOCS / "explanation" / "limits.md"))
-    assert [float(told[1]), float(told[2])] == [round(highest), scene.room.sound_speed]
+    stated = re.search(r"about (\d+) Hz for array 1 \(c = (\d+) m/s\)", text_of(DOCS / "explanation" / "limits.md"))
+    assert [float(stated[1]), float(stated[2])] == [round(highest), scene.room.sound_speed]
 
 
 def source(module) -> str:

@@ -15,7 +15,9 @@ from fdcal.model.settings import SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.solvers import load, run
 from fdcal.solvers.robust import kernels
+from fdcal.solvers.robust.conditional import with_conditional
 from fdcal.solvers.robust.settings import NOISE_RULES
+from fdcal.solvers.robust.unit_power import in_unit_power
 
 SIZE, SOURCE, SNR = (5.2, 4.1), (4.8, 3.7), 40.0  # metres, metres, dB
 MODES = 40
@@ -51,6 +53,12 @@ def solved(measurement, **settings):
     problem = measurement.problem("unit", chosen.known)
     *_, state = run(problem, chosen, 0)
     return problem, state, judge(problem, state)
+
+
+def test_a_conditional_likelihood_of_other_modes_is_dropped_where_it_is_not_permitted():
+    problem, state, _ = solved(measured())
+    stale = replace(state, model=replace(state.model, conditional="series"))
+    assert with_conditional(in_unit_power(problem), stale).model.conditional == ""
 
 
 def test_given_positions_that_are_exact_never_move():

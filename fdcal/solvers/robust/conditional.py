@@ -32,20 +32,21 @@ def with_conditional(problem: Problem, state: State) -> State:
     used = assumptions.used_modes(problem, state, 0)
     slow = len(used) * len(state.positions) ** 3 > CONDITIONAL.most_products
     noisy = state.model.share > CONDITIONAL.noise_share
+    without = replace(state, model=replace(state.model, conditional=""))  # it may be that of a run with other modes
     if state.model.kernel == "near" or problem.dimension == 2 or noisy or slow:
-        return state
+        return without
     kernel = "series" if kernels.kernel_of(problem, state) == "series" else "diffuse"
     chosen = replace(state, model=replace(state.model, conditional=kernel), progress=replace(state.progress, row=FINAL))
     here, goal = assumptions.unknowns(chosen), assumptions.objective(problem, chosen, used)
     try:
         evaluated = goal.evaluate(here)
     except np.linalg.LinAlgError:
-        return state
+        return without
     H = reduced(here, evaluated, assumptions.free_unknowns(problem, chosen, None), not len(problem.known))[1]
     size = state.positions.size  # the positions are the first of the free unknowns
     sigma = stretch_sigma(state.positions, [scaled_inverse(H)[:size, :size]])
     most = CONDITIONAL.stretch_sigma if len(problem.known) else CONDITIONAL.blind_stretch_sigma
-    return chosen if sigma < most else state
+    return chosen if sigma < most else without
 
 
 def stretch_sigma(positions: np.ndarray, covariances) -> float:
