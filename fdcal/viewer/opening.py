@@ -13,11 +13,15 @@ DELAY = 2.5  # s from a browser's connection, in which it draws the room
 
 
 class Opening:
-    """Decides when the first sweep begins and ends; called by the main loop."""
+    """Decides when the first sweep begins and ends; called by the main loop.
+
+    It begins and ends on viser's event loop, as all that users do: in between nobody can have pressed anything.
+    """
 
     def __init__(self):
         self._due: float | None = None
-        self._viewer: Viewer | None = None  # in which it plays
+        self._viewer: Viewer | None = None  # in which it plays, or is about to
+        self._began = False
         self.done = False
 
     def tick(self, viewer: Viewer, watched: bool, busy: bool, now: float) -> None:
@@ -32,19 +36,30 @@ class Opening:
         """
         if self.done:
             return
-        sweep, touched = viewer.side_panel.sweep, viewer.binding.touches + viewer.nodes.cameras.user_moves > 0
         if self._viewer is not None:
-            if touched or not sweep.playing or viewer is not self._viewer:
+            ended = self._began and not viewer.side_panel.sweep.playing
+            if touched(viewer) or ended or viewer is not self._viewer:
                 self.done = True
                 viewer.call(self._viewer.side_panel.sweep.end_opening)
             return
-        if touched or not suitable(viewer):
+        if touched(viewer) or not suitable(viewer):
             self.done = True
         elif watched and not busy:
             self._due = now + DELAY if self._due is None else self._due
             if now >= self._due:
                 self._viewer = viewer
-                sweep.open()
+                viewer.call(lambda: self._begin(viewer))
+
+    def _begin(self, viewer: Viewer) -> None:
+        """Begin, unless a user has touched something meanwhile."""
+        if not touched(viewer):
+            viewer.side_panel.sweep.open()
+        self._began = True
+
+
+def touched(viewer: Viewer) -> bool:
+    """Whether a user has changed, pressed or moved anything."""
+    return viewer.binding.touches + viewer.nodes.cameras.user_moves > 0
 
 
 def suitable(viewer: Viewer) -> bool:

@@ -185,6 +185,38 @@ def test_the_opening_ends_as_soon_as_a_user_turns_the_scene(opened):
     assert not viewer.side_panel.sweep.playing
 
 
+def test_play_plays_during_the_opening_too(opened):
+    """Whoever presses Play as the opening begins has not seen it yet: the press pauses nothing."""
+    viewer, turn_until = opened
+    sweep = viewer.side_panel.sweep
+    set_by_client(sweep.rate, 20, client=False)
+    made = begin_opening(viewer, turn_until)
+    turn_until(lambda: viewer.main_panel.run_bar.note.visible)
+    assert sweep.play.label == "Play", "the opening ends with any touch and needs no button"
+    set_by_client(sweep.play, True)
+    made.tick(viewer, True, False, opening.DELAY + 1)
+    assert made.done
+    counts = []
+    turn_until(lambda: counts.append(len(viewer.binding.choices.modes or ())) or not sweep.playing)
+    counts = [count for count in dict.fromkeys(counts) if count]
+    assert counts == sorted(counts) and counts[0] <= 2 and counts[-1] == len(sweep._sequence()), "it plays, up to all"
+    assert len(viewer.binding.choices.modes) == counts[-1], "what a user has played stays"
+
+
+def test_play_pressed_as_the_opening_is_due_is_not_undone_by_it(opened, monkeypatch):
+    viewer, turn_until = opened
+    sweep, made, calls = viewer.side_panel.sweep, opening.Opening(), []
+    monkeypatch.setattr(viewer, "call", calls.append)  # which the event loop has not run yet
+    made.tick(viewer, True, False, 0.0)
+    made.tick(viewer, True, False, opening.DELAY)
+    set_by_client(sweep.play, True)
+    made.tick(viewer, True, False, opening.DELAY + 0.1)
+    for call in calls:
+        call()
+    assert calls and made.done and sweep.playing
+    turn_until(lambda: "alone" in sweep.text.content)
+
+
 def test_modes_chosen_during_the_opening_stay(opened):
     viewer, turn_until = opened
     made = begin_opening(viewer, turn_until)

@@ -87,7 +87,8 @@ class SweepTab:
         return self._caption() if playing is not None and playing.opening and playing.shown else ""
 
     def toggle(self) -> None:
-        """Play from the modes of the map, or pause."""
+        """Play from the modes of the map, or pause; the opening ends first, and what the user wants plays."""
+        self.end_opening()
         if self._playing is not None:
             self.pause()
             return
@@ -210,8 +211,9 @@ class SweepTab:
     def _update(self, sweep: Sweep | None, now: float) -> None:
         binding, sequence = self._binding, self._sequence() if sweep is None else sweep.modes
         summed = self._summed_now(sequence)
-        binding.send("sweep plays", "Pause" if self.playing else "Play", self.play, "label")
-        icon = viser.Icon.PLAYER_PAUSE if self.playing else viser.Icon.PLAYER_PLAY
+        pauses = self._playing is not None and not self._playing.opening
+        binding.send("sweep plays", "Pause" if pauses else "Play", self.play, "label")
+        icon = viser.Icon.PLAYER_PAUSE if pauses else viser.Icon.PLAYER_PLAY
         binding.send("sweep icon", icon, self.play, "icon")
         binding.send("modes summed", summed or len(sequence), self.summed)
         if sweep is not None and sweep.request.highest is None:
