@@ -16,7 +16,7 @@ from ..acoustics.compiled import compiled
 from ..model.settings import Search
 from ..model.validation import frozen_array
 from .landscapes import DEPTH
-from .watershed import flood
+from .watershed import merged_basins
 
 STRIDE = 0.7  # of descent, in steps of the lattice
 OUTSIDE = -1  # of a place from which descent ends at the edge of the map, beyond which the cost is unknown
@@ -63,7 +63,8 @@ def basins_of(cost: np.ndarray, depth: float = DEPTH) -> Basins:
     cost : (ny, nx) float64, or (nz, ny, nx) of a volume
     depth : least prominence of a minimum, as a share of the map's range
     """
-    order, minima, heirs = flood(cost, depth * float(np.ptp(cost)))
+    minima, heirs = merged_basins(cost, depth * float(np.ptp(cost)))
+    order = np.argsort(cost.ravel(), kind="stable")
     layers = np.ascontiguousarray(cost, dtype=float).reshape(-1, *cost.shape[-2:])
     places = np.stack(np.unravel_index(minima, cost.shape), axis=1)
     inside = np.all((places > 0) & (places < np.array(cost.shape) - 1), axis=1)

@@ -46,7 +46,7 @@ watershed.prominent_minima(descent.landscape(problem, state, 1, slice(0, 3)).sum
 after = signatures()
 called = {kernel.__name__ for kernel in before if before[kernel]}
 new = [(kernel.__name__, one) for kernel in after for one in after[kernel] if one not in before[kernel]]
-print({"pruned_search", "costs", "fits", "_flood", "sweep"} <= called, new)
+print({"pruned_search", "costs", "fits", "_basins", "sweep"} <= called, new)
 """
 
 
@@ -103,4 +103,4 @@ def test_warm_compiles_everything_and_tells_how_far_it_is(tmp_path):
     for number, (name, _) in enumerate(all_pieces(), 1):
         assert f"{number} of {len(all_pieces())}: {name} ..." in done.stderr
     kept = {path.name.split("-")[0] for path in tmp_path.rglob("*.nbi")}
-    assert {"fdtd_kernels.sweep", "lattice_kernels.fits", "lattice_kernels.pruned_search", "watershed._flood"} <= kept
+    assert {"fdtd_kernels.sweep", "lattice_kernels.fits", "lattice_kernels.pruned_search", "watershed._basins"} <= kept
