@@ -41,6 +41,7 @@ class Opening:
             if touched(viewer) or ended or viewer is not self._viewer:
                 self.done = True
                 viewer.call(self._viewer.side_panel.sweep.end_opening)
+                self._viewer = None  # another session may take its place
             return
         if touched(viewer) or not suitable(viewer):
             self.done = True

@@ -8,7 +8,7 @@ opened, the status bar says why in one line. Otherwise its controls replace the 
 
 from __future__ import annotations
 
-import math
+import collections
 import time
 from collections.abc import Callable, Sequence
 
@@ -73,7 +73,8 @@ class Page:
             add_help(server.gui)
         add_keys(server.gui, self)
         self._progress, self._on_progress = "", on_progress
-        self._canvases_checked, self._release_time, self._wake = 0.0, math.inf, WakeEvent()
+        self._canvases_checked, self._wake = 0.0, WakeEvent()
+        self._releases: collections.deque[float] = collections.deque()  # when each is due, one for each session
         self._follow_clients(server)
 
     def open(self, request: OpenRequest) -> None:
@@ -145,8 +146,9 @@ class Page:
         if now - self._canvases_checked > CANVAS_INTERVAL:
             self._canvases_checked = now
             self.nodes.cameras.follow_all(clients)
-        if now > self._release_time:
-            self._release_time = math.inf
+        if self._releases and now > self._releases[0]:
+            while self._releases and now > self._releases[0]:
+                self._releases.popleft()
             release_memory(self._server)
 
     def _replace_session(self, prepared: PreparedRun) -> None:
@@ -174,7 +176,7 @@ class Page:
             self.nodes.cameras.set_initial(new.picture)
             for client in self._server.get_clients().values():
                 self.nodes.cameras.place(client, "top")
-        self._release_time = min(self._release_time, time.perf_counter() + RELEASE_DELAY)
+        self._releases.append(time.perf_counter() + RELEASE_DELAY)
 
     def _report_progress(self, text: str | None = None) -> None:
         """Report the progress of the first session, or `text`, where it has changed."""

@@ -1,9 +1,11 @@
 """A page that shows one scene after the other keeps neither the memory nor the threads of the old ones."""
 
 import gc
+import time
 import weakref
 
 import numpy as np
+from browsing import WAIT
 
 from benchmarks.bench_switches import MAX_GROWTH, soak
 from fdcal.session.request import OpenRequest
@@ -29,6 +31,35 @@ def test_a_session_that_was_replaced_is_released(page_of, scene, server, monkeyp
     finally:
         gc.enable()
     assert np.ptp(sizes[1:]) < 20, sizes
+
+
+def test_a_session_is_released_though_a_release_was_due_as_it_was_replaced(page_of, scene, monkeypatch):
+    """Each session has a release of its own after its end: one that is due at once finds it still in use."""
+    monkeypatch.setattr(page_module, "RELEASE_DELAY", 0.1)
+    page, turn_until = page_of
+    page.open(OpenRequest(scene))
+    turn_until(lambda: page.viewer is not None)  # from now on a release is due
+    old, used = weakref.ref(page.viewer), page.viewer
+    gc.disable()
+    try:
+        page.open(OpenRequest(scene, start_seed=1))
+        page.tick(0.0)  # prepares it
+        turn_until_ready(page)
+        time.sleep(0.1)
+        page.tick(time.perf_counter())  # both at once
+        assert page.viewer is not used
+        del used
+        turn_until(lambda: old() is None)
+    finally:
+        gc.enable()
+
+
+def turn_until_ready(page):
+    """Wait until the session in preparation can be shown, and do not show it."""
+    current, end = page.switcher._current, time.perf_counter() + WAIT
+    while not current.done:
+        assert time.perf_counter() < end
+        time.sleep(0.01)
 
 
 def test_the_memory_of_a_server_does_not_grow_by_scene_switches():
