@@ -24,7 +24,7 @@ from fdcal.graphics.picture import compose
 from fdcal.model.scene_file import load_scene
 from fdcal.viewer.scene3d import cameras
 
-from .pages import Served, ServedEmpty, chromium, open_page, slider
+from .pages import Served, ServedEmpty, chromium, open_page, slider, wait_for_node
 from .report import Figure
 from .watched import DRAG
 
@@ -96,6 +96,8 @@ def _first_picture(browser) -> list[Figure]:
         first, taken = time.perf_counter() - start, served.processor()
         page.get_by_role("button", name="Run", exact=True).wait_for()
         ready = time.perf_counter() - start
+        wait_for_node(page, "/floor")
+        mapped = time.perf_counter() - start
         page.close()
     empty = (before + _empty(browser)) / 2
     own = first - empty
@@ -105,6 +107,7 @@ def _first_picture(browser) -> list[Figure]:
         Figure("of this our own share", own, "s", "below 1.5", own < 1.5),
         Figure("processor time of the server until then", taken, "s"),
         Figure("the same until it can be run", ready, "s"),
+        Figure("the same until it has its first map", mapped, "s"),
     ]
 
 

@@ -135,9 +135,14 @@ def open_page(browser, url: str):
     page = browser.new_page(viewport={"width": 1280, "height": 720})
     page.set_default_timeout(WAIT)
     page.goto(f"{url}/?fixedDpr=1")
-    drawn = "name => window.__viserMutable?.nodeRefFromName?.[name] != null"
-    page.wait_for_function(drawn, arg="/microphones/true", timeout=WAIT)
+    wait_for_node(page, "/microphones/true")
     return page
+
+
+def wait_for_node(page, name: str) -> None:
+    """Wait until the page's scene has a node."""
+    drawn = "name => window.__viserMutable?.nodeRefFromName?.[name] != null"
+    page.wait_for_function(drawn, arg=name, timeout=WAIT)
 
 
 def slider(page, label: str):

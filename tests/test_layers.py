@@ -203,6 +203,7 @@ def test_modules_stay_readable():
 
 
 HEAVY = {"pyvista", "trimesh", "numba", "matplotlib", "scipy"}
+LATE = {"pyvista", "trimesh", "scipy.optimize", "scipy.spatial"}  # that a first picture does not need
 
 
 @pytest.mark.parametrize(
@@ -214,6 +215,7 @@ HEAVY = {"pyvista", "trimesh", "numba", "matplotlib", "scipy"}
         ("fdcal.commands.cli", {"viser"} | HEAVY),
         ("fdcal.viewer", HEAVY),  # the address of the page is printed before they are loaded
         ("fdcal.viewer.preview", {"trimesh", "numba", "scipy"}),
+        ("fdcal.viewer.page", LATE),
     ],
 )
 def test_import_stays_light(module, heavy):

@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import fminbound, minimize
 
 from ..acoustics.threads import parallel_map
 from ..model.power import mode_power
@@ -101,6 +100,8 @@ def estimate_noise(
     given_share : noise's share of the power that the normalised chi-square is computed with, at least
         `NoiseThresholds.chi_square_floor`
     """
+    from scipy.optimize import minimize  # takes longer to load than the rest of the solvers; a first picture needs none
+
     power = mode_power(pressures)
     values, along = _spectra(positions, pressures, wavenumbers, dimension, near_field)
     along = along / power[:, None]
@@ -134,6 +135,8 @@ def estimate_noise_share(positions, pressures, wavenumbers, dimension: int) -> f
     wavenumbers : (M,) complex128, rad/m; the real parts count
     dimension : 2 or 3, of the sound field
     """
+    from scipy.optimize import fminbound
+
     power = mode_power(pressures)
     values, along = _spectra(positions, pressures, wavenumbers, dimension, False)
     along = along / power[:, None]

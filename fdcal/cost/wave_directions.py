@@ -11,7 +11,6 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from scipy.integrate import lebedev_rule
 
 from ..model.validation import frozen_array
 
@@ -38,5 +37,7 @@ def wave_directions(dimension: int, count: int) -> tuple[np.ndarray, np.ndarray]
 
 @cache
 def _sphere(degree: int) -> tuple[np.ndarray, np.ndarray]:
+    from scipy.integrate import lebedev_rule  # loads scipy.optimize; here, as in `fdcal.cost.noise_model`
+
     points, weights = lebedev_rule(degree)
     return frozen_array(points, float), frozen_array(weights / weights.sum(), float)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from .session_view import Viewer
 
-DELAY = 2.5  # s from a browser's connection, in which it draws the room
+DELAY = 2.5  # s from a browser's connection and the first map, in which it draws both
 
 
 class Opening:
@@ -30,7 +30,7 @@ class Opening:
         Parameters
         ----------
         viewer : of the session that is shown
-        watched : whether a browser shows the page
+        watched : whether a browser shows the page, and its first map is there
         busy : whether the page does something else: a lesson, or a compilation
         now : time, s
         """

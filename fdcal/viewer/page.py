@@ -136,7 +136,8 @@ class Page:
             self.viewer.guarded_tick(now)
             warmup = self.viewer.run.warmup
             compiles = warmup is not None and bool(warmup.text)
-            self._opening.tick(self.viewer, bool(self._server.get_clients()), compiles or self.lessons.active, now)
+            watched = bool(self._server.get_clients()) and self.viewer.picture.floor is not None
+            self._opening.tick(self.viewer, watched, compiles or self.lessons.active, now)
         elif self.nodes.is_empty and self.switcher.measured is not None:
             show_room(self.nodes, *self.switcher.measured)
             self.nodes.cameras.request_all("top")  # of browsers that connected before there was a picture

@@ -114,6 +114,16 @@ def test_a_map_of_the_sweep_is_the_fine_map_of_the_page(opened):
     assert map_on_page(viewer).minima == swept.minima and tab.caption.content == caption
 
 
+def test_no_sweep_is_computed_before_someone_asks(opened):
+    """The first map is the one that a browser waits for; a sweep takes the processor for seconds."""
+    viewer, turn_until = opened
+    turn_until(lambda: map_on_page(viewer) is not None)
+    viewer.run.session.step()
+    turn_until(lambda: viewer.snapshot.view.index == 1)
+    sweep = viewer.side_panel.sweep
+    assert sweep.worker.worker.latest is None and not sweep.worker.worker.busy and not sweep._plot.visible
+
+
 def test_another_state_makes_the_counts_invalid(opened):
     viewer, turn_until = opened
     sweep = viewer.side_panel.sweep

@@ -14,7 +14,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize, minimize_scalar
 
 from ...cost.channel_likelihood import ChannelField, Terms, channel_spectra
 from .objective import spring
@@ -94,6 +93,8 @@ def estimate_noise(positions, q, field: ChannelField, least: float) -> tuple[flo
     -------
     noise : float, share of the power;  spread : float, metres;  alone : float, the noise where there is no spread
     """
+    from scipy.optimize import minimize, minimize_scalar  # here, as in `fdcal.cost.noise_model`
+
     values, along = channel_spectra(positions, q, field)
     values = values * field.power[:, None]
     slope = np.real(field.wavenumbers)[:, None] ** 2 / field.dimension

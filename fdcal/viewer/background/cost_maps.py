@@ -1,7 +1,7 @@
 """Cost maps, computed on threads of their own; only one that belongs to what is on the screen is returned.
 
 A fast thread computes the map over the solver's own lattice, many times a second while the user drags a microphone; a
-slow one computes the same map on a finer lattice once nothing changes, and stops as soon as another map is requested.
+slow one then computes the same map on a finer lattice once nothing changes, and stops as soon as another is requested.
 """
 
 from __future__ import annotations
@@ -87,7 +87,8 @@ class CostMapWorker:
         if wanted != self._requested and due and not (running and self.worker.busy):
             self._requested, self._since = wanted, now
             self.worker.request(wanted)
-        if not running and wanted == self._requested and now - self._since > IDLE_TIME:
+        drawn = latest is not None and latest.request[0] == wanted
+        if drawn and not running and wanted == self._requested and now - self._since > IDLE_TIME:
             self._request_fine(wanted)
         return wanted
 

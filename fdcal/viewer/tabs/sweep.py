@@ -25,6 +25,7 @@ UP, DOWN = "Lowest first", "Highest first"
 ORDERS: tuple[str, ...] = (UP, DOWN)
 RATE, MAX_RATE = 4, 20  # modes per second
 INTERVAL = 0.25  # s between two updates of the curve
+NOT_ASKED, NEXT = -2, -1  # in place of the number of a state whose sweep is wanted: of none, of the present one
 ADVICE = (
     "Play adds one mode after the other to the map and counts its local minima; the sum keeps the one that all share."
 )
@@ -47,7 +48,7 @@ class SweepTab:
         self.worker = SweepWorker(binding.run)
         self._playing: Playback | None = None
         self._wanted: SweepRequest | None = None  # of the last sweep that was asked for
-        self._revision, self._updated = -1, -1e9
+        self._revision, self._updated = NOT_ASKED, -1e9
         self._panels: ModePanels | None = None  # maps of single modes, drawn last
         self._add_controls()
         self._plot = Plot(
@@ -105,7 +106,7 @@ class SweepTab:
     def _begin(self, playing: Playback) -> None:
         if not self._binding.choices.shown:
             self._map.show_as(FLOOR)
-        self._revision, self._playing = -1, playing
+        self._revision, self._playing = NEXT, playing
 
     def pause(self) -> None:
         """Stop; the opening puts the modes of the map back, unless someone else has chosen modes meanwhile."""
@@ -121,7 +122,7 @@ class SweepTab:
     def sum_modes(self, count: int) -> None:
         """Pause, and show the sum of the first `count` modes of the sweep."""
         self.pause()
-        self._revision = -1
+        self._revision = NEXT
         sequence = self._sequence()
         self._map.choose_modes(sorted(sequence[: min(count, len(sequence))]))
 
@@ -165,7 +166,7 @@ class SweepTab:
 
     def show(self, view: SessionView, revision: int, microphone: int, now: float) -> None:
         """Request the maps of a sweep that plays or was asked for, play it, and bring the tab up to date."""
-        if self._revision == -1:
+        if self._revision == NEXT:
             self._revision = revision
         elif self._revision != revision and not self.playing:
             self._wanted = None  # its curve is of another state
