@@ -3,6 +3,7 @@
 May import: model.
 
 hardening       opens a server that only its own page can use
+static_page     the page's title before it has loaded
 origin_probe    whether the server refuses a foreign page
 connections     a browser's connection: what it may send, how fast, how much it may leave unread
 message_checks  checks of messages before viser reads them

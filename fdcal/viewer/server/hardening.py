@@ -29,6 +29,7 @@ from .connections import log as connection_log
 from .image_encoding import use_quick_encoding
 from .message_buffer import use_safe_buffers
 from .origin_probe import require_foreign_origin_refused
+from .static_page import titled
 
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
 MAX_MESSAGE_BYTES = 100_000  # of one message of a browser: a camera, a value, a click
@@ -89,6 +90,8 @@ def _restricted_listening(host: str) -> Iterator[None]:
         raise TypeError(f"websockets.asyncio.server.serve has no {', '.join(sorted(unknown))}")
 
     def restricted(handler: Handler, *arguments, **given):
+        if given.get("process_request") is not None:
+            given["process_request"] = titled(given["process_request"])
         return serve(version_checked(handler), *arguments, **(given | options))
 
     module.serve = restricted
