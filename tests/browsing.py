@@ -49,13 +49,13 @@ def serving(path):
 
 
 @contextlib.contextmanager
-def serving_here(scene):
+def serving_here(scene, opening=False):
     """Serve a scene's page from a thread of this process, which saves the imports of `serving`; give its address.
 
-    Every test that takes it has a session, controls and panels of its own. The opening does not play.
+    Every test that takes it has a session, controls and panels of its own. The opening does not play unless asked for.
     """
     stop, address = SimpleNamespace(received=False), Queue()
-    request = OpenRequest(scene, choices={"trails": False})  # one that a user has set up
+    request = OpenRequest(scene, choices={} if opening else {"trails": False})  # one that a user has set up
     with pytest.MonkeyPatch.context() as patch, ThreadPoolExecutor(1) as pool:
         patch.setattr(app, "Interrupt", lambda: contextlib.nullcontext(stop))
         served = pool.submit(app.serve, request, port=0, on_ready=address.put)

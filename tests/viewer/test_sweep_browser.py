@@ -1,18 +1,15 @@
 """The opening, the sweep of modes and the cut through the map in a real browser."""
 
-import os
 import re
-import signal
-import subprocess
-import sys
 
 import numpy as np
 import pytest
-from browsing import WAIT, hover, on_screen, press, slider, stands, tab
+from browsing import WAIT, hover, on_screen, press, serving_here, slider, stands, tab
 
 from fdcal import solvers
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.model.scene_file import load_scene
+from fdcal.viewer import opening, playback
 
 NOTE = re.compile(r"microphone \d+, (mode (\d+) alone|sum of (\d+) modes, \d+ to \d+): (no|\d+) local minim")
 RECORD = """() => {
@@ -25,30 +22,29 @@ RECORD = """() => {
 }"""  # all that the line of the opening says, in order
 
 
+@pytest.fixture(scope="module")
+def scene():
+    return load_scene("tiny")
+
+
 @pytest.fixture
-def page(browser, kernels):
+def page(browser, kernels, scene, capsys):
     """The page of `tiny`, fresh for each test: its opening plays once."""
-    command = [sys.executable, "-m", "fdcal", "view", "tiny", "--port", "0", "--no-browser"]
-    server = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ)
-    page = browser.new_page(viewport={"width": 1280, "height": 720})
-    try:
-        url = server.stdout.readline().strip()
-        assert re.fullmatch(r"http://127\.0\.0\.1:\d+", url), url or server.stderr.read()
+    with serving_here(scene, opening=True) as url:
+        page = browser.new_page(viewport={"width": 1280, "height": 720})
         page.set_default_timeout(WAIT * 1e3)
         page.add_init_script(f"({RECORD})()")
         page.goto(f"{url}/?fixedDpr=1")
         yield page
-        server.send_signal(signal.SIGINT)
-        _, errors = server.communicate(timeout=WAIT)
-        assert server.returncode == 0 and "Traceback" not in errors, errors
-    finally:
         page.close()
-        server.kill()
+    assert "Traceback" not in capsys.readouterr().err
 
 
-@pytest.fixture(scope="module")
-def scene():
-    return load_scene("tiny")
+@pytest.fixture
+def lasting_opening(monkeypatch):
+    """An opening whose first map stays until a user ends it: no machine is too slow to see it."""
+    monkeypatch.setattr(opening, "DELAY", 0.5)
+    monkeypatch.setattr(playback, "FIRST_TIME", np.inf)
 
 
 def test_the_page_opens_with_a_map_of_several_minima_to_which_modes_are_added(page):
@@ -63,7 +59,7 @@ def test_the_page_opens_with_a_map_of_several_minima_to_which_modes_are_added(pa
     page.get_by_text(re.compile("sum of 20 modes")).first.wait_for()  # those of the solver again
 
 
-def test_the_opening_ends_with_the_first_click_and_the_speed_is_at_hand(page):
+def test_the_opening_ends_with_the_first_click_and_the_speed_is_at_hand(lasting_opening, page):
     page.get_by_text(NOTE).first.wait_for()
     slider(page, "Steps per second").wait_for()
     press(page, "Run")
@@ -73,7 +69,7 @@ def test_the_opening_ends_with_the_first_click_and_the_speed_is_at_hand(page):
 
 
 @pytest.mark.parametrize("gesture", ["turn", "zoom"])
-def test_the_opening_ends_when_the_user_moves_the_camera(page, scene, gesture):
+def test_the_opening_ends_when_the_user_moves_the_camera(lasting_opening, page, scene, gesture):
     page.get_by_text(NOTE).first.wait_for()
     (x, y), _ = on_screen(page, scene, np.array([[*scene.search.origin, 0.0], [*scene.search.origin, 1.0]]))
     page.mouse.move(x - 30, y + 30)  # beside the map, where there is no microphone
@@ -84,17 +80,15 @@ def test_the_opening_ends_when_the_user_moves_the_camera(page, scene, gesture):
         page.mouse.move(x + 60, y - 90, steps=6)
         page.mouse.up()
     page.get_by_text(NOTE).first.wait_for(state="hidden")
-    notes = [note for note in page.evaluate("window.notes") if note]
-    last = NOTE.search(notes[-1])
-    assert last[2] or int(last[3]) < 20, "it has not come to its end by itself"
 
 
-def test_play_pause_and_the_slider_of_the_sweep(page):
-    page.get_by_text("step 0, sweep 0").wait_for()
-    tab(page, "Sweep")
-    press(page, "Play")
+def test_play_pause_and_the_slider_of_the_sweep(lasting_opening, page):
     page.get_by_text(NOTE).first.wait_for()
-    page.get_by_text(re.compile("sum of [3-9] modes")).first.wait_for()
+    tab(page, "Sweep")
+    page.get_by_text("Order and speed", exact=True).click()
+    slider(page, "Modes per second").press("Home")  # so slowly that no machine sees the end before Pause
+    press(page, "Play")
+    page.get_by_text(re.compile("sum of [2-9] modes")).first.wait_for()
     press(page, "Pause")
     page.get_by_role("button", name="Play", exact=True).wait_for()
     handle = slider(page, "Modes summed")
