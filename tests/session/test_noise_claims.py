@@ -37,7 +37,7 @@ class End:
                 state = solver.step(problem, state)
             inputs = CalibrationInput(scene.name, scene, self.measurement, state.settings, seed)
             self.found = assess(inputs, problem, state)
-        self.free, self.positions = problem.free, state.positions
+        self.free, self.positions, self.converged = problem.free, state.positions, state.converged
         self.errors = 1e3 * self.measurement.errors(state.positions)
         self.sought, self.bars = self.errors[self.free], 1e3 * self.found.uncertainty[self.free]
 
@@ -95,6 +95,7 @@ def test_a_wrong_sign_carries_its_microphone_away(swapped):
     x, y = joint.positions[11]
     width, depth = scene.room.size
     assert not (0 <= x <= width and 0 <= y <= depth) and "outside the room" in said(CHANNEL, 0)
+    assert not joint.converged and "stops before it has converged" in said(CHANNEL, 0), "as the status has it"
     others = joint.errors[np.setdiff1d(joint.free, 11)].mean()
     assert round(others, 1) == 1.4 and "1.4 mm on average" in said(CHANNEL, 0)
     sound = End(edited(load_scene("tiny"), {"solver.name": "joint"}), 0)

@@ -279,3 +279,13 @@ def test_texts_of_a_file_are_escaped():
     for choice in (-1, 0, 1):
         html = lesson_html.step_html(lesson, 0, choice)
         assert "<script" not in html and "&lt;script" in html
+
+
+@pytest.mark.parametrize(("choice", "shown"), [(1, {"two"}), (0, {"one", "two"}), (2, {"two", "three"})])
+def test_an_answered_step_shows_the_answer_given_and_the_right_one(choice, shown):
+    """On a small screen the button below has no place beside all choices."""
+    html = lesson_html.step_html(
+        Lesson("A lesson", (Step("", "Which?", ("one", "two", "three"), 2, "Why."),)), 0, choice
+    )
+    assert {word for word in ("one", "two", "three") if f">{word}<" in html} == shown
+    assert ("&#10007;" in html) == (choice != 1) and html.count("&#10003;") == 1

@@ -48,17 +48,19 @@ def step_html(lesson: Lesson | None, number: int, choice: int, ready: bool = Tru
 
 
 def _question(step: Step, choice: int) -> list[str]:
-    """Return the question and, once an answer is chosen, the choices, which of them is right, and why."""
+    """Return the question and, once an answer is chosen, that one, the right one, and why.
+
+    The other choices are left out, so that the button below stays on a small screen.
+    """
     parts = [_bold(escape(step.question))] if step.question else []
     if choice < 0:
         return parts
     right = step.answer - 1
-    for i, text in enumerate(step.choices):
-        mark = "&#10003;" if i == right else "&#10007;" if i == choice else ""
-        weight = "font-weight: 600" if mark else "opacity: 0.75"
+    for i in sorted({choice, right}):
+        mark = "&#10003;" if i == right else "&#10007;"
         parts.append(
-            f"<div style='display: flex; {weight}'><span style='width: 1.4em'>{mark}</span>"
-            f"<span style='flex: 1'>{escape(text)}</span></div>"
+            f"<div style='display: flex; font-weight: 600'><span style='width: 1.4em'>{mark}</span>"
+            f"<span style='flex: 1'>{escape(step.choices[i])}</span></div>"
         )
     verdict = "Right." if choice == right else f"The answer is: {escape(step.choices[right])}."
     return [*parts, _bold(verdict), _paragraphs(step.reveal)]
