@@ -15,16 +15,19 @@ Starting from a diffuse field, a few such steps sharpen the prior where the pres
 With a prior of `count` observations that S_q is 1, the step is S_q <- (S_q (..) + count) / (1 + count).
 
 A damped wave has a complex k; it has the amplitude 1 at the centre of the array. With all S_q equal W W^H is then the
-covariance of `fdcal.cost.channel_kernels.series_kernel`.
+covariance of `fdcal.cost.channel_kernels.series_kernel`. Waves of real k are faster (`fdcal.cost.opposite_waves`).
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 
 from .low_rank_covariance import LEAST_WEIGHT
 from .low_rank_terms import low_rank_terms
 from .mode_sums import ModeTerms, blocks, over_blocks, triangular_inverses
+from .opposite_waves import cosines_and_sines, undamped_kernel, undamped_rule
 from .wave_directions import direction_count, wave_directions
 
 EXTRA_ORDERS = 6  # beyond ceil(k R), that the directions must resolve
@@ -87,21 +90,33 @@ def learned_prior(
     x, k = np.asarray(positions, float), np.asarray(wavenumbers)
     weight = np.ones(len(x)) if channel_noise is None else 1 / np.sqrt(channel_noise)
     x, p = x - np.mean(x if about is None else about, axis=0), weight * pressures / np.sqrt(power)[:, None]
-    done, w = [], wave_directions(dimension, prior.shape[1])[1]
-    for m in blocks(len(k), 2 * max(len(x), prior.shape[1]) * prior.shape[1]):
-        S, E = np.array(prior[m], float), _plane_waves(x, k[m], prior.shape[1], dimension) * weight
+    done, (Q, w), mu = [], (prior.shape[1], wave_directions(dimension, prior.shape[1])[1]), noise / power
+    pairs = cosines_and_sines(x, k, Q, dimension) if np.isrealobj(k) and Q > len(x) else None
+    for m in blocks(len(k), 2 * len(x) * Q):
+        S = np.array(prior[m], float)
+        if pairs is None:
+            update = _update_rule(_plane_waves(x, k[m], Q, dimension) * weight, p[m], mu[m])
+        else:
+            update = undamped_rule(pairs[m] * weight[:, None], p[m], mu[m], dimension)
         for _ in range(iterations):
-            S = (_learned(S, E, p[m], (noise[m] / power[m])[:, None], w) + count) / (1 + count)
+            fresh = S * update(S)
+            S = (fresh / (fresh @ w)[:, None] + count) / (1 + count)
         done.append(S)
     return np.concatenate(done)
 
 
-def _learned(S, E, p, mu, w) -> np.ndarray:
-    """The prior (M, Q) after one iteration; E (M, Q, N) plane waves, p (M, N) over sqrt(s), mu (M, 1), w (Q,)."""
-    W = E * np.sqrt(S)[..., None]
-    amplitude, variance = _coefficients(W, p, mu) if S.shape[1] <= E.shape[2] else _of_many(W, p, mu)
-    fresh = S * (np.abs(amplitude) ** 2 + variance)
-    return fresh / (fresh @ w)[:, None]
+def _update_rule(waves, p, mu) -> Callable[[np.ndarray], np.ndarray]:
+    """Return the function that gives, of S (M, Q), the factor (M, Q) of one iteration.
+
+    waves : (M, Q, N) over the square root of the channels' noise;  p : (M, N) over sqrt(s), likewise;  mu : (M,), v / s
+    """
+    solve = _coefficients if waves.shape[1] <= waves.shape[2] else _of_many
+
+    def update(S):
+        amplitude, variance = solve(waves * np.sqrt(S)[..., None], p, mu[:, None])
+        return np.abs(amplitude) ** 2 + variance
+
+    return update
 
 
 def _coefficients(W, p, mu) -> tuple[np.ndarray, np.ndarray]:
@@ -143,6 +158,8 @@ def plane_wave_kernel(positions, about, wavenumbers, prior, slope: bool = True, 
     D : (D, M, N, N) complex128, 1/m, derivatives with respect to the first microphone; None unless wanted
     """
     x, k = np.asarray(positions, float) - np.mean(about, axis=0), np.asarray(wavenumbers)
+    if np.isrealobj(k):
+        return undamped_kernel(x, k, prior, slope, dimension)
     (N, axes), (M, Q) = x.shape, prior.shape
     K, D = np.empty((M, N, N), complex), np.empty((axes, M, N, N), complex) if slope else None
     for m in blocks(M, 2 * N * max(N, Q)):
@@ -180,12 +197,21 @@ def weighted_waves(x, k, S, slope: bool, dimension: int = 2) -> tuple[np.ndarray
     W = _plane_waves(x, k, S.shape[1], dimension) * np.sqrt(S)[..., None]
     if not slope:
         return W, None
-    along = -1j * k[:, None, None] * W
-    u = wave_directions(dimension, S.shape[1])[0]
-    return W, np.stack([along * one[:, None] for one in u[: x.shape[1]]])
+    u, factor = wave_directions(dimension, S.shape[1])[0], -1j * k[:, None, None]
+    dW = np.empty((x.shape[1], *W.shape), complex)
+    for out, along in zip(dW, u, strict=False):  # a plane array has no third coordinate
+        np.multiply(W, factor * along[:, None], out=out)
+    return W, dW
 
 
 def _plane_waves(x, k, Q: int, dimension: int) -> np.ndarray:
     """sqrt(w_q) exp(-j k x . u_q) : (M, Q, N) complex128."""
     u, w = wave_directions(dimension, Q)
-    return np.exp(-1j * np.multiply.outer(k, u[: x.shape[1]].T @ x.T)) * np.sqrt(w)[:, None]
+    half, E = Q // 2, np.empty((len(k), Q, len(x)), complex)
+    np.exp(np.multiply.outer(-1j * k, u[: x.shape[1], :half].T @ x.T), out=E[:, :half])
+    if np.iscomplexobj(k):
+        np.divide(1.0, E[:, :half], out=E[:, half:])
+    else:
+        np.conj(E[:, :half], out=E[:, half:])
+    E *= np.sqrt(w)[:, None]
+    return E

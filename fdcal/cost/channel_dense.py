@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import get_lapack_funcs
 
 from .angular_prior import plane_wave_kernel
 from .channel_field import ChannelField, Terms
 from .channel_kernels import diffuse_kernel, series_kernel
+from .mode_sums import hermitian_inverses
 
 
 def dense_channel_terms(x, q, log_gain, by_parameter, field: ChannelField, derivatives: int) -> Terms:
@@ -20,7 +20,7 @@ def dense_channel_terms(x, q, log_gain, by_parameter, field: ChannelField, deriv
     K *= field.power[:, None, None]
     diagonal = np.arange(len(x))
     K[:, diagonal, diagonal] += np.multiply.outer(field.noise, field.channel_noise)
-    precision, log_det = inverses(K)
+    precision, log_det = hermitian_inverses(K)
     u = applied(precision, q)
     costs = log_det + np.sum(np.real(np.conj(q) * u + 2 * log_gain), axis=1)
     d = np.ascontiguousarray(np.real(precision[:, diagonal, diagonal]))
@@ -56,23 +56,6 @@ def channel_kernel(x, field: ChannelField, slope: bool):
     S = np.zeros((M, N * N))
     S[:, lower] = S[:, upper] = over
     return K.reshape(M, N, N), S.reshape(M, N, N)
-
-
-def inverses(C):
-    """C^-1 (M, N, N) and log det C (M,) of Hermitian matrices; C is overwritten."""
-    factor, invert = get_lapack_funcs(("potrf", "potri"), (C,))
-    log_det = np.empty(len(C))
-    for m, A in enumerate(C):  # the transpose of a row-major matrix is column-major: no copies
-        G, fault = factor(A.T, lower=0, overwrite_a=1, clean=1)
-        if fault:
-            raise np.linalg.LinAlgError(f"covariance of mode {m} is not positive definite")
-        log_det[m] = 2 * np.log(np.real(np.diagonal(G))).sum()
-        A.T[:] = invert(G, lower=0, overwrite_c=1)[0]
-    upper = np.conj(np.swapaxes(C, 1, 2))  # A.T holds the upper triangle, so A the lower
-    N = C.shape[1]
-    over = np.triu_indices(N, 1)
-    C[:, over[0], over[1]] = upper[:, over[0], over[1]]
-    return C, log_det
 
 
 def applied(A, v):

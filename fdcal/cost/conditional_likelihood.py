@@ -21,8 +21,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from .channel_dense import applied, channel_kernel, curvature, gradients, inverses
+from .channel_dense import applied, channel_kernel, curvature, gradients
 from .channel_field import ChannelField, Conditional, Terms
+from .mode_sums import hermitian_inverses
 
 
 def conditional_terms(
@@ -51,7 +52,7 @@ def conditional_terms(
     B *= power[:, None, None]
     diagonal, noise = np.arange(len(x)), np.multiply.outer(field.noise, field.channel_noise)
     B[:, diagonal, diagonal] += noise
-    B = inverses(B)[0]
+    B = hermitian_inverses(B)[0]
     noise = noise * np.exp(2 * np.real(assumed.reference - log_gain))
     u, d = applied(B, q), np.ascontiguousarray(np.real(B[:, diagonal, diagonal]))
     costs = np.sum(np.real(np.conj(q) * u) - d * noise, axis=1)

@@ -102,6 +102,24 @@ def triangular_inverses(G: np.ndarray) -> np.ndarray:
     return G
 
 
+def hermitian_inverses(C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return C^-1 (M, N, N) and log det C (M,) of positive definite matrices; C is overwritten.
+
+    Raises numpy.linalg.LinAlgError where one is not positive definite.
+    """
+    factor, invert = get_lapack_funcs(("potrf", "potri"), (C,))
+    diagonals = np.empty(C.shape[:2])
+    for m, A in enumerate(C):  # the transpose of a row-major matrix is column-major: no copies
+        G, fault = factor(A.T, lower=0, overwrite_a=1, clean=1)
+        if fault:
+            raise np.linalg.LinAlgError(f"covariance of mode {m} is not positive definite")
+        diagonals[m] = np.diagonal(G).real
+        invert(G, lower=0, overwrite_c=1)
+    upper = np.conj(np.swapaxes(C, 1, 2))  # A.T holds the upper triangle, so A the lower
+    np.copyto(C, upper, where=np.tri(C.shape[1], k=-1, dtype=bool).T)
+    return C, 2 * np.log(diagonals).sum(axis=1)
+
+
 def as_columns(p, dtype) -> np.ndarray:
     """Return vectors as factors of matrices: complex (M, N, 1), or for real matrices their parts (M, N, 2).
 

@@ -15,7 +15,7 @@ from .channel_fit import free_basis
 from .conditional_rules import CONDITIONAL
 from .objective import NU, Objective, Priors, Unknowns
 from .settings import ASSUMED, FINAL, RULES, SCHEDULE
-from .state import Model, State
+from .state import DIRECTIONAL, UNDAMPED, Model, State
 
 
 def spaced(count: int, most: int) -> np.ndarray:
@@ -34,17 +34,15 @@ def used_modes(problem: Problem, state: State, most: int) -> np.ndarray:
 def field(problem: Problem, state: State, used) -> ChannelField:
     """What is assumed of the modes `used`."""
     model = state.model
-    k = wavenumbers(problem, state)[used]
-    plain = model.kernel == "diffuse"
     return ChannelField(
-        np.real(k) if plain else k.astype(complex),
+        field_wavenumbers(problem, state)[used],
         model.power[used],
         model.noise[used],
         model.channel_noise,
         problem.dimension,
         model.kernel == "near",
-        None if plain else state.shape,
-        model.directions[used] if model.kernel == "directional" and model.directions is not None else None,
+        None if model.kernel == "diffuse" else state.shape,
+        model.directions[used] if model.kernel in DIRECTIONAL and model.directions is not None else None,
         _conditional(problem, state, used),
     )
 
@@ -61,6 +59,12 @@ def _conditional(problem: Problem, state: State, used) -> Conditional | None:
 def wavenumbers(problem: Problem, state: State) -> np.ndarray:
     """Wavenumbers at the sound speed found (M,) complex128, rad/m."""
     return problem.wavenumbers * np.exp(-state.model.log_speed)
+
+
+def field_wavenumbers(problem: Problem, state: State) -> np.ndarray:
+    """Those of the kernel (M,), rad/m: float64 where it leaves out the damping, else complex128."""
+    k = wavenumbers(problem, state)
+    return np.real(k) if state.model.kernel in UNDAMPED else k.astype(complex)
 
 
 def gains_are_free(state: State) -> bool:

@@ -165,7 +165,7 @@ def _with_kernel(problem: Problem, state: State, kernel: KernelName, deflation: 
 def end_final(problem: Problem, state: State, settled: bool) -> State:
     """Return another round of the last row if the noise or the kernel has changed; otherwise the end."""
     ahead = replace(state, progress=replace(state.progress, rounds=state.progress.rounds + 1))
-    again = refined(problem, given_positions.resolved(problem, ahead))
+    again = refined(problem, given_positions.resolved(problem, kernels.with_damping(problem, ahead)))
     changed = _changed(state.model, again.model) or not given_positions.same_given(state, again)
     if changed and again.progress.rounds < RULES.final_rounds:
         return again

@@ -16,7 +16,13 @@ from .objective import Objective
 from .settings import ASSUMED, FILTERS, FINAL, NOISE_RULES, RULES
 from .state import Model, State
 
-LEAST_SHARE = {"diffuse": 1e-6, "series": 1e-8, "directional": 1e-8, "near": 1e-10}  # of noise in the power
+LEAST_SHARE = {  # of noise in the power
+    "diffuse": 1e-6,
+    "series": 1e-8,
+    "directional": 1e-8,
+    "damped_directional": 1e-8,
+    "near": 1e-10,
+}
 
 
 def with_power(state: State, used, chosen: ChannelField, terms: Terms) -> State:

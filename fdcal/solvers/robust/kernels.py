@@ -9,9 +9,9 @@ import numpy as np
 from ...cost.angular_prior import diffuse_prior, directions_needed, learned_prior
 from ...model.problem import Problem
 from ...model.validation import frozen_array
-from .assumptions import corrected, given_carry_scale, used_modes, wavenumbers
+from .assumptions import corrected, field_wavenumbers, given_carry_scale, used_modes, wavenumbers
 from .settings import ASSUMED, NOISE_RULES
-from .state import KernelName, State
+from .state import DIRECTIONAL, KernelName, State
 
 NEAR_SHARE = {2: 1e-5, 3: 2e-6}  # with less noise a source near the array counts
 
@@ -28,7 +28,15 @@ def last_kernel(problem: Problem, state: State) -> KernelName:
     k = wavenumbers(problem, state)[used_modes(problem, state, 0)]
     products = len(k) * len(state.positions) ** 2 * directions_needed(state.positions, k, problem.dimension)
     slow = problem.dimension == 3 and products > ASSUMED.most_products
-    return state.model.kernel if slow or given_carry_scale(problem) else "directional"
+    if slow or given_carry_scale(problem):
+        return state.model.kernel
+    return "damped_directional" if kernel_of(problem, state) == "series" else "directional"
+
+
+def with_damping(problem: Problem, state: State) -> State:
+    """`state` with damped waves, where its noise is now so low that the damping counts."""
+    counts = state.model.kernel == "directional" and kernel_of(problem, state) == "series"
+    return replace(state, model=replace(state.model, kernel="damped_directional")) if counts else state
 
 
 def near_field_counts(problem: Problem, state: State) -> bool:
@@ -39,9 +47,9 @@ def near_field_counts(problem: Problem, state: State) -> bool:
 def with_directions(problem: Problem, state: State, used, updates: int) -> State:
     """`state` with the power of the field by direction learned a little further, where its kernel has one."""
     model = state.model
-    if model.kernel != "directional":
+    if model.kernel not in DIRECTIONAL:
         return state
-    k = wavenumbers(problem, state)
+    k = field_wavenumbers(problem, state)
     learned = np.array(
         diffuse_prior(state.positions, k, problem.dimension) if model.directions is None else model.directions
     )

@@ -29,7 +29,7 @@ from .channel_fit import channel_step
 from .convergence import is_converged
 from .settings import ASSUMED, RULES, SCHEDULE
 from .stages import begin_row, end_row
-from .state import Progress, State
+from .state import DIRECTIONAL, Progress, State
 from .unit_power import in_unit_power
 
 TRAITS = Traits(
@@ -121,7 +121,7 @@ def step(problem: Problem, state: State) -> State:
         if gains:
             moved = hyperparameters.centred(hyperparameters.with_spreads(problem, moved, trial.free, trial.matrix))
             settled = settled and hyperparameters.same_spreads(state.model, moved.model)
-        if moved.model.kernel == "directional":
+        if moved.model.kernel in DIRECTIONAL:
             settled = settled and progress.steps > 0 and state.cost - moved.cost < ASSUMED.learned
     if settled or trial.terms is None or moved.progress.steps >= row.steps:
         after = end_row(problem, moved, goal, trial, settled)

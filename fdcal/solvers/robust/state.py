@@ -10,7 +10,9 @@ import numpy as np
 from ...cost.channel_correction import ChannelCorrection
 from ..interface import RunState
 
-KernelName = Literal["diffuse", "series", "near", "directional"]
+KernelName = Literal["diffuse", "series", "near", "directional", "damped_directional"]
+UNDAMPED: tuple[KernelName, ...] = ("diffuse", "directional")  # which leave out the imaginary part of wavenumbers
+DIRECTIONAL: tuple[KernelName, ...] = ("directional", "damped_directional")
 
 
 @dataclass(frozen=True)
@@ -27,13 +29,13 @@ class Model:
     spread : metres, error of the positions that, with the noise, explains the residual
     gain_sigma, phase_sigma : nepers and radians
     known_sigma : metres
-    kernel : "diffuse", "series", "near" or "directional"
+    kernel : "diffuse", "series", "near", "directional", or "damped_directional" of complex wavenumbers
     places : (A, D) float64, metres, of the microphones whose position is given; two that were exchanged put right
     contradicted : (A,) bool, which of them hold nothing, since the pressures contradict them
     filters : (N, 2) float64, delay, metres, times the sound speed, and high-pass corner, rad/m, times 2 pi / c, of each
         channel; 0 for one without, and not free then
     log_speed : logarithm of the sound speed over that of the measurement
-    directions : (M, Q) float64, power of the field by direction, mean 1; of the kernel "directional" only
+    directions : (M, Q) float64, power of the field by direction, mean 1; of the directional kernels only
     conditional : kernel of the conditional likelihood that the last row minimises; "" for that of a random field
     """
 
