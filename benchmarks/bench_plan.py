@@ -9,11 +9,11 @@ from fdcal.session.planning.bounds import request_information
 from fdcal.session.planning.layout import read_layout
 from fdcal.session.planning.plan import make_plan
 from fdcal.session.planning.request import PlanRequest
-from fdcal.session.planning.trials import run_trials
+from fdcal.session.planning.trials import run_trials, workers_for
 
 from .report import Figure
 
-TRIALS = 10  # whose median time stands for that of each of 50
+TRIALS = 50
 LAYOUTS = (
     ("circle 16 0.2", (0, 5, 9)),
     ("rectangle 5x5 0.8x0.8", (0, 4, 20)),
@@ -31,8 +31,10 @@ def run() -> Iterator[Figure]:
         bounds, advice = middle - began, time.process_time() - middle
         yield Figure(f"{text}: bounds", bounds, "s cpu", "<= 1 s", bounds <= 1)
         yield Figure(f"{text}: bounds and advice", advice, "s cpu")
-        trials = run_trials(request, request_information(request), TRIALS)
+        began = time.perf_counter()
+        trials = run_trials(request, request_information(request), TRIALS, workers=workers_for(TRIALS))
+        passed = time.perf_counter() - began
         yield Figure(f"{text}: trials that found the array", 100 * trials.found, "%")
         yield Figure(f"{text}: median error over the bound", trials.percentile(50) / trials.bound, "")
-        fifty = 50 * trials.seconds
-        yield Figure(f"{text}: 50 trials", fifty, "s cpu", "<= 60 s", fifty <= 60)
+        yield Figure(f"{text}: a trial", trials.seconds, "s cpu")
+        yield Figure(f"{text}: {TRIALS} trials on all cores", passed, "s", "<= 60 s", passed <= 60)

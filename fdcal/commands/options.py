@@ -78,6 +78,7 @@ OPTIONS = {
     "temperature": "--temperature",
     "time_limit": "--time-limit SECONDS",
     "window": "--window",
+    "workers": "--workers",
 }
 
 

@@ -13,6 +13,7 @@ from .sigma_types import Decibels, Length
 
 SUFFIXES = [".html", ".json", ".png"]
 MOST_TRIALS = 10_000
+MOST_WORKERS = 64
 BOUND_ONLY = (
     "a bound only, which calibrations exceed, some by far: add --trials 20, of some seconds each, to learn whether this"
     " array will be found"
@@ -53,11 +54,31 @@ class RoomOrScene(click.ParamType):
 @click.option(
     "--solver", type=click.Choice(["robust", "joint"]), default="robust", show_default=True, help="Of the trials."
 )
+@click.option(
+    "--workers",
+    type=click.IntRange(1, MOST_WORKERS),
+    metavar="W",
+    help="Processes of the trials.  [default: one a core]",
+)
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, metavar="S", help="Of the trials.")
 @output_option("PLAN.html|json|png", required=False)
 @force_option
 def plan(
-    layout, room, rt60, snr, frequencies, known, known_sigma, gain_sigma, accuracy, trials, solver, seed, output, force
+    layout,
+    room,
+    rt60,
+    snr,
+    frequencies,
+    known,
+    known_sigma,
+    gain_sigma,
+    accuracy,
+    trials,
+    solver,
+    workers,
+    seed,
+    output,
+    force,
 ):
     """Tell beforehand how exact an array will be calibrated.
 
@@ -70,7 +91,7 @@ def plan(
     from ..session.planning.plan import make_plan
     from ..session.planning.report import plan_lines
     from ..session.planning.request import PlanRequest
-    from ..session.planning.trials import run_trials
+    from ..session.planning.trials import run_trials, workers_for
 
     array = read_layout(layout, seed)
     request = PlanRequest(
@@ -89,7 +110,9 @@ def plan(
     simulated = None
     if trials:
         with progress_bar("simulating") as progress:
-            simulated = run_trials(request, request_information(request), trials, progress)
+            simulated = run_trials(
+                request, request_information(request), trials, progress, workers or workers_for(trials)
+            )
     found = make_plan(request, trials=simulated)
     if path is not None:
         _write(path, found, force)

@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+import functools
+import multiprocessing
+import os
+import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +29,8 @@ from .request import PlanRequest
 MOST_FREQUENCIES = 120  # of a simulated calibration: more take longer and hardly change the answer
 FOUND_BOUNDS = 3.0  # times the bound: an array whose error is below was found
 LEAST_FOUND_M = 0.005  # likewise: half of the accuracy that is wanted by default
+TRIALS_PER_WORKER = 5  # at least, which take longer than the start of a process
+MOST_WORKERS = 16  # by default
 
 
 @dataclass(frozen=True)
@@ -81,6 +90,7 @@ def run_trials(
     information: Information,
     count: int,
     progress: Callable[[float, str], None] | None = None,
+    workers: int = 1,
 ) -> Trials:
     """Return the results of `count` simulated calibrations.
 
@@ -92,19 +102,74 @@ def run_trials(
     count : int
     progress : callable, optional
         Called with the fraction done, 0 to 1, and a note.
+    workers : int
+        Processes that share the trials; the results do not depend on it. With more than one, a script that calls this
+        needs the guard `if __name__ == "__main__"` that `multiprocessing` asks for.
+
+    Raises
+    ------
+    InputError
+        A worker has ended early, which happens where the memory does not suffice.
     """
     used = len(request.spaced(MOST_FREQUENCIES)) / len(request.frequencies)
     bound = position_bound(information.scaled(used), request.prior)
-    errors, verdicts, seconds = [], [], []
-    for trial in range(count):
-        if progress is not None:
-            progress(trial / count, f"trial {trial + 1} of {count}")
-        began = time.process_time()
-        found = _calibrate(draw_measurement(request, trial), request, trial)
-        seconds.append(time.process_time() - began)
-        verdicts.append("refused" if found is None else found.verdict)
-        errors.append(np.full(len(bound.free), np.nan) if found is None else found.errors)
-    return Trials(np.array(errors), tuple(verdicts), bound.free, bound.rms, request.accuracy, float(np.median(seconds)))
+    done: list[Outcome] = []
+    with _mapping(workers) as mapped:
+        for outcome in mapped(functools.partial(run_trial, request), range(count)):
+            done.append(outcome)
+            if progress is not None:
+                progress(len(done) / count, f"trial {len(done)} of {count}")
+    lost = np.full(len(bound.free), np.nan)
+    return Trials(
+        np.array([lost if one.errors is None else one.errors for one in done]),
+        tuple(one.verdict for one in done),
+        bound.free,
+        bound.rms,
+        request.accuracy,
+        float(np.median([one.seconds for one in done])),
+    )
+
+
+def workers_for(count: int) -> int:
+    """Return how many processes are worth their start for `count` trials on this machine."""
+    return max(1, min(os.cpu_count() or 1, MOST_WORKERS, count // TRIALS_PER_WORKER))
+
+
+@contextmanager
+def _mapping(workers: int) -> Iterator[Callable]:
+    """Yield `map`, or that of a pool of processes, whose trials end with the block."""
+    if workers == 1:
+        yield map
+        return
+    pool = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _ignore_interrupt)
+    try:
+        yield pool.map
+    except BrokenProcessPool as error:
+        raise InputError("a worker process has ended", "use fewer <workers>", key="workers", value=workers) from error
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _ignore_interrupt() -> None:
+    """In a worker: Ctrl-C ends the process that waits for it, and that ends the workers."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One trial: errors (N,) float64, metres, or None where the solver refused; its verdict; processor time, s."""
+
+    errors: np.ndarray | None
+    verdict: str
+    seconds: float
+
+
+def run_trial(request: PlanRequest, trial: int) -> Outcome:
+    """Return the outcome of a simulated calibration, which depends on the request and the number of the trial alone."""
+    began = time.process_time()
+    found = _calibrate(draw_measurement(request, trial), request, trial)
+    seconds = time.process_time() - began
+    return Outcome(None, "refused", seconds) if found is None else Outcome(found.errors, found.verdict, seconds)
 
 
 def draw_measurement(request: PlanRequest, trial: int) -> Measurement:

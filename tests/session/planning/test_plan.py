@@ -1,6 +1,7 @@
 """Plans: layouts, fields of rooms, bounds, and what they say."""
 
 import json
+import multiprocessing
 from dataclasses import replace
 
 import numpy as np
@@ -232,6 +233,22 @@ def test_trials_find_an_easy_array_and_never_an_impossible_accuracy():
     assert found.accurate == 1.0
     assert found.found == 1.0
     assert replace(found, accuracy=1e-9).accurate == 0.0
+
+
+def test_processes_that_share_trials_change_no_result_and_one_that_dies_is_reported():
+    easy = request_of("rectangle 4x4 0.6x0.6", room=(6.0, 5.0), snr_db=40.0, known=(0, 3, 12), band=(20.0, 250.0))
+    information = request_information(easy)
+    alone, shared = run_trials(easy, information, 3), run_trials(easy, information, 3, workers=2)
+    np.testing.assert_array_equal(alone.errors, shared.errors)
+    assert alone.verdicts == shared.verdicts
+
+    def kill(done, note):
+        for worker in multiprocessing.active_children():
+            worker.kill()
+
+    with pytest.raises(InputError, match="a worker process has ended"):
+        run_trials(easy, information, 40, kill, workers=2)
+    assert not multiprocessing.active_children()
 
 
 def test_a_plan_with_trials_answers_first():
