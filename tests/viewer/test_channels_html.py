@@ -62,6 +62,13 @@ def test_the_table_has_the_odd_channels_first_and_marks_them(shown):
     assert "<script>" not in channel_table(evil, found)
 
 
+def test_a_small_negative_number_is_not_written_as_minus_zero(shown):
+    measurement, _, found = shown
+    tiny = np.full(measurement.count, -1e-4)
+    channels = replace(found.channels, gain_db=tiny, phase_deg=tiny, noise_db=tiny)
+    assert "-0.0" not in channel_table(measurement, replace(found, channels=channels))
+
+
 def test_given_positions_stand_beside_those_found_the_most_corrected_first(shown):
     measurement, result, found = shown
     assert found.channels.given == result.channels.given and len(result.channels.given) == len(measurement.known)

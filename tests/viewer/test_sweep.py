@@ -124,6 +124,17 @@ def test_no_sweep_is_computed_before_someone_asks(opened):
     assert sweep.worker.worker.latest is None and not sweep.worker.worker.busy and not sweep._plot.visible
 
 
+def test_the_slider_shows_how_many_modes_the_map_has(opened):
+    """Also where nobody has chosen any: then they are the solver's."""
+    viewer, turn_until = opened
+    sweep, state = viewer.side_panel.sweep, viewer.binding.session.view.state
+    assert viewer.binding.choices.modes is None and state.first == 1 and state.last < viewer.binding.modes
+    turn_until(lambda: sweep.summed.value == state.last)
+    set_by_client(sweep.play, True)
+    turn_until(lambda: viewer.binding.choices.modes == (1,))  # and Play begins with the first one
+    set_by_client(sweep.play, True)
+
+
 def test_another_state_makes_the_counts_invalid(opened):
     viewer, turn_until = opened
     sweep = viewer.side_panel.sweep

@@ -111,6 +111,11 @@ def stops_of(count: int, most: int) -> tuple[int, ...]:
     return tuple(int(n) for n in np.unique(np.geomspace(1, count, most).round()))
 
 
+def first_of(sequence: tuple[int, ...], modes: tuple[int, ...]) -> int:
+    """Return how many `modes` (ascending) there are, if they are the first of a sequence; or 0."""
+    return len(modes) if tuple(sorted(sequence[: len(modes)])) == modes else 0
+
+
 class SweepWorker:
     """Computes the maps of one sweep at a time; all of it on the caller's thread except `_compute`.
 

@@ -34,9 +34,9 @@ def channel_table(measurement: Measurement, found: PositionUncertainty | None) -
         style = f" style='font-weight: 700; color: {RED}'" if fault else ""
         cells = (
             ("&#9888; " if fault else "") + escape(names[n]),
-            f"{channels.gain_db[n]:+.2f} &plusmn; {channels.gain_sigma_db[n]:.2f}",
-            f"{channels.phase_deg[n]:+.1f} &plusmn; {channels.phase_sigma_deg[n]:.1f}",
-            f"{channels.noise_db[n]:+.1f}",
+            f"{channels.gain_db[n]:+z.2f} &plusmn; {channels.gain_sigma_db[n]:.2f}",
+            f"{channels.phase_deg[n]:+z.1f} &plusmn; {channels.phase_sigma_deg[n]:.1f}",
+            f"{channels.noise_db[n]:+z.1f}",
         )
         rows.append(f"<tr{style}>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>")
         if fault:  # in a row of its own, for the panel is narrow

@@ -9,9 +9,9 @@ import viser
 
 from ...session.history import SessionView
 from ..background.cost_map import CostMap
-from ..background.map_panels import ModePanels, carried_modes
+from ..background.map_panels import ModePanels, carried_modes, map_modes
 from ..background.map_request import CostMapRequest
-from ..background.mode_sweep import Sweep, SweepRequest, SweepWorker
+from ..background.mode_sweep import Sweep, SweepRequest, SweepWorker, first_of
 from ..gui import html
 from ..gui.binding import Binding
 from ..gui.choices import FLOOR
@@ -140,9 +140,7 @@ class SweepTab:
 
     def _usable(self) -> tuple[int, ...]:
         """Return the modes that can be summed, ascending."""
-        choices = self._binding.choices
-        offset = None if choices.objective else choices.order_offset
-        return carried_modes(self._binding.run, offset, self._binding.modes) or (1,)
+        return carried_modes(self._binding.run, self._binding.choices.map_order, self._binding.modes) or (1,)
 
     def _sequence(self) -> tuple[int, ...]:
         """Return the modes in the order in which they are added."""
@@ -151,9 +149,13 @@ class SweepTab:
         return modes[::-1] if one_of(self.order.value, ORDERS, UP) == DOWN else modes
 
     def _summed_now(self, sequence: tuple[int, ...]) -> int:
-        """Return how many modes of the sweep the map is the sum of; 0 where it is another sum."""
-        modes = self._binding.choices.modes
-        return len(modes) if modes and tuple(sorted(sequence[: len(modes)])) == modes else 0
+        """Return how many modes of the sweep the user has summed; 0 where the map is another sum."""
+        return first_of(sequence, self._binding.choices.modes or ())
+
+    def _shown_now(self, sequence: tuple[int, ...]) -> int:
+        """Return how many modes of the sweep the map shows, the solver's where the user has chosen none; or 0."""
+        run, choices = self._binding.run, self._binding.choices
+        return first_of(sequence, map_modes(run, run.session.view.state, choices.modes, choices.map_order))
 
     # Below: the main loop alone.
 
@@ -182,11 +184,9 @@ class SweepTab:
         choices, order = self._binding.choices, one_of(self.order.value, ORDERS, UP)
         opening = self._playing is not None and self._playing.opening
         highest = None if opening else bounded(self.highest.value, 1, self._binding.modes, 1)
-        offset = None if choices.objective else choices.order_offset
-        style = choices.style
         return SweepRequest(
-            revision, microphone, self._usable(), highest, order == DOWN, offset, style.log, style.basins, opening,
-            view.state,
+            revision, microphone, self._usable(), highest, order == DOWN, choices.map_order, choices.style.log,
+            choices.style.basins, opening, view.state,
         )  # fmt: skip
 
     def _step(self, sweep: Sweep | None, now: float) -> None:
@@ -216,7 +216,7 @@ class SweepTab:
         binding.send("sweep plays", "Pause" if pauses else "Play", self.play, "label")
         icon = viser.Icon.PLAYER_PAUSE if pauses else viser.Icon.PLAYER_PLAY
         binding.send("sweep icon", icon, self.play, "icon")
-        binding.send("modes summed", summed or len(sequence), self.summed)
+        binding.send("modes summed", self._shown_now(sequence) or len(sequence), self.summed)
         if sweep is not None and sweep.request.highest is None:
             binding.send("highest mode", max(sweep.modes), self.highest)
         binding.send("sweep", self._caption(), self.text, "content")
