@@ -5,12 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 from doubles import State, set_by_client, view_of
+from viser import uplot
 
 from fdcal.acoustics.fourier_bessel import array_f_max
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.session.state_costs import StateCosts
-from fdcal.viewer.gui import html
+from fdcal.viewer.gui import html, plots
 from fdcal.viewer.gui.binding import Binding
+from fdcal.viewer.gui.plots import Plot
 from fdcal.viewer.tabs import map, modes, spectrum_plot
 from fdcal.viewer.tabs.curves import CurvesTab
 
@@ -86,15 +88,52 @@ def test_the_ticks_of_the_abscissa_are_whole_sweeps(server, measurement):
         assert steps[0] == 1 and all(step == round(step) for step in steps) and steps[-1] > 1e5
 
 
-def test_errors_are_drawn_over_whole_decades(server, measurement):
+def test_errors_are_drawn_over_whole_decades(server, measurement, monkeypatch):
+    monkeypatch.setattr(plots, "APART", 0.0)
     curves = CurvesTab(server.gui, measurement, np.arange(10))
     for now, shift, wanted in ((0.0, 0.2, (100, 1000)), (1.0, 0.0002, (0.1, 1000))):
         curves.show(view_of([State(measurement.positions + 0.2), State(measurement.positions + shift, 1)]), now=now)
+        curves.error.settle()
         handle = curves.error.handle
         assert handle.scales["y"]["range"] == pytest.approx(wanted)
         numbers = handle.axes[1]["values"]
         assert (numbers[0], numbers[-1]) == (f"{wanted[0]:g}", "1,000")
         assert len(numbers) == len(handle.axes[1]["splits"]) == 1 + round(np.log10(wanted[1] / wanted[0]))
+
+
+def test_new_axes_are_not_sent_together_with_data_of_another_extent(server, monkeypatch):
+    """The page would draw the curve in a corner: it builds the chart anew and forgets which part of it is seen."""
+    clock, sent = [0.0], []
+    monkeypatch.setattr(plots.time, "perf_counter", lambda: clock[0])
+    plot = Plot(server.gui, "errors", (uplot.Series(label="x"), uplot.Series(label="y")), "x")
+
+    def show(count, top):
+        plot.show((np.arange(count, dtype=float), np.full(count, 2.0)), limits=(0.0, top))
+
+    def seen():
+        sent.append((len(plot.data[0]), plot.handle.scales["y"]["range"][1]))
+        return sent[-1]
+
+    clock[0] = 1.0
+    show(1, 9.0)
+    show(2, 7.0)
+    assert seen() == (2, 9.0), "first the data"
+    for count in (3, 4):  # a solver runs
+        show(count, 6.0)
+        assert seen() == (2, 9.0)
+    clock[0] += plots.APART
+    plot.settle()
+    assert seen() == (2, 6.0), "then the axes alone, the newest"
+    plot.settle()
+    assert seen() == (2, 6.0)
+    clock[0] += plots.APART
+    plot.settle()
+    assert seen() == (4, 6.0), "and then the data that have come meanwhile"
+    show(4, 5.0)
+    assert seen() == (4, 5.0), "of the same extent: at once"
+    show(5, 5.0)
+    assert seen() == (5, 5.0), "with the same axes: at once"
+    plot.remove()
 
 
 def test_plots_follow_a_rewound_history(server, measurement):
@@ -168,11 +207,13 @@ def test_errors_are_averaged_over_the_microphones_sought(server, measurement):
     assert "<b>1 mm</b>" in html.status(view_of([state]), measurement, sought=np.array([4]))
 
 
-def test_a_plot_stays_in_its_place_when_its_axis_changes(server, measurement):
+def test_a_plot_stays_in_its_place_when_its_axis_changes(server, measurement, monkeypatch):
     """A plot that is added again has no width at first, and pushes the one below it off the screen."""
+    monkeypatch.setattr(plots, "APART", 0.0)
     curves = CurvesTab(server.gui, measurement, np.arange(10))
     far, near = State(measurement.positions + 0.2), State(measurement.positions + 2e-4, 1)
     curves.show(view_of([far]), now=0.0)
     before, decades = curves.error.handle, curves.error.decades
     curves.show(view_of([far, near]), now=1.0)
+    curves.error.settle()
     assert curves.error.decades != decades and curves.error.handle is before

@@ -3,12 +3,17 @@
 A plot that is removed and added again has no width for a moment, in which it pushes what is below it off the screen,
 and data for the old one may still be on their way.
 
+Other axes or another title make the page build the chart anew. viser's page keeps the part of the abscissa that is
+seen, from one extent of the data to the next, and takes it from a chart that is gone where both change at once: the
+curve is then drawn in a corner, or cut off. So the page is given time to draw one before the other is sent.
+
 uPlot writes small numbers as 0, so errors are drawn in millimetres and costs in decibels. A NaN makes it search for
 axis ticks without end, so none is sent.
 """
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
@@ -18,6 +23,7 @@ from viser import uplot
 RED, BLUE, ORANGE, GREY = "#d61828", "#1f78c8", "#e08a1e", "#8a8f98"
 MAX_NUMBERED_DECADES = 9  # decades that have a number each on the axis
 WHOLE_STEPS = tuple(float(step * 10**power) for power in range(7) for step in (1, 2, 5))  # between ticks
+APART = 0.3  # s between data of another extent and other axes
 PADDING = (12, 22, 0, 0)  # pixels; on the right the last number extends half beyond the axis
 
 
@@ -53,6 +59,9 @@ class Plot:
         self._folder, self.title, self.decades = gui.add_folder(None), title, None
         self.limits: tuple[float, float] | None = None
         self.handle: viser.GuiUplotHandle | None = None
+        self._wanted: tuple[tuple[np.ndarray, ...], tuple[Any, ...]] = (), ()  # data and axes that were shown last
+        self._sent: tuple[np.ndarray, ...] = ()  # the data that the page has
+        self._until, self._axes_next = 0.0, False  # when something may be sent again, and whether these are axes
 
     @property
     def visible(self) -> bool:
@@ -85,18 +94,39 @@ class Plot:
         title : a new title, or None to keep the present one
         limits : ends of a linear axis; None for uPlot's own
         """
-        title = title or self.title
-        renamed, rescaled = title != self.title, (decades, limits) != (self.decades, self.limits)
-        self.title, self.decades, self.limits = title, decades, limits
+        self._wanted = data, (title or self.title, decades, limits)
         if self.handle is None:
+            self.title, self.decades, self.limits = self._wanted[1]
             with self._folder:
-                self.handle = self._make(data)
+                self.handle, self._sent = self._make(data), data
+        self.settle()
+
+    def settle(self) -> None:
+        """Send what waits until the page has drawn what was sent before; called by the main loop."""
+        now = time.perf_counter()
+        if self.handle is None or now < self._until:
             return
-        if renamed:
+        data, axes = self._wanted
+        if self._axes_next:  # after data of another extent
+            self._axes_next, self._until = False, now + APART
+            self._send_axes(axes)
+            return
+        renewed = axes != (self.title, self.decades, self.limits)
+        if data is not self._sent:
+            self._axes_next = renewed and _extent(data) != _extent(self._sent)
+            self._until = now + APART if self._axes_next else 0.0
+            self._sent = self.handle.data = data
+        if renewed and not self._axes_next:
+            self._send_axes(axes)
+
+    def _send_axes(self, axes: tuple[Any, ...]) -> None:
+        title, *ends = axes
+        renamed, rescaled = title != self.title, ends != [self.decades, self.limits]
+        self.title, self.decades, self.limits = axes
+        if self.handle is not None and renamed:
             self.handle.title = title
-        if rescaled:
+        if self.handle is not None and rescaled:
             self.handle.scales, self.handle.axes = self._scales_and_axes()
-        self.handle.data = data
 
     def _scales_and_axes(self) -> tuple[dict[str, uplot.Scale], tuple[uplot.Axis, uplot.Axis]]:
         y, axis = uplot.Scale(), uplot.Axis(size=58)
@@ -121,6 +151,11 @@ class Plot:
     def remove(self) -> None:
         """Remove the plot from the panel."""
         self._folder.remove()
+
+
+def _extent(data: tuple[np.ndarray, ...]) -> tuple[float, float]:
+    """Return the ends of the abscissa."""
+    return float(data[0].min()), float(data[0].max())
 
 
 def decades_of(*curves: np.ndarray) -> range:

@@ -59,6 +59,9 @@ class CurvesTab:
 
         The errors are those of the microphones `sought`, which were given last unless given.
         """
+        for plot in (self.error, self.cost):
+            if plot is not None:
+                plot.settle()
         if now - self._updated < INTERVAL:
             return
         if sought is not None and not np.array_equal(sought, self._sought):

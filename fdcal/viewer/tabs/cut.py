@@ -65,6 +65,7 @@ class CutPanel:
     def show(self, view: SessionView, revision: int, microphone: int, drawn: CostMap | None, now: float) -> None:
         """Bring the plot up to date; called by the main loop."""
         self._microphone = microphone
+        self._plot.settle()
         if drawn is not None and drawn.floor is not None:
             self._lowest = drawn.floor.minimum
         binding, choices = self._binding, self._binding.choices

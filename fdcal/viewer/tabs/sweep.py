@@ -220,6 +220,7 @@ class SweepTab:
         if sweep is not None and sweep.request.highest is None:
             binding.send("highest mode", max(sweep.modes), self.highest)
         binding.send("sweep", self._caption(), self.text, "content")
+        self._plot.settle()
         if now - self._updated > INTERVAL:
             self._updated = now
             self._draw(sweep, summed)
@@ -232,8 +233,7 @@ class SweepTab:
         key = id(sweep), len(sweep.frames), summed
         if self._binding.sent.get("curve of the sweep") != key:
             self._binding.sent["curve of the sweep"] = key
-            columns = curve(sweep.stops, sweep.counts, summed)
-            self._plot.show(columns, limits=(0.0, max(sweep.counts) + 1.0))
+            self._plot.show(curve(sweep.stops, sweep.counts, summed), limits=(0.0, max(sweep.counts) + 1.0))
 
     def _caption(self) -> str:
         """Return how many local minima the present sum has, as HTML."""
