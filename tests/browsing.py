@@ -20,6 +20,8 @@ from fdcal.viewer import app
 from fdcal.viewer.scene3d import cameras
 
 WAIT = 60.0  # s, bound of every wait
+EXACT = "?fixedDpr=1"  # of a page where it matters which pixel shows what: the page reports its canvas in pixels
+COARSE = "?fixedDpr=0.25"  # of any other page: software draws its scene, and a sixteenth of the pixels is enough
 
 ARGUMENTS = [
     "--no-sandbox",
@@ -66,7 +68,7 @@ def serving_here(scene, opening=False):
             served.result(WAIT)
 
 
-def opened_page(browser, address, query="?fixedDpr=1", width=1280, height=720):
+def opened_page(browser, address, query=COARSE, width=1280, height=720):
     """A page whose picture is drawn; `page.faults` are the errors that it has reported to the browser's console."""
     page = browser.new_page(viewport={"width": width, "height": height})
     page.faults = []

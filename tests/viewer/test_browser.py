@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 import websockets
 from browsing import (
+    COARSE,
+    EXACT,
     WAIT,
     choose,
     hover,
@@ -48,11 +50,16 @@ def slow(tmp_path_factory):
 
 
 @pytest.fixture
-def open_page(slow, kernels, browser):
+def query():
+    return COARSE
+
+
+@pytest.fixture
+def open_page(slow, kernels, browser, query):
     """Function that opens one more page of a server of this test's own, and waits for its picture."""
     opened = []
     with serving_here(load_scene(slow)) as url:
-        yield lambda: opened.append(opened_page(browser, url)) or opened[-1]
+        yield lambda: opened.append(opened_page(browser, url, query)) or opened[-1]
         for page in opened:
             page.close()
 
@@ -136,12 +143,14 @@ def pick_known(page, scene):
     pick(page, scene, cached_measurement(scene).positions[5], "microphone 5, ")
 
 
+@pytest.mark.parametrize("query", [EXACT])
 def test_a_microphone_is_picked_by_a_click(page, scene):
     tab(page, "Map")
     pick_known(page, scene)
     assert not page.get_by_label("Follow solver").is_checked()
 
 
+@pytest.mark.parametrize("query", [EXACT])
 def test_the_diamond_marks_the_lowest_cost(page, scene):
     tab(page, "Map")
     pick_known(page, scene)
@@ -157,6 +166,7 @@ def test_the_diamond_marks_the_lowest_cost(page, scene):
     stands(page, "/lowest", lowest.tolist(), 1e-4)
 
 
+@pytest.mark.parametrize("query", [EXACT])
 def test_dragging_a_microphone_keeps_the_map_of_the_selected_one(page, scene):
     truth = cached_measurement(scene).positions
     target = truth[7] + [0.1, -0.06]  # a known microphone stands at its true place; it moves once it is released

@@ -3,7 +3,7 @@
 import re
 
 import pytest
-from browsing import WAIT, choose, on_screen, press, serving_here, tab
+from browsing import EXACT, WAIT, choose, on_screen, press, serving_here, tab
 
 from fdcal.model.scene_file import load_scene
 from fdcal.viewer.gui.choices import NOTHING, VOLUME
@@ -30,7 +30,7 @@ def open_page(address, browser):
         page = browser.new_page(viewport=dict(zip(("width", "height"), size, strict=True)))
         opened.append(page)
         page.set_default_timeout(WAIT * 1e3)
-        page.goto(f"{address}/?fixedDpr=1")
+        page.goto(f"{address}/{EXACT}")
         drawn = "name => window.__viserMutable?.nodeRefFromName?.[name] != null"
         page.wait_for_function(drawn, arg="/microphones/estimate", timeout=WAIT * 1e3)
         legend_of(page).get_by_text("dB").wait_for()

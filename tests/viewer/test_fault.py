@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from browsing import press
+from browsing import COARSE, press
 
 WAIT = 60.0  # s, bound of every wait
 FAILING = """
@@ -39,7 +39,7 @@ def page(tmp_path_factory, browser, kernels, edited_descent):
         assert re.fullmatch(r"http://127\.0\.0\.1:\d+", url), server.stderr.read()
         page = browser.new_page(viewport={"width": 1280, "height": 720})
         page.set_default_timeout(WAIT * 1e3)
-        page.goto(f"{url}/?fixedDpr=1")
+        page.goto(f"{url}/{COARSE}")
         yield page
         page.close()
         server.send_signal(signal.SIGINT)

@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 import pytest
 import viser
-from browsing import press
+from browsing import COARSE, press
 from viser import _messages
 from websockets.exceptions import ConnectionClosed
 
@@ -56,7 +56,7 @@ def served():
 def page(served, browser):
     page = browser.new_page(viewport={"width": 1280, "height": 720})
     page.set_default_timeout(WAIT * 1e3)
-    page.goto(f"{served[1]}/?fixedDpr=1")
+    page.goto(f"{served[1]}/{COARSE}")
     page.get_by_text("step 0, sweep 0").wait_for()
     yield page
     page.close()

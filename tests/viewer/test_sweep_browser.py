@@ -1,15 +1,17 @@
 """The opening, the sweep of modes and the cut through the map in a real browser."""
 
 import re
+import threading
 
 import numpy as np
 import pytest
-from browsing import WAIT, hover, on_screen, press, serving_here, slider, stands, tab
+from browsing import EXACT, WAIT, hover, on_screen, press, serving_here, slider, stands, tab
 
 from fdcal import solvers
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.model.scene_file import load_scene
-from fdcal.viewer import opening, playback
+from fdcal.viewer import opening
+from fdcal.viewer.playback import Playback
 
 NOTE = re.compile(r"microphone \d+, (mode (\d+) alone|sum of (\d+) modes, \d+ to \d+): (no|\d+) local minim")
 RECORD = """() => {
@@ -34,7 +36,7 @@ def page(browser, kernels, scene, capsys):
         page = browser.new_page(viewport={"width": 1280, "height": 720})
         page.set_default_timeout(WAIT * 1e3)
         page.add_init_script(f"({RECORD})()")
-        page.goto(f"{url}/?fixedDpr=1")
+        page.goto(f"{url}/{EXACT}")
         yield page
         page.close()
     assert "Traceback" not in capsys.readouterr().err
@@ -42,12 +44,21 @@ def page(browser, kernels, scene, capsys):
 
 @pytest.fixture
 def lasting_opening(monkeypatch):
-    """An opening whose first map stays until a user ends it: no machine is too slow to see it."""
+    """The opening stays at its first map until this event is set: no machine is too slow to see it."""
+    may_go_on, advance = threading.Event(), Playback.advance
+
+    def held(self, stops, ready, now):
+        waits = self.opening and self.next == 1 and not may_go_on.is_set()
+        return None if waits else advance(self, stops, ready, now)
+
     monkeypatch.setattr(opening, "DELAY", 0.5)
-    monkeypatch.setattr(playback, "FIRST_TIME", np.inf)
+    monkeypatch.setattr(Playback, "advance", held)
+    return may_go_on
 
 
-def test_the_page_opens_with_a_map_of_several_minima_to_which_modes_are_added(page):
+def test_the_page_opens_with_a_map_of_several_minima_to_which_modes_are_added(lasting_opening, page):
+    page.get_by_text(NOTE).first.wait_for()
+    lasting_opening.set()
     page.wait_for_function("window.notes.filter(Boolean).length > 0 && window.notes.at(-1) == ''")
     notes = [note for note in page.evaluate("window.notes") if note]
     first = NOTE.search(notes[0])

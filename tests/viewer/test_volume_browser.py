@@ -7,7 +7,7 @@ import subprocess
 import sys
 
 import pytest
-from browsing import WAIT, choose, slider, tab
+from browsing import EXACT, WAIT, choose, slider, tab
 
 DRAWN = "name => window.__viserMutable?.nodeRefFromName?.[name] != null"
 GONE = "name => window.__viserMutable?.nodeRefFromName?.[name] == null"
@@ -36,7 +36,7 @@ def page(browser, kernels):
         url = server.stdout.readline().strip()
         assert re.fullmatch(r"http://127\.0\.0\.1:\d+", url), url or server.stderr.read()
         page.set_default_timeout(WAIT * 1e3)
-        page.goto(f"{url}/?fixedDpr=1")
+        page.goto(f"{url}/{EXACT}")
         page.wait_for_function(DRAWN, arg="/microphones/true")
         yield page
         server.send_signal(signal.SIGINT)
