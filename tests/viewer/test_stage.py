@@ -10,6 +10,7 @@ import pytest
 from fdcal.graphics.picture import compose, with_estimate
 from fdcal.viewer.scene3d import cameras
 from fdcal.viewer.scene3d.nodes import SceneNodes
+from fdcal.viewer.server import hardening
 
 
 def placing(server, scene, measurement) -> cameras.Cameras:
@@ -63,6 +64,25 @@ def test_the_camera_follows_the_canvas_until_the_user_moves_it(server, scene, me
     camera.position = server.initial_camera.position
     placed.follow(client)
     assert camera.position == pytest.approx(near), "the page learnt late where it was to begin"
+
+
+def test_a_page_that_reports_late_where_viser_starts_was_moved_by_nobody(scene, measurement):
+    """On a slow machine that report follows our command, and the opening would end before it has begun."""
+    fresh = hardening.open_server("127.0.0.1", 0)  # where its cameras start is viser's own choice
+    try:
+        start = tuple(fresh.initial_camera.position)
+        placed = placing(fresh, scene, measurement)
+        placed.set_initial(placed.picture)
+        camera = SimpleNamespace(image_width=900, image_height=900)
+        client = SimpleNamespace(client_id=1, camera=camera, atomic=contextlib.nullcontext)
+        placed.place(client, "top")
+        commanded = camera.position
+        placed.follow(client)
+        camera.position = start
+        placed.follow(client)
+        assert placed.user_moves == 0 and camera.position == pytest.approx(commanded)
+    finally:
+        fresh.stop()
 
 
 def test_a_move_of_the_user_is_told_from_placements_of_the_program(server, scene, measurement):

@@ -24,6 +24,7 @@ log = logging.getLogger(__name__)
 
 TOP_FOV = 0.02  # rad, of the top view: from so far away that a relief lies on its axes, as on a plan
 CHECKS = (1, 2, 4, 8, 16)  # looks after a placement at which the page is made to report the size of its canvas again
+VISER_START = (3.0, 3.0, 3.0)  # metres, of viser's own camera, before a page has learnt where it starts
 KEPT_POSITIONS = 6  # last positions of a camera that are remembered
 FOV_NUDGE = 1e-4  # relative change of a field of view that makes the page report its camera
 MARGINS = (76, 156, 34, 40)  # pixels left, bottom, right and top of the search domain, for its rulers and the legend
@@ -139,8 +140,8 @@ class Cameras:
         """Follow a canvas that changes its size as long as the user has not moved the camera.
 
         A camera that is where it was placed before the last time was not moved by the user: the report is older, or the
-        page has gone back there, as a page does that learns late where its camera starts. A page that reports an
-        impossible camera is left alone; the others go on.
+        page has gone back there, as a page does that learns late where its camera starts. Until then it reports viser's
+        own start. A page that reports an impossible camera is left alone; the others go on.
 
         Parameters
         ----------
@@ -160,7 +161,7 @@ class Cameras:
         fits = (canvas(camera), self.legend_beside) == (placement.size, placement.beside)
         if fits and is_at(camera, placement.camera):
             self._at_rest.add(client.client_id)
-        elif any(stands_at(camera, position) for position in placement.positions):
+        elif any(stands_at(camera, position) for position in (VISER_START, *placement.positions)):
             self._place(client, placement.view)
         elif client.client_id in self._at_rest and not stands_at(camera, placement.camera.position):
             self._at_rest.discard(client.client_id)
