@@ -4,7 +4,8 @@ A program: python -m benchmarks.watched LOG view SCENE ...
 
 A line of LOG is JSON: the time (s of `time.perf_counter`), the event, and a value. "received" is when a slider's
 message comes in, before any callback; "shown" when the main loop has published what it asks for; "turn" a turn of the
-main loop while the solver runs; "map" a new map, with its number of modes and points.
+main loop while the solver runs; "map" a new map, with its number of modes and points; "moved" a message of a mouse that
+drags a microphone.
 
 On SIGUSR1 a microphone is dragged for DRAG seconds, with MOVES_PER_SECOND moves per second.
 """
@@ -22,6 +23,7 @@ import viser
 
 from fdcal.commands.cli import main
 from fdcal.viewer.page import Page
+from fdcal.viewer.scene3d.picking import MicrophonePicker
 from fdcal.viewer.session_view import Viewer
 from fdcal.viewer.tabs.map import MapTab
 from fdcal.viewer.tabs.solver import SolverTab
@@ -98,6 +100,11 @@ def watch(log: Watch) -> None:
 
 def _watch_sliders(log: Watch) -> None:
     use, choose, fade = SolverTab.use_modes, MapTab.choose_microphone, MapTab.fade
+    drag = MicrophonePicker._drag
+
+    def watched_drag(self, event):
+        log.note("moved")
+        drag(self, event)
 
     def use_modes(self, first=None, last=None, automatic=None):
         if last is not None:
@@ -115,6 +122,7 @@ def _watch_sliders(log: Watch) -> None:
         log.ask("Opacity (%)", lambda viewer: _opacity(viewer) == int(value))
 
     SolverTab.use_modes, MapTab.choose_microphone, MapTab.fade = use_modes, choose_microphone, fade_map
+    MicrophonePicker._drag = watched_drag
 
 
 def _opacity(viewer: Viewer) -> int:
