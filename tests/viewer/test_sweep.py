@@ -10,9 +10,10 @@ from doubles import set_by_client
 
 from fdcal.cost import landscapes
 from fdcal.session.request import OpenRequest
-from fdcal.viewer import opening
+from fdcal.viewer import opening, playback
 from fdcal.viewer.background import mode_sweep
 from fdcal.viewer.playback import FIRST_TIME, LAST_TIME, Playback
+from fdcal.viewer.tabs import sweep as sweep_tab
 from fdcal.viewer.tabs.sweep import DOWN
 
 
@@ -167,7 +168,9 @@ def begin_opening(viewer, turn_until):
     return made
 
 
-def test_the_opening_begins_with_several_minima_and_ends_where_it_began(opened):
+def test_the_opening_begins_with_several_minima_and_ends_where_it_began(opened, monkeypatch):
+    monkeypatch.setattr(sweep_tab, "OPENING_RATE", 8.0)
+    monkeypatch.setattr(playback, "LAST_TIME", 0.3)
     viewer, turn_until = opened
     sweep, notes, now = viewer.side_panel.sweep, [], time.perf_counter()
     made = begin_opening(viewer, turn_until)
