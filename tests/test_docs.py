@@ -236,12 +236,12 @@ def test_every_option_of_import_is_documented():
         assert f"`{option}" in RECORDING, option
 
 
-def test_every_option_told_is_there():
+def test_every_documented_option_exists():
     known = options("import") | options("calibrate") | options("export")
     assert set(re.findall(r"(?<![\w-])--[a-z][a-z0-9-]*", RECORDING)) <= known
 
 
-def test_every_suffix_of_positions_is_told():
+def test_every_suffix_of_positions_is_documented():
     for suffix in formats.suffixes("write"):
         assert f"| `{suffix}` |" in RECORDING
 
