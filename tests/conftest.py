@@ -35,9 +35,12 @@ CHROMIUM = ("/usr/bin/chromium", "/usr/bin/chromium-browser", "/usr/bin/google-c
 def cache(tmp_path_factory) -> Path:
     """A disk cache of this run's own, so that no test reads what an older version computed.
 
-    Commands run by tests use it, too, and this checkout's code.
+    All workers share it, so that each scene is simulated once. Commands run by tests use it, too, and this checkout's
+    code.
     """
-    folder = tmp_path_factory.mktemp("cache")
+    own = tmp_path_factory.getbasetemp()
+    folder = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "cache"
+    folder.mkdir(exist_ok=True)
     os.environ["FDCAL_CACHE"] = str(folder)
     os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     return folder

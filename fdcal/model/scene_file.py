@@ -80,12 +80,12 @@ def _file_of(path: Path) -> Path:
     available = f"a .toml file or one of {', '.join(scene_names())}"
     if path.suffix == ".npz":
         raise InputError(f"{path} is a measurement", f"give a scene: {available}", key="scene", value=path)
-    if path.suffix.lower() in OTHER_FILES and path.is_file():
+    if path.suffix.lower() in OTHER_FILES and os.path.isfile(path):  # False for a name that is too long
         raise InputError(f"{path} is {OTHER_FILES[path.suffix.lower()]}", f"give a scene: {available}", key="scene")
-    if path.is_dir() and path.name not in scene_names():
+    if os.path.isdir(path) and path.name not in scene_names():
         problem = f"{path} is a folder in which no recordings were found"
         raise InputError(problem, f"give a file, a folder of MeshRIR, or {available}", key="scene", value=path)
-    if path.suffix == ".toml" or "\0" in str(path) or os.path.isfile(path):  # False for a name that is too long
+    if path.suffix == ".toml" or "\0" in str(path) or os.path.isfile(path):
         return path
     if path.suffix.lower() in OTHER_FILES:
         return path  # there is none: reading it says so

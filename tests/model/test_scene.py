@@ -244,6 +244,13 @@ def test_unknown_scene_lists_the_known_ones():
         load_scene("nowhere")
 
 
+@pytest.mark.parametrize("suffix", ["", ".wav", "_square"])
+def test_a_scene_whose_name_is_too_long_for_a_file_is_refused_in_one_line(suffix):
+    with pytest.raises(InputError, match="is unknown|cannot read") as refused:
+        load_scene("9" * 5000 + suffix)
+    assert "\n" not in str(refused.value)
+
+
 def test_missing_file_is_a_storage_error(tmp_path):
     with pytest.raises(StorageError, match="cannot read scene"):
         load_scene(tmp_path / "gone.toml")
