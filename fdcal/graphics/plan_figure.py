@@ -87,6 +87,7 @@ def _draw_sizes(plan: Plan, panel: Any) -> None:
     panel.axvline(1.0, color="grey", linestyle=":")
     panel.set_xticks(factors, [f"{factor:g}" for factor in factors], minor=False)
     panel.set_xticks([], minor=True)
+    _label_plainly(panel.yaxis)
     panel.set_xlabel("size of the array, relative")
     panel.set_ylabel("bound (mm rms)")
     panel.set_title("Wider or smaller?")
@@ -104,12 +105,22 @@ def _draw_trials(plan: Plan, panel: Any) -> None:
     panel.axvline(1e3 * trials.bound, color=fractions(TRUE), linestyle="--", label="bound")
     panel.axvline(1e3 * trials.accuracy, color=fractions(KNOWN), linestyle=":", label="wanted")
     panel.set_xscale("log")
+    _label_plainly(panel.xaxis)
     panel.set_xlabel("error (mm rms)")
     panel.set_ylabel("trials")
     panel.yaxis.get_major_locator().set_params(integer=True)
     share = f"{trials.accurate:.0%} of {len(trials.verdicts)} trials"  # of which rms errors alone can be shown
     panel.set_title(f"Every microphone within {1e3 * trials.accuracy:g} mm: {share}")
     panel.legend(frameon=False)
+
+
+def _label_plainly(axis: Any) -> None:
+    """Write the numbers of a logarithmic axis without powers of ten: 1, 2, 5, 10."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_locator(NullLocator())
 
 
 def _finish(panel: Any, legend: bool = True) -> None:

@@ -246,7 +246,7 @@ def test_unknown_scene_lists_the_known_ones():
 
 @pytest.mark.parametrize("suffix", ["", ".wav", "_square"])
 def test_a_scene_whose_name_is_too_long_for_a_file_is_refused_in_one_line(suffix):
-    with pytest.raises(InputError, match="is unknown|cannot read") as refused:
+    with pytest.raises(InputError, match=r"is unknown|cannot read") as refused:
         load_scene("9" * 5000 + suffix)
     assert "\n" not in str(refused.value)
 
