@@ -128,4 +128,4 @@ def _finish(panel: Any, legend: bool = True) -> None:
     panel.set_xlabel("x (m)")
     panel.set_ylabel("y (m)")
     if legend:
-        panel.legend(loc="upper right", fontsize="small", frameon=True)
+        panel.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=3, fontsize="small", frameon=False)
