@@ -12,8 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from recorded import FS, responses
+from running import fdcal
 
 from fdcal.assessment.result_file import load_result
+from fdcal.model import reading
 from fdcal.model.limits import LIMITS
 from fdcal.model.measurement_file import load_measurement
 from fdcal.model.reading import parse_json, parse_toml, read_archive, read_bytes
@@ -93,9 +96,23 @@ def test_a_session_on_a_device_without_end_is_refused(name, tmp_path):
     assert "no regular file" in refusal(session_file.read, tmp_path / name)
 
 
-def test_a_file_beyond_the_limit_is_not_read_whole(tmp_path):
-    (tmp_path / "long").write_bytes(bytes(2000))
-    assert "more than 1,000 bytes" in refusal(read_bytes, tmp_path / "long", 1000)
+class Endless(io.RawIOBase):
+    """A device without an end, which notices that it is read further than a little beyond the limit."""
+
+    given = 0
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer) -> int:
+        self.given += len(buffer)
+        assert self.given < 10_000
+        return len(buffer)
+
+
+def test_a_file_beyond_the_limit_is_not_read_whole(monkeypatch):
+    monkeypatch.setattr(reading, "open", lambda *_: Endless(), raising=False)
+    assert "more than 1,000 bytes" in refusal(read_bytes, "long", 1000)
 
 
 def bomb(path: Path, key: str, megabytes: int = 480) -> Path:
@@ -177,10 +194,15 @@ def test_a_session_state_beyond_floats_is_refused(tmp_path):
     assert "states.cost holds a number of very many digits" in refusal(session_file.read, path).replace("'", "")
 
 
-def test_a_sound_whose_name_is_not_utf8_is_opened(tmp_path):
+def test_a_sound_whose_name_is_not_utf8_is_imported_under_such_a_name(tmp_path):
     import soundfile
 
-    soundfile.write(tmp_path / "plain.wav", np.random.default_rng(0).uniform(-0.5, 0.5, (400, 3)), 8000)
+    samples = np.pad(responses(8), ((0, 0), (0, 1600)))
+    soundfile.write(tmp_path / "plain.wav", (samples / np.abs(samples).max()).T, int(FS), subtype="FLOAT")
     name = os.fsencode(tmp_path) + b"/M\xfcnchen.wav"
     os.rename(tmp_path / "plain.wav", name)
-    assert formats.read(os.fsdecode(name)).count == 3
+    assert formats.read(os.fsdecode(name)).count == 8
+    target = os.fsdecode(b"Z\xfcrich.npz")
+    run = fdcal("import", os.fsdecode(name), "-o", target, "--array-radius", 0.5, folder=tmp_path)
+    assert (run.returncode, run.stderr) == (0, "")
+    assert load_measurement(tmp_path / target).count == 8

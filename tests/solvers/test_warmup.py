@@ -21,6 +21,13 @@ import fdcal
 found = fdcal.calibrate(fdcal.load(sys.argv[1]), solver=sys.argv[2])
 print(found.verdict, [name for name in ("numba", "llvmlite") if name in sys.modules])
 """
+COMMAND = """
+import atexit, sys
+from fdcal.commands.cli import main
+unneeded = {"numba", "scipy.signal", "viser", "pyvista", "trimesh", "matplotlib", "PIL", "soundfile", "h5py"}
+atexit.register(lambda: print(sorted(unneeded & set(sys.modules))))
+main(["calibrate", sys.argv[1]])
+"""
 SEARCH = """
 import sys
 from numba.core.registry import CPUDispatcher
@@ -68,6 +75,12 @@ def tiny_file(tmp_path_factory):
 @pytest.mark.parametrize("solver", ["joint", "robust"])
 def test_a_calibration_loads_no_compiler(solver, tiny_file):
     assert run(CALIBRATION, str(tiny_file), solver) == "good []"
+
+
+def test_the_command_loads_only_what_a_calibration_needs(tiny_file):
+    """Libraries for pictures, the page and recordings take seconds to load, most of a short command."""
+    printed = run(COMMAND, str(tiny_file)).splitlines()
+    assert "verdict good" in printed[-2] and printed[-1] == "[]"
 
 
 def test_nothing_is_compiled_after_its_warmup():

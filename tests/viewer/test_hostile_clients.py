@@ -20,6 +20,7 @@ from viser import _messages
 from websockets.exceptions import ConnectionClosed
 
 from benchmarks.protocol import CAMERA, connect, send
+from fdcal.graphics.camera import camera_for
 from fdcal.graphics.picture import compose
 from fdcal.session.request import OpenRequest
 from fdcal.viewer.scene3d import cameras
@@ -79,16 +80,43 @@ def test_a_client_that_begins_with_an_impossible_camera_disturbs_nobody(dark, se
         set_dark(other)
 
 
-def test_a_camera_that_raises_is_left_alone(server, scene, measurement):
-    class Raising:
-        image_width = image_height = 500
+class Raising:
+    """The camera of a page, which viser can neither read nor set."""
 
-        def __setattr__(self, name, value):
-            raise ValueError("Camera position must be finite")
+    image_width = image_height = 500
 
-    placed = cameras.Cameras(server)
+    @property
+    def position(self):
+        raise ValueError("Camera position must be finite")
+
+    def __setattr__(self, name, value):
+        raise ValueError("Camera position must be finite")
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda placed, client: placed.place(client, "3d"),
+        lambda placed, client: placed.place(client, camera_for(placed.picture, (500, 500), "3d")),
+        lambda placed, client: placed.follow(client),
+        lambda placed, client: placed.kept_views(),
+    ],
+    ids=["placed", "placed as before", "followed", "kept"],
+)
+def test_a_camera_that_raises_is_left_alone_and_the_others_go_on(use, scene, measurement):
+    def page(number):
+        camera = SimpleNamespace(image_width=500, image_height=500)
+        return SimpleNamespace(client_id=number, camera=camera, atomic=contextlib.nullcontext)
+
+    clients = {number: page(number) for number in (1, 2)}
+    initial = SimpleNamespace(position=(0.0, 0.0, 1.0))
+    placed = cameras.Cameras(SimpleNamespace(initial_camera=initial, get_clients=lambda: clients))
     placed.picture = compose(scene, measurement)
-    placed.place(SimpleNamespace(client_id=1, camera=Raising(), atomic=contextlib.nullcontext), "top")
+    for client in clients.values():
+        placed.place(client, "top")
+    clients[1].camera = Raising()
+    use(placed, clients[1])
+    assert placed.kept_views()[2].view == "top"
 
 
 def test_no_number_that_a_page_sends_keeps_others_from_connecting(dark, server):

@@ -86,3 +86,15 @@ def test_the_log_counts_what_strangers_do():
 def test_a_strangers_text_is_cut_and_escaped():
     assert error_log.printable("a\nb\x1b[0m\u202e") == r"a\nb\x1b[0m\u202e"
     assert error_log.printable("x" * 500, 10) == "x" * 10 + "..."
+
+
+def test_the_log_on_the_disk_is_bounded(tmp_path, monkeypatch):
+    monkeypatch.setenv("FDCAL_CACHE", str(tmp_path))
+    monkeypatch.setattr(error_log, "MAX_LOG_BYTES", 10_000)
+    monkeypatch.setattr(error_log, "MAX_RECORD", 1000)
+    with error_log.error_log():
+        for n in range(50):
+            logging.getLogger("fdcal.test").warning(f"{n} " + "xxx\n" * 5000)
+    files = list(tmp_path.iterdir())
+    assert len(files) == 2 and all(0 < file.stat().st_size <= 10_000 for file in files)
+    assert "49 xxx" in (tmp_path / error_log.LOG_NAME).read_text(encoding="utf-8")
