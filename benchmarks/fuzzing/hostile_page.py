@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 from viser import _messages
 from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection
 
 from ..pages import Served
 from ..protocol import CAMERA, ProtocolPage, connect
@@ -36,16 +37,19 @@ DRAG = {"start_position": [0, 0, 0], "end_position": [0.7, 0.5, 0], "instance_in
 
 
 def hostile_messages(rng: np.random.Generator, uuids: list[str]) -> list[bytes | str]:
-    """Return what one hostile connection sends."""
-    return [_message(rng, uuids) for _ in range(MESSAGES_PER_CASE)]
+    """Return what one hostile connection sends.
+
+    Every second one begins as a page does, with its camera, and sends whole messages alone: the server keeps it.
+    """
+    whole = bool(rng.integers(2))
+    first: list[bytes | str] = [_encoded(_broken_message({**CAMERA}, rng), rng)] if whole else []
+    return first + [_message(rng, uuids, whole) for _ in range(MESSAGES_PER_CASE)]
 
 
-def _message(rng: np.random.Generator, uuids: list[str]) -> bytes | str:
-    content = _broken_message(_base_message(rng, uuids), rng)
-    try:
-        raw = msgspec.msgpack.encode(content)
-    except (OverflowError, TypeError):  # not for msgpack
-        raw = rng.bytes(20)
+def _message(rng: np.random.Generator, uuids: list[str], whole: bool) -> bytes | str:
+    raw = _encoded(_broken_message(_base_message(rng, uuids), rng), rng)
+    if whole:
+        return raw
     kind = int(rng.integers(12))
     if kind == 0:
         return rng.bytes(int(rng.integers(0, 300)))
@@ -57,6 +61,13 @@ def _message(rng: np.random.Generator, uuids: list[str]) -> bytes | str:
         place = int(rng.integers(len(raw)))
         return raw[:place] + rng.bytes(int(rng.integers(1, 5))) + raw[place + 1 :]
     return raw
+
+
+def _encoded(message: dict, rng: np.random.Generator) -> bytes:
+    try:
+        return msgspec.msgpack.encode(message)
+    except (OverflowError, TypeError):  # not for msgpack
+        return rng.bytes(20)
 
 
 def _base_message(rng: np.random.Generator, uuids: list[str]) -> dict:
@@ -81,31 +92,36 @@ def _broken_message(message: dict, rng: np.random.Generator) -> dict:
     """Return a message with up to two keys given an odd value, taken out, or added."""
     for _ in range(int(rng.integers(0, 3))):
         key = sorted(message)[int(rng.integers(len(message)))]
-        kind = int(rng.integers(5))
+        kind, odd = int(rng.integers(5)), ODD[int(rng.integers(len(ODD)))]
         if kind == 0 and len(message) > 1:
             del message[key]
         elif kind == 1:
-            message["extra"] = ODD[int(rng.integers(len(ODD)))]
+            message["extra"] = odd
+        elif kind == 3 and isinstance(message[key], list) and message[key]:
+            place = int(rng.integers(len(message[key])))
+            message[key] = [odd if n == place else value for n, value in enumerate(message[key])]
         elif key != "type" or kind == 2:
-            message[key] = ODD[int(rng.integers(len(ODD)))]
+            message[key] = odd
     return message
 
 
 def page_faults(first: int, count: int) -> list[str]:
     """Return what was wrong with a server in the cases `first` to `first + count - 1`; each is its seed."""
     with Served(SCENE, {}, own_cache=True) as served:
-        with ProtocolPage(served.url) as page:
+        with ProtocolPage(served.url) as page, contextlib.ExitStack() as connections:
             page.wait_for(lambda: "Dark page" in page.controls)
             _require_answer(page, True)
             memory = served.memory()
             for case in range(first, first + count):
                 uuids = [uuid for label, uuid in sorted(page.controls.items()) if label not in WORKING]
-                _attack(served.url, hostile_messages(np.random.default_rng([case, 7]), uuids))
+                connection = connections.enter_context(connect(served.url))
+                _attack(connection, hostile_messages(np.random.default_rng([case, 7]), uuids))
                 if (case + 1) % CASES_PER_CHECK == 0:
                     try:
                         _require_answer(page, case // CASES_PER_CHECK % 2 == 1)
                     except (TimeoutError, ConnectionClosed) as error:
                         return [f"page, cases {case + 1 - CASES_PER_CHECK} to {case}: {error}"]
+                    connections.close()  # until now: the main loop places the cameras of those that are connected
         found = [f"page, cases {first} to {first + count - 1}: {line}" for line in served.complaints()]
         if served.memory() - memory > GROWTH:
             found.append(f"page, cases {first} to {first + count - 1}: more than 1 GB")
@@ -114,8 +130,8 @@ def page_faults(first: int, count: int) -> list[str]:
     return found
 
 
-def _attack(address: str, messages: list[bytes | str]) -> None:
-    with contextlib.suppress(ConnectionClosed), connect(address) as connection:
+def _attack(connection: ClientConnection, messages: list[bytes | str]) -> None:
+    with contextlib.suppress(ConnectionClosed):
         for message in messages:
             connection.send(message)
         connection.ping().wait(RETRY)  # the server has read them

@@ -44,6 +44,21 @@ def test_a_node_is_named_by_a_text(name):
     assert not message_checks.is_acceptable({"type": "SceneNodeClickMessage", "name": name, "instance_index": 1})
 
 
+@pytest.mark.parametrize("value", [{"value": 1}, True, "abc", [], [0, 0], [0, 0, [0]], [1e308] * 3, 0.5], ids=repr)
+def test_a_pointer_points_somewhere(value):
+    drag = {
+        "type": "SceneNodeDragMessage",
+        "start_position": [0, 0, 0],
+        "end_position": [1.5, 0, 0],
+        "instance_index": 4,
+    }
+    click = {"type": "SceneNodeClickMessage", "ray_origin": [0, 0, 5], "ray_direction": [0, 0, -1.0]}
+    for message in (drag, click, {**click, "ray_origin": None}, {**drag, "instance_index": None}):
+        assert message_checks.is_acceptable(message)
+        for key in message.keys() - {"type"}:
+            assert not message_checks.is_acceptable({**message, key: value})
+
+
 @pytest.mark.parametrize(
     "kind", ["FileTransferStartUpload", "ShareUrlRequest", "NoSuchMessage", "RunJavascriptMessage"]
 )

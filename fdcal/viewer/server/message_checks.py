@@ -21,6 +21,8 @@ MAX_ITEMS, MAX_DEPTH = 64, 4  # of one message
 MIN_LENGTH = 1e-9  # metres, of a direction and of a line of sight
 CAMERA = "ViewerCameraMessage"
 NAMES = ("uuid", "name")  # keys of a control and of a node
+POINTS = ("start_position", "end_position")  # of a drag, metres
+RAYS = ("ray_origin", "ray_direction")  # of a click, or None
 COSTS = {  # of one message of each kind, in units of a control's update; other kinds are dropped
     CAMERA: 1.0,
     "GuiUpdateMessage": 1.0,
@@ -55,7 +57,7 @@ def is_acceptable(message: dict[str, Any]) -> bool:
         return False
     if not all(isinstance(message.get(key, ""), str) for key in NAMES):  # viser looks them up in a dictionary
         return False
-    return message["type"] != CAMERA or _is_camera(message)
+    return _points_somewhere(message) and (message["type"] != CAMERA or _is_camera(message))
 
 
 def cost(message: dict[str, Any]) -> float:
@@ -80,6 +82,14 @@ def _is_plain(value, depth: int, items) -> bool:
     if isinstance(value, (list, tuple)):
         return all(_is_plain(inner, depth + 1, items) for inner in value)
     return value is None
+
+
+def _points_somewhere(message: dict[str, Any]) -> bool:
+    """Return whether what a message holds of a pointer can be used: points, rays, and the number of what it hit."""
+    points = [message[key] for key in POINTS if key in message]
+    points += [message[key] for key in RAYS if message.get(key) is not None]
+    index = message.get("instance_index")
+    return all(_is_vector(x, 3) for x in points) and (index is None or type(index) is int)
 
 
 def _is_camera(message: dict[str, Any]) -> bool:
