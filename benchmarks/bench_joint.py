@@ -7,6 +7,7 @@ descent ends with. Sizes are measured each in a process of its own, whose peak m
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import time
@@ -174,7 +175,7 @@ def _sizes() -> list[Figure]:
 
 
 def _size(count: int, modes: int) -> tuple[float, ...]:
-    child = subprocess.run(
-        [sys.executable, "-c", CHILD, str(count), str(modes)], capture_output=True, text=True, check=True
-    )
+    command = [sys.executable, "-c", CHILD, str(count), str(modes)]
+    environment = {**os.environ, "FDCAL_BENCH_SOLVER": "joint"}
+    child = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
     return tuple(map(float, child.stdout.split()))
