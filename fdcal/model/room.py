@@ -14,7 +14,6 @@ from .points import require_point
 from .validation import InputError, require_choice, require_positive
 
 Point = tuple[float, ...]
-
 WALLS = ("rigid", "pressure-release", "absorbing")
 
 

@@ -102,7 +102,7 @@ def test_errors_are_drawn_over_whole_decades(server, measurement, monkeypatch):
 
 
 def test_new_axes_are_not_sent_together_with_data_of_another_extent(server, monkeypatch):
-    """The page would draw the curve in a corner: it builds the chart anew and forgets which part of it is seen."""
+    """The page would draw the curve in a corner: it builds a new chart and forgets which part of it is seen."""
     clock, sent = [0.0], []
     monkeypatch.setattr(plots.time, "perf_counter", lambda: clock[0])
     plot = Plot(server.gui, "errors", (uplot.Series(label="x"), uplot.Series(label="y")), "x")

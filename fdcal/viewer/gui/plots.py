@@ -3,7 +3,7 @@
 A plot that is removed and added again has no width for a moment, in which it pushes what is below it off the screen,
 and data for the old one may still be on their way.
 
-Other axes or another title make the page build the chart anew. viser's page keeps the part of the abscissa that is
+Other axes or another title make the page build a new chart. viser's page keeps the part of the abscissa that is
 seen, from one extent of the data to the next, and takes it from a chart that is gone where both change at once: the
 curve is then drawn in a corner, or cut off. So the page is given time to draw one before the other is sent.
 
