@@ -8,11 +8,15 @@ fs                  sampling rate, Hz
 from __future__ import annotations
 
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 
-from .validation import InputError, StorageError, require_array, shown
+from .limits import LIMITS
+from .matlab_elements import require_readable
+from .reading import read_bytes
+from .validation import InputError, require_array, shown
 
 KEYS = ("p", "azi_rad", "ele_rad", "fs")
 
@@ -160,13 +164,10 @@ def _table(path: Path) -> dict:
     """Return the variables of a MATLAB file that a response has."""
     from scipy.io import loadmat  # takes a moment to load
 
+    data = read_bytes(path, LIMITS.unfolded)
+    require_readable(data, KEYS, str(path))
     try:
-        with open(path, "rb") as file:
-            return loadmat(file, variable_names=KEYS)
-    except OSError as error:
-        if error.strerror:
-            raise StorageError(f"cannot read {path}: {error.strerror}") from error
-        raise InputError(f"{path} is damaged or truncated", "copy it again") from error
+        return loadmat(BytesIO(data), variable_names=KEYS)
     except NotImplementedError as error:  # version 7.3 is HDF5
         raise InputError(f"{path} is a MATLAB file of version 7.3", "save it with save(..., '-v7')") from error
     except Exception as error:  # a damaged file raises anything

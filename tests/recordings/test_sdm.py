@@ -92,3 +92,52 @@ def test_a_response_that_wraps_round_or_is_missing_is_refused(layout, tmp_path, 
     assert run_command(["import", str(tmp_path / "none.mat"), "--array", layout, "-o", output]) == 3
     shutil.copy(layout, tmp_path / "layout.mat")
     assert run_command(["import", str(tmp_path / "layout.mat"), "--array", layout, "-o", output]) == 2
+
+
+@pytest.fixture
+def response_file(tmp_path):
+    path = tmp_path / "response.mat"
+    rng = np.random.default_rng(0)
+    angles = {"azi_rad": rng.uniform(-3, 3, 200), "ele_rad": rng.uniform(-1.5, 1.5, 200)}
+    savemat(path, {"p": rng.normal(size=200) * np.exp(-np.arange(200) / 20), **angles, "fs": 48000.0})
+    return path
+
+
+@pytest.mark.parametrize("kind", (0, 8, 10, 16, 20, 73, 255))
+@pytest.mark.parametrize("position", (-2, 1))
+def test_an_element_of_an_unknown_type_is_refused_before_scipy_takes_it_as_an_index(response_file, kind, position):
+    """SciPy's compiled reader ends the process on some of these. Variables begin at multiples of 8 bytes."""
+    data = bytearray(response_file.read_bytes())
+    names = data.index(b"azi_rad"), data.index(b"fs")
+    tag = names[0] + 8 if position == 1 else names[1] - 4 + 8  # of the values of azi_rad; of fs, whose name is small
+    assert data[tag] == 9 or data[tag] == 3, "double, or 48000 as a whole number"
+    data[tag] = kind
+    response_file.write_bytes(bytes(data))
+    with pytest.raises(InputError, match="is not a MATLAB file that can be read"):
+        load_sdm_response(response_file)
+
+
+@pytest.mark.parametrize("length", (60, 127, 131, 180, 1000, -1))
+def test_a_file_that_is_cut_off_is_refused(response_file, length):
+    response_file.write_bytes(response_file.read_bytes()[:length])
+    with pytest.raises(InputError):
+        load_sdm_response(response_file)
+
+
+def test_files_of_all_kinds_of_matlab_are_read_alike(response_file):
+    table = {key: value for key, value in loadmat(response_file).items() if key[0] != "_"}
+    expected = load_sdm_response(response_file).amplitudes
+    others = {"text": "a room", "list": np.array([1, "b"], dtype=object), "parts": {"a": 1.0}}
+    for options in ({"do_compression": True}, {"format": "4"}, {"oned_as": "column"}):
+        extra = {} if options.get("format") == "4" else others
+        savemat(response_file, {**extra, **table}, **options)
+        assert np.array_equal(load_sdm_response(response_file).amplitudes, expected)
+
+
+def test_a_variable_that_unfolds_to_gigabytes_is_refused(response_file):
+    savemat(response_file, {"p": np.zeros(10_000_000)}, do_compression=True)
+    with pytest.raises(InputError, match="cut off"):
+        load_sdm_response(response_file)
+    savemat(response_file, {"p": "text"})
+    with pytest.raises(InputError, match='"p" is no array of numbers'):
+        load_sdm_response(response_file)
