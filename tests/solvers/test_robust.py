@@ -56,8 +56,16 @@ def solved(measurement, **settings):
     return problem, state, judge(problem, state)
 
 
+def noisier(p, rng):
+    """The pressures with noise 26 dB below them."""
+    noise = rng.normal(size=(2, *p.shape)) * np.sqrt(np.mean(np.abs(p) ** 2, axis=1) / 2)[:, None]
+    return p + 0.05 * (noise[0] + 1j * noise[1])
+
+
 def test_a_conditional_likelihood_of_other_modes_is_dropped_where_it_is_not_permitted():
     problem, state, _ = solved(measured())
+    assert with_conditional(in_unit_power(problem), state).model.conditional, "permitted in little noise"
+    problem, state, _ = solved(measured(noisier))
     stale = replace(state, model=replace(state.model, conditional="series"))
     assert with_conditional(in_unit_power(problem), stale).model.conditional == ""
 

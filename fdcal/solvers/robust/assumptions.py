@@ -53,7 +53,9 @@ def _conditional(problem: Problem, state: State, used) -> Conditional | None:
     if not model.conditional or model.kernel == "near" or state.progress.row != FINAL:
         return None
     response = log_response(unknowns(state).channels, np.real(wavenumbers(problem, state)[used]))[0]
-    return Conditional(CONDITIONAL.power, CONDITIONAL.weight, model.conditional == "series", response)
+    return Conditional(
+        CONDITIONAL.power, CONDITIONAL.weight[problem.dimension], model.conditional == "series", response
+    )
 
 
 def wavenumbers(problem: Problem, state: State) -> np.ndarray:

@@ -1,8 +1,7 @@
 """Whether the last row can minimise the conditional likelihood (`fdcal.cost.conditional_likelihood`).
 
 It is free of what the likelihood of a random field supposes of the room, and less sharp. Where the pressures hardly fix
-the size and shears of the array without that supposition, as of a small array, the array would run off. In the plane a
-field has so few directions that their power can be learned, and the sharper likelihood is as good or better.
+the size and shears of the array without that supposition, as of a small array, the array would run off.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ def with_conditional(problem: Problem, state: State) -> State:
     slow = len(used) * len(state.positions) ** 3 > CONDITIONAL.most_products
     noisy = state.model.share > CONDITIONAL.noise_share
     without = replace(state, model=replace(state.model, conditional=""))  # it may be that of a run with other modes
-    if state.model.kernel == "near" or problem.dimension == 2 or noisy or slow:
+    if state.model.kernel == "near" or noisy or slow:
         return without
     kernel = "series" if kernels.kernel_of(problem, state) == "series" else "diffuse"
     chosen = replace(state, model=replace(state.model, conditional=kernel), progress=replace(state.progress, row=FINAL))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
 
 
 @dataclass(frozen=True)
@@ -12,7 +14,8 @@ class ConditionalRules:
     Attributes
     ----------
     power : factor on the power of the field in it
-    weight : of the likelihood of a random field beside it
+    weight : of the likelihood of a random field beside it; by dimension of the field: in the plane there are fewer
+        directions, whose power is learned better
     stretch_sigma : one sigma of the least certain stretching of the array, relative, up to which it is minimised
     blind_stretch_sigma : the same without given positions, where nothing else shows that there is no such field
     noise_share : noise as a part of the mean power up to which it is minimised: with more, what the noise does to the
@@ -21,7 +24,7 @@ class ConditionalRules:
     """
 
     power: float = 50.0
-    weight: float = 0.1
+    weight: Mapping[int, float] = field(default_factory=lambda: MappingProxyType({2: 0.3, 3: 0.1}))
     stretch_sigma: float = 0.05
     blind_stretch_sigma: float = 0.02
     noise_share: float = 5e-4
