@@ -22,7 +22,7 @@ class PhaseLimits:
 PHASES = {
     "deformation": PhaseLimits(settled=2e-3, negligible=1.0),
     "free": PhaseLimits(settled=3e-4, negligible=1.0),
-    "refinement": PhaseLimits(settled=1e-6, negligible=1e-3),
+    "refinement": PhaseLimits(settled=2e-5, negligible=1e-3),
     "angular_prior": PhaseLimits(settled=1e-6, negligible=0.3),
 }
 
