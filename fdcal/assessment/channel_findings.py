@@ -207,10 +207,10 @@ def _rival(state: State, same: float, healthy) -> str:
     for end, distance in zip(ends[1:], away, strict=True):
         if distance > same and end.score - ends[0].score < LIMITS.rival_cost:
             return findings.equally_likely(distance)
-    if len(state.ends) > 2 and min(away, default=np.inf) > same:
+    starts = sum(not end.regrouped for end in state.ends)
+    if starts > 2 and min(away, default=np.inf) > same:
         return (
-            f"each of {len(state.ends)} starts of the search ended at another array; use more <modes>, or more known"
-            " microphones"
+            f"each of {starts} starts of the search ended at another array; use more <modes>, or more known microphones"
         )
     return ""
 

@@ -41,10 +41,10 @@ class StateReader:
         modes, count = problem.pressures.shape
         D = problem.array_dimension
         self._shapes = {
-            "positions": (count, D), "origin": (count, D), "centre": (D,), "place": (D,), "walls": (D + 2,),
+            "positions": (count, D), "poses": (count, D), "origin": (count, D), "shape": (count, D),
+            "centre": (D,), "place": (D,), "walls": (D + 2,), "gains": (count, 2), "offsets": (count, 2),
             "noise": (modes,), "noise_power": (modes,), "power": (modes,), "channel_noise": (count,),
-            "gains": (count, 2), "offsets": (count, 2), "shape": (count, D), "filters": (count, 2),
-            "places": problem.known_positions.shape, "contradicted": problem.known.shape,
+            "filters": (count, 2), "places": problem.known_positions.shape, "contradicted": problem.known.shape,
         }  # fmt: skip
         self._ranges = {"moved": (-1, count - 1), "turn": (0, max(len(problem.free) - 1, 0)), "degree": (1, 3)}
         self._ranges |= {"first": (1, modes), "last": (1, modes)}

@@ -6,11 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...cost.channel_likelihood import ChannelField
 from ...model.gauge import align, fixes_gauge, move_to_frame
 from ...model.problem import Problem
 from ...model.validation import InputError, frozen_array
 from . import assumptions, given_positions, hyperparameters, kernels, starts
 from .conditional import with_conditional
+from .groups import other_poses
 from .relocation import relocated
 from .settings import ASSUMED, FINAL, NOISELESS, OUTLIERS, RULES, SCHEDULE
 from .state import End, KernelName, Model, Progress, State
@@ -42,11 +44,31 @@ def begin_row(problem: Problem, state: State, row: int) -> State:
 
 def end_attempt(problem: Problem, state: State, score: float, settled: bool) -> State:
     """Return the beginning of another attempt, or of the last row from the likeliest end."""
-    end = End(state.positions, state.gains, state.offsets, state.model, float(score), settled)
+    regrouped = state.progress.regrouped
+    end = End(state.positions, state.gains, state.offsets, state.model, float(score), settled, regrouped)
     state = replace(state, ends=(*state.ends, end))
     if _agreed(problem, state) or is_low_noise_end(problem, state):
         return _begin_final(problem, state)
+    best = min(state.ends, key=lambda one: one.score)
+    poses = _other_poses(problem, state) if best is end else state.progress.poses
+    if len(state.ends) >= RULES.attempts or (best.regrouped and not poses):
+        return _begin_final(problem, state)
+    if poses:
+        begun = begin_attempt(problem, state, poses[0], state.progress.attempt)
+        return replace(begun, progress=replace(begun.progress, regrouped=True, poses=poses[1:]))
     return next_attempt(problem, state, state.progress.attempt + 1)
+
+
+def _other_poses(problem: Problem, state: State) -> tuple[np.ndarray, ...]:
+    """The last end with a group of microphones in other poses, aligned with given positions: each (N, D), metres."""
+    if problem.array_dimension != 2:
+        return ()
+    model, every = state.model, slice(None)
+    k = np.real(assumptions.wavenumbers(problem, state))
+    field = ChannelField(k, model.power, model.noise, model.channel_noise, problem.dimension)
+    found = other_poses(state.positions, assumptions.corrected(problem, state, every), field)
+    placed = found if not len(problem.known) else [starts.aligned(problem, one) for one in found]
+    return tuple(frozen_array(one, float) for one in placed)
 
 
 def next_attempt(problem: Problem, state: State, attempt: int) -> State:
@@ -74,9 +96,13 @@ def next_attempt(problem: Problem, state: State, attempt: int) -> State:
 
 
 def _agreed(problem: Problem, state: State) -> bool:
-    """Whether another attempt has ended where the likeliest did; without noise their scores differ by rounding."""
+    """Whether another attempt has ended where the likeliest did; without noise their scores differ by rounding.
+
+    One that began in another pose of an end comes back to that end from a wrong place, too: it does not count.
+    """
     best, *others = sorted(state.ends, key=lambda end: end.score)
-    return any(np.isfinite(end.score) and _near(problem, state, end.positions, best) for end in others)
+    independent = (end for end in others if np.isfinite(end.score) and not end.regrouped)
+    return any(_near(problem, state, end.positions, best) for end in independent)
 
 
 def is_low_noise_end(problem: Problem, state: State) -> bool:

@@ -47,7 +47,7 @@ def start(problem: Problem, modes: int, noise: float | None, kind: str, lowest: 
         x = initial_positions.affine(_blind(problem), modes, lowest)
     else:
         return _mapped(problem, modes, lowest)
-    return x if not len(problem.known) else _aligned(problem, x)
+    return x if not len(problem.known) else aligned(problem, x)
 
 
 def _blind(problem: Problem) -> Problem:
@@ -73,7 +73,7 @@ def _mapped(problem: Problem, modes: int, lowest: int) -> np.ndarray:
     return best
 
 
-def _aligned(problem: Problem, x) -> np.ndarray:
+def aligned(problem: Problem, x) -> np.ndarray:
     """A blind array onto the given positions; onto the subset of D + 1 that leaves the least median error."""
     known, places, D = problem.known, problem.known_positions, x.shape[1]
     best, score = x, np.inf

@@ -59,7 +59,10 @@ class Model:
 
 @dataclass(frozen=True)
 class End:
-    """The end of an attempt: positions (N, D), metres, gains and offsets (N, 2), model, and the score that ranks it."""
+    """The end of an attempt: positions (N, D), metres, gains and offsets (N, 2), model, and the score that ranks it.
+
+    `regrouped` is that of the attempt's `Progress`: such an end is no independent one.
+    """
 
     positions: np.ndarray
     gains: np.ndarray
@@ -67,6 +70,7 @@ class End:
     model: Model
     score: float
     converged: bool
+    regrouped: bool = False
 
 
 @dataclass(frozen=True)
@@ -80,6 +84,8 @@ class Progress:
     rounds : stages of this row so far
     steps : in this stage
     damping : of the next step
+    regrouped : whether the attempt began where another ended, with a group of microphones in another pose
+    poses : (N, D) float64 each, metres, arrays of such attempts that are still to be tried
     """
 
     attempt: int
@@ -87,6 +93,8 @@ class Progress:
     rounds: int
     steps: int
     damping: float
+    regrouped: bool = False
+    poses: tuple[np.ndarray, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,215 @@
+"""Groups of microphones far from each other, each right in itself: how they are turned and mirrored to each other.
+
+The distances inside a group follow from the pressures far better than those between groups: an attempt then finds every
+group to a millimetre and leaves the whole in a wrong basin, one group turned or mirrored against the others. A rigid
+motion of a group leaves the covariance inside it as it is, so that only the block C_ab between groups depends on the
+pose. With the whitened pressures y = L^-1 q of each group, L L^T its covariance, and S = L_a^-1 C_ab L_b^-T, the cost
+of q_b given q_a is, up to a constant,
+
+    sum_m log det G_m + e_m^H G_m^-1 e_m,   G = I - S^T S,   e = y_b - S^T y_a.
+
+A lattice of poses is searched with the lowest modes of a few microphones, and the best are refined with modes of all
+frequencies. The noise counts as larger by what a pose may be away from the right one: so wide are the basins then.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.cluster.hierarchy import fcluster, linkage
+from scipy.optimize import minimize
+
+from ...cost.channel_kernels import diffuse_kernel
+from ...cost.channel_likelihood import ChannelField, channel_terms
+from ..deadline import check_deadline
+from .settings import OUTLIERS
+
+
+@dataclass(frozen=True)
+class GroupRules:
+    """What a group is, and how its pose is searched.
+
+    Attributes
+    ----------
+    gap : distance between two groups at least, over the shortest wavelength
+    least : microphones of a group at least; those of a smaller one belong to the nearest
+    lowest : modes of the search over the lattice
+    microphones : of each side in that search
+    refining : microphones of each side in the refinement
+    modes : of the refinement, evenly taken
+    cell : of the lattice, over the shortest wavelength of the lowest modes
+    angles : turns of a group, each with its mirror image
+    refined : poses that are refined
+    blurs : error of a pose in each round of the refinement, over the shortest wavelength
+    evaluations : of the likelihood in each of these rounds
+    nats : by which another pose may be less likely than the present one and still be tried: the groups are not yet
+        what they are at its minimum
+    tried : poses that are tried after one end at most
+    """
+
+    gap: float = 0.35
+    least: int = 6
+    lowest: int = 8
+    microphones: int = 8
+    refining: int = 14
+    modes: int = 16
+    cell: float = 1 / 6
+    angles: int = 12
+    refined: int = 16
+    blurs: tuple[float, ...] = (0.1, 0.05)
+    evaluations: int = 40
+    nats: float = 60.0
+    tried: int = 3
+
+
+RULES = GroupRules()
+
+
+def groups(positions, wavelength: float) -> list[np.ndarray]:
+    """Microphones (int64) of each group of an array at (N, D) `positions`; one group if there are no gaps.
+
+    wavelength : metres, the shortest
+    """
+    label = fcluster(linkage(positions, "single"), RULES.gap * wavelength, "distance")
+    large = [one for one in np.unique(label) if np.sum(label == one) >= RULES.least]
+    if len(large) < 2:
+        return [np.arange(len(positions))]
+    away = [np.linalg.norm(positions[:, None] - positions[label == one], axis=-1).min(axis=1) for one in large]
+    nearest = np.argmin(away, axis=0)
+    return [np.flatnonzero(nearest == number) for number in range(len(large))]
+
+
+def other_poses(positions, pressures, field: ChannelField) -> list[np.ndarray]:
+    """Return positions (N, 2), metres, with one group in another pose that may be the right one, the likeliest first.
+
+    positions : (N, 2) float64, metres
+    pressures : (M, N) complex128, divided by the responses of the channels
+    field : diffuse, of real wavenumbers
+    """
+    wavelength = 2 * np.pi / float(field.wavenumbers.max())
+    found = groups(positions, wavelength)
+    sound = field.channel_noise < OUTLIERS.suspicious
+    results = []
+    for group in sorted(found, key=len)[:-1]:
+        rest = np.setdiff1d(np.arange(len(positions)), group)
+        if min(np.sum(sound[group]), np.sum(sound[rest])) >= RULES.least:
+            results += _refined(positions, pressures, field, group, rest)
+    kept = [np.asarray(positions, float)]
+    for rise, moved in sorted(results, key=lambda one: one[0]):
+        if rise < RULES.nats and all(np.abs(moved - other).max() > RULES.blurs[0] * wavelength for other in kept):
+            kept.append(moved)
+    return kept[1 : 1 + RULES.tried]
+
+
+def _refined(x, q, field: ChannelField, group, rest) -> list[tuple[float, np.ndarray]]:
+    """Cost of poses of `group` over that of the present one, and the positions (N, 2), metres, with each."""
+    sound = field.channel_noise < OUTLIERS.suspicious
+    inside, outside = group[sound[group]], rest[sound[rest]]
+    few = np.concatenate([one[_spread(x[one], RULES.refining)] for one in (outside, inside)])
+    used = np.unique(np.linspace(0, len(q) - 1, min(len(q), RULES.modes)).astype(int))
+    wavelength = 2 * np.pi / float(field.wavenumbers.max())
+
+    def cost(y, blur: float) -> float:
+        k, power = field.wavenumbers[used], field.power[used]
+        noise = field.noise[used] + power * (k * blur) ** 2 / field.dimension
+        blurred = ChannelField(k, power, noise, field.channel_noise[few], field.dimension)
+        return channel_terms(y[few], np.zeros((len(few), 2)), q[np.ix_(used, few)], blurred, 0).cost
+
+    present, results = cost(x, RULES.blurs[-1] * wavelength), []
+    for turn, place in _searched(x, q, field, inside, outside):
+        check_deadline()
+        shape, pose, least = (x[group] - x[inside].mean(axis=0)) @ turn.T, np.append(place, 0.0), np.inf
+        for blur in RULES.blurs:
+            reach = np.array([blur, blur, 0.0]) * wavelength + np.array([0.0, 0.0, np.pi / RULES.angles / 2])
+            start = pose + np.vstack([np.zeros(3), np.diag(reach)])
+            goal = _placing(cost, x, group, shape, blur * wavelength)
+            options = {"initial_simplex": start, "maxfev": RULES.evaluations, "xatol": 3e-3, "fatol": 0.1}
+            fit = minimize(goal, pose, method="Nelder-Mead", options=options)
+            pose, least = fit.x, float(fit.fun)
+        results.append((least - present, _moved(x, group, shape, pose)))
+    return results
+
+
+def _placing(cost, x, group, shape, blur: float):
+    return lambda pose: cost(_moved(x, group, shape, pose), blur)
+
+
+def _moved(x, group, shape, pose) -> np.ndarray:
+    """`x` with the group at `shape` (G, 2), turned by the last of `pose` (3,), radians, and moved by the others."""
+    y = np.array(x)
+    y[group] = pose[:2] + shape @ _turn(pose[2]).T
+    return y
+
+
+def _turn(angle: float) -> np.ndarray:
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
+def _spread(x, count: int) -> np.ndarray:
+    """At most `count` of the positions (N, 2), each the farthest from those before : int64."""
+    chosen = [int(np.argmax(np.linalg.norm(x - x.mean(axis=0), axis=1)))]
+    away = np.linalg.norm(x - x[chosen[0]], axis=1)
+    while len(chosen) < min(count, len(x)):
+        chosen.append(int(np.argmax(away)))
+        away = np.minimum(away, np.linalg.norm(x - x[chosen[-1]], axis=1))
+    return np.array(chosen)
+
+
+def _searched(x, q, field: ChannelField, inside, outside) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Turn (2, 2) and place (2,) of the likeliest poses of microphones `inside`, no two of them alike."""
+    low = slice(0, RULES.lowest)
+    k, middle = field.wavenumbers[low], x[inside].mean(axis=0)
+    cell = RULES.cell * 2 * np.pi / float(k.max())
+    near, far = inside[_spread(x[inside], RULES.microphones)], outside[_spread(x[outside], RULES.microphones)]
+    blurred = field.noise[low] + field.power[low] * (k * cell / 3) ** 2 / field.dimension
+    pair = ChannelField(k, field.power[low], blurred, field.channel_noise, field.dimension)
+    places = _lattice(x[inside], x[outside], 2 * np.pi / k, cell)
+    mirror = np.diag([-1.0, 1.0])
+    turns = [
+        _turn(angle) @ one
+        for one in (np.eye(2), mirror)
+        for angle in 2 * np.pi * np.arange(RULES.angles) / RULES.angles
+    ]
+    cost = np.array(
+        [_costs(x[far], (x[near] - middle) @ turn.T, q[low][:, far], q[low][:, near], pair, places) for turn in turns]
+    )
+    kept = []
+    for turn, place in zip(*np.unravel_index(np.argsort(cost, axis=None), cost.shape), strict=True):
+        shape = places[place] + (x[inside] - middle) @ turns[turn].T
+        if all(np.sqrt(np.mean(np.sum((shape - one) ** 2, axis=1))) > cell for *_, one in kept):
+            kept.append((turns[turn], places[place], shape))
+        if len(kept) == RULES.refined:
+            break
+    return [one[:2] for one in kept]
+
+
+def _lattice(inside, outside, wavelengths, cell: float) -> np.ndarray:
+    """Places (G, 2) of the middle of a group about the others: as far as the low modes cohere."""
+    radii = [np.linalg.norm(one - one.mean(axis=0), axis=1).max() for one in (inside, outside)]
+    extent = min(1.2 * sum(radii) + 0.5 * float(wavelengths.min()), float(wavelengths.max()))
+    axis = np.arange(-np.ceil(extent / cell), np.ceil(extent / cell) + 1) * cell
+    grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    return outside.mean(axis=0) + grid[np.linalg.norm(grid, axis=1) <= max(extent, cell)]
+
+
+def _costs(far, near, q_far, q_near, field: ChannelField, places) -> np.ndarray:
+    """Cost (G,) of the group at `near` (n, 2) moved to each of `places` (G, 2), given the pressures of the others."""
+    across = np.linalg.norm(places[:, None, None] + near[None, None] - far[:, None], axis=-1)
+    total = np.zeros(len(places))
+    for m, k in enumerate(field.wavenumbers):
+        inverse, y = zip(*(_whitened(x, q[m], k, field, m) for x, q in ((far, q_far), (near, q_near))), strict=True)
+        C = field.power[m] * diffuse_kernel(across.ravel(), k[None], field.dimension, slope=False)[0]
+        S = np.swapaxes(inverse[0] @ C.reshape(across.shape) @ inverse[1].T, 1, 2)
+        G = np.eye(len(near)) - S @ np.swapaxes(S, 1, 2)
+        e = y[1] - S @ y[0]
+        total += np.linalg.slogdet(G)[1] + np.sum(e * np.linalg.solve(G, e), axis=(1, 2))
+    return total
+
+
+def _whitened(x, q, k, field: ChannelField, m: int) -> tuple[np.ndarray, np.ndarray]:
+    """Inverse (N, N) of the Cholesky factor of the covariance, and real and imaginary parts (N, 2) it whitens."""
+    between = np.linalg.norm(x[:, None] - x[None], axis=-1)
+    K = diffuse_kernel(between.ravel(), np.array([k]), field.dimension, slope=False)[0].reshape(between.shape)
+    inverse = np.linalg.inv(np.linalg.cholesky(field.power[m] * K + field.noise[m] * np.eye(len(x))))
+    return inverse, inverse @ np.column_stack([q.real, q.imag])

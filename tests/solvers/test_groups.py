@@ -1,0 +1,111 @@
+"""Groups of microphones far from each other: found, and put into the pose that the pressures between them show."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fdcal import solvers
+from fdcal.cost.channel_likelihood import ChannelField
+from fdcal.model.gauge import align
+from fdcal.model.measurement import Measurement
+from fdcal.model.settings import SolverSettings
+from fdcal.solvers.robust.groups import groups, other_poses
+
+FREQUENCIES = np.linspace(40.0, 300.0, 30)
+K = 2 * np.pi * FREQUENCIES / 343.0
+WAVELENGTH = 2 * np.pi / K.max()
+
+
+def two_groups(rng, apart: float = 2.4) -> np.ndarray:
+    x = 0.22 * rng.standard_normal((36, 2))
+    x[18:, 0] += apart
+    return x
+
+
+def diffuse(x, rng, noise: float) -> np.ndarray:
+    """Pressures (M, N), of unit power on average, at x (N, 2): 40 plane waves a mode, from random directions."""
+    angles = rng.uniform(0, 2 * np.pi, (len(K), 40))
+    waves = np.exp(1j * K[:, None, None] * (np.stack([np.cos(angles), np.sin(angles)], axis=-1) @ x.T))
+    drawn = rng.normal(size=(2, len(K), 40)) / np.sqrt(80)
+    p = np.einsum("md,mdn->mn", drawn[0] + 1j * drawn[1], waves) * np.sqrt(1 - noise)
+    e = rng.normal(size=(2, *p.shape)) * np.sqrt(noise / 2)
+    return p + e[0] + 1j * e[1]
+
+
+def assumed(x, noise: float = 1e-3) -> ChannelField:
+    return ChannelField(K, np.ones(len(K)), np.full(len(K), noise), np.ones(len(x)), 2)
+
+
+def posed(x, angle: float, shift, mirrored: bool) -> np.ndarray:
+    """`x` with its second group turned, mirrored and moved as a whole."""
+    y, middle = np.array(x), x[18:].mean(axis=0)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    y[18:] = (x[18:] - middle) * ([-1, 1] if mirrored else [1, 1]) @ turn.T + middle + np.asarray(shift)
+    return y
+
+
+def rms(x, truth) -> float:
+    return float(np.sqrt(np.mean(np.sum((align(x, truth) - truth) ** 2, axis=1))))
+
+
+def test_groups_are_those_between_gaps_however_microphones_are_numbered():
+    rng = np.random.default_rng(1)
+    x, order = two_groups(rng), rng.permutation(36)
+    found = {frozenset(one.tolist()) for one in groups(x, WAVELENGTH)}
+    assert found == {frozenset(range(18)), frozenset(range(18, 36))}
+    assert {frozenset(order[one].tolist()) for one in groups(x[order], WAVELENGTH)} == found
+    assert len(groups(rng.uniform(0, 2.0, (60, 2)), WAVELENGTH)) == 1, "an array without gaps is one group"
+
+
+def test_a_single_microphone_belongs_to_the_nearest_group():
+    x = two_groups(np.random.default_rng(2))
+    x[0] = x[:18].mean(axis=0) - [1.5, 0.0]
+    first, second = sorted(groups(x, WAVELENGTH), key=lambda one: one[0])
+    assert 0 in first
+    assert len(first) == len(second) == 18
+
+
+@pytest.mark.parametrize(("angle", "shift", "mirrored"), [(2.0, (0.0, 0.0), False), (0.5, (0.6, -0.8), True)])
+def test_a_group_in_a_wrong_pose_comes_to_the_right_one(angle, shift, mirrored):
+    rng = np.random.default_rng(3)
+    x = two_groups(rng)
+    p, wrong = diffuse(x, rng, 1e-3), posed(x, angle, shift, mirrored)
+    found = other_poses(wrong, p, assumed(x))[0]
+    assert rms(wrong, x) > 0.2
+    assert rms(found, x) < 0.05 * WAVELENGTH
+    for group in (slice(0, 18), slice(18, 36)):
+        assert rms(found[group], x[group]) < 1e-9, "each group moves as a whole"
+
+
+def test_an_array_without_gaps_has_no_other_poses():
+    rng = np.random.default_rng(4)
+    x = rng.uniform(0, 2.0, (60, 2))
+    assert other_poses(x, diffuse(x, rng, 1e-3), assumed(x)) == []
+
+
+def test_odd_channels_move_with_their_group_and_do_not_decide_its_pose():
+    rng = np.random.default_rng(5)
+    x = two_groups(rng)
+    p, field = diffuse(x, rng, 1e-3), assumed(x)
+    field.channel_noise[[3, 20]] = 1e4
+    wrong = posed(x, 2.5, (0.3, 0.5), True)
+    found = other_poses(wrong, p, field)
+    changed = np.array(p)
+    changed[:, [3, 20]] = rng.normal(size=(len(K), 2))
+    assert rms(found[0], x) < 0.05 * WAVELENGTH
+    np.testing.assert_array_equal(other_poses(wrong, changed, field), found)
+
+
+def test_robust_finds_groups_of_which_it_had_one_in_a_wrong_pose():
+    rng = np.random.default_rng(6)
+    x = two_groups(rng)
+    p = diffuse(x, rng, 1e-4)
+    problem = Measurement(pressures=p, frequencies=FREQUENCIES, sound_speed=343.0).problem("unit")
+    settings, solver = SolverSettings(name="robust", modes=len(K)), solvers.load("robust")
+    state = solver.init(problem, settings, 0, posed(x, 2.0, (0.2, 0.4), True))
+    while not state.finished:
+        state = solver.step(problem, state)
+    assert rms(state.positions, x) < 0.01 * WAVELENGTH
+    assert rms(state.ends[0].positions, x) > 0.05, "the first end is in the wrong pose"
+    assert all(end.regrouped for end in state.ends[1:]), "no other start is needed"
