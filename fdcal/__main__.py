@@ -9,6 +9,7 @@ import io
 import os
 import signal
 import sys
+from types import FrameType
 
 LEAST_ADDRESS_SPACE = 1500 * 2**20  # bytes; a small calibration takes half of it, the compiler the rest
 
@@ -20,7 +21,7 @@ def main() -> None:
     before = signal.signal(signal.SIGINT, _end_at_once)
     from .commands.cli import main as run
 
-    signal.signal(signal.SIGINT, before)
+    signal.signal(signal.SIGINT, _interrupted if before is signal.default_int_handler else before)
     run()
 
 
@@ -37,6 +38,16 @@ def _require_address_space() -> None:
             f"error: ulimit -v leaves {have} MB of address space, and fdcal needs {need} MB; raise it", file=sys.stderr
         )
         sys.exit(1)
+
+
+def _interrupted(number: int, frame: FrameType | None) -> None:
+    """Raise KeyboardInterrupt, but end the process where a command is loading a library."""
+    inner = frame
+    while inner is not None:
+        if inner.f_code.co_filename.startswith("<frozen importlib"):
+            _end_at_once()
+        inner = inner.f_back
+    signal.default_int_handler(number, frame)
 
 
 def _end_at_once(*_) -> None:

@@ -86,6 +86,24 @@ def test_an_interrupt_while_the_libraries_load_is_one_line(delay):
     assert "Traceback" not in errors
 
 
+def test_an_interrupt_while_a_command_loads_a_library_is_one_line(tmp_path):
+    """An extension module turns the interrupt into an ImportError, as some do that load when the command needs them."""
+    (tmp_path / "slow.py").write_text(
+        "import os, signal\n"
+        "try:\n    os.kill(os.getpid(), signal.SIGINT)\n    sum(range(10**6))\n"
+        "except KeyboardInterrupt:\n    raise ImportError('initialization failed') from None\n"
+    )
+    script = (
+        "from fdcal.commands import cli\n"
+        "@cli.commands.command('slow')\ndef slow():\n    import slow\n"
+        "from fdcal.__main__ import main\nmain()\n"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", script, "slow"], cwd=tmp_path, capture_output=True, text=True, timeout=60
+    )
+    assert (run.returncode, run.stderr) == (130, "error: interrupted; nothing is left half-written\n")
+
+
 @pytest.mark.parametrize("closed", [(2,), (0, 1, 2)])
 def test_closed_streams_are_no_fault(closed, tmp_path):
     def close():
