@@ -81,4 +81,4 @@ def _resolved(target: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *PUBLIC})
+    return sorted({*(name for name in globals() if name.startswith("__")), *PUBLIC})

@@ -253,3 +253,7 @@ def test_a_result_shows_itself_in_a_line(tiny):
     assert len(text.splitlines()) == 1 and len(text) < 200
     assert "16 microphones, 3 known, 12 frequencies, verdict good, mean error" in text
     assert repr(tiny) == "<Measurement: 16 microphones, 3 known, 36 frequencies from 102.1 to 831.0 Hz>"
+
+
+def test_completion_offers_the_public_names_alone():
+    assert {name for name in dir(fdcal) if not name.startswith("_")} == set(fdcal.__all__)

@@ -219,7 +219,8 @@ def _good(problem: Problem, state: State, seen: ChannelEvidence, names: Sequence
     """Return the message of an array that no check contradicts, and what is wrong with its odd channels."""
     given = problem.noise_power is not None and bool(np.any(problem.noise_power > 0))
     residual = residual_to_noise(problem, state, seen.found, seen.healthy)
-    precision = findings.precision(seen.sigma[seen.healthy], residual, given)
+    sought = seen.healthy & ~np.isin(np.arange(len(seen.sigma)), problem.known)
+    precision = findings.precision(seen.sigma[sought if np.any(sought) else seen.healthy], residual, given)
     precision += given_findings.inaccuracy(problem, state)
     if not seen.odd:
         return f"nothing speaks against these positions; {precision}"

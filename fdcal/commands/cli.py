@@ -73,9 +73,9 @@ def view(scene: str, own: tuple[str, ...], host: str, port: int, no_browser: boo
     """
     from .serving import check_address, open_page, warning
 
-    only_here = check_address(host, port)
     lessons = [load_lesson(name) for name in (*own, *lesson_names())]
     request = open_request_of(scene)
+    only_here = check_address(host, port)
     if not only_here:
         print(warning(host, port), file=sys.stderr)
 

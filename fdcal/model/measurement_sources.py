@@ -26,7 +26,7 @@ class MeasurementSources:
         dimension: int = 3,
         names: Sequence[str] | None = None,
         positions=None,
-        known: Mapping | Sequence = (),
+        known: Mapping | Sequence | None = (),
         time_convention: str = "exp(+jwt)",
         **others: Any,
     ) -> fdcal.Measurement:
@@ -46,7 +46,7 @@ class MeasurementSources:
             "0", "1", ... unless given.
         positions : (N, D) array_like, optional
             True positions, metres, for scoring alone.
-        known : mapping or sequence
+        known : mapping or sequence, optional
             Microphones whose positions the solver gets, by name or number: a mapping to positions (D,), metres; or a
             sequence of those whose `positions` are right.
         time_convention : str
@@ -76,6 +76,7 @@ class MeasurementSources:
         require_choice("time_convention", time_convention, ("exp(+jwt)", "exp(-jwt)"))
         pressures = np.asarray(pressures)
         labels = [str(n) for n in range(pressures.shape[-1] if pressures.ndim else 0)] if names is None else list(names)
+        known = () if known is None else known
         numbers = [microphone_index(str(one), labels, "known") for one in known]
         places = [np.asarray(place, float).tolist() for place in known.values()] if isinstance(known, Mapping) else None
         columns = np.shape(positions if positions is not None else places or ())[1:]

@@ -57,6 +57,7 @@ def test_error_and_sigma_are_of_the_same_microphones(inputs, found):
     sought = np.setdiff1d(np.arange(16), inputs.given)
     sigma = length_text(float(np.sqrt(np.mean(found.uncertainty[sought] ** 2))), 2)
     assert line_of(summary(inputs, found), "error").endswith(f"over the 13 microphones sought; their one sigma {sigma}")
+    assert f"one sigma {sigma}" in found.verdict_text, "the verdict has the same number"
     unknown = replace(found, mean_error=None, max_error=None, errors=None)
     assert line_of(summary(inputs, unknown), "error").endswith(f"their one sigma {sigma}")
 

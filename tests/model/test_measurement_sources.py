@@ -21,6 +21,7 @@ def test_arrays_are_taken_as_they_are():
     np.testing.assert_array_equal(m.pressures, PRESSURES)
     np.testing.assert_array_equal(m.known_positions, POSITIONS[[1, 4]])
     assert (m.dimension, m.array_dimension, m.sound_speed) == (3, 3, 345.0)
+    assert len(fdcal.Measurement.from_arrays(FREQUENCIES, PRESSURES, known=None).known) == 0
 
 
 def test_the_other_time_convention_is_conjugated():

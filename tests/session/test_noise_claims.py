@@ -62,9 +62,9 @@ def test_error_and_error_bar_follow_the_noise(noisy):
     assert [round(value, 1) for value in (some.sought.mean(), some.sought.max())] == [1.8, 3.4]
     assert "1.8 mm on average, 3.4 mm for the worst" in said(NOISE, 0)
     assert round(none.sought.mean(), 1) == 0.9 and "0.9 mm would be left" in said(NOISE, 0)
-    assert one_sigma(some) == "2.2" and '"one sigma 2.2 mm"' in said(NOISE, 0)
+    assert one_sigma(some) == "2.3" and '"one sigma 2.3 mm"' in said(NOISE, 0)
     assert round(more.sought.mean(), 1) == 7.6 and "from 1.8 to 7.6 mm" in said(NOISE, 1)
-    assert one_sigma(more) == "12" and "one sigma from 2.2 to 12 mm" in said(NOISE, 1)
+    assert one_sigma(more) == "13" and "one sigma from 2.3 to 13 mm" in said(NOISE, 1)
     ratios = more.sought.mean() / some.sought.mean(), more.bars.mean() / some.bars.mean()
     assert max(ratios) < 6 and max(ratios) / min(ratios) < 1.4, "together, and not tenfold"
 

@@ -14,6 +14,7 @@ from .trials import Trials
 
 FORMAT = 1  # of the JSON
 LIKELY = 0.9  # share of simulated calibrations from which an answer is yes
+LARGER = 1.05  # factor on that size from which an array counts as larger
 SIZES = (0.5, 0.71, 1.41, 2.0)  # factors on the size of the array that are put in words
 
 
@@ -116,7 +117,7 @@ def advice_lines(plan: Plan, advice: Advice) -> list[str]:
 
 
 def _snr_line(plan: Plan, advice: AccuracyAdvice) -> str:
-    wanted = _mm(plan.request.accuracy)
+    wanted = f"{_mm(plan.request.accuracy)} rms"
     if advice.snr_db is None or advice.recording_factor is None:
         if advice.margin * plan.bound.rms <= plan.request.accuracy:
             return f"{wanted} is within reach at {plan.request.snr_db:g} dB, and noise is not what limits the error"
@@ -132,11 +133,13 @@ def _snr_line(plan: Plan, advice: AccuracyAdvice) -> str:
 def _size_line(plan: Plan, advice: AccuracyAdvice) -> str:
     bounds = dict(advice.sizes.tolist())
     others = "; ".join(f"{factor:g} times as large {_mm(bounds[factor])}" for factor in SIZES if factor in bounds)
-    wanted, reckoned = _mm(plan.request.accuracy), f"calibrations err {advice.margin:.2g} times the bound"
+    wanted, reckoned = f"{_mm(plan.request.accuracy)} rms", f"calibrations err {advice.margin:.2g} times the bound"
     if advice.size is None:
         judged = f"no size from {advice.sizes[0, 0]:g} to {advice.sizes[-1, 0]:g} times reaches {wanted}"
     elif advice.size < 1:
         judged = f"{wanted} needs an array of {advice.size:.2g} times the size"
+    elif advice.size < LARGER:
+        judged = f"the array must not be larger for {wanted}"
     else:
         judged = f"the array may be {advice.size:.2g} times as large for {wanted}"
     return f"size: {judged}, where {reckoned} ({others}; as it is {_mm(plan.bound.rms)})"

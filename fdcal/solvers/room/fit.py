@@ -103,8 +103,11 @@ def _walls(theta, count: int, D: int) -> np.ndarray:
     return walls
 
 
+@np.errstate(all="ignore")
 def exact(theta, pressures, noise, wavenumbers, size, slopes: bool = True) -> Exact:
     """Return the exact model's residual, and its Jacobian if `slopes`.
+
+    Values without bound, as far outside of a room of another size, give a cost that no step is taken to.
 
     Parameters
     ----------

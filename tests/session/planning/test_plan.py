@@ -266,7 +266,7 @@ def test_what_is_reached_already_is_not_said_to_be_out_of_reach():
     plan = make_plan(request_of("circle 16 0.2"))
     assert plan.advice.accuracy.snr_db is None and 1.5 * plan.bound.rms < plan.request.accuracy
     text = "\n".join(plan_lines(plan))
-    assert "10 mm is within reach at 30 dB" in text and "no signal-to-noise ratio reaches" not in text
+    assert "10 mm rms is within reach at 30 dB" in text and "no signal-to-noise ratio reaches" not in text
     assert f"as it is {1e3 * plan.bound.rms:.3g} mm" in text
 
 
