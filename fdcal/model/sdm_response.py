@@ -8,13 +8,12 @@ fs                  sampling rate, Hz
 from __future__ import annotations
 
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 
 from .limits import LIMITS
-from .matlab_elements import require_readable
+from .matlab_file import read_arrays
 from .reading import read_bytes
 from .validation import InputError, require_array, shown
 
@@ -138,7 +137,7 @@ def require_unwrapped(pressure: np.ndarray, start: int, path: str = "response") 
 
 def _variables(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """Return pressure, azimuth and elevation, each (T,), and the sampling rate of a file, checked."""
-    table = _table(path)
+    table = read_arrays(read_bytes(path, LIMITS.unfolded), KEYS, str(path))
     remedy = f"give {', '.join(KEYS[:-1])} (T,) and {KEYS[-1]}"
     for key in KEYS:
         if key not in table:
@@ -158,19 +157,3 @@ def _variables(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
             f"{path}: fs = {shown(rate.tolist())} is no sampling rate", f"use {low:g} to {high:g} Hz", key="fs"
         )
     return pressure, azimuth, elevation, float(rate[0])
-
-
-def _table(path: Path) -> dict:
-    """Return the variables of a MATLAB file that a response has."""
-    from scipy.io import loadmat  # takes a moment to load
-
-    data = read_bytes(path, LIMITS.unfolded)
-    require_readable(data, KEYS, str(path))
-    try:
-        return loadmat(BytesIO(data), variable_names=KEYS)
-    except NotImplementedError as error:  # version 7.3 is HDF5
-        raise InputError(f"{path} is a MATLAB file of version 7.3", "save it with save(..., '-v7')") from error
-    except Exception as error:  # a damaged file raises anything
-        raise InputError(
-            f"{path} is not a MATLAB file that can be read ({type(error).__name__})", "save it again"
-        ) from (error)

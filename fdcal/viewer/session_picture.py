@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..assessment.findings import root_mean_square
 from ..graphics.framing import with_display_domain
 from ..graphics.overlays import (
     ellipse_scale,
@@ -20,6 +21,7 @@ from ..graphics.picture import static_picture, with_estimate, with_floor
 from ..graphics.plan_overlay import with_bound
 from ..graphics.primitives import Floor, Picture
 from ..graphics.volume import Volume, faded
+from ..model.lengths import length_text
 from ..session.history import SessionView
 from .background.comparison import RunSummary
 from .background.cost_map import CostMap
@@ -89,9 +91,7 @@ class SessionPicture:
         if choices.ellipses and uncertainty is not None:
             picture = self._with_ellipses(picture, positions, uncertainty, floor, choices.ellipse_scale)
         if uncertainty is not None and uncertainty.channels is not None:
-            odd = {fault.name for fault in uncertainty.channels.faults}
-            numbers = [n for n, name in enumerate(self._measurement.names) if name in odd]
-            picture = with_odd_channels(picture, positions, numbers, floor)
+            picture = with_odd_channels(picture, positions, self._odd(uncertainty), floor)
         if choices.cut is not None:
             picture = with_cut(picture, choices.cut, floor)
         return with_comparison(picture, {run.name: run.positions for run in runs}, self._run.problem.free, floor)
@@ -112,8 +112,19 @@ class SessionPicture:
         """Return the picture with error ellipses `scale` times enlarged, 0 for as much as makes them visible."""
         extent = max(picture.focus[2] - picture.focus[0], picture.focus[3] - picture.focus[1])
         scale = scale or ellipse_scale(found.axes, extent)
-        sigma = 1e3 * np.sqrt(np.mean(found.sigma**2))  # as the verdict has it
-        return with_ellipses(picture, positions, found.axes, floor, scale, f"one sigma {sigma:.2g} mm")
+        sigma = root_mean_square(found.sigma[self._sought(found)])  # as the verdict has it
+        return with_ellipses(picture, positions, found.axes, floor, scale, f"one sigma {length_text(sigma, 2)}")
+
+    def _sought(self, found: PositionUncertainty) -> np.ndarray:
+        """Return the microphones sought that have a sound channel, else all : (K,) int64."""
+        every = np.arange(len(found.sigma))
+        sought = np.setdiff1d(every, [*self._run.problem.known, *self._odd(found)])
+        return sought if len(sought) else every
+
+    def _odd(self, found: PositionUncertainty) -> list[int]:
+        """Return the microphones with a faulty channel."""
+        names = set() if found.channels is None else {fault.name for fault in found.channels.faults}
+        return [n for n, name in enumerate(self._measurement.names) if name in names]
 
     def _static_picture(self, dark: bool, lecture: bool, floor: Floor | None) -> Picture:
         """Return what does not move; over a relief it follows the heights of the map."""

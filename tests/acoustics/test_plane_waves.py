@@ -136,7 +136,7 @@ def test_a_response_that_wraps_round_is_refused(tmp_path, samples):
         ({"fs": 0.0}, "no sampling rate"),
         ({"fs": np.arange(6000.0)}, "no sampling rate"),
         ({"p": np.r_[np.zeros(5995), np.ones(5)]}, "wraps round"),
-        ({"p": "loud"}, '"p" is no array of numbers'),
+        ({"p": "loud"}, '"p" is no array of real numbers'),
     ],
 )
 def test_a_file_that_is_no_response_is_refused(tmp_path, changes, words):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import struct
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from scipy.io import loadmat, savemat
 
 from fdcal.acoustics.plane_waves import plane_wave_pressures
 from fdcal.commands.cli import main
+from fdcal.model.matlab_file import read_arrays
 from fdcal.model.measured_room import MEASURED_AND_MODELLED, response_path
 from fdcal.model.measurement_file import load_measurement
 from fdcal.model.sdm_response import load_sdm_response
@@ -104,15 +106,14 @@ def response_file(tmp_path):
 
 
 @pytest.mark.parametrize("kind", (0, 8, 10, 16, 20, 73, 255))
-@pytest.mark.parametrize("position", (-2, 1))
-def test_an_element_of_an_unknown_type_is_refused_before_scipy_takes_it_as_an_index(response_file, kind, position):
-    """SciPy's compiled reader ends the process on some of these. Variables begin at multiples of 8 bytes."""
+@pytest.mark.parametrize("variable", ("azi_rad", "fs"))
+def test_an_element_of_an_unknown_type_is_refused(response_file, variable, kind):
+    """SciPy's compiled reader takes the type as an index and ends the process on some of these."""
     data = bytearray(response_file.read_bytes())
-    names = data.index(b"azi_rad"), data.index(b"fs")
-    tag = names[0] + 8 if position == 1 else names[1] - 4 + 8  # of the values of azi_rad; of fs, whose name is small
-    assert data[tag] == 9 or data[tag] == 3, "double, or 48000 as a whole number"
+    tag = data.index(variable.encode()) + (8 if variable == "azi_rad" else 4)  # of the values; "fs" is a small element
+    assert data[tag] == 9, "double"
     data[tag] = kind
-    response_file.write_bytes(bytes(data))
+    response_file.write_bytes(data)
     with pytest.raises(InputError, match="is not a MATLAB file that can be read"):
         load_sdm_response(response_file)
 
@@ -124,20 +125,52 @@ def test_a_file_that_is_cut_off_is_refused(response_file, length):
         load_sdm_response(response_file)
 
 
-def test_files_of_all_kinds_of_matlab_are_read_alike(response_file):
+def test_variables_of_any_kind_may_stand_beside_a_response(response_file):
     table = {key: value for key, value in loadmat(response_file).items() if key[0] != "_"}
     expected = load_sdm_response(response_file).amplitudes
-    others = {"text": "a room", "list": np.array([1, "b"], dtype=object), "parts": {"a": 1.0}}
-    for options in ({"do_compression": True}, {"format": "4"}, {"oned_as": "column"}):
-        extra = {} if options.get("format") == "4" else others
-        savemat(response_file, {**extra, **table}, **options)
+    others = {"text": "a room", "list": np.array([1, "b"], dtype=object), "parts": {"a": 1.0}, "z": np.array([1j])}
+    for options in ({"do_compression": True}, {"oned_as": "column"}):
+        savemat(response_file, {**others, **table}, **options)
         assert np.array_equal(load_sdm_response(response_file).amplitudes, expected)
 
 
-def test_a_variable_that_unfolds_to_gigabytes_is_refused(response_file):
-    savemat(response_file, {"p": np.zeros(10_000_000)}, do_compression=True)
-    with pytest.raises(InputError, match="cut off"):
+@pytest.mark.parametrize("dtype", ("float32", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64"))
+@pytest.mark.parametrize("compressed", (False, True))
+def test_numbers_of_each_type_are_those_that_scipy_reads(tmp_path, dtype, compressed):
+    path, numbers = tmp_path / "numbers.mat", np.arange(12).reshape(3, 4).astype(dtype)
+    savemat(path, {"other": 1.0, "p": numbers}, do_compression=compressed)
+    found = read_arrays(path.read_bytes(), ("p", "q"), "numbers.mat")
+    assert list(found) == ["p"]
+    np.testing.assert_array_equal(found["p"], loadmat(path)["p"])
+
+
+def test_either_byte_order_is_read():
+    def element(kind: int, data: bytes) -> bytes:
+        return struct.pack(">II", kind, len(data)) + data + bytes(-len(data) % 8)
+
+    values = element(6, struct.pack(">II", 6, 0)) + element(5, struct.pack(">ii", 1, 3)) + element(1, b"p")
+    values += element(9, struct.pack(">3d", 1.5, -2.0, 3.0))
+    data = (
+        bytes(124).replace(b"\0", b" ")
+        + struct.pack(">H", 0x0100)
+        + b"MI"
+        + struct.pack(">II", 14, len(values))
+        + values
+    )
+    np.testing.assert_array_equal(read_arrays(data, ("p",), "big.mat")["p"], [[1.5, -2.0, 3.0]])
+
+
+def test_other_versions_complex_numbers_and_text_are_refused(response_file):
+    savemat(response_file, {"p": np.ones(200)}, format="4")
+    with pytest.raises(InputError, match="is not a MATLAB file of version 5 to 7"):
         load_sdm_response(response_file)
-    savemat(response_file, {"p": "text"})
-    with pytest.raises(InputError, match='"p" is no array of numbers'):
+    for wrong in ("text", np.array([1.0 + 1j])):
+        savemat(response_file, {"p": wrong})
+        with pytest.raises(InputError, match='"p" is no array of real numbers'):
+            load_sdm_response(response_file)
+
+
+def test_a_variable_that_unfolds_to_very_much_is_refused(response_file):
+    savemat(response_file, {"p": np.zeros(10_000_000)}, do_compression=True)
+    with pytest.raises(InputError, match="more than 67,108,864 bytes"):
         load_sdm_response(response_file)
