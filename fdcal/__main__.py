@@ -41,12 +41,14 @@ def _require_address_space() -> None:
 
 
 def _interrupted(number: int, frame: FrameType | None) -> None:
-    """Raise KeyboardInterrupt, but end the process where a command is loading a library."""
-    inner = frame
+    """Raise KeyboardInterrupt, but end the process where a command loads a library and has no unfinished file."""
+    loads, writes, inner = False, False, frame
     while inner is not None:
-        if inner.f_code.co_filename.startswith("<frozen importlib"):
-            _end_at_once()
+        loads = loads or inner.f_code.co_filename.startswith("<frozen importlib")
+        writes = writes or inner.f_code.co_name == "write_atomically"
         inner = inner.f_back
+    if loads and not writes:
+        _end_at_once()
     signal.default_int_handler(number, frame)
 
 

@@ -208,7 +208,8 @@ def _rival(state: State, same: float, healthy) -> str:
         if distance > same and end.score - ends[0].score < LIMITS.rival_cost:
             return findings.equally_likely(distance)
     starts = sum(not end.regrouped for end in state.ends)
-    if starts > 2 and min(away, default=np.inf) > same:
+    independent = [distance for end, distance in zip(ends[1:], away, strict=True) if not end.regrouped]
+    if starts > 2 and min(independent, default=np.inf) > same:
         return (
             f"each of {starts} starts of the search ended at another array; use more <modes>, or more known microphones"
         )

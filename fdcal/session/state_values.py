@@ -121,6 +121,9 @@ class StateReader:
         if wanted is not None and array.shape != wanted:
             remedy = f"with this measurement it is {wanted}"
             raise InputError(f"states.{key} has shape {array.shape}", remedy, key=f"states.{key}", value=array.shape)
-        if key in ("positions", "origin", "centre", "place") and np.abs(array).max(initial=0.0) > LIMITS.coordinate:
+        if (
+            key in ("positions", "poses", "shape", "origin", "centre", "place")
+            and np.abs(array).max(initial=0.0) > LIMITS.coordinate
+        ):
             raise InputError(f"states.{key} is too far away", f"use coordinates up to {LIMITS.coordinate:g} m")
         return array

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +13,7 @@ from fdcal.cost.channel_likelihood import ChannelField
 from fdcal.model.gauge import align
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
+from fdcal.session.state_codec import read_states, write_states
 from fdcal.solvers.robust.groups import groups, other_poses
 
 FREQUENCIES = np.linspace(40.0, 300.0, 30)
@@ -109,3 +113,56 @@ def test_robust_finds_groups_of_which_it_had_one_in_a_wrong_pose():
     assert rms(state.positions, x) < 0.01 * WAVELENGTH
     assert rms(state.ends[0].positions, x) > 0.05, "the first end is in the wrong pose"
     assert all(end.regrouped for end in state.ends[1:]), "no other start is needed"
+
+
+def test_the_poses_of_a_larger_array_in_longer_waves_are_the_same():
+    rng = np.random.default_rng(3)
+    x = two_groups(rng)
+    p, wrong, scale = diffuse(x, rng, 1e-3), posed(x, 0.5, (0.6, -0.8), True), 128.0
+    longer = replace(assumed(x), wavenumbers=K / scale)
+    for found, larger in zip(other_poses(wrong, p, assumed(x)), other_poses(scale * wrong, p, longer), strict=True):
+        np.testing.assert_allclose(larger / scale, found, atol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def regrouped():
+    """A problem, and a state in an attempt that began in another pose, with others still to be tried."""
+    rng = np.random.default_rng(6)
+    x = two_groups(rng)
+    measurement = Measurement(pressures=diffuse(x, rng, 1e-4), frequencies=FREQUENCIES, sound_speed=343.0)
+    problem, solver = measurement.problem("unit"), solvers.load("robust")
+    state = solver.init(problem, SolverSettings(name="robust", modes=len(K)), 0, posed(x, 2.0, (0.2, 0.4), True))
+    while not state.progress.poses:
+        state = solver.step(problem, state)
+    return problem, state
+
+
+def test_other_modes_begin_without_the_poses_of_those_before(regrouped):
+    problem, state = regrouped
+    changed = solvers.load("robust").use_modes(problem, state, 1, 20, True)
+    assert state.progress.regrouped
+    assert (changed.progress.regrouped, changed.progress.poses, changed.ends) == (False, (), ())
+
+
+def test_modes_that_are_not_in_use_do_not_decide_a_pose(regrouped):
+    problem, state = regrouped
+    solver, rng = solvers.load("robust"), np.random.default_rng(7)
+    spoiled = np.array(problem.pressures)
+    spoiled[20:] = rng.normal(size=spoiled[20:].shape)
+
+    def end(problem):
+        now = solver.use_modes(problem, state, 1, 20, True)
+        while not now.ends:
+            now = solver.step(problem, now)
+        return now.progress.poses
+
+    for one, other in zip(end(problem), end(replace(problem, pressures=spoiled)), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-9)
+
+
+def test_a_state_with_poses_is_saved_and_read(regrouped):
+    problem, state = regrouped
+    table, arrays = write_states([state])
+    (read,) = read_states(json.loads(json.dumps(table)), arrays, problem, "robust", 1)
+    assert read.progress.regrouped and len(read.progress.poses) == len(state.progress.poses)
+    np.testing.assert_array_equal(read.progress.poses[0], state.progress.poses[0])

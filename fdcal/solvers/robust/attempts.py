@@ -51,9 +51,10 @@ def end_attempt(problem: Problem, state: State, score: float, settled: bool) -> 
         return _begin_final(problem, state)
     best = min(state.ends, key=lambda one: one.score)
     poses = _other_poses(problem, state) if best is end else state.progress.poses
-    if len(state.ends) >= RULES.attempts or (best.regrouped and not poses):
+    tried = sum(one.regrouped for one in state.ends)
+    if best.regrouped and (not poses or tried >= RULES.attempts):
         return _begin_final(problem, state)
-    if poses:
+    if poses and tried < RULES.attempts:
         begun = begin_attempt(problem, state, poses[0], state.progress.attempt)
         return replace(begun, progress=replace(begun.progress, regrouped=True, poses=poses[1:]))
     return next_attempt(problem, state, state.progress.attempt + 1)
@@ -61,12 +62,15 @@ def end_attempt(problem: Problem, state: State, score: float, settled: bool) -> 
 
 def _other_poses(problem: Problem, state: State) -> tuple[np.ndarray, ...]:
     """The last end with a group of microphones in other poses, aligned with given positions: each (N, D), metres."""
-    if problem.array_dimension != 2:
+    if problem.array_dimension != 2 or not np.isfinite(state.ends[-1].score):
         return ()
-    model, every = state.model, slice(None)
-    k = np.real(assumptions.wavenumbers(problem, state))
-    field = ChannelField(k, model.power, model.noise, model.channel_noise, problem.dimension)
-    found = other_poses(state.positions, assumptions.corrected(problem, state, every), field)
+    model, used = state.model, assumptions.used_modes(problem, state, 0)
+    k = np.real(assumptions.wavenumbers(problem, state)[used])
+    field = ChannelField(k, model.power[used], model.noise[used], model.channel_noise, problem.dimension)
+    try:
+        found = other_poses(state.positions, assumptions.corrected(problem, state, used), field)
+    except np.linalg.LinAlgError:
+        return ()
     placed = found if not len(problem.known) else [starts.aligned(problem, one) for one in found]
     return tuple(frozen_array(one, float) for one in placed)
 
@@ -98,7 +102,8 @@ def next_attempt(problem: Problem, state: State, attempt: int) -> State:
 def _agreed(problem: Problem, state: State) -> bool:
     """Whether another attempt has ended where the likeliest did; without noise their scores differ by rounding.
 
-    One that began in another pose of an end comes back to that end from a wrong place, too: it does not count.
+    An attempt that began from another end with a group in another pose does not count: it may return to that end even
+    if that end is wrong.
     """
     best, *others = sorted(state.ends, key=lambda end: end.score)
     independent = (end for end in others if np.isfinite(end.score) and not end.regrouped)
@@ -132,7 +137,7 @@ def _begin_final(problem: Problem, state: State) -> State:
         offsets=best.offsets,
         model=best.model,
         shape=_gathered(best),
-        progress=replace(state.progress, rounds=0, row=FINAL),
+        progress=replace(state.progress, rounds=0, row=FINAL, regrouped=False, poses=()),
     )
     if is_low_noise_end(problem, state):
         return _begin_noiseless(problem, state)

@@ -37,13 +37,13 @@ def with_conditional(problem: Problem, state: State) -> State:
     kernel = "series" if kernels.kernel_of(problem, state) == "series" else "diffuse"
     chosen = replace(state, model=replace(state.model, conditional=kernel), progress=replace(state.progress, row=FINAL))
     here, goal = assumptions.unknowns(chosen), assumptions.objective(problem, chosen, used)
+    size = state.positions.size  # the positions are the first of the free unknowns
     try:
-        evaluated = goal.evaluate(here)
+        free = assumptions.free_unknowns(problem, chosen, None)
+        H = reduced(here, goal.evaluate(here), free, not len(problem.known))[1]
+        sigma = stretch_sigma(state.positions, [scaled_inverse(H)[:size, :size]])
     except np.linalg.LinAlgError:
         return without
-    H = reduced(here, evaluated, assumptions.free_unknowns(problem, chosen, None), not len(problem.known))[1]
-    size = state.positions.size  # the positions are the first of the free unknowns
-    sigma = stretch_sigma(state.positions, [scaled_inverse(H)[:size, :size]])
     most = CONDITIONAL.stretch_sigma if len(problem.known) else CONDITIONAL.blind_stretch_sigma
     return chosen if sigma < most else without
 

@@ -14,8 +14,8 @@ class ConditionalRules:
     Attributes
     ----------
     power : factor on the power of the field in it
-    weight : of the likelihood of a random field beside it; by dimension of the field: in the plane there are fewer
-        directions, whose power is learned better
+    weight : of the likelihood of a random field beside it; by dimension of the field: a plane field has fewer
+        directions, and their power is learned better
     stretch_sigma : one sigma of the least certain stretching of the array, relative, up to which it is minimised
     blind_stretch_sigma : the same without given positions, where nothing else shows that there is no such field
     noise_share : noise as a part of the mean power up to which it is minimised: with more, what the noise does to the

@@ -46,6 +46,7 @@ class GroupRules:
     nats : by which another pose may be less likely than the present one and still be tried: the groups are not yet
         what they are at its minimum
     tried : poses that are tried after one end at most
+    groups : groups that are posed at most, the largest but one first
     """
 
     gap: float = 0.35
@@ -61,14 +62,18 @@ class GroupRules:
     evaluations: int = 40
     nats: float = 60.0
     tried: int = 3
+    groups: int = 4
 
 
 RULES = GroupRules()
 
 
 def groups(positions, wavelength: float) -> list[np.ndarray]:
-    """Microphones (int64) of each group of an array at (N, D) `positions`; one group if there are no gaps.
+    """Return the microphones of each group, (G,) int64 each; one group if there are no gaps.
 
+    Parameters
+    ----------
+    positions : (N, 2) float64, metres
     wavelength : metres, the shortest
     """
     label = fcluster(linkage(positions, "single"), RULES.gap * wavelength, "distance")
@@ -81,17 +86,29 @@ def groups(positions, wavelength: float) -> list[np.ndarray]:
 
 
 def other_poses(positions, pressures, field: ChannelField) -> list[np.ndarray]:
-    """Return positions (N, 2), metres, with one group in another pose that may be the right one, the likeliest first.
+    """Return arrays with one group in another pose that may be the right one, the likeliest first.
 
+    Parameters
+    ----------
     positions : (N, 2) float64, metres
-    pressures : (M, N) complex128, divided by the responses of the channels
-    field : diffuse, of real wavenumbers
+    pressures : (M, N) complex128, divided by the responses of the channels, any one unit
+    field : ChannelField
+        Diffuse, of real wavenumbers.
+
+    Returns
+    -------
+    list of (N, 2) float64, metres
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        A covariance is not positive definite.
     """
     wavelength = 2 * np.pi / float(field.wavenumbers.max())
     found = groups(positions, wavelength)
     sound = field.channel_noise < OUTLIERS.suspicious
     results = []
-    for group in sorted(found, key=len)[:-1]:
+    for group in sorted(found, key=len)[:-1][-RULES.groups :]:
         rest = np.setdiff1d(np.arange(len(positions)), group)
         if min(np.sum(sound[group]), np.sum(sound[rest])) >= RULES.least:
             results += _refined(positions, pressures, field, group, rest)
@@ -118,27 +135,26 @@ def _refined(x, q, field: ChannelField, group, rest) -> list[tuple[float, np.nda
 
     present, results = cost(x, RULES.blurs[-1] * wavelength), []
     for turn, place in _searched(x, q, field, inside, outside):
-        check_deadline()
-        shape, pose, least = (x[group] - x[inside].mean(axis=0)) @ turn.T, np.append(place, 0.0), np.inf
+        shape, pose, least = (x[group] - x[inside].mean(axis=0)) @ turn.T, np.append(place / wavelength, 0.0), np.inf
         for blur in RULES.blurs:
-            reach = np.array([blur, blur, 0.0]) * wavelength + np.array([0.0, 0.0, np.pi / RULES.angles / 2])
-            start = pose + np.vstack([np.zeros(3), np.diag(reach)])
-            goal = _placing(cost, x, group, shape, blur * wavelength)
+            check_deadline()
+            start = pose + np.vstack([np.zeros(3), np.diag([blur, blur, np.pi / RULES.angles / 2])])
+            goal = _placing(cost, x, group, shape, blur, wavelength)
             options = {"initial_simplex": start, "maxfev": RULES.evaluations, "xatol": 3e-3, "fatol": 0.1}
             fit = minimize(goal, pose, method="Nelder-Mead", options=options)
             pose, least = fit.x, float(fit.fun)
-        results.append((least - present, _moved(x, group, shape, pose)))
+        results.append((least - present, _moved(x, group, shape, pose, wavelength)))
     return results
 
 
-def _placing(cost, x, group, shape, blur: float):
-    return lambda pose: cost(_moved(x, group, shape, pose), blur)
+def _placing(cost, x, group, shape, blur: float, wavelength: float):
+    return lambda pose: cost(_moved(x, group, shape, pose, wavelength), blur * wavelength)
 
 
-def _moved(x, group, shape, pose) -> np.ndarray:
-    """`x` with the group at `shape` (G, 2), turned by the last of `pose` (3,), radians, and moved by the others."""
+def _moved(x, group, shape, pose, wavelength: float) -> np.ndarray:
+    """Return `x` with the group at `shape` (G, 2), metres, in a `pose` (3,): middle, wavelengths, and turn, radians."""
     y = np.array(x)
-    y[group] = pose[:2] + shape @ _turn(pose[2]).T
+    y[group] = pose[:2] * wavelength + shape @ _turn(pose[2]).T
     return y
 
 
@@ -171,9 +187,10 @@ def _searched(x, q, field: ChannelField, inside, outside) -> list[tuple[np.ndarr
         for one in (np.eye(2), mirror)
         for angle in 2 * np.pi * np.arange(RULES.angles) / RULES.angles
     ]
-    cost = np.array(
-        [_costs(x[far], (x[near] - middle) @ turn.T, q[low][:, far], q[low][:, near], pair, places) for turn in turns]
-    )
+    cost = np.empty((len(turns), len(places)))
+    for row, turn in zip(cost, turns, strict=True):
+        check_deadline()
+        row[:] = _costs(x[far], (x[near] - middle) @ turn.T, q[low][:, far], q[low][:, near], pair, places)
     kept = []
     for turn, place in zip(*np.unravel_index(np.argsort(cost, axis=None), cost.shape), strict=True):
         shape = places[place] + (x[inside] - middle) @ turns[turn].T

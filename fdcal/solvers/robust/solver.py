@@ -142,7 +142,7 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
     require_modes(problem, last)
     problem = in_unit_power(problem)
     changed = replace(state, first=first, last=last, automatic=automatic, ends=(), finished=False, converged=False)
-    changed = replace(changed, progress=replace(state.progress, row=FREE, rounds=0))
+    changed = replace(changed, progress=replace(state.progress, row=FREE, rounds=0, regrouped=False, poses=()))
     return begin_row(problem, hyperparameters.with_noise(problem, changed), FREE)
 
 

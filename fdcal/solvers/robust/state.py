@@ -61,7 +61,7 @@ class Model:
 class End:
     """The end of an attempt: positions (N, D), metres, gains and offsets (N, 2), model, and the score that ranks it.
 
-    `regrouped` is that of the attempt's `Progress`: such an end is no independent one.
+    `regrouped` tells that the attempt began from another end: the two ends do not confirm each other.
     """
 
     positions: np.ndarray
