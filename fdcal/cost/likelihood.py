@@ -1,203 +1,424 @@
-"""The Gaussian likelihood of the pressures: a cost that stays unbiased in noise.
+"""The Gaussian likelihood of the pressures: cost, gradient and Gauss-Newton matrix of positions and channels.
 
-The coefficients of the field are isotropic and Gaussian (a diffuse field), and noise is added. The pressures of mode m
-then have the covariance
+    p_mn = g_mn e_mn + noise,   log g_mn = a_n + j b_n - j k_m d_n + h(kappa_n, k_m),   q_mn = p_mn / g_mn
+    C_m  = s_m K_m + v_m diag(tau_n)
+    cost = sum_m [log det C_m + q_m^H C_m^-1 q_m + 2 Re sum_n log g_mn]
 
-    C_m = s_m kappa(k_m |x_i - x_j|) + v_m I,     kappa = J_0 in 2-D, sin(z) / z in 3-D,
-    cost(x) = sum_m [ log det (C_m / v_m) + p_m^H C_m^-1 p_m ]
+    x (N, D) positions, metres;  a, b (N,) log gain, nepers, and phase, radians
+    d (N,) delay, metres, times the sound speed;  kappa (N,) corner of a first-order high-pass, rad/m, times 2 pi / c
+    h = -log(1 - j kappa / k), the high-pass over what all channels share; of a corner below 0 its inverse at -kappa
+    K    covariance of a field of unit power (`fdcal.cost.kernels`)
+    s, v (M,) power of field and noise;  tau (N,) noise of each channel over that of the array, 1 for a healthy one
+    u    C^-1 q;   d  diagonal of C^-1;   q_n - u_n / d_n is what the other microphones predict of channel n
 
-    s, v      power of the field and of the noise, one value of each per mode
-    kappa     spatial correlation of a diffuse field: the limit of W W^H as the order grows (Graf's theorem)
-    u         C^-1 p
+It is Eq. 7 with a Tikhonov weight v / s, divided by v, plus the log-determinant: a cost that stays unbiased in noise.
+It has no centre, no order and no truncation; translation, rotation and mirror leave it unchanged. Without the
+determinant microphones diverge outward: far away the kernel tends to the identity, which fits any pressures.
 
-The cost has no centre, no order and no truncation; translation, rotation and mirror leave it unchanged. It is Eq. 7
-with a Tikhonov weight v / s, divided by v, plus the log-determinant. Without the determinant microphones diverge
-outward: far away the kernel tends to the identity, which fits any pressures. kappa takes the real part of the
-wavenumber, because J_0 of a complex argument is not a covariance.
+The parameters of a microphone are x, (x, a, b) or (x, a, b, d, kappa). With J = (D_1 u, .., D_D u, q dlog g / da, ..),
+D_a the slope of s K, the gradient is -2 Re[conj(u) J] and what the log-determinants and log g add, the curvature
+2 Re sum_m conj(J_mi) (C_m^-1)_ij J_mj.
+
+Where K = W W^H of fewer waves than microphones, with W' = T^-1/2 W, q' = T^-1/2 q, T = diag(tau), mu = v / s and
+
+    A = W'^H W' + mu I = G G^H,    Q = W' G^-H,    P = I - Q Q^H,    C^-1 = T^-1/2 P T^-1/2 / v,
+
+a matrix of r x r takes the place of one of N x N. In space, and for an array of many wavelengths, C is factorised.
+
+The conditional (deterministic) likelihood hardly assumes anything of the field: the noise is random, the field is not
+(Stoica and Nehorai, IEEE Trans. ASSP 38 (1990) 1783).
+
+    B_m  = beta s_m K_m + v_m diag(tau_n),    V_m  = v_m diag(tau_n |g_0n / g_n|^2)
+    cost = sum_m [q_m^H B_m^-1 q_m - tr(B_m^-1 V_m)]  +  weight * cost of a random field
+
+g_0 are the responses behind which the noise is v tau. A room has few waves, and what the random field takes for
+evidence of its isotropy moves the positions: where the noise is low its minimum is many sigmas from the truth. For
+beta -> infinity the first part is the residual of Eq. 7 over the noise; a finite beta keeps waves of high order from
+explaining noise, and the trace is what the noise adds on average, so that the expectation over the noise is least at
+the true positions whatever the field, up to a term that falls as 1 / beta. Without a log-determinant nothing there holds
+the size of an array of few waves, and a small part of the other likelihood does.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import j0
 
-from ..acoustics.sinc import sinc
 from ..model.power import mode_power
-from ..model.validation import frozen_array
-from .mode_sums import ModeTerms, summed
+from .batches import (
+    applied,
+    as_columns,
+    hermitian_inverses,
+    joined_columns,
+    over_blocks,
+    triangular_inverses,
+    weighted_curvature,
+    whole_curvature,
+)
+from .kernels import cosines_and_sines, diffuse_matrices, plane_wave_kernel, series_kernel
+from .waves import circular_waves, expansion_about, plane_waves
 
-LEAST_FIELD_SHARE = 1e-3  # least power of the field over that of the pressures, so that C is never pure noise
+MIN_FIELD_SHARE = 1e-3  # least power of the field over that of the pressures, so that C is never pure noise
+MIN_WEIGHT = 1e-11  # least mu = v / s; below it rounding errors of A are not small beside it
+ZERO = 1e-13  # of the largest eigenvalue: what is below counts as zero
 
 
 @dataclass(frozen=True)
-class DiffuseField:
-    """The model of the sound field and the noise.
+class Conditional:
+    """A conditional likelihood beside that of a random field.
 
     Attributes
     ----------
-    wavenumbers : (M,) float64, rad/m; or complex128, and then C is s W W^H + v I of the dictionary about the centre
-        of mass, which differs from the kernel
-    power : (M,) float64, s, in the unit of abs(pressures)**2
-    noise : (M,) float64, v, in the same unit
+    power : float, beta
+    weight : float, of the likelihood of a random field beside it
+    damped : whether the imaginary part of the wavenumbers counts in it
+    reference : (M, N) or (1, N) complex128, log g_0
+    """
+
+    power: float
+    weight: float
+    damped: bool
+    reference: np.ndarray
+
+
+@dataclass(frozen=True)
+class FieldModel:
+    """What is assumed of the sound field and of the noise.
+
+    Attributes
+    ----------
+    wavenumbers : (M,) float64 or complex128, rad/m; complex ones take the series, real ones the diffuse kernel
+    power, noise : (M,) float64, s and v, in the unit of abs(pressures)**2
+    channel_noise : (N,) float64, tau
     dimension : 2 or 3, of the sound field
-    log_det : whether the log-determinant counts; without it the cost is the paper's, Eq. 7, with a Tikhonov weight
-    near_field : whether a source may be close to the array (see `fdcal.cost.low_rank_covariance`)
-    reference : (N, D) float64, metres, or None: positions that set the centre and the extent of the expansion, in
-        place of the microphones' own; the gradient takes both as constant
-    prior : (M, Q) float64 or None, power by direction where the field is not diffuse (`fdcal.cost.angular_prior`),
-        in 2-D only
+    near : whether a source may be close to the array; with the series only
+    about : (N, D) float64, metres, or None: positions that give the centre of the series, those of the microphones
+        unless given; the gradient takes it as fixed
+    directions : (M, Q) float64 or None: power by direction, mean 1 (`fdcal.cost.angular_spectrum`)
+    conditional : Conditional or None
     """
 
     wavenumbers: np.ndarray
     power: np.ndarray
     noise: np.ndarray
+    channel_noise: np.ndarray
     dimension: int
-    log_det: bool = True
-    near_field: bool = False
-    reference: np.ndarray | None = None
-    prior: np.ndarray | None = None
+    near: bool = False
+    about: np.ndarray | None = None
+    directions: np.ndarray | None = None
+    conditional: Conditional | None = None
 
 
-def diffuse_field(
-    pressures, wavenumbers, noise, dimension: int, log_det: bool = True, near_field: bool = False, reference=None
-) -> DiffuseField:
-    """Return the model whose field power is that of the pressures less the noise.
-
-    Parameters
-    ----------
-    pressures : (M, N) complex128
-    wavenumbers : (M,) complex128 or float64, rad/m; imaginary parts count with `near_field` only
-    noise : (M,) float64, in the unit of abs(pressures)**2
-    dimension, log_det, near_field, reference : as of `DiffuseField`
-
-    Returns
-    -------
-    DiffuseField, its power at least LEAST_FIELD_SHARE of the pressures' power
-    """
+def isotropic_field(pressures, wavenumbers, noise, dimension: int) -> FieldModel:
+    """Return a diffuse field whose power is that of the pressures (M, N) less the noise (M,), alike in all channels."""
     measured = mode_power(pressures)
-    power = np.maximum(measured - noise, LEAST_FIELD_SHARE * measured)
-    damped = near_field and np.any(np.imag(wavenumbers))
-    k = frozen_array(wavenumbers, complex) if damped else frozen_array(np.real(wavenumbers), float)
-    fixed = frozen_array(power, float), frozen_array(noise, float), dimension, log_det, near_field
-    return DiffuseField(k, *fixed, None if reference is None else frozen_array(reference, float))
+    power = np.maximum(measured - noise, MIN_FIELD_SHARE * measured)
+    return FieldModel(np.real(wavenumbers), power, np.asarray(noise), np.ones(np.shape(pressures)[1]), dimension)
 
 
-def kernel(z: np.ndarray, dimension: int) -> np.ndarray:
-    """Return kappa(z), the correlation of a diffuse field at distance z / k.
+@dataclass(frozen=True)
+class Terms:
+    """The cost at one set of parameters, and what follows from the same factorisation.
 
-    Parameters
+    Attributes
     ----------
-    z : float64, any shape, not negative, k r
-    dimension : 2 for J_0, 3 for sin(z) / z
-
-    Returns
-    -------
-    float64, the shape of `z`
+    cost : float
+    costs : (M,) float64, of every mode
+    gradient : (N, P) float64, by the parameters of every microphone; None for the cost alone
+    curvature : (N, P, N, P) float64, Gauss-Newton; None for the cost alone
+    weighted : (M, N) complex128, u = C^-1 q
+    precision : (M, N) float64, d, the diagonal of C^-1
+    corrected : (M, N) complex128, q
+    slopes : (M, N, P) float64, gradient of every mode; None for the cost alone
     """
-    if dimension == 2:
-        return j0(z)
-    return sinc(z)[0]
+
+    cost: float
+    costs: np.ndarray
+    gradient: np.ndarray | None
+    curvature: np.ndarray | None
+    weighted: np.ndarray
+    precision: np.ndarray
+    corrected: np.ndarray
+    slopes: np.ndarray | None = None
+
+    def newton(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return gradient and curvature. Raises ValueError where the cost alone was computed."""
+        if self.gradient is None or self.curvature is None:
+            raise ValueError("these terms were computed without derivatives")
+        return self.gradient, self.curvature
 
 
-def covariances(positions, field: DiffuseField) -> np.ndarray:
-    """Return C = s kappa(k r) + v I of every mode.
+def likelihood_terms(positions, pressures, field: FieldModel, channels=None, derivatives: bool = True) -> Terms:
+    """Return the terms at `positions` (N, D), metres, of `pressures` (M, N).
 
-    Parameters
-    ----------
-    positions : (N, D) float64, metres
+    channels : (N, 2) or (N, 4) float64, a, nepers, b, radians, and if there are four of them d, metres, and kappa,
+        rad/m; without them all gains are 1, and the positions are the only parameters
 
-    Returns
-    -------
-    (M, N, N) float64, in the unit of abs(pressures)**2
+    Raises numpy.linalg.LinAlgError where a covariance is not positive definite or a position is not finite.
     """
-    distance = np.linalg.norm(positions[:, None] - positions[None], axis=-1)
-    z = field.wavenumbers[:, None, None] * distance
-    C = field.power[:, None, None] * kernel(z, field.dimension)
-    diagonal = np.arange(len(positions))
-    C[:, diagonal, diagonal] += field.noise[:, None]
-    return C
+    x = np.asarray(positions, float)
+    log_gain, by_parameter = log_response(channels, np.real(field.wavenumbers))
+    q = np.asarray(pressures, complex) * np.exp(-log_gain)
+    waves = few_waves(x, field)
+    rule = _dense_rule(x, q, field) if waves is None else _low_rank_rule(waves[0], q, field)
+    random = _summed(rule, q, by_parameter, len(x) * (len(x) if waves is None else 2 * waves[1]), derivatives)
+    random = replace(random, costs=random.costs + np.sum(2 * np.real(log_gain), axis=1))
+    if field.conditional is not None:
+        rule = _conditional_rule(x, q, log_gain, field, field.conditional)
+        random = _joined(_summed(rule, q, by_parameter, len(x) ** 2, derivatives), random, field.conditional.weight)
+    return replace(random, cost=float(random.costs.sum()))
 
 
-def likelihood(positions, pressures, field: DiffuseField) -> np.ndarray:
-    """Return the cost of every mode: -log of the probability density up to a constant, never negative.
+def log_response(channels, wavenumbers) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Return log g (M, N) complex128, or (1, N), and its derivatives by the parameters, which broadcast to (M, N).
 
-    Parameters
-    ----------
-    positions : (N, D) float64, metres
-    pressures : (M, N) complex128
-
-    Returns
-    -------
-    (M,) float64
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        C is singular.
+    channels : as of `likelihood_terms`; wavenumbers : (M,) float64, rad/m
     """
-    G = np.linalg.cholesky(covariances(positions, field))
-    y = np.linalg.solve(G, pressures[..., None])[..., 0]
-    logarithms = np.log(np.diagonal(G, axis1=1, axis2=2))
-    return 2 * logarithms.sum(axis=1) - len(positions) * np.log(field.noise) + np.sum(np.abs(y) ** 2, axis=1)
+    if channels is None:
+        return np.zeros((1, 1), complex), []
+    constant = (channels[:, 0] + 1j * channels[:, 1])[None]
+    first = [np.ones((1, 1)), np.full((1, 1), 1j)]
+    if channels.shape[1] == 2:
+        return constant, first
+    k, corner = np.asarray(wavenumbers)[:, None], channels[:, 3]
+    cut = 1 - 1j * np.abs(corner) / k
+    delayed = -1j * k * channels[:, 2] - np.sign(corner) * np.log(cut)
+    return constant + delayed, [*first, -1j * k, 1j / (k * cut)]
 
 
-def newton_terms(positions, pressures, field: DiffuseField) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return the cost summed over the modes, its gradient and its Gauss-Newton matrix.
+@dataclass(frozen=True)
+class _Block:
+    """Some modes, factorised. Vectors of a microphone are multiplied by `weight`, so that tau is 1 for all.
 
-    Parameters
-    ----------
-    positions : (N, D) float64, metres
-    pressures : (M, N) complex128
-
-    Returns
-    -------
-    cost : float; without `log_det` sum_m p^H P p, Eq. 7 with a Tikhonov weight v / s
-    gradient : (N, D) float64, 1/m; exact
-    curvature : (N, D, N, D) float64, 1/m^2; H_ia,jb = 2 Re sum_m conj(g_mia) C^-1_mij g_mjb, g_a = D_a u
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        C is singular, or a position is not finite.
+    costs (B,); u, weighted u over the weight (B, N) complex128; d (B, N) diagonal of C^-1; gain_log (B, N) or 1, by which
+    the slope of 2 Re log g is multiplied; rows : part of C^-1, as of `weighted_curvature`, whose diagonal is `diagonal`;
+    slopes : returns weight D_a u (D, B, N) complex128 and half the gradient of the log-determinant (D, B, N)
     """
-    return summed(_terms(positions, pressures, field, 2), np.shape(positions))
+
+    costs: np.ndarray
+    u: np.ndarray
+    d: np.ndarray
+    weight: np.ndarray | float
+    rows: Callable[[slice, slice], np.ndarray]
+    diagonal: np.ndarray | None
+    slopes: Callable[[], tuple[np.ndarray, np.ndarray]]
+    gain_log: np.ndarray | float = 1.0
 
 
-def total_cost(positions, pressures, field: DiffuseField) -> float:
-    """Return the cost of `newton_terms` without its derivatives; parameters and errors are the same."""
-    return float(_terms(positions, pressures, field, 0).costs.sum())
+Rule = Callable[[slice, bool], _Block]
 
 
-def mode_gradients(positions, pressures, field: DiffuseField) -> np.ndarray:
-    """Return the gradient of the cost of each mode; their sum is the gradient of `newton_terms`.
+def _summed(rule: Rule, q, by_parameter: Sequence[np.ndarray], numbers: int, derivatives: bool) -> Terms:
+    """Return the terms of all modes, block by block; what log g itself adds to the cost is left out."""
 
-    Parameters
-    ----------
-    positions : (N, D) float64, metres
-    pressures : (M, N) complex128
+    def of_block(m: slice):
+        one = rule(m, derivatives)
+        if not derivatives:
+            return one, None, None
+        slope, widened = one.slopes()
+        D, P = len(slope), len(slope) + len(by_parameter)
+        g, logs = np.empty((P, 2, *one.u.shape)), np.empty((P, *one.u.shape))
+        g[:D, 0], g[:D, 1], logs[:D] = slope.real, slope.imag, widened
+        for i, derivative in enumerate(by_parameter, D):
+            of_modes = derivative[m] if len(derivative) > 1 else derivative
+            along = q[m] * one.weight * of_modes
+            g[i, 0], g[i, 1], logs[i] = along.real, along.imag, np.real(of_modes) * one.gain_log
+        misfit = g[:, 0] * np.real(one.u) + g[:, 1] * np.imag(one.u)
+        return one, 2 * (logs - misfit).transpose(1, 2, 0), weighted_curvature(g, one.rows, one.diagonal)
 
-    Returns
-    -------
-    (M, N, D) float64, 1/m
+    parts = over_blocks(of_block, len(q), numbers)
+    found = [one for part in parts for one in part]
+    costs = np.concatenate([one.costs for one, _, _ in found])
+    u = np.concatenate([one.u * one.weight for one, _, _ in found])
+    d = np.concatenate([one.d for one, _, _ in found])
+    if not derivatives:
+        return Terms(0.0, costs, None, None, u, d, q)
+    slopes = np.concatenate([each for _, each, _ in found])
+    H = 2 * sum(sum(matrix for _, _, matrix in part) for part in parts)
+    return Terms(0.0, costs, slopes.sum(axis=0), whole_curvature(H), u, d, q, slopes)
+
+
+def few_waves(x, field: FieldModel):
+    """Return the waves of which the covariance consists, and their number r; None unless fewer than the microphones.
+
+    The waves are a callable: of a slice of modes, and whether derivatives are wanted, W (M, r, N) and dW (2, M, r, N).
     """
-    gradients = _terms(positions, pressures, field, 1).gradients
-    if gradients is None:
-        raise ValueError("the gradients were not computed")
-    return gradients
+    if field.dimension == 3:
+        return None
+    k, directions = field.wavenumbers, field.directions
+    if directions is not None:
+        offsets, r = x - np.mean(x if field.about is None else field.about, axis=0), directions.shape[1]
+        return (lambda m, slope: plane_waves(offsets, k[m], directions[m], slope), r) if r < len(x) else None
+    centre, orders, gains = expansion_about(x, k, 2, field.near, field.about)
+    r = 2 * int(orders.max()) + 1
+    if r >= len(x):
+        return None
+    return lambda m, slope: circular_waves(x, centre, k[m], orders[m], gains[m], slope), r
 
 
-def _terms(positions, pressures, field: DiffuseField, derivatives: int) -> ModeTerms:
-    """Go through the expansion in two dimensions and for complex wavenumbers, through the kernel in three."""
-    from .angular_prior import learned_terms
-    from .dense_covariance import dense_terms  # the modules of one covariance are loaded with the first step
-    from .low_rank_covariance import expansion_terms
+def _low_rank_rule(waves, q, field: FieldModel) -> Rule:
+    """Modes factorised by their waves."""
+    N, weight = q.shape[1], 1 / np.sqrt(field.channel_noise)
+    s, v = field.power, np.maximum(field.noise, MIN_WEIGHT * field.power)
+    jacobian = N * np.log(v) + np.sum(np.log(field.channel_noise))
 
-    k, s, v = field.wavenumbers, field.power, field.noise
-    if field.prior is not None:
-        return learned_terms(positions, pressures, k, s, v, field.prior, field.log_det, derivatives)
-    if field.dimension == 2 or field.near_field or np.iscomplexobj(k):
-        rest = field.dimension, field.log_det, field.near_field, field.reference, derivatives
-        return expansion_terms(positions, pressures, k, s, v, *rest)
-    return dense_terms(positions, pressures, k, s, v, field.log_det, derivatives)
+    def rule(m: slice, derivatives: bool) -> _Block:
+        W, dW = waves(m, derivatives)
+        W, p, mu, columns = W * weight, q[m] * weight, v[m] / s[m], np.arange(W.shape[1])
+        WH = np.conj(W) if np.iscomplexobj(W) else W
+        A = WH @ W.swapaxes(1, 2)
+        A[:, columns, columns] += mu[:, None]
+        G = np.linalg.cholesky(A)
+        log_det = np.sum(2 * np.log(np.real(G[:, columns, columns])), axis=1) - len(columns) * np.log(mu)
+        X = triangular_inverses(G)
+        XH = np.conj(X.swapaxes(1, 2)) if np.iscomplexobj(X) else X.swapaxes(1, 2)
+        parts, F = XH @ (X @ (WH @ as_columns(p, W.dtype))), X @ WH
+        alpha, left = joined_columns(parts), p - joined_columns(W.swapaxes(1, 2) @ parts)
+        misfit = np.sum(np.abs(left) ** 2, axis=1) + mu * np.sum(np.abs(alpha) ** 2, axis=1)  # errors of alpha cancel
+        d = (1 - np.sum(np.abs(F) ** 2, axis=1)) * weight**2 / v[m, None]
+        FH = np.conj(F).swapaxes(1, 2) / -v[m, None, None]
+
+        def slopes():
+            T, along = np.conj(XH @ F), dW * weight
+            g = np.array([joined_columns(slope.swapaxes(1, 2) @ parts) for slope in along])
+            return g, np.array([_real_products(slope, T) for slope in along])
+
+        rows = lambda n, i: FH[n, i] @ F[n]  # noqa: E731
+        costs = misfit / v[m] + log_det + jacobian[m]
+        return _Block(costs, left / v[m, None], d, weight, rows, 1 / v[m], slopes)
+
+    return rule
+
+
+def _real_products(A, B) -> np.ndarray:
+    """Re sum_q A_qn conj(B_qn) of every mode : (M, N)."""
+    if np.iscomplexobj(A):
+        products = np.einsum("mqn,mqn->mn", A.view(float), np.ascontiguousarray(B).view(float))
+        return products.reshape(*products.shape[:1], -1, 2).sum(axis=2)
+    return np.einsum("mqn,mqn->mn", A, B)
+
+
+def field_covariance(x, field: FieldModel, m: slice, slope: bool):
+    """Return K (M, N, N) of a field of unit power for the modes `m` and, if wanted, its slope.
+
+    The slope is S (M, N, N), D_a = S (x_i - x_j)_a, of the diffuse kernel, and D (D, M, N, N) of the others.
+    """
+    if field.directions is not None:
+        about = x if field.about is None else field.about
+        return plane_wave_kernel(x, about, field.wavenumbers, field.directions, slope, field.dimension, m)
+    if np.iscomplexobj(field.wavenumbers):
+        about = x if field.about is None else field.about
+        return series_kernel(x, about, field.wavenumbers[m], field.dimension, field.near, slope)
+    return diffuse_matrices(x, field.wavenumbers[m], field.dimension, slope)
+
+
+def _dense_rule(x, q, field: FieldModel) -> Rule:
+    """Modes factorised by the covariance itself."""
+    if field.directions is not None and np.isrealobj(field.wavenumbers):  # kept for the blocks of all threads
+        about = x if field.about is None else field.about
+        cosines_and_sines(x - about.mean(axis=0), field.wavenumbers, field.directions.shape[1], field.dimension)
+    diagonal = np.arange(len(x))
+
+    def rule(m: slice, derivatives: bool) -> _Block:
+        C, D = field_covariance(x, field, m, derivatives)
+        C *= field.power[m, None, None]
+        C[:, diagonal, diagonal] += np.multiply.outer(field.noise[m], field.channel_noise)
+        P, log_det = hermitian_inverses(C)
+        u, d = applied(P, q[m]), np.ascontiguousarray(np.real(P[:, diagonal, diagonal]))
+        costs = log_det + np.sum(np.real(np.conj(q[m]) * u), axis=1)
+        slopes = lambda: _dense_slopes(x, u, P, D, field.power[m])  # noqa: E731
+        return _Block(costs, u, d, 1.0, lambda n, i: P[n, i], None, slopes)
+
+    return rule
+
+
+def _conditional_rule(x, q, log_gain, field: FieldModel, assumed: Conditional) -> Rule:
+    """Modes of the conditional likelihood."""
+    k = field.wavenumbers if assumed.damped else np.real(field.wavenumbers)
+    isotropic = replace(field, wavenumbers=k, directions=None, near=False)
+    power, diagonal = assumed.power * field.power, np.arange(len(x))
+    noise = np.multiply.outer(field.noise, field.channel_noise)
+    seen = noise * np.exp(2 * np.real(assumed.reference - log_gain))
+
+    def rule(m: slice, derivatives: bool) -> _Block:
+        B, D = field_covariance(x, isotropic, m, derivatives)
+        B *= power[m, None, None]
+        B[:, diagonal, diagonal] += noise[m]
+        B = hermitian_inverses(B)[0]
+        u, d = applied(B, q[m]), np.ascontiguousarray(np.real(B[:, diagonal, diagonal]))
+        costs = np.sum(np.real(np.conj(q[m]) * u) - d * seen[m], axis=1)
+
+        def slopes():
+            return _dense_slopes(x, u, (B * seen[m, None, :]) @ B, D, power[m])
+
+        return _Block(costs, u, d, 1.0, lambda n, i: B[n, i], None, slopes, seen[m] * d)
+
+    return rule
+
+
+def _dense_slopes(x, u, traced, D, power) -> tuple[np.ndarray, np.ndarray]:
+    """Return s D_a u (D, M, N) complex128 and s Re tr(A dK) (D, M, N), A the Hermitian matrices `traced` (M, N, N)."""
+    s = power[:, None]
+    if D.ndim == 4:
+        g = np.array([s * applied(slope, u) for slope in D])
+        return g, np.array([s * np.einsum("mij,mij->mi", slope, np.conj(traced)).real for slope in D])
+    moments = np.concatenate([u[..., None], u[..., None] * x], axis=-1)  # D_a = S (x_i - x_j)_a
+    Su = np.matmul(D, moments.view(float)).view(complex) * s[..., None]
+    rows = np.matmul(np.real(traced) * D, np.column_stack([np.ones(len(x)), x])) * s[..., None]
+    return np.moveaxis(x * Su[..., :1] - Su[..., 1:], 2, 0), np.moveaxis(x * rows[..., :1] - rows[..., 1:], 2, 0)
+
+
+def _joined(conditional: Terms, random: Terms, weight: float) -> Terms:
+    """Return both parts of the cost; u, d and q are those of the random field."""
+    joined = replace(random, costs=conditional.costs + weight * random.costs)
+    if random.gradient is None or random.slopes is None or conditional.slopes is None:
+        return joined
+    (slope, H), (own_slope, own_H) = conditional.newton(), random.newton()
+    return replace(
+        joined,
+        gradient=slope + weight * own_slope,
+        curvature=H + weight * own_H,
+        slopes=conditional.slopes + weight * random.slopes,
+    )
+
+
+def spectra(positions, corrected, field: FieldModel) -> tuple[np.ndarray, np.ndarray]:
+    """Return eigenvalues of T^-1/2 K T^-1/2 and |e^H T^-1/2 q|^2 along its eigenvectors e : two (M, N) float64.
+
+    positions : (N, D) float64, metres; corrected : (M, N) complex128, q
+    """
+    x, weight = np.asarray(positions, float), 1 / np.sqrt(field.channel_noise)
+    waves = few_waves(x, field)
+
+    def of_block(m: slice) -> tuple[np.ndarray, np.ndarray]:
+        p = np.asarray(corrected, complex)[m] * weight
+        if waves is not None:
+            return _low_rank_spectra(waves[0](m, False)[0] * weight, p)
+        values, vectors = np.linalg.eigh(field_covariance(x, field, m, False)[0] * np.multiply.outer(weight, weight))
+        along = np.conj(vectors.swapaxes(1, 2)) @ as_columns(p, vectors.dtype)
+        return np.maximum(values, 0.0), np.sum(np.abs(along) ** 2, axis=2)
+
+    parts = over_blocks(of_block, len(corrected), len(x) * (len(x) if waves is None else 2 * waves[1]))
+    found = [one for part in parts for one in part]
+    return np.concatenate([values for values, _ in found]), np.concatenate([along for _, along in found])
+
+
+def _low_rank_spectra(W, p) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues of W W^H and the power of p along its eigenvectors, from the small W^H W; W is (M, r, N), r < N.
+
+    Where eigenvalues are zero, the rest of |p|^2 is spread evenly over them.
+    """
+    M, r, N = W.shape
+    WH = np.conj(W)
+    values, vectors = np.linalg.eigh(WH @ W.swapaxes(1, 2))
+    fits = values > ZERO * values[:, -1:]
+    found = np.matmul(vectors.conj().swapaxes(1, 2), WH @ p[..., None])[..., 0]
+    along = np.where(fits, np.abs(found) ** 2 / np.where(fits, values, 1.0), 0.0)
+    rest = np.maximum(np.sum(np.abs(p) ** 2, axis=1) - along.sum(axis=1), 0.0)
+    spread = (rest / (N - fits.sum(axis=1)))[:, None]
+    out = np.zeros((2, M, N))
+    out[1] = spread
+    out[0, :, :r], out[1, :, :r] = np.where(fits, values, 0.0), np.where(fits, along, spread)
+    return out[0], out[1]

@@ -12,7 +12,7 @@ from ..acoustics.single_wave import is_single_wave
 from ..model.gauge import fixes_gauge
 from ..model.problem import Problem
 from ..model.validation import InputError
-from .initial_positions import singular_vectors
+from .starts import singular_vectors
 
 
 @dataclass(frozen=True)

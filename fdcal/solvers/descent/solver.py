@@ -24,7 +24,7 @@ from ...cost.space_lattice import SpaceLattice, layer_landscape, space_lattice
 from ...model.problem import Problem
 from ...model.settings import Search, SolverSettings
 from ...model.validation import InputError, frozen_array
-from .. import initial_positions
+from .. import starts
 from ..interface import AssessmentMethod, Traits
 from .requirements import require_solvable
 from .state import State
@@ -64,7 +64,7 @@ def init(problem: Problem, settings: SolverSettings, seed: int) -> State:
     require_modes(problem, settings.order_offset, settings.modes)
     lattice = _lattice(problem, settings.order_offset)
     if settings.start == "affine":
-        positions = lattice.nearest(initial_positions.affine(problem, settings.modes))
+        positions = lattice.nearest(starts.affine(problem, settings.modes))
     else:
         rng = np.random.default_rng([seed, 0])
         positions = lattice.points[rng.choice(len(lattice.points), problem.pressures.shape[1], replace=False)]

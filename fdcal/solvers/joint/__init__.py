@@ -1,4 +1,4 @@
-"""The joint solver: Levenberg-Marquardt on the likelihood, all free microphones at once.
+"""Preset of the likelihood solver for matched channels and exact given positions.
 
-May import: model, acoustics, cost and the modules of solvers that every solver shares.
+May import: model, acoustics, cost and the other solvers.
 """

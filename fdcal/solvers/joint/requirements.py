@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from ...model.problem import Problem
 from ...model.validation import InputError
-from .thresholds import STAGES
+
+MIN_MODES = {2: 6, 3: 12}  # by dimension of the field: with fewer modes no array is sought
 
 
 def require_modes(problem: Problem, count: int) -> None:
@@ -22,7 +23,7 @@ def require_modes(problem: Problem, count: int) -> None:
         raise InputError(f"{microphones} microphones are too few to find", f"use {2 * D + 2} or more", key="pressures")
     unknowns = D * len(problem.free)
     equations = 2 * (microphones - problem.dimension - 1)  # real ones a mode, less those that its field takes up
-    least = max(STAGES.least_modes(problem.dimension), -(-unknowns // equations) + 1)
+    least = max(MIN_MODES[problem.dimension], -(-unknowns // equations) + 1)
     if count < least:
         raise InputError(
             f"{count} modes are too few for {unknowns} unknown coordinates",

@@ -1,6 +1,6 @@
 """Groups of microphones far from each other, each right in itself: how they are turned and mirrored to each other.
 
-The distances inside a group follow from the pressures far better than those between groups: an attempt then finds every
+The distances inside a group follow from the pressures far better than those between groups: a restart then finds every
 group to a millimetre and leaves the whole in a wrong basin, one group turned or mirrored against the others. A rigid
 motion of a group leaves the covariance inside it as it is, so that only the block C_ab between groups depends on the
 pose. With the whitened pressures y = L^-1 q of each group, L L^T its covariance, and S = L_a^-1 C_ab L_b^-T, the cost
@@ -20,10 +20,10 @@ import numpy as np
 from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.optimize import minimize
 
-from ...cost.channel_kernels import diffuse_kernel
-from ...cost.channel_likelihood import ChannelField, channel_terms
+from ...cost.kernels import diffuse_kernel
+from ...cost.likelihood import FieldModel, likelihood_terms
 from ..deadline import check_deadline
-from .settings import OUTLIERS
+from .rules import OUTLIERS
 
 
 @dataclass(frozen=True)
@@ -85,14 +85,14 @@ def groups(positions, wavelength: float) -> list[np.ndarray]:
     return [np.flatnonzero(nearest == number) for number in range(len(large))]
 
 
-def other_poses(positions, pressures, field: ChannelField) -> list[np.ndarray]:
+def other_poses(positions, pressures, field: FieldModel) -> list[np.ndarray]:
     """Return arrays with one group in another pose that may be the right one, the likeliest first.
 
     Parameters
     ----------
     positions : (N, 2) float64, metres
     pressures : (M, N) complex128, divided by the responses of the channels, any one unit
-    field : ChannelField
+    field : FieldModel
         Diffuse, of real wavenumbers.
 
     Returns
@@ -119,7 +119,7 @@ def other_poses(positions, pressures, field: ChannelField) -> list[np.ndarray]:
     return kept[1 : 1 + RULES.tried]
 
 
-def _refined(x, q, field: ChannelField, group, rest) -> list[tuple[float, np.ndarray]]:
+def _refined(x, q, field: FieldModel, group, rest) -> list[tuple[float, np.ndarray]]:
     """Cost of poses of `group` over that of the present one, and the positions (N, 2), metres, with each."""
     sound = field.channel_noise < OUTLIERS.suspicious
     inside, outside = group[sound[group]], rest[sound[rest]]
@@ -130,8 +130,8 @@ def _refined(x, q, field: ChannelField, group, rest) -> list[tuple[float, np.nda
     def cost(y, blur: float) -> float:
         k, power = field.wavenumbers[used], field.power[used]
         noise = field.noise[used] + power * (k * blur) ** 2 / field.dimension
-        blurred = ChannelField(k, power, noise, field.channel_noise[few], field.dimension)
-        return channel_terms(y[few], np.zeros((len(few), 2)), q[np.ix_(used, few)], blurred, 0).cost
+        blurred = FieldModel(k, power, noise, field.channel_noise[few], field.dimension)
+        return likelihood_terms(y[few], q[np.ix_(used, few)], blurred, derivatives=False).cost
 
     present, results = cost(x, RULES.blurs[-1] * wavelength), []
     for turn, place in _searched(x, q, field, inside, outside):
@@ -172,14 +172,14 @@ def _spread(x, count: int) -> np.ndarray:
     return np.array(chosen)
 
 
-def _searched(x, q, field: ChannelField, inside, outside) -> list[tuple[np.ndarray, np.ndarray]]:
+def _searched(x, q, field: FieldModel, inside, outside) -> list[tuple[np.ndarray, np.ndarray]]:
     """Turn (2, 2) and place (2,) of the likeliest poses of microphones `inside`, no two of them alike."""
     low = slice(0, RULES.lowest)
     k, middle = field.wavenumbers[low], x[inside].mean(axis=0)
     cell = RULES.cell * 2 * np.pi / float(k.max())
     near, far = inside[_spread(x[inside], RULES.microphones)], outside[_spread(x[outside], RULES.microphones)]
     blurred = field.noise[low] + field.power[low] * (k * cell / 3) ** 2 / field.dimension
-    pair = ChannelField(k, field.power[low], blurred, field.channel_noise, field.dimension)
+    pair = FieldModel(k, field.power[low], blurred, field.channel_noise, field.dimension)
     places = _lattice(x[inside], x[outside], 2 * np.pi / k, cell)
     mirror = np.diag([-1.0, 1.0])
     turns = [
@@ -210,7 +210,7 @@ def _lattice(inside, outside, wavelengths, cell: float) -> np.ndarray:
     return outside.mean(axis=0) + grid[np.linalg.norm(grid, axis=1) <= max(extent, cell)]
 
 
-def _costs(far, near, q_far, q_near, field: ChannelField, places) -> np.ndarray:
+def _costs(far, near, q_far, q_near, field: FieldModel, places) -> np.ndarray:
     """Cost (G,) of the group at `near` (n, 2) moved to each of `places` (G, 2), given the pressures of the others."""
     across = np.linalg.norm(places[:, None, None] + near[None, None] - far[:, None], axis=-1)
     total = np.zeros(len(places))
@@ -224,7 +224,7 @@ def _costs(far, near, q_far, q_near, field: ChannelField, places) -> np.ndarray:
     return total
 
 
-def _whitened(x, q, k, field: ChannelField, m: int) -> tuple[np.ndarray, np.ndarray]:
+def _whitened(x, q, k, field: FieldModel, m: int) -> tuple[np.ndarray, np.ndarray]:
     """Inverse (N, N) of the Cholesky factor of the covariance, and real and imaginary parts (N, 2) it whitens."""
     between = np.linalg.norm(x[:, None] - x[None], axis=-1)
     K = diffuse_kernel(between.ravel(), np.array([k]), field.dimension, slope=False)[0].reshape(between.shape)

@@ -1,8 +1,8 @@
 """What a stage minimises: the likelihood of the modes in use, and the priors of gains, given positions and sound speed.
 
-The unknowns in one vector: the P parameters of every microphone (its coordinates, log gain, phase and, where a channel
-has a filter, delay and corner), then the logarithm of the sound speed over the one that the wavenumbers suppose. The
-likelihood depends on wavenumber times length only, so that a faster sound is a smaller array:
+The unknowns in one vector: the P parameters of every microphone (its coordinates and, where gains are free, log gain,
+phase, and with filters delay and corner), then the logarithm of the sound speed over the one that the wavenumbers
+suppose. The likelihood depends on wavenumber times length only, so that a faster sound is a smaller array:
 
     d cost / d log c = -sum_n (x_n - x_0) . d cost / d x_n - d_n d cost / d d_n + kappa_n d cost / d kappa_n
 
@@ -11,7 +11,8 @@ Gains and given positions have Student t priors of NU degrees of freedom,
     -log p = (NU + d) / 2 log(1 + e^2 / (NU sigma^2)),
 
 e the deviation, d its number of components. One wrong entry is outvoted, and a small sigma costs a matched array
-nothing. In the Gauss-Newton matrix such a prior is a spring of stiffness w = (NU + d) / (NU sigma^2 + e^2).
+nothing. In the Gauss-Newton matrix such a prior is a spring of stiffness w = (NU + d) / (NU sigma^2 + e^2). Positions
+that are given exactly have no prior: their coordinates are not free (`step.free_directions`).
 """
 
 from __future__ import annotations
@@ -20,10 +21,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...cost.channel_likelihood import ChannelField, Terms, channel_terms
-from .settings import FILTERS
+from ...cost.likelihood import Conditional, FieldModel, Terms, likelihood_terms, log_response
+from ...model.power import mode_power
+from ...model.problem import Problem
+from ...model.settings import SolverSettings
+from ...model.validation import frozen_array
+from .rules import ASSUMED, CONDITIONAL, FINAL, OUTLIERS, STAGES
+from .state import DIRECTIONAL, UNDAMPED, Model, State
 
 NU = 3.0  # degrees of freedom of the priors
+EXACT = 1e-6  # metres: a stated sigma below it means that the given positions never move
 
 
 @dataclass(frozen=True)
@@ -34,30 +41,34 @@ class Unknowns:
     ----------
     positions : (N, D) float64, metres
     channels : (N, 2) or (N, 4) float64, log gain, nepers, phase, radians, delay, metres, corner, rad/m
-    log_speed : float, logarithm of the sound speed over that of the measurement
+    log_speed : logarithm of the sound speed over that of the measurement
+    gains : whether the channels are among the unknowns
     """
 
     positions: np.ndarray
     channels: np.ndarray
     log_speed: float = 0.0
+    gains: bool = True
 
     @property
     def vector(self) -> np.ndarray:
         """All of them in one vector (N P + 1,)."""
-        return np.append(np.column_stack([self.positions, self.channels]).ravel(), self.log_speed)
+        each = np.column_stack([self.positions, self.channels]) if self.gains else self.positions
+        return np.append(each.ravel(), self.log_speed)
 
     def at(self, vector: np.ndarray) -> Unknowns:
         """Return the unknowns in a vector as that of these."""
         D = self.positions.shape[1]
         each = vector[:-1].reshape(len(self.positions), -1)
-        return Unknowns(each[:, :D], each[:, D:], float(vector[-1]))
+        channels = each[:, D:] if self.gains else self.channels
+        return Unknowns(each[:, :D], channels, float(vector[-1]), self.gains)
 
     def by_speed(self) -> np.ndarray:
         """Return the direction (N P,) of the microphones' parameters that a faster sound is equal to."""
-        D = self.positions.shape[1]
-        direction = np.zeros((len(self.positions), D + self.channels.shape[1]))
+        N, D = self.positions.shape
+        direction = np.zeros((N, D + self.gains * self.channels.shape[1]))
         direction[:, :D] = self.positions.mean(axis=0) - self.positions
-        if self.channels.shape[1] > 2:
+        if direction.shape[1] > D + 2:
             direction[:, D + 2], direction[:, D + 3] = -self.channels[:, 2], self.channels[:, 3]
         return direction.ravel()
 
@@ -68,13 +79,13 @@ class Priors:
 
     Attributes
     ----------
-    gain_sigma : float, nepers, and phase_sigma : float, radians; 0 for gains that are fixed
+    gain_sigma, phase_sigma : nepers and radians
     known : (A,) int64, microphones whose position is given, at `places` (A, D), metres
-    known_sigma : float, metres, of every coordinate
+    known_sigma : metres, of every coordinate; 0 where they are exact
     offsets : (N, 2) float64, nepers and radians, about which the gains lie: 0, or of a channel whose gain is
         grossly different (inverted polarity)
-    speed_sigma : float, of the logarithm of the sound speed; 0 for one that is fixed
-    known_tail : float, degrees of freedom of the prior of the given positions; of many a wrong one is not outvoted
+    speed_sigma : of the logarithm of the sound speed; 0 for one that is fixed
+    known_tail : degrees of freedom of the prior of the given positions; of many a wrong one is not outvoted
     """
 
     gain_sigma: float
@@ -86,12 +97,26 @@ class Priors:
     speed_sigma: float = 0.0
     known_tail: float = NU
 
+    @property
+    def held(self) -> np.ndarray:
+        """Microphones whose given position is exact : (A,) int64."""
+        return self.known if self.known_sigma == 0 else self.known[:0]
+
     def of_known(self, positions) -> tuple[float, np.ndarray, np.ndarray]:
         """Return the cost of the given positions, their deviations (A, D), metres, and their stiffness (A,), 1/m^2."""
         e, nu = positions[self.known] - self.places, self.known_tail
-        square, D = np.sum(e**2, axis=1), e.shape[1]
-        cost = (nu + D) / 2 * float(np.sum(np.log1p(square / (nu * self.known_sigma**2))))
-        return cost, e, spring(square, self.known_sigma, D, nu)
+        square, D, sigma = np.sum(e**2, axis=1), e.shape[1], max(self.known_sigma, EXACT)
+        cost = (nu + D) / 2 * float(np.sum(np.log1p(square / (nu * sigma**2))))
+        return cost, e, spring(square, sigma, D, nu)
+
+    def without_given(self) -> Priors:
+        """Return the priors of an array that no given position holds."""
+        return replace(self, known=self.known[:0], places=self.places[:0])
+
+
+def spring(square, sigma: float, components: int, freedom: float = NU):
+    """Stiffness of the Student t prior at the squared deviation `square`."""
+    return (freedom + components) / (freedom * sigma**2 + square)
 
 
 @dataclass(frozen=True)
@@ -112,23 +137,34 @@ class Objective:
     """Pressures (M, N) of the modes in use, what is assumed of their field at `log_speed`, and the priors."""
 
     pressures: np.ndarray
-    field: ChannelField
+    field: FieldModel
     priors: Priors
     log_speed: float = 0.0
 
-    def evaluate(self, unknowns: Unknowns, derivatives: int = 2) -> Evaluation:
-        """Return the cost with priors and what `derivatives`, as of `channel_terms`, ask for."""
+    def evaluate(self, unknowns: Unknowns, derivatives: bool = True) -> Evaluation:
+        """Return the cost with priors and, if wanted, its derivatives."""
         field = self.field
         if unknowns.log_speed != self.log_speed:
             field = replace(field, wavenumbers=field.wavenumbers * np.exp(self.log_speed - unknowns.log_speed))
-        terms = channel_terms(unknowns.positions, unknowns.channels, self.pressures, field, derivatives)
+        x, channels, p = unknowns.positions, unknowns.channels, self.pressures
+        if unknowns.gains:
+            return self.with_priors(unknowns, likelihood_terms(x, p, field, channels, derivatives), derivatives)
+        log_gain = log_response(channels, np.real(field.wavenumbers))[0]
+        terms = likelihood_terms(x, p * np.exp(-log_gain), field, None, derivatives)
         return self.with_priors(unknowns, terms, derivatives)
 
-    def with_priors(self, unknowns: Unknowns, terms: Terms, derivatives: int = 2) -> Evaluation:
+    def with_priors(self, unknowns: Unknowns, terms: Terms, derivatives: bool = True) -> Evaluation:
         """Return `evaluate` for the `terms` of the likelihood at the unknowns."""
         gradient, matrix = _with_speed(unknowns, terms) if derivatives else (np.zeros(0), np.zeros((0, 0)))
         cost = terms.cost + _add_priors(unknowns, self.priors, gradient, matrix)
         return Evaluation(cost, gradient, matrix, terms)
+
+    def finite_cost(self, unknowns: Unknowns) -> float:
+        """Return the cost; infinity where a covariance is singular, as of two microphones at one place."""
+        try:
+            return self.evaluate(unknowns, False).cost
+        except np.linalg.LinAlgError:
+            return np.inf
 
 
 def _with_speed(unknowns: Unknowns, terms: Terms) -> tuple[np.ndarray, np.ndarray]:
@@ -143,26 +179,24 @@ def _with_speed(unknowns: Unknowns, terms: Terms) -> tuple[np.ndarray, np.ndarra
 
 def _add_priors(unknowns: Unknowns, priors: Priors, gradient, matrix) -> float:
     """Cost of the priors; gradient and matrix, where they are not empty, are added to in place."""
-    D, known = unknowns.positions.shape[1], priors.known
-    P = D + unknowns.channels.shape[1]
-    every = np.arange(len(unknowns.positions))
-    cost = 0.0
+    D, channels, known = unknowns.positions.shape[1], unknowns.channels, priors.known
+    P, every, cost = D + unknowns.gains * channels.shape[1], np.arange(len(unknowns.positions)), 0.0
 
     def add(index, slope, stiffness) -> None:
         if len(gradient):
             gradient[index] += slope
             matrix[index, index] += stiffness
 
-    for column, sigma in enumerate((priors.gain_sigma, priors.phase_sigma)):
-        if sigma > 0:
-            e = unknowns.channels[:, column] - priors.offsets[:, column]
+    if unknowns.gains:
+        for column, sigma in enumerate((priors.gain_sigma, priors.phase_sigma)):
+            e = channels[:, column] - priors.offsets[:, column]
             cost += (NU + 1) / 2 * np.sum(np.log1p(e**2 / (NU * sigma**2)))
             add(P * every + D + column, spring(e**2, sigma, 1) * e, spring(e**2, sigma, 1))
-    for column, sigma in enumerate((FILTERS.delay_sigma, FILTERS.corner_sigma)[: unknowns.channels.shape[1] - 2], 2):
-        e = unknowns.channels[:, column] / sigma
-        cost += np.sum(e**2) / 2
-        add(P * every + D + column, e / sigma, 1 / sigma**2)
-    if len(known):
+        for column, sigma in enumerate((OUTLIERS.delay_sigma, OUTLIERS.corner_sigma)[: channels.shape[1] - 2], 2):
+            e = channels[:, column] / sigma
+            cost += np.sum(e**2) / 2
+            add(P * every + D + column, e / sigma, 1 / sigma**2)
+    if len(known) and priors.known_sigma > 0:
         of_known, e, w = priors.of_known(unknowns.positions)
         cost += of_known
         for a in range(D):
@@ -174,6 +208,142 @@ def _add_priors(unknowns: Unknowns, priors: Priors, gradient, matrix) -> float:
     return float(cost)
 
 
-def spring(square, sigma: float, components: int, freedom: float = NU):
-    """Stiffness of the Student t prior at the squared deviation `square`."""
-    return (freedom + components) / (freedom * sigma**2 + square)
+def in_unit_power(problem: Problem) -> Problem:
+    """Return `problem` with every mode scaled to a mean power of 1, its noise likewise: the solver works with these."""
+    power = mode_power(problem.pressures)
+    if np.allclose(power, 1.0, rtol=1e-9):
+        return problem
+    noise = None if problem.noise_power is None else problem.noise_power / power
+    return replace(problem, pressures=problem.pressures / np.sqrt(power)[:, None], noise_power=noise)
+
+
+def first_model(problem: Problem, settings: SolverSettings) -> Model:
+    """Return the model that a restart begins with."""
+    M, N = problem.pressures.shape
+    gain, phase = settings.gain_sigma_db, settings.phase_sigma_deg
+    return Model(
+        power=np.ones(M),
+        noise=0.1 * np.ones(M),
+        channel_noise=np.ones(N),
+        share=0.1,
+        spread=0.0,
+        gain_sigma=ASSUMED.gain_sigma if gain is None else gain * np.log(10) / 20,
+        phase_sigma=ASSUMED.phase_sigma if phase is None else float(np.radians(phase)),
+        known_sigma=first_known_sigma(problem, settings),
+        kernel="diffuse",
+        places=frozen_array(problem.known_positions, float),
+        contradicted=frozen_array(np.zeros(len(problem.known), bool), bool),
+        filters=np.zeros((N, 2)),
+    )
+
+
+def first_known_sigma(problem: Problem, settings: SolverSettings) -> float:
+    """Return one sigma of a given coordinate to begin with, and at most, metres; 0 for exact positions."""
+    if settings.known_sigma is not None:
+        return settings.known_sigma if settings.known_sigma > EXACT else 0.0
+    return ASSUMED.carrying_sigma if given_carry_scale(problem) else ASSUMED.known_sigma
+
+
+def given_carry_scale(problem: Problem) -> bool:
+    """Whether the pressures hardly show the size of the array, so that given positions must: a plane one in space."""
+    return problem.array_dimension < problem.dimension
+
+
+def held_positions(problem: Problem, state: State) -> tuple[np.ndarray, np.ndarray]:
+    """Return the microphones that given positions hold (H,), and these positions (H, D), metres."""
+    right = ~state.model.contradicted
+    return problem.known[right], state.model.places[right]
+
+
+def gains_are_free(state: State) -> bool:
+    """Return whether the present stage seeks the gains of the channels."""
+    return STAGES[state.progress.stage].gains and state.settings.gains != "fixed"
+
+
+def speed_is_free(problem: Problem, state: State) -> bool:
+    """Whether the stage seeks the sound speed: it is uncertain, and given positions carry the scale."""
+    stated, stage = state.settings.sound_speed_sigma, STAGES[state.progress.stage]
+    return stated is not None and not stage.degree and len(problem.known) > 1
+
+
+def unknowns_of(state: State) -> Unknowns:
+    """Return what a step of the present stage moves."""
+    filters = state.model.filters
+    channels = np.hstack([state.gains, filters]) if np.any(filters) else state.gains
+    return Unknowns(state.positions, channels, state.model.log_speed, gains_are_free(state))
+
+
+def with_unknowns(state: State, moved: Unknowns) -> State:
+    """Return `state` where a step has led to."""
+    filters = moved.channels[:, 2:] if moved.channels.shape[1] > 2 else state.model.filters
+    model = replace(state.model, filters=frozen_array(filters, float), log_speed=moved.log_speed)
+    positions, gains = frozen_array(moved.positions, float), frozen_array(moved.channels[:, :2], float)
+    return replace(state, positions=positions, gains=gains, model=model)
+
+
+def spaced(count: int, at_most: int) -> np.ndarray:
+    """At most so many numbers below `count`, evenly taken : int64."""
+    return np.unique(np.linspace(0, count - 1, min(count, at_most)).round().astype(np.int64))
+
+
+def used_modes(problem: Problem, state: State, at_most: int = 0) -> np.ndarray:
+    """At most so many of the modes that the stage works with : int64; 0 for all."""
+    count, stage = len(problem.pressures[state.modes]), STAGES[state.progress.stage]
+    if stage.lowest and len(problem.known):
+        count = min(count, stage.modes)
+    return state.first - 1 + (spaced(count, at_most) if at_most else np.arange(count))
+
+
+def wavenumbers(problem: Problem, state: State) -> np.ndarray:
+    """Wavenumbers at the sound speed found (M,) complex128, rad/m."""
+    return problem.wavenumbers * np.exp(-state.model.log_speed)
+
+
+def field_wavenumbers(problem: Problem, state: State) -> np.ndarray:
+    """Those of the kernel (M,), rad/m: float64 where it leaves out the damping, else complex128."""
+    k = wavenumbers(problem, state)
+    return np.real(k) if state.model.kernel in UNDAMPED else k.astype(complex)
+
+
+def corrected(problem: Problem, state: State, used) -> np.ndarray:
+    """Pressures of the modes `used` divided by the responses of the channels."""
+    k, filters = np.real(wavenumbers(problem, state)[used]), state.model.filters
+    channels = np.hstack([state.gains, filters]) if np.any(filters) else state.gains
+    return problem.pressures[used] * np.exp(-log_response(channels, k)[0])
+
+
+def field_of(problem: Problem, state: State, used) -> FieldModel:
+    """What is assumed of the modes `used`."""
+    model = state.model
+    return FieldModel(
+        field_wavenumbers(problem, state)[used],
+        model.power[used],
+        model.noise[used],
+        model.channel_noise,
+        problem.dimension,
+        model.kernel == "near",
+        None if model.kernel == "diffuse" else state.shape,
+        model.directions[used] if model.kernel in DIRECTIONAL and model.directions is not None else None,
+        _conditional(problem, state, used),
+    )
+
+
+def _conditional(problem: Problem, state: State, used) -> Conditional | None:
+    """The conditional likelihood of the last stage, where the array can do without the other."""
+    model, rules = state.model, CONDITIONAL
+    if not model.conditional or model.kernel == "near" or state.progress.stage != FINAL:
+        return None
+    response = log_response(unknowns_of(state).channels, np.real(wavenumbers(problem, state)[used]))[0]
+    return Conditional(rules.power, rules.weight[problem.dimension], model.conditional == "series", response)
+
+
+def objective_of(problem: Problem, state: State, used) -> Objective:
+    """What the stage minimises."""
+    stage, model = STAGES[state.progress.stage], state.model
+    spread = model.spread if stage.degree else 0.0
+    known_sigma = float(np.hypot(model.known_sigma, spread)) if model.known_sigma else 0.0
+    speed = state.settings.sound_speed_sigma if speed_is_free(problem, state) else None
+    tail = ASSUMED.carrying_tail if given_carry_scale(problem) else NU
+    held = held_positions(problem, state)
+    priors = Priors(model.gain_sigma, model.phase_sigma, *held, known_sigma, state.offsets, speed or 0.0, tail)
+    return Objective(problem.pressures[used], field_of(problem, state, used), priors, model.log_speed)

@@ -11,76 +11,69 @@ delay or a high-pass, where that explains it much better.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from ...cost.channel_kernels import diffuse_kernel
-from ...cost.channel_likelihood import log_response
+from ...cost.kernels import diffuse_kernel
+from ...cost.likelihood import log_response
+from ...model.problem import Problem
+from ...model.validation import frozen_array
 from ..deadline import check_deadline
-from .objective import NU
-from .settings import FILTERS, OUTLIERS
+from .noise import with_noise
+from .objective import NU, gains_are_free, used_modes, wavenumbers
+from .rules import OUTLIERS
+from .state import State
 
 
-@dataclass(frozen=True)
-class Placed:
-    """Where the microphones are supposed to be, and what their channels do.
+def relocated(problem: Problem, state: State, local: bool = False) -> tuple[State, bool]:
+    """Return `state` with suspicious channels where, and how, they fit best, and whether any was changed.
 
-    positions (N, D), metres; gains, offsets and filters (N, 2), as of `fdcal.solvers.robust.state`; channel_noise (N,)
-    """
-
-    positions: np.ndarray
-    gains: np.ndarray
-    offsets: np.ndarray
-    filters: np.ndarray
-    channel_noise: np.ndarray
-
-
-def relocate(
-    placed: Placed, pressures, wavenumbers, power, noise, dimension: int, filters: bool = False, local: bool = False
-) -> Placed | None:
-    """Suspicious channels where, and how, they fit best; None if none is changed.
-
-    wavenumbers, power, noise : (M,), of pressures (M, N)
-    filters : whether a delay or a high-pass may explain a channel, too
     local : only with a filter, and near where they are, on a finer lattice
     """
+    used, model, gains = used_modes(problem, state, OUTLIERS.modes), state.model, gains_are_free(state)
+    p, k, power = problem.pressures[used], np.real(wavenumbers(problem, state)[used]), model.power[used]
     x, g, off, cut, tau = (
-        np.array(v) for v in (placed.positions, placed.gains, placed.offsets, placed.filters, placed.channel_noise)
+        np.array(v) for v in (state.positions, state.gains, state.offsets, model.filters, model.channel_noise)
     )
-    k = np.real(wavenumbers)
     spacing = OUTLIERS.spacing * 2 * np.pi / float(k.max()) / (OUTLIERS.finer if local else 1)
-    noise = noise + power * (k * spacing / 2) ** 2 / dimension  # a candidate is only near the place
+    noise = model.noise[used] + power * (k * spacing / 2) ** 2 / problem.dimension  # a candidate is near the place only
     suspects = [n for n in np.argsort(-tau)[: OUTLIERS.moved] if tau[n] > OUTLIERS.suspicious]
-    filters = filters and len(suspects) <= FILTERS.channels
+    filters = gains and len(suspects) <= OUTLIERS.filtered
     sought = FILTER_GRID[int(local) :] if filters else FILTER_GRID[: int(not local)]
-    q = pressures * np.exp(-log_response(np.hstack([g, cut]), k)[0])
+    q = p * np.exp(-log_response(np.hstack([g, cut]), k)[0])
     moved = False
     for n in suspects if sought else ():
         check_deadline()
         others = np.delete(np.arange(len(x)), n)
         about = x[n] + spacing * OUTLIERS.finer * np.array([[-1.0], [1.0]]) if local else x[tau < OUTLIERS.suspicious]
-        candidates = np.vstack([x[n], _lattice(about, spacing)])
-        e, V = _predicted(x[others], q[:, others], candidates, k, power, noise, tau[others], dimension)
+        exact = model.known_sigma == 0 and n in problem.known  # such a microphone stays, whatever its channel does
+        candidates = x[n : n + 1] if exact else np.vstack([x[n], _lattice(about, spacing)])
+        e, V = _predicted(x[others], q[:, others], candidates, k, power, noise, tau[others], problem.dimension)
         extra = noise * (tau[n] - 1)
         share = np.abs(q[:, n] - e[:, 0]) ** 2 / (V[:, 0] + extra)
         noisy = np.sum(np.log(V[:, 0] + extra) + share) + 2 * np.sum(log_response(np.hstack([g, cut]), k)[0].real[:, n])
-        found = min((_best(pressures[:, n], e, V, k, one) for one in sought), key=lambda one: one[0])
+        found = min((_best(p[:, n], e, V, k, one) for one in sought), key=lambda one: one[0])
         if found[0] < noisy - OUTLIERS.nats:
             _, best, value, cut[n] = found
             x[n], tau[n] = candidates[best], 1.0
             off[n] = (value.real, value.imag) if abs(value) > OUTLIERS.gross else 0.0
             g[n] = off[n]
-            q[:, n] = pressures[:, n] * np.exp(-log_response(np.hstack([g, cut])[n : n + 1], k)[0][:, 0])
+            q[:, n] = p[:, n] * np.exp(-log_response(np.hstack([g, cut])[n : n + 1], k)[0][:, 0])
             moved = True
-    return Placed(x, g, off, cut, tau) if moved else None
+    if not moved:
+        return state, False
+    x, g, off, cut = (frozen_array(v, float) for v in (x, g, off, cut))
+    model = replace(model, channel_noise=tau, filters=cut)
+    elsewhere = replace(state, positions=x, gains=g, offsets=off, model=model)
+    return with_noise(problem, elsewhere, rough=not gains), True
 
 
 def _filter_grid() -> list[np.ndarray]:
     """Filters to try: none, then delays or corners : list of (2,)."""
-    delays = np.linspace(-FILTERS.longest_delay, FILTERS.longest_delay, FILTERS.delays)
-    corners = np.linspace(-FILTERS.highest_corner, FILTERS.highest_corner, FILTERS.corners)
+    delays = np.linspace(-OUTLIERS.max_delay, OUTLIERS.max_delay, OUTLIERS.delays)
+    corners = np.linspace(-OUTLIERS.max_corner, OUTLIERS.max_corner, OUTLIERS.corners)
     grid = [np.zeros(2)] + [np.array([d, 0.0]) for d in delays if d] + [np.array([0.0, one]) for one in corners if one]
     return [np.where(np.abs(one) < 1e-9, 0.0, one) for one in grid]
 
@@ -96,10 +89,10 @@ def _best(p, e, V, k, cut):
     price = 2 * np.sum(response.real)
     if np.any(cut):  # among so many, some filter and place fit a channel of noise a little
         across = np.abs(np.vdot(e[:, best], p * np.exp(-response))) ** 2
-        coherent = across > FILTERS.coherent * np.sum(np.abs(e[:, best]) ** 2) * np.sum(
+        coherent = across > OUTLIERS.coherent * np.sum(np.abs(e[:, best]) ** 2) * np.sum(
             np.abs(p * np.exp(-response)) ** 2
         )
-        price += FILTERS.nats if coherent else np.inf
+        price += OUTLIERS.filter_nats if coherent else np.inf
     return float(cost[best] + price), best, value[best], cut
 
 
@@ -133,7 +126,7 @@ def _fitted(p, e, V):
     """Cost (C,) and log gain (C,) complex128 of a channel p (M,) of which e (M, C) is predicted with variance V."""
     gain = np.sum(np.conj(e) * p[:, None] / V, axis=0) / (np.sum(np.abs(e) ** 2 / V, axis=0) + 1e-6)
     value = np.log(np.where(np.abs(gain) < 1e-6, 1e-6, gain))
-    value = np.clip(np.real(value), -OUTLIERS.most_gain, OUTLIERS.most_gain) + 1j * np.imag(value)
+    value = np.clip(np.real(value), -OUTLIERS.max_gain, OUTLIERS.max_gain) + 1j * np.imag(value)
     prior = sum(
         (NU + 1) / 2 * np.log1p(part**2 / (NU * OUTLIERS.gain_sigma**2)) for part in (np.real(value), np.imag(value))
     )

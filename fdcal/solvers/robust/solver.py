@@ -2,11 +2,10 @@
 
     step     one damped Gauss-Newton step of everything that is free, then one round of the fixed point of the field's
              power, the channels' noise and the spreads of the gains
-    stage    one row of `settings.SCHEDULE`: deformations of the whole array, every microphone, then the gains as well
-    attempt  the stages from one start (`starts.plan`); the likeliest end of several attempts is refined
+    stage    one of `rules.STAGES`: deformations of the whole array, every microphone, then the gains as well
+    restart  the stages from one start (`fdcal.solvers.starts.plan`); the likeliest of several optima is refined
 
-The likelihood: `fdcal.cost.channel_likelihood`. What a row assumes: `assumptions`. What follows a row: `stages`. What
-follows an attempt: `attempts`.
+The likelihood: `fdcal.cost.likelihood`. What a stage minimises: `objective`. What follows a stage: `schedule`.
 """
 
 from __future__ import annotations
@@ -15,22 +14,32 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...cost.noise import DIFFUSE_FLOOR
 from ...model.power import mode_power
 from ...model.problem import Problem
 from ...model.settings import Search, SolverSettings
 from ...model.validation import InputError
-from ..initial_positions import require_gauge
 from ..interface import AssessmentMethod, Traits
 from ..joint.requirements import require_modes
 from ..polynomial_deformation import polynomial_deformations
-from . import assumptions, hyperparameters, kernels
-from .attempts import begin_attempt, next_attempt
-from .channel_fit import channel_step
-from .convergence import is_converged
-from .settings import ASSUMED, RULES, SCHEDULE
-from .stages import begin_row, end_row
+from ..starts import require_gauge
+from . import noise
+from .objective import (
+    corrected,
+    first_model,
+    in_unit_power,
+    objective_of,
+    speed_is_free,
+    unknowns_of,
+    used_modes,
+    wavenumbers,
+    with_unknowns,
+)
+from .restarts import begin_restart, begin_stage, next_restart
+from .rules import ASSUMED, FREE, STAGES, STEPS
+from .schedule import Turn, following
 from .state import DIRECTIONAL, Progress, State
-from .unit_power import in_unit_power
+from .step import channel_step, free_directions, is_converged
 
 TRAITS = Traits(
     moves_all=True,
@@ -46,35 +55,32 @@ TRAITS = Traits(
     assessment=AssessmentMethod.CHANNELS,
     uses_likelihood=True,
 )
-FREE = next(i for i, row in enumerate(SCHEDULE) if not row.degree)  # the first row that moves every microphone
 
 
 def init(problem: Problem, settings: SolverSettings, seed: int, positions: np.ndarray | None = None) -> State:
-    """Return the first state, at the first start of `starts.plan` or at `positions`.
+    """Return the first state, at the first start of `fdcal.solvers.starts.plan` or at `positions` (N, D), metres.
 
-    Parameters
-    ----------
-    problem : Problem
-    settings : SolverSettings
-    seed : int, kept; the solver draws nothing
-    positions : (N, D) float64, metres, optional
-
-    Raises
-    ------
-    InputError
-        For too few modes, modes that show too few directions, or known microphones that do not span the array.
+    The solver draws nothing. Raises InputError for too few modes, modes that show too few directions, or known
+    microphones that do not span the array.
     """
+    return begin(State, problem, settings, seed, positions)
+
+
+def begin(
+    Kind: type[State], problem: Problem, settings: SolverSettings, seed: int, positions: np.ndarray | None
+) -> State:
+    """Return the first state, of the class of a preset."""
     require_modes(problem, settings.modes)
     require_gauge(problem)
     problem, N = in_unit_power(problem), problem.pressures.shape[1]
     here = np.zeros((N, problem.array_dimension)) if positions is None else np.asarray(positions, float)
-    empty = State(
+    empty = Kind(
         positions=here,
         settings=settings,
         seed=seed,
         step=0,
         sweep=0,
-        stage=-1,  # `begin_row` counts the first
+        stage=-1,  # `begin_stage` counts the first
         moved=-1,
         first=1,
         last=settings.modes,
@@ -84,102 +90,80 @@ def init(problem: Problem, settings: SolverSettings, seed: int, positions: np.nd
         converged=False,
         gains=np.zeros((N, 2)),
         offsets=np.zeros((N, 2)),
-        model=assumptions.first_model(problem, settings),
-        progress=Progress(attempt=0, row=0, rounds=0, steps=0, damping=0.0),
+        model=first_model(problem, settings),
+        progress=Progress(restart=0, stage=0, rounds=0, steps=0, damping=0.0),
         shape=here,
-        ends=(),
+        optima=(),
     )
-    return next_attempt(problem, empty, 0) if positions is None else begin_attempt(problem, empty, here, 0)
+    return next_restart(problem, empty, 0) if positions is None else begin_restart(problem, empty, here, 0)
 
 
 def step(problem: Problem, state: State) -> State:
     """Return `state` after one damped step; the same state if it is finished."""
     if state.finished:
         return state
-    problem = in_unit_power(problem)
-    progress, row = state.progress, SCHEDULE[state.progress.row]
-    used = assumptions.used_modes(problem, state, row.modes)
-    goal = assumptions.objective(problem, state, used)
-    gains = row.gains and assumptions.gains_are_free(state)
-    shapes = polynomial_deformations(state.shape, np.zeros(0, int), row.degree) if row.degree else None
-    free = assumptions.free_unknowns(problem, state, shapes)
-    furthest = RULES.stride * 2 * np.pi / float(np.real(problem.wavenumbers[used]).max())
-    here = assumptions.unknowns(state)
-    held = not len(problem.known) or state.model.kernel == "near"  # the pull of given positions is lost in rounding
-    trial = channel_step(here, goal, free, progress.damping, furthest, held)
+    problem, progress, stage = in_unit_power(problem), state.progress, STAGES[state.progress.stage]
+    used = used_modes(problem, state, stage.modes)
+    goal, here = objective_of(problem, state, used), unknowns_of(state)
+    held = goal.priors.held
+    shapes = polynomial_deformations(state.shape, held, stage.degree) if stage.degree else None
+    free = free_directions(here, held, shapes, speed_is_free(problem, state))
+    max_step = STEPS.max_step * 2 * np.pi / float(np.real(problem.wavenumbers[used]).max())
+    # With the near-field kernel the pull of given positions is lost in rounding: nothing holds the array as a whole.
+    blind = not len(problem.known) or (state.model.kernel == "near" and not len(held))
+    trial = channel_step(here, goal, free, progress.damping, max_step, blind)
     moved = replace(
-        assumptions.with_unknowns(state, trial.unknowns),
+        with_unknowns(state, trial.unknowns),
         step=state.step + 1,
         sweep=state.sweep + 1,
         cost=trial.cost if np.isfinite(trial.cost) else state.cost,
         progress=replace(progress, steps=progress.steps + 1, damping=trial.damping),
     )
-    settled = trial.moved < row.settled or trial.fall < row.negligible
-    if row.learns and trial.terms is not None and trial.matrix is not None:
-        moved = hyperparameters.with_power(moved, used, goal.field, trial.terms)
-        moved = kernels.with_directions(problem, moved, used, ASSUMED.direction_updates)
-        if gains:
-            moved = hyperparameters.centred(hyperparameters.with_spreads(problem, moved, trial.free, trial.matrix))
-            settled = settled and hyperparameters.same_spreads(state.model, moved.model)
+    ended = trial.moved < stage.tolerance or trial.fall < stage.negligible
+    if stage.learns and trial.terms is not None:
+        moved = noise.with_power(moved, used, goal.field, trial.terms)
+        moved = noise.with_directions(problem, moved, used, ASSUMED.direction_updates)
+        if here.gains:
+            moved = noise.centred(noise.with_spreads(problem, moved, trial))
+            ended = ended and noise.same_spreads(state.model, moved.model)
         if moved.model.kernel in DIRECTIONAL:
-            settled = settled and progress.steps > 0 and state.cost - moved.cost < ASSUMED.learned
-    if settled or trial.terms is None or moved.progress.steps >= row.steps:
-        after = end_row(problem, moved, goal, trial, settled)
-        return replace(after, converged=is_converged(problem, after)) if after.finished else after
-    return moved
+            ended = ended and progress.steps > 0 and state.cost - moved.cost < ASSUMED.learned
+    if not ended and trial.terms is not None and moved.progress.steps < stage.max_steps:
+        return moved
+    after = following(Turn(problem, stage.name, moved, goal, trial, ended and trial.terms is not None))
+    return replace(after, converged=is_converged(problem, after)) if after.finished else after
 
 
 def use_modes(problem: Problem, state: State, first: int, last: int, automatic: bool) -> State:
     """Return `state` with modes `first` to `last` in use, counted from 1; the solver goes on from its positions.
 
-    Raises
-    ------
-    InputError
-        For modes that are not there, or too few.
+    Raises InputError for modes that are not there, or too few.
     """
     if not 1 <= first <= last:
         raise InputError(f"modes {first} to {last} are not a range", "use 1 or more, the lower one first", key="modes")
     require_modes(problem, last)
     problem = in_unit_power(problem)
-    changed = replace(state, first=first, last=last, automatic=automatic, ends=(), finished=False, converged=False)
-    changed = replace(changed, progress=replace(state.progress, row=FREE, rounds=0, regrouped=False, poses=()))
-    return begin_row(problem, hyperparameters.with_noise(problem, changed), FREE)
+    progress = replace(state.progress, stage=FREE, rounds=0, regrouped=False, poses=())
+    changed = replace(state, first=first, last=last, automatic=automatic, optima=(), finished=False, converged=False)
+    return begin_stage(noise.with_noise(problem, replace(changed, progress=progress)), FREE)
 
 
 def landscape(problem: Problem, state: State, n: int, modes: slice, search: Search | None = None) -> np.ndarray:
     """Return the likelihood's cost of microphone `n` over the search lattice, mode by mode, the gains held.
 
-    Parameters
-    ----------
-    problem : Problem
-    state : State
-    n : int, microphone
-    modes : slice
-    search : Search, optional
-        Another lattice over the same area.
-
-    Returns
-    -------
-    (modes, ny, nx) float64, dimensionless; in space over the horizontal layer at the microphone's own height
-
-    Raises
-    ------
-    InputError
-        Without a search domain.
+    (modes, ny, nx) float64, dimensionless; in space over the horizontal layer at the microphone's own height. `search`
+    is another lattice over the same area. Raises InputError without a search domain.
     """
     if problem.search is None:
         raise InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
     from ...cost.likelihood_maps import likelihood_maps  # compiled code is loaded with the first map
-    from ...cost.noise_model import NOISE
 
     problem = in_unit_power(problem)
-    corrected = replace(
-        problem,
-        pressures=assumptions.corrected(problem, state, slice(None)),
-        wavenumbers=assumptions.wavenumbers(problem, state),
-    )
-    least = NOISE.diffuse_floor * mode_power(corrected.pressures[modes])
-    return likelihood_maps(corrected, state.positions, n, modes, np.maximum(state.model.noise[modes], least), search)
+    pressures, k = corrected(problem, state, slice(None)), wavenumbers(problem, state)
+    least = DIFFUSE_FLOOR * mode_power(pressures[modes])
+    noise_power = np.maximum(state.model.noise[modes], least)
+    equal = replace(problem, pressures=pressures, wavenumbers=k)
+    return likelihood_maps(equal, state.positions, n, modes, noise_power, search)
 
 
 def usable_modes(problem: Problem, settings: SolverSettings) -> int:

@@ -1,4 +1,4 @@
-"""State of the solver `robust`: everything that one step needs."""
+"""State of the likelihood solver: everything that one step needs."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from ...cost.channel_correction import ChannelCorrection
 from ..interface import RunState
+from .rules import NOISELESS
 
 KernelName = Literal["diffuse", "series", "near", "directional", "damped_directional"]
 UNDAMPED: tuple[KernelName, ...] = ("diffuse", "directional")  # which leave out the imaginary part of wavenumbers
@@ -28,7 +29,7 @@ class Model:
     deflation : of the noise that is assumed, by which the residual is larger
     spread : metres, error of the positions that, with the noise, explains the residual
     gain_sigma, phase_sigma : nepers and radians
-    known_sigma : metres
+    known_sigma : metres; 0 for exact given positions, which never move
     kernel : "diffuse", "series", "near", "directional", or "damped_directional" of complex wavenumbers
     places : (A, D) float64, metres, of the microphones whose position is given; two that were exchanged put right
     contradicted : (A,) bool, which of them hold nothing, since the pressures contradict them
@@ -36,7 +37,7 @@ class Model:
         channel; 0 for one without, and not free then
     log_speed : logarithm of the sound speed over that of the measurement
     directions : (M, Q) float64, power of the field by direction, mean 1; of the directional kernels only
-    conditional : kernel of the conditional likelihood that the last row minimises; "" for that of a random field
+    conditional : kernel of the conditional likelihood that the last stage minimises; "" for that of a random field
     """
 
     power: np.ndarray
@@ -58,10 +59,10 @@ class Model:
 
 
 @dataclass(frozen=True)
-class End:
-    """The end of an attempt: positions (N, D), metres, gains and offsets (N, 2), model, and the score that ranks it.
+class LocalOptimum:
+    """Where a restart ended: positions (N, D), metres, gains and offsets (N, 2), model, and the score that ranks it.
 
-    `regrouped` tells that the attempt began from another end: the two ends do not confirm each other.
+    `regrouped` tells that the restart began from another optimum: the two do not confirm each other.
     """
 
     positions: np.ndarray
@@ -79,17 +80,17 @@ class Progress:
 
     Attributes
     ----------
-    attempt : number of the start, see `starts.plan`
-    row : of the schedule
-    rounds : stages of this row so far
+    restart : number of the start, see `fdcal.solvers.starts.plan`
+    stage : index into `rules.STAGES`
+    rounds : of this stage so far
     steps : in this stage
     damping : of the next step
-    regrouped : whether the attempt began where another ended, with a group of microphones in another pose
-    poses : (N, D) float64 each, metres, arrays of such attempts that are still to be tried
+    regrouped : whether the restart began where another ended, with a group of microphones in another pose
+    poses : (N, D) float64 each, metres, arrays of such restarts that are still to be tried
     """
 
-    attempt: int
-    row: int
+    restart: int
+    stage: int
     rounds: int
     steps: int
     damping: float
@@ -99,7 +100,7 @@ class Progress:
 
 @dataclass(frozen=True)
 class State(RunState):
-    """State of the solver `robust`.
+    """State of the likelihood solver.
 
     Attributes
     ----------
@@ -108,7 +109,7 @@ class State(RunState):
     model : Model
     progress : Progress
     shape : (N, D) float64, metres, positions at the beginning of the stage, which fix the deformations and the centre
-    ends : tuple of End, of the attempts so far
+    optima : tuple of LocalOptimum, of the restarts so far
     """
 
     solver: ClassVar[str] = "robust"
@@ -118,9 +119,17 @@ class State(RunState):
     model: Model
     progress: Progress
     shape: np.ndarray
-    ends: tuple[End, ...]
+    optima: tuple[LocalOptimum, ...]
+
+    @property
+    def best_positions(self) -> np.ndarray:
+        """The best positions (N, D) so far, metres: those of the likeliest optimum while another restart runs."""
+        reached = [one for one in self.optima if np.isfinite(one.score)]
+        late = self.finished or self.progress.stage >= NOISELESS or not reached
+        return self.positions if late else min(reached, key=lambda one: one.score).positions
 
     @property
     def channels(self) -> ChannelCorrection:
         """Gain and noise of every channel as estimated so far."""
         return ChannelCorrection(np.exp(self.gains @ np.array([1.0, 1.0j])), self.model.channel_noise)
+

@@ -1,0 +1,106 @@
+"""The power of the field by direction, learned from the pressures of each mode.
+
+    C = s W W^H + v diag(tau),    W[n, q] = sqrt(w_q S_q) exp(-j k x_n . u_q)      (`fdcal.cost.waves.plane_waves`)
+
+With all S_q = 1 this is the diffuse field. In a room a mode is a few plane waves, and assuming a diffuse field biases
+the positions. One step of expectation and maximisation is
+
+    S_q <- S_q (|alpha_q|^2 / s + var_q),    alpha = W^H C^-1 p,    var_q = 1 - (W^H s C^-1 W)_qq
+
+(the same of fewer directions than microphones: alpha = A^-1 W^H p, var_q = mu (A^-1)_qq, A = W^H W + mu I, mu = v / s).
+Starting from a diffuse field, a few such steps sharpen the spectrum where the pressures support it. With a prior of
+`count` observations that S_q is 1, the step is S_q <- (S_q (..) + count) / (1 + count).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from .batches import blocks, hermitian_inverses, triangular_inverses
+from .kernels import cosines_and_sines, pair_covariance, pair_powers
+from .waves import plane_waves, wave_directions
+
+
+def learned_powers(
+    x, pressures, wavenumbers, power, noise, powers, iterations: int, channel_noise, count: float, about, dimension: int
+) -> np.ndarray:
+    """Return the power by direction (M, Q) float64 after some iterations.
+
+    x, about : (N, D) float64, metres, the centre is the mean of `about`; pressures : (M, N) complex128;
+    wavenumbers : (M,) float64 or complex128, rad/m; power, noise : (M,) float64, s and v; powers : (M, Q) to start
+    from; channel_noise : (N,) float64, tau; count : observations that the field is diffuse
+    """
+    k, weight = np.asarray(wavenumbers), 1 / np.sqrt(channel_noise)
+    x, p = x - np.mean(about, axis=0), weight * pressures / np.sqrt(power)[:, None]
+    done, (Q, w), mu = [], (powers.shape[1], wave_directions(dimension, powers.shape[1])[1]), noise / power
+    pairs = cosines_and_sines(x, k, Q, dimension) if np.isrealobj(k) and Q > len(x) else None
+    for m in blocks(len(k), 2 * len(x) * Q):
+        S = np.array(powers[m], float)
+        if pairs is None:
+            update = _update_rule(plane_waves(x, k[m], np.ones_like(S), False, dimension)[0] * weight, p[m], mu[m])
+        else:
+            update = _pair_rule(pairs[m] * weight[:, None], p[m], mu[m], dimension)
+        for _ in range(iterations):
+            fresh = S * update(S)
+            S = (fresh / (fresh @ w)[:, None] + count) / (1 + count)
+        done.append(S)
+    return np.concatenate(done)
+
+
+def _update_rule(waves, p, mu) -> Callable[[np.ndarray], np.ndarray]:
+    """Return the function that gives, of S (M, Q), the factor (M, Q) of one iteration.
+
+    waves : (M, Q, N) over the square root of the channels' noise; p : (M, N) over sqrt(s), likewise; mu : (M,), v / s
+    """
+    solve = _of_few if waves.shape[1] <= waves.shape[2] else _of_many
+
+    def update(S):
+        amplitude, variance = solve(waves * np.sqrt(S)[..., None], p, mu[:, None])
+        return np.abs(amplitude) ** 2 + variance
+
+    return update
+
+
+def _of_few(W, p, mu) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and variance (M, Q) of the waves' coefficients, of fewer waves than microphones."""
+    WH, q = np.conj(W), np.arange(W.shape[1])
+    A = WH @ W.swapaxes(1, 2)
+    A[:, q, q] += mu
+    X = triangular_inverses(np.linalg.cholesky(A))
+    alpha = (np.conj(X.swapaxes(1, 2)) @ (X @ (WH @ p[..., None])))[..., 0]
+    return alpha, mu * np.sum(np.abs(X) ** 2, axis=1)
+
+
+def _of_many(W, p, mu) -> tuple[np.ndarray, np.ndarray]:
+    """The same of more waves than microphones."""
+    n = np.arange(W.shape[2])
+    C = W.swapaxes(1, 2) @ np.conj(W)
+    C[:, n, n] += mu
+    X = triangular_inverses(np.linalg.cholesky(C))
+    Y = X @ W.swapaxes(1, 2)
+    alpha = (np.conj(Y.swapaxes(1, 2)) @ (X @ p[..., None]))[..., 0]
+    return alpha, np.maximum(1 - np.sum(np.abs(Y) ** 2, axis=1), 0.0)
+
+
+def _pair_rule(waves, p, mu, dimension: int) -> Callable[[np.ndarray], np.ndarray]:
+    """`_update_rule` of undamped waves in opposite pairs, in real arithmetic; `waves` (M, N, Q) float64."""
+    (M, N, Q), n = waves.shape, np.arange(waves.shape[1])
+    half, w = Q // 2, wave_directions(dimension, Q)[1]
+
+    def update(S):
+        C = np.empty((M, N, N), complex)
+        pair_covariance(waves, *pair_powers(S, dimension), C)
+        C[:, n, n] += mu[:, None]
+        P = hermitian_inverses(C)[0]
+        along = np.matmul(waves.swapaxes(1, 2), np.matmul(P, p[..., None]).view(float))  # real and imaginary part
+        turned = np.stack([-along[:, half:, 1], along[:, half:, 0]], axis=-1)
+        amplitudes = np.concatenate([along[:, :half] + turned, along[:, :half] - turned], axis=1)
+        own = np.sum(waves * np.matmul(np.real(P).copy(), waves), axis=1)
+        own = own[:, :half] + own[:, half:]
+        cross = 2 * np.sum(waves[..., :half] * np.matmul(np.imag(P).copy(), waves[..., half:]), axis=1)
+        variance = 1 - w * S * np.concatenate([own + cross, own - cross], axis=1)
+        return w * S * np.sum(amplitudes**2, axis=-1) + np.maximum(variance, 0.0)
+
+    return update

@@ -1,0 +1,247 @@
+"""Spatial covariance of a sound field of unit power between microphones, and its slope, for every mode at once.
+
+    K_m[i, j]    = covariance of the field at microphones i and j
+    D_ma[i, j]   = derivative of K_m[i, j] with respect to coordinate a of microphone i
+
+`diffuse_kernel`     plane waves of a real wavenumber from everywhere: J_0(k r) in the plane, sin(k r) / (k r) in space
+`series_kernel`      the same waves with a complex wavenumber, as the series W W^H about the centre of the array; with
+                     `near`, columns of high order are amplified as a source close to the array does. Needed where the
+                     noise is below what a real wavenumber, or a field without near sources, leaves unexplained.
+`plane_wave_kernel`  waves whose power depends on their direction
+
+For a complex k the covariance depends on the centre, and J_0(k r) is none. In space the sum over m of the series has a
+closed form (addition theorem) and, without gains h_l, the one over l, too:
+
+    K_ij = sum_l (2l + 1) h_l^2 j_l(k a_i) conj(j_l(k a_j)) P_l(cos gamma_ij)
+         = sin(z) / z + sum_l (2l + 1) (h_l^2 - 1) j_l(k a_i) conj(j_l(k a_j)) P_l(cos gamma_ij)
+
+a, gamma   distance from the centre of the expansion; angle between two microphones as seen from the centre
+z          z^2 = (k x_i - conj(k) x_j)^2, x from the centre; with real k it is k times the distance
+
+Undamped plane waves come in opposite pairs. With c = cos(k x . u_q), s = sin(k x . u_q), powers S_q and S'_q of opposite
+directions and their weight w_q,
+
+    K_ij = sum_q a_q (c_i c_j + s_i s_j) + j b_q (c_i s_j - s_i c_j),    a = w (S + S'),    b = w (S - S'),
+
+over half the directions takes about a third of the operations of complex waves.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from scipy.special import j0, j1
+
+from ..acoustics.bessel import spherical_bessel_functions
+from ..acoustics.sinc import complex_sinc, sinc
+from .batches import blocks
+from .waves import circular_waves, expansion_about, plane_waves, wave_directions
+
+SMALL = 1e-6  # argument below which J_1(z) / z is 1/2
+NEAREST = 1e-9  # metres: no microphone is closer to the centre, where directions are undefined
+
+
+def diffuse_kernel(distance, wavenumbers, dimension: int, slope: bool = True):
+    """Covariance (M, P) float64 of a diffuse field over `distance` (P,), metres, for real `wavenumbers` (M,), rad/m.
+
+    Returns it with (d kappa / d r) / r, (M, P) float64, 1/m^2, or None unless wanted.
+    """
+    z = np.multiply.outer(wavenumbers, distance)
+    k2 = wavenumbers[:, None] ** 2
+    if dimension == 2:
+        if not slope:
+            return j0(z), None
+        safe = np.maximum(z, SMALL)
+        return j0(z), -k2 * (j1(safe) / safe)
+    kappa, over = sinc(z)
+    return kappa, (k2 * over if slope else None)
+
+
+def diffuse_matrices(x, wavenumbers, dimension: int, slope: bool):
+    """Diffuse kernel K (M, N, N) float64 at x (N, D), metres, and S (M, N, N), D_a = S (x_i - x_j)_a, or None."""
+    N, M = len(x), len(wavenumbers)
+    pairs = np.tril_indices(N, -1)
+    distance = np.linalg.norm(x[pairs[0]] - x[pairs[1]], axis=1)
+    if not np.all(np.isfinite(distance)):
+        raise np.linalg.LinAlgError("positions are not finite")
+    kappa, over = diffuse_kernel(distance, wavenumbers, dimension, slope)
+    lower, upper = pairs[0] * N + pairs[1], pairs[1] * N + pairs[0]
+    K = np.empty((M, N * N))
+    K[:, lower] = K[:, upper] = kappa
+    K[:, :: N + 1] = 1.0
+    if not slope:
+        return K.reshape(M, N, N), None
+    S = np.zeros((M, N * N))
+    S[:, lower] = S[:, upper] = over
+    return K.reshape(M, N, N), S.reshape(M, N, N)
+
+
+def series_kernel(x, about, wavenumbers, dimension: int, near: bool = False, slope: bool = True):
+    """Covariance K (M, N, N) complex128 at x (N, D), metres, for complex `wavenumbers` (M,), rad/m, and D or None.
+
+    about : (N, D) float64, metres, or None for `x`; the series is about their centre, `near` relative to their extent
+    """
+    x, k = np.asarray(x, float), np.asarray(wavenumbers, complex)
+    (N, axes), M = x.shape, len(k)
+    centre, orders, gains = expansion_about(x, k, dimension, near, about)
+    K, D = np.empty((M, N, N), complex), np.empty((axes, M, N, N), complex) if slope else None
+    if dimension == 3:
+        l = np.arange(gains.shape[1])  # noqa: E741
+        excess = np.where(l <= orders[:, None], (2 * l + 1) * (gains**2 - 1), 0.0)
+        for m in blocks(M, 2 * N * N):
+            K[m] = _isotropic(x - centre, k[m], None if D is None else D[:, m])
+            if excess[m].any():
+                K[m] += _excess(x - centre, k[m], excess[m], None if D is None else D[:, m])
+        return K, D
+    for m in blocks(M, N * N):
+        _products(*circular_waves(x, centre, k[m], orders[m], gains[m], slope), K[m], None if D is None else D[:, m])
+    return K, D
+
+
+def plane_wave_kernel(
+    x, about, wavenumbers, powers, slope: bool = True, dimension: int = 2, modes: slice = slice(None)
+):
+    """Covariance K (M, N, N) complex128 of a field whose power by direction is `powers` (M, Q), and D or None.
+
+    x, about : (N, D) float64, metres, the centre is the mean of `about`; wavenumbers : (M,) float64 or complex128, rad/m;
+    modes : those of which the covariance is wanted
+    """
+    x, k, powers = np.asarray(x, float) - np.mean(about, axis=0), np.asarray(wavenumbers), powers[modes]
+    every = cosines_and_sines(x, k, powers.shape[1], dimension)[modes] if np.isrealobj(k) else None
+    k, (N, axes), (M, Q) = k[modes], x.shape, powers.shape
+    K, D = np.empty((M, N, N), complex), np.empty((axes, M, N, N), complex) if slope else None
+    if every is None:
+        for m in blocks(M, 2 * N * max(N, Q)):
+            _products(*plane_waves(x, k[m], powers[m], slope, dimension), K[m], None if D is None else D[:, m])
+        return K, D
+    u = wave_directions(dimension, Q)[0]
+    for m in blocks(M, N * max(N, Q)):
+        a, b = pair_powers(powers[m], dimension)
+        pair_covariance(every[m], a, b, K[m])
+        for derivative, towards in zip(() if D is None else D, u, strict=False):  # a plane array has no third axis
+            along = k[m, None] * towards[: Q // 2]
+            _pair_slope(every[m], a * along, b * along, derivative[m])
+    return K, D
+
+
+def _products(W, dW, K, D) -> None:
+    """K = W W^H and D = dW W^H of some modes."""
+    WH = np.conj(W)
+    np.matmul(W.swapaxes(1, 2), WH, out=K)
+    for derivative, along in zip(() if D is None else D, () if dW is None else dW, strict=True):
+        np.matmul(along.swapaxes(1, 2), WH, out=derivative)
+
+
+def cosines_and_sines(x, k, Q: int, dimension: int) -> np.ndarray:
+    """cos and sin of k x . u of half the Q directions, side by side : (M, N, Q) float64, not to be written to.
+
+    A solver that tries a step, learns the powers there and goes on from there needs the same waves three times: those
+    of the last positions are kept. x : (N, D) float64, metres, from the centre; k : (M,) float64, rad/m
+    """
+    return _waves_of(np.ascontiguousarray(x).tobytes(), np.ascontiguousarray(k).tobytes(), x.shape[1], Q, dimension)
+
+
+@lru_cache(maxsize=1)
+def _waves_of(places: bytes, wavenumbers: bytes, axes: int, Q: int, dimension: int) -> np.ndarray:
+    x, k, half = np.frombuffer(places).reshape(-1, axes), np.frombuffer(wavenumbers), Q // 2
+    along = x @ wave_directions(dimension, Q)[0][:axes, :half]
+    waves = np.empty((len(k), len(x), Q))
+    for m in blocks(len(k), len(x) * Q):
+        phase = np.multiply.outer(k[m], along)
+        np.cos(phase, out=waves[m, :, :half])
+        np.sin(phase, out=waves[m, :, half:])
+    waves.setflags(write=False)
+    return waves
+
+
+def pair_powers(powers, dimension: int) -> tuple[np.ndarray, np.ndarray]:
+    """Weighted sum a and difference b (M, Q / 2) of the `powers` (M, Q) of opposite directions."""
+    half = powers.shape[1] // 2
+    weighted = wave_directions(dimension, powers.shape[1])[1] * powers
+    return weighted[:, :half] + weighted[:, half:], weighted[:, :half] - weighted[:, half:]
+
+
+def pair_covariance(waves, a, b, out) -> None:
+    """K of pairs of undamped waves, (M, N, N) complex128, into `out`; `waves` of `cosines_and_sines`."""
+    half = a.shape[1]
+    weighted = waves * np.sqrt(np.concatenate([a, a], axis=1))[:, None]
+    out.real = np.matmul(weighted, weighted.swapaxes(1, 2))
+    crossed = np.matmul(waves[..., :half] * b[:, None], waves[..., half:].swapaxes(1, 2))
+    out.imag = crossed - crossed.swapaxes(1, 2)
+
+
+def _pair_slope(waves, a, b, out) -> None:
+    """Derivative of K (M, N, N) by one coordinate of the first microphone; a and b times that coordinate of k u."""
+    half = a.shape[1]
+    crossed = np.matmul(waves[..., :half] * a[:, None], waves[..., half:].swapaxes(1, 2))
+    out.real = crossed - crossed.swapaxes(1, 2)
+    both = np.concatenate([b, b], axis=1)
+    out.imag = -np.matmul(waves * both[:, None], waves.swapaxes(1, 2))
+
+
+def _isotropic(x, k, D) -> np.ndarray:
+    """Return the covariance in space without gains, and put its derivatives into `D`; `x` is from the centre."""
+    N, (i, j) = len(x), np.tril_indices(len(x))
+    apart, along = x[i] - x[j], x[i] + x[j]
+    distance2, along2, mixed = (np.sum(u * v, axis=1) for u, v in ((apart, apart), (along, along), (apart, along)))
+    square, k2 = np.empty((len(k), len(i)), complex), (k * k)[:, None]
+    square.real = np.real(k)[:, None] ** 2 * distance2 - np.imag(k)[:, None] ** 2 * along2
+    square.imag = np.imag(k2) * mixed
+    kappa, over = complex_sinc(square)
+    if D is not None:  # half the gradient of z^2 with respect to x_i is k (k x_i - conj(k) x_j)
+        slope = _hermitian(over, i, j, N)
+        for derivative, column in zip(D, x.T, strict=True):
+            own, other = np.multiply.outer(k * k, column), np.multiply.outer(np.abs(k) ** 2, column)
+            np.multiply(slope, own[:, :, None] - other[:, None, :], out=derivative)
+    return _hermitian(kappa, i, j, N)
+
+
+def _excess(x, k, excess, D) -> np.ndarray:
+    """Return what gains add to the covariance, and add its derivatives to `D`; `x` is from the centre.
+
+    excess : (M, L + 1) float64, (2 l + 1) (h_l^2 - 1)
+    """
+    a = np.maximum(np.linalg.norm(x, axis=1), NEAREST)
+    e = x / a[:, None]
+    cosine, z, wanted = e @ e.T, np.multiply.outer(k, a), np.flatnonzero(np.any(excess, axis=0))
+    f, (P, dP) = spherical_bessel_functions(z, int(wanted[-1]) + 1), _legendre(cosine, int(wanted[-1]))
+    K, R, A, product = (np.zeros((len(k), *cosine.shape), complex) for _ in range(4))
+    for l in wanted:  # noqa: E741
+        other, own = np.conj(f[l])[:, None, :], excess[:, l, None]
+        np.multiply((own * f[l])[:, :, None], other, out=product)
+        _add(K, P[l], product)
+        if D is not None:
+            _add(A, dP[l], product)
+            np.multiply((own * k[:, None] * (l / z * f[l] - f[l + 1]))[:, :, None], other, out=product)
+            _add(R, P[l], product)
+    if D is not None:
+        A /= a[:, None]
+        R -= A * cosine
+        for derivative, along in zip(D, e.T, strict=True):
+            derivative += R * along[:, None] + A * along
+    return K
+
+
+def _add(total, factor, product) -> None:
+    """Add the product of a real (N, N) factor and a complex (M, N, N) one; NumPy would make the real one complex."""
+    total.view(float)[...] += np.repeat(factor, 2, axis=1) * product.view(float)
+
+
+def _hermitian(values, i, j, N: int) -> np.ndarray:
+    """(M, N, N) from the elements (M, P) of the lower triangle."""
+    A = np.empty((len(values), N, N), values.dtype)
+    A[:, j, i] = np.conj(values)
+    A[:, i, j] = values
+    return A
+
+
+def _legendre(c, top: int) -> tuple[np.ndarray, np.ndarray]:
+    """P_l and its derivative of every argument, l = 0..top : two (top + 1, ...) float64."""
+    P, dP = np.ones((top + 1, *c.shape)), np.zeros((top + 1, *c.shape))
+    if top:
+        P[1], dP[1] = c, 1.0
+    for l in range(1, top):  # noqa: E741
+        P[l + 1] = ((2 * l + 1) * c * P[l] - l * P[l - 1]) / (l + 1)
+        dP[l + 1] = dP[l - 1] + (2 * l + 1) * P[l]
+    return P, dP

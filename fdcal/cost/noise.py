@@ -1,0 +1,137 @@
+"""The noise and the power of the field that make the pressures most likely at given positions.
+
+Of an eigen-decomposition T^-1/2 K T^-1/2 = E diag(lambda) E^H (`fdcal.cost.likelihood.spectra`), -log likelihood is
+sum log(s lambda + v) + |e^H T^-1/2 q|^2 / (s lambda + v). An error e of a microphone adds the noise k^2 e^2 / dimension,
+the power of the field's gradient: at rough positions the high modes are hard to explain and the low ones are not.
+
+Power s_m and channel noise tau_n follow from a fixed point of the likelihood's derivative, which needs u = C^-1 q and
+d = diag C^-1 alone. With gamma_m = N - v_m sum_n tau_n d_mn, the number of field coefficients that mode m determines,
+
+    s_m   <- s_m   (sum_n Re conj(u) q - v tau |u|^2) / gamma_m
+    tau_n <- tau_n sum_m v_m |u_mn|^2 / sum_m v_m d_mn
+
+An inverse gamma prior adds so many observations of an expected value to the numerator and the denominator.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .likelihood import FieldModel, Terms, spectra
+
+
+@dataclass(frozen=True)
+class NoiseRules:
+    """Priors and bounds of the noise model; shares are of the mean power of the pressures.
+
+    Attributes
+    ----------
+    power_count : observations that the mean power of the pressures is worth
+    channel_count : observations that a channel is like the others
+    min_channel_noise, max_channel_noise : of a channel over that of the array
+    min_power, max_power : of the field over that of the pressures: without noise a singular covariance would let it
+        grow without bound
+    max_share : of the noise
+    max_profiled, profiled : greatest factor on the power of the field where two kernels are compared, and how many
+    """
+
+    power_count: float = 2.0
+    channel_count: float = 6.0
+    min_channel_noise: float = 0.3
+    max_channel_noise: float = 1e6
+    min_power: float = 1e-3
+    max_power: float = 1e3
+    max_share: float = 0.7
+    max_profiled: float = 1e4
+    profiled: int = 33
+
+
+NOISE_RULES = NoiseRules()
+DIFFUSE_FLOOR = 1e-6  # least share of noise with the diffuse kernel, which leaves that much of a damped field unexplained
+
+
+@dataclass(frozen=True)
+class NoiseEstimate:
+    """What the pressures leave unexplained at given positions.
+
+    Attributes
+    ----------
+    share : noise over the mean power
+    spread : metres, error of the positions beside it
+    alone : noise over the mean power where the positions have no error
+    cost : -log likelihood with `share` and `spread`, up to a constant
+    """
+
+    share: float
+    spread: float
+    alone: float
+    cost: float
+
+
+def estimate_noise(positions, corrected, field: FieldModel, min_share: float) -> NoiseEstimate:
+    """Return the noise and the position error of greatest likelihood; corrected (M, N) complex128 of unit mean power."""
+    from scipy.optimize import minimize, minimize_scalar  # takes longer to load than the rest of the solvers
+
+    values, along = spectra(positions, corrected, field)
+    values = values * field.power[:, None]
+    slope, max_share = np.real(field.wavenumbers)[:, None] ** 2 / field.dimension, NOISE_RULES.max_share
+
+    def cost(logs) -> float:
+        noise, variance = np.exp(logs)
+        spectrum = values + np.minimum(noise + slope * variance, max_share)
+        return float(np.sum(np.log(spectrum) + along / spectrum))
+
+    top = float(slope.max())
+    bounds = [(np.log(min_share), np.log(max_share)), (np.log(min_share / top), np.log(max_share / top))]
+    grid = [np.linspace(*bound, 8) for bound in bounds]
+    start = min(((a, b) for a in grid[0] for b in grid[1]), key=cost)
+    options = {"xatol": 0.05, "fatol": 0.1}
+    best = minimize(cost, start, method="Nelder-Mead", bounds=bounds, options=options)
+    alone: Any = minimize_scalar(lambda log: cost((log, bounds[1][0])), bounds=bounds[0], method="bounded")
+    noise, variance = np.exp(best.x)
+    return NoiseEstimate(float(noise), float(np.sqrt(variance)), float(np.exp(alone.x)), float(best.fun))
+
+
+def expected_power(field: FieldModel, corrected) -> np.ndarray:
+    """Mean power of the corrected pressures less the noise (M,); noisy channels count less."""
+    q2 = np.abs(corrected) ** 2
+    weight = 1 / (1 + field.channel_noise * field.noise[:, None])
+    mean = np.sum(weight * q2, axis=1) / np.sum(weight, axis=1)
+    return np.maximum(mean - field.noise, NOISE_RULES.min_power * mean)
+
+
+def updated_power(field: FieldModel, terms: Terms) -> np.ndarray:
+    """Power of the field (M,), s, after one round of the fixed point."""
+    v = field.noise[:, None] * field.channel_noise
+    gamma = np.maximum(np.sum(1 - v * terms.precision, axis=1), 0.0)
+    energy = np.sum(np.real(np.conj(terms.weighted) * terms.corrected) - v * np.abs(terms.weighted) ** 2, axis=1)
+    expected, count = expected_power(field, terms.corrected), NOISE_RULES.power_count
+    fresh = (field.power * np.maximum(energy, 0.0) + count * expected) / (gamma + count)
+    return np.clip(fresh, 1e-2 * expected, NOISE_RULES.max_power * expected)
+
+
+def updated_channel_noise(field: FieldModel, terms: Terms) -> np.ndarray:
+    """Noise of every channel over that of the array (N,), tau, of median 1, after one round of the fixed point."""
+    v, tau, count = field.noise[:, None], field.channel_noise, NOISE_RULES.channel_count
+    left = tau * np.sum(v * terms.precision, axis=0)
+    seen = tau**2 * np.sum(v * np.abs(terms.weighted) ** 2, axis=0)
+    fresh = (seen + count) / (left + count)
+    return np.clip(fresh / np.median(fresh), NOISE_RULES.min_channel_noise, NOISE_RULES.max_channel_noise)
+
+
+def hyper_cost(field: FieldModel, corrected) -> float:
+    """-log density of power and channel noise by their priors, up to a constant."""
+    ratio, tau = expected_power(field, corrected) / field.power, field.channel_noise
+    of_power = NOISE_RULES.power_count * np.sum(ratio - 1 - np.log(ratio))
+    return float(of_power + NOISE_RULES.channel_count * np.sum(1 / tau - 1 + np.log(tau)))
+
+
+def profile_cost(positions, corrected, field: FieldModel, noise: float) -> float:
+    """Return -log likelihood of corrected pressures (M, N) with each mode's likeliest power; noise : share."""
+    values, along = spectra(positions, corrected, field)
+    powers = np.geomspace(1 / NOISE_RULES.max_profiled, NOISE_RULES.max_profiled, NOISE_RULES.profiled)
+    mixed = np.multiply.outer(powers, values * field.power[:, None]) + noise
+    return float((np.log(mixed) + along / mixed).sum(axis=2).min(axis=0).sum())

@@ -1,0 +1,135 @@
+"""What a solver has found: all that its assessment reads (`Solver.result`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..cost.likelihood import Terms
+from ..model.problem import Problem
+
+
+@dataclass(frozen=True)
+class ChannelEstimate:
+    """Gains, filters and noise of the channels.
+
+    Attributes
+    ----------
+    gains, gain_sigma : (N, 2) float64, log gain, nepers, and phase, radians, and one sigma of each
+    filters, filter_sigma : (N, 2) float64, delay, metres, times the sound speed, and high-pass corner, rad/m, times
+        2 pi / c; 0 for a channel without
+    spread : (2,) float64, of the gains, nepers, and phases, radians, of all channels that are not grossly wrong
+    noise : (N,) float64, noise of each channel over that of a healthy one
+    """
+
+    gains: np.ndarray
+    gain_sigma: np.ndarray
+    filters: np.ndarray
+    filter_sigma: np.ndarray
+    spread: np.ndarray
+    noise: np.ndarray
+
+
+@dataclass(frozen=True)
+class FieldEstimate:
+    """Field and noise where the solver ended, of the modes in use.
+
+    Attributes
+    ----------
+    share : noise over the mean power of the pressures
+    power, noise : (M,) float64, of the field and of a healthy channel; modes have unit power
+    terms : Terms of the likelihood with a weaker prior of an isotropic field: what the others predict of each channel
+    """
+
+    share: float
+    power: np.ndarray
+    noise: np.ndarray
+    terms: Terms
+
+
+@dataclass(frozen=True)
+class PositionSpread:
+    """What the covariance of the positions is made of. Nothing here depends on the way that led to the optimum.
+
+    Attributes
+    ----------
+    newton : (N D, N D) float64, metres^2, inverse of the Gauss-Newton matrix of cost and priors
+    influences : (G, N D) float64 each, metres, of single modes and of groups of neighbouring modes: moves of the
+        positions by the gradient of each
+    step, sigma : (N, D) float64, metres, Newton step that is left, and one sigma of each coordinate
+    """
+
+    newton: np.ndarray
+    influences: tuple[np.ndarray, ...]
+    step: np.ndarray
+    sigma: np.ndarray
+
+
+@dataclass(frozen=True)
+class GivenEstimate:
+    """The given positions as the solver took them.
+
+    Attributes
+    ----------
+    sigma : metres, one sigma of each coordinate; 0 where they are exact
+    expected_sigma : metres, the same as stated or usual
+    stiffness : (A,) float64, 1/m^2, curvature of the prior of each
+    carry_scale : whether the pressures hardly show the size of the array, so that these positions must
+    probability : callable
+        Of which given positions count (A,) bool, returns the probability of a disagreement with the pressures as large
+        by chance.
+    """
+
+    sigma: float
+    expected_sigma: float
+    stiffness: np.ndarray
+    carry_scale: bool
+    probability: Callable[[np.ndarray], float]
+
+
+@dataclass(frozen=True)
+class TriedOptimum:
+    """Another optimum of the search.
+
+    Attributes
+    ----------
+    positions : (N, D) float64, metres
+    score : -log evidence, up to a constant
+    regrouped : whether its restart began from another optimum
+    same_frame : whether the same given positions hold it as the estimate
+    """
+
+    positions: np.ndarray
+    score: float
+    regrouped: bool
+    same_frame: bool
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The result of a solver that minimises the likelihood, or is judged by it.
+
+    Attributes
+    ----------
+    problem : Problem, with modes of unit power
+    modes : slice, the modes in use
+    positions : (N, D) float64, metres
+    converged : whether the solver ended at a minimum
+    channels, field, spread, given : as of their classes
+    log_speed, log_speed_sigma : logarithm of the sound speed found over that of the problem, and one sigma; 0 if fixed
+    tried : tuple of TriedOptimum, the likeliest first
+    """
+
+    problem: Problem
+    modes: slice
+    positions: np.ndarray
+    converged: bool
+    channels: ChannelEstimate
+    field: FieldEstimate
+    spread: PositionSpread
+    given: GivenEstimate
+    log_speed: float
+    log_speed_sigma: float
+    tried: tuple[TriedOptimum, ...]

@@ -1,0 +1,320 @@
+"""Given positions that the pressures contradict no longer hold the array; two that were exchanged are put right.
+
+Where the given positions and the pressures agree nothing changes. Otherwise the array is sought without given
+positions, and put where the likeliest of several hypotheses has it; the next steps hold the positions that are right.
+
+    b = x + G t + d + e,   d ~ N(0, P),   e ~ N(0, s^2 I)
+
+b are the positions given of the microphones that a hypothesis holds to be right, x those of the free array and P their
+covariance, t a rigid motion (and with a wrong sound speed a change of size), s one sigma of a given coordinate. With
+S = P + s^2 I and r = b - x, and t marginalised over,
+
+    -log evidence = [r^T S^-1 r - g^T W^-1 g + log det S + log det W + (n - c) log 2 pi] / 2 - log priors
+    W = G^T S^-1 G,   g = G^T S^-1 r,   n coordinates, c columns of G
+
+A position that is wrong lies anywhere, its distance from the right one spread evenly over the orders of magnitude. s
+has a log-normal prior, and is maximised over.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from scipy.special import chdtrc
+
+from ...model.gauge import align, fixes_gauge, rigid_motions
+from ...model.problem import Problem
+from ...model.validation import frozen_array
+from .. import starts
+from .objective import (
+    Unknowns,
+    given_carry_scale,
+    held_positions,
+    objective_of,
+    unknowns_of,
+    used_modes,
+    with_unknowns,
+)
+from .rules import ASSUMED, GIVEN, STEPS
+from .state import LocalOptimum, State
+from .step import channel_step, free_directions, reduced, scaled_inverse
+
+
+def resolved(problem: Problem, state: State) -> State:
+    """Return `state` with the likeliest hypothesis on the given positions where those assumed do not fit the pressures.
+
+    problem : with modes of unit power
+    """
+    exact = state.model.known_sigma == 0
+    if exact or len(problem.known) <= problem.array_dimension or given_carry_scale(problem):
+        return state
+    if state.model.kernel == "near" and _close(problem, state):
+        return state
+    try:
+        if _agree(problem, state, free_array(problem, state, 0)):
+            return state
+        found = free_array(problem, state, GIVEN.steps)
+    except np.linalg.LinAlgError:
+        return state
+    best = likely(problem, state, found)[0]
+    assumed = _assumed(problem, state, found, best)
+    as_before = same_given(state, assumed) and best.sigma < GIVEN.inaccurate * GIVEN.sigma
+    return state if best.scale or as_before else assumed
+
+
+def likely(problem: Problem, state: State, found: FreeArray) -> list[Hypothesis]:
+    """Return the hypotheses on the given positions, the likeliest first."""
+    sized = state.settings.sound_speed_sigma is None
+    return hypotheses(found, problem.known, problem.known_positions, state.settings.known_sigma, sized)
+
+
+def _close(problem: Problem, state: State) -> bool:
+    """Whether no given position is far from an array that, without noise, does not bend to it."""
+    known, places = held_positions(problem, state)
+    moved = align(state.positions[known], places)
+    return bool(np.linalg.norm(moved - places, axis=1).max(initial=0.0) < GIVEN.close)
+
+
+def _agree(problem: Problem, state: State, found: FreeArray) -> bool:
+    """Whether the positions that hold the array and the pressures agree within their sigmas."""
+    known, places = held_positions(problem, state)
+    x, D = found.unknowns.positions, problem.array_dimension
+    index = (known[:, None] * D + np.arange(D)).ravel()
+    sigma = max(state.model.known_sigma, GIVEN.sigma)
+    S = found.covariance[np.ix_(index, index)] + sigma**2 * np.eye(len(index))
+    r, G = (places - x[known]).ravel(), rigid_motions(x)[index]
+    weighed = np.linalg.solve(S, np.column_stack([r, G]))
+    left = r - G @ np.linalg.solve(G.T @ weighed[:, 1:], G.T @ weighed[:, 0])
+    freedom = len(index) - G.shape[1]
+    return freedom <= 0 or bool(chdtrc(freedom, left @ np.linalg.solve(S, left)) > GIVEN.agree)
+
+
+def _assumed(problem: Problem, state: State, found: FreeArray, best: Hypothesis) -> State:
+    """`state` under a hypothesis."""
+    moved = with_unknowns(state, replace(found.unknowns, positions=best.positions))
+    model = replace(
+        moved.model,
+        places=frozen_array(problem.known_positions[best.order], float),
+        contradicted=frozen_array(~best.right, bool),
+        known_sigma=best.sigma,
+    )
+    return replace(moved, shape=moved.positions, model=model)
+
+
+def same_given(one: State | LocalOptimum, other: State | LocalOptimum) -> bool:
+    """Return whether the same given positions hold two arrays."""
+    a, b = one.model, other.model
+    return bool(np.array_equal(a.contradicted, b.contradicted) and np.array_equal(a.places, b.places))
+
+
+def inaccurate(state: State) -> bool:
+    """Return whether the given positions are all less accurate than expected."""
+    stated = state.settings.known_sigma
+    return state.model.known_sigma > GIVEN.inaccurate * (GIVEN.sigma if stated is None else stated)
+
+
+def anchored(problem: Problem, state: State) -> np.ndarray:
+    """Return the array moved as a whole onto the given positions, if any, without outliers among them; exact ones stay.
+
+    The pressures do not fix the array as a whole, and the last steps hardly see the weak pull of the given positions
+    where there is hardly any noise.
+    """
+    x, (known, given) = state.positions, held_positions(problem, state)
+    if state.model.known_sigma == 0:
+        return x
+    away = np.linalg.norm(x[known] - given, axis=1)
+    near = away <= ASSUMED.known_outlier * max(float(np.median(away)) if len(away) else 0.0, state.model.known_sigma)
+    if not len(known) or np.sum(near) <= x.shape[1] or not fixes_gauge(given[near]):
+        return x
+    moved = starts.onto(x, known[near], given[near])
+    before, after = (np.sum((y[known[near]] - given[near]) ** 2) for y in (x, moved))
+    return frozen_array(moved, float) if after < before else x
+
+
+@dataclass(frozen=True)
+class FreeArray:
+    """An array up to a rigid motion and a mirror image.
+
+    Attributes
+    ----------
+    unknowns : Unknowns, of which the positions (N, D) are in a frame of their own, metres
+    covariance : (N D, N D) float64, metres^2, without rigid motions
+    """
+
+    unknowns: Unknowns
+    covariance: np.ndarray
+
+
+def free_array(problem: Problem, state: State, steps: int) -> FreeArray:
+    """Return the minimum without given positions, near `state`, after `steps` at most.
+
+    With 0 it is that of the quadratic at `state`. Raises numpy.linalg.LinAlgError where a covariance is singular.
+    """
+    goal = objective_of(problem, state, used_modes(problem, state))
+    goal, here = replace(goal, priors=goal.priors.without_given()), unknowns_of(state)
+    free, damping = free_directions(here, goal.priors.held, None, goal.priors.speed_sigma > 0), STEPS.damping
+    for _ in range(steps):
+        trial = channel_step(here, goal, free, damping, GIVEN.max_step, True)
+        here, damping = trial.unknowns, trial.damping
+        if trial.fall < GIVEN.negligible:
+            break
+    factor = 1.0 if goal.field.conditional is not None else GIVEN.weaker_field
+    weaker = replace(goal, field=replace(goal.field, power=factor * goal.field.power))
+    g, H = reduced(here, weaker.evaluate(here), free, True)
+    inverse, count = scaled_inverse(H), here.positions.size
+    if not steps:
+        g, H = reduced(here, goal.evaluate(here), free, True)
+        step = -(scaled_inverse(H) @ g)[:count].reshape(here.positions.shape)
+        here = replace(here, positions=here.positions + step)
+    motions = np.linalg.qr(rigid_motions(here.positions))[0]
+    held = np.eye(count) - motions @ motions.T
+    return FreeArray(here, held @ inverse[:count, :count] @ held.T)
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """What may be right of the given positions.
+
+    Attributes
+    ----------
+    log_evidence : float
+    right : (A,) bool, which given positions hold the array
+    order : (A,) int64, the positions given in the order in which they belong to the microphones
+    scale : whether the sound speed is wrong
+    sigma : float, metres, of every given coordinate
+    positions : (N, D) float64, metres, the array in the frame of the given positions
+    """
+
+    log_evidence: float
+    right: np.ndarray
+    order: np.ndarray
+    scale: bool
+    sigma: float
+    positions: np.ndarray
+
+
+def hypotheses(found: FreeArray, known, places, stated: float | None, sized: bool) -> list[Hypothesis]:
+    """Return the hypotheses on `places` (A, D), metres, given of `known` (A,) int64, the likeliest first.
+
+    stated : metres, sigma of a given coordinate that the user states; sized : whether the sound speed may be wrong
+    """
+    A, D = places.shape
+    as_given, all_right = np.arange(A), np.ones(A, bool)
+    likely = [
+        _weighed(found, known, places, right, as_given, False, stated) for right in _subsets(found, known, places)
+    ]
+    likely += [
+        _weighed(found, known, places, all_right, order, False, stated) for order in _exchanges(found, known, places)
+    ]
+    if sized and A * D > D * (D + 1) // 2 + 1:
+        likely.append(_weighed(found, known, places, all_right, as_given, True, stated))
+    return sorted(likely, key=lambda one: -one.log_evidence)
+
+
+def _subsets(found: FreeArray, known, places) -> list[np.ndarray]:
+    """Which given positions may be right: any of few; of many, those that fit best and ever fewer of them."""
+    A, D = places.shape
+    if A <= GIVEN.examined:
+        wrong = [one for count in range(A - D + 1) for one in combinations(range(A), count)]
+        return [~np.isin(np.arange(A), one) for one in wrong]
+    worst = np.argsort(-_away(found, known, places))
+    return [~np.isin(np.arange(A), worst[:count]) for count in range(min(A - D, GIVEN.max_wrong) + 1)]
+
+
+def _exchanges(found: FreeArray, known, places) -> list[np.ndarray]:
+    """Orders with two positions exchanged; of many, of those that fit least."""
+    A, orders = len(known), []
+    if A <= places.shape[1]:
+        return orders
+    suspects = np.sort(np.argsort(-_away(found, known, places))[: GIVEN.examined]) if A > GIVEN.examined else range(A)
+    for i, j in combinations(suspects, 2):
+        order = np.arange(A)
+        order[[i, j]] = j, i
+        orders.append(order)
+    return orders
+
+
+def _away(found: FreeArray, known, places) -> np.ndarray:
+    """Distance (A,) of the given positions from an array that lies on the subset of least median error."""
+    x, D = found.unknowns.positions[known], places.shape[1]
+    best = np.full(len(known), np.inf)
+    for chosen in list(combinations(range(len(known)), D + 1))[: GIVEN.subsets]:
+        away = np.linalg.norm(align(x, places, np.array(chosen)) - places, axis=1)
+        best = away if np.median(away) < np.median(best) else best
+    return best
+
+
+def _weighed(found: FreeArray, known, places, right, order, scale: bool, stated: float | None) -> Hypothesis:
+    """One hypothesis, with the likelier one of the two mirror images."""
+    x, D = found.unknowns.positions, places.shape[1]
+    ordered, held = places[order], known[right]
+    index = (held[:, None] * D + np.arange(D)).ravel()
+    values, vectors = np.linalg.eigh(found.covariance[np.ix_(index, index)])
+    columns = rigid_motions(x)
+    if scale:
+        columns = np.column_stack([columns, (x - x.mean(axis=0)).ravel()])
+    images = [
+        _placed(found, known, ordered, right, columns, index, (np.maximum(values, 0.0), vectors), mirror, stated)
+        for mirror in (False, True)
+    ]
+    evidence, sigma, positions = max(images, key=lambda one: one[0])
+    return Hypothesis(evidence + _log_prior(right, order, scale), right, order, scale, sigma, positions)
+
+
+def _log_prior(right, order, scale: bool) -> float:
+    """Logarithm of the probability that these given positions are wrong or exchanged, or the sound speed."""
+    A, wrong = len(right), np.sum(~right)
+    prior = wrong * np.log(GIVEN.wrong) + (A - wrong) * np.log1p(-GIVEN.wrong)
+    if np.any(order != np.arange(A)):
+        prior += np.log(GIVEN.wrong / (A * (A - 1) / 2))
+    return float(prior + (np.log(GIVEN.wrong / GIVEN.sizes) if scale else 0.0))
+
+
+def _placed(found: FreeArray, known, places, right, columns, index, spectrum, mirror: bool, stated: float | None):
+    """Log evidence, sigma and positions of one image of the array."""
+    x = found.unknowns.positions
+    turn, centre, goal = _turn(x[known[right]], places[right], mirror)
+    b = (places - goal) @ turn.T + centre  # the given positions in the frame of the free array
+    values, vectors = spectrum
+    r, G = vectors.T @ (b[right] - x[known[right]]).ravel(), vectors.T @ columns[index]
+    sigmas, log_prior = sigma_grid(stated)
+    inverse = 1 / (values + sigmas[:, None] ** 2)
+    W = np.einsum("sn,na,nb->sab", inverse, G, G)
+    g = np.einsum("sn,na,n->sa", inverse, G, r)
+    t = np.linalg.solve(W, g[..., None])[..., 0]
+    chi = inverse @ r**2 - np.sum(g * t, axis=1)
+    logs = log_prior - (chi - np.log(inverse).sum(axis=1) + np.linalg.slogdet(W)[1]) / 2
+    best = int(np.argmax(logs))
+    pull = vectors @ (inverse[best] * (r - G @ t[best]))
+    moved = x + (columns @ t[best] + found.covariance[:, index] @ pull).reshape(x.shape)
+    evidence = logs[best] - (r.size - columns.shape[1]) / 2 * np.log(2 * np.pi)
+    evidence += _of_wrong(b[~right] - moved[known[~right]], sigmas[best])
+    return float(evidence), float(sigmas[best]), (moved - centre) @ turn + goal
+
+
+def _of_wrong(away, sigma: float) -> float:
+    """Log density of wrong positions at `away` (W, D), metres, from where they should be."""
+    D = away.shape[1]
+    distance = np.sqrt(np.sum(away**2, axis=1) + sigma**2)
+    sphere = 2 * np.pi if D == 2 else 4 * np.pi
+    return float(-np.sum(D * np.log(distance) + np.log(sphere * np.log(GIVEN.decades))))
+
+
+def _turn(x, places, mirror: bool):
+    """The motion y = (x - centre) turn + goal of least squares; `mirror` takes the other image."""
+    centre, goal = x.mean(axis=0), places.mean(axis=0)
+    U, _, Vt = np.linalg.svd((x - centre).T @ (places - goal))
+    if mirror:
+        U = U * np.append(np.ones(U.shape[1] - 1), -1.0)
+    return U @ Vt, centre, goal
+
+
+def sigma_grid(stated: float | None) -> tuple[np.ndarray, np.ndarray]:
+    """Return sigmas of a given coordinate, metres, and the logarithm of their prior probabilities."""
+    middle = GIVEN.sigma if stated is None else stated
+    most = GIVEN.max_sigma if stated is None else stated
+    sigmas = np.append(np.geomspace(middle / 4, middle, 4), np.geomspace(middle, most, 8)[1:] if most > middle else [])
+    logs = -((np.log(sigmas / middle) / GIVEN.sigma_spread) ** 2) / 2
+    return sigmas, logs

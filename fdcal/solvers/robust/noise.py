@@ -1,0 +1,227 @@
+"""What is estimated beside positions and gains: noise, power, directions, spreads of the priors, evidence of a restart."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ...cost.angular_spectrum import learned_powers
+from ...cost.likelihood import FieldModel, Terms
+from ...cost.noise import NOISE_RULES, estimate_noise, hyper_cost, profile_cost, updated_channel_noise, updated_power
+from ...cost.waves import directions_needed
+from ...model.problem import Problem
+from ...model.validation import frozen_array
+from .objective import (
+    Objective,
+    corrected,
+    field_of,
+    field_wavenumbers,
+    first_known_sigma,
+    given_carry_scale,
+    held_positions,
+    objective_of,
+    speed_is_free,
+    spring,
+    unknowns_of,
+    used_modes,
+    wavenumbers,
+)
+from .rules import ASSUMED, CONDITIONAL, FINAL, OUTLIERS
+from .state import DIRECTIONAL, KernelName, Model, State
+from .step import ChannelStep, free_directions, position_covariance, reduced, scaled_inverse, stretch_sigma
+
+
+def with_power(state: State, used, chosen: FieldModel, terms: Terms) -> State:
+    """Return `state` with power and channel noise after one round of their fixed point."""
+    power = np.array(state.model.power)
+    power[used] = updated_power(chosen, terms)
+    return replace(state, model=replace(state.model, power=power, channel_noise=updated_channel_noise(chosen, terms)))
+
+
+def with_noise(problem: Problem, state: State, deflation: float = 1.0, rough: bool = True) -> State:
+    """Return `state` with the noise and the spread of the positions that explain best what is left.
+
+    rough : whether the spread adds to the noise; where every microphone has found its place, all is noise
+    """
+    used, floor = used_modes(problem, state, ASSUMED.noise_modes), min_share(state)
+    seen = corrected(problem, state, used)
+    found = estimate_noise(state.positions, seen, field_of(problem, state, used), floor)
+    share = found.share if rough else found.alone
+    k = np.real(problem.wavenumbers)
+    noise, given = np.full(len(k), max(share, floor)), given_noise(problem, state)
+    level = 0.0 if given is None else float(np.median(given))
+    if given is not None and level / ASSUMED.believed < share < level * ASSUMED.believed:
+        noise = np.maximum(given, floor)
+    noise = np.maximum(noise / deflation, floor)
+    noise = np.minimum(noise + rough * (k * found.spread) ** 2 / problem.dimension, NOISE_RULES.max_share)
+    model = replace(state.model, noise=noise, share=share, spread=found.spread, deflation=deflation)
+    return replace(state, model=model)
+
+
+def misfit(problem: Problem, state: State) -> float:
+    """Return -log likelihood of the pressures with the noise found and each mode's likeliest power of the field."""
+    used = used_modes(problem, state, ASSUMED.noise_modes)
+    seen = corrected(problem, state, used)
+    return profile_cost(state.positions, seen, field_of(problem, state, used), state.model.share)
+
+
+def min_share(state: State) -> float:
+    """Return the least share of noise in the power that the kernel can show."""
+    return ASSUMED.min_share[state.model.kernel]
+
+
+def given_noise(problem: Problem, state: State) -> np.ndarray | None:
+    """Return the noise power of the measurement (M,), None where it is not given or not to be used."""
+    if state.settings.snr_db is not None:
+        return np.full(len(problem.pressures), 1 / (1 + 10 ** (state.settings.snr_db / 10)))
+    return problem.noise_power if state.settings.noise == "reported" else None
+
+
+def centred(state: State) -> State:
+    """Return `state` with gains whose median is 1: what is common to all is the field's."""
+    shift = np.median(state.gains - state.offsets, axis=0)
+    louder = np.exp(2 * shift[0])
+    model = replace(state.model, power=state.model.power * louder, noise=state.model.noise * louder)
+    return replace(state, gains=state.gains - shift, model=model)
+
+
+def with_spreads(problem: Problem, state: State, trial: ChannelStep) -> State:
+    """Return `state` with the spreads of gains and given positions by empirical Bayes (MacKay) after a step."""
+    (N, D), model, H = state.positions.shape, state.model, trial.matrix
+    assert H is not None  # of a step whose covariance was not singular
+    variance = np.zeros(trial.unknowns.vector.size)
+    variance[trial.free] = np.diag(np.linalg.inv(H + 1e-12 * np.diag(np.diag(H))))
+    variance = variance[:-1].reshape(N, -1)
+    # The last stage can lower a spread, hardly raise it.
+    floor = ASSUMED.min_sigma if state.progress.stage == FINAL else ASSUMED.negligible_spread
+    stated, sigmas = (state.settings.gain_sigma_db, state.settings.phase_sigma_deg), []
+    for column, sigma in enumerate((model.gain_sigma, model.phase_sigma)):
+        expected = ASSUMED.prior_gain * np.sqrt(ASSUMED.prior_count)
+        e = np.append(state.gains[:, column] - state.offsets[:, column], expected)
+        fresh = _updated_sigma(sigma, e, np.append(variance[:, D + column], 0.0), 1, floor)
+        sigmas.append(fresh if stated[column] is None else sigma)
+    (known, places), sigma = held_positions(problem, state), model.known_sigma
+    if len(known) and sigma > 0 and not given_carry_scale(problem):
+        e = np.linalg.norm(state.positions[known] - places, axis=1)
+        e = np.append(e, ASSUMED.given_sigma * np.sqrt(D) * np.ones(ASSUMED.known_count))
+        v = np.append(variance[known, :D].mean(axis=1), np.zeros(ASSUMED.known_count))
+        at_most = max(first_known_sigma(problem, state.settings), sigma)  # greater by a hypothesis alone (`given`)
+        sigma = min(_updated_sigma(sigma, e, v, D, 1e-5), at_most)
+    return replace(state, model=replace(model, gain_sigma=sigmas[0], phase_sigma=sigmas[1], known_sigma=sigma))
+
+
+def _updated_sigma(sigma: float, deviation, variance, components: int, floor: float) -> float:
+    """Spread of a prior: squared deviations over how many the data determine.
+
+    deviation : (K,) root of the sum of squares of the components; variance : (K,) posterior, per component
+    """
+    weight = spring(deviation**2, sigma, components) * sigma**2
+    determined = components * np.clip(1 - weight * variance / sigma**2, 0.0, 1.0)
+    fresh = np.sqrt(np.sum(weight * deviation**2) / max(float(determined.sum()), 1e-3))
+    return float(np.clip(np.clip(fresh, sigma / 4, 4 * sigma), floor, ASSUMED.max_sigma))
+
+
+def same_spreads(before: Model, after: Model) -> bool:
+    """Return whether the spreads of gain and phase have hardly changed."""
+    pairs = (before.gain_sigma, after.gain_sigma), (before.phase_sigma, after.phase_sigma)
+    return all(
+        abs(np.log(new / old)) < ASSUMED.same_spread or max(old, new) < ASSUMED.negligible_spread for old, new in pairs
+    )
+
+
+def score(problem: Problem, state: State, goal: Objective, trial: ChannelStep) -> float:
+    """Return -log evidence at the end of a restart, by Laplace's approximation, up to a constant.
+
+    goal : what the last step minimised; the cost of the state and the normalisation of the priors are both its
+    """
+    N, D = state.positions.shape
+    priors, cost = goal.priors, state.cost
+    cost += hyper_cost(goal.field, corrected(problem, state, used_modes(problem, state)))
+    cost += 0.5 * np.linalg.slogdet(np.asarray(trial.matrix))[1]
+    if priors.known_sigma > 0:
+        cost += len(problem.known) * D * np.log(priors.known_sigma)
+    if trial.unknowns.gains:
+        cost += N * (np.log(priors.gain_sigma) + np.log(priors.phase_sigma))
+        cost += np.sum((state.model.filters != 0) * np.log([OUTLIERS.delay_sigma, OUTLIERS.corner_sigma]))
+    if speed_is_free(problem, state):
+        cost += np.log(state.settings.sound_speed_sigma or 1.0)
+    return float(cost)
+
+
+def isotropic_kernel(problem: Problem, state: State) -> KernelName:
+    """Return the kernel of an isotropic field that the noise left calls for."""
+    k = problem.wavenumbers[state.modes]
+    radius = float(np.sqrt(np.mean(np.sum((state.positions - state.positions.mean(axis=0)) ** 2, axis=1))))
+    return "series" if (np.abs(np.imag(k)).max() * radius) ** 2 > ASSUMED.damped * state.model.share else "diffuse"
+
+
+def last_kernel(problem: Problem, state: State) -> KernelName:
+    """Return the kernel of the last stage: directional, but for plane arrays in space and where that takes too long."""
+    k = wavenumbers(problem, state)[used_modes(problem, state)]
+    products = len(k) * len(state.positions) ** 2 * directions_needed(state.positions, k, problem.dimension)
+    slow = problem.dimension == 3 and products > ASSUMED.max_products
+    if slow or given_carry_scale(problem):
+        return state.model.kernel
+    return "damped_directional" if isotropic_kernel(problem, state) == "series" else "directional"
+
+
+def with_directions(problem: Problem, state: State, used, updates: int) -> State:
+    """Return `state` with the power of the field by direction learned a little further, where its kernel has one."""
+    model = state.model
+    if model.kernel not in DIRECTIONAL:
+        return state
+    k = field_wavenumbers(problem, state)
+    if model.directions is None:
+        learned = np.ones((len(k), directions_needed(state.positions, k, problem.dimension)))
+    else:
+        learned = np.array(model.directions)
+    learned[used] = learned_powers(
+        state.positions,
+        corrected(problem, state, used),
+        k[used],
+        model.power[used],
+        model.noise[used],
+        learned[used],
+        updates,
+        model.channel_noise,
+        ASSUMED.direction_count[problem.dimension],
+        state.shape,
+        problem.dimension,
+    )
+    return replace(state, model=replace(model, directions=frozen_array(learned, float)))
+
+
+def with_turned_directions(problem: Problem, state: State, before) -> State:
+    """Return `state`, which was moved as a whole from the positions `before` (N, D), with directions learned again."""
+    farthest = float(np.abs(state.positions - before).max())
+    shape = replace(state, shape=state.positions)
+    if farthest * float(np.real(problem.wavenumbers).max()) < ASSUMED.turned:
+        return with_directions(problem, shape, used_modes(problem, state), ASSUMED.direction_updates)
+    cleared = replace(shape, model=replace(state.model, directions=None))
+    return with_directions(problem, cleared, used_modes(problem, cleared), ASSUMED.turned_updates)
+
+
+def with_conditional(problem: Problem, state: State) -> State:
+    """Return `state`, at the beginning of the last stage, with the conditional likelihood if the array permits it.
+
+    It is free of what the likelihood of a random field supposes of the room, and less sharp. Where the pressures hardly
+    fix the size and shears of the array without that supposition, as of a small array, the array would run off.
+    """
+    used, model = used_modes(problem, state), state.model
+    without = replace(state, model=replace(model, conditional=""))  # it may be that of a run with other modes
+    slow = len(used) * len(state.positions) ** 3 > CONDITIONAL.max_products
+    if model.kernel == "near" or model.share > CONDITIONAL.noise_share or slow:
+        return without
+    kernel = "series" if isotropic_kernel(problem, state) == "series" else "diffuse"
+    chosen = replace(state, model=replace(model, conditional=kernel), progress=replace(state.progress, stage=FINAL))
+    here, goal = unknowns_of(chosen), objective_of(problem, chosen, used)
+    free = free_directions(here, goal.priors.held, None, speed_is_free(problem, chosen))
+    try:
+        inverse = scaled_inverse(reduced(here, goal.evaluate(here), free, not len(problem.known))[1])
+        covariance = position_covariance(inverse, state.positions.shape, goal.priors.held)
+        sigma = stretch_sigma(state.positions, [covariance])
+    except np.linalg.LinAlgError:
+        return without
+    limit = CONDITIONAL.stretch_sigma if len(problem.known) else CONDITIONAL.blind_stretch_sigma
+    return chosen if sigma < limit else without

@@ -1,0 +1,216 @@
+"""Restarts: where the solver begins, how it returns to the likeliest optimum, and how a run ends."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ...cost.likelihood import FieldModel
+from ...model.gauge import align, move_to_frame
+from ...model.problem import Problem
+from ...model.validation import InputError, frozen_array
+from .. import starts
+from . import given, noise
+from .groups import other_poses
+from .objective import corrected, first_model, gains_are_free, held_positions, used_modes, wavenumbers
+from .outliers import relocated
+from .rules import ASSUMED, FINAL, NOISELESS, OUTLIERS, SCHEDULE, STAGES, STEPS
+from .state import KernelName, LocalOptimum, Model, Progress, State
+
+
+def begin_stage(state: State, stage: int) -> State:
+    """Return `state` at the beginning of a stage of the schedule."""
+    damping = STEPS.deformation_damping if STAGES[stage].degree else STEPS.damping
+    progress = replace(state.progress, stage=stage, steps=0, damping=damping)
+    return replace(state, stage=state.stage + 1, progress=progress, shape=state.positions)
+
+
+def begin_restart(problem: Problem, state: State, positions: np.ndarray, restart: int) -> State:
+    """Return `state` at the beginning of a restart at `positions` (N, D), metres; exact given ones are put in place."""
+    model, x = first_model(problem, state.settings), np.array(positions, float)
+    if model.known_sigma == 0:
+        x[problem.known] = problem.known_positions
+    x, zero = frozen_array(x, float), frozen_array(np.zeros((len(x), 2)), float)
+    progress = Progress(restart=restart, stage=0, rounds=0, steps=0, damping=0.0)
+    begun = replace(state, positions=x, shape=x, gains=zero, offsets=zero, model=model, progress=progress)
+    return begin_stage(noise.with_noise(problem, begun), 0)
+
+
+def next_restart(problem: Problem, state: State, restart: int) -> State:
+    """Return the first restart, from number `restart` on, that has a start, or the last stage if there is none left.
+
+    Raises InputError where no start is possible at all.
+    """
+    reported = noise.given_noise(problem, state)
+    level = None if reported is None else float(np.median(reported[state.modes]))
+    plan = starts.plan(problem, state.last, is_noiseless(problem, state))
+    for number, one in enumerate(plan[: SCHEDULE.restarts]):
+        if number < restart:
+            continue
+        try:
+            positions = starts.start(problem, state.last, level, *one)
+        except (InputError, np.linalg.LinAlgError):  # this start needs more than the modes show
+            if state.optima or number + 1 < SCHEDULE.restarts:
+                continue
+            raise
+        return begin_restart(problem, state, positions, number)
+    return begin_final(problem, state)
+
+
+def with_optimum(problem: Problem, state: State, score: float, converged: bool) -> State:
+    """Return `state` with where the present restart has ended, and what of it may be tried in other poses."""
+    regrouped = state.progress.regrouped
+    found = LocalOptimum(state.positions, state.gains, state.offsets, state.model, float(score), converged, regrouped)
+    state = replace(state, optima=(*state.optima, found))
+    if likeliest(state) is found:
+        state = replace(state, progress=replace(state.progress, poses=_poses(problem, state)))
+    return state
+
+
+def likeliest(state: State) -> LocalOptimum:
+    """Return the optimum of the least score."""
+    return min(state.optima, key=lambda one: one.score)
+
+
+def _poses(problem: Problem, state: State) -> tuple[np.ndarray, ...]:
+    """The array with a group of microphones in other poses, aligned with given positions: each (N, D), metres."""
+    if problem.array_dimension != 2 or not np.isfinite(state.optima[-1].score):
+        return ()
+    model, used = state.model, used_modes(problem, state)
+    k = np.real(wavenumbers(problem, state)[used])
+    field = FieldModel(k, model.power[used], model.noise[used], model.channel_noise, problem.dimension)
+    try:
+        found = other_poses(state.positions, corrected(problem, state, used), field)
+    except np.linalg.LinAlgError:
+        return ()
+    placed = [starts.aligned(problem, one) for one in found] if len(problem.known) else found
+    return tuple(frozen_array(one, float) for one in placed)
+
+
+def next_pose(problem: Problem, state: State) -> State:
+    """Return the restart from the first of the other poses."""
+    first, *others = state.progress.poses
+    begun = begin_restart(problem, state, first, state.progress.restart)
+    return replace(begun, progress=replace(begun.progress, regrouped=True, poses=tuple(others)))
+
+
+def optima_agree(problem: Problem, state: State) -> bool:
+    """Return whether another restart has ended where the likeliest did; without noise their scores differ by rounding.
+
+    A restart that began from another optimum with a group in another pose does not count: it may return to that
+    optimum even if that is wrong.
+    """
+    best, *others = sorted(state.optima, key=lambda one: one.score)
+    wavelength = 2 * np.pi / float(np.real(problem.wavenumbers[state.modes]).max())
+    healthy = best.model.channel_noise < OUTLIERS.suspicious
+    for other in others:
+        if np.isfinite(other.score) and not other.regrouped:
+            away = np.linalg.norm(align(other.positions, best.positions) - best.positions, axis=1)
+            if away[healthy].max(initial=0.0) < SCHEDULE.same_place * wavelength:
+                return True
+    return False
+
+
+def is_noiseless(problem: Problem, state: State) -> bool:
+    """Return whether the measurement is reported to have no noise to speak of, as a simulated one."""
+    reported = noise.given_noise(problem, state)
+    return reported is not None and float(np.median(reported[state.modes])) <= SCHEDULE.low_noise
+
+
+def explains_all(problem: Problem, state: State) -> bool:
+    """Return whether the array explains all but the reported noise by healthy channels.
+
+    Of a measurement without noise, in a wrong basin no array does so. With noise some do, so that this is evidence
+    only where the model has nothing else to bend: channels are matched and given positions exact.
+    """
+    share, worst = state.model.share, float(state.model.channel_noise.max())
+    if is_noiseless(problem, state):
+        floor = 1.01 * noise.min_share(state)
+        return share <= max(SCHEDULE.low_noise, floor) and share * worst <= SCHEDULE.low_noise_channel
+    reported = noise.given_noise(problem, state)
+    if reported is None or state.settings.gains != "fixed" or state.model.known_sigma > 0:
+        return False
+    return share <= SCHEDULE.reported_noise * float(np.median(reported[state.modes])) and worst < OUTLIERS.suspicious
+
+
+def begin_final(problem: Problem, state: State) -> State:
+    """Go on from the likeliest optimum; only now, with all in place, can the directions of the field be learned."""
+    best = likeliest(state)
+    x = _gathered(best)
+    progress = replace(state.progress, rounds=0, stage=FINAL, regrouped=False, poses=())
+    state = replace(
+        state, positions=x, shape=x, gains=best.gains, offsets=best.offsets, model=best.model, progress=progress
+    )
+    if is_noiseless(problem, state) and explains_all(problem, state):
+        near = replace(state, model=replace(state.model, kernel="near", channel_noise=np.ones(len(x))))
+        least = frozen_array(np.full(len(state.model.noise), noise.min_share(near)), float)
+        return begin_stage(replace(near, model=replace(near.model, noise=least)), NOISELESS)
+    state = given.resolved(problem, relocated(problem, state, local=True)[0])
+    return refined(problem, replace(state, model=replace(state.model, kernel=noise.last_kernel(problem, state))))
+
+
+def _gathered(best: LocalOptimum) -> np.ndarray:
+    """Positions with outliers no farther from the centre than the others: beyond, the near-field kernel diverges."""
+    x, healthy = best.positions, best.model.channel_noise < OUTLIERS.suspicious
+    if np.all(healthy) or not np.any(healthy):
+        return x
+    centre = x[healthy].mean(axis=0)
+    away = np.linalg.norm(x - centre, axis=1)
+    far = ~healthy & (away > away[healthy].max())
+    inward = np.where(far, away[healthy].max() / np.maximum(away, 1e-9), 1.0)
+    return frozen_array(centre + inward[:, None] * (x - centre), float)
+
+
+def after_noiseless(problem: Problem, state: State) -> State:
+    """Return the beginning of the last stage after the positions alone were sought."""
+    placed = replace(state, positions=given.anchored(problem, state))
+    return refined(problem, given.resolved(problem, placed))
+
+
+def refined(problem: Problem, state: State) -> State:
+    """Return the beginning of a round of the last stage: new noise, and perhaps another kernel.
+
+    The near-field kernel is taken only if the pressures are likelier with it: it explains those of few microphones
+    without any noise, but then they have more power than the field would have at most of them.
+    """
+    near = state.model.kernel == "near"
+    fresh = _with_kernel(problem, state, state.model.kernel)
+    if not near and fresh.model.share <= ASSUMED.near_share[problem.dimension]:
+        other = _with_kernel(problem, state, "near")
+        fresh = other if noise.misfit(problem, other) < noise.misfit(problem, fresh) else fresh
+    begun = begin_stage(fresh, FINAL)
+    updates = ASSUMED.first_updates if begun.model.directions is None else 0
+    begun = noise.with_directions(problem, begun, used_modes(problem, begun), updates)
+    return begun if begun.progress.rounds else noise.with_conditional(problem, begun)
+
+
+def _with_kernel(problem: Problem, state: State, kernel: KernelName) -> State:
+    chosen = replace(state, model=replace(state.model, kernel=kernel), shape=state.positions)
+    deflation = ASSUMED.near_deflation if kernel == "near" else 1.0
+    return noise.with_noise(problem, chosen, deflation, rough=False)
+
+
+def next_final(problem: Problem, state: State) -> State:
+    """Return another round of the last stage, with damped waves where the noise is now so low that the damping counts."""
+    model, ahead = state.model, replace(state.progress, rounds=state.progress.rounds + 1)
+    if model.kernel == "directional" and noise.isotropic_kernel(problem, state) == "series":
+        model = replace(model, kernel="damped_directional")
+    return refined(problem, given.resolved(problem, replace(state, model=model, progress=ahead)))
+
+
+def assumes_else(before: State, after: State) -> bool:
+    """Return whether a round of the last stage would assume another noise, kernel or given positions."""
+    a: Model = before.model
+    b: Model = after.model
+    limit = SCHEDULE.tolerance_near_noise if b.kernel == "near" else SCHEDULE.tolerance_noise
+    change = abs(np.log(float(np.median(b.noise)) / float(np.median(a.noise))))
+    return a.kernel != b.kernel or bool(change > limit) or not given.same_given(before, after)
+
+
+def finished(problem: Problem, state: State) -> State:
+    """Return the end of a run: the array in its frame, the directions of the field turned with it."""
+    framed = state.positions if problem.frame is None else move_to_frame(state.positions, problem.frame)
+    positions = given.anchored(problem, state) if problem.frame is None else frozen_array(framed, float)
+    ended = replace(state, positions=positions, finished=True)
+    return noise.with_turned_directions(problem, ended, state.positions)

@@ -1,0 +1,276 @@
+"""The schedule of the likelihood solver, and every number that decides beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One stage of the schedule; what follows it is in `schedule.TRANSITIONS`.
+
+    Attributes
+    ----------
+    name : for display
+    degree : of the polynomials by which the array may deform as a whole; 0 lets every microphone move for itself
+    modes : at most so many modes, evenly taken; 0 for all
+    lowest : with given positions the lowest ones instead: they hold the scale
+    gains : whether channel gains are free
+    learns : whether the power of the field and the noise of the channels are estimated again after every step
+    max_steps : at most
+    tolerance : metres, a stage ends when nothing moves further
+    negligible : nats, or when the cost falls by no more
+    """
+
+    name: str
+    degree: int
+    modes: int
+    lowest: bool
+    gains: bool
+    learns: bool
+    max_steps: int
+    tolerance: float
+    negligible: float
+
+
+STAGES = (
+    Stage("deformation", 2, 30, True, False, True, 12, 2e-3, 0.5),
+    Stage("deformation", 3, 30, False, False, True, 12, 2e-3, 0.5),
+    Stage("free", 0, 0, False, False, True, 5, 1e-3, 2.0),
+    Stage("gains", 0, 0, False, True, True, 10, 1e-4, 0.3),
+    Stage("noiseless", 0, 0, False, False, False, 10, 1e-4, 0.3),
+    Stage("final", 0, 0, False, True, True, 16, 3e-5, 0.01),
+)
+FREE, NOISELESS, FINAL = 2, 4, 5  # stages; the last but one is of measurements without noise alone
+
+
+@dataclass(frozen=True)
+class StepRules:
+    """Steps and where they end.
+
+    Attributes
+    ----------
+    max_step : longest move of a microphone in one step, over the shortest wavelength
+    deformation_damping, damping : of the first step of a stage
+    converged_sigmas : largest Newton step left of a run that has converged, over one sigma of the coordinate
+    min_eigenvalue : of the scaled Gauss-Newton matrix, dimensionless; directions with less are as good as undetermined
+    """
+
+    max_step: float = 0.125
+    deformation_damping: float = 1e-3
+    damping: float = 1e-6
+    converged_sigmas: float = 0.2
+    min_eigenvalue: float = 1e-13
+
+
+@dataclass(frozen=True)
+class ScheduleRules:
+    """Rounds and restarts.
+
+    Attributes
+    ----------
+    restarts : starts tried at most
+    rounds : of stage "gains" at most in one restart
+    final_rounds : of stage "final" at most
+    searches : rounds of "gains" with a search for other places of outliers
+    same_place : distance of every microphone in one optimum from its place in another, over the shortest wavelength,
+        within which the two agree
+    low_noise, low_noise_channel : share of the power, of the array and of one channel: a restart that leaves no more
+        unexplained of a measurement without noise is the last, since in a wrong basin none does so
+    reported_noise : the same over the reported noise, where channels are matched and positions exact
+    tolerance_noise, tolerance_near_noise : change of the logarithm of the noise after which a round is the last; the
+        second with the near-field kernel, of which less noise hardly moves anything
+    """
+
+    restarts: int = 6
+    rounds: int = 8
+    final_rounds: int = 6
+    searches: int = 1
+    same_place: float = 0.03
+    low_noise: float = 1e-7
+    low_noise_channel: float = 1e-5
+    reported_noise: float = 1.2
+    tolerance_noise: float = 0.15
+    tolerance_near_noise: float = 0.7
+
+
+@dataclass(frozen=True)
+class AssumptionRules:
+    """What the stages assume of noise, kernel and spreads.
+
+    Attributes
+    ----------
+    min_share : least share of noise in the power that each kernel can show
+    near_share : share of noise by dimension of the field, at or below which a source near the array counts
+    near_deflation : residual of the near-field kernel over the noise that is assumed with it
+    damped : (Im k R)^2 over the noise from which the imaginary part of k counts
+    noise_modes : modes, evenly taken, to estimate the noise from, at most
+    believed : factor within which the reported noise is believed
+    gain_sigma, phase_sigma : nepers and radians, spreads of the channels to begin with
+    min_sigma, max_sigma : least and greatest spread of gains and phases, nepers and radians
+    prior_gain, prior_count : nepers or radians, expected spread of gains and phases, and channels that this is worth
+    same_spread, negligible_spread : change of the logarithm of a spread, and spread, that do not count
+    known_sigma : metres, one sigma of a given coordinate to begin with, and at most
+    given_sigma, known_count : metres, expected error of a given coordinate, and positions that this is worth
+    known_outlier : distance of a given position over the median of all of them, or their sigma, that leaves it out when
+        the array is moved onto the given positions
+    carrying_sigma, carrying_tail : metres, error of each coordinate of given positions that carry the scale, and the
+        degrees of freedom of their prior, which is then nearly Gaussian
+    direction_count : observations that the field's power from a direction is that from all; in space there are more
+        directions
+    first_updates, direction_updates, turned_updates : steps of expectation and maximisation of the directions' power
+        before the first step, after every step, and after the array was turned as a whole
+    turned : move of a microphone with the array as a whole, times the greatest k, below which the directions are kept
+    max_products : products M N^2 Q of a field in space by Q directions at most; beyond it stays isotropic
+    learned : nats, a stage goes on while the cost falls by more, since the directions are still being learned
+    """
+
+    min_share: Mapping[str, float] = field(
+        default_factory=lambda: MappingProxyType(
+            {"diffuse": 1e-6, "series": 1e-8, "directional": 1e-8, "damped_directional": 1e-8, "near": 1e-10}
+        )
+    )
+    near_share: Mapping[int, float] = field(default_factory=lambda: MappingProxyType({2: 1e-5, 3: 2e-6}))
+    near_deflation: float = 3.0
+    damped: float = 0.1
+    noise_modes: int = 24
+    believed: float = 2.0
+    gain_sigma: float = 0.02
+    phase_sigma: float = 0.02
+    min_sigma: float = 1e-4
+    max_sigma: float = 0.6
+    prior_gain: float = 1e-3
+    prior_count: float = 1.0
+    same_spread: float = 0.2
+    negligible_spread: float = 1e-3
+    known_sigma: float = 3e-3
+    given_sigma: float = 2e-3
+    known_count: int = 2
+    known_outlier: float = 3.0
+    carrying_sigma: float = 1e-3
+    carrying_tail: float = 1e6
+    direction_count: Mapping[int, float] = field(default_factory=lambda: MappingProxyType({2: 1.0, 3: 0.1}))
+    first_updates: int = 10
+    direction_updates: int = 3
+    turned_updates: int = 60
+    turned: float = 0.05
+    max_products: float = 3e8
+    learned: float = 0.5
+
+
+@dataclass(frozen=True)
+class ConditionalRules:
+    """When and how the last stage minimises the conditional likelihood.
+
+    Attributes
+    ----------
+    power : factor on the power of the field in it
+    weight : of the likelihood of a random field beside it; by dimension of the field: a plane field has fewer
+        directions, and their power is learned better
+    stretch_sigma : one sigma of the least certain stretching of the array, relative, up to which it is minimised
+    blind_stretch_sigma : the same without given positions, where nothing else shows that there is no such field
+    noise_share : noise as a part of the mean power up to which it is minimised: with more, what the noise does to the
+        positions is more than what the room does, and the sharper likelihood is better
+    max_products : products M N^3 at most
+    """
+
+    power: float = 50.0
+    weight: Mapping[int, float] = field(default_factory=lambda: MappingProxyType({2: 0.3, 3: 0.1}))
+    stretch_sigma: float = 0.05
+    blind_stretch_sigma: float = 0.02
+    noise_share: float = 5e-4
+    max_products: float = 1e8
+
+
+@dataclass(frozen=True)
+class OutlierRules:
+    """When a channel is moved elsewhere or given another gain.
+
+    Attributes
+    ----------
+    modes : of a search for other places
+    spacing : distance of candidates over the shortest wavelength
+    finer : factor on that spacing in a search near where the channel is
+    candidates : at most
+    moved : channels examined at once
+    suspicious : channel noise over that of the others from which a channel is examined
+    gain_sigma, max_gain : nepers and radians, of the prior of a gross gain, and its greatest value
+    nats : by which a place must be likelier than the channel as it is, with its own noise
+    gross : absolute log gain from which a gain is gross, as that of an inverted channel
+    delay_sigma, max_delay, delays : metres, spread of a delay times the sound speed, the greatest, and how many are tried
+    corner_sigma, max_corner, corners : rad/m, of a high-pass corner times 2 pi / c, likewise
+    filtered : suspicious channels at most that may have a filter
+    filter_nats : by which a filter must be likelier than a place and a gain alone
+    coherent : share of the power that it must explain
+    """
+
+    modes: int = 16
+    spacing: float = 0.125
+    finer: float = 4.0
+    candidates: int = 1500
+    moved: int = 6
+    suspicious: float = 4.0
+    gain_sigma: float = 0.05
+    max_gain: float = 1.5
+    nats: float = 3.0
+    gross: float = 0.5
+    delay_sigma: float = 0.5
+    max_delay: float = 0.7
+    delays: int = 41
+    corner_sigma: float = 2.0
+    max_corner: float = 2.0
+    corners: int = 17
+    filtered: int = 3
+    filter_nats: float = 8.0
+    coherent: float = 0.75
+
+
+@dataclass(frozen=True)
+class GivenRules:
+    """How given positions are weighed against the pressures.
+
+    Attributes
+    ----------
+    sigma, sigma_spread, max_sigma : metres, nepers, metres: log-normal prior of one sigma of a given coordinate, and
+        its greatest value
+    wrong : probability that a given position is wrong, that two are exchanged, or that the sound speed is wrong
+    decades : greatest distance of a wrong position over the least one
+    sizes : range of relative errors of the sound speed
+    inaccurate : that sigma over the expected one from which all given positions are inaccurate
+    agree : probability of the disagreement found from which the given positions are taken as they are
+    close : metres, an error of a given position that no tape shows
+    examined : given positions of which every subset and pair is examined; of more, those that fit worst
+    max_wrong : given positions at most that may be wrong where there are more
+    subsets : at most, on which an array is laid
+    weaker_field : factor on the power of the field for the covariance, as of the verdict: rooms are less isotropic
+        than their model
+    steps, max_step, negligible : of the search for the array without given positions: steps at most, metres moved in
+        one at most, nats after which it ends
+    """
+
+    sigma: float = 3e-3
+    sigma_spread: float = 0.6
+    max_sigma: float = 0.04
+    wrong: float = 0.05
+    decades: float = 1e3
+    sizes: float = 0.1
+    inaccurate: float = 2.0
+    agree: float = 0.2
+    close: float = 1e-3
+    examined: int = 7
+    max_wrong: int = 12
+    subsets: int = 40
+    weaker_field: float = 4.0
+    steps: int = 8
+    max_step: float = 0.1
+    negligible: float = 0.05
+
+
+STEPS = StepRules()
+SCHEDULE = ScheduleRules()
+ASSUMED = AssumptionRules()
+CONDITIONAL = ConditionalRules()
+OUTLIERS = OutlierRules()
+GIVEN = GivenRules()

@@ -1,0 +1,192 @@
+"""One Levenberg-Marquardt step of everything that is free, and how far it leaves the solver from its minimum.
+
+    H d = -g,   sigma_i^2 = (H^-1)_ii
+
+g and H belong to the whole objective, priors included. A run has converged when the Newton step d that is left is a
+small part of sigma: a limit in metres or nats cannot serve all measurements.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...cost.likelihood import Terms
+from ...model.gauge import align, rigid_motions
+from ...model.problem import Problem
+from ..levenberg_marquardt import DAMPING, NewtonTerms, damped_step
+from .objective import Evaluation, Objective, Priors, Unknowns, objective_of, speed_is_free, unknowns_of, used_modes
+from .rules import OUTLIERS, STEPS
+from .state import State
+
+
+@dataclass(frozen=True)
+class ChannelStep:
+    """Result of one step.
+
+    Attributes
+    ----------
+    unknowns : Unknowns
+    cost : infinite where a covariance is singular
+    fall : by how much the cost has fallen
+    damping : of the next step
+    moved : metres, greatest change of a coordinate
+    terms : Terms at the point from which the step was taken; None where a covariance is singular
+    free : see `free_directions`
+    matrix : (F, F) float64, Gauss-Newton matrix in the free directions; None with `terms`
+    """
+
+    unknowns: Unknowns
+    cost: float
+    fall: float
+    damping: float
+    moved: float
+    free: np.ndarray
+    terms: Terms | None = None
+    matrix: np.ndarray | None = None
+
+
+def free_directions(unknowns: Unknowns, held, deformations=None, speed: bool = False) -> np.ndarray:
+    """Return the directions in which the unknowns may move.
+
+    held : microphones whose coordinates never move, (A,) int64; deformations : (N D, F) float64 or None, directions of
+    the positions, of which those that are left may move; speed : whether the sound speed is free. Delays and corners
+    are free where they are not 0.
+
+    Returns (N P + 1, F) float64, or, where every microphone moves for itself, the indices (F,) int64 of the unknowns.
+    """
+    N, D = unknowns.positions.shape
+    size = unknowns.vector.size
+    index = np.arange(size - 1).reshape(N, -1)
+    freed = []
+    if unknowns.gains:
+        freed.append(index[:, D : D + 2].T.ravel())
+        freed.append(index[:, D + 2 :][unknowns.channels[:, 2:] != 0])
+    rest = np.concatenate([*freed, [size - 1] if speed else []]).astype(np.int64)
+    if deformations is None:
+        return np.concatenate([np.delete(index[:, :D], held, axis=0).ravel(), rest])
+    basis = np.zeros((size, deformations.shape[1] + len(rest)))
+    basis[index[:, :D].ravel(), : deformations.shape[1]] = deformations
+    basis[rest, deformations.shape[1] + np.arange(len(rest))] = 1.0
+    return basis
+
+
+def channel_step(
+    unknowns: Unknowns, objective: Objective, free: np.ndarray, damping: float, max_step: float, blind: bool
+) -> ChannelStep:
+    """Return one damped Gauss-Newton step; free, blind as of `reduced`, max_step in metres."""
+    try:
+        here = objective.evaluate(unknowns)
+    except np.linalg.LinAlgError:
+        return ChannelStep(unknowns, np.inf, 0.0, DAMPING.first, 0.0, free)
+    if not free.shape[-1]:
+        return ChannelStep(unknowns, here.cost, 0.0, DAMPING.first, 0.0, free, here.terms, np.zeros((0, 0)))
+    g, H = reduced(unknowns, here, free, blind)
+    before = unknowns.vector
+    step = damped_step(
+        before,
+        NewtonTerms(here.cost, g, H),
+        lambda tried: objective.finite_cost(unknowns.at(tried)),
+        lambda y: before + _expand(free, y, before.size),
+        lambda tried: float(np.abs(unknowns.at(tried).positions - unknowns.positions).max()),
+        damping,
+        max_step,
+    )
+    return ChannelStep(unknowns.at(step.unknowns), step.cost, step.fall, step.damping, step.moved, free, here.terms, H)
+
+
+def reduced(unknowns: Unknowns, here: Evaluation, free: np.ndarray, blind: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return the gradient (F,) and the Gauss-Newton matrix (F, F) in the free directions.
+
+    A `blind` array, which no given position holds, is held as a whole, and so is the gain that all channels share: the
+    power of the field takes it up.
+    """
+    x = unknowns.positions
+    N, D = x.shape
+    g, H = here.gradient, here.matrix.copy()
+    index = np.arange(len(g) - 1).reshape(N, -1)
+    diagonal = np.diag(H)[:-1].reshape(N, -1)
+    if blind:
+        motions = np.linalg.qr(rigid_motions(x))[0]
+        placed = index[:, :D].ravel()
+        H[np.ix_(placed, placed)] += np.mean(diagonal[:, :D]) * (motions @ motions.T)
+    for column in (D, D + 1) if unknowns.gains else ():
+        H[np.ix_(index[:, column], index[:, column])] += np.mean(diagonal[:, D : D + 2]) / N
+    if free.ndim == 1:
+        return g[free], H[np.ix_(free, free)]
+    return free.T @ g, free.T @ H @ free
+
+
+def _expand(free: np.ndarray, y: np.ndarray, size: int) -> np.ndarray:
+    if free.ndim == 2:
+        return free @ y
+    whole = np.zeros(size)
+    whole[free] = y
+    return whole
+
+
+def scaled_inverse(H: np.ndarray) -> np.ndarray:
+    """Return the inverse of a positive semidefinite matrix (F, F) whose parameters may have different units."""
+    scale = 1 / np.sqrt(np.diag(H))
+    values, vectors = np.linalg.eigh(H * np.outer(scale, scale))
+    return scale[:, None] * ((vectors / np.maximum(values, STEPS.min_eigenvalue)) @ vectors.T) * scale
+
+
+def free_coordinates(shape: tuple[int, int], held) -> np.ndarray:
+    """Return the numbers, of N D, of the coordinates that may move : int64; the first free unknowns are these."""
+    return np.delete(np.arange(shape[0] * shape[1]).reshape(shape), held, axis=0).ravel()
+
+
+def position_covariance(inverse: np.ndarray, shape: tuple[int, int], held) -> np.ndarray:
+    """Return the covariance of all coordinates (N D, N D), metres^2, out of that of the free unknowns (F, F)."""
+    index = free_coordinates(shape, held)
+    whole = np.zeros((shape[0] * shape[1],) * 2)
+    whole[np.ix_(index, index)] = inverse[: len(index), : len(index)]
+    return whole
+
+
+def remaining_step(unknowns: Unknowns, objective: Objective, here: Evaluation, free, inverse) -> np.ndarray:
+    """Return the Newton step of the positions that is left (N, D), metres; inverse (F, F) of the matrix."""
+    shape, held = unknowns.positions.shape, objective.priors.held
+    index, whole = free_coordinates(shape, held), np.zeros(unknowns.positions.size)
+    whole[index] = -(inverse @ here.gradient[free])[: len(index)]
+    return whole.reshape(shape)
+
+
+def is_converged(problem: Problem, state: State) -> bool:
+    """Return whether no healthy channel is farther from the minimum than a small part of its sigma."""
+    goal, here = objective_of(problem, state, used_modes(problem, state)), unknowns_of(state)
+    free = free_directions(here, goal.priors.held, None, speed_is_free(problem, state))
+    try:
+        evaluated = goal.evaluate(here)
+        inverse = scaled_inverse(reduced(here, evaluated, free, not len(problem.known))[1])
+    except np.linalg.LinAlgError:
+        return False
+    step = remaining_step(here, goal, evaluated, free, inverse)
+    sigma = np.sqrt(np.diag(position_covariance(inverse, step.shape, goal.priors.held))).reshape(step.shape)
+    healthy = state.model.channel_noise < OUTLIERS.suspicious
+    step = without_motion(problem, state.positions, step, healthy, goal.priors)
+    return bool(np.all(np.abs(step[healthy]) <= STEPS.converged_sigmas * sigma[healthy]))
+
+
+def without_motion(problem: Problem, positions, step, healthy, priors: Priors) -> np.ndarray:
+    """Return a step without the motion of the array as a whole, which given positions have settled (`given.anchored`).
+
+    They say more of it than the pressures do; where they are exact they leave no such motion.
+    """
+    anchored = len(problem.known) and problem.frame is None and not len(priors.held)
+    return align(positions + step, positions, healthy) - positions if anchored and np.any(healthy) else step
+
+
+def stretch_sigma(positions: np.ndarray, covariances) -> float:
+    """Return one sigma of the least certain stretching or shearing of an array as a whole, relative.
+
+    positions : (N, D) float64, metres; covariances : (N D, N D) float64, metres^2, of which the one that makes it
+    largest counts. Of the maps x -> x + B x, B symmetric, that fit a move of the microphones best.
+    """
+    x = positions - positions.mean(axis=0)
+    N, D = x.shape
+    fit = np.kron(np.linalg.pinv(np.column_stack([x, np.ones(N)]))[:D], np.eye(D))  # (D D, N D)
+    fit = np.array([(B + B.T).ravel() / 2 for B in np.eye(D * D).reshape(-1, D, D)]) @ fit
+    return float(np.sqrt(max(np.linalg.eigvalsh(fit @ P @ fit.T)[-1] for P in covariances)))

@@ -1,0 +1,357 @@
+"""Where a solver starts: at random, in closed form from the lowest modes, or from the coherence between microphones.
+
+affine     At low frequency the field over the array is nearly affine, so the data matrix [Re p; Im p] of the lowest
+           modes, minus its mean over the microphones, has D dominant singular vectors: the positions up to an affine
+           map. Known microphones fix that map. Without them a first guess of it follows from the diffuse field, whose
+           gradient has the power k^2 / dimension in each direction, and the likelihood of all modes finds its metric,
+           D (D + 1) / 2 numbers.
+coherence  In a diffuse field two microphones at a distance r share E[p_i conj(p_j)] / power = kappa(k r). All
+           frequencies together give the likeliest distance of every pair, good to about a tenth of itself: one source
+           excites few directions at a frequency. Unlike the affine start, it does not suppose that the array is small
+           against the wavelength. Distances of far pairs are ambiguous: the array is unfolded along its near ones
+           (Tenenbaum, de Silva and Langford, Science 290, 2000: isomap), and stress majorisation (de Leeuw, 1977)
+           brings in the others where they fit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from scipy.sparse.csgraph import shortest_path
+
+from ..cost.kernels import diffuse_kernel
+from ..cost.likelihood import FieldModel, isotropic_field, likelihood_terms
+from ..cost.noise import DIFFUSE_FLOOR, NoiseEstimate, estimate_noise
+from ..model.gauge import align, fixes_gauge
+from ..model.power import mode_power
+from ..model.problem import Problem
+from ..model.validation import InputError
+from .levenberg_marquardt import DAMPING, NewtonTerms, damped_step
+
+
+@dataclass(frozen=True)
+class StartRules:
+    """How starts are made.
+
+    Attributes
+    ----------
+    lowest_2d, lowest_3d : numbers of lowest modes that give the shape: the first choice, then alternatives
+    subsets : of the given positions, on which an array is laid, at most
+    metric_modes : modes that the metric is first fitted to; then all
+    metric_pressures, min_modes : pressures, about, to which a metric is fitted, of so many modes at least
+    noise_modes : modes from which its noise is estimated
+    scales : factors of the first guess that are tried: a field that is not quite affine makes the guess too large
+    first_noise : noise's share of the power of `metric_modes` modes at an affine image of the positions
+    metric_steps, metric_tolerance : steps at most of the fit of the metric, and metres at which it ends
+    """
+
+    lowest_2d: tuple[int, ...] = (8, 16, 28, 5)
+    lowest_3d: tuple[int, ...] = (20, 28, 12, 8)
+    subsets: int = 40
+    metric_modes: int = 28
+    metric_pressures: int = 4000
+    min_modes: int = 24
+    noise_modes: int = 24
+    scales: tuple[float, ...] = (0.3, 0.4, 0.5, 0.6, 0.75, 1.0)
+    first_noise: float = 0.1
+    metric_steps: int = 12
+    metric_tolerance: float = 3e-3
+
+    def lowest(self, dimension: int) -> tuple[int, ...]:
+        """Return the numbers of lowest modes for a field of 2 or 3 dimensions."""
+        return self.lowest_2d if dimension == 2 else self.lowest_3d
+
+
+@dataclass(frozen=True)
+class CoherenceRules:
+    """Numbers of the coherence start.
+
+    Attributes
+    ----------
+    values : pressure products M N (N - 1) / 2 at most; of more modes a part is taken
+    distances : candidates of a distance, geometrically spaced
+    shortest, longest : the least candidate over 1 / (greatest k), the greatest over 1 / (least k)
+    noises : shares of noise in the power to choose from where none is reported; the first is the least in any case
+    neighbours : nearest microphones of each along which the array is unfolded
+    reach : times 1 / (greatest k): farther pairs count less, one entry for every round of majorisation
+    far : weight of these
+    scatter : relative error of a distance; pairs that disagree by more with the array count less
+    iterations : of majorisation in a round
+    farthest : distance from the middle over the median of all; a channel beyond starts in the middle
+    """
+
+    values: float = 3e5
+    distances: int = 60
+    shortest: float = 0.04
+    longest: float = 3.0
+    noises: tuple[float, ...] = (1e-2, 3e-2, 0.1, 0.3)
+    neighbours: int = 10
+    reach: tuple[float, ...] = (4.0, 4.0, 9.0, 9.0, 9.0)
+    far: float = 0.1
+    scatter: float = 0.2
+    iterations: int = 30
+    farthest: float = 2.5
+
+
+RULES = StartRules()
+COHERENCE = CoherenceRules()
+
+
+def random(problem: Problem, rng: np.random.Generator) -> np.ndarray:
+    """Return free microphones anywhere in the search domain and known ones in their places : (N, D) float64, metres.
+
+    Raises InputError without a search domain.
+    """
+    if problem.search is None:
+        raise InputError("a random start needs a search domain", "give <search> and <radius>", key="search")
+    low, size = np.array(problem.search.origin), np.array(problem.search.size)
+    positions = low + size * rng.random((problem.pressures.shape[1], len(low)))
+    positions[problem.known] = problem.known_positions
+    return positions
+
+
+def plan(problem: Problem, modes: int, noiseless: bool = False) -> list[tuple[str, int]]:
+    """Return the starts in the order in which they are tried: kind and number of modes, of an affine image the lowest.
+
+    The second is of another kind than the first: optima that agree then say more. Without noise the low modes are as
+    good as the others, and their affine image comes first.
+    """
+    counts = list(dict.fromkeys(min(n, modes) for n in RULES.lowest(problem.dimension)))
+    metric = [("metric", n) for n in counts]
+    affine_starts = [("map", counts[0]), *metric] if len(problem.known) else metric
+    first = [affine_starts[0], ("coherence", modes)] if noiseless else [("coherence", modes), affine_starts[0]]
+    return [*first, affine_starts[1], ("coherence", modes // 2), *affine_starts[2:]]
+
+
+def start(problem: Problem, modes: int, noise: float | None, kind: str, lowest: int) -> np.ndarray:
+    """Return the positions (N, D), metres, of one start; kind, lowest : of `plan`; noise : share that is reported.
+
+    Raises InputError where the modes show too few directions.
+    """
+    if kind == "map":
+        return affine(problem, modes, lowest)
+    D = problem.array_dimension
+    blind = replace(problem, known=np.zeros(0, np.int64), known_positions=np.zeros((0, D)), frame=None)
+    if kind == "coherence":
+        used = slice(0, modes, modes // lowest)
+        x = coherence_start(problem.pressures[used], problem.wavenumbers[used], noise, problem.dimension, D)
+    else:
+        x = affine(blind, modes, lowest)
+    return aligned(problem, x) if len(problem.known) else x
+
+
+def affine(problem: Problem, modes: int, lowest: int | None = None) -> np.ndarray:
+    """Return positions (N, D), metres, from the lowest modes; exact, up to the gauge, for a field affine over the array.
+
+    modes : that may be used, from the lowest up; lowest : how many of them give the shape. Without known microphones
+    the positions are about the origin.
+
+    Raises InputError for known microphones that do not fix the affine map, or modes that show too few directions.
+    """
+    shape, values, lowest = singular_vectors(problem, modes, lowest)
+    if not len(problem.known):
+        return _with_metric(problem, modes, shape, values, lowest)
+    require_gauge(problem)
+    extended = np.column_stack([shape, np.ones(len(shape))])
+    positions = extended @ np.linalg.lstsq(extended[problem.known], problem.known_positions, rcond=None)[0]
+    positions[problem.known] = problem.known_positions
+    return positions
+
+
+def require_gauge(problem: Problem) -> None:
+    """Raise InputError if there are known microphones and an array and its mirror image fit them equally well."""
+    if len(problem.known) and not fixes_gauge(problem.known_positions):
+        raise InputError(
+            f"known = {problem.known.tolist()} does not fix translation, rotation and mirror",
+            f"name at least {problem.array_dimension + 1} known microphones that span the array, or none",
+            key="known",
+            value=problem.known.tolist(),
+        )
+
+
+def singular_vectors(
+    problem: Problem, modes: int, lowest: int | None = None
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Return the D dominant singular vectors (N, D) of the data matrix, their values (D,), and modes that gave them.
+
+    Parameters as of `affine`.
+    """
+    lowest = min(RULES.lowest(problem.dimension)[0] if lowest is None else lowest, modes)
+    data = np.concatenate([np.real(problem.pressures[:lowest]), np.imag(problem.pressures[:lowest])])
+    data = data - data.mean(axis=1, keepdims=True)
+    _, values, vectors = np.linalg.svd(data, full_matrices=False)
+    D = problem.array_dimension
+    if len(values) < D or values[D - 1] <= 1e-9 * values[0]:
+        raise InputError(
+            f"the lowest {lowest} modes show fewer than {D} directions: the microphones stand on a line, or there"
+            " are too few modes",
+            "measure more modes",
+            key="modes",
+        )
+    return vectors[:D].T, values[:D], lowest
+
+
+def _with_metric(problem: Problem, modes: int, shape, values, lowest: int) -> np.ndarray:
+    """The shape of `singular_vectors` with the metric of greatest likelihood."""
+    N, D = shape.shape
+    k = np.real(problem.wavenumbers)
+    guess = shape * values / np.sqrt(np.sum(k[:lowest] ** 2) / problem.dimension)
+    maps = [_symmetric(a, b, D) for a in range(D) for b in range(a, D)]
+    basis = np.array([shape @ S for S in maps]).reshape(-1, N * D).T
+    residual = None
+    for count in (RULES.metric_modes, RULES.metric_modes, modes, modes):
+        used = _enough_modes(problem, min(count, modes))
+        p = problem.pressures[used]
+        share = np.full(len(used), RULES.first_noise) if residual is None else _shares(residual, problem, k[used])
+        field = isotropic_field(p, k[used], share * mode_power(p), problem.dimension)
+        if residual is None:
+            sizes = [scale * guess for scale in RULES.scales]
+            guess = min(sizes, key=lambda x, p=p, field=field: likelihood_terms(x, p, field, derivatives=False).cost)
+        guess = _fitted(guess, p, field, basis)
+        residual = _noise_at(problem, guess, min(count, modes))
+    return guess
+
+
+def _symmetric(a: int, b: int, D: int) -> np.ndarray:
+    S = np.zeros((D, D))
+    S[a, b] = S[b, a] = 1.0
+    return S
+
+
+def _enough_modes(problem: Problem, modes: int) -> np.ndarray:
+    """Indices of as many modes, evenly spaced, as a fit of few parameters needs : int64."""
+    count = modes * problem.pressures.shape[1] // RULES.metric_pressures
+    return np.arange(modes)[:: max(1, min(count, modes // RULES.min_modes))]
+
+
+def _noise_at(problem: Problem, positions, modes: int) -> NoiseEstimate:
+    """Noise and position error of an isotropic field, from a part of the lowest `modes`."""
+    used = np.arange(modes)[:: max(1, -(-modes // RULES.noise_modes))]
+    p = problem.pressures[used] / np.sqrt(mode_power(problem.pressures[used]))[:, None]
+    field = isotropic_field(p, problem.wavenumbers[used], np.zeros(len(p)), problem.dimension)
+    return estimate_noise(positions, p, field, DIFFUSE_FLOOR)
+
+
+def _shares(found: NoiseEstimate, problem: Problem, k) -> np.ndarray:
+    """Unexplained share of the power of modes with wavenumbers k (M,)."""
+    return np.minimum(found.share + (k * found.spread) ** 2 / problem.dimension, 0.5)
+
+
+def _fitted(positions, pressures, field: FieldModel, basis) -> np.ndarray:
+    """Positions (N, D), metres, after damped steps along `basis` (N D, F), until the cost falls by less than 1."""
+    x, damping = positions, DAMPING.first
+    max_step = float(np.ptp(x, axis=0).max()) / 2  # a huge array would need expansions of a huge order
+
+    def cost(y) -> float:
+        try:
+            return likelihood_terms(y, pressures, field, derivatives=False).cost
+        except np.linalg.LinAlgError:  # two microphones at the same place without noise
+            return np.inf
+
+    for _ in range(RULES.metric_steps):
+        terms = likelihood_terms(x, pressures, field)
+        gradient, curvature = terms.newton()
+        g, H = basis.T @ gradient.ravel(), basis.T @ curvature.reshape(x.size, -1) @ basis
+        step = damped_step(
+            x,
+            NewtonTerms(terms.cost, g, H),
+            cost,
+            lambda y, x=x: x + (basis @ y).reshape(x.shape),
+            lambda y, x=x: float(np.abs(y - x).max()),
+            damping,
+            max_step,
+        )
+        x, damping = step.unknowns, step.damping
+        if step.moved < RULES.metric_tolerance or step.fall < 1.0:
+            break
+    return x
+
+
+def aligned(problem: Problem, x) -> np.ndarray:
+    """Return a blind array on the given positions: on the subset of D + 1 that leaves the least median error."""
+    known, places, D = problem.known, problem.known_positions, x.shape[1]
+    best, score = x, np.inf
+    for chosen in list(combinations(range(len(known)), min(D + 1, len(known))))[: RULES.subsets]:
+        moved = onto(x, known[list(chosen)], places[list(chosen)])
+        error = np.median(np.linalg.norm(moved[known] - places, axis=1))
+        if error < score:
+            best, score = moved, error
+    return best
+
+
+def onto(x, known, places) -> np.ndarray:
+    """Return `x` moved, turned and mirrored as a whole so that microphones `known` come to `places`."""
+    target = np.zeros_like(x)
+    target[known] = places
+    return align(x, target, known)
+
+
+def coherence_start(pressures, wavenumbers, noise: float | None, dimension: int, axes: int) -> np.ndarray:
+    """Return positions (N, axes), metres, about the origin, that agree with the coherence of the pressures.
+
+    pressures : (M, N) complex128, each mode of unit mean power; wavenumbers : (M,) rad/m, the real parts count;
+    noise : share of noise in the power, None for the likeliest of `CoherenceRules.noises`; dimension : of the field
+    """
+    N, k = pressures.shape[1], np.real(wavenumbers)
+    count = max(1, min(len(k), int(2 * COHERENCE.values / N**2)))
+    some = np.unique(np.linspace(0, len(k) - 1, count).astype(int))
+    shares = COHERENCE.noises if noise is None else (noise,)
+    distance, _ = min((pair_distances(pressures[some], k[some], one, dimension) for one in shares), key=lambda d: d[1])
+    x = _unfolded(distance, min(COHERENCE.neighbours, N - 1), axes)
+    between = distance + np.eye(N)
+    for reach in COHERENCE.reach:
+        misfit = np.log(between / (_distances(x) + np.eye(N)))
+        weight = np.where(distance < reach / k.max(), 1.0, COHERENCE.far)
+        weight = weight / (COHERENCE.scatter**2 + misfit**2) / between**2
+        x = _majorised(x, between, weight - np.diag(np.diag(weight)))
+    radius = np.linalg.norm(x - np.median(x, axis=0), axis=1)
+    outliers = radius > COHERENCE.farthest * np.median(radius)  # these share nothing with the others: dead or noisy
+    return np.where(outliers[:, None], np.median(x, axis=0), x)
+
+
+def pair_distances(pressures, wavenumbers, noise: float, dimension: int) -> tuple[np.ndarray, float]:
+    """Return the likeliest distance of every two microphones, metres, (N, N), and the sum of -log likelihood.
+
+    pressures : (M, N) complex128, each mode of unit mean power; wavenumbers : (M,) float64; noise : share
+    """
+    N, k = pressures.shape[1], wavenumbers
+    i, j = np.triu_indices(N, 1)
+    power = np.abs(pressures) ** 2
+    both, cross = power[:, i] + power[:, j], 2 * np.real(np.conj(pressures[:, i]) * pressures[:, j])
+    candidates = np.geomspace(COHERENCE.shortest / k.max(), COHERENCE.longest / k.min(), COHERENCE.distances)
+    kappa = diffuse_kernel(candidates, k, dimension, slope=False)[0] * (1 - max(noise, COHERENCE.noises[0]))
+    det = 1 - kappa**2  # the determinant and the quadratic form of two channels of unit power
+    cost = (1 / det).T @ both - (kappa / det).T @ cross + np.log(det).sum(axis=0)[:, None]
+    distance = np.zeros((N, N))
+    distance[i, j] = distance[j, i] = candidates[np.argmin(cost, axis=0)]
+    return distance, float(cost.min(axis=0).sum())
+
+
+def _distances(x) -> np.ndarray:
+    return np.maximum(np.linalg.norm(x[:, None] - x[None], axis=-1), 1e-9)
+
+
+def _unfolded(distance, neighbours: int, axes: int) -> np.ndarray:
+    """Positions (N, axes) by classical scaling of the shortest paths over near neighbours."""
+    N = len(distance)
+    near = np.argsort(distance + np.diag(np.full(N, np.inf)), axis=1)[:, :neighbours]
+    graph, rows = np.zeros((N, N)), np.arange(N)[:, None]
+    graph[rows, near] = distance[rows, near]
+    path = shortest_path(np.maximum(graph, graph.T), directed=False)
+    path = np.where(np.isfinite(path), path, distance)  # groups far from each other
+    centre = np.eye(N) - 1 / N
+    values, vectors = np.linalg.eigh(-0.5 * centre @ path**2 @ centre)
+    return vectors[:, -axes:] * np.sqrt(np.maximum(values[-axes:], 1e-6 * values[-1]))
+
+
+def _majorised(x, distance, weight) -> np.ndarray:
+    """Positions that lower the weighted sum of (distance - |x_i - x_j|)^2; weight (N, N) is zero on the diagonal."""
+    N = len(x)
+    system = np.diag(weight.sum(axis=1)) - weight + weight.mean() / N  # the added constant holds the mean
+    inverse = np.linalg.inv(system)
+    for _ in range(COHERENCE.iterations):
+        ratio = weight * distance / _distances(x)
+        x = inverse @ (ratio.sum(axis=1)[:, None] * x - ratio @ x)
+    return x - x.mean(axis=0)
