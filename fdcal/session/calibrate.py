@@ -12,10 +12,9 @@ from ..model.channels import check_channels
 from ..model.problem import Problem
 from ..model.validation import require_positive, word_arguments
 from ..solvers import load
-from ..solvers.bounds import ended_early, time_limit
-from ..solvers.deadline import OutOfTime, check_deadline, deadline
-from ..solvers.identifiability import check_solvable
+from ..solvers.bounds import OutOfTime, check_deadline, deadline, ended_early, time_limit
 from ..solvers.interface import AssessmentMethod, RunState
+from ..solvers.requirements import check_solvable
 from .assess import ARGUMENTS, Assessment, assess
 from .blas_threads import one_blas_thread
 from .input_checks import require_inside_search, require_length, require_room_for_array

@@ -14,7 +14,7 @@ from ..cost.likelihood import DiffuseField, diffuse_field
 from ..cost.noise_model import NoiseEstimate, estimate_noise
 from ..model.power import mode_power
 from ..model.problem import Problem
-from .deadline import check_deadline
+from .bounds import check_deadline
 
 
 @dataclass(frozen=True)

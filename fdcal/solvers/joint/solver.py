@@ -35,10 +35,10 @@ from ..interface import AssessmentMethod, Traits
 from ..levenberg_marquardt import DAMPING
 from ..polynomial_deformation import polynomial_deformations
 from ..position_fit import position_step
+from ..requirements import require_modes
 from ..residual_noise import noise_at
 from . import acceptance, noise_schedule
 from .multistart import finish, first_modes
-from .requirements import require_modes
 from .stages import begin, begin_angular_prior, begin_free, in_frame
 from .state import Attempt, FieldAssumptions, Phase, State
 from .thresholds import PHASES, PRIOR, STAGES

@@ -40,7 +40,6 @@ class StageLimits:
     refinement_damping : damping with which a stage near the solution begins; damping slows weakly determined directions
     stride : shortest wavelengths that a coordinate moves in one step at most
     diverged : shortest wavelengths: a microphone that moves further in a late stage has left its basin
-    least_modes_2d, least_modes_3d : modes without which no array is sought, by the dimension of the sound field
     """
 
     first_modes: int = 28
@@ -50,12 +49,6 @@ class StageLimits:
     refinement_damping: float = 1e-7
     stride: float = 0.125
     diverged: float = 0.5
-    least_modes_2d: int = 6
-    least_modes_3d: int = 12
-
-    def least_modes(self, dimension: int) -> int:
-        """Return the least number of modes for a sound field of 2 or 3 dimensions."""
-        return self.least_modes_2d if dimension == 2 else self.least_modes_3d
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from scipy.optimize import minimize
 
 from ...cost.channel_kernels import diffuse_kernel
 from ...cost.channel_likelihood import ChannelField, channel_terms
-from ..deadline import check_deadline
+from ..bounds import check_deadline
 from .settings import OUTLIERS
 
 

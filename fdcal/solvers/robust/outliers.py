@@ -18,7 +18,7 @@ from scipy.linalg import solve_triangular
 
 from ...cost.channel_kernels import diffuse_kernel
 from ...cost.channel_likelihood import log_response
-from ..deadline import check_deadline
+from ..bounds import check_deadline
 from .objective import NU
 from .settings import FILTERS, OUTLIERS
 

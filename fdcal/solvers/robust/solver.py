@@ -21,8 +21,8 @@ from ...model.settings import Search, SolverSettings
 from ...model.validation import InputError
 from ..initial_positions import require_gauge
 from ..interface import AssessmentMethod, Traits
-from ..joint.requirements import require_modes
 from ..polynomial_deformation import polynomial_deformations
+from ..requirements import require_modes
 from . import assumptions, hyperparameters, kernels
 from .attempts import begin_attempt, next_attempt
 from .channel_fit import channel_step

@@ -13,7 +13,7 @@ import numpy as np
 
 from ...acoustics.room_modes import DiffuseModel, diffuse_model
 from ...model.validation import frozen_array
-from ..deadline import check_deadline
+from ..bounds import check_deadline
 from .fit import diffuse_terms, field_power
 from .state import ArrayCandidate
 

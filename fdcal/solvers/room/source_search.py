@@ -8,7 +8,7 @@ import numpy as np
 
 from ...acoustics.room_modes import PointSourceModel, point_source_model, room_pressures
 from ...model.validation import frozen_array
-from ..deadline import check_deadline
+from ..bounds import check_deadline
 from .array_search import lattice, lattice_points, step_of
 from .state import SourceCandidate
 
