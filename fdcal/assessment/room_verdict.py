@@ -23,8 +23,8 @@ from ..acoustics.room_symmetry import RoomSymmetry, room_symmetries
 from ..model.problem import Problem
 from ..model.validation import frozen_array
 from ..solvers.levenberg_marquardt import DAMPING
-from ..solvers.room.fit import Exact, bounded_step, exact
-from ..solvers.room.state import freedom, scaled
+from ..solvers.room.fit import Exact, bounded_step, degrees_of_freedom, exact
+from ..solvers.room.solver import scaled
 from .ambiguity import rms_radius
 from .error_ellipses import one_sigma
 from .findings import precision, root_mean_square
@@ -78,14 +78,14 @@ def judge(problem: Problem, state, names: Sequence[str]) -> RoomVerdict:
 
     Parameters
     ----------
-    state : fdcal.solvers.room.state.State
+    state : fdcal.solvers.room.solver.State
     names : (N,) names of the microphones
     """
     size, (N, D) = state.settings.room, state.positions.shape
     p, noise, k = scaled(problem, state, state.modes)
     fit = exact(state.theta, p, noise, k, size)
-    residual = float(np.sum(np.abs(fit.residual) ** 2)) / freedom(len(p), N, D)
-    blocks = _covariances(fit, state.theta, (N, D), residual)
+    residual = float(np.sum(np.abs(fit.residual) ** 2)) / degrees_of_freedom(len(p), N, D)
+    blocks = _covariances(fit, (N, D), residual)
     sigma = one_sigma(blocks)
     better = fitted_size(state.theta, p, noise, k, size, residual)
     share = float(np.exp(np.mean(np.log(noise)))) * (residual if state.noise.given else 1.0)
@@ -106,10 +106,10 @@ def judge(problem: Problem, state, names: Sequence[str]) -> RoomVerdict:
     return RoomVerdict(verdict, leave_one_out_errors(fit, p), source, admittance, room_symmetries(size))
 
 
-def _covariances(fit: Exact, theta, shape: tuple[int, int], residual: float) -> np.ndarray:
+def _covariances(fit: Exact, shape: tuple[int, int], residual: float) -> np.ndarray:
     """Return the covariance of each position, (N, D, D) metres^2, enlarged by the excess residual."""
     N, D = shape
-    covariance = bounded_inverse(fit.terms(theta, N, D).curvature) * max(1.0, residual)
+    covariance = bounded_inverse(fit.terms.curvature) * max(1.0, residual)
     return np.array([covariance[D * n : D * n + D, D * n : D * n + D] for n in range(N)])
 
 
@@ -146,16 +146,16 @@ def fitted_size(theta, pressures, noise, wavenumbers, size, residual: float) -> 
     damping = DAMPING.first
 
     def cost(y) -> float:
-        return exact(y, pressures, noise, wavenumbers, size, False).cost(y, N, D)
+        return exact(y, pressures, noise, wavenumbers, size, False).cost
 
     left = SIZE_STEPS if residual > LIMITS.residual_to_noise else 1
     while True:
-        terms = exact(grown, pressures, noise, wavenumbers, size).terms(grown, N, D)
+        terms = exact(grown, pressures, noise, wavenumbers, size).terms
         step = bounded_step(grown, terms, cost, lambda y: y, N * D, damping, 0.5)
         grown, damping, left = step.unknowns, step.damping, left - 1
         if step.moved < SETTLED or not left:
             break
-    after = step.cost / freedom(len(pressures), N, D)
+    after = step.cost / degrees_of_freedom(len(pressures), N, D)
     sigma = np.sqrt(np.diag(bounded_inverse(terms.curvature))[-D:] * max(1.0, after))
     return SizeFit(grown[-D:], sigma, after)
 

@@ -18,7 +18,7 @@ from fdcal.session.calibrate import solve
 from fdcal.session.sources import CalibrationInput
 from fdcal.solvers import bounds, residual_noise
 from fdcal.solvers.bounds import OutOfTime, check_deadline, deadline
-from fdcal.solvers.room import array_search, source_search
+from fdcal.solvers.room import search
 
 SPEED = 343.0
 DEFAULT = SolverSettings().name
@@ -267,14 +267,14 @@ def test_the_lattice_searches_of_solver_room_look_at_the_deadline():
     problem = absurd("noise").problem()
     x, noise = np.random.default_rng(0).uniform(0.5, 2.0, (COUNT, 2)), np.full(MODES, 0.01)
     p, k, walls = problem.pressures, problem.wavenumbers, np.array([0.3, 0.3, 0.0, 0.0])
-    for search in (
-        lambda: array_search.likeliest(p, noise, k, SIZE),
-        lambda: source_search.sources(x, p, k, SIZE, 3),
-        lambda: source_search.relocated(x, walls, p, k, SIZE),
+    for one_search in (
+        lambda: search.find_arrays(p, noise, k, SIZE),
+        lambda: search.find_sources(x, p, k, SIZE),
+        lambda: search.relocate(x, walls, p, k, SIZE),
     ):
         clock = Readings()
         with deadline(2.0, clock), pytest.raises(OutOfTime):
-            search()
+            one_search()
         assert clock.count == 3
 
 
