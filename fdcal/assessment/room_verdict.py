@@ -151,7 +151,7 @@ def fitted_size(theta, pressures, noise, wavenumbers, size, residual: float) -> 
     left = SIZE_STEPS if residual > LIMITS.residual_to_noise else 1
     while True:
         terms = exact(grown, pressures, noise, wavenumbers, size).terms
-        step = bounded_step(grown, terms, cost, lambda y: y, N * D, damping, 0.5)
+        step = bounded_step(grown, terms, cost, (-np.inf, np.inf), N * D, damping, 0.5)
         grown, damping, left = step.unknowns, step.damping, left - 1
         if step.moved < SETTLED or not left:
             break

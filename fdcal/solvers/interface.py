@@ -18,11 +18,12 @@ from ..model.problem import Problem
 from ..model.settings import SolverSettings
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RunState:
     """The part of a solver's state that page, history, session files and exports read.
 
-    A subclass adds what its `step` needs. A state is never changed: `step` returns another one.
+    A subclass adds what its `step` needs. A state is never changed: `step` returns another one. The defaults are those
+    of a run that begins with its lowest modes.
 
     Attributes
     ----------
@@ -44,16 +45,16 @@ class RunState:
     positions: np.ndarray
     settings: SolverSettings
     seed: int
-    step: int
-    sweep: int
-    stage: int
-    moved: int
-    first: int
+    step: int = 0
+    sweep: int = 0
+    stage: int = 0
+    moved: int = -1
+    first: int = 1
     last: int
-    automatic: bool
-    cost: float
-    finished: bool
-    converged: bool
+    automatic: bool = True
+    cost: float = 0.0
+    finished: bool = False
+    converged: bool = False
 
     @property
     def modes(self) -> slice:
@@ -101,6 +102,7 @@ class Traits:
     Attributes
     ----------
     moves_all : whether a step moves all free microphones; otherwise one
+    assessment : how its result is assessed
     needs_search : whether it needs a search domain, whose lattice it searches
     needs_room : whether it needs the size of a rectangular room (`SolverSettings.room`)
     adds_modes : whether it adds modes by itself while it runs
@@ -108,20 +110,19 @@ class Traits:
     draws_order : whether the seed matters beyond a random start
     takes_positions : whether `init` takes the keyword `positions`
     settings : fields of `SolverSettings` that change what it does; None stands for all of them
-    assessment : how its result is assessed
     uses_likelihood : whether it minimises a likelihood: the covariance of all microphones in each mode
     """
 
     moves_all: bool
-    needs_search: bool
-    needs_room: bool
-    adds_modes: bool
-    starts: tuple[str, ...]
-    draws_order: bool
-    takes_positions: bool
-    settings: frozenset[str] | None
     assessment: AssessmentMethod
-    uses_likelihood: bool
+    needs_search: bool = False
+    needs_room: bool = False
+    adds_modes: bool = False
+    starts: tuple[str, ...] = ()
+    draws_order: bool = False
+    takes_positions: bool = False
+    settings: frozenset[str] | None = None
+    uses_likelihood: bool = False
 
     @property
     def default_start(self) -> str | None:

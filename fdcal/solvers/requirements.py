@@ -19,6 +19,7 @@ from ..acoustics.single_wave import is_single_wave
 from ..model.gauge import fixes_gauge
 from ..model.limits import LIMITS
 from ..model.problem import Problem
+from ..model.settings import Search
 from ..model.validation import InputError
 from .initial_positions import singular_vectors
 
@@ -94,6 +95,14 @@ def require_range(problem: Problem, first: int, last: int) -> None:
     if not 1 <= first <= last:
         raise InputError(f"modes {first} to {last} are not a range", "use 1 or more, the lower one first", key="modes")
     require_measured(problem, last)
+
+
+def require_search(problem: Problem, search: Search | None = None) -> Search:
+    """Return `search`, or the search domain of the problem; raise InputError without one."""
+    found = problem.search if search is None else search
+    if found is None:
+        raise InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
+    return found
 
 
 def require_modes(problem: Problem, count: int) -> None:

@@ -21,6 +21,8 @@ from ...acoustics.room_modes import DiffuseModel, point_source_model, room_press
 from ...model.power import mode_power
 from ..levenberg_marquardt import NewtonTerms, Step, damped_step
 
+Cost = Callable[[np.ndarray], float]  # of given unknowns
+
 
 @dataclass(frozen=True)
 class FitRules:
@@ -140,20 +142,17 @@ def exact(theta, pressures, noise, wavenumbers, size, slopes: bool = True) -> Ex
 
 
 def bounded_step(
-    theta: np.ndarray,
-    terms: NewtonTerms,
-    cost: Callable[[np.ndarray], float],
-    bounded: Callable[[np.ndarray], np.ndarray],
-    coordinates: int,
-    damping: float,
-    max_step: float,
+    theta, terms: NewtonTerms, cost: Cost, bounds: tuple, coordinates: int, damping: float, max_step: float
 ) -> Step:
-    """Return one damped Gauss-Newton step of unknowns `theta` (P,) that `bounded` clips to their bounds.
+    """Return one damped Gauss-Newton step of unknowns `theta` (P,), clipped to their lower and upper `bounds`.
 
     No coordinate of a microphone, the first `coordinates` of the unknowns, moves further than `max_step`, metres.
     """
 
+    def advance(y: np.ndarray) -> np.ndarray:
+        return np.clip(theta + y, *bounds)
+
     def length(tried: np.ndarray) -> float:
         return float(np.abs(tried - theta)[:coordinates].max())
 
-    return damped_step(theta, terms, cost, lambda y: bounded(theta + y), length, damping, max_step)
+    return damped_step(theta, terms, cost, advance, length, damping, max_step)

@@ -124,7 +124,7 @@ class LatticePoints:
         return list(arrays)
 
     def _others(self, assumed, first: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return lowest costs (B,) with microphone `first` at each of `assumed` (B, D), and the points of all (B, N)."""
+        """Return the lowest costs (B,) with microphone `first` at each of `assumed` (B, D), and all points (B, N)."""
         check_deadline()
         here, squares = self.model.shapes(assumed), np.abs(self.p) ** 2
         mine = (self.weights @ here.T**2 + self.noise[:, None])[..., None]  # (M, B, 1)
@@ -186,7 +186,7 @@ def _source_costs(room: PointSourceModel, positions, pressures, axes) -> np.ndar
     shapes, along = room.shapes(positions), _along(room, axes)
     cost = np.zeros(np.prod([len(axis) for axis in axes]))
     for m, p in enumerate(pressures):
-        T = np.broadcast_to(room.response[m], (len(positions), *room.response[m].shape))
+        T = room.response[m][None]
         for a, shape in enumerate(shapes):
             T = T * shape[m].reshape(len(positions), *(-1 if b == a else 1 for b in range(len(axes))))
         g = _everywhere(T, along, m)

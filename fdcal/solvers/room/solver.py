@@ -32,32 +32,12 @@ from ...model.settings import Search, SolverSettings
 from ...model.validation import InputError, frozen_array
 from ..interface import AssessmentMethod, RunState, Traits
 from ..levenberg_marquardt import DAMPING
-from ..requirements import require_measured, require_range
+from ..requirements import require_measured, require_range, require_search
+from . import search
 from .fit import bounded_step, degrees_of_freedom, diffuse_terms, exact
-from .search import RULES as SEARCH
-from .search import (
-    ArrayCandidate,
-    LatticePoints,
-    SourceCandidate,
-    find_arrays,
-    find_sources,
-    lattice_step,
-    noise_with_errors,
-    relocate,
-)
+from .search import ArrayCandidate, SourceCandidate
 
-TRAITS = Traits(
-    moves_all=True,
-    needs_search=False,
-    needs_room=True,
-    adds_modes=False,
-    starts=(),
-    draws_order=False,
-    takes_positions=True,
-    settings=None,
-    assessment=AssessmentMethod.KNOWN_ROOM,
-    uses_likelihood=False,
-)
+TRAITS = Traits(moves_all=True, needs_room=True, takes_positions=True, assessment=AssessmentMethod.KNOWN_ROOM)
 
 
 @dataclass(frozen=True)
@@ -222,21 +202,12 @@ def init(problem: Problem, settings: SolverSettings, seed: int, positions: np.nd
         positions=frozen_array(np.tile(np.asarray(size) / 2, (N, 1)) if positions is None else positions, float),
         settings=settings,
         seed=seed,
-        step=0,
-        sweep=0,
-        stage=0,
-        moved=-1,
-        first=1,
         last=settings.modes,
-        automatic=True,
-        cost=0.0,
-        finished=False,
-        converged=False,
         phase=Phase("search" if positions is None else "diffuse", 0, 0, DAMPING.first),
         attempts=Restarts(),
         noise=_noise(problem, settings),
         walls=frozen_array(np.zeros(D + 2), float),
-        width=SEARCH.widths[0],
+        width=search.RULES.widths[0],
     )
 
 
@@ -267,10 +238,10 @@ def step(problem: Problem, state: State) -> State:
     phase = replace(state.phase, steps=state.phase.steps + 1)
     state = replace(state, step=state.step + 1, sweep=state.sweep + 1, phase=phase)
     if phase.name == "search":
-        arrays = tuple(find_arrays(p, noise, k, state.size))
+        arrays = tuple(search.find_arrays(p, noise, k, state.size))
         return _following(problem, replace(state, attempts=replace(state.attempts, arrays=arrays)), True)
     if phase.name == "source":
-        sources = tuple(find_sources(state.positions, p, k, state.size))
+        sources = tuple(search.find_sources(state.positions, p, k, state.size))
         return _following(problem, replace(state, attempts=replace(state.attempts, sources=sources)), True)
     state, moved = _fitted(state, p, noise, k)
     converged = moved < PHASES[phase.name].tolerance
@@ -281,29 +252,20 @@ def step(problem: Problem, state: State) -> State:
 
 def _fitted(state: State, p, noise, k) -> tuple[State, float]:
     """Return the state after one damped step with the model of its phase, and how far a coordinate moved, metres."""
-    size, name, max_step = state.size, state.phase.name, lattice_step(k, state.size)
+    size, name, max_step = state.size, state.phase.name, search.lattice_step(k, state.size)
     N, D = state.positions.shape
 
-    def bounded(theta: np.ndarray) -> np.ndarray:
-        theta = np.array(theta)
-        places, admittance = slice(N * D + D), slice(N * D + D, N * D + D + 1)  # empty of the diffuse model: the latter
-        inside = np.clip(theta[places].reshape(-1, D), LIMITS.margin, np.asarray(size) - LIMITS.margin)
-        theta[places], theta[admittance] = inside.ravel(), np.clip(theta[admittance], 0.0, LIMITS.max_admittance)
-        return theta
-
     if name == "diffuse":
-        v = noise_with_errors(noise, k, D, LIMITS.lattice_errors[state.phase.spread] * max_step)
+        v = search.noise_with_errors(noise, k, D, LIMITS.lattice_errors[state.phase.spread] * max_step)
         model, theta = diffuse_model(size, k, state.width), state.positions.ravel()
-        terms = diffuse_terms(theta, p, v, model)
-        trial = bounded_step(
-            theta, terms, lambda y: diffuse_terms(y, p, v, model).cost, bounded, N * D, state.phase.damping, max_step
-        )
+        terms, cost = diffuse_terms(theta, p, v, model), lambda y: diffuse_terms(y, p, v, model).cost
     else:
         v, theta = noise + NOISE.rough * (name != "exact"), state.theta
-        terms = exact(theta, p, v, k, size).terms
-        trial = bounded_step(
-            theta, terms, lambda y: exact(y, p, v, k, size, False).cost, bounded, N * D, state.phase.damping, max_step
-        )
+        terms, cost = exact(theta, p, v, k, size).terms, lambda y: exact(y, p, v, k, size, False).cost
+    low = np.concatenate([np.full(N * D + D, LIMITS.margin), [0.0, -np.inf]])[: len(theta)]
+    high = np.tile(np.asarray(size) - LIMITS.margin, N + 1)
+    high = np.concatenate([high, [LIMITS.max_admittance, np.inf]])[: len(theta)]
+    trial = bounded_step(theta, terms, cost, (low, high), N * D, state.phase.damping, max_step)
     positions = frozen_array(trial.unknowns[: N * D].reshape(N, D), float)
     walls = state.walls if name == "diffuse" else frozen_array(trial.unknowns[N * D :], float)
     phase = replace(state.phase, damping=trial.damping)
@@ -333,7 +295,7 @@ def _following(problem: Problem, state: State, converged: bool) -> State:
         return _begin(state, "exact", spread)
     if name == "rough":
         p, _, k = scaled(problem, state, state.modes)
-        positions = frozen_array(relocate(state.positions, state.walls, p, k, state.size), float)
+        positions = frozen_array(search.relocate(state.positions, state.walls, p, k, state.size), float)
         return _begin(replace(state, positions=positions), "relocated", spread, LIMITS.exact_damping)
     if name == "relocated":
         best, agreed = _best(tried.rejected, state, False)
@@ -343,10 +305,9 @@ def _following(problem: Problem, state: State, converged: bool) -> State:
         best, agreed = _best(tried.best, state, converged)
         state = replace(state, attempts=replace(tried, best=best))
         left = best.cost / freedom
-        explained = left <= NOISE.confirmed or not (state.noise.given or left * NOISE.guess > NOISE.rough)
-        if explained or agreed or not state.automatic:
-            return _finished(problem, state, best, left)
-        return _restart(state) or _finished(problem, state, best, left)
+        unexplained = left > NOISE.confirmed and (state.noise.given or left * NOISE.guess > NOISE.rough)
+        following = _restart(state) if unexplained and not agreed and state.automatic else None
+        return following or _finished(problem, state, best, left)
     following = _restart(state)
     assert following is not None  # a search finds one candidate at least
     return following
@@ -385,16 +346,15 @@ def _finished(problem: Problem, state: State, best: LocalOptimum, left: float) -
 
     Noise that was not reported is estimated: `left` is the squared residual over the noise and the freedom.
     """
-    size, D = state.size, len(state.size)
+    size, D, x = state.size, len(state.size), best.positions
     if len(problem.known):
-        image = nearest_symmetry(best.positions[problem.known], problem.known_positions, size)
+        image = nearest_symmetry(x[problem.known], problem.known_positions, size)
     else:
-        centres = {image: image.apply(best.positions).mean(axis=0) for image in room_symmetries(size)}
-        image = min(centres, key=lambda image: tuple(np.round(centres[image], 9)))
+        image = min(room_symmetries(size), key=lambda image: tuple(np.round(image.apply(x).mean(axis=0), 9)))
     noise = state.noise.power if state.noise.given else state.noise.power * left
     return replace(
         state,
-        positions=frozen_array(image.apply(best.positions), float),
+        positions=frozen_array(image.apply(x), float),
         walls=frozen_array([*image.apply(best.walls[:D]), *best.walls[D:]], float),
         cost=best.cost,
         noise=replace(state.noise, power=frozen_array(noise, float)),
@@ -412,21 +372,15 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
         For modes that are not there, or too few.
     """
     require_range(problem, first, last)
-    _require_enough(*state.positions.shape, last - first + 1)
-    return replace(
-        state,
-        first=first,
-        last=last,
-        automatic=automatic,
-        phase=Phase("search" if state.phase.name == "search" else "diffuse", 0, 0, DAMPING.first),
-        attempts=Restarts(),
-        noise=_noise(problem, state.settings),  # a finished state has its own estimate
-        finished=False,
-        converged=False,
-    )
+    N, D = state.positions.shape
+    _require_enough(N, D, last - first + 1)
+    state = replace(state, first=first, last=last, automatic=automatic, finished=False, converged=False)
+    noise = _noise(problem, state.settings)  # a finished state has its own estimate
+    again = _begin(state, "search" if state.phase.name == "search" else "diffuse", 0)
+    return replace(again, attempts=Restarts(), noise=noise)
 
 
-def landscape(problem: Problem, state: State, n: int, modes: slice, search: Search | None = None) -> np.ndarray:
+def landscape(problem: Problem, state: State, n: int, modes: slice, domain: Search | None = None) -> np.ndarray:
     """Return the cost of microphone `n` over the search lattice, the others held, mode by mode.
 
     Parameters
@@ -435,7 +389,7 @@ def landscape(problem: Problem, state: State, n: int, modes: slice, search: Sear
     state : State
     n : int, microphone
     modes : slice
-    search : Search, optional
+    domain : Search, optional
         Another lattice; that of the problem unless given.
 
     Returns
@@ -447,13 +401,10 @@ def landscape(problem: Problem, state: State, n: int, modes: slice, search: Sear
     InputError
         Without a search domain.
     """
-    search = problem.search if search is None else search
-    if search is None:
-        raise InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
-    points = search.layer(*state.positions[n, 2:])
+    points = require_search(problem, domain).layer(*state.positions[n, 2:])
     p, noise, k = scaled(problem, state, modes)
     model = diffuse_model(state.size, k, state.width)
-    lattice = LatticePoints(points.reshape(-1, points.shape[-1]), p, noise + NOISE.rough, model)
+    lattice = search.LatticePoints(points.reshape(-1, points.shape[-1]), p, noise + NOISE.rough, model)
     costs = lattice.costs(state.positions, n)
     costs -= np.minimum(costs.min(axis=1, keepdims=True), 0.0)
     return costs.reshape(len(p), *points.shape[:2])
@@ -465,42 +416,36 @@ def usable_modes(problem: Problem, settings: SolverSettings) -> int:
 
 
 def _require_room(problem: Problem, settings: SolverSettings) -> tuple[float, ...]:
-    """Return the size of the room, metres; raise InputError without it, or for one that the measurement does not fit."""
-    size, D = settings.room, problem.dimension
+    """Return the size of the room, metres; raise InputError without it, or where the measurement does not fit it."""
+    size, D, modes = settings.room, problem.dimension, settings.modes
     if size is None:
         remedy = "give <room> LxW, or LxWxH for a field of three dimensions"
         raise InputError('solver "room" needs the size of the room', remedy, key="room")
+
     text = "x".join(f"{length:g}" for length in size)
+
+    def error(message: str, remedy: str) -> InputError:
+        return InputError(f"room = {text}{message}", remedy, key="room", value=size)
+
     if len(size) != D:
-        message = f"room = {text} has {len(size)} lengths, but the sound field has {D} dimensions"
-        raise InputError(message, "give as many", key="room", value=size)
+        raise error(f" has {len(size)} lengths, but the sound field has {D} dimensions", "give as many")
     if problem.array_dimension != D:
         raise InputError("a known room gives all three coordinates", "set array_dimension = 3 in the measurement")
-    require_measured(problem, settings.modes)
-    _require_enough(problem.pressures.shape[1], D, settings.modes)
-    highest = np.real(problem.wavenumbers[: settings.modes]).max()
+    require_measured(problem, modes)
+    _require_enough(problem.pressures.shape[1], D, modes)
+    highest = np.real(problem.wavenumbers[:modes]).max()
     if highest < np.pi / max(size):
-        lowest = problem.sound_speed / 2 / max(size)
-        raise InputError(
-            f"room = {text}: so small a room has its first resonance at {lowest:.4g} Hz, above all frequencies in use",
-            "give <room> in metres",
-            key="room",
-            value=size,
-        )
+        lowest = f"{problem.sound_speed / 2 / max(size):.4g} Hz"
+        message = f": so small a room has its first resonance at {lowest}, above all frequencies in use"
+        raise error(message, "give <room> in metres")
     top = np.sqrt(TRUNCATION.decay / TRUNCATION.tau(D) + highest**2) / np.pi  # where the exact model's sum ends
-    if settings.modes * np.prod([1 + top * length for length in size]) > LIMITS.max_response:
-        message = f"room = {text}: a room so large has too many modes"
-        raise InputError(message, "give <room> in metres", key="room", value=size)
-    outside = np.any((problem.known_positions < 0) | (problem.known_positions > np.asarray(size)), axis=1)
-    if outside.any():
-        n = int(np.flatnonzero(outside)[0])
-        place = problem.known_positions[n].tolist()
-        raise InputError(
-            f"room = {text}: known microphone {problem.known[n]} at {place} m stands outside",
-            "give positions from a corner of the room, or <known> none",
-            key="room",
-            value=size,
-        )
+    if modes * np.prod([1 + top * length for length in size]) > LIMITS.max_response:
+        raise error(": a room so large has too many modes", "give <room> in metres")
+    outside = np.flatnonzero(np.any((problem.known_positions < 0) | (problem.known_positions > size), axis=1))
+    if len(outside):
+        message = f": known microphone {problem.known[outside[0]]} at {problem.known_positions[outside[0]].tolist()} m"
+        remedy = "give positions from a corner of the room, or <known> none"
+        raise error(f"{message} stands outside", remedy)
     return size
 
 
@@ -508,9 +453,6 @@ def _require_enough(count: int, D: int, modes: int) -> None:
     """Raise InputError if the pressures of `count` microphones are fewer than the unknowns."""
     needed = -(-(count * D + D + 2) // max(count - 1, 1))
     if count < 2 or modes < needed:
-        raise InputError(
-            f"{modes} modes of {count} microphones are too few for a known room",
-            f"use {needed} modes (<modes>) or more, and two microphones at least",
-            key="modes",
-            value=modes,
-        )
+        message = f"{modes} modes of {count} microphones are too few for a known room"
+        remedy = f"use {needed} modes (<modes>) or more, and two microphones at least"
+        raise InputError(message, remedy, key="modes", value=modes)
