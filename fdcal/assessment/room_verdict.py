@@ -32,8 +32,8 @@ from .thresholds import LIMITS, ROOM_LIMITS
 from .uncertainty import bounded_inverse
 from .verdict import Verdict
 
-SIZE_STEPS = 12  # at most, of the fit of the size
-SETTLED = 1e-5  # metres: a shorter step ends that fit
+MAX_SIZE_STEPS = 12  # of the fit of the size
+SIZE_TOLERANCE = 1e-5  # metres: a shorter step ends that fit
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def judge(problem: Problem, state, names: Sequence[str]) -> RoomVerdict:
     residual = float(np.sum(np.abs(fit.residual) ** 2)) / degrees_of_freedom(len(p), N, D)
     blocks = _covariances(fit, (N, D), residual)
     sigma = one_sigma(blocks)
-    better = fitted_size(state.theta, p, noise, k, size, residual)
+    better = _fitted_size(state.theta, p, noise, k, size, residual)
     share = float(np.exp(np.mean(np.log(noise)))) * (residual if state.noise.given else 1.0)
     noisy = f"{100 * share:.0f} % of the power is unexplained" if share > LIMITS.noise_share else ""
     found = (
@@ -103,7 +103,7 @@ def judge(problem: Problem, state, names: Sequence[str]) -> RoomVerdict:
     code, message = next(finding for finding in found if finding[1])
     verdict = Verdict(code, message, frozen_array(sigma, float), frozen_array(blocks, float), residual)
     source, admittance = state.walls[:D], complex(*state.walls[D:])
-    return RoomVerdict(verdict, leave_one_out_errors(fit, p), source, admittance, room_symmetries(size))
+    return RoomVerdict(verdict, _leave_one_out_errors(fit, p), source, admittance, room_symmetries(size))
 
 
 def _covariances(fit: Exact, shape: tuple[int, int], residual: float) -> np.ndarray:
@@ -113,47 +113,27 @@ def _covariances(fit: Exact, shape: tuple[int, int], residual: float) -> np.ndar
     return np.array([covariance[D * n : D * n + D, D * n : D * n + D] for n in range(N)])
 
 
-def leave_one_out_errors(fit: Exact, pressures) -> np.ndarray:
-    """Return the pressure of each microphone less its prediction by the others.
-
-    Parameters
-    ----------
-    pressures : (M, N) complex128
-
-    Returns
-    -------
-    (M, N) complex128, in the same unit
-    """
+def _leave_one_out_errors(fit: Exact, pressures) -> np.ndarray:
+    """Return the pressure of each microphone less its prediction by the others : (M, N) complex128."""
     part = np.abs(fit.fitted) ** 2
     leverage = part / part.sum(axis=1, keepdims=True)
     return (pressures - fit.fitted) / np.maximum(1 - leverage, 1e-9)
 
 
-def fitted_size(theta, pressures, noise, wavenumbers, size, residual: float) -> SizeFit:
+def _fitted_size(theta, pressures, noise, wavenumbers, size, residual: float) -> SizeFit:
     """Return the lengths of the room that fit best, everything else adapting to them.
 
-    Parameters
-    ----------
-    theta : (P,) float64, the solution with the given size (`fdcal.solvers.room.fit`)
-    pressures : (M, N) complex128
-    noise : (M,) float64, in the unit of abs(pressures)**2
-    wavenumbers : (M,) complex128, rad/m
-    size : D lengths, metres
-    residual : reduced chi-square with the given size; where it is small, one step is enough
+    It starts at the solution `theta` with the given size. Where its reduced chi-square `residual` is small, one step is
+    enough.
     """
     N, D = pressures.shape[1], len(size)
-    grown = np.concatenate([theta, np.zeros(D)])
-    damping = DAMPING.first
-
-    def cost(y) -> float:
-        return exact(y, pressures, noise, wavenumbers, size, False).cost
-
-    left = SIZE_STEPS if residual > LIMITS.residual_to_noise else 1
-    while True:
-        terms = exact(grown, pressures, noise, wavenumbers, size).terms
-        step = bounded_step(grown, terms, cost, (-np.inf, np.inf), N * D, damping, 0.5)
-        grown, damping, left = step.unknowns, step.damping, left - 1
-        if step.moved < SETTLED or not left:
+    grown, damping = np.concatenate([theta, np.zeros(D)]), DAMPING.first
+    model = pressures, noise, wavenumbers, size
+    for _ in range(MAX_SIZE_STEPS if residual > LIMITS.residual_to_noise else 1):
+        terms, free = exact(grown, *model).terms, (-np.inf, np.inf)
+        step = bounded_step(grown, terms, lambda y: exact(y, *model, False).cost, free, N * D, damping, max_step=0.5)
+        grown, damping = step.unknowns, step.damping
+        if step.moved < SIZE_TOLERANCE:
             break
     after = step.cost / degrees_of_freedom(len(pressures), N, D)
     sigma = np.sqrt(np.diag(bounded_inverse(terms.curvature))[-D:] * max(1.0, after))
