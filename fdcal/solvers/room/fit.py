@@ -133,9 +133,7 @@ def exact(theta, pressures, noise, wavenumbers, size, slopes: bool = True) -> Ex
     dg[:, :, walls_at + 1] = 1j * dg[:, :, walls_at]
     for a, change in enumerate(longer):
         grown = 1 + RULES.difference / (1 + change)
-        dg[:, :, lengths_at + a] = slope(
-            tuple(length * (grown if a == b else 1) for b, length in enumerate(size)), beta
-        )
+        dg[:, :, lengths_at + a] = slope(np.where(np.arange(D) == a, grown, 1) * size, beta)
     along = np.sum(g.conj()[..., None] * dg, axis=1, keepdims=True) / square[..., None]
     jacobian = -(scale * A)[..., None] * (dg - g[..., None] * along)
     return Exact(theta, prior, residual, A * g, jacobian.reshape(-1, len(theta)))

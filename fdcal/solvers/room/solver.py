@@ -254,7 +254,6 @@ def _fitted(state: State, p, noise, k) -> tuple[State, float]:
     """Return the state after one damped step with the model of its phase, and how far a coordinate moved, metres."""
     size, name, max_step = state.size, state.phase.name, search.lattice_step(k, state.size)
     N, D = state.positions.shape
-
     if name == "diffuse":
         v = search.noise_with_errors(noise, k, D, LIMITS.lattice_errors[state.phase.spread] * max_step)
         model, theta = diffuse_model(size, k, state.width), state.positions.ravel()
