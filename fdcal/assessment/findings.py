@@ -1,53 +1,199 @@
-"""The single checks of a verdict. Each returns a message, or "" where there is nothing to report.
+"""The findings of an assessment: two ordered tables, FINDINGS and ROOM_FINDINGS. The first that applies is the verdict.
 
-The arguments of a remedy stand in angle brackets, as in `fdcal.model.validation.InputError`. In every function
-`figures` are the `Diagnostics` of the array and `names` the (N,) names of its microphones.
+good                no check contradicts it
+odd_channel         a microphone whose pressures no position in the known room explains
+too_noisy           hardly anything but noise
+known_position      a given position contradicts the recordings, or its channel is swapped
+undersampled        frequencies in use that the array cannot interpolate (Eq. 9)
+not_converged       the solver stopped while microphones still moved
+sound_speed         a given distance, or given positions, agree with the array at a sound speed that air hardly has
+room_size           the pressures are those of a room of another size (or of another sound speed)
+model_mismatch      the pressures are not those of a sound field without sources at these microphones
+ambiguous           another array fits the pressures nearly as well, or the positions are hardly determined
+scale_undetermined  the shape is right, its size hardly determined
+
+A remedy names arguments in angle brackets, as in `fdcal.model.validation.InputError`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from ..acoustics import single_wave
 from ..acoustics.fourier_bessel import array_f_max
-from ..cost.noise_model import NOISE
+from ..model.gauge import align
 from ..model.lengths import length_text
 from ..model.problem import Problem
-from .diagnostics import Diagnostics
+from ..solvers.estimate import Estimate, RoomEstimate
+from .channels import FaultyChannel, channel_faults, healthy_channels
 from .error_ellipses import one_sigma
-from .finding_texts import CAUSES, contradicted, enumerated, mostly_noise, unexplained, unfitted
-from .thresholds import LIMITS
+from .uncertainty import root_mean_square
 
-MODES_MARGIN = 0.9  # of the highest frequency that the array found can interpolate, in the remedy
-FEWEST_MODES = 8  # with fewer modes below the limit, fewer modes are no remedy
-SCALE_UNDETERMINED = (
-    "nothing speaks against the shape of the array, but its size is hardly determined; name known microphones, or give"
-    " one <distance> with <estimate_sound_speed>"
-)
-NOT_CONVERGED = "the solver stopped while microphones still moved; use other <modes>"
-SINGLE_WAVE = f"{single_wave.PROBLEM}; {single_wave.REMEDY}"
+Evidence = TypeVar("Evidence")
+CAUSES = "a source or an obstacle inside the array, faulty channels, or positions not found yet (try another solver)"
+ROOM_CAUSES = "another size or shape, objects in the room, several sources, a source within a metre, or faulty channels"
+MODES_MARGIN = 0.9  # of the highest frequency that the array found can interpolate, in a remedy
+MIN_MODES = 8  # with fewer modes below the limit, fewer modes are no remedy
 
 
-def undersampled(problem: Problem, positions: np.ndarray, modes: slice) -> str:
-    """Report modes above f_max (Eq. 9) that are in use.
+@dataclass(frozen=True)
+class Finding(Generic[Evidence]):
+    """One row of a table.
 
-    Parameters
+    Attributes
     ----------
-    positions : (N, D) float64, metres
-    modes : slice, the modes in use
+    code : of the verdict
+    applies : callable, of the evidence and the limit
+    words : callable, of the evidence: what it means
+    remedy : what to do; "" where the words say so
+    limit : the threshold
+    reason : what the limit is, and why it is there
     """
-    limit = array_f_max(positions, problem.sound_speed, problem.dimension)
-    used = problem.frequencies[modes]
-    if used[-1] <= limit:
-        return ""
-    below = modes_below_limit(problem, positions)
-    remedy = f"use <modes> {below}, or" if below >= FEWEST_MODES else "use"
-    return (
-        f"{len(positions)} microphones so far apart interpolate up to {limit:.0f} Hz (Eq. 9), but modes up to"
-        f" {used[-1]:.0f} Hz are in use; {remedy} more microphones closer together"
-    )
+
+    code: str
+    applies: Callable[[Evidence, float], bool]
+    words: Callable[[Evidence], str]
+    remedy: str = ""
+    limit: float = 0.0
+    reason: str = ""
+
+    def message(self, seen: Evidence) -> str:
+        """Return words and remedy, one line."""
+        return f"{self.words(seen)}; {self.remedy}" if self.remedy else self.words(seen)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What the verdict on an array rests on.
+
+    Attributes
+    ----------
+    estimate : Estimate
+    names : of the microphones
+    covariance : (N, D, D) float64, metres^2
+    faulty : tuple of FaultyChannel
+    agreement : probability of a disagreement of given positions and pressures as large by chance; 1 where nothing can
+        be checked
+    loosest : metres, one sigma of the given microphone that the others and the pressures place least certainly; 0
+        without any, infinite where those that are right are too few to place the array
+    search : (N,) float64, metres, spread of the search
+    stretch_sigma : one sigma of the least certain stretching of the array, relative
+    stretch : sound speed that follows from a given distance over that of the problem; None without one
+    single_wave : whether there are hardly any reflections, so that nothing is known of single channels
+    """
+
+    estimate: Estimate
+    names: Sequence[str]
+    covariance: np.ndarray
+    faulty: tuple[FaultyChannel, ...]
+    agreement: float
+    loosest: float
+    search: np.ndarray
+    stretch_sigma: float
+    stretch: float | None
+    single_wave: bool
+
+    @property
+    def healthy(self) -> np.ndarray:
+        """Which channels are not at fault : (N,) bool."""
+        return healthy_channels(len(self.covariance), self.faulty)
+
+    @property
+    def sigma(self) -> float:
+        """One sigma of the healthy microphones, root mean square, metres."""
+        return root_mean_square(one_sigma(self.covariance)[self.healthy])
+
+    @property
+    def radius(self) -> float:
+        """Root mean square distance of the healthy microphones from their centre, metres."""
+        return rms_radius(self.estimate.positions[self.healthy])
+
+    @property
+    def given_noise(self) -> float | None:
+        """Median noise given, as a share of the power; None without any."""
+        noise = self.estimate.problem.noise_power
+        return None if noise is None else float(np.median(noise))
+
+    @property
+    def step_left(self) -> float:
+        """Newton step left over one sigma of its coordinate, the largest of healthy channels."""
+        spread, healthy = self.estimate.spread, self.healthy
+        sigma = np.where(spread.sigma > 0, spread.sigma, 1.0)  # exact given positions have neither
+        return float(np.max(np.abs(spread.step[healthy]) / sigma[healthy], initial=0.0))
+
+    @property
+    def residual_to_noise(self) -> float:
+        """Reduced chi-square of the pressures of the healthy channels."""
+        field, channels, healthy = self.estimate.field, self.estimate.channels, self.healthy
+        v = field.noise[:, None] * channels.noise
+        parameters = self.estimate.problem.array_dimension + 2  # of a channel, real ones
+        freedom = np.sum((v * field.terms.precision)[:, healthy]) - parameters * np.sum(healthy) / 2
+        return float(np.sum((v * np.abs(field.terms.weighted) ** 2)[:, healthy]) / max(freedom, 1.0))
+
+    @property
+    def uneven(self) -> np.ndarray:
+        """Which of the healthy channels have far more residual than the median one : bool.
+
+        Noise is alike in channels of one kind, before or behind their gains; what a sound field without sources cannot
+        explain is not. A recording leaves as much as UNEVEN_SHARE of the power by leakage.
+        """
+        channels, healthy = self.estimate.channels, self.healthy
+        behind = channels.noise[healthy]
+        before = behind * np.exp(2 * channels.gains[healthy, 0])
+        high = np.all([tau > UNEVEN * np.median(tau) for tau in (behind, before)], axis=0)
+        return high & (behind * self.estimate.field.share > UNEVEN_SHARE)
+
+    @property
+    def wrong_given(self) -> list[FaultyChannel]:
+        """The given positions that the pressures contradict, one by one."""
+        known = self.estimate.problem.known
+        return [one for one in self.faulty if one.number in known and one.kind in ("misplaced", "exchanged")]
+
+    @property
+    def speed(self) -> tuple[float, float]:
+        """Sound speed that given lengths imply over that of the measurement, and one sigma of it."""
+        if self.stretch is None:
+            return float(np.exp(self.estimate.log_speed)), self.estimate.log_speed_sigma
+        return self.stretch, self.stretch_sigma
+
+    def rival(self) -> float:
+        """Return how far away another optimum is that is as likely, metres; 0 without one."""
+        tried, healthy = self.estimate.tried, self.healthy
+        same = max(RIVAL_SIGMAS * self.sigma, RIVAL_DISTANCE)
+        for one in tried[1:]:
+            apart = align(one.positions, tried[0].positions, healthy) - tried[0].positions
+            away = root_mean_square(np.linalg.norm(apart[healthy], axis=1))
+            if away > same and one.score - tried[0].score < RIVAL_COST:
+                return away
+        return 0.0
+
+    def starts_disagree(self) -> int:
+        """Return how many starts of the search ended each at another array; 0 if two agree or they are few."""
+        tried, healthy = self.estimate.tried, self.healthy
+        starts, same = [one for one in tried if not one.regrouped], max(RIVAL_SIGMAS * self.sigma, RIVAL_DISTANCE)
+        away = [
+            root_mean_square(
+                np.linalg.norm((align(one.positions, tried[0].positions, healthy) - tried[0].positions)[healthy], axis=1)
+            )
+            for one in starts
+            if one is not tried[0]
+        ]
+        return len(starts) if len(starts) > 2 and min(away, default=np.inf) > same else 0
+
+
+UNEVEN = 2.0  # noise of a healthy channel over that of the median channel
+UNEVEN_SHARE = 1e-4  # of the power
+RIVAL_SIGMAS, RIVAL_DISTANCE = 3.0, 1e-3  # sigmas and metres within which two optima are one; the larger one counts
+RIVAL_COST = 8.0  # nats within which another optimum counts: its evidence is good to a few nats
+
+
+def rms_radius(positions: np.ndarray) -> float:
+    """Return the root mean square distance of positions (N, D), metres, from their centre, metres."""
+    return float(np.sqrt(np.mean(np.sum((positions - positions.mean(axis=0)) ** 2, axis=1))))
 
 
 def modes_below_limit(problem: Problem, positions: np.ndarray) -> int:
@@ -59,176 +205,364 @@ def modes_below_limit(problem: Problem, positions: np.ndarray) -> int:
     return int(np.sum(problem.frequencies <= MODES_MARGIN * limit))
 
 
-def odd_channel(problem: Problem, figures: Diagnostics, names: Sequence[str]) -> str:
-    """Report free microphones that recorded what the others cannot predict, unless these are many."""
-    share, far = figures.unpredicted_share, figures.unpredictable_share
-    odd = _unpredicted(figures)
-    odd |= far > max(LIMITS.unpredictable_share, LIMITS.unpredictable_to_median * np.median(far))
-    odd[problem.known] = False
-    worst = np.flatnonzero(odd)
-    worst = worst[np.argsort(-share[worst])]
-    if not len(worst) or len(worst) > max(LIMITS.odd_channels, len(names) // LIMITS.odd_one_in):
-        return ""
-    named = [names[int(n)] for n in worst]
+def _f_max(seen: Judged) -> float:
+    problem = seen.estimate.problem
+    return array_f_max(seen.estimate.positions[seen.healthy], problem.sound_speed, problem.dimension)
+
+
+def _highest(seen: Judged) -> float:
+    return float(seen.estimate.problem.frequencies[seen.estimate.modes][-1])
+
+
+def _undersampled(seen: Judged) -> str:
+    positions = seen.estimate.positions[seen.healthy]
+    below = modes_below_limit(seen.estimate.problem, positions)
+    remedy = f"use <modes> {below}, or" if below >= MIN_MODES else "use"
     return (
-        f"microphone {enumerated(named)}: the others do not predict what it recorded; another kind of channel, gain,"
-        f" phase, or position; leave it out with <exclude> {','.join(named)}"
+        f"{len(positions)} microphones so far apart interpolate up to {_f_max(seen):.0f} Hz (Eq. 9), but modes up to"
+        f" {_highest(seen):.0f} Hz are in use; {remedy} more microphones closer together"
     )
 
 
-def _unpredicted(figures: Diagnostics) -> np.ndarray:
-    """Return whether the others fail to predict each channel : (N,) bool."""
-    share = figures.unpredicted_share
-    large = share > max(LIMITS.unpredicted_share, LIMITS.unpredicted_to_median * np.median(share))
-    return large & (share > LIMITS.unpredicted_to_unpredictable * figures.unpredictable_share)
-
-
-def known_position(problem: Problem, figures: Diagnostics, names: Sequence[str], clear_only: bool = False) -> str:
-    """Report known microphones that are elsewhere than given.
-
-    Parameters
-    ----------
-    clear_only : whether to leave out shifts that a small error of the sound speed could cause
-    """
-    out = _unpredicted(figures)[problem.known]
-    if not clear_only:
-        out |= (figures.known_shift > LIMITS.known_shift) & (figures.known_mahalanobis > LIMITS.known_sigmas)
-    if not np.any(out):
-        return ""
-    return contradicted([names[int(n)] for n in problem.known[out]])
-
-
-def too_noisy(figures: Diagnostics) -> str:
-    """Report that most of the power is noise."""
-    return "" if figures.noise_share <= LIMITS.noise_share else mostly_noise(figures.noise_share)
-
-
-def sound_speed(problem: Problem, figures: Diagnostics) -> str:
-    """Report that the known microphones contradict the sound speed."""
-    error, sigma = figures.sound_speed_error, figures.sound_speed_sigma
-    plausible = LIMITS.sound_speed_least < abs(error) < LIMITS.sound_speed_most
-    if not (plausible and abs(error) > LIMITS.sound_speed_sigmas * sigma):
-        return ""
+def _contradicted(seen: Judged) -> str:
+    named = enumerated([seen.names[one.number] for one in seen.wrong_given])
     return (
-        f"the known microphones indicate a sound speed of about {problem.sound_speed * (1 + error):.0f} m/s, not"
-        f" {problem.sound_speed:.0f} m/s; correct it, or add <estimate_sound_speed>"
+        f"known microphone {named}: the position given contradicts the recordings; it is wrong, or the channel is swapped"
+        " with another"
     )
 
 
-def implied_speed(sound_speed: float, stretch: float | None, scale_sigma: float, given: str = "distance") -> str:
-    """Report given lengths from which a sound speed follows that the air can hardly have.
+def _few_right(seen: Judged, limit: float) -> bool:
+    """Whether wrong given positions are too many, or leave too few, to hold the array; one may always be misplaced."""
+    problem, wrong = seen.estimate.problem, seen.wrong_given
+    misplaced = sum(one.kind == "misplaced" for one in wrong)
+    few = bool(wrong) and len(problem.known) - len(wrong) < problem.array_dimension + 1
+    return few or misplaced > max(1, limit * len(problem.known))
 
-    Parameters
-    ----------
-    sound_speed : of the measurement, m/s
-    stretch : the sound speed that follows over that of the measurement; None where no distance is given
-    scale_sigma : one sigma of the size of the array, relative
-    given : what has them, a distance or a position
-    """
-    uncertain = LIMITS.implied_speed + LIMITS.sound_speed_sigmas * scale_sigma
-    if stretch is None or abs(stretch - 1) <= min(uncertain, LIMITS.sound_speed_most):
-        return ""
+
+def _disagreement(seen: Judged) -> str:
+    chance = seen.agreement
+    seldom = f"1 of {1 / chance:.0f}" if chance > 1e-6 else "less than 1 of 1000000"
     return (
-        f"with the {given} given the sound speed would be {sound_speed * stretch:.0f} m/s, not"
-        f" {sound_speed:.0f} m/s; the {given} or the sound speed is wrong, or the array was not"
-        " found"
+        f"the positions given and the pressures do not agree; by chance they would disagree so in {seldom} cases: a"
+        " given position or the sound speed is wrong, or the array was not found"
     )
 
 
-def model_mismatch(problem: Problem, figures: Diagnostics, names: Sequence[str], modes: slice) -> str:
-    """Report that no sound field without sources fits the pressures.
-
-    Parameters
-    ----------
-    modes : slice, the modes in use
-    """
-    if np.isfinite(figures.chi_square):
-        # Where this figure exists, the others show the limits of the real kernel rather than of the positions.
-        if figures.chi_square > NOISE.chi_square:
-            return (
-                "no sound field without sources explains the pressures"
-                f" (misfit {figures.chi_square:.2g}, 1 is expected): {CAUSES}"
-            )
-        if figures.noise_share <= LIMITS.unexplained_share:
-            return ""
-    if figures.noise_share < LIMITS.kernel_share and figures.residual_to_noise < LIMITS.residual_to_noise:
-        return ""
-    return _excess_residual(problem, figures, modes) or _unfitted_channels(figures, names, modes, problem)
+def _impossible_speed(seen: Judged, limit: float) -> bool:
+    ratio, sigma = seen.speed
+    implied = seen.stretch is not None or seen.estimate.log_speed != 0
+    return implied and abs(ratio - 1) > min(limit + 4 * sigma, 0.15)  # an error of 15 % is no uncertainty of sigma
 
 
-def _excess_residual(problem: Problem, figures: Diagnostics, modes: slice) -> str:
-    """Report that the residual exceeds the given noise."""
-    given = problem.noise_power
-    if given is None:
-        return ""
-    if np.all(given[modes] > 0) and figures.residual_to_noise > LIMITS.residual_to_noise:
-        return f"the residual is {figures.residual_to_noise:.2g} times what the noise explains: {CAUSES}"
-    if not np.any(given[modes]) and figures.noise_share > LIMITS.unexplained_share:
-        return unexplained(figures.noise_share)
-    return ""
-
-
-def _unfitted_channels(figures: Diagnostics, names: Sequence[str], modes: slice, problem: Problem) -> str:
-    """Report the channels, three at most, with a studentised residual far above the median."""
-    ratio = figures.studentised_residual / np.median(figures.studentised_residual)
-    count = len(problem.frequencies[modes])
-    limit = LIMITS.studentised_to_median * (1 + LIMITS.studentised_modes / np.sqrt(count))
-    worst = [names[int(n)] for n in np.argsort(-ratio) if ratio[n] > limit][:3]
-    return unfitted(worst) if worst else ""
-
-
-def only_wavenumber_scales(problem: Problem, figures: Diagnostics) -> bool:
-    """Return whether the size of the array follows from the wavenumber alone, and that hardly.
-
-    It is always so for an array in a plane of a field of three dimensions without known microphones.
-    """
-    flat = problem.array_dimension < problem.dimension
-    return len(problem.known) < 2 and (flat or figures.scale_sigma > LIMITS.scale_sigma)
-
-
-def hardly_determined(sigma: float) -> str:
-    """Return the message of positions with so large a one sigma, metres."""
+def _speed_words(seen: Judged) -> str:
+    given = "position of a microphone" if seen.stretch is None else "distance"
+    c = seen.estimate.problem.sound_speed
     return (
-        f"the positions are uncertain by {100 * sigma:.2g} cm; use more <modes>, more known microphones, or less noise"
+        f"with the {given} given the sound speed would be {c * seen.speed[0]:.0f} m/s, not {c:.0f} m/s; the {given} or"
+        " the sound speed is wrong, or the array was not found"
     )
 
 
-def equally_likely(away: float) -> str:
-    """Return the message of another array so far away, metres, that fits as well."""
-    return (
-        f"another array, {100 * away:.2g} cm away, explains the pressures as well; use more <modes>, or known"
-        " microphones that lie less on one line"
-    )
+def _loose_scale(seen: Judged, limit: float) -> bool:
+    return not len(seen.estimate.problem.known) and seen.stretch is None and seen.stretch_sigma > limit
 
 
-def scale_undetermined(problem: Problem, figures: Diagnostics, sized: bool = False) -> str:
-    """Report that the size of the array is hardly determined, unless it is `sized` by a given distance."""
-    if sized or not only_wavenumber_scales(problem, figures):
-        return ""
-    return SCALE_UNDETERMINED
+def _uncertain(seen: Judged) -> float:
+    """One sigma of the positions with the spread of the search, metres."""
+    return float(np.hypot(seen.sigma, root_mean_square(seen.search[seen.healthy])))
 
 
-def good(problem: Problem, figures: Diagnostics) -> str:
-    """Return the message of an array that no check contradicts."""
-    given = problem.noise_power is not None and np.any(problem.noise_power > 0)
-    return "nothing speaks against these positions; " + precision(
-        one_sigma(figures.covariance), figures.residual_to_noise, bool(given)
-    )
+def _uncertain_words(seen: Judged) -> str:
+    return f"the positions are uncertain by {100 * _uncertain(seen):.2g} cm"
 
 
-def precision(sigma: np.ndarray, residual_to_noise: float, given: bool) -> str:
-    """Return the uncertainty in words, and where the noise is given the residual over it (reduced chi-square).
+def _good(seen: Judged) -> str:
+    """The message of an array that no check contradicts, and what is wrong with its faulty channels."""
+    given, known = seen.given_noise, seen.estimate.problem.known
+    sought = seen.healthy & ~np.isin(np.arange(len(seen.covariance)), known)
+    sigma = one_sigma(seen.covariance)[sought if np.any(sought) else seen.healthy]
+    words = precision(sigma, seen.residual_to_noise if given else None)
+    held = seen.estimate.given
+    if len(known) and held.sigma > INACCURATE * held.expected_sigma:
+        words += f"; the given positions are inaccurate, one sigma {1e3 * held.sigma:.2g} mm"
+    if not seen.faulty:
+        return f"nothing speaks against these positions; {words}"
+    faults = "; ".join(fault.text for fault in channel_faults(seen.faulty, seen.names))
+    return f"nothing speaks against the positions of the other microphones; {words}; odd: {faults}"
 
-    Parameters
-    ----------
-    sigma : (N,) float64, metres; 0 for a known microphone that the solver held, which does not count
-    given : whether the noise is given; a residual over the noise that was estimated from it tells nothing
-    """
-    sought = sigma[sigma > 0] if np.any(sigma > 0) else sigma
-    text = f"one sigma {length_text(root_mean_square(sought), 2)}"
-    return f"{text}, residual {residual_to_noise:.2g} times the noise given" if given else text
+
+INACCURATE = 2.0  # sigma of the given positions found over the expected one
 
 
-def root_mean_square(values: np.ndarray) -> float:
-    """Return the root mean square of some values."""
-    return float(np.sqrt(np.mean(values**2)))
+def precision(sigma: np.ndarray, residual: float | None) -> str:
+    """Return one sigma (N,), metres, in words, and the residual over the given noise (reduced chi-square) if any."""
+    text = f"one sigma {length_text(root_mean_square(sigma), 2)}"
+    return text if residual is None else f"{text}, residual {residual:.2g} times the noise given"
+
+
+def enumerated(names: Sequence[str]) -> str:
+    """Return names as a text: "a, b and c"."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+FINDINGS: tuple[Finding[Judged], ...] = (
+    Finding(
+        "too_noisy",
+        lambda seen, limit: seen.estimate.field.share > limit,
+        lambda seen: f"about {100 * seen.estimate.field.share:.0f} % of the power is noise or unexplained",
+        "measure longer, louder, or use fewer <modes>",
+        0.3,
+        "noise over the power; with more the search itself is a guess",
+    ),
+    Finding("model_mismatch", lambda seen, _: seen.single_wave, lambda _: single_wave.PROBLEM, single_wave.REMEDY),
+    Finding(
+        "model_mismatch",
+        lambda seen, limit: len(seen.faulty) > max(2, limit * len(seen.names)),
+        lambda seen: (
+            "no sound field without sources explains microphone"
+            f" {enumerated([seen.names[one.number] for one in seen.faulty])}: {CAUSES}"
+        ),
+        "",
+        0.12,
+        "faulty channels over all; more are no single faults",
+    ),
+    Finding(
+        "model_mismatch",
+        lambda seen, limit: np.sum(seen.uneven) >= max(3, limit * len(seen.uneven)),
+        lambda seen: (
+            f"the residual of {np.sum(seen.uneven)} of {len(seen.uneven)} microphones is {UNEVEN:g} times that of the"
+            f" median one, or more: {CAUSES}"
+        ),
+        "",
+        0.1,
+        "uneven channels over all; fewer are single noisy channels",
+    ),
+    Finding(
+        "known_position",
+        _few_right,
+        _contradicted,
+        "check the positions and the cables of the known microphones",
+        0.2,
+        "misplaced given positions over all; more leave no frame to trust",
+    ),
+    Finding(
+        "known_position",
+        lambda seen, limit: bool(len(seen.estimate.problem.known)) and seen.agreement <= limit,
+        _disagreement,
+        "check them, or use more <modes>",
+        0.01,
+        "probability of the disagreement by chance: one healthy array in a hundred is suspected",
+    ),
+    Finding("undersampled", lambda seen, _: _highest(seen) > _f_max(seen), _undersampled),
+    Finding(
+        "not_converged",
+        lambda seen, limit: not seen.estimate.converged or seen.step_left >= limit,
+        lambda _: "the solver stopped while microphones still moved",
+        "use other <modes>",
+        3.0,
+        "Newton step left over one sigma",
+    ),
+    Finding(
+        "model_mismatch",
+        lambda seen, limit: bool(seen.given_noise) and seen.estimate.field.share > limit * (seen.given_noise or 0.0),
+        lambda seen: (
+            f"the residual is {seen.estimate.field.share / (seen.given_noise or 1.0):.2g} times what the noise"
+            f" explains: {CAUSES}"
+        ),
+        "",
+        2.0,
+        "noise found over the noise given",
+    ),
+    Finding(
+        "model_mismatch",
+        lambda seen, limit: seen.given_noise == 0 and seen.estimate.field.share > limit,
+        lambda seen: (
+            f"{100 * seen.estimate.field.share:.1g} % of the power is left unexplained, though the measurement is said"
+            f" to be free of noise: {CAUSES}"
+        ),
+        "",
+        1e-4,
+        "share left unexplained of a measurement said to be free of noise",
+    ),
+    Finding(
+        "sound_speed",
+        _impossible_speed,
+        _speed_words,
+        "",
+        0.05,
+        "relative difference of the sound speed implied: 5 % are 30 K in air",
+    ),
+    Finding(
+        "scale_undetermined",
+        _loose_scale,
+        lambda _: "nothing speaks against the shape of the array, but its size is hardly determined",
+        "name known microphones, or give one <distance> with <estimate_sound_speed>",
+        0.06,
+        "one sigma of the least certain stretching of a blind array, relative",
+    ),
+    Finding(
+        "ambiguous",
+        lambda seen, _: seen.rival() > 0,
+        lambda seen: f"another array, {100 * seen.rival():.2g} cm away, explains the pressures as well",
+        "use more <modes>, or known microphones that lie less on one line",
+    ),
+    Finding(
+        "ambiguous",
+        lambda seen, _: seen.starts_disagree() > 0,
+        lambda seen: f"each of {seen.starts_disagree()} starts of the search ended at another array",
+        "use more <modes>, or more known microphones",
+    ),
+    Finding(
+        "ambiguous",
+        lambda seen, limit: _uncertain(seen) > limit * seen.radius,
+        _uncertain_words,
+        "use more <modes>, more known microphones, or less noise",
+        0.1,
+        "one sigma of the positions over the root mean square radius of the array",
+    ),
+    Finding(
+        "ambiguous",
+        lambda seen, limit: bool(len(seen.estimate.problem.known)) and seen.loosest >= max(limit, 2 * _uncertain(seen)),
+        lambda seen: (
+            "nothing would show an error of a given position: the pressures and the other given positions place that"
+            f" microphone only to {1e3 * seen.loosest:.2g} mm"
+        ),
+        "use more <modes>, or give more positions",
+        0.025,
+        "metres, one sigma of the loosest given microphone, or two sigmas of the array",
+    ),
+    Finding("good", lambda seen, _: True, _good),
+)
+
+
+@dataclass(frozen=True)
+class JudgedRoom:
+    """What the verdict on an array in a known room rests on: the estimate and the names of the microphones."""
+
+    estimate: RoomEstimate
+    names: Sequence[str]
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """One sigma of each position : (N,) float64, metres."""
+        return one_sigma(self.estimate.covariance)
+
+    @property
+    def displaced(self) -> np.ndarray:
+        """Distance of each known microphone from its given position : (A,) float64, metres."""
+        problem = self.estimate.problem
+        return np.linalg.norm(self.estimate.positions[problem.known] - problem.known_positions, axis=1)
+
+    def displaced_beyond(self, limit: float) -> np.ndarray:
+        """Return which known microphones are farther from their given position than `limit` metres and five sigmas."""
+        return self.displaced > np.maximum(limit, 5 * self.sigma[self.estimate.problem.known])
+
+
+def _faulty_in_room(seen: JudgedRoom, limit: float) -> bool:
+    part = seen.estimate.channel_residual
+    modes = len(seen.estimate.pressures)
+    worst = float(part.max())
+    return len(part) >= 5 and worst >= limit * float(np.median(part)) and worst >= LARGE_RESIDUAL * modes
+
+
+def _worst_in_room(seen: JudgedRoom) -> str:
+    name = seen.names[int(seen.estimate.channel_residual.argmax())]
+    return f"microphone {name}: no place in this room explains its recording; leave it out with <exclude> {name}"
+
+
+def _other_size(seen: JudgedRoom, limit: float) -> bool:
+    better, residual = seen.estimate.better_size, seen.estimate.residual
+    change = np.abs(better.change)
+    clear = (change > limit) & (change > 5 * better.sigma)
+    return bool(clear.any()) and (residual <= LARGE_RESIDUAL or better.residual <= residual / 2)
+
+
+def _size_words(seen: JudgedRoom) -> str:
+    pairs = zip(seen.estimate.size, seen.estimate.better_size.change, strict=True)
+    lengths = " x ".join(f"{length * (1 + more):.3f}" for length, more in pairs)
+    return f"a room of {lengths} m explains the pressures better: correct <room>, or the sound speed"
+
+
+def _displaced_words(seen: JudgedRoom) -> str:
+    out, known = seen.displaced_beyond(0.01), seen.estimate.problem.known
+    pairs = zip(known[out], seen.displaced[out], strict=True)
+    named = ", ".join(f"{seen.names[n]} ({100 * away:.2g} cm)" for n, away in pairs)
+    return f"known microphones are estimated elsewhere than given: {named}"
+
+
+def _good_in_room(seen: JudgedRoom) -> str:
+    given = seen.estimate.residual if seen.estimate.noise_given else None
+    count = len(seen.estimate.images)
+    return f"nothing speaks against these positions up to the room's {count} symmetries; {precision(seen.sigma, given)}"
+
+
+LARGE_RESIDUAL = 2.0  # reduced chi-square beyond which the given noise does not explain the residual
+
+ROOM_FINDINGS: tuple[Finding[JudgedRoom], ...] = (
+    Finding(
+        "odd_channel",
+        _faulty_in_room,
+        _worst_in_room,
+        "",
+        6.0,
+        "squared residual of a channel over that of the median channel, of five at least",
+    ),
+    Finding(
+        "too_noisy",
+        lambda seen, limit: seen.estimate.noise_share > limit,
+        lambda seen: f"{100 * seen.estimate.noise_share:.0f} % of the power is unexplained",
+        "",
+        0.3,
+        "as of FINDINGS",
+    ),
+    Finding("room_size", _other_size, _size_words, "", 2e-3, "relative error of a length, and five sigmas of it"),
+    Finding(
+        "model_mismatch",
+        lambda seen, limit: seen.estimate.noise_given and seen.estimate.residual > limit,
+        lambda seen: f"the residual is {seen.estimate.residual:.2g} times what the noise explains: {ROOM_CAUSES}",
+        "",
+        LARGE_RESIDUAL,
+        "reduced chi-square",
+    ),
+    Finding(
+        "model_mismatch",
+        lambda seen, limit: not seen.estimate.noise_given and seen.estimate.noise_share > limit,
+        lambda seen: (
+            f"{100 * seen.estimate.noise_share:.2g} % of the power is left unexplained; if that is not noise: {ROOM_CAUSES}"
+        ),
+        "",
+        3e-3,
+        "share left unexplained where no noise is stated: -25 dB, more than a usual recording has",
+    ),
+    Finding(
+        "not_converged",
+        lambda seen, _: not seen.estimate.converged,
+        lambda _: "the solver stopped while microphones still moved",
+    ),
+    Finding(
+        "known_position",
+        lambda seen, limit: bool(seen.displaced_beyond(limit).any()),
+        _displaced_words,
+        "are the positions measured from a corner of the room?",
+        0.01,
+        "metres, and five sigmas",
+    ),
+    Finding(
+        "ambiguous",
+        lambda seen, limit: (
+            root_mean_square(seen.sigma) > min(0.1, limit * rms_radius(np.asarray(seen.estimate.positions)))
+        ),
+        lambda seen: f"the positions are uncertain by {100 * root_mean_square(seen.sigma):.2g} cm",
+        "use more <modes>, or less noise",
+        0.1,
+        "as of FINDINGS, and 10 cm at most",
+    ),
+    Finding("good", lambda seen, _: True, _good_in_room),
+)
+
+
+def first_finding(findings: Sequence[Finding[Evidence]], seen: Evidence) -> tuple[str, str]:
+    """Return code and message of the first finding that applies."""
+    found = next(one for one in findings if one.applies(seen, one.limit))
+    return found.code, found.message(seen)

@@ -83,7 +83,7 @@ def summed_landscape(inputs: CalibrationInput, positions: np.ndarray, n: int, mo
         Cost on the search lattice.
     """
     from ..cost.lattice_search import lattice_landscape  # compiled code, which reading a file does not need
-    from ..solvers.descent.state import order_offset_of
+    from ..solvers.descent.solver import order_offset_of
 
     problem, settings = inputs.measurement.problem(inputs.settings.weights), inputs.settings
     offset = order_offset_of(settings, modes)

@@ -108,7 +108,7 @@ class SolverSettings:
         "descent", the paper's; "descent+joint", one after the other; or "room".
     modes, first_modes : int
         Modes in use at the end and at the start. `modes` is ALL_MODES unless given: all that were measured, up to what
-        the array can interpolate and the solver can use (`fdcal.solvers.mode_count`).
+        the array can interpolate and the solver can use (`fdcal.solvers.requirements`).
     order_offset : int
         Added to the order ceil(kR) of Eq. 3; 0 is the paper's.
     ample_modes : int

@@ -10,7 +10,7 @@ import numpy as np
 from ..model.measurement import Measurement
 from ..model.power import mode_power
 from ..model.validation import word_arguments
-from ..solvers.identifiability import least_microphones
+from ..solvers.requirements import min_microphones
 from .impulse_response import Pressures
 from .recording import Recording
 
@@ -102,7 +102,7 @@ def _snr_lines(taken: Pressures) -> list[str]:
 
 def _count_lines(measurement: Measurement) -> list[str]:
     """Return a warning where the microphones are too few for any calibration, or for an exact one."""
-    count, needed = measurement.count, least_microphones(measurement.array_dimension)
+    count, needed = measurement.count, min_microphones(measurement.array_dimension)
     if count < needed:
         return [f"warning: {count} microphones are too few to be found: use {needed} or more, {MANY} in a room"]
     return []

@@ -1,60 +1,19 @@
-"""How far to trust the end of a run: sound speed, verdict and leave-one-out errors, of every kind of solver."""
+"""How far to trust the end of a run, with the sound speed and the given distance that the inputs ask for."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from types import MappingProxyType
+from dataclasses import replace
 
 import numpy as np
 
-from ..assessment.result_parts import Channels, Evidence, KnownRoom
+from ..assessment.assess import ARGUMENTS, Assessment
 from ..model.channels import microphone_index
 from ..model.gauge import move_to_frame
-from ..model.power import mode_power
 from ..model.problem import Problem
-from ..model.validation import InputError
+from ..model.validation import InputError, frozen_array
 from ..solvers import load
-from ..solvers.interface import AssessmentMethod
 from .sources import CalibrationInput
-
-ARGUMENTS: Mapping[str, str] = MappingProxyType({})  # arguments are called as in Python
-
-
-@dataclass(frozen=True, eq=False)
-class Assessment:
-    """The positions at the end of a run and what is known about their quality.
-
-    Attributes
-    ----------
-    positions : (N, D) float64
-        Metres; of the corrected sound speed where it was estimated.
-    problem : Problem
-        With the corrected sound speed likewise.
-    verdict, verdict_text : str
-    uncertainty : (N,) float64
-        One sigma, metres.
-    covariance : (N, D, D) float64
-        Metres^2.
-    evidence : Evidence
-    room : KnownRoom or None
-        Of solver "room".
-    channels : Channels or None
-        Of solver "robust".
-    sound_speed_sigma : float or None
-        One sigma of an uncertain sound speed, m/s; of solver "robust".
-    """
-
-    positions: np.ndarray
-    problem: Problem
-    verdict: str
-    verdict_text: str
-    uncertainty: np.ndarray
-    covariance: np.ndarray
-    evidence: Evidence
-    room: KnownRoom | None = None
-    channels: Channels | None = None
-    sound_speed_sigma: float | None = None
 
 
 def assess(inputs: CalibrationInput, problem: Problem, state, wording: Mapping[str, str] = ARGUMENTS) -> Assessment:
@@ -67,13 +26,31 @@ def assess(inputs: CalibrationInput, problem: Problem, state, wording: Mapping[s
     state : RunState
     wording : mapping of str to str
         How the text of the verdict calls the arguments that it mentions; by their names in Python unless given.
+
+    Raises
+    ------
+    InputError
+        The sound speed is to be estimated, but nothing gives a length.
     """
-    methods = {
-        AssessmentMethod.LIKELIHOOD: _assess_array,
-        AssessmentMethod.CHANNELS: _assess_channels,
-        AssessmentMethod.KNOWN_ROOM: _assess_in_room,
-    }
-    return methods[load(inputs.settings.name).TRAITS.assessment](inputs, problem, state, wording)
+    from ..assessment.assess import assess as assessed  # loads the compiler, which other commands do not need
+
+    require_length_for_speed(inputs, problem)
+    estimate = load(inputs.settings.name).result(problem, state)
+    stretch = None if inputs.distance is None else stretch_of(state.positions, inputs)
+    found = replace(assessed(estimate, inputs.measurement.names, stretch), wording=wording)
+    if problem.frame is None or stretch is None:
+        return found
+    return replace(found, positions=frozen_array(move_to_frame(found.positions, problem.frame), float))
+
+
+def require_length_for_speed(inputs: CalibrationInput, problem: Problem) -> None:
+    """Raise InputError where the sound speed is to be estimated and nothing gives a length."""
+    if inputs.estimate_sound_speed and inputs.distance is None and len(problem.known) < 2:
+        raise InputError(
+            "the sound speed cannot be estimated without a length",
+            "name two known microphones at least, or give <distance>",
+            key="estimate_sound_speed",
+        )
 
 
 def distance_pair(inputs: CalibrationInput) -> tuple[int, int]:
@@ -93,93 +70,21 @@ def distance_pair(inputs: CalibrationInput) -> tuple[int, int]:
     return first, second
 
 
-def _assess_array(inputs: CalibrationInput, problem: Problem, state, wording: Mapping[str, str]) -> Assessment:
-    from ..assessment.cross_validation import (
-        cross_validate,  # these load the compiler, which other commands do not need
-    )
-    from ..assessment.verdict import judge
-
-    # Where hardly any noise is left, the real-valued kernel of the verdict has its own limit, which it finds itself.
-    noise = state.assessment_noise
-    positions, speed = state.positions, problem.sound_speed
-    if inputs.estimate_sound_speed:
-        positions, problem = _at_estimated_sound_speed(inputs, problem, state, noise)
-    stretch = None if inputs.distance is None else problem.sound_speed / speed
-    verdict = judge(problem, positions, state.modes, noise, inputs.measurement.names, state.converged, stretch)
-    evidence = _evidence(verdict, cross_validate(problem, positions, state.modes, noise))
-    return Assessment(
-        positions, problem, verdict.code, verdict.worded(wording), verdict.uncertainty, verdict.covariance, evidence
-    )
-
-
-def _assess_channels(inputs: CalibrationInput, problem: Problem, state, wording: Mapping[str, str]) -> Assessment:
-    from ..assessment.channel_verdict import judge  # these load the compiler
-    from ..assessment.cross_validation import cross_validate_healthy
-    from ..assessment.odd_channels import healthy_channels
-    from ..assessment.sound_speed import at_sound_speed, from_distance
-    from ..solvers.robust import assumptions
-
-    names, stretch = inputs.measurement.names, None
-    if inputs.distance is not None:
-        found = from_distance(problem, state.positions, distance_pair(inputs), inputs.distance[2])
-        stretch = found.sound_speed / problem.sound_speed
-    verdict = judge(problem, state, names, stretch)
-    pressures, recorded = assumptions.corrected(problem, state, slice(None)), problem
-    problem = at_sound_speed(problem, verdict.sound_speed)
-    corrected = replace(problem, pressures=pressures)
-    healthy = healthy_channels(len(names), verdict.odd)
-    prediction = cross_validate_healthy(corrected, verdict.positions, state.modes, healthy)
-    return Assessment(
-        verdict.positions, problem, verdict.code, verdict.worded(wording), verdict.sigma, verdict.covariance,
-        replace(_evidence(verdict, prediction), noise_to_given=_noise_to_given(recorded, verdict.noise_share)),
-        channels=verdict.channels(names),
-        sound_speed_sigma=verdict.sound_speed_sigma or None,
-    )  # fmt: skip
-
-
-def _noise_to_given(problem: Problem, share: float) -> float | None:
-    """Return a noise, as a share of the power, over the noise given; None where none is given."""
-    from ..solvers.robust.unit_power import in_unit_power
-
-    given = in_unit_power(problem).noise_power
-    median = 0.0 if given is None else float(np.median(given))
-    return share / median if median > 0 else None
-
-
-def _at_estimated_sound_speed(inputs: CalibrationInput, problem: Problem, state, noise) -> tuple[np.ndarray, Problem]:
-    """Return the positions and the problem at the sound speed that the array itself speaks for."""
-    from ..assessment import sound_speed
-
-    if inputs.distance is None:
-        found = sound_speed.from_known(problem, state.positions, state.modes, noise)
-    else:
-        found = sound_speed.from_distance(problem, state.positions, distance_pair(inputs), inputs.distance[2])
-    positions = found.positions if problem.frame is None else move_to_frame(found.positions, problem.frame)
-    return positions, found.problem
-
-
-def _assess_in_room(inputs: CalibrationInput, problem: Problem, state, wording: Mapping[str, str]) -> Assessment:
-    from ..assessment.cross_validation import summarise  # these load the compiler, which other commands do not need
-    from ..assessment.room_verdict import judge
-
-    found = judge(problem, state, inputs.measurement.names)
-    pressures = problem.pressures[state.modes]
-    prediction = summarise(pressures / np.sqrt(mode_power(pressures))[:, None], found.leave_one_out_errors)
-    verdict, positions = found.verdict, np.asarray(state.positions)
-    size = tuple(map(float, inputs.settings.room or ()))
-    symmetries = tuple((str(image), image.apply(positions)) for image in found.images)
-    return Assessment(
-        positions, problem, verdict.code, verdict.worded(wording), verdict.uncertainty, verdict.covariance,
-        _evidence(verdict, prediction), KnownRoom(size, found.source, found.admittance, symmetries),
-    )  # fmt: skip
-
-
-def _evidence(verdict, prediction) -> Evidence:
-    return Evidence(verdict.residual_to_noise, prediction.overall, prediction.microphones, prediction.modes)
+def stretch_of(positions, inputs: CalibrationInput) -> float:
+    """Return the given distance over that of the positions found (N, D): the factor of size and sound speed."""
+    pair = distance_pair(inputs)
+    apart = float(np.linalg.norm(np.subtract(*np.asarray(positions)[list(pair)])))
+    if inputs.distance is None or not apart > 0:
+        raise InputError(
+            f"microphones {pair[0]} and {pair[1]} were estimated at the same position",
+            "name another pair in <distance>",
+            key="distance",
+        )
+    return inputs.distance[2] / apart
 
 
 def sound(sought: np.ndarray, names: Sequence[str], found: Assessment | None) -> np.ndarray:
-    """Return the microphones whose errors are averaged: those sought, without the odd channels of an assessment.
+    """Return the microphones whose errors are averaged: those sought, without the faulty channels of an assessment.
 
     Parameters
     ----------

@@ -7,16 +7,16 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
 from ..assessment.calibration import Calibration
-from ..assessment.findings import FEWEST_MODES, modes_below_limit
+from ..assessment.findings import MIN_MODES, modes_below_limit
 from ..model.channels import check_channels
 from ..model.problem import Problem
 from ..model.validation import require_positive, word_arguments
 from ..solvers import load
-from ..solvers.bounds import ended_early, time_limit
-from ..solvers.deadline import OutOfTime, check_deadline, deadline
-from ..solvers.identifiability import check_solvable
-from ..solvers.interface import AssessmentMethod, RunState
-from .assess import ARGUMENTS, Assessment, assess
+from ..solvers.bounds import OutOfTime, check_deadline, deadline, ended_early, time_limit
+from ..solvers.interface import RunState
+from ..solvers.requirements import check_solvable
+from ..assessment.assess import ARGUMENTS, Assessment
+from .assess import assess
 from .blas_threads import one_blas_thread
 from .input_checks import require_inside_search, require_length, require_room_for_array
 from .shared_cost import cost_in_decibels
@@ -28,9 +28,8 @@ FREE_SOUND_SPEED = 0.05  # one sigma of a sound speed that is to be estimated, r
 def with_free_sound_speed(inputs: CalibrationInput) -> CalibrationInput:
     """Return `inputs` with an uncertain sound speed, where a solver is to estimate it that has a sigma of it."""
     settings = inputs.settings
-    method = load(settings.name).TRAITS.assessment
     free = inputs.estimate_sound_speed and inputs.distance is None and settings.sound_speed_sigma is None
-    if not free or method is not AssessmentMethod.CHANNELS:
+    if not free or load(settings.name).TRAITS.needs_room:
         return inputs
     return replace(inputs, settings=replace(settings, sound_speed_sigma=FREE_SOUND_SPEED))
 
@@ -152,20 +151,19 @@ def _assessed(
     state, stopped, end = last_state(inputs, progress, problem, clock)
     found = assess(inputs, problem, state, wording)
     if stopped:
-        text = word_arguments(stopped, wording)
-        return inputs, state, replace(found, verdict="not_converged", verdict_text=text)
+        return inputs, state, replace(found, verdict="not_converged", message=stopped)
     left = end - clock()
     if not inputs.all_modes or found.verdict != "undersampled" or left < limit / 2:
         return inputs, state, found
     fewer = modes_below_limit(problem, found.positions)
-    if not FEWEST_MODES <= fewer < inputs.settings.modes:
+    if not MIN_MODES <= fewer < inputs.settings.modes:
         return inputs, state, found
     settings = replace(inputs.settings, modes=fewer, first_modes=min(inputs.settings.first_modes, fewer))
     inputs = replace(inputs, settings=settings, all_modes=False, time_limit=left)
     inputs, state, found = _assessed(inputs, progress, problem, wording, clock)
     above = f"{len(problem.frequencies) - fewer} modes above {problem.frequencies[fewer - 1]:.0f} Hz are left out"
-    text = f"{found.verdict_text}; {above}, since the array found cannot interpolate all of them (Eq. 9)"
-    return inputs, state, replace(found, verdict_text=text)
+    text = f"{found.message}; {above}, since the array found cannot interpolate all of them (Eq. 9)"
+    return inputs, state, replace(found, message=text)
 
 
 def last_state(

@@ -59,7 +59,7 @@ def with_mode_count(problem: Problem, settings: SolverSettings) -> SolverSetting
     """
     if settings.modes != ALL_MODES:
         return settings
-    from .mode_count import mode_count
+    from .requirements import mode_count
 
     modes = mode_count(problem, load(settings.name).usable_modes(problem, settings))
     return replace(settings, modes=modes, first_modes=min(settings.first_modes, modes))
@@ -73,7 +73,7 @@ def run(problem: Problem, settings: SolverSettings, seed: int) -> Iterator[RunSt
     Parameters
     ----------
     problem : Problem
-    settings : SolverSettings; where they ask for all modes, their number follows (`fdcal.solvers.mode_count`)
+    settings : SolverSettings; where they ask for all modes, their number follows (`fdcal.solvers.requirements`)
     seed : int, of whatever the solver draws
 
     Raises

@@ -1,12 +1,19 @@
-"""Bounds of every calibration, whatever the solver: on memory, on the extent of the array, on processor time.
+"""Bounds of every calibration, whatever the solver: processor time, memory and the extent of the array.
 
 The order of a field's expansion, and with it memory and time of a step, grows with the wavenumber times the extent of
-the array. `N` microphones resolve orders up to about N / 2 (Eq. 8), so that positions beyond `farthest` are not an
-answer but a solver that has lost its way.
+the array. `N` microphones resolve orders up to about N / 2 (Eq. 8), so positions beyond `max_radius` are no answer: the
+solver has diverged.
+
+One step may take many trials. Loops inside a step call `check_deadline`, so a calibration ends soon after its time
+limit and not after the step. A deadline holds in the thread that has set it: calibrations in other threads, and the
+page's session, have their own or none.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import replace
 from typing import TypeVar
 
@@ -20,11 +27,28 @@ from .interface import RunState, Solver, Traits
 
 State = TypeVar("State", bound=RunState)
 
+_time_is_up: ContextVar[Callable[[], bool] | None] = ContextVar("time_is_up", default=None)
 
-def farthest(problem: Problem, modes: int) -> float:
-    """Return the radius of the largest array that the lowest `modes` modes can resolve at all, metres."""
-    phase = max(LIMITS.phase, LIMITS.phase_per_microphone * problem.pressures.shape[1])
-    return phase / float(np.abs(problem.wavenumbers[:modes]).max())
+
+class OutOfTime(Exception):
+    """The time of a calibration is used up; the last state before holds its best positions."""
+
+
+@contextmanager
+def deadline(end: float, clock: Callable[[], float]) -> Iterator[None]:
+    """Let `check_deadline` raise OutOfTime inside this context once `clock()`, seconds, is past `end`."""
+    token = _time_is_up.set(lambda: clock() > end)
+    try:
+        yield
+    finally:
+        _time_is_up.reset(token)
+
+
+def check_deadline() -> None:
+    """Raise OutOfTime if the deadline of this thread has passed; without a deadline do nothing."""
+    time_is_up = _time_is_up.get()
+    if time_is_up is not None and time_is_up():
+        raise OutOfTime
 
 
 def time_limit(problem: Problem, modes: int) -> float:
@@ -34,23 +58,19 @@ def time_limit(problem: Problem, modes: int) -> float:
 
 
 def require_affordable(problem: Problem, settings: SolverSettings, traits: Traits) -> None:
-    """Check a problem before the solver begins.
-
-    Raises
-    ------
-    InputError
-        It needs more memory than a calibration may take, or its known microphones are too far apart.
-    """
+    """Raise InputError for a problem that needs too much memory, or whose known microphones are too far apart."""
+    if not traits.uses_likelihood:
+        return
     count, modes = problem.pressures.shape[1], min(settings.modes, len(problem.pressures))
-    if traits.uses_likelihood and count**2 * modes > LIMITS.pairs:
+    if count**2 * modes > LIMITS.pairs:
         raise InputError(
             f"{count} microphones at {modes} frequencies need more memory than a calibration may take",
             f"use at most {int(LIMITS.pairs / count**2)} modes (<modes>), or fewer microphones (<exclude>)",
             key="modes",
             value=modes,
         )
-    extent, limit = radius(problem.known_positions), farthest(problem, modes)
-    if traits.uses_likelihood and extent > limit:
+    extent, limit = radius(problem.known_positions), max_radius(problem, modes)
+    if extent > limit:
         raise InputError(
             f"the known microphones lie up to {2 * extent:.3g} m apart, farther than {count} microphones resolve at"
             f" {problem.frequencies[modes - 1]:.4g} Hz ({2 * limit:.3g} m)",
@@ -64,28 +84,23 @@ def radius(positions: np.ndarray) -> float:
     return float(np.ptp(positions, axis=0).max(initial=0.0)) / 2 if len(positions) else 0.0
 
 
-def bounded_step(solver: Solver, problem: Problem, state: State) -> State:
-    """Return the state after one step; `state` itself, ended without convergence, where a microphone runs away.
+def max_radius(problem: Problem, modes: int) -> float:
+    """Return the radius of the largest array that the lowest `modes` modes can resolve at all, metres."""
+    phase = max(LIMITS.phase, LIMITS.phase_per_microphone * problem.pressures.shape[1])
+    return phase / float(np.abs(problem.wavenumbers[:modes]).max())
 
-    Parameters
-    ----------
-    solver : Solver
-    problem : Problem
-    state : RunState
-    """
+
+def bounded_step(solver: Solver, problem: Problem, state: State) -> State:
+    """Return the state after one step; `state` itself, ended without convergence, where a microphone diverges."""
     after = solver.step(problem, state)
     if not isinstance(problem, Problem):  # a session takes whatever its solver takes, which then bounds itself
         return after
-    if np.isfinite(after.positions).all() and radius(after.positions) <= _bound(problem, state):
+    search = max(problem.search.size) if problem.search is not None else 0.0
+    known, before = radius(problem.known_positions), radius(state.positions)  # what starts further out may stay there
+    limit = max(max_radius(problem, state.settings.modes), search, 2 * known, before)
+    if np.isfinite(after.positions).all() and radius(after.positions) <= limit:
         return after
     return ended_early(state)
-
-
-def _bound(problem: Problem, state: RunState) -> float:
-    """Return the largest radius of a state's array : metres; what lay further out at the start may stay there."""
-    search = max(problem.search.size) if problem.search is not None else 0.0
-    known = radius(problem.known_positions)
-    return max(farthest(problem, state.settings.modes), search, 2 * known, radius(state.positions))
 
 
 def ended_early(state: State) -> State:

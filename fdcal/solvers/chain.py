@@ -13,6 +13,7 @@ import numpy as np
 
 from ..model.problem import Problem
 from ..model.settings import SolverSettings
+from .estimate import Estimate, RoomEstimate
 from .interface import RunState, Traits
 
 
@@ -46,7 +47,6 @@ class Chain:
             draws_order=any(traits.draws_order for traits in each),
             takes_positions=each[0].takes_positions,
             settings=frozenset().union(*settings) if len(settings) == len(each) else None,
-            assessment=each[-1].assessment,
             uses_likelihood=any(traits.uses_likelihood for traits in each),
         )
 
@@ -76,6 +76,10 @@ class Chain:
     def landscape(self, problem: Problem, state: RunState, n: int, modes: slice, *search) -> np.ndarray:
         """Return the landscape of microphone `n` by the active member, mode by mode : (modes, ny, nx) float64."""
         return self.members[self._number(state)].landscape(problem, state, n, modes, *search)
+
+    def result(self, problem: Problem, state: RunState) -> Estimate | RoomEstimate:
+        """Return what the active member has found."""
+        return self.members[self._number(state)].result(problem, state)
 
     def usable_modes(self, problem: Problem, settings: SolverSettings) -> int:
         """Return how many of the lowest modes every member can use."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..acoustics.room_symmetry import RoomSymmetry
 from ..cost.likelihood import Terms
 from ..model.problem import Problem
 
@@ -133,3 +134,69 @@ class Estimate:
     log_speed: float
     log_speed_sigma: float
     tried: tuple[TriedOptimum, ...]
+
+
+@dataclass(frozen=True)
+class SizeFit:
+    """The room that fits best.
+
+    Attributes
+    ----------
+    change, sigma : (D,) float64, relative change of each length, and one sigma of it
+    residual : reduced chi-square with these lengths
+    """
+
+    change: np.ndarray
+    sigma: np.ndarray
+    residual: float
+
+
+@dataclass(frozen=True)
+class RoomEstimate:
+    """The result of a solver that knows the room.
+
+    Attributes
+    ----------
+    problem, modes, positions, converged : as of `Estimate`
+    pressures, leave_one_out_errors : (M, N) complex128, of the modes in use with unit RMS, and what the others do not
+        predict of them
+    covariance : (N, D, D) float64, metres^2, with source, walls and loudness unknown
+    residual : reduced chi-square
+    channel_residual : (N,) float64, squared residual of each channel over the variance of the noise, summed over modes
+    noise_share, noise_given : noise over the mean power, and whether it is that of the measurement
+    size : tuple of D lengths of the room, metres
+    better_size : SizeFit
+    source : (D,) float64, metres
+    admittance : of the walls
+    images : symmetries of the room, the identity first
+    """
+
+    problem: Problem
+    modes: slice
+    positions: np.ndarray
+    converged: bool
+    pressures: np.ndarray
+    leave_one_out_errors: np.ndarray
+    covariance: np.ndarray
+    residual: float
+    channel_residual: np.ndarray
+    noise_share: float
+    noise_given: bool
+    size: tuple[float, ...]
+    better_size: SizeFit
+    source: np.ndarray
+    admittance: complex
+    images: tuple[RoomSymmetry, ...]
+
+
+def stretch_sigma(positions: np.ndarray, covariances) -> float:
+    """Return one sigma of the least certain stretching or shearing of an array as a whole, relative.
+
+    positions : (N, D) float64, metres; covariances : (N D, N D) float64, metres^2, of which the one that makes it
+    largest counts. Of the maps x -> x + B x, B symmetric, that fit a move of the microphones best.
+    """
+    x = positions - positions.mean(axis=0)
+    N, D = x.shape
+    fit = np.kron(np.linalg.pinv(np.column_stack([x, np.ones(N)]))[:D], np.eye(D))  # (D D, N D)
+    fit = np.array([(B + B.T).ravel() / 2 for B in np.eye(D * D).reshape(-1, D, D)]) @ fit
+    return float(np.sqrt(max(np.linalg.eigvalsh(fit @ P @ fit.T)[-1] for P in covariances)))

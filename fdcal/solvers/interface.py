@@ -7,7 +7,6 @@ Solver      protocol of a solver: a module with these functions, or a chain of s
 
 from __future__ import annotations
 
-import enum
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
@@ -16,13 +15,15 @@ import numpy as np
 from ..cost.channel_correction import ChannelCorrection
 from ..model.problem import Problem
 from ..model.settings import SolverSettings
+from .estimate import Estimate, RoomEstimate
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RunState:
     """The part of a solver's state that page, history, session files and exports read.
 
-    A subclass adds what its `step` needs. A state is never changed: `step` returns another one.
+    A subclass adds what its `step` needs. A state is never changed: `step` returns another one. The defaults are those
+    of a run that begins with its lowest modes.
 
     Attributes
     ----------
@@ -44,16 +45,16 @@ class RunState:
     positions: np.ndarray
     settings: SolverSettings
     seed: int
-    step: int
-    sweep: int
-    stage: int
-    moved: int
-    first: int
+    step: int = 0
+    sweep: int = 0
+    stage: int = 0
+    moved: int = -1
+    first: int = 1
     last: int
-    automatic: bool
-    cost: float
-    finished: bool
-    converged: bool
+    automatic: bool = True
+    cost: float = 0.0
+    finished: bool = False
+    converged: bool = False
 
     @property
     def modes(self) -> slice:
@@ -76,22 +77,9 @@ class RunState:
         return True
 
     @property
-    def assessment_noise(self) -> np.ndarray | None:
-        """Noise power (M,) with which the result is assessed, in the unit of abs(pressures)**2; None: estimate it."""
-        return None
-
-    @property
     def channels(self) -> ChannelCorrection | None:
         """Gain and noise of every channel as estimated so far; None if the solver takes the pressures as recorded."""
         return None
-
-
-class AssessmentMethod(enum.Enum):
-    """How the result of a solver is assessed."""
-
-    LIKELIHOOD = "likelihood"  # `fdcal.assessment.verdict`: positions up to what the known microphones fix
-    CHANNELS = "channels"  # `fdcal.assessment.channel_verdict`: the same, with gain and noise of every channel
-    KNOWN_ROOM = "known room"  # `fdcal.assessment.room_verdict`: positions up to the symmetries of the room
 
 
 @dataclass(frozen=True)
@@ -108,20 +96,18 @@ class Traits:
     draws_order : whether the seed matters beyond a random start
     takes_positions : whether `init` takes the keyword `positions`
     settings : fields of `SolverSettings` that change what it does; None stands for all of them
-    assessment : how its result is assessed
     uses_likelihood : whether it minimises a likelihood: the covariance of all microphones in each mode
     """
 
     moves_all: bool
-    needs_search: bool
-    needs_room: bool
-    adds_modes: bool
-    starts: tuple[str, ...]
-    draws_order: bool
-    takes_positions: bool
-    settings: frozenset[str] | None
-    assessment: AssessmentMethod
-    uses_likelihood: bool
+    needs_search: bool = False
+    needs_room: bool = False
+    adds_modes: bool = False
+    starts: tuple[str, ...] = ()
+    draws_order: bool = False
+    takes_positions: bool = False
+    settings: frozenset[str] | None = None
+    uses_likelihood: bool = False
 
     @property
     def default_start(self) -> str | None:
@@ -167,6 +153,10 @@ class Solver(Protocol):
 
         If the state's `landscape_takes_lattice` is true, a fifth argument may be another `Search`.
         """
+        ...
+
+    def result(self, problem: Problem, state: Any) -> Estimate | RoomEstimate:
+        """Return what the solver has found, which is all that the assessment of a result reads."""
         ...
 
     def usable_modes(self, problem: Problem, settings: SolverSettings) -> int:

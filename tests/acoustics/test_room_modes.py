@@ -77,9 +77,9 @@ def test_the_exact_models_gradient_is_its_slope(size, places, source):
     theta = np.concatenate([places.ravel(), source, [0.03, 0.01], np.full(D, 0.01)])
 
     def cost(y) -> float:
-        return exact(y, p, noise, K, size, False).cost(y, 6, D)
+        return exact(y, p, noise, K, size, False).cost
 
-    gradient = exact(theta, p, noise, K, size).terms(theta, 6, D).gradient
+    gradient = exact(theta, p, noise, K, size).terms.gradient
     for i in (1, 6 * D - 1, 6 * D, 7 * D, 7 * D + 1, len(theta) - 1):
         assert gradient[i] == pytest.approx(slope(cost, theta, i), rel=2e-3, abs=2e-3)
 

@@ -1,18 +1,21 @@
 """Block coordinate descent, section 3 of the paper: one microphone at a time over all candidates.
 
-    step   one free microphone is moved to the candidate of least cost, the basis recentred
-    sweep  all free microphones are moved once
-    stage  sweeps with one set of modes, until no microphone moves; then the next mode is added
+    step   one free microphone is moved to the candidate of the lowest cost (Eq. 7), the others are held; then the
+           basis is recentred on the centre of mass of the array
+    sweep  all free microphones are moved once, in an order that is drawn anew
+    stage  sweeps with one set of modes, until no microphone moves; then the next higher mode is added
 
-The centre of the expansion is the centre of mass rounded to the search lattice, so that one table of radial functions
-serves every step (`fdcal.acoustics.lattice_dictionary.LatticeDictionary`). In three dimensions the candidates are
-searched from coarse to fine (`fdcal.cost.space_lattice`), and the lowest one that was tried counts as the best.
+The run begins with its lowest modes and with microphones drawn from the candidates, the points of the search lattice.
+The centre of the expansion is the centre of mass rounded to the lattice, so one table of radial functions serves every
+step (`fdcal.acoustics.lattice_dictionary.LatticeDictionary`). In three dimensions the candidates are searched from
+coarse to fine (`fdcal.cost.space_lattice`), and the lowest one that was tried counts as the best.
 """
 
 from __future__ import annotations
 
 import functools
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -21,28 +24,65 @@ from ...cost import mode_limits
 from ...cost.eq7 import known_weights, leave_one_out_fits
 from ...cost.mode_limits import require_modes, search_lattice
 from ...cost.space_lattice import SpaceLattice, layer_landscape, space_lattice
+from ...model.gauge import fixes_gauge
 from ...model.problem import Problem
 from ...model.settings import Search, SolverSettings
 from ...model.validation import InputError, frozen_array
 from .. import starts
-from ..interface import AssessmentMethod, Traits
-from .requirements import require_solvable
-from .state import State
+from ..estimate import Estimate
+from ..interface import RunState, Traits
+from ..requirements import require_range, require_search
+from ..robust.result import estimate_at
 
 TRAITS = Traits(
     moves_all=False,
     needs_search=True,
-    needs_room=False,
     adds_modes=True,
     starts=("random", "affine"),
     draws_order=True,
-    takes_positions=False,
     settings=frozenset(
         {"modes", "first_modes", "order_offset", "ample_modes", "known_weight", "max_sweeps", "start", "known"}
     ),
-    assessment=AssessmentMethod.LIKELIHOOD,
-    uses_likelihood=False,
 )
+
+
+@dataclass(frozen=True)
+class State(RunState):
+    """Everything `step` needs. A run can be continued from any state.
+
+    Attributes
+    ----------
+    centre : (D,) float64, metres, centre of the expansion, read-only
+    turn : int, steps taken in the present sweep, 0 to the number of free microphones less 1
+    stage_sweeps : int, sweeps completed in the present stage
+    changed : bool, whether a microphone has moved in the present sweep
+    cost : sum over the modes in use (Eq. 7), about the centre that the last step used
+    """
+
+    solver: ClassVar[str] = "descent"
+
+    centre: np.ndarray
+    turn: int = 0
+    stage_sweeps: int = 0
+    changed: bool = False
+
+    @property
+    def order_offset(self) -> int:
+        """The number added to ceil(kR) with the modes in use (`order_offset_of`)."""
+        return order_offset_of(self.settings, self.last)
+
+    @property
+    def landscape_takes_lattice(self) -> bool:
+        """Whether it is of three dimensions; in a plane the landscape is that of the search domain, about `centre`."""
+        return len(self.centre) == 3
+
+
+def order_offset_of(settings: SolverSettings, modes: int) -> int:
+    """Return the number added to ceil(kR) in the order rule (Eq. 3).
+
+    It is 0 below `settings.ample_modes` modes: with more functions, few modes can be fitted at any positions.
+    """
+    return settings.order_offset if modes >= settings.ample_modes else 0
 
 
 def init(problem: Problem, settings: SolverSettings, seed: int) -> State:
@@ -60,7 +100,7 @@ def init(problem: Problem, settings: SolverSettings, seed: int) -> State:
         Without a search domain or known microphones that fix the gauge, for modes that the microphones cannot resolve,
         or if there is no affine start.
     """
-    require_solvable(problem, settings)
+    _require_solvable(problem, settings)
     require_modes(problem, settings.order_offset, settings.modes)
     lattice = _lattice(problem, settings.order_offset)
     if settings.start == "affine":
@@ -69,24 +109,13 @@ def init(problem: Problem, settings: SolverSettings, seed: int) -> State:
         rng = np.random.default_rng([seed, 0])
         positions = lattice.points[rng.choice(len(lattice.points), problem.pressures.shape[1], replace=False)]
     positions[problem.known] = problem.known_positions
+    centre = lattice.nearest(positions.mean(axis=0))
     state = State(
         positions=frozen_array(positions, float),
-        centre=frozen_array(lattice.nearest(positions.mean(axis=0)), float),
+        centre=frozen_array(centre, float),
         settings=settings,
         seed=seed,
-        step=0,
-        sweep=0,
-        stage=0,
-        turn=0,
-        moved=-1,
-        first=1,
         last=settings.first_modes,
-        automatic=True,
-        stage_sweeps=0,
-        changed=False,
-        cost=0.0,
-        finished=False,
-        converged=False,
     )
     return replace(state, cost=_cost(problem, state))
 
@@ -95,10 +124,10 @@ def step(problem: Problem, state: State) -> State:
     """Return `state` with the next microphone moved to its best candidate; the same state if it is finished."""
     if state.finished:
         return state
-    n = int(_turns(problem, state.seed, state.sweep)[state.turn])
+    n = int(_order(problem, state.seed, state.sweep)[state.turn])
     lattice = _lattice(problem, state.order_offset)
     positions = state.positions.copy()
-    positions[n], least = _best(problem, lattice, state, n)
+    positions[n], cost = _best_candidate(problem, lattice, state, n)
     moved = replace(
         state,
         positions=frozen_array(positions, float),
@@ -107,9 +136,60 @@ def step(problem: Problem, state: State) -> State:
         turn=state.turn + 1,
         moved=n,
         changed=state.changed or not np.array_equal(positions[n], lattice.nearest(state.positions[n])),
-        cost=least,
+        cost=cost,
     )
-    return moved if moved.turn < problem.pressures.shape[1] - len(problem.known) else _end_sweep(moved)
+    return moved if moved.turn < len(problem.free) else _end_sweep(moved)
+
+
+def _end_sweep(state: State) -> State:
+    """Close the sweep; if nothing has moved, or the stage has had its sweeps, add a mode or finish."""
+    converged = not state.changed
+    state = replace(state, sweep=state.sweep + 1, stage_sweeps=state.stage_sweeps + 1, turn=0, changed=False)
+    if not converged and state.stage_sweeps < state.settings.max_sweeps:
+        return state
+    if state.automatic and state.last < state.settings.modes:
+        return replace(state, stage=state.stage + 1, last=state.last + 1, stage_sweeps=0)
+    return replace(state, finished=True, converged=converged)
+
+
+@functools.lru_cache(maxsize=8)
+def _order(problem: Problem, seed: int, sweep: int) -> np.ndarray:
+    """Return the order in which the free microphones are moved in a sweep."""
+    return np.random.default_rng([seed, 1, sweep]).permutation(problem.free)
+
+
+def _lattice(problem: Problem, order_offset: int) -> LatticeDictionary | SpaceLattice:
+    """Return the candidates: the lattice of the search domain, of two or three dimensions."""
+    if problem.array_dimension == 3:
+        return space_lattice(problem, order_offset)
+    return search_lattice(problem, order_offset)
+
+
+def _best_candidate(problem: Problem, lattice, state: State, n: int) -> tuple[np.ndarray, float]:
+    """Return the candidate of the lowest cost for microphone `n`, metres, and its cost."""
+    x, centre, modes = state.positions, state.centre, state.modes
+    if isinstance(lattice, SpaceLattice):
+        _, fits = _fits(problem, lattice, state, n, modes)
+        return lattice.best(centre, modes, fits, x[n])
+    from ...cost.lattice_search import best_candidate, lattice_fits  # compiled code is loaded with the first step
+
+    fits = lattice_fits(problem, lattice, x, n, centre, modes, state.settings.known_weight)
+    best, cost = best_candidate(lattice, centre, modes, fits, lattice.index(x[n]))
+    return lattice.points[best], cost
+
+
+def _fits(problem: Problem, lattice, state: State, n: int, modes: slice):
+    """Return W (Eq. 4) of each of `modes`, and the fit of its pressures without microphone `n`."""
+    W = lattice.dictionary(state.positions, state.centre, range(len(lattice.orders))[modes])
+    weights = known_weights(problem, state.settings.known_weight)
+    return W, leave_one_out_fits(W, problem.pressures[modes], n, weights=weights)
+
+
+def _cost(problem: Problem, state: State) -> float:
+    """Return Eq. 7 over the modes in use: a microphone is left out and put back at its position."""
+    n = int(problem.free[0])
+    W, fits = _fits(problem, _lattice(problem, state.order_offset), state, n, state.modes)
+    return float(sum(fit.cost_of(w[n : n + 1])[0] for fit, w in zip(fits, W, strict=True)))
 
 
 def use_modes(problem: Problem, state: State, first: int, last: int, automatic: bool) -> State:
@@ -120,20 +200,10 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
     InputError
         For modes that are not there.
     """
-    if not 1 <= first <= last:
-        raise InputError(f"modes {first} to {last} are not a range", "use 1 or more, the lower one first", key="modes")
+    require_range(problem, first, last)
     require_modes(problem, state.settings.order_offset, last)
-    changed = replace(
-        state,
-        first=first,
-        last=last,
-        automatic=automatic,
-        turn=0,  # converged means that a whole sweep with the new modes moves nothing
-        stage_sweeps=0,
-        changed=False,
-        finished=False,
-        converged=False,
-    )
+    changed = replace(state, first=first, last=last, automatic=automatic, finished=False, converged=False)
+    changed = replace(changed, turn=0, stage_sweeps=0, changed=False)  # converged: a whole sweep moves nothing
     return replace(changed, cost=_cost(problem, changed))
 
 
@@ -142,15 +212,19 @@ def landscape(problem: Problem, state: State, n: int, modes: slice, search: Sear
 
     In three dimensions it is the layer at the height of the microphone, and `search` may be another lattice.
     """
-    if problem.array_dimension == 3:
-        lattice, _, fits = _fits(problem, state, n, modes)
-        assert isinstance(lattice, SpaceLattice)
+    lattice = _lattice(problem, state.order_offset)
+    if isinstance(lattice, SpaceLattice):
+        _, fits = _fits(problem, lattice, state, n, modes)
         return layer_landscape(problem, lattice, fits, state.centre, modes, float(state.positions[n, 2]), search)
     from ...cost.lattice_search import lattice_landscape
 
-    lattice = search_lattice(problem, state.order_offset)
     weight = state.settings.known_weight
     return lattice_landscape(problem, lattice, state.positions, n, state.centre, modes, weight)
+
+
+def result(problem: Problem, state: State) -> Estimate:
+    """Return what descent has found, judged by the likelihood: its own cost says nothing of noise."""
+    return estimate_at(problem, state.settings, state.positions, state.modes, state.converged)
 
 
 def usable_modes(problem: Problem, settings: SolverSettings) -> int:
@@ -158,52 +232,33 @@ def usable_modes(problem: Problem, settings: SolverSettings) -> int:
     return mode_limits.usable_modes(problem, settings.order_offset)
 
 
-def _lattice(problem: Problem, order_offset: int) -> LatticeDictionary | SpaceLattice:
-    """The lattice of the search domain, of two or three dimensions."""
-    if problem.array_dimension == 3:
-        return space_lattice(problem, order_offset)
-    return search_lattice(problem, order_offset)
-
-
-def _best(problem: Problem, lattice, state: State, n: int) -> tuple[np.ndarray, float]:
-    """The best candidate for microphone `n`, metres, and its cost."""
-    if isinstance(lattice, SpaceLattice):
-        return lattice.best(state.centre, state.modes, _fits(problem, state, n)[2], state.positions[n])
-    from ...cost.lattice_search import best_candidate, lattice_fits  # compiled code is loaded with the first step
-
-    weight = state.settings.known_weight
-    fits = lattice_fits(problem, lattice, state.positions, n, state.centre, state.modes, weight)
-    best, least = best_candidate(lattice, state.centre, state.modes, fits, lattice.index(state.positions[n]))
-    return lattice.points[best], least
-
-
-@functools.lru_cache(maxsize=8)
-def _turns(problem: Problem, seed: int, sweep: int) -> np.ndarray:
-    """Order in which the free microphones are moved in a sweep; every sweep has its own."""
-    return np.random.default_rng([seed, 1, sweep]).permutation(problem.free)
-
-
-def _cost(problem: Problem, state: State) -> float:
-    """Eq. 7 over the modes in use: a microphone is left out and put back at its position."""
-    _, W, fits = _fits(problem, state, int(problem.free[0]))
-    return float(sum(fit.cost_of(w[problem.free[:1]])[0] for fit, w in zip(fits, W, strict=True)))
-
-
-def _fits(problem: Problem, state: State, n: int, modes: slice | None = None):
-    """The lattice, W of every mode in use, or of `modes`, and its fit without microphone `n`."""
-    modes = state.modes if modes is None else modes
-    lattice = _lattice(problem, state.order_offset)
-    W = lattice.dictionary(state.positions, state.centre, range(len(lattice.orders))[modes])
-    weights = known_weights(problem, state.settings.known_weight)
-    return lattice, W, leave_one_out_fits(W, problem.pressures[modes], n, weights=weights)
-
-
-def _end_sweep(state: State) -> State:
-    """Close the sweep; if nothing has moved, or the stage has had its sweeps, add a mode or finish."""
-    settled = not state.changed
-    state = replace(state, sweep=state.sweep + 1, stage_sweeps=state.stage_sweeps + 1, turn=0, changed=False)
-    if not settled and state.stage_sweeps < state.settings.max_sweeps:
-        return state
-    if state.automatic and state.last < state.settings.modes:
-        return replace(state, stage=state.stage + 1, last=state.last + 1, stage_sweeps=0)
-    return replace(state, finished=True, converged=settled)
+def _require_solvable(problem: Problem, settings: SolverSettings) -> None:
+    """Raise InputError for a problem whose lattice descent cannot search."""
+    if settings.known != "all":
+        message = f'solver.known = "{settings.known}" leaves descent without the known microphones that it needs'
+        raise InputError(message, "use <known> all, or <solver> joint", key="known", value=settings.known)
+    if problem.dimension != problem.array_dimension:
+        raise InputError(
+            "descent works on two-dimensional fields and on arrays in space; this measurement of an array in a plane"
+            " has dimension = 3",
+            "use <solver> joint",
+        )
+    search, known, count = require_search(problem), problem.known.tolist(), problem.pressures.shape[1]
+    if not fixes_gauge(problem.known_positions):
+        fewest = "three known microphones that are not on one line"
+        if problem.array_dimension == 3:
+            fewest = "four known microphones that are not in one plane"
+        message = f"known = {known} does not fix translation, rotation and mirror"
+        raise InputError(message, f"descent needs at least {fewest}", key="known", value=known)
+    if np.prod(search.shape) < count:
+        message = f"search.step = {search.step:g} m leaves {np.prod(search.shape)} candidates for {count} microphones"
+        raise InputError(message, "use a smaller step or a larger search.size", key="search.step", value=search.step)
+    low, high = np.array(search.origin) - search.radius, np.add(search.origin, search.size) + search.radius
+    far = np.flatnonzero(np.any((problem.known_positions < low) | (problem.known_positions > high), axis=1))
+    if len(far):
+        raise InputError(
+            f"known microphone {known[far[0]]} at {problem.known_positions[far[0]].tolist()} m is further than"
+            f" search.radius = {search.radius:g} m from the search domain",
+            "move search.origin",
+            key="search.origin",
+        )

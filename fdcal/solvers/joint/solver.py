@@ -16,12 +16,13 @@ from ...model.settings import SolverSettings
 from ..interface import Traits
 from ..robust import solver as robust
 from ..robust import state as robust_state
-from ..robust.solver import landscape, step, usable_modes, use_modes
+from ..robust.restarts import begin
+from ..robust.solver import landscape, result, step, usable_modes, use_modes
 
-__all__ = ["TRAITS", "State", "init", "landscape", "step", "usable_modes", "use_modes"]
+__all__ = ["TRAITS", "State", "init", "landscape", "result", "step", "usable_modes", "use_modes"]
 
 TRAITS: Traits = replace(
-    robust.TRAITS, starts=("affine", "random"), settings=frozenset({"modes", "noise", "known", "start"})
+    robust.TRAITS, starts=("affine", "random"), settings=frozenset({"modes", "noise", "known", "start", "sound_speed_sigma"})
 )
 
 
@@ -41,7 +42,7 @@ def init(problem: Problem, settings: SolverSettings, seed: int, positions: np.nd
 
     if positions is None and settings.start == "random":
         positions = starts.random(problem, np.random.default_rng([seed, 0]))
-    matched = replace(settings, gains="fixed", known_sigma=0.0, sound_speed_sigma=None)
-    found = robust.begin(State, problem, matched, seed, positions)
+    matched = replace(settings, gains="fixed", known_sigma=0.0)
+    found = begin(State, problem, matched, seed, positions)
     assert isinstance(found, State)
     return found

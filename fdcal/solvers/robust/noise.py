@@ -12,6 +12,7 @@ from ...cost.noise import NOISE_RULES, estimate_noise, hyper_cost, profile_cost,
 from ...cost.waves import directions_needed
 from ...model.problem import Problem
 from ...model.validation import frozen_array
+from ..estimate import stretch_sigma
 from .objective import (
     Objective,
     corrected,
@@ -29,7 +30,7 @@ from .objective import (
 )
 from .rules import ASSUMED, CONDITIONAL, FINAL, OUTLIERS
 from .state import DIRECTIONAL, KernelName, Model, State
-from .step import ChannelStep, free_directions, position_covariance, reduced, scaled_inverse, stretch_sigma
+from .step import ChannelStep, free_directions, position_covariance, reduced, scaled_inverse
 
 
 def with_power(state: State, used, chosen: FieldModel, terms: Terms) -> State:

@@ -9,14 +9,40 @@ import numpy as np
 from ...cost.likelihood import FieldModel
 from ...model.gauge import align, move_to_frame
 from ...model.problem import Problem
+from ...model.settings import SolverSettings
 from ...model.validation import InputError, frozen_array
 from .. import starts
+from ..requirements import require_modes
 from . import given, noise
 from .groups import other_poses
-from .objective import corrected, first_model, gains_are_free, held_positions, used_modes, wavenumbers
+from .objective import corrected, first_model, in_unit_power, used_modes, wavenumbers
 from .outliers import relocated
 from .rules import ASSUMED, FINAL, NOISELESS, OUTLIERS, SCHEDULE, STAGES, STEPS
 from .state import KernelName, LocalOptimum, Model, Progress, State
+
+
+def begin(
+    Kind: type[State], problem: Problem, settings: SolverSettings, seed: int, positions: np.ndarray | None
+) -> State:
+    """Return the first state, of the class of a preset, at the first start or at `positions` (N, D), metres."""
+    require_modes(problem, settings.modes)
+    starts.require_gauge(problem)
+    problem, N = in_unit_power(problem), problem.pressures.shape[1]
+    here = np.zeros((N, problem.array_dimension)) if positions is None else np.asarray(positions, float)
+    empty = Kind(
+        positions=here,
+        settings=settings,
+        seed=seed,
+        stage=-1,  # `begin_stage` counts the first
+        last=settings.modes,
+        gains=np.zeros((N, 2)),
+        offsets=np.zeros((N, 2)),
+        model=first_model(problem, settings),
+        progress=Progress(restart=0, stage=0, rounds=0, steps=0, damping=0.0),
+        shape=here,
+        optima=(),
+    )
+    return next_restart(problem, empty, 0) if positions is None else begin_restart(problem, empty, here, 0)
 
 
 def begin_stage(state: State, stage: int) -> State:

@@ -47,9 +47,8 @@ from .objective import (
     unknowns_of,
     used_modes,
 )
-from .restarts import begin_restart
+from .restarts import begin
 from .rules import FINAL, GIVEN, STEPS
-from .solver import begin
 from .state import State
 from .step import channel_step, free_directions, position_covariance, reduced, remaining_step, scaled_inverse
 
@@ -124,7 +123,7 @@ def estimate_at(problem: Problem, settings: SolverSettings, positions, modes: sl
     first, last, _ = modes.indices(len(problem.pressures))
     matched = replace(settings, modes=last, gains="fixed", known_sigma=0.0)
     problem = in_unit_power(problem)
-    begun = begin_restart(problem, begin(State, problem, matched, 0, positions), positions, 0)
+    begun = begin(State, problem, matched, 0, positions)
     state = replace(begun, first=first + 1, last=last, progress=replace(begun.progress, stage=FINAL))
     state = noise.with_noise(problem, state, rough=False)
     state = replace(state, model=replace(state.model, kernel=noise.isotropic_kernel(problem, state)))

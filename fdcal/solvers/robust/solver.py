@@ -18,15 +18,12 @@ from ...cost.noise import DIFFUSE_FLOOR
 from ...model.power import mode_power
 from ...model.problem import Problem
 from ...model.settings import Search, SolverSettings
-from ...model.validation import InputError
-from ..interface import AssessmentMethod, Traits
-from ..joint.requirements import require_modes
+from ..interface import Traits
 from ..polynomial_deformation import polynomial_deformations
-from ..starts import require_gauge
+from ..requirements import require_modes, require_range, require_search
 from . import noise
 from .objective import (
     corrected,
-    first_model,
     in_unit_power,
     objective_of,
     speed_is_free,
@@ -35,24 +32,21 @@ from .objective import (
     wavenumbers,
     with_unknowns,
 )
-from .restarts import begin_restart, begin_stage, next_restart
+from .restarts import begin, begin_stage
+from .result import result
 from .rules import ASSUMED, FREE, STAGES, STEPS
 from .schedule import Turn, following
-from .state import DIRECTIONAL, Progress, State
+from .state import DIRECTIONAL, State
 from .step import channel_step, free_directions, is_converged
+
+__all__ = ["TRAITS", "State", "init", "landscape", "result", "step", "usable_modes", "use_modes"]
 
 TRAITS = Traits(
     moves_all=True,
-    needs_search=False,
-    needs_room=False,
-    adds_modes=False,
-    starts=(),
-    draws_order=False,
     takes_positions=True,
     settings=frozenset(
         {"modes", "noise", "known", "gains", "gain_sigma_db", "phase_sigma_deg", "known_sigma", "sound_speed_sigma"}
     ),
-    assessment=AssessmentMethod.CHANNELS,
     uses_likelihood=True,
 )
 
@@ -64,38 +58,6 @@ def init(problem: Problem, settings: SolverSettings, seed: int, positions: np.nd
     microphones that do not span the array.
     """
     return begin(State, problem, settings, seed, positions)
-
-
-def begin(
-    Kind: type[State], problem: Problem, settings: SolverSettings, seed: int, positions: np.ndarray | None
-) -> State:
-    """Return the first state, of the class of a preset."""
-    require_modes(problem, settings.modes)
-    require_gauge(problem)
-    problem, N = in_unit_power(problem), problem.pressures.shape[1]
-    here = np.zeros((N, problem.array_dimension)) if positions is None else np.asarray(positions, float)
-    empty = Kind(
-        positions=here,
-        settings=settings,
-        seed=seed,
-        step=0,
-        sweep=0,
-        stage=-1,  # `begin_stage` counts the first
-        moved=-1,
-        first=1,
-        last=settings.modes,
-        automatic=True,
-        cost=0.0,
-        finished=False,
-        converged=False,
-        gains=np.zeros((N, 2)),
-        offsets=np.zeros((N, 2)),
-        model=first_model(problem, settings),
-        progress=Progress(restart=0, stage=0, rounds=0, steps=0, damping=0.0),
-        shape=here,
-        optima=(),
-    )
-    return next_restart(problem, empty, 0) if positions is None else begin_restart(problem, empty, here, 0)
 
 
 def step(problem: Problem, state: State) -> State:
@@ -139,8 +101,7 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
 
     Raises InputError for modes that are not there, or too few.
     """
-    if not 1 <= first <= last:
-        raise InputError(f"modes {first} to {last} are not a range", "use 1 or more, the lower one first", key="modes")
+    require_range(problem, first, last)
     require_modes(problem, last)
     problem = in_unit_power(problem)
     progress = replace(state.progress, stage=FREE, rounds=0, regrouped=False, poses=())
@@ -154,8 +115,7 @@ def landscape(problem: Problem, state: State, n: int, modes: slice, search: Sear
     (modes, ny, nx) float64, dimensionless; in space over the horizontal layer at the microphone's own height. `search`
     is another lattice over the same area. Raises InputError without a search domain.
     """
-    if problem.search is None:
-        raise InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
+    require_search(problem, search)
     from ...cost.likelihood_maps import likelihood_maps  # compiled code is loaded with the first map
 
     problem = in_unit_power(problem)

@@ -177,16 +177,3 @@ def without_motion(problem: Problem, positions, step, healthy, priors: Priors) -
     """
     anchored = len(problem.known) and problem.frame is None and not len(priors.held)
     return align(positions + step, positions, healthy) - positions if anchored and np.any(healthy) else step
-
-
-def stretch_sigma(positions: np.ndarray, covariances) -> float:
-    """Return one sigma of the least certain stretching or shearing of an array as a whole, relative.
-
-    positions : (N, D) float64, metres; covariances : (N D, N D) float64, metres^2, of which the one that makes it
-    largest counts. Of the maps x -> x + B x, B symmetric, that fit a move of the microphones best.
-    """
-    x = positions - positions.mean(axis=0)
-    N, D = x.shape
-    fit = np.kron(np.linalg.pinv(np.column_stack([x, np.ones(N)]))[:D], np.eye(D))  # (D D, N D)
-    fit = np.array([(B + B.T).ravel() / 2 for B in np.eye(D * D).reshape(-1, D, D)]) @ fit
-    return float(np.sqrt(max(np.linalg.eigvalsh(fit @ P @ fit.T)[-1] for P in covariances)))

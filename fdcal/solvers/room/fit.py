@@ -3,6 +3,9 @@
 diffuse model  the field is a sum of the room's modes with random amplitudes; it needs no source
 exact model    the field of a point source in a room whose walls have an admittance
 
+Pressures (M, N) have unit RMS in each mode, the noise (M,) is a fraction of their power, wavenumbers (M,) are in rad/m
+and lengths of the room in metres.
+
 theta   all unknowns in one array: positions (N D) and, of the exact model, source (D), real and imaginary part of the
         admittance (2) and, if the size of the room is unknown, its relative changes of length (D)
 """
@@ -18,39 +21,41 @@ from ...acoustics.room_modes import DiffuseModel, point_source_model, room_press
 from ...model.power import mode_power
 from ..levenberg_marquardt import NewtonTerms, Step, damped_step
 
+Cost = Callable[[np.ndarray], float]  # of given unknowns
+
+
+MIN_CURVATURE = 1e-12  # of the largest eigenvalue: directions with less are as good as free
+MAX_SIZE_STEPS = 12  # of the fit of the size
+SIZE_TOLERANCE = 1e-5  # metres: a shorter step ends that fit
+LARGE_RESIDUAL = 2.0  # reduced chi-square from which another size may be far away
+
 
 @dataclass(frozen=True)
 class FitRules:
-    """The prior of the walls, and the step of numerical derivatives.
+    """The prior of the walls, and the step of numerical derivatives."""
 
-    Attributes
-    ----------
-    admittance_sigma : one standard deviation of the real and of the imaginary part of the admittance, dimensionless
-    difference : of the admittance or of a relative length, for a derivative, dimensionless
-    """
-
-    admittance_sigma: float = 0.05
-    difference: float = 1e-6
+    admittance_sigma: float = 0.05  # of the real and of the imaginary part
+    difference: float = 1e-6  # of the admittance or of a relative length, for a derivative
 
 
 RULES = FitRules()
 
 
+def degrees_of_freedom(modes: int, count: int, D: int) -> float:
+    """Return the number of complex pressures of `count` microphones less that of the unknowns of the exact model."""
+    return max(modes * (count - 1) - (count * D + D + 2) / 2, 1.0)
+
+
 def field_power(pressures, noise) -> np.ndarray:
-    """Return s (M,) of the diffuse model: the power of the pressures (M, N) less that of the noise (M,)."""
+    """Return s (M,) of the diffuse model: the power of the pressures less that of the noise."""
     whole = mode_power(pressures)
     return np.maximum(whole - noise, 1e-3 * whole)
 
 
 def diffuse_terms(theta, pressures, noise, model: DiffuseModel) -> NewtonTerms:
-    """Return -log of the probability density by the diffuse model, up to a constant, and its derivatives.
+    """Return -log of the probability density by the diffuse model at positions `theta` (N D,), and its derivatives.
 
-    Parameters
-    ----------
-    theta : (N D,) float64, positions, metres
-    pressures : (M, N) complex128 of unit RMS
-    noise : (M,) float64, noise's share of the power, position errors included
-    model : DiffuseModel
+    It is known up to a constant. The noise includes the power of position errors.
     """
     N, D = pressures.shape[1], model.kappa.shape[1]
     x = theta.reshape(N, D)
@@ -74,113 +79,110 @@ class Exact:
 
     Attributes
     ----------
+    theta, prior : (P,) float64; prior is 1 / standard deviation of the admittance, 0 for the other unknowns
     residual : (M, N) complex128, in standard deviations of the noise
     fitted : (M, N) complex128, A_m g_m, in the unit of the pressures
     jacobian : (M N, P) complex128, of the residual by Kaufman's approximation: the derivative of A_m is left out
     """
 
+    theta: np.ndarray
+    prior: np.ndarray
     residual: np.ndarray
     fitted: np.ndarray
     jacobian: np.ndarray
 
-    def cost(self, theta, count: int, D: int) -> float:
-        """Return the sum of the squared residuals and of the prior of the admittance, for `count` microphones."""
-        return float(np.sum(np.abs(self.residual.ravel()) ** 2) + np.sum((_walls(theta, count, D) * theta) ** 2))
+    @property
+    def cost(self) -> float:
+        """The sum of the squared residuals and of the prior of the admittance."""
+        return float(np.sum(np.abs(self.residual.ravel()) ** 2) + np.sum((self.prior * self.theta) ** 2))
 
-    def terms(self, theta, count: int, D: int) -> NewtonTerms:
-        """Return `cost` and its derivatives."""
-        r, J = self.residual.ravel(), self.jacobian
-        walls = _walls(theta, count, D)
-        gradient = 2 * np.real(J.conj().T @ r) + 2 * walls**2 * theta
-        curvature = 2 * np.real(J.conj().T @ J) + 2 * np.diag(walls**2)
-        return NewtonTerms(self.cost(theta, count, D), gradient, curvature)
-
-
-def _walls(theta, count: int, D: int) -> np.ndarray:
-    """One over the standard deviation of each unknown in the prior of the admittance; 0 for the others."""
-    walls = np.zeros(len(theta))
-    walls[count * D + D : count * D + D + 2] = 1 / RULES.admittance_sigma
-    return walls
+    @property
+    def terms(self) -> NewtonTerms:
+        """The cost and its derivatives."""
+        r, J, weights = self.residual.ravel(), self.jacobian, self.prior**2
+        gradient = 2 * np.real(J.conj().T @ r) + 2 * weights * self.theta
+        return NewtonTerms(self.cost, gradient, 2 * np.real(J.conj().T @ J) + 2 * np.diag(weights))
 
 
 @np.errstate(all="ignore")
 def exact(theta, pressures, noise, wavenumbers, size, slopes: bool = True) -> Exact:
-    """Return the exact model's residual, and its Jacobian if `slopes`.
+    """Return the exact model's residual, and its Jacobian if `slopes`; without it the Jacobian has no rows.
 
     Values without bound, as far outside of a room of another size, give a cost that no step is taken to.
-
-    Parameters
-    ----------
-    theta : (P,) float64, N D + D + 2 unknowns, or D more with the relative changes of the room's lengths
-    pressures : (M, N) complex128 of unit RMS
-    noise : (M,) float64, noise's share of the power
-    wavenumbers : (M,) complex128, rad/m
-    size : lengths of the room, metres
-    slopes : whether the Jacobian is computed; without it that has no rows
     """
     N, D = pressures.shape[1], len(size)
-    x, source, beta, size = unpacked(theta, N, size)
+    source_at, walls_at, lengths_at = N * D, N * D + D, N * D + D + 2
+    x, source = theta[:source_at].reshape(N, D), theta[source_at:walls_at]
+    beta, longer = complex(*theta[walls_at:lengths_at]), theta[lengths_at:]
+    size = tuple(np.asarray(size) * (1 + longer)) if len(longer) else tuple(size)
     room = point_source_model(size, wavenumbers, beta)
     excited, shapes = room.excitation(source), room.shapes(x)
     g = room_pressures(excited, shapes)
     square = np.sum(np.abs(g) ** 2, axis=1, keepdims=True)
     A = np.sum(g.conj() * pressures, axis=1, keepdims=True) / square
     scale = 1 / np.sqrt(noise)[:, None]
+    prior = np.zeros(len(theta))
+    prior[walls_at:lengths_at] = 1 / RULES.admittance_sigma
+    residual, jacobian = scale * (pressures - A * g), np.zeros((0, len(theta)))
     if not slopes:
-        return Exact(scale * (pressures - A * g), A * g, np.zeros((0, len(theta))))
+        return Exact(theta, prior, residual, A * g, jacobian)
+
+    def slope(size, beta: complex) -> np.ndarray:
+        changed = point_source_model(size, wavenumbers, beta)
+        return (room_pressures(changed.excitation(source), changed.shapes(x)) - g) / RULES.difference
+
     dg = np.zeros((*g.shape, len(theta)), complex)
     for a in range(D):
         dg[:, np.arange(N), D * np.arange(N) + a] = room_pressures(excited, room.shapes(x, a))
-        dg[:, :, N * D + a] = room_pressures(room.excitation(source, a), shapes)
-    changed = point_source_model(size, wavenumbers, beta + RULES.difference)
-    dg[:, :, N * D + D] = (room_pressures(changed.excitation(source), changed.shapes(x)) - g) / RULES.difference
-    dg[:, :, N * D + D + 1] = 1j * dg[:, :, N * D + D]
-    for a in range(D if len(theta) > N * D + D + 2 else 0):
-        grown = 1 + RULES.difference / (1 + theta[N * D + D + 2 + a])
-        longer = tuple(length * (grown if a == b else 1) for b, length in enumerate(size))
-        changed = point_source_model(longer, wavenumbers, beta)
-        pressures_there = room_pressures(changed.excitation(source), changed.shapes(x))
-        dg[:, :, N * D + D + 2 + a] = (pressures_there - g) / RULES.difference
+        dg[:, :, source_at + a] = room_pressures(room.excitation(source, a), shapes)
+    dg[:, :, walls_at] = slope(size, beta + RULES.difference)
+    dg[:, :, walls_at + 1] = 1j * dg[:, :, walls_at]
+    for a, change in enumerate(longer):
+        grown = 1 + RULES.difference / (1 + change)
+        dg[:, :, lengths_at + a] = slope(np.where(np.arange(D) == a, grown, 1) * size, beta)
     along = np.sum(g.conj()[..., None] * dg, axis=1, keepdims=True) / square[..., None]
     jacobian = -(scale * A)[..., None] * (dg - g[..., None] * along)
-    return Exact(scale * (pressures - A * g), A * g, jacobian.reshape(-1, len(theta)))
-
-
-def unpacked(theta, count: int, size) -> tuple[np.ndarray, np.ndarray, complex, tuple[float, ...]]:
-    """Return positions (N, D), source (D,), admittance and size of the room that `theta` stands for."""
-    D = len(size)
-    positions, source = theta[: count * D].reshape(count, D), theta[count * D : count * D + D]
-    beta = complex(*theta[count * D + D : count * D + D + 2])
-    longer = theta[count * D + D + 2 :]
-    return positions, source, beta, tuple(np.asarray(size) * (1 + longer)) if len(longer) else tuple(size)
+    return Exact(theta, prior, residual, A * g, jacobian.reshape(-1, len(theta)))
 
 
 def bounded_step(
-    theta: np.ndarray,
-    terms: NewtonTerms,
-    cost: Callable[[np.ndarray], float],
-    bounded: Callable[[np.ndarray], np.ndarray],
-    coordinates: int,
-    damping: float,
-    furthest: float,
+    theta, terms: NewtonTerms, cost: Cost, bounds: tuple, coordinates: int, damping: float, max_step: float
 ) -> Step:
-    """Return one damped Gauss-Newton step of unknowns that have bounds.
+    """Return one damped Gauss-Newton step of unknowns `theta` (P,), clipped to their lower and upper `bounds`.
 
-    Parameters
-    ----------
-    theta : (P,) float64
-    terms : NewtonTerms, at `theta`
-    cost : cost of given unknowns
-    bounded : given unknowns, clipped to their bounds
-    coordinates : int, how many of the unknowns, from the first, are coordinates of microphones, metres
-    damping, furthest : as of `fdcal.solvers.levenberg_marquardt.damped_step`
+    No coordinate of a microphone, the first `coordinates` of the unknowns, moves further than `max_step`, metres.
     """
-    return damped_step(
-        theta,
-        terms,
-        cost,
-        lambda y: bounded(theta + y),
-        lambda tried: float(np.abs(tried - theta)[:coordinates].max()),
-        damping,
-        furthest,
-    )
+
+    def advance(y: np.ndarray) -> np.ndarray:
+        return np.clip(theta + y, *bounds)
+
+    def length(tried: np.ndarray) -> float:
+        return float(np.abs(tried - theta)[:coordinates].max())
+
+    return damped_step(theta, terms, cost, advance, length, damping, max_step)
+
+
+def bounded_inverse(curvature: np.ndarray) -> np.ndarray:
+    """Return the inverse (P, P) of a curvature whose eigenvalues are raised to MIN_CURVATURE of the largest."""
+    values, vectors = np.linalg.eigh(curvature)
+    return (vectors / np.maximum(values, MIN_CURVATURE * values[-1])) @ vectors.T
+
+
+def fitted_size(theta, pressures, noise, wavenumbers, size, residual: float) -> SizeFit:
+    """Return the lengths of the room that fit best, everything else adapting to them.
+
+    It starts at the solution `theta` with the given size. Where its reduced chi-square `residual` is small, one step is
+    enough.
+    """
+    N, D = pressures.shape[1], len(size)
+    grown, damping = np.concatenate([theta, np.zeros(D)]), DAMPING.first
+    model = pressures, noise, wavenumbers, size
+    for _ in range(MAX_SIZE_STEPS if residual > LARGE_RESIDUAL else 1):
+        terms, free = exact(grown, *model).terms, (-np.inf, np.inf)
+        step = bounded_step(grown, terms, lambda y: exact(y, *model, False).cost, free, N * D, damping, max_step=0.5)
+        grown, damping = step.unknowns, step.damping
+        if step.moved < SIZE_TOLERANCE:
+            break
+    after = step.cost / degrees_of_freedom(len(pressures), N, D)
+    sigma = np.sqrt(np.diag(bounded_inverse(terms.curvature))[-D:] * max(1.0, after))
+    return SizeFit(grown[-D:], sigma, after)

@@ -16,31 +16,29 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..model.problem import Problem
-from ..solvers.robust.state import State
-from .channel_covariance import Uncertainty
-from .result_parts import DECIBELS_PER_NEPER, ChannelFault
+from ..solvers.estimate import Estimate
+from .calibration import DECIBELS_PER_NEPER, ChannelFault
 
 
 @dataclass(frozen=True)
-class OddThresholds:
-    """Limits beyond which a channel or a given position is odd.
+class ChannelLimits:
+    """Limits beyond which a channel or a given position is at fault.
 
     Attributes
     ----------
     inverted : radians, phase
     gain_sigmas : spreads of the gains, or phases, of all channels
     median_of_normal : median absolute deviation of a normal distribution over its sigma
-    least_gain : nepers of the gain, or radians of the phase, that are never odd
+    min_gain : nepers of the gain, or radians of the phase, that are never a fault
     noise : noise of a channel over that of the median channel
-    least_noise : share of the power below which noise is not odd: the misfit of the field model may be a channel's
+    min_noise : share of the power below which noise is no fault: the misfit of the field model may be a channel's
     unpredicted : share of a channel's variance, or of its power, that the others do not predict
     unpredicted_to_median : the same over that of the median channel
     coherent : share of the power that a delay must explain
     delay_gain : coherence at the best delay over that without delay
-    longest_delay, delay_step : seconds, delays tried
+    max_delay, delay_step : seconds, delays tried
     filter_sigmas : sigmas of a delay, or of a corner frequency
-    least_delay, least_corner : seconds and hertz that are never odd
+    min_delay, min_corner : seconds and hertz that are never a fault
     misplaced_sigmas, misplaced : sigmas and metres, distance from a given position; the larger one counts
     exchanged_sigmas, exchanged : sigmas and metres within which a channel is in another's place, likewise
     exchanged_share : the same over the distance from its own given position
@@ -49,18 +47,18 @@ class OddThresholds:
     inverted: float = 2.5
     gain_sigmas: float = 4.0
     median_of_normal: float = 0.6745
-    least_gain: float = 0.12
+    min_gain: float = 0.12
     noise: float = 12.0
-    least_noise: float = 1e-4
+    min_noise: float = 1e-4
     unpredicted: float = 0.5
     unpredicted_to_median: float = 3.0
     coherent: float = 0.5
     delay_gain: float = 1.02
-    longest_delay: float = 2e-3
+    max_delay: float = 2e-3
     delay_step: float = 1e-5
     filter_sigmas: float = 4.0
-    least_delay: float = 2e-5
-    least_corner: float = 3.0
+    min_delay: float = 2e-5
+    min_corner: float = 3.0
     misplaced_sigmas: float = 3.0
     misplaced: float = 0.006
     exchanged_sigmas: float = 3.0
@@ -68,11 +66,11 @@ class OddThresholds:
     exchanged_share: float = 0.3
 
 
-LIMITS = OddThresholds()
+LIMITS = ChannelLimits()
 
 
 @dataclass(frozen=True)
-class OddChannel:
+class FaultyChannel:
     """A channel or a given position that stands out.
 
     Attributes
@@ -93,94 +91,85 @@ class OddChannel:
     partner: int = -1
 
 
-def odd_channels(problem: Problem, state: State, found: Uncertainty) -> tuple[OddChannel, ...]:
+def faulty_channels(estimate: Estimate, covariance: np.ndarray) -> tuple[FaultyChannel, ...]:
     """Return all channels and given positions that stand out, in the order of the microphones.
 
-    Parameters
-    ----------
-    problem : Problem
-        With modes of unit power (`fdcal.solvers.robust.unit_power`).
-    state : State
-    found : Uncertainty
+    covariance : (N, D, D) float64, metres^2, of each position
     """
-    odd = {}
-    tau, terms = state.model.channel_noise, found.terms
-    predicted = terms.corrected - terms.weighted / terms.precision
-    tau = np.where(tau * state.model.share < LIMITS.least_noise, 1.0, tau)
-    alone = np.mean(1 / (terms.precision * _variance(state, terms)), axis=0)
+    faulty, channels = {}, estimate.channels
+    tau, gains, terms = channels.noise, channels.gains, estimate.field.terms
+    tau = np.where(tau * estimate.field.share < LIMITS.min_noise, 1.0, tau)
+    variance = estimate.field.power[:, None] + estimate.field.noise[:, None] * channels.noise
+    alone = np.mean(1 / (terms.precision * variance), axis=0)
     lost = (alone > LIMITS.unpredicted) & (alone > LIMITS.unpredicted_to_median * np.median(alone))
-    filtered, spreads = _filtered(problem, state, found), gain_spreads(state)
+    filtered, spreads = _filtered(estimate), gain_spreads(estimate)
+    exact = () if estimate.given.sigma > 0 else estimate.problem.known  # the solver cannot tell their place from noise
     for n in range(len(tau)):
         if n in filtered and tau[n] < LIMITS.noise and not lost[n]:
-            odd[n] = filtered[n]
-        elif abs(state.gains[n, 1]) > LIMITS.inverted and tau[n] < LIMITS.noise:
-            odd[n] = OddChannel(n, "inverted", np.nan, "")
+            faulty[n] = filtered[n]
+        elif abs(gains[n, 1]) > LIMITS.inverted and tau[n] < LIMITS.noise:
+            faulty[n] = FaultyChannel(n, "inverted", np.nan, "")
+        elif n in exact and tau[n] > LIMITS.noise:
+            faulty[n] = FaultyChannel(n, "misplaced", np.nan, "")
         elif tau[n] > LIMITS.noise or lost[n]:
-            odd[n] = _faulty(problem, state, terms, predicted, n, bool(lost[n]))
-        elif _far(state.gains[n, 0], spreads[0]):
-            odd[n] = OddChannel(n, "gain", float(DECIBELS_PER_NEPER * state.gains[n, 0]), "dB")
-        elif _far(state.gains[n, 1], spreads[1]):
-            odd[n] = OddChannel(n, "gain", float(np.degrees(state.gains[n, 1])), "degrees")
-    odd.update(_misplaced(problem, state, found))
-    return tuple(odd[n] for n in sorted(odd))
+            faulty[n] = _unexplained(estimate, n, bool(lost[n]))
+        elif _far(gains[n, 0], spreads[0]):
+            faulty[n] = FaultyChannel(n, "gain", float(DECIBELS_PER_NEPER * gains[n, 0]), "dB")
+        elif _far(gains[n, 1], spreads[1]):
+            faulty[n] = FaultyChannel(n, "gain", float(np.degrees(gains[n, 1])), "degrees")
+    faulty.update(_misplaced(estimate, covariance))
+    return tuple(faulty[n] for n in sorted(faulty))
 
 
-def _variance(state: State, terms) -> np.ndarray:
-    """Return the variance of every channel's corrected pressures : (M, N) float64."""
-    return state.model.power[state.modes, None] + state.model.noise[state.modes, None] * state.model.channel_noise
-
-
-def _filtered(problem: Problem, state: State, found: Uncertainty) -> dict[int, OddChannel]:
+def _filtered(estimate: Estimate) -> dict[int, FaultyChannel]:
     """Return the channels that the solver found a delay or a high-pass for, where it is beyond its uncertainty."""
-    c = problem.sound_speed * np.exp(state.model.log_speed)
+    c = estimate.problem.sound_speed * np.exp(estimate.log_speed)
     units = np.array([1 / c, c / (2 * np.pi)])
-    least = np.maximum(LIMITS.filter_sigmas * found.filters * units, [LIMITS.least_delay, LIMITS.least_corner])
-    value = state.model.filters * units
-    odd = {int(n): OddChannel(int(n), "high_pass", float(value[n, 1]), "Hz") for n in _beyond(value, least, 1)}
-    return odd | {int(n): OddChannel(int(n), "delayed", float(value[n, 0]), "s") for n in _beyond(value, least, 0)}
+    value, sigma = estimate.channels.filters * units, estimate.channels.filter_sigma * units
+    beyond = np.abs(value) > np.maximum(LIMITS.filter_sigmas * sigma, [LIMITS.min_delay, LIMITS.min_corner])
+    found = {int(n): FaultyChannel(int(n), "high_pass", float(value[n, 1]), "Hz") for n in np.flatnonzero(beyond[:, 1])}
+    delayed = {int(n): FaultyChannel(int(n), "delayed", float(value[n, 0]), "s") for n in np.flatnonzero(beyond[:, 0])}
+    return found | delayed
 
 
-def _beyond(value, least, column: int) -> np.ndarray:
-    return np.flatnonzero(np.abs(value[:, column]) > least[:, column])
-
-
-def gain_spreads(state: State) -> np.ndarray:
+def gain_spreads(estimate: Estimate) -> np.ndarray:
     """Return the spreads of log gains, nepers, and of phases, radians, of all channels : (2,) float64.
 
     The solver's own are those of the channels whose gain it does not take for grossly wrong. Where the channels differ
     by several decibels these are too few, and the median deviation of all channels is larger.
     """
-    scatter = np.median(np.abs(state.gains - np.median(state.gains, axis=0)), axis=0) / LIMITS.median_of_normal
-    return np.maximum([state.model.gain_sigma, state.model.phase_sigma], scatter)
+    gains = estimate.channels.gains
+    scatter = np.median(np.abs(gains - np.median(gains, axis=0)), axis=0) / LIMITS.median_of_normal
+    return np.maximum(estimate.channels.spread, scatter)
 
 
 def _far(value: float, sigma: float) -> bool:
-    return abs(value) > max(LIMITS.gain_sigmas * sigma, LIMITS.least_gain)
+    return abs(value) > max(LIMITS.gain_sigmas * sigma, LIMITS.min_gain)
 
 
-def _faulty(problem: Problem, state: State, terms, predicted, n: int, lost: bool) -> OddChannel:
+def _unexplained(estimate: Estimate, n: int, lost: bool) -> FaultyChannel:
     """Return what is wrong with a channel that its place and gain do not explain: delayed, dead or noisy."""
-    q, e = terms.corrected[:, n], predicted[:, n]
-    f = problem.frequencies[state.modes]
-    steps = round(LIMITS.longest_delay / LIMITS.delay_step)
+    terms = estimate.field.terms
+    q, e = terms.corrected[:, n], terms.corrected[:, n] - terms.weighted[:, n] / terms.precision[:, n]
+    steps = round(LIMITS.max_delay / LIMITS.delay_step)
     delays = LIMITS.delay_step * np.arange(-steps, steps + 1)
+    f = estimate.problem.frequencies[estimate.modes]
     turned = np.abs((np.conj(e) * q) @ np.exp(2j * np.pi * np.outer(f, delays)))
     norm = np.sqrt(np.sum(np.abs(e) ** 2) * np.sum(np.abs(q) ** 2))
     best, undelayed = int(np.argmax(turned)), turned[steps]
     if not lost and turned[best] > np.sqrt(LIMITS.coherent) * norm and turned[best] > LIMITS.delay_gain * undelayed:
-        return OddChannel(n, "delayed", float(delays[best]), "s")
-    tau = state.model.channel_noise
+        return FaultyChannel(n, "delayed", float(delays[best]), "s")
+    tau = estimate.channels.noise
     noise = float(10 * np.log10(tau[n] / np.median(tau)))
     if lost or undelayed < np.sqrt(1 - LIMITS.unpredicted) * norm:
-        return OddChannel(n, "dead", noise, "dB")
-    return OddChannel(n, "noisy", noise, "dB")
+        return FaultyChannel(n, "dead", noise, "dB")
+    return FaultyChannel(n, "noisy", noise, "dB")
 
 
-def _misplaced(problem: Problem, state: State, found: Uncertainty) -> dict[int, OddChannel]:
+def _misplaced(estimate: Estimate, covariance) -> dict[int, FaultyChannel]:
     """Return the given positions that the pressures contradict, and exchanges."""
-    x = state.positions
-    sigma = np.sqrt(np.trace(found.covariance, axis1=1, axis2=2))
-    odd = {}
+    x, problem, faulty = estimate.positions, estimate.problem, {}
+    sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2))
     for n, given in zip(problem.known.tolist(), problem.known_positions, strict=True):
         away = float(np.linalg.norm(x[n] - given))
         if away < max(LIMITS.misplaced_sigmas * sigma[n], LIMITS.misplaced):
@@ -190,37 +179,32 @@ def _misplaced(problem: Problem, state: State, found: Uncertainty) -> dict[int, 
         other = int(np.argmin(apart))
         within = max(LIMITS.exchanged_sigmas * sigma[other], LIMITS.exchanged)
         if apart[other] >= min(within, LIMITS.exchanged_share * away):
-            odd[n] = OddChannel(n, "misplaced", away, "m")
+            faulty[n] = FaultyChannel(n, "misplaced", away, "m")
             continue
-        odd[n] = OddChannel(n, "exchanged", away, "m", other)
-        odd.setdefault(other, OddChannel(other, "exchanged", away, "m", n))
-    return odd
+        faulty[n] = FaultyChannel(n, "exchanged", away, "m", other)
+        faulty.setdefault(other, FaultyChannel(other, "exchanged", away, "m", n))
+    return faulty
 
 
-def exchange_back(problem: Problem, state: State, odd: tuple[OddChannel, ...]) -> np.ndarray:
-    """Return the positions with a free channel that was exchanged with a given one put in its own place.
-
-    Returns
-    -------
-    (N, D) float64, metres
-    """
-    x = np.array(state.positions)
-    known = set(problem.known.tolist())
-    for one in odd:
+def exchanged_back(estimate: Estimate, faulty: Sequence[FaultyChannel]) -> np.ndarray:
+    """Return the positions (N, D), metres, with a free channel that was exchanged with a given one in its own place."""
+    x = np.array(estimate.positions)
+    known = set(estimate.problem.known.tolist())
+    for one in faulty:
         if one.kind == "exchanged" and one.number in known and one.partner not in known:
             x[[one.number, one.partner]] = x[[one.partner, one.number]]
     return x
 
 
-def healthy_channels(count: int, odd: Sequence[OddChannel]) -> np.ndarray:
-    """Return which of `count` channels are not odd : (N,) bool."""
+def healthy_channels(count: int, faulty: Sequence[FaultyChannel]) -> np.ndarray:
+    """Return which of `count` channels are healthy : (N,) bool."""
     healthy = np.ones(count, bool)
-    healthy[[one.number for one in odd]] = False
+    healthy[[one.number for one in faulty]] = False
     return healthy
 
 
-def channel_faults(odd: Sequence[OddChannel], names: Sequence[str]) -> tuple[ChannelFault, ...]:
-    """Return odd channels as a result holds them, with the names of the microphones."""
+def channel_faults(faulty: Sequence[FaultyChannel], names: Sequence[str]) -> tuple[ChannelFault, ...]:
+    """Return faulty channels as a result holds them, with the names of the microphones."""
     return tuple(
         ChannelFault(
             names[one.number],
@@ -229,5 +213,5 @@ def channel_faults(odd: Sequence[OddChannel], names: Sequence[str]) -> tuple[Cha
             one.unit if np.isfinite(one.value) else "",
             names[one.partner] if one.partner >= 0 else None,
         )
-        for one in odd
+        for one in faulty
     )

@@ -15,7 +15,7 @@ from fdcal.session.choices import with_settings
 from fdcal.session.request import edited, table_of
 from fdcal.session.sources import load_input, measurement_input, scene_input
 from fdcal.solvers import load, run
-from fdcal.solvers.mode_count import highest_frequency, mode_count
+from fdcal.solvers.requirements import highest_frequency, mode_count
 
 # Scenes with a number of modes of their own.
 PAPER = {
@@ -83,7 +83,7 @@ def test_no_solver_is_given_more_modes_than_it_can_use():
 
 def test_so_many_modes_are_used_as_fit_into_memory(monkeypatch):
     found = fdcal.load("tiny")
-    monkeypatch.setattr("fdcal.solvers.mode_count.LIMITS", dataclasses.replace(LIMITS, pairs=25 * found.count**2))
+    monkeypatch.setattr("fdcal.solvers.requirements.LIMITS", dataclasses.replace(LIMITS, pairs=25 * found.count**2))
     assert mode_count(found.problem(), 36) == 25
 
 

@@ -1,0 +1,204 @@
+"""Whether the end of a run can be trusted: one record for every solver.
+
+A faulty channel does not spoil the verdict of the others: it is named, and the verdict is that of the rest.
+
+A given position checks nothing where the others and the pressures place its microphone only roughly: that sigma is
+
+    (P^-1 - spring)^-1 ,   P the covariance of its microphone, spring the curvature of its prior
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from ..acoustics.single_wave import is_single_wave
+from ..cost.likelihood import log_response
+from ..model.problem import Problem
+from ..model.validation import frozen_array, word_arguments
+from ..solvers.estimate import Estimate, RoomEstimate
+from .calibration import DECIBELS_PER_NEPER, Channels, Evidence, GivenPosition, KnownRoom
+from .channels import FaultyChannel, channel_faults, exchanged_back, faulty_channels
+from .error_ellipses import one_sigma
+from .field import cross_validate, summarise
+from .findings import FINDINGS, ROOM_FINDINGS, Judged, JudgedRoom, first_finding
+from .uncertainty import covariance_of, curvature_of, search_spread_of, stretch_sigma_of
+
+ARGUMENTS: Mapping[str, str] = MappingProxyType({})  # arguments are called as in Python
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """The positions at the end of a run and what is known about their quality.
+
+    Attributes
+    ----------
+    positions : (N, D) float64
+        Metres; of the corrected sound speed where it was estimated, exchanges undone.
+    problem : Problem
+        With the corrected sound speed likewise.
+    verdict, message : str
+        Code of the first finding, and what it means and what to do; arguments stand in angle brackets.
+    covariance : (N, D, D) float64
+        Metres^2, of each position at the minimum.
+    search_spread : (N,) float64
+        Metres, how far the optima of the search lie apart; 0 where all are one.
+    evidence : Evidence
+    room : KnownRoom or None
+        Of a solver that knows the room.
+    channels : Channels or None
+        Of a solver that finds the gains of the channels, or their noise.
+    sound_speed_sigma : float or None
+        One sigma of an uncertain sound speed, m/s.
+    wording : mapping
+        How `verdict_text` calls the arguments.
+    """
+
+    positions: np.ndarray
+    problem: Problem
+    verdict: str
+    message: str
+    covariance: np.ndarray
+    search_spread: np.ndarray
+    evidence: Evidence
+    room: KnownRoom | None = None
+    channels: Channels | None = None
+    sound_speed_sigma: float | None = None
+    wording: Mapping[str, str] = ARGUMENTS
+
+    @property
+    def uncertainty(self) -> np.ndarray:
+        """One sigma of each position, the square root of the trace of its covariance : (N,) float64, metres."""
+        return one_sigma(self.covariance)
+
+    @property
+    def verdict_text(self) -> str:
+        """The message with its arguments called as in `wording`."""
+        return word_arguments(self.message, self.wording)
+
+
+def assess(estimate: Estimate | RoomEstimate, names: Sequence[str] | None = None, stretch: float | None = None):
+    """Return the assessment of what a solver has found.
+
+    names : of the microphones, their numbers unless given; stretch : sound speed that follows from a given distance over
+    that of the problem, by which the array becomes larger
+    """
+    names = [str(n) for n in range(len(estimate.positions))] if names is None else list(names)
+    if isinstance(estimate, RoomEstimate):
+        return _in_room(estimate, names)
+    return _of_array(estimate, names, stretch)
+
+
+def judged(estimate: Estimate, names: Sequence[str], stretch: float | None = None) -> Judged:
+    """Return what the verdict rests on."""
+    covariance = covariance_of(estimate)
+    single = is_single_wave(estimate.problem.pressures[estimate.modes])
+    faulty = () if single else faulty_channels(estimate, covariance)
+    seen = Judged(
+        estimate, names, covariance, faulty, 1.0, 0.0, np.zeros(len(names)), stretch_sigma_of(estimate), stretch, single
+    )
+    agreement, loosest = _given_check(estimate, faulty)
+    search = search_spread_of(estimate, seen.healthy)
+    return replace(seen, agreement=agreement, loosest=loosest, search=search)
+
+
+def _given_check(estimate: Estimate, faulty: Sequence[FaultyChannel]) -> tuple[float, float]:
+    """Probability of the disagreement with the given positions that count, and sigma of the loosest, metres."""
+    problem, given = estimate.problem, estimate.given
+    wrong = [one.number for one in faulty if one.kind in ("misplaced", "exchanged")]
+    kept, D = ~np.isin(problem.known, wrong), problem.array_dimension
+    if np.sum(kept) * D - D * (D + 1) // 2 <= 0:
+        return 1.0, np.inf if len(problem.known) else 0.0
+    loosest = _loosest(estimate, kept) if given.sigma > 0 else 0.0
+    if given.carry_scale:  # what an isotropic field says of the size is no evidence against them
+        return 1.0, loosest
+    return given.probability(kept), loosest
+
+
+def _loosest(estimate: Estimate, kept: np.ndarray) -> float:
+    """One sigma of the given microphone that the others and the pressures place least certainly, metres; 1 at most."""
+    curvature, D, sigmas = curvature_of(estimate), estimate.positions.shape[1], []
+    for n, spring in zip(estimate.problem.known[kept], estimate.given.stiffness[kept], strict=True):
+        left = np.linalg.eigvalsh(np.linalg.inv(curvature[n]) - spring * np.eye(D))
+        sigmas.append(np.sqrt(np.sum(1 / np.maximum(left, 1.0))))
+    return float(max(sigmas))
+
+
+def _of_array(estimate: Estimate, names: Sequence[str], stretch: float | None) -> Assessment:
+    seen = judged(estimate, names, stretch)
+    code, message = first_finding(FINDINGS, seen)
+    problem, size = estimate.problem, stretch or 1.0
+    speed = problem.sound_speed * size * float(np.exp(estimate.log_speed))
+    positions = exchanged_back(estimate, seen.faulty)
+    centre = positions.mean(axis=0)
+    positions = frozen_array(centre + size * (positions - centre), float)
+    corrected = at_sound_speed(problem, speed)
+    channels = np.hstack([estimate.channels.gains, estimate.channels.filters])
+    pressures = problem.pressures * np.exp(-log_response(channels, np.real(problem.wavenumbers))[0])
+    cross = cross_validate(replace(corrected, pressures=pressures), positions, estimate.modes, healthy=seen.healthy)
+    given = seen.given_noise
+    evidence = Evidence(
+        seen.residual_to_noise,
+        cross.overall,
+        cross.microphones,
+        cross.modes,
+        estimate.field.share / given if given else None,
+    )
+    covariance = frozen_array(size**2 * seen.covariance, float)
+    return Assessment(
+        positions,
+        corrected,
+        code,
+        message,
+        covariance,
+        frozen_array(size * seen.search, float),
+        evidence,
+        channels=_channels(estimate, seen, positions, one_sigma(covariance)),
+        sound_speed_sigma=speed * estimate.log_speed_sigma or None,
+    )
+
+
+def _channels(estimate: Estimate, seen: Judged, positions, sigma) -> Channels:
+    """Gain and noise of every channel, what is wrong with it, and given positions as corrected."""
+    found, names, problem = estimate.channels, seen.names, estimate.problem
+    wrong = {one.number for one in seen.faulty if one.kind in ("misplaced", "exchanged")}
+    numbers: list[int] = problem.known.tolist()
+    given = tuple(
+        GivenPosition(names[n], tuple(place), tuple(positions[n].tolist()), float(sigma[n]), n in wrong)
+        for n, place in zip(numbers, problem.known_positions.tolist(), strict=True)
+    )
+    return Channels(
+        DECIBELS_PER_NEPER * found.gains[:, 0],
+        DECIBELS_PER_NEPER * found.gain_sigma[:, 0],
+        np.degrees(np.angle(np.exp(1j * found.gains[:, 1]))),
+        np.degrees(found.gain_sigma[:, 1]),
+        10 * np.log10(found.noise / np.median(found.noise)),
+        channel_faults(seen.faulty, names),
+        given,
+    )
+
+
+def _in_room(estimate: RoomEstimate, names: Sequence[str]) -> Assessment:
+    code, message = first_finding(ROOM_FINDINGS, JudgedRoom(estimate, names))
+    cross, positions = summarise(estimate.pressures, estimate.leave_one_out_errors), estimate.positions
+    images = tuple((str(image), image.apply(np.asarray(positions))) for image in estimate.images)
+    return Assessment(
+        positions,
+        estimate.problem,
+        code,
+        message,
+        frozen_array(estimate.covariance, float),
+        np.zeros(len(names)),
+        Evidence(estimate.residual, cross.overall, cross.microphones, cross.modes),
+        room=KnownRoom(estimate.size, estimate.source, estimate.admittance, images),
+    )
+
+
+def at_sound_speed(problem: Problem, sound_speed: float) -> Problem:
+    """Return `problem` with another sound speed, m/s, and the wavenumbers that go with it."""
+    slower = problem.sound_speed / sound_speed
+    wavenumbers = frozen_array(problem.wavenumbers * slower, complex)
+    return replace(problem, wavenumbers=wavenumbers, sound_speed=float(sound_speed))

@@ -1,0 +1,190 @@
+"""What a measurement must hold so that its microphones can be found, and how many of its modes a calibration uses.
+
+mode_count      modes in use unless their number is given: all that were measured, with three limits
+check_solvable  what every calibration needs: enough equations, and microphones that do not stand on one line
+require_modes   what the solvers that minimise a likelihood need besides
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..acoustics import single_wave
+from ..acoustics.coherence import array_radius
+from ..acoustics.fourier_bessel import f_max
+from ..acoustics.single_wave import is_single_wave
+from ..model.gauge import fixes_gauge
+from ..model.limits import LIMITS
+from ..model.problem import Problem
+from ..model.settings import Search
+from ..model.validation import InputError
+from .starts import singular_vectors
+
+
+@dataclass(frozen=True)
+class Requirements:
+    """What a measurement must hold.
+
+    Attributes
+    ----------
+    min_modes_2d, min_modes_3d : modes without which no array is sought, by the dimension of the sound field
+    radius_factor : by which the radius that the coherence shows may be too large
+    line_degree : degree of the polynomials: the second singular vector of a line is a polynomial of its first
+    line_explained : part of the last singular vector that is a polynomial of the others, if they are on a line
+    line_flatness : singular value of the last vector over that of the first, at most, if they are on a line
+    """
+
+    min_modes_2d: int = 6
+    min_modes_3d: int = 12
+    radius_factor: float = 1.5
+    line_degree: int = 4
+    line_explained: float = 0.97
+    line_flatness: float = 0.25
+
+
+REQUIREMENTS = Requirements()
+
+
+def mode_count(problem: Problem, usable: int) -> int:
+    """Return how many of the lowest modes a calibration uses unless their number is given.
+
+    It is limited by what the array can interpolate, by the number `usable` that the solver can use, and by memory.
+    """
+    measured, microphones = problem.pressures.shape
+    interpolated = int(np.sum(problem.frequencies <= highest_frequency(problem)))
+    return max(1, min(measured, usable or measured, interpolated or measured, int(LIMITS.pairs // microphones**2)))
+
+
+def highest_frequency(problem: Problem) -> float:
+    """Return f_max (Eq. 9), Hz, of the smallest array that the measurement speaks for; infinite where it shows none.
+
+    The radius is good to a factor of 1.5, and so is the limit; the verdict checks the array that was found.
+    """
+    radius = array_radius(problem.pressures, problem.wavenumbers, problem.dimension)
+    if radius is None:
+        return float("inf")
+    radius /= REQUIREMENTS.radius_factor
+    if len(problem.known) > 1:
+        known = problem.known_positions
+        radius = max(radius, float(np.linalg.norm(known[:, None] - known, axis=-1).max()) / 2)
+    planar = problem.array_dimension < problem.dimension
+    return f_max(problem.pressures.shape[1], radius, problem.sound_speed, problem.dimension, planar)
+
+
+def min_microphones(dimension: int) -> int:
+    """Return the number of microphones below which no array of D = `dimension` coordinates can be found.
+
+    A field of the lowest order has D + 1 functions; as many equations again must be left for the positions.
+    """
+    return 2 * dimension + 2
+
+
+def require_measured(problem: Problem, count: int) -> None:
+    """Raise InputError unless `count` modes were measured."""
+    measured = len(problem.pressures)
+    if count > measured:
+        message = f"solver.modes = {count}, but {measured} modes were measured"
+        raise InputError(message, f"use at most {measured} modes (<modes>), or measure more", key="modes", value=count)
+
+
+def require_range(problem: Problem, first: int, last: int) -> None:
+    """Raise InputError unless modes `first` to `last`, counted from 1, were measured."""
+    if not 1 <= first <= last:
+        raise InputError(f"modes {first} to {last} are not a range", "use 1 or more, the lower one first", key="modes")
+    require_measured(problem, last)
+
+
+def require_search(problem: Problem, search: Search | None = None) -> Search:
+    """Return `search`, or the search domain of the problem; raise InputError without one."""
+    found = problem.search if search is None else search
+    if found is None:
+        raise InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
+    return found
+
+
+def require_modes(problem: Problem, count: int) -> None:
+    """Raise InputError unless `count` modes were measured and are enough for the unknown coordinates."""
+    require_measured(problem, count)
+    microphones, D = problem.pressures.shape[1], problem.array_dimension
+    enough = min_microphones(D)
+    if microphones < enough:
+        raise InputError(f"{microphones} microphones are too few to find", f"use {enough} or more", key="pressures")
+    unknowns = D * len(problem.free)
+    equations = 2 * (microphones - problem.dimension - 1)  # real ones a mode, less those that its field takes up
+    min_modes = REQUIREMENTS.min_modes_2d if problem.dimension == 2 else REQUIREMENTS.min_modes_3d
+    needed = max(min_modes, -(-unknowns // equations) + 1)
+    if count < needed:
+        message = f"{count} modes are too few for {unknowns} unknown coordinates"
+        raise InputError(message, f"use at least {needed} modes (<modes>)", key="modes", value=count)
+
+
+def check_solvable(problem: Problem, modes: int, names: Sequence[str]) -> None:
+    """Raise InputError for a problem that no solver can work on with its lowest `modes` modes.
+
+    These are two known microphones at one place, too few microphones or modes, and microphones on a line (on a plane,
+    in space). `names` are those of the microphones.
+    """
+    _check_known(problem, names)
+    _check_count(problem, modes)
+    if not fixes_gauge(problem.known_positions):
+        _check_line(problem, modes)
+
+
+def _check_known(problem: Problem, names: Sequence[str]) -> None:
+    places = problem.known_positions
+    for i in range(len(places)):
+        for j in range(i):
+            if np.array_equal(places[i], places[j]):
+                raise InputError(
+                    f'known microphones "{names[problem.known[j]]}" and "{names[problem.known[i]]}" have the same given'
+                    f" position {places[i].tolist()} m",
+                    "correct known_positions",
+                    key="known_positions",
+                )
+
+
+def _check_count(problem: Problem, modes: int) -> None:
+    """Compare real equations with unknowns: a standing wave is real up to its phase; D + 1 of its numbers are free."""
+    (measured, N), D = problem.pressures.shape, problem.array_dimension
+    unknowns = D * len(problem.free) - (0 if len(problem.known) else D * (D + 1) // 2)
+    each = N - D - 1
+    if each <= 0:
+        message = f"{N} microphones are too few: a field of the lowest order has {D + 1} functions"
+        raise InputError(message, f"use {min_microphones(D)} microphones or more", key="pressures")
+    needed, used = -(-unknowns // each), min(modes, measured)
+    if used < needed:
+        raise InputError(
+            f"{used} frequencies are too few for {unknowns} unknown coordinates of {len(problem.free)} microphones;"
+            f" at least {needed} are needed",
+            "measure more" if measured < needed else f"use <modes> {needed} or more",
+            key="modes",
+            value=used,
+        )
+
+
+def _check_line(problem: Problem, modes: int) -> None:
+    """On a line (a plane, in space) the last singular vector is a polynomial of the others."""
+    N, D = problem.pressures.shape[1], problem.array_dimension
+    if is_single_wave(problem.pressures[:modes]):
+        raise InputError(single_wave.PROBLEM, single_wave.REMEDY, key="pressures")
+    shape, values, _ = singular_vectors(problem, modes)
+    first, last = shape[:, :-1] / np.abs(shape[:, :-1]).max(axis=0), shape[:, -1]
+    powers = np.indices((REQUIREMENTS.line_degree + 1,) * (D - 1)).reshape(D - 1, -1)
+    powers = powers[:, powers.sum(axis=0) <= (REQUIREMENTS.line_degree if D == 2 else 2)]
+    if 2 * powers.shape[1] > N:
+        return
+    terms = np.prod(first[:, :, None] ** powers, axis=1)
+    left = last - terms @ np.linalg.lstsq(terms, last, rcond=None)[0]
+    polynomial = np.sum(left**2) < (1 - REQUIREMENTS.line_explained) * np.sum(last**2)
+    if polynomial and values[-1] < REQUIREMENTS.line_flatness * values[0]:
+        where = "on a line" if D == 2 else "on a plane"
+        raise InputError(
+            f"the microphones seem to stand {where}: the pressures vary in {D - 1} independent direction"
+            f"{'s' * (D > 2)} alone",
+            f"{'set array_dimension = 2, or ' if D == 3 else ''}spread them out, or name {D + 1} known ones that are"
+            f" not {where}",
+            key="positions",
+        )
