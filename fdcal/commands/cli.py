@@ -126,11 +126,6 @@ def simulate(scene: str, output: str, force: bool):
     help="SNR of each frequency that is assumed; auto estimates it, reported takes that of the measurement.",
 )
 @click.option(
-    "--cost",
-    type=click.Choice(["likelihood", "projection"]),
-    help="What solver joint minimises; projection is Eq. 7.",
-)
-@click.option(
     "--gains",
     type=click.Choice(["auto", "fixed"]),
     help="Whether solver robust seeks gain and phase of every channel.",
@@ -181,7 +176,7 @@ def simulate(scene: str, output: str, force: bool):
 @radius_option
 @force_option
 def calibrate(
-    source, solver, start, known, noise, cost, gains, gain_sigma, known_sigma, sound_speed_sigma, modes, seed, exclude,
+    source, solver, start, known, noise, gains, gain_sigma, known_sigma, sound_speed_sigma, modes, seed, exclude,
     estimate_sound_speed, distance, room, time_limit, check, positions, output, search, radius, force,
 ):  # fmt: skip
     """Find the microphones and assess the result.
@@ -197,7 +192,7 @@ def calibrate(
     inputs, solver = input_of(source, search, radius, exclude, positions), room_solver(room, solver)
     gain_sigma_db, phase_sigma_deg = gain_sigma or (None, None)
     inputs = with_settings(
-        inputs, solver, modes, seed, start=start, known=known, noise=noise, cost=cost, room=room, gains=gains,
+        inputs, solver, modes, seed, start=start, known=known, noise=noise, room=room, gains=gains,
         gain_sigma_db=gain_sigma_db, phase_sigma_deg=phase_sigma_deg, known_sigma=known_sigma,
         sound_speed_sigma=sound_speed_sigma,
     )  # fmt: skip

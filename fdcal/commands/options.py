@@ -30,7 +30,6 @@ OPTIONS = {
     "at": "--at KEY=VALUE",
     "axes": "--axes Y,X",
     "check": "--check",
-    "cost": "--cost",
     "dimension": "--dimension",
     "distance": "--distance I,J,METRES",
     "estimate_sound_speed": "--estimate-sound-speed",

@@ -121,8 +121,6 @@ class SolverSettings:
         Sweeps of one stage at most.
     start : str or None
         "affine" or "random"; unless given, random for "descent" and affine for "joint"; "robust" has its own.
-    cost : str
-        Of "joint": "likelihood", or "projection", Eq. 7 with a Tikhonov weight.
     noise : str
         "reported": the noise power of the measurement, where it has one; "auto": estimated; or a number of decibels,
         the signal-to-noise ratio of each mode. "told", of older files, is read as "reported".
@@ -151,7 +149,6 @@ class SolverSettings:
     weights: str = "unit"
     max_sweeps: int = 20
     start: str | None = None
-    cost: str = "likelihood"
     noise: str = "reported"
     known: str = "all"
     room: Point | None = None
@@ -162,7 +159,7 @@ class SolverSettings:
     sound_speed_sigma: float | None = None
 
     OPTIONAL: typing.ClassVar = (
-        "modes", "start", "cost", "noise", "known", "room", "gains", "gain_sigma_db", "phase_sigma_deg", "known_sigma",
+        "modes", "start", "noise", "known", "room", "gains", "gain_sigma_db", "phase_sigma_deg", "known_sigma",
         "sound_speed_sigma",
     )  # fmt: skip
 
@@ -183,7 +180,6 @@ class SolverSettings:
             problem = f"solver.order_offset = {self.order_offset} is negative"
             raise InputError(problem, "use 0 or more", key="solver.order_offset", value=self.order_offset)
         require_choice("solver.weights", self.weights, ("unit", "raw"))
-        require_choice("solver.cost", self.cost, ("likelihood", "projection"))
         require_choice("solver.known", self.known, ("all", "minimal", "none"))
         if self.start is not None:
             require_choice("solver.start", self.start, ("affine", "random"))

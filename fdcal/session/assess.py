@@ -26,31 +26,15 @@ def assess(inputs: CalibrationInput, problem: Problem, state, wording: Mapping[s
     state : RunState
     wording : mapping of str to str
         How the text of the verdict calls the arguments that it mentions; by their names in Python unless given.
-
-    Raises
-    ------
-    InputError
-        The sound speed is to be estimated, but nothing gives a length.
     """
     from ..assessment.assess import assess as assessed  # loads the compiler, which other commands do not need
 
-    require_length_for_speed(inputs, problem)
     estimate = load(inputs.settings.name).result(problem, state)
     stretch = None if inputs.distance is None else stretch_of(state.positions, inputs)
     found = replace(assessed(estimate, inputs.measurement.names, stretch), wording=wording)
     if problem.frame is None or stretch is None:
         return found
     return replace(found, positions=frozen_array(move_to_frame(found.positions, problem.frame), float))
-
-
-def require_length_for_speed(inputs: CalibrationInput, problem: Problem) -> None:
-    """Raise InputError where the sound speed is to be estimated and nothing gives a length."""
-    if inputs.estimate_sound_speed and inputs.distance is None and len(problem.known) < 2:
-        raise InputError(
-            "the sound speed cannot be estimated without a length",
-            "name two known microphones at least, or give <distance>",
-            key="estimate_sound_speed",
-        )
 
 
 def distance_pair(inputs: CalibrationInput) -> tuple[int, int]:

@@ -8,7 +8,6 @@ from ..model.scene import require_rectangle
 from ..model.settings import SolverSettings
 from ..model.validation import InputError, require_integer
 from ..solvers import load
-from ..solvers.interface import AssessmentMethod
 from .sources import CalibrationInput, with_mode_number
 
 # of solvers that seek gains
@@ -54,11 +53,10 @@ def with_settings(
 
 def _require_used(given: dict, settings: SolverSettings) -> None:
     """Raise InputError for a given setting that does nothing with the solver of `settings`."""
-    traits, remedies = load(settings.name).TRAITS, dict.fromkeys(("noise", "cost", "start"), "joint")
+    traits, remedies = load(settings.name).TRAITS, dict.fromkeys(("noise", "start"), "joint")
     remedies |= dict.fromkeys(CHANNEL_SETTINGS, "robust")
     for key, other in remedies.items():
-        channels = key not in CHANNEL_SETTINGS or traits.assessment is AssessmentMethod.CHANNELS
-        ignored = traits.ignores(key) or not channels or (key == "start" and not traits.starts)
+        ignored = traits.ignores(key) or (key == "start" and not traits.starts)
         if key in given and ignored:
             problem = f'{key} = "{given[key]}" does nothing with solver.name = "{settings.name}"'
             raise InputError(problem, f"leave out <{key}>, or use <solver> {other}", key=key, value=given[key])

@@ -163,29 +163,15 @@ def explains_all(problem: Problem, state: State) -> bool:
 def begin_final(problem: Problem, state: State) -> State:
     """Go on from the likeliest optimum; only now, with all in place, can the directions of the field be learned."""
     best = likeliest(state)
-    x = _gathered(best)
     progress = replace(state.progress, rounds=0, stage=FINAL, regrouped=False, poses=())
-    state = replace(
-        state, positions=x, shape=x, gains=best.gains, offsets=best.offsets, model=best.model, progress=progress
-    )
+    at_best = replace(state, positions=best.positions, shape=best.positions, gains=best.gains, offsets=best.offsets)
+    state = replace(at_best, model=best.model, progress=progress)
     if is_noiseless(problem, state) and explains_all(problem, state):
-        near = replace(state, model=replace(state.model, kernel="near", channel_noise=np.ones(len(x))))
+        near = replace(state, model=replace(state.model, kernel="near", channel_noise=np.ones(len(state.positions))))
         least = frozen_array(np.full(len(state.model.noise), noise.min_share(near)), float)
         return begin_stage(replace(near, model=replace(near.model, noise=least)), NOISELESS)
     state = given.resolved(problem, relocated(problem, state, local=True)[0])
     return refined(problem, replace(state, model=replace(state.model, kernel=noise.last_kernel(problem, state))))
-
-
-def _gathered(best: LocalOptimum) -> np.ndarray:
-    """Positions with outliers no farther from the centre than the others: beyond, the near-field kernel diverges."""
-    x, healthy = best.positions, best.model.channel_noise < OUTLIERS.suspicious
-    if np.all(healthy) or not np.any(healthy):
-        return x
-    centre = x[healthy].mean(axis=0)
-    away = np.linalg.norm(x - centre, axis=1)
-    far = ~healthy & (away > away[healthy].max())
-    inward = np.where(far, away[healthy].max() / np.maximum(away, 1e-9), 1.0)
-    return frozen_array(centre + inward[:, None] * (x - centre), float)
 
 
 def after_noiseless(problem: Problem, state: State) -> State:

@@ -40,7 +40,7 @@ STAGES = (
     Stage("deformation", 3, 30, False, False, True, 12, 2e-3, 0.5),
     Stage("free", 0, 0, False, False, True, 5, 1e-3, 2.0),
     Stage("gains", 0, 0, False, True, True, 10, 1e-4, 0.3),
-    Stage("noiseless", 0, 0, False, False, False, 10, 1e-4, 0.3),
+    Stage("noiseless", 0, 0, False, False, False, 10, 3e-5, 0.01),
     Stage("final", 0, 0, False, True, True, 16, 3e-5, 0.01),
 )
 FREE, NOISELESS, FINAL = 2, 4, 5  # stages; the last but one is of measurements without noise alone

@@ -111,6 +111,12 @@ def _regrouped_is_likeliest(turn: Turn) -> bool:
     return restarts.likeliest(turn.state).regrouped
 
 
+def _nothing_else_free(turn: Turn) -> bool:
+    """Channels are matched and given positions exact, or there are none."""
+    soft = len(turn.problem.known) and turn.state.model.known_sigma > 0
+    return turn.state.settings.gains == "fixed" and not soft
+
+
 def _assumes_else(turn: Turn) -> bool:
     rounds = turn.again.progress.rounds
     return restarts.assumes_else(turn.state, turn.again) and rounds < SCHEDULE.final_rounds
@@ -179,6 +185,7 @@ TRANSITIONS: tuple[tuple[str, Callable[[Turn], bool], Callable[[Turn], State]], 
     ("gains", _noise_settled, _end_settled),
     ("gains", _last_round, _end_settled),
     ("gains", _always, _next_round),
+    ("noiseless", _nothing_else_free, lambda turn: restarts.finished(turn.problem, turn.state)),
     ("noiseless", _always, lambda turn: restarts.after_noiseless(turn.problem, turn.state)),
     ("final", _assumes_else, lambda turn: turn.again),
     ("final", _always, lambda turn: restarts.finished(turn.problem, turn.state)),

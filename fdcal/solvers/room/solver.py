@@ -38,7 +38,7 @@ from . import search
 from .fit import bounded_inverse, bounded_step, degrees_of_freedom, diffuse_terms, exact, fitted_size
 from .search import ArrayCandidate, SourceCandidate
 
-TRAITS = Traits(moves_all=True, needs_room=True, takes_positions=True, assessment=AssessmentMethod.KNOWN_ROOM)
+TRAITS = Traits(moves_all=True, needs_room=True, takes_positions=True)
 
 
 @dataclass(frozen=True)
