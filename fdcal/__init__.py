@@ -51,8 +51,9 @@ EXTENSIONS = {
     "export_positions": "recordings.export:export_positions",
     "load_result": "assessment.result_file:load_result",
     "measurement_of_pyfar": "recordings.pyfar_objects:measurement_of_pyfar",
-    "placed_in_frame": "assessment.alignment:placed_in_frame",
     "pyfar_coordinates": "recordings.pyfar_objects:pyfar_coordinates",
+    "read_result": "assessment.result_file:read_result",
+    "result_text": "assessment.result_file:result_text",
     "save_result": "assessment.result_file:save_result",
 }
 

@@ -17,13 +17,12 @@ from ..model.validation import frozen_array, word_arguments
 from ..solvers.robust.convergence import remaining_step
 from ..solvers.robust.state import State
 from ..solvers.robust.unit_power import in_unit_power
+from .calibration import DECIBELS_PER_NEPER, Channels, GivenPosition
 from .channel_covariance import uncertainty
 from .channel_findings import LIMITS, ChannelEvidence, first_finding, residual_to_noise
-from .corrected_positions import GivenPosition
 from .error_ellipses import one_sigma
 from .given_check import check_given
 from .odd_channels import OddChannel, channel_faults, exchange_back, healthy_channels, odd_channels
-from .result_parts import DECIBELS_PER_NEPER, Channels
 from .search_spread import search_spread
 
 

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..model.validation import InputError
-from .calibration import Calibration
-from .result_parts import CHANNEL_KEYS
+from .calibration import CHANNEL_NUMBERS, Calibration
 
 
 def data_frame(result: Calibration) -> Any:
@@ -34,7 +33,7 @@ def data_frame(result: Calibration) -> Any:
         columns["error"] = result.errors
     if result.channels is not None:
         faults = {fault.name: fault.kind for fault in result.channels.faults}
-        columns |= {key: getattr(result.channels, key) for key in CHANNEL_KEYS.values()}
+        columns |= {key: getattr(result.channels, key) for key in CHANNEL_NUMBERS}
         columns["fault"] = [faults.get(name, "") for name in result.names]
         columns |= _given_columns(result)
     return pandas.DataFrame(columns, index=pandas.Index(result.names, name="microphone"))

@@ -18,8 +18,8 @@ import numpy as np
 
 from ..model.problem import Problem
 from ..solvers.robust.state import State
+from .calibration import DECIBELS_PER_NEPER, ChannelFault
 from .channel_covariance import Uncertainty
-from .result_parts import DECIBELS_PER_NEPER, ChannelFault
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,7 @@ from __future__ import annotations
 from os import PathLike
 from pathlib import Path
 
-from ..assessment.alignment import placed_in_frame
-from ..assessment.calibration import Calibration
+from ..assessment.calibration import Calibration, placed_in_frame
 from ..assessment.channel_table import channel_table
 from ..model.microphones import MicrophonePositions
 from ..model.storage import write_atomically

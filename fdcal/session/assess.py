@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ..assessment.result_parts import Channels, Evidence, KnownRoom
+from ..assessment.calibration import Channels, Evidence, KnownRoom
 from ..model.channels import microphone_index
 from ..model.gauge import move_to_frame
 from ..model.power import mode_power
@@ -188,7 +188,6 @@ def sound(sought: np.ndarray, names: Sequence[str], found: Assessment | None) ->
         Of all microphones.
     found : Assessment or None
     """
-    faults = () if found is None or found.channels is None else found.channels.faults
-    faulty = {fault.name for fault in faults if fault.kind != "misplaced"}
+    faulty = set() if found is None or found.channels is None else found.channels.faulty
     kept = np.array([n for n in sought if names[n] not in faulty], np.int64)
     return kept if len(kept) else sought

@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import pdist
 
-from fdcal.assessment.alignment import FRAMES, in_frame, placed_in_frame
-from fdcal.assessment.calibration import Calibration
+from fdcal.assessment.calibration import FRAMES, Calibration, in_frame, placed_in_frame
 from fdcal.model.validation import InputError
 
 

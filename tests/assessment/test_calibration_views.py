@@ -10,8 +10,7 @@ import pyfar
 import pytest
 
 import fdcal
-from fdcal.assessment.corrected_positions import GivenPosition
-from fdcal.assessment.result_parts import ChannelFault, Channels
+from fdcal.assessment.calibration import ChannelFault, Channels, GivenPosition
 from fdcal.graphics.overlays import VISIBLE, enlargement
 from fdcal.recordings.positions_file import read_positions
 

@@ -10,7 +10,7 @@ from fdcal.graphics.calibration_figure import enlarged_ellipses
 from fdcal.model.arrays import positions_of
 from fdcal.model.scene_file import load_scene
 from fdcal.session.planning.bounds import request_information
-from fdcal.viewer.background.planned_array import planned_array, plan_request, position_bound
+from fdcal.viewer.background.planned_array import plan_request, planned_array, position_bound
 from fdcal.viewer.background.uncertainty import uncertainty_of
 from fdcal.viewer.gui.plan_choices import PlanChoices
 

@@ -10,11 +10,8 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from fdcal.assessment.calibration import Calibration
-from fdcal.assessment.corrected_positions import GivenPosition
+from fdcal.assessment.calibration import Calibration, ChannelFault, Channels, Evidence, GivenPosition, KnownRoom
 from fdcal.assessment.result_file import load_result, save_result
-from fdcal.assessment.result_parts import ChannelFault, Channels, Evidence, KnownRoom
-from fdcal.assessment.result_schema import require_result
 from fdcal.model.measurement import Measurement
 from fdcal.model.validation import InputError, StorageError
 
@@ -126,8 +123,9 @@ GIVEN = {"name": "a", "given_m": [0.1, 0.2], "found_m": [0.1, 0.2], "difference_
 def test_malformed_given_positions_are_refused(rows):
     table = json.loads(FULL.to_json()) | {"given_positions": rows}
     with pytest.raises(InputError, match="given_positions"):
-        require_result(table, "the file")
-    assert require_result(table | {"given_positions": [GIVEN]}, "the file")["given_positions"] == [GIVEN]
+        Calibration.from_json(json.dumps(table))
+    (row,) = Calibration.from_json(json.dumps(table | {"given_positions": [GIVEN]})).channels.given
+    assert (row.name, row.given, row.sigma, row.wrong) == ("a", (0.1, 0.2), 0.1, False)
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...assessment.calibration import Channels
 from ...assessment.error_ellipses import confidence_factor, ellipse_axes
-from ...assessment.result_parts import Channels
 from ...session.assess import Assessment
 
 
