@@ -43,7 +43,7 @@ HOMES = {
     "tqdm": {"commands"},
     "platformdirs": {"model.storage"},
     "threadpoolctl": {"session.blas_threads"},
-    "pandas": {"assessment.data_frame", "assessment.study_statistics", "session.study.results", "graphics"},
+    "pandas": {"assessment.tables", "assessment.study_statistics", "session.study.results", "graphics"},
     "pyarrow": {"session.study.results"},
     "distributed": {"session.study.cluster"},
     "pyfar": {"recordings.pyfar_objects"},
