@@ -94,9 +94,7 @@ def distance_pair(inputs: CalibrationInput) -> tuple[int, int]:
 
 
 def _assess_array(inputs: CalibrationInput, problem: Problem, state, wording: Mapping[str, str]) -> Assessment:
-    from ..assessment.cross_validation import (
-        cross_validate,  # these load the compiler, which other commands do not need
-    )
+    from ..assessment.field import cross_validate  # these load the compiler, which other commands do not need
     from ..assessment.verdict import judge
 
     # Where hardly any noise is left, the real-valued kernel of the verdict has its own limit, which it finds itself.
@@ -114,7 +112,7 @@ def _assess_array(inputs: CalibrationInput, problem: Problem, state, wording: Ma
 
 def _assess_channels(inputs: CalibrationInput, problem: Problem, state, wording: Mapping[str, str]) -> Assessment:
     from ..assessment.channel_verdict import judge  # these load the compiler
-    from ..assessment.cross_validation import cross_validate_healthy
+    from ..assessment.field import cross_validate
     from ..assessment.odd_channels import healthy_channels
     from ..assessment.sound_speed import at_sound_speed, from_distance
     from ..solvers.robust import assumptions
@@ -128,7 +126,7 @@ def _assess_channels(inputs: CalibrationInput, problem: Problem, state, wording:
     problem = at_sound_speed(problem, verdict.sound_speed)
     corrected = replace(problem, pressures=pressures)
     healthy = healthy_channels(len(names), verdict.odd)
-    prediction = cross_validate_healthy(corrected, verdict.positions, state.modes, healthy)
+    prediction = cross_validate(corrected, verdict.positions, state.modes, healthy=healthy)
     return Assessment(
         verdict.positions, problem, verdict.code, verdict.worded(wording), verdict.sigma, verdict.covariance,
         replace(_evidence(verdict, prediction), noise_to_given=_noise_to_given(recorded, verdict.noise_share)),
@@ -159,7 +157,7 @@ def _at_estimated_sound_speed(inputs: CalibrationInput, problem: Problem, state,
 
 
 def _assess_in_room(inputs: CalibrationInput, problem: Problem, state, wording: Mapping[str, str]) -> Assessment:
-    from ..assessment.cross_validation import summarise  # these load the compiler, which other commands do not need
+    from ..assessment.field import summarise  # these load the compiler, which other commands do not need
     from ..assessment.room_verdict import judge
 
     found = judge(problem, state, inputs.measurement.names)
