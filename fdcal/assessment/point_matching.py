@@ -101,7 +101,7 @@ def matches(points: np.ndarray, others: np.ndarray) -> list[Match]:
             best = np.argsort((rough**2).sum(axis=1), kind="stable")[:most]
             found += [_refined(motions[n], others, tolerance) for n in best]
         closest = min(found, key=lambda match: match.cost)
-        if np.mean(_distances(closest, others) < tolerance) >= LIMITS.enough:
+        if np.mean(np.linalg.norm(closest.placed - others[closest.order], axis=1) < tolerance) >= LIMITS.enough:
             break
     different = {tuple(match.order): match for match in sorted(found, key=lambda match: -match.cost)}
     return sorted(different.values(), key=lambda match: match.cost)
@@ -134,10 +134,6 @@ def _refined(placed: np.ndarray, others: np.ndarray, tolerance: float) -> Match:
             break
     distance = np.linalg.norm(placed - others[order], axis=1)
     return Match(placed, order, float(np.mean(np.minimum(distance, tolerance) ** 2)))
-
-
-def _distances(match: Match, others: np.ndarray) -> np.ndarray:
-    return np.linalg.norm(match.placed - others[match.order], axis=1)
 
 
 def _bases(points: np.ndarray) -> Iterator[np.ndarray]:

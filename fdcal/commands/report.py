@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..assessment.calibration import Calibration, Evidence, GivenPosition
-from ..assessment.position_check import PositionCheck, compare_positions
-from ..assessment.position_check_text import describe
+from ..assessment.position_check import PositionCheck, compare_positions, describe
 from ..model.lengths import length_text
 from ..model.measurement import Measurement
 from ..model.validation import InputError
