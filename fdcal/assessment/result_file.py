@@ -1,7 +1,7 @@
 """The JSON file of a calibration: its keys with their types and shapes, and how they are written, read and checked.
 
-`Keys` declares every key. Files written by older versions lack some of those of `OptionalKeys`; keys that are not
-declared are ignored. `KEYS` says which attribute stands under another name.
+`Keys` declares every key with its type and its shape. Files that older versions wrote lack some of those that are not
+required; keys that are not declared are ignored.
 """
 
 from __future__ import annotations
