@@ -10,7 +10,7 @@ import numpy as np
 from ..model.gauge import align
 from ..model.lengths import length_text
 from ..model.validation import InputError, frozen_array, require_finite, word_arguments
-from .point_matching import Match, assigned, matches, nearest_neighbours, tolerance_of
+from .point_matching import Match, assigned, distances, matches, nearest_neighbours, tolerance_of
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,7 @@ def compare_positions(found, given, known=()) -> PositionCheck:
 def _free(found: np.ndarray, given: np.ndarray) -> PositionCheck:
     """Return the comparison after the best motion as a whole, and in the size of the array found if that fits."""
     # No exchange changes the median distance between microphones.
-    apart = [np.linalg.norm(p[:, None] - p[None], axis=2)[np.triu_indices(len(p), 1)] for p in (found, given)]
+    apart = [distances(p, p)[np.triu_indices(len(p), 1)] for p in (found, given)]
     own, listed = map(float, np.median(apart, axis=1))
     scale = listed / own if min(own, listed) > 0 else 1.0
     check = _best(found, given)
@@ -218,14 +218,13 @@ def _aligned(match: Match, given: np.ndarray) -> PositionCheck:
 def _checked(placed: np.ndarray, given: np.ndarray, order: np.ndarray) -> PositionCheck:
     """Return the comparison of positions already placed, in an order; in that of the list where it does not fit."""
     own, spacing = np.arange(len(order)), nearest_neighbours(given)
-    distances = np.linalg.norm(placed - given[order], axis=1)
+    errors, away = (np.linalg.norm(placed - given[rows], axis=1) for rows in (own, order))
     # The more is exchanged, the more easily a list fits, and the closer it must be.
     many = min(1.0, max(0.0, (len(order) - given.shape[1] - 1) / LIMITS.freedom))
     exchanged = min(1.0, float(np.mean(order != own)) / (1 - LIMITS.kept))
     limit = (1 - exchanged) * LIMITS.close + exchanged * LIMITS.found * many
-    fits = bool(np.median(distances) <= limit * np.median(spacing))
-    errors = np.linalg.norm(placed - given, axis=1)
-    return PositionCheck(errors, order if fits else own, distances if fits else errors, fits, spacing)
+    fits = bool(np.median(away) <= limit * np.median(spacing))
+    return PositionCheck(errors, order if fits else own, away if fits else errors, fits, spacing)
 
 
 def _kept_order(placed: np.ndarray, given: np.ndarray) -> np.ndarray:
