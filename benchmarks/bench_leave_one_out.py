@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from fdcal.acoustics.box_field import point_source_pressures as box_field
-from fdcal.assessment.cross_validation import cross_validate, expansions
+from fdcal.assessment.field import cross_validate, expansions
 from fdcal.model.power import mode_power
 from fdcal.model.scene_file import load_scene
 

@@ -45,14 +45,15 @@ PUBLIC = {
 # What methods of public classes leave to packages above their own, which they cannot import.
 EXTENSIONS = {
     "calibration_html": "graphics.calibration_html:calibration_html",
-    "data_frame": "assessment.data_frame:data_frame",
+    "data_frame": "assessment.tables:data_frame",
     "draw_calibration": "graphics.calibration_figure:draw_calibration",
     "export_gains": "recordings.export:export_gains",
     "export_positions": "recordings.export:export_positions",
     "load_result": "assessment.result_file:load_result",
     "measurement_of_pyfar": "recordings.pyfar_objects:measurement_of_pyfar",
-    "placed_in_frame": "assessment.alignment:placed_in_frame",
     "pyfar_coordinates": "recordings.pyfar_objects:pyfar_coordinates",
+    "read_result": "assessment.result_file:read_result",
+    "result_text": "assessment.result_file:result_text",
     "save_result": "assessment.result_file:save_result",
 }
 

@@ -43,7 +43,7 @@ HOMES = {
     "tqdm": {"commands"},
     "platformdirs": {"model.storage"},
     "threadpoolctl": {"session.blas_threads"},
-    "pandas": {"assessment.data_frame", "assessment.study_statistics", "session.study.results", "graphics"},
+    "pandas": {"assessment.tables", "assessment.study_statistics", "session.study.results", "graphics"},
     "pyarrow": {"session.study.results"},
     "distributed": {"session.study.cluster"},
     "pyfar": {"recordings.pyfar_objects"},
@@ -134,7 +134,7 @@ def test_a_library_stays_in_its_home(path):
 def test_only_methods_of_public_classes_reach_above_their_package():
     """`fdcal.extension` gives them what carries them out; nothing else goes round the order of the packages."""
     root = {name_of(path) for path in INSIDE if imports(path) & {"fdcal", "fdcal.extension"}}
-    assert root == {"model.measurement_sources", "assessment.calibration_views"}
+    assert root == {"model.measurement_sources", "assessment.calibration"}
     for target in fdcal.EXTENSIONS.values():
         assert target.partition(":")[0] in NAMES
 
@@ -165,7 +165,7 @@ def test_cost_and_solvers_never_see_the_truth(path):
 SOLVERS = {path.name for path in (PACKAGE / "solvers").iterdir() if (path / "solver.py").exists()}
 SOLVERS |= {"descent+joint"}
 # Comparisons of other things that are called like a solver: a part of a picture, a key of a file.
-NO_SOLVER = {("graphics.camera", "room"), ("assessment.calibration", "room"), ("assessment.result_schema", "room")}
+NO_SOLVER = {("graphics.camera", "room"), ("assessment.result_file", "room")}
 
 
 def compared_texts(node: ast.AST) -> set[str]:

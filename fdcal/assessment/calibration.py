@@ -1,35 +1,227 @@
-"""The result of a calibration: `Calibration`, which `fdcal calibrate` prints and writes as JSON."""
+"""The result of a calibration: `Calibration`, its parts, its errors against the truth, and what it can be turned into.
+
+What is carried out elsewhere (files, tables, pictures, other programs' formats) is looked up in `fdcal.EXTENSIONS`.
+
+Frames of the positions:
+
+known     as they are: the axes of the known microphones
+minimal   the first microphone is the origin, the second lies on the positive x axis, the third in the x-y plane
+          with y > 0, the fourth of an array in space has z > 0; a microphone in line with those before is skipped
+axes      the centre of the array is the origin, x its longest axis, then y; the sum of cubes is positive on each
+"""
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass, field, fields
+import math
+from dataclasses import dataclass, replace
+from os import PathLike
+from typing import Any
 
 import numpy as np
 
-from ..model.reading import parse_json
-from ..model.validation import InputError, frozen_array
-from .calibration_errors import CalibrationErrors
-from .calibration_views import CalibrationViews
-from .result_parts import (
-    Channels,
-    Evidence,
-    KnownRoom,
-    channels_of,
-    channels_table,
-    evidence_of,
-    evidence_table,
-    plain,
-    room_of,
-    room_table,
-)
-from .result_schema import REQUIRED, require_result
+import fdcal
 
-PARTS = ("evidence", "room", "channels")  # attributes that have several keys in the file
+from ..cost.channel_correction import ChannelCorrection
+from ..model.gauge import align, position_errors
+from ..model.lengths import length_text
+from ..model.measurement import Measurement
+from ..model.microphones import MicrophonePositions
+from ..model.validation import InputError, frozen_array, require_choice
+
+DECIBELS_PER_NEPER = 20 / np.log(10)
+CHANNEL_NUMBERS = ("gain_db", "gain_sigma_db", "phase_deg", "phase_sigma_deg", "noise_db")  # attributes of `Channels`
+FRAMES = ("known", "minimal", "axes")
+COLLINEAR = 1e-6  # of the array's extent: microphones this close to a line or plane through others lie in it
+INDEPENDENT = 0.1  # least part of a coordinate axis outside the axes found so far, to complete them
+
+
+def _freeze(part: object, *names: str) -> None:
+    """Replace attributes by read-only float64 copies, where they are given."""
+    for name in names:
+        if getattr(part, name) is not None:
+            object.__setattr__(part, name, frozen_array(getattr(part, name), float))
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """The figures behind a verdict.
+
+    Attributes
+    ----------
+    residual_to_noise : float
+        Reduced chi-square of the pressures: power of the residual over that of the noise.
+    leave_one_out_db : float or None
+        Leave-one-out prediction error over pressure, decibels, of all microphones and frequencies together.
+    microphones_db : (N,) float64 or None
+        The same of each microphone.
+    frequencies_db : (M,) float64 or None
+        The same of each frequency.
+    noise_to_given : float or None
+        Noise that solver "robust" finds over the noise given, medians of the frequencies: the factor in the words of
+        the verdict model_mismatch. None without a given noise.
+    """
+
+    residual_to_noise: float
+    leave_one_out_db: float | None = None
+    microphones_db: np.ndarray | None = None
+    frequencies_db: np.ndarray | None = None
+    noise_to_given: float | None = None
+
+    def __post_init__(self):
+        _freeze(self, "microphones_db", "frequencies_db")
+
+
+@dataclass(frozen=True, eq=False)
+class KnownRoom:
+    """What solver "room" finds beside the positions.
+
+    Attributes
+    ----------
+    size : tuple of D float
+        Metres.
+    source : (D,) float64
+        Position of the source, metres.
+    admittance : complex
+        Specific admittance of the walls.
+    symmetries : tuple of (str, (N, D) float64)
+        Each array that the pressures cannot distinguish from the one found, which comes first: the map, such as
+        "(6 - x, y)", and the positions, metres.
+    """
+
+    size: tuple[float, ...]
+    source: np.ndarray
+    admittance: complex
+    symmetries: tuple[tuple[str, np.ndarray], ...]
+
+    def __post_init__(self):
+        _freeze(self, "source")
+
+
+@dataclass(frozen=True)
+class ChannelFault:
+    """What is wrong with a channel, or with the position given for it.
+
+    Attributes
+    ----------
+    name : str
+        Of the microphone.
+    kind : str
+        "inverted", "dead", "noisy", "delayed", "high_pass", "gain", "misplaced" or "exchanged", see
+        `fdcal.assessment.odd_channels`.
+    value : float or None
+        Gain or noise over the median channel in decibels, phase in degrees, delay in seconds, corner frequency over
+        that of the others in hertz, or distance from the given position in metres.
+    unit : str
+        Of the value: "dB", "degrees", "s", "Hz" or "m"; "" without a value.
+    partner : str or None
+        Name of the other microphone of an exchange.
+    """
+
+    name: str
+    kind: str
+    value: float | None = None
+    unit: str = ""
+    partner: str | None = None
+
+    @property
+    def text(self) -> str:
+        """The fault in words.
+
+        Examples
+        --------
+        >>> ChannelFault("17", "inverted").text
+        'microphone 17: inverted'
+        >>> ChannelFault("4", "delayed", 3e-4, "s").text
+        'microphone 4: delayed by 0.3 ms'
+        """
+        value = self.value or 0.0
+        words = {
+            "noisy": f"noise {value:.0f} dB over the others'",
+            "delayed": f"delayed by {1e3 * value:.2g} ms",
+            "high_pass": f"high-pass at {value:.3g} Hz",
+            "gain": f"phase {value:.0f} degrees" if self.unit == "degrees" else f"gain {value:+.1f} dB",
+            "misplaced": f"{1e3 * value:.3g} mm from the position given",
+            "exchanged": f"exchanged with microphone {self.partner}",
+        }
+        return f"microphone {self.name}: {words.get(self.kind, self.kind)}"
+
+
+@dataclass(frozen=True)
+class GivenPosition:
+    """A given position and the one found for its microphone.
+
+    Attributes
+    ----------
+    name : str
+        Of the microphone.
+    given, found : tuple of D float
+        Metres.
+    sigma : float
+        Metres, one sigma of the position found, the square root of the trace of its covariance.
+    wrong : bool
+        Whether the pressures contradict the position given.
+
+    Examples
+    --------
+    >>> GivenPosition("7", (0.0, 0.0), (0.003, 0.004), 0.001, True).difference
+    0.005
+    """
+
+    name: str
+    given: tuple[float, ...]
+    found: tuple[float, ...]
+    sigma: float
+    wrong: bool
+
+    @property
+    def difference(self) -> float:
+        """Distance of the position found from the one given, metres."""
+        return math.dist(self.given, self.found)
+
+
+@dataclass(frozen=True, eq=False)
+class Channels:
+    """Gain and noise of every channel, and given positions as corrected, which solver "robust" finds.
+
+    Attributes
+    ----------
+    gain_db, gain_sigma_db : (N,) float64
+        Gain over that of the median channel and its one sigma, decibels.
+    phase_deg, phase_sigma_deg : (N,) float64
+        Phase against that of the median channel and its one sigma, degrees, from -180 to 180.
+    noise_db : (N,) float64
+        Noise over that of the median channel, decibels.
+    faults : tuple of ChannelFault
+        In the order of the microphones.
+    given : tuple of GivenPosition
+        Of the microphones whose positions were given, in their order.
+    """
+
+    gain_db: np.ndarray
+    gain_sigma_db: np.ndarray
+    phase_deg: np.ndarray
+    phase_sigma_deg: np.ndarray
+    noise_db: np.ndarray
+    faults: tuple[ChannelFault, ...] = ()
+    given: tuple[GivenPosition, ...] = ()
+
+    def __post_init__(self):
+        _freeze(self, *CHANNEL_NUMBERS)
+
+    @property
+    def faulty(self) -> set[str]:
+        """Names of the microphones whose channel is not sound; a position given wrongly is no fault of a channel."""
+        return {fault.name for fault in self.faults if fault.kind != "misplaced"}
+
+    @property
+    def correction(self) -> ChannelCorrection:
+        """Gains and noise as costs take them."""
+        gains = 10 ** (self.gain_db / 20) * np.exp(1j * np.radians(self.phase_deg))
+        return ChannelCorrection(gains, 10 ** (self.noise_db / 10))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Calibration(CalibrationErrors, CalibrationViews):
+class Calibration:
     """Positions of the microphones of an array, and whether to trust them.
 
     Attributes
@@ -94,30 +286,106 @@ class Calibration(CalibrationErrors, CalibrationViews):
     frequencies: np.ndarray
     cost: float
     sweeps: int
-    elapsed: float = field(metadata={"key": "elapsed_s"})
+    elapsed: float
     converged: bool
     known: tuple[str, ...] | None = None
     excluded: tuple[str, ...] = ()
     aligned: bool = False
-    mean_error: float | None = field(default=None, metadata={"key": "mean_error_m"})
-    max_error: float | None = field(default=None, metadata={"key": "max_error_m"})
-    errors: np.ndarray | None = field(default=None, metadata={"key": "errors_m"})
+    mean_error: float | None = None
+    max_error: float | None = None
+    errors: np.ndarray | None = None
     sound_speed: float | None = None
     verdict: str = ""
     verdict_text: str = ""
-    uncertainty: np.ndarray | None = field(default=None, metadata={"key": "uncertainty_m"})
-    covariance: np.ndarray | None = field(default=None, metadata={"key": "covariance_m2"})
+    uncertainty: np.ndarray | None = None
+    covariance: np.ndarray | None = None
     evidence: Evidence | None = None
     room: KnownRoom | None = None
     channels: Channels | None = None
     sound_speed_sigma: float | None = None
-    rms_error: float | None = field(default=None, metadata={"key": "rms_error_m"})
+    rms_error: float | None = None
     cost_db: float | None = None
 
     def __post_init__(self):
-        for name in ("positions", "frequencies", "errors", "uncertainty", "covariance"):
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, frozen_array(getattr(self, name), float))
+        _freeze(self, "positions", "frequencies", "errors", "uncertainty", "covariance")
+
+    @property
+    def healthy(self) -> np.ndarray:
+        """Numbers of the microphones with a sound channel, of all if there is none : (K,) int64."""
+        faulty = set() if self.channels is None else self.channels.faulty
+        healthy = np.flatnonzero([name not in faulty for name in self.names])
+        return healthy if len(healthy) else np.arange(len(self.names))
+
+    def counted(self, given=()) -> np.ndarray:
+        """Return the numbers of the microphones whose errors are averaged: those sought, with a sound channel.
+
+        Parameters
+        ----------
+        given : sequence of int
+            Microphones whose positions were given; they count only where no other is left.
+
+        Returns
+        -------
+        (K,) int64
+        """
+        sought = np.setdiff1d(self.healthy, np.asarray(given, np.int64))
+        return sought if len(sought) else self.healthy
+
+    def positions_for(self, measurement: Measurement) -> np.ndarray:
+        """Return the positions in the axes of a measurement's true positions, where it has them.
+
+        A blind result is moved as a whole onto the true positions, by its sound channels; of the symmetries of a known
+        room the nearest one is taken.
+
+        Parameters
+        ----------
+        measurement : Measurement
+
+        Returns
+        -------
+        (N, D) float64
+            Metres.
+
+        Raises
+        ------
+        InputError
+            The result is of another number of microphones than the measurement.
+        """
+        shape = (measurement.count, measurement.array_dimension)
+        if self.positions.shape != shape:
+            problem = f"the result has positions of shape {self.positions.shape}, the measurement {shape}"
+            remedy = "use the result of this measurement"
+            if self.excluded:
+                names = ", ".join(self.excluded)
+                problem = f"the result leaves out microphone {names}, but the positions of all are needed"
+                remedy = "calibrate again without <exclude>"
+            raise InputError(problem, remedy, key="result")
+        truth = measurement.positions
+        if truth is None:
+            return self.positions
+        if self.room is not None:
+            return min((array for _, array in self.room.symmetries), key=lambda array: np.sum((array - truth) ** 2))
+        return align(self.positions, truth, self.healthy) if self.aligned else self.positions
+
+    def compared_with(self, measurement: Measurement, given=()) -> Calibration:
+        """Return this calibration with its errors against the true positions of a measurement, where it has them.
+
+        Parameters
+        ----------
+        measurement : Measurement
+        given : sequence of int
+            As of `counted`.
+
+        Returns
+        -------
+        Calibration
+        """
+        if measurement.positions is None:
+            return self
+        errors = position_errors(self.positions_for(measurement), measurement.positions)
+        of = errors[self.counted(given)]
+        mean, rms, largest = float(of.mean()), float(np.sqrt(np.mean(of**2))), float(of.max())
+        return replace(self, errors=errors, mean_error=mean, rms_error=rms, max_error=largest)
 
     def to_json(self) -> str:
         """Return the text of a result file.
@@ -131,14 +399,10 @@ class Calibration(CalibrationErrors, CalibrationViews):
         InputError
             A value is not finite, or an array has the wrong shape.
         """
-        table = {_key(f): plain(getattr(self, f.name)) for f in fields(self) if f.name not in PARTS}
-        table |= evidence_table(self.evidence) | room_table(self.room) | channels_table(self.channels)
-        kept = {key: value for key, value in table.items() if key in REQUIRED or value is not None}
-        require_result(kept, "the result")
-        return json.dumps(kept, indent=1, allow_nan=False) + "\n"
+        return fdcal.extension("result_text")(self)
 
-    @classmethod
-    def from_json(cls, text: str | bytes, where: str = "the result") -> Calibration:
+    @staticmethod
+    def from_json(text: str | bytes, where: str = "the result") -> Calibration:
         """Return the calibration of a result file with this text.
 
         Parameters
@@ -156,25 +420,225 @@ class Calibration(CalibrationErrors, CalibrationViews):
         InputError
             `text` is no JSON, or a key is missing or malformed.
         """
-        table = parse_json(text, where)
-        if not isinstance(table, dict):
-            raise InputError(f"{where} must hold one JSON object with the keys {', '.join(REQUIRED)}")
-        table = require_result(table, where)
-        known, count = table.get("known"), len(table["positions"])
-        plain = {f.name: table[_key(f)] for f in fields(cls) if _key(f) in table and f.name not in PARTS}
-        return cls(
-            **plain
-            | {
-                "names": tuple(table.get("names", map(str, range(count)))),
-                "known": None if known is None else tuple(known),
-                "excluded": tuple(table.get("excluded", ())),
-                "evidence": evidence_of(table),
-                "room": room_of(table),
-                "channels": channels_of(table),
-            }
+        return fdcal.extension("read_result")(text, where)
+
+    def save(self, path: str | PathLike[str], *, force: bool = False) -> None:
+        """Write the result as JSON, which `fdcal.Calibration.load` and every `--result` read.
+
+        Parameters
+        ----------
+        path : str or path
+        force : bool
+            Whether an existing file is overwritten.
+
+        Raises
+        ------
+        InputError
+            The file exists, and `force` is not set.
+        StorageError
+            The file cannot be written.
+
+        Examples
+        --------
+        >>> import tempfile, fdcal
+        >>> found = fdcal.calibrate(fdcal.load("tiny"), modes=12)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     found.save(f"{folder}/tiny.json")
+        ...     fdcal.Calibration.load(f"{folder}/tiny.json").names == found.names
+        True
+        """
+        fdcal.extension("save_result")(self, path, force)
+
+    @staticmethod
+    def load(path: str | PathLike[str]) -> Calibration:
+        """Return the calibration in a file that `save` or `fdcal calibrate -o` wrote.
+
+        Parameters
+        ----------
+        path : str or path
+
+        Returns
+        -------
+        Calibration
+
+        Raises
+        ------
+        InputError, StorageError
+            The file is no result, or cannot be read.
+
+        Examples
+        --------
+        >>> import tempfile, fdcal
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     fdcal.calibrate(fdcal.load("tiny"), modes=12).save(f"{folder}/tiny.json")
+        ...     fdcal.Calibration.load(f"{folder}/tiny.json").known
+        ('0', '5', '7')
+        """
+        return fdcal.extension("load_result")(path)
+
+    def export(
+        self,
+        path: str | PathLike[str],
+        *,
+        frame: str | None = None,
+        original: str | PathLike[str] | None = None,
+        table: str = "positions",
+        force: bool = False,
+    ) -> None:
+        """Write the positions, or the gains of the channels, for another program; the suffix selects the format.
+
+        Parameters
+        ----------
+        path : str or path
+            Ends in .csv (a table), .json, .xml (Acoular), .sofa or .npy (pyroomacoustics).
+        frame : str, optional
+            "known", the axes of the known microphones, as by default; "minimal" or "axes", as by default without any.
+        original : str or path, optional
+            A SOFA file into a copy of which the positions are written.
+        table : str
+            "positions", or "gains": a .csv table of gain, phase and noise of every channel, of solver "robust".
+        force : bool
+            Whether an existing file is overwritten.
+
+        Raises
+        ------
+        InputError
+            No format has this suffix, the frame does not exist, or the file exists and `force` is not set.
+        StorageError
+            The file cannot be written.
+
+        Examples
+        --------
+        >>> import tempfile, fdcal
+        >>> from pathlib import Path
+        >>> found = fdcal.calibrate(fdcal.load("tiny"), modes=12)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     found.export(f"{folder}/tiny.csv")
+        ...     Path(f"{folder}/tiny.csv").read_text().splitlines()[0]
+        'name,x,y,z,uncertainty'
+        """
+        require_choice("table", table, ("positions", "gains"))
+        if table == "gains":
+            fdcal.extension("export_gains")(self, path, force)
+        else:
+            fdcal.extension("export_positions")(self, path, frame, original, force)
+
+    def to_pyfar(self, *, frame: str | None = None) -> Any:
+        """Return the positions as `pyfar.Coordinates`; needs the extra "pyfar".
+
+        Parameters
+        ----------
+        frame : str, optional
+            As of `export`.
+
+        Returns
+        -------
+        pyfar.Coordinates
+
+        Examples
+        --------
+        >>> import fdcal
+        >>> fdcal.calibrate(fdcal.load("tiny"), modes=12).to_pyfar().cshape
+        (16,)
+        """
+        return fdcal.extension("pyfar_coordinates")(placed_in_frame(self, frame))
+
+    def to_dataframe(self) -> Any:
+        """Return a pandas table with one row a microphone, if pandas is installed.
+
+        Columns: x, y (z), metres; known; uncertainty, one sigma in metres; error, metres, where it is known; where the
+        solver finds them gain_db, gain_sigma_db, phase_deg, phase_sigma_deg, noise_db and fault, "" where sound,
+        and of given positions given_x, given_y (given_z) and given_difference, metres, NaN where none is given. The
+        index are the names.
+
+        Returns
+        -------
+        pandas.DataFrame
+
+        Raises
+        ------
+        InputError
+            pandas is not installed.
+
+        Examples
+        --------
+        >>> import fdcal
+        >>> found = fdcal.calibrate(fdcal.load("tiny"), modes=12)
+        >>> found.to_dataframe().columns.tolist()[:6]
+        ['x', 'y', 'known', 'uncertainty', 'error', 'gain_db']
+        """
+        return fdcal.extension("data_frame")(self)
+
+    def plot(self, truth=None) -> Any:
+        """Return a matplotlib figure of the positions, with error ellipses and the known microphones.
+
+        Parameters
+        ----------
+        truth : (N, D) array_like, optional
+            True positions to draw as well, metres, in the axes of the result.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+
+        Examples
+        --------
+        >>> import fdcal
+        >>> measurement = fdcal.load("tiny")
+        >>> figure = fdcal.calibrate(measurement, modes=12).plot(measurement.positions)
+        >>> figure.axes[0].get_xlabel()
+        'x (m)'
+        """
+        return fdcal.extension("draw_calibration")(self, truth)
+
+    def __repr__(self) -> str:
+        known = "" if self.known is None else f", {len(self.known)} known"
+        error = "" if self.mean_error is None else f", mean error {length_text(self.mean_error)}"
+        return (
+            f"<Calibration by {self.solver}: {len(self.names)} microphones{known},"
+            f" {len(self.frequencies)} frequencies, verdict {self.verdict or 'unknown'}{error}>"
         )
 
+    def _repr_html_(self) -> str:
+        return fdcal.extension("calibration_html")(self)
 
-def _key(attribute) -> str:
-    """Return the key of an attribute in the file."""
-    return attribute.metadata.get("key", attribute.name)
+
+def in_frame(positions, frame: str) -> np.ndarray:
+    """Return positions (N, D), metres, moved, rotated and maybe mirrored as a whole into a frame of FRAMES."""
+    require_choice("frame", frame, FRAMES)
+    positions = np.array(positions, float)
+    if frame == "known":
+        return positions
+    if frame == "minimal":
+        apart = positions - positions[0]
+        return apart @ _minimal_axes(apart).T
+    centred = positions - positions.mean(axis=0)
+    turned = centred @ np.linalg.svd(centred, full_matrices=True)[2].T
+    return turned * np.where(np.sum(turned**3, axis=0) < 0, -1.0, 1.0)
+
+
+def placed_in_frame(result: Calibration, frame: str | None) -> MicrophonePositions:
+    """Return the microphones of a result in a frame; None for that of the known ones, or "axes" without any."""
+    blind = result.known == ()
+    if frame is None:
+        frame = "axes" if blind else "known"
+    if frame == "known" and blind:
+        raise InputError(
+            "frame = known, but no microphone was known", "use <frame> minimal or axes", key="frame", value="known"
+        )
+    return MicrophonePositions(result.names, in_frame(result.positions, frame), result.uncertainty, frame)
+
+
+def _minimal_axes(apart: np.ndarray) -> np.ndarray:
+    """Return the axes (D, D), in rows, of the frame "minimal", from offsets (N, D) from the first microphone."""
+    extent = np.linalg.norm(apart, axis=1).max()
+    # An array in a line or a plane leaves some axes open, which those of the coordinates complete.
+    candidates = [(vector, COLLINEAR * extent) for vector in apart[1:]]
+    candidates += [(axis, INDEPENDENT) for axis in np.eye(apart.shape[1])]
+    axes = np.zeros((0, apart.shape[1]))
+    for vector, least in candidates:
+        rest = vector - axes.T @ (axes @ vector)
+        rest = rest - axes.T @ (axes @ rest)  # removes rounding
+        if len(axes) < apart.shape[1] and np.linalg.norm(rest) > least:
+            axes = np.vstack([axes, rest / np.linalg.norm(rest)])
+    return axes

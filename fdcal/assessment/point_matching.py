@@ -63,11 +63,14 @@ class Match:
     cost: float
 
 
+def distances(points: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Return the distance of each of `points` (N, D) from each of `others` (P, D) : (N, P) float64."""
+    return np.linalg.norm(points[:, None] - others[None], axis=2)
+
+
 def nearest_neighbours(points: np.ndarray) -> np.ndarray:
     """Return the distance of each of `points` (N, D) from the nearest other one : (N,) float64."""
-    distance = np.linalg.norm(points[:, None] - points[None], axis=2)
-    np.fill_diagonal(distance, np.inf)
-    return distance.min(axis=1)
+    return (distances(points, points) + np.diag(np.full(len(points), np.inf))).min(axis=1)
 
 
 def tolerance_of(points: np.ndarray) -> float:
@@ -76,17 +79,9 @@ def tolerance_of(points: np.ndarray) -> float:
 
 
 def matches(points: np.ndarray, others: np.ndarray) -> list[Match]:
-    """Return the ways in which `points` lie closest to `others`, each with another order.
+    """Return the ways in which `points` lie closest to `others`, each with another order; both (N, D), metres.
 
-    Parameters
-    ----------
-    points, others : (N, D) float64
-        Metres, D of 2 or 3.
-
-    Returns
-    -------
-    list of Match
-        The closest first; those that leave the order as it is are among them.
+    The closest comes first; those that leave the order as it is are among them.
     """
     from scipy.spatial import KDTree
 
@@ -101,7 +96,7 @@ def matches(points: np.ndarray, others: np.ndarray) -> list[Match]:
             best = np.argsort((rough**2).sum(axis=1), kind="stable")[:most]
             found += [_refined(motions[n], others, tolerance) for n in best]
         closest = min(found, key=lambda match: match.cost)
-        if np.mean(_distances(closest, others) < tolerance) >= LIMITS.enough:
+        if np.mean(np.linalg.norm(closest.placed - others[closest.order], axis=1) < tolerance) >= LIMITS.enough:
             break
     different = {tuple(match.order): match for match in sorted(found, key=lambda match: -match.cost)}
     return sorted(different.values(), key=lambda match: match.cost)
@@ -111,15 +106,14 @@ def assigned(placed: np.ndarray, others: np.ndarray, tolerance: float) -> np.nda
     """Return at which of `others` each of `placed` lies, each at one : (N,) int64."""
     from scipy.optimize import linear_sum_assignment  # takes a tenth of a second to load
 
-    distance = np.linalg.norm(placed[:, None] - others[None], axis=2)
+    distance = distances(placed, others)
     beyond = np.maximum(distance - tolerance, 0.0)  # beyond the tolerance nearer is better still, but counts little
     return linear_sum_assignment(np.minimum(distance, tolerance) ** 2 + 1e-3 * tolerance * beyond)[1]
 
 
 def _same_order(points: np.ndarray, others: np.ndarray) -> np.ndarray:
     """Return the half of the points whose distances to the rest agree best in the order as it is."""
-    off = [np.median(np.abs(np.linalg.norm(p - points, axis=1) - np.linalg.norm(q - others, axis=1)))
-           for p, q in zip(points, others, strict=True)]  # fmt: skip
+    off = np.median(np.abs(distances(points, points) - distances(others, others)), axis=1)
     return np.argsort(off, kind="stable")[: max(points.shape[1] + 2, (len(points) + 1) // 2)]
 
 
@@ -134,10 +128,6 @@ def _refined(placed: np.ndarray, others: np.ndarray, tolerance: float) -> Match:
             break
     distance = np.linalg.norm(placed - others[order], axis=1)
     return Match(placed, order, float(np.mean(np.minimum(distance, tolerance) ** 2)))
-
-
-def _distances(match: Match, others: np.ndarray) -> np.ndarray:
-    return np.linalg.norm(match.placed - others[match.order], axis=1)
 
 
 def _bases(points: np.ndarray) -> Iterator[np.ndarray]:
@@ -158,18 +148,16 @@ def _bases(points: np.ndarray) -> Iterator[np.ndarray]:
 def _motions(points: np.ndarray, others: np.ndarray, base: np.ndarray, tolerance: float) -> np.ndarray:
     """Return the points laid onto every group of `others` with the distances of the base : (K, N, D) float64."""
     groups = _groups(points[base], others, tolerance)
-    centre, goals = points[base].mean(axis=0), others[groups]
+    centred, goals = points - points[base].mean(axis=0), others[groups]
     middles = goals.mean(axis=1, keepdims=True)
-    U, _, Vt = np.linalg.svd((points[base] - centre).T @ (goals - middles))
-    mirror = np.ones(points.shape[1])
-    mirror[-1] = -1.0  # D points lie in a line or a plane, which leaves the side open
-    placed = [(points - centre) @ (U * sides) @ Vt + middles for sides in (np.abs(mirror), mirror)]
-    return np.concatenate(placed)
+    U, _, Vt = np.linalg.svd(centred[base].T @ (goals - middles))
+    mirror = np.append(np.ones(points.shape[1] - 1), -1.0)  # D points leave open on which side of them the others lie
+    return np.concatenate([centred @ U @ Vt + middles, centred @ (U * mirror) @ Vt + middles])
 
 
 def _groups(base: np.ndarray, others: np.ndarray, tolerance: float) -> np.ndarray:
     """Return the numbers of the groups of D points that have the distances of `base` : (K, D) int64, closest first."""
-    distance = np.linalg.norm(others[:, None] - others[None], axis=2)
+    distance = distances(others, others)
     groups, misfit = np.arange(len(others))[:, None], np.zeros(len(others))
     for n in range(1, len(base)):
         wanted = np.linalg.norm(base[:n] - base[n], axis=1)

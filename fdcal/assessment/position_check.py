@@ -2,15 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..model.gauge import align
-from ..model.validation import InputError, frozen_array, require_finite
-from .list_order import LIMITS, closeness, cycles_of, kept_order
-from .point_matching import Match, matches, nearest_neighbours, tolerance_of
+from ..model.lengths import length_text
+from ..model.validation import InputError, frozen_array, require_finite, word_arguments
+from .point_matching import Match, assigned, distances, matches, nearest_neighbours, tolerance_of
+
+
+@dataclass(frozen=True)
+class CheckLimits:
+    """When a list counts as fitting, and channels as swapped.
+
+    Attributes
+    ----------
+    swapped : a swap must reduce the distance of a microphone to less than this share of what it was
+    improved : share of the microphones of a cycle for which it must
+    kept : share of the microphones that must be at their own places for the order to count as that of the list
+    close : median distance of a list in its own order, of the spacing of the microphones, at most
+    found : the same of a list in which most are exchanged; unrelated arrays of 16 reach 0.28, of 32 0.34
+    freedom : number of microphones beyond D + 1 from which `found` holds; of fewer it is less in proportion
+    alike, resolved : other orders fit as well up to this factor of the mean square, and this share of the spacing
+    size : factor by which list and array may differ in size
+    """
+
+    swapped: float = 0.5
+    improved: float = 0.75
+    kept: float = 0.5
+    close: float = 0.5
+    found: float = 0.25
+    freedom: int = 12
+    alike: float = 1.5
+    resolved: float = 0.03
+    size: float = 1.1
+
+
+LIMITS = CheckLimits()
+
+
+TRUSTED = "good"  # the verdict with which finding no swap means that there is none
+MOST_LISTED = 0.5  # share of the microphones in others' places beyond which only the rows say who stands where
+UNITS = (("centimetres", 100.0), ("millimetres", 1000.0), ("feet", 3.281), ("inches", 39.37))
+UNIT_TOLERANCE = 0.1  # relative, of a factor that suggests a unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,10 +57,6 @@ class PositionCheck:
     ----------
     errors : (N,) float64
         Metres, distance from the position in the list, of its size, after the best rigid motion.
-    swapped : tuple of (int, int)
-        Pairs of channels whose positions are exchanged.
-    permuted : tuple of tuple of int
-        Cycles of more than two channels that stand at each other's positions.
     order : (N,) int64
         Row of the list at whose position each microphone stands; its own unless it is in a cycle.
     distances : (N,) float64
@@ -32,10 +64,10 @@ class PositionCheck:
     fits : bool
         Whether the list fits the array found, in this order. Without, nothing is said about swaps: it is the list of
         another array, or the positions, of the list or found, are far off.
-    scale : float
-        Size of the list over that of the array found; 1 unless they differ by more than a tenth, as in other units.
     spacing : (N,) float64
         Metres, distance of each position of the list, of the size of the array, from the nearest other one.
+    scale : float
+        Size of the list over that of the array found; 1 unless they differ by more than a tenth, as in other units.
     symmetric : bool
         Whether the list fits as well turned or mirrored, so that such an exchange of most channels cannot be seen.
     moved : bool
@@ -43,25 +75,32 @@ class PositionCheck:
     """
 
     errors: np.ndarray
-    swapped: tuple[tuple[int, int], ...]
-    permuted: tuple[tuple[int, ...], ...]
     order: np.ndarray
     distances: np.ndarray
     fits: bool
-    scale: float
     spacing: np.ndarray
+    scale: float = 1.0
     symmetric: bool = False
     moved: bool = False
 
     def __post_init__(self):
-        for name in ("errors", "distances", "spacing"):
-            object.__setattr__(self, name, frozen_array(getattr(self, name), float))
-        object.__setattr__(self, "order", frozen_array(self.order, np.int64))
+        for name, kind in (("errors", float), ("order", np.int64), ("distances", float), ("spacing", float)):
+            object.__setattr__(self, name, frozen_array(getattr(self, name), kind))
+
+    @property
+    def swapped(self) -> tuple[tuple[int, ...], ...]:
+        """Pairs of channels whose positions are exchanged."""
+        return tuple(cycle for cycle in _cycles(self.order) if len(cycle) == 2)
+
+    @property
+    def permuted(self) -> tuple[tuple[int, ...], ...]:
+        """Cycles of more than two channels that stand at each other's positions."""
+        return tuple(cycle for cycle in _cycles(self.order) if len(cycle) > 2)
 
     @property
     def agrees(self) -> bool:
         """Whether the list fits, in its order and its size."""
-        return self.fits and self.scale == 1 and not self.swapped and not self.permuted
+        return self.fits and self.scale == 1 and np.array_equal(self.order, np.arange(len(self.order)))
 
     def table(self, names: Sequence[str]) -> dict:
         """Return the comparison as it stands in a result file.
@@ -122,11 +161,8 @@ def compare_positions(found, given, known=()) -> PositionCheck:
     """
     found, given = np.asarray(found, float), np.asarray(given, float)
     if found.shape != given.shape:
-        raise InputError(
-            f"the result has positions of shape {found.shape}, the measurement {given.shape}",
-            "use the result of this measurement",
-            key="result",
-        )
+        problem = f"the result has positions of shape {found.shape}, the measurement {given.shape}"
+        raise InputError(problem, "use the result of this measurement", key="result")
     require_finite("found", found)
     require_finite("given", given)
     if len(found) <= found.shape[1]:
@@ -134,7 +170,7 @@ def compare_positions(found, given, known=()) -> PositionCheck:
     free = _free(found, given)
     if not len(known):
         return free
-    fixed = _checked(found, given, kept_order(found, given))
+    fixed = _checked(found, given, _kept_order(found, given))
     if (fixed.fits and free.scale == 1) or not free.fits:
         return replace(fixed, scale=free.scale)
     return replace(free, moved=True)
@@ -142,69 +178,152 @@ def compare_positions(found, given, known=()) -> PositionCheck:
 
 def _free(found: np.ndarray, given: np.ndarray) -> PositionCheck:
     """Return the comparison after the best motion as a whole, and in the size of the array found if that fits."""
-    check, scale = _best(found, given), _scale(found, given)
+    # No exchange changes the median distance between microphones.
+    apart = [distances(p, p)[np.triu_indices(len(p), 1)] for p in (found, given)]
+    own, listed = map(float, np.median(apart, axis=1))
+    scale = listed / own if min(own, listed) > 0 else 1.0
+    check = _best(found, given)
     if 1 / LIMITS.size < scale < LIMITS.size:
         return check
     scaled = _best(found, given / scale)
     if not scaled.fits:
         return replace(check, scale=scale)
     close = scaled.distances <= 2 * np.median(scaled.distances)
-    scale *= _spread(given[scaled.order[close]] / scale) / _spread(found[close])
+    spreads = [np.linalg.norm(p - p.mean(axis=0)) for p in (given[scaled.order[close]] / scale, found[close])]
+    scale *= float(spreads[0]) / float(spreads[1])
     return replace(_best(found, given / scale), scale=scale)
-
-
-def _spread(points: np.ndarray) -> float:
-    return float(np.linalg.norm(points - points.mean(axis=0)))
-
-
-def _scale(found: np.ndarray, given: np.ndarray) -> float:
-    """Return the ratio of the median distances between microphones, which no exchange changes."""
-    of = np.triu_indices(len(found), 1)
-    sizes = [float(np.median(np.linalg.norm(p[of[0]] - p[of[1]], axis=1))) for p in (found, given)]
-    return sizes[1] / sizes[0] if min(sizes) > 0 else 1.0
 
 
 def _best(found: np.ndarray, given: np.ndarray) -> PositionCheck:
     """Return the comparison in the order of the list if it fits as well as any other one, or in the best."""
-    ways, spacing = matches(found, given), 2 * tolerance_of(given)
+    ways, spacing, own = matches(found, given), 2 * tolerance_of(given), np.arange(len(given))
     limit = LIMITS.alike * ways[0].cost + (LIMITS.resolved * spacing) ** 2
     alike = [match for match in ways if match.cost <= limit]
-    own = np.arange(len(found))
     match = min(alike, key=lambda match: np.count_nonzero(match.order != own))
     check = _aligned(match, given)
     if not check.fits:
         return _aligned(max(ways, key=lambda match: np.count_nonzero(match.order == own)), given)
-    return replace(check, symmetric=any(_differs(other, match) for other in alike))
+    # The orders of a turned array differ in most channels.
+    return replace(check, symmetric=any(np.mean(other.order != match.order) > LIMITS.kept for other in alike))
 
 
 def _aligned(match: Match, given: np.ndarray) -> PositionCheck:
     """Return the comparison of a match, moved by all its microphones where the list fits all of them."""
-    order = kept_order(match.placed, given)
+    order = _kept_order(match.placed, given)
     placed = align(match.placed, given[order])
-    at_most = tolerance_of(given)
-    whole = np.linalg.norm(placed - given[order], axis=1).max() < at_most
+    whole = np.linalg.norm(placed - given[order], axis=1).max() < tolerance_of(given)
     return _checked(placed if whole else match.placed, given, order)
-
-
-def _differs(one: Match, other: Match) -> bool:
-    """Return whether two orders differ in most channels, as those of a turned array do."""
-    return float(np.mean(one.order != other.order)) > LIMITS.kept
 
 
 def _checked(placed: np.ndarray, given: np.ndarray, order: np.ndarray) -> PositionCheck:
     """Return the comparison of positions already placed, in an order; in that of the list where it does not fit."""
     own, spacing = np.arange(len(order)), nearest_neighbours(given)
-    errors = np.linalg.norm(placed - given, axis=1)
-    distances = np.linalg.norm(placed - given[order], axis=1)
-    fits = bool(np.median(distances) <= closeness(order, given.shape[1]) * np.median(spacing))
-    cycles = cycles_of(order) if fits else []
-    return PositionCheck(
-        errors=errors,
-        swapped=tuple((c[0], c[1]) for c in cycles if len(c) == 2),
-        permuted=tuple(c for c in cycles if len(c) > 2),
-        order=order if fits else own,
-        distances=distances if fits else errors,
-        fits=fits,
-        scale=1.0,
-        spacing=spacing,
-    )
+    errors, away = (np.linalg.norm(placed - given[rows], axis=1) for rows in (own, order))
+    # The more is exchanged, the more easily a list fits, and the closer it must be.
+    many = min(1.0, max(0.0, (len(order) - given.shape[1] - 1) / LIMITS.freedom))
+    exchanged = min(1.0, float(np.mean(order != own)) / (1 - LIMITS.kept))
+    limit = (1 - exchanged) * LIMITS.close + exchanged * LIMITS.found * many
+    fits = bool(np.median(away) <= limit * np.median(spacing))
+    return PositionCheck(errors, order if fits else own, away if fits else errors, fits, spacing)
+
+
+def _kept_order(placed: np.ndarray, given: np.ndarray) -> np.ndarray:
+    """Return at whose position each microphone stands : (N,) int64, its own unless most of a cycle is far nearer."""
+    order, kept = assigned(placed, given, tolerance_of(given)), np.arange(len(given))
+    before = np.linalg.norm(placed - given, axis=1)
+    nearer = np.linalg.norm(placed - given[order], axis=1) < LIMITS.swapped * before
+    for cycle in map(list, _cycles(order)):
+        if np.mean(nearer[cycle]) >= LIMITS.improved:
+            kept[cycle] = order[cycle]
+    return kept
+
+
+def _cycles(order: np.ndarray) -> list[tuple[int, ...]]:
+    """Return the cycles of a permutation that move something, each from its lowest number."""
+    seen, cycles = set(), []
+    for n in range(len(order)):
+        cycle = []
+        while n not in seen:
+            seen.add(n)
+            cycle.append(n)
+            n = int(order[n])
+        if len(cycle) > 1:
+            cycles.append(tuple(cycle))
+    return cycles
+
+
+def describe(
+    check: PositionCheck,
+    names: Sequence[object],
+    verdict: str = TRUSTED,
+    known: bool = True,
+    arguments: Mapping[str, str] | None = None,
+) -> str:
+    """Return a comparison in words: what is exchanged, then the error of every microphone, the largest first.
+
+    `verdict` is a code of `fdcal.assessment.verdict` or `fdcal.assessment.room_verdict`; unless it is "good", finding
+    no swap means that there is none only where every microphone is near its place. `known` says whether known
+    microphones fixed the positions, `arguments` how the reader calls them, as of `word_arguments`.
+    """
+    advice = word_arguments("; try <known> none", arguments or {}) if known else ""
+    untrusted = "" if verdict == TRUSTED else f"not to be trusted ({verdict}){advice}"
+    if check.fits:
+        lines = _exchanges(check, names) or [_unchanged(check, verdict, untrusted)]
+    else:
+        reason = "it is of another array, or most of its positions are far off"
+        if untrusted:
+            reason = f"the positions found are {untrusted}, or it is of another array"
+        lines = [f"the list fits the array found in no order: {reason}"]
+    if check.fits and check.symmetric:
+        lines.append(
+            "the list fits as well turned or mirrored, since the array is symmetric: such an exchange of most channels"
+            " cannot be seen without known microphones"
+        )
+    if check.fits and check.moved:
+        lines.append("the list has other axes than the known microphones: the positions are moved onto it as a whole")
+    if check.scale != 1:
+        units = [name for name, factor in UNITS if abs(check.scale / factor - 1) < UNIT_TOLERANCE]
+        hint = f": is it in {units[0]}? Give metres" if units else ""
+        after = "; the distances are those of the list in the size of the array" if check.fits else ""
+        lines.append(f"the list is about {check.scale:.3g} times as large as the array found{hint}{after}")
+    for n in np.argsort(-check.errors, kind="stable").tolist():
+        row = f"{names[n]!s:>12}  {1e3 * check.errors[n]:8.1f} mm"
+        if check.order[n] != n:
+            row += f"  at the place of {names[int(check.order[n])]}, within {1e3 * check.distances[n]:.1f} mm"
+        lines.append(row)
+    return "\n".join(lines)
+
+
+def _exchanges(check: PositionCheck, names: Sequence[object]) -> list[str]:
+    """Return the swaps and longer cycles in words; none where every microphone is at its place."""
+    moved = np.count_nonzero(check.order != np.arange(len(names)))
+    if moved > MOST_LISTED * len(names):
+        return [f"{moved} of {len(names)} channels stand in others' places{_pattern(check.order)}"]
+    lines = [f"channels {names[a]} and {names[b]} are swapped" for a, b in check.swapped]
+    for cycle in check.permuted:
+        lines.append(f"channels {', '.join(str(names[n]) for n in cycle)} stand in each other's places")
+    return lines
+
+
+def _pattern(order: np.ndarray) -> str:
+    """Return what kind of order this is, where it has a name."""
+    count, own, shift = len(order), np.arange(len(order)), int(order[0])
+    if np.array_equal(order, own[::-1]):
+        return ": the list is in reverse"
+    if not np.array_equal(order, (own + shift) % count):
+        return ""
+    half = " (its halves are exchanged)" if 2 * shift == count else ""
+    shift = shift if 2 * shift <= count else shift - count
+    return f": the list is shifted by {shift} row{'s' if abs(shift) > 1 else ''}{half}"
+
+
+def _unchanged(check: PositionCheck, verdict: str, untrusted: str) -> str:
+    if not untrusted:
+        return "no channels are swapped"
+    if np.all(check.errors < check.spacing / 2):
+        largest, least = (length_text(float(x), 2) for x in (check.errors.max(), check.spacing.min()))
+        return (
+            f"no swap seen: the largest distance, {largest}, is far below the spacing of the microphones, {least},"
+            f" though the verdict is {verdict}"
+        )
+    return f"swaps cannot be detected from positions that are {untrusted}"

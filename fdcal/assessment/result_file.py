@@ -1,55 +1,256 @@
-"""The JSON file of a calibration: `save_result` writes it, `load_result` reads and checks it."""
+"""The JSON file of a calibration: its keys with their types and shapes, and how they are written, read and checked.
+
+`Keys` declares every key with its type and its shape. Files that older versions wrote lack some of those that are not
+required; keys that are not declared are ignored.
+"""
 
 from __future__ import annotations
 
 import json
+import re
+import sys
+from dataclasses import asdict, fields
 from pathlib import Path
+from typing import Annotated, Any, Literal, TypedDict, get_type_hints
+
+import msgspec
+import numpy as np
+from msgspec import structs
 
 from ..model.limits import LIMITS
-from ..model.reading import read_bytes
+from ..model.reading import parse_json, read_bytes
 from ..model.storage import write_atomically
-from ..model.validation import InputError
-from .calibration import Calibration
+from ..model.validation import InputError, shown
+from .calibration import CHANNEL_NUMBERS, Calibration, ChannelFault, Channels, Evidence, GivenPosition, KnownRoom
 from .position_check import PositionCheck
+
+LARGEST = sys.float_info.max
+
+Number = Annotated[float, msgspec.Meta(ge=-LARGEST, le=LARGEST)]  # neither NaN nor infinite
+Vector = Annotated[list[Number], msgspec.Meta(min_length=1)]
+Matrix = Annotated[list[Vector], msgspec.Meta(min_length=1)]
+Place = Annotated[list[Number], msgspec.Meta(min_length=2, max_length=3)]
+Positions = Annotated[list[Place], msgspec.Meta(min_length=1)]
+# Shapes stand last in an annotation: N microphones, D coordinates.
+OfEachMicrophone = Annotated[Vector, "N"]
+OfEachAxis = Annotated[Vector, "D"]
+
+
+class Symmetry(msgspec.Struct):
+    """An array that the pressures cannot distinguish from the one found."""
+
+    map: str
+    positions: Positions
+
+
+class FaultRow(msgspec.Struct, forbid_unknown_fields=True):
+    """A `ChannelFault`, of which every key must be there."""
+
+    name: str
+    kind: str
+    value: Number | None
+    unit: Literal["", "dB", "degrees", "s", "Hz", "m"]
+    partner: str | None
+
+
+class GivenRow(msgspec.Struct, forbid_unknown_fields=True):
+    """A `GivenPosition`, metres."""
+
+    name: str
+    given_m: Place
+    found_m: Place
+    difference_m: Number
+    sigma_m: Number
+    wrong: bool
+
+
+class RequiredKeys(TypedDict):
+    """Keys of every result; null where the true positions are unknown."""
+
+    positions: Annotated[Positions, "ND"]
+    solver: str
+    seed: int
+    frequencies: Vector
+    cost: Number
+    sweeps: int
+    elapsed_s: Number
+    converged: bool
+    mean_error_m: Number | None
+    max_error_m: Number | None
+
+
+class Keys(RequiredKeys, total=False):
+    """All keys; `room` to `symmetries` are of solver "room", `channel_gain_db` and what follows of "robust"."""
+
+    names: Annotated[list[str], "N"]
+    known: list[str]
+    excluded: list[str]
+    aligned: bool
+    errors_m: Annotated[Vector | None, "N"]
+    sound_speed: Number
+    verdict: str
+    verdict_text: str
+    uncertainty_m: OfEachMicrophone
+    covariance_m2: Annotated[list[Matrix], "NDD"]
+    sound_speed_sigma: Number
+    rms_error_m: Number | None
+    cost_db: Number
+    residual_to_noise: Number
+    left_out_db: Number
+    left_out_microphones_db: OfEachMicrophone
+    left_out_frequencies_db: Vector
+    noise_to_given: Number
+    room: OfEachAxis
+    source: OfEachAxis
+    admittance: tuple[Number, Number]
+    symmetries: list[Symmetry]
+    channel_gain_db: OfEachMicrophone
+    channel_gain_sigma_db: OfEachMicrophone
+    channel_phase_deg: OfEachMicrophone
+    channel_phase_sigma_deg: OfEachMicrophone
+    channel_noise_db: OfEachMicrophone
+    odd_channels: list[str]
+    odd_channel_details: list[FaultRow]
+    given_positions: list[GivenRow]
+
+
+REQUIRED = tuple(RequiredKeys.__annotations__)
+SHAPES = {
+    key: hint.__metadata__[-1]
+    for key, hint in get_type_hints(Keys, include_extras=True).items()
+    if isinstance(getattr(hint, "__metadata__", (None,))[-1], str)
+}
+# Attributes of each part, and their keys where these are others.
+RENAMED = {
+    "elapsed": "elapsed_s", "mean_error": "mean_error_m", "max_error": "max_error_m", "rms_error": "rms_error_m",
+    "errors": "errors_m", "uncertainty": "uncertainty_m", "covariance": "covariance_m2",
+    "leave_one_out_db": "left_out_db", "microphones_db": "left_out_microphones_db",
+    "frequencies_db": "left_out_frequencies_db",
+}  # fmt: skip
+PARTS = {"evidence", "room", "channels"}
+RESULT = {f.name: RENAMED.get(f.name, f.name) for f in fields(Calibration) if f.name not in PARTS}
+EVIDENCE = {f.name: RENAMED.get(f.name, f.name) for f in fields(Evidence)}
+CHANNELS = {name: f"channel_{name}" for name in CHANNEL_NUMBERS}
+
+
+def result_text(result: Calibration) -> str:
+    """Return the text of a result file; InputError names a value that could not be read back."""
+    table = {key: getattr(result, name) for name, key in RESULT.items()}
+    if result.evidence is not None:
+        table |= {key: getattr(result.evidence, name) for name, key in EVIDENCE.items()}
+    if (room := result.room) is not None:
+        table |= {
+            "room": room.size,
+            "symmetries": [{"map": name, "positions": positions} for name, positions in room.symmetries],
+            "source": room.source,
+            "admittance": [room.admittance.real, room.admittance.imag],
+        }
+    if (channels := result.channels) is not None:
+        table |= {key: getattr(channels, name) for name, key in CHANNELS.items()}
+        table["odd_channels"] = [fault.name for fault in channels.faults]
+        table["odd_channel_details"] = [asdict(fault) for fault in channels.faults]
+        table["given_positions"] = [
+            {"name": p.name, "given_m": p.given, "found_m": p.found, "difference_m": p.difference, "sigma_m": p.sigma,
+             "wrong": p.wrong} for p in channels.given
+        ] or None  # fmt: skip
+    kept = {key: value for key, value in table.items() if key in REQUIRED or value is not None}
+    text = json.dumps(kept, indent=1, default=lambda array: array.tolist()) + "\n"
+    read_result(text, "the result")
+    return text
+
+
+def read_result(text: str | bytes, where: str) -> Calibration:
+    """Return the calibration of a text that errors call `where`; InputError names a key that is malformed."""
+    table = parse_json(text, where)
+    if not isinstance(table, dict):
+        raise InputError(f"{where} must hold one JSON object with the keys {', '.join(REQUIRED)}")
+    table = _checked(table, where)
+    values = {name: table[key] for name, key in RESULT.items() if key in table}
+    values["names"] = table.get("names", map(str, range(len(table["positions"]))))
+    values |= {key: tuple(values[key]) for key in ("names", "known", "excluded") if key in values}
+    if "residual_to_noise" in table:
+        values["evidence"] = Evidence(**{name: table[key] for name, key in EVIDENCE.items() if key in table})
+    if "symmetries" in table:
+        arrays = tuple((one.map, np.array(one.positions)) for one in table["symmetries"])
+        values["room"] = KnownRoom(tuple(table["room"]), table["source"], complex(*table["admittance"]), arrays)
+    if "channel_gain_db" in table:
+        faults = tuple(ChannelFault(**structs.asdict(row)) for row in table.get("odd_channel_details", ()))
+        given = tuple(
+            GivenPosition(row.name, tuple(row.given_m), tuple(row.found_m), row.sigma_m, row.wrong)
+            for row in table.get("given_positions", ())
+        )
+        numbers = {name: table[key] for name, key in CHANNELS.items()}
+        values["channels"] = Channels(**numbers, faults=faults, given=given)
+    return Calibration(**values)
 
 
 def save_result(result: Calibration, path: str | Path, force: bool = False, check: PositionCheck | None = None) -> None:
-    """Write a calibration as JSON.
-
-    Parameters
-    ----------
-    result : Calibration
-    path : str or Path
-    force : bool
-        Whether an existing file is overwritten.
-    check : PositionCheck, optional
-        A comparison with a list of positions, written as the key "check", which `load_result` leaves out.
-
-    Raises
-    ------
-    InputError
-        A value is not finite, or the file exists and `force` is not set.
-    StorageError
-        The file cannot be written.
-    """
-    text = result.to_json()
+    """Write a calibration; a comparison with a list of positions as the key "check", which reading leaves out."""
+    text = result_text(result)
     if check is not None:
         text = json.dumps(json.loads(text) | {"check": check.table(result.names)}, indent=1, allow_nan=False) + "\n"
     write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8"), force)
 
 
 def load_result(path: str | Path) -> Calibration:
-    """Return the calibration of a JSON file.
-
-    Raises
-    ------
-    InputError
-        The file is no result: a key is missing or malformed.
-    StorageError
-        The file cannot be read.
-    """
+    """Return the calibration of a file; StorageError if it cannot be read, InputError if it is no result."""
     content = read_bytes(path, LIMITS.result)
     if not content.lstrip()[:1] == b"{":
         remedy = "give the .json file that `fdcal calibrate -o` writes"
         raise InputError(f"{path} is not a result", remedy, key="result", value=str(path))
-    return Calibration.from_json(content, str(path))
+    return read_result(content, str(path))
+
+
+def _checked(table: dict, where: str) -> dict[str, Any]:
+    """Return the declared keys of a table after a check of their types, shapes and what they have to do with others."""
+    try:
+        checked: dict[str, Any] = {**msgspec.convert(table, Keys)}
+    except msgspec.ValidationError as error:
+        raise _type_error(str(error), table, where) from None
+
+    def require(right: bool, key: str, problem: str) -> None:
+        if not right:
+            raise InputError(f'{where}: "{key}" {problem}', key=key, value=table.get(key))
+
+    sizes = {"N": len(checked["positions"]), "D": len(checked["positions"][0])}
+    shapes = {key: tuple(sizes[axis] for axis in axes) for key, axes in SHAPES.items()}
+    for key, shape in shapes.items():
+        right = checked.get(key) is None or _has_shape(checked[key], shape)
+        require(right, key, f"must be of shape {shape}, of {sizes['N']} microphones in {sizes['D']} dimensions")
+    missing = [key for key in CHANNELS.values() if key not in checked]
+    if 0 < len(missing) < len(CHANNELS):
+        raise _missing(missing[0], where)
+    if "symmetries" in checked:
+        beside = {"room", "source", "admittance"} <= checked.keys()
+        require(beside, "symmetries", 'needs "room", "source" and "admittance"')
+        right = all(_has_shape(one.positions, shapes["positions"]) for one in checked["symmetries"])
+        require(right, "symmetries", 'must hold positions of the same shape as "positions"')
+    for key in ("odd_channel_details", "given_positions"):
+        right = "names" not in checked or {row.name for row in checked.get(key, ())} <= {*checked["names"]}
+        require(right, key, 'has a name that is not in "names"')
+    places = [place for row in checked.get("given_positions", ()) for place in (row.given_m, row.found_m)]
+    require(all(len(place) == sizes["D"] for place in places), "given_positions", f"must hold {sizes['D']} coordinates")
+    return checked
+
+
+def _has_shape(values: list, shape: tuple[int, ...]) -> bool:
+    try:
+        return np.shape(values) == shape
+    except ValueError:  # rows of different lengths
+        return False
+
+
+def _missing(key: str, where: str) -> InputError:
+    return InputError(f'{where} has no "{key}"', "write it with `fdcal calibrate -o`", key=key)
+
+
+def _type_error(message: str, table: dict, where: str) -> InputError:
+    """Return the error for what msgspec says: "Expected `float`, got `str` - at `$.positions[0][1]`"."""
+    if missing := re.fullmatch(r"Object missing required field `(\w+)`", message):
+        return _missing(missing[1], where)
+    reason, _, place = message.rstrip("`").rpartition(" - at `$.")
+    key = re.split(r"\W", place)[0]
+    reason = "must be finite" if str(LARGEST) in reason else shown(reason.replace("`", ""), 120)
+    inside = "" if place == key else f" at {place}"
+    problem = f'{where}: "{key}" is malformed: {reason[0].lower()}{reason[1:]}{inside}'
+    return InputError(problem, key=key, value=table.get(key))

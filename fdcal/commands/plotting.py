@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..assessment.calibration import Calibration
-from ..assessment.field_map import FieldMap, field_map
+from ..assessment.field import FieldMap, field_map
 from ..cost.mode_limits import require_modes, require_plane_field, search_lattice
 from ..graphics.units import errors_in_words
 from ..model.measurement import Measurement

@@ -6,11 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..assessment.calibration import Calibration
-from ..assessment.corrected_positions import GivenPosition
-from ..assessment.position_check import PositionCheck, compare_positions
-from ..assessment.position_check_text import describe
-from ..assessment.result_parts import Evidence
+from ..assessment.calibration import Calibration, Evidence, GivenPosition
+from ..assessment.position_check import PositionCheck, compare_positions, describe
 from ..model.lengths import length_text
 from ..model.measurement import Measurement
 from ..model.validation import InputError

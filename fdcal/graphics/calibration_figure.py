@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..assessment.calibration import Calibration
-from ..assessment.error_ellipses import ellipse_axes
+from ..assessment.error_ellipses import confidence_factor, ellipse_axes
 from ..model.validation import InputError
 from .markers import ELLIPSE, ESTIMATE, KNOWN, TRUE
 from .overlays import enlargement
@@ -16,7 +16,6 @@ from .theme import fractions
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SIGMAS = 2.4477  # sqrt(-2 log 0.05): the ellipse that covers 95 % of a Gaussian in the plane
 SIDES = 60  # of the polygon that is drawn for an ellipse
 
 
@@ -81,7 +80,7 @@ def enlarged_ellipses(panel: Any, places: np.ndarray, covariance: np.ndarray, po
     covariance : (N, 2, 2) float64, metres^2
     positions : (N, D) float64, metres, whose extent decides on the factor
     """
-    axes = ellipse_axes(covariance, SIGMAS)
+    axes = ellipse_axes(covariance, confidence_factor(0.95, 2))
     longest = np.linalg.norm(axes[:, -1], axis=1)
     shown = longest > 0
     if not shown.any():

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..assessment.field_map import FieldMap
+from ..assessment.field import FieldMap
 from ..model.validation import InputError
 from . import vtk_xml
 from .colour_bar import COLOUR_MAP, DIVERGING_COLOUR_MAP

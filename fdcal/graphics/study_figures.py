@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..assessment.study_statistics import quantiles, share_grid
-from .study_panels import StudyPanels, label_of, rows_of
+from ..assessment.study_statistics import quantiles, rows_of, share_grid
+from .study_panels import StudyPanels, label_of
 
 if TYPE_CHECKING:
     import pandas
@@ -23,7 +23,7 @@ def draw_success(rows: pandas.DataFrame, axes: dict, shown: StudyPanels) -> Figu
     figure, panels = shown.drawn(1.4 + 0.6 * len(x), 1.2 + 0.45 * len(y))
     drawn: Any = None
     for panel, values in panels:
-        share = share_grid(rows_of(rows, values), axes, (shown.y, shown.x), "found").share
+        share = share_grid(rows_of(rows, values), axes, (shown.y, shown.x), "found")
         drawn = panel.imshow(share, vmin=0, vmax=1, cmap="viridis", aspect="auto", origin="lower")
         for (i, j), one in np.ndenumerate(share):
             if np.isfinite(one):
@@ -89,7 +89,7 @@ def draw_verdicts(rows: pandas.DataFrame, axes: dict, shown: StudyPanels) -> Fig
     for panel, values in panels:
         part, base = rows_of(rows, values), np.zeros(len(axes[shown.x]))
         for column, text, colour in kinds:
-            share = np.nan_to_num(share_grid(part, axes, (shown.x, ""), column).share[:, 0])
+            share = np.nan_to_num(share_grid(part, axes, (shown.x, ""), column)[:, 0])
             panel.bar(range(len(base)), 100 * share, bottom=100 * base, color=colour, label=text)
             base = base + share
         panel.set_xticks(range(len(base)), [str(value) for value in axes[shown.x]])

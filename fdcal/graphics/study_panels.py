@@ -6,10 +6,7 @@ import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from ..assessment.study_statistics import column_value
-
 if TYPE_CHECKING:
-    import pandas
     from matplotlib.figure import Figure
 
 MOST_PANELS = 8
@@ -99,14 +96,6 @@ def _count(axes: dict[str, list], names: list[str]) -> int:
     for name in names:
         count *= len(axes[name])
     return count
-
-
-def rows_of(rows: pandas.DataFrame, values: dict[str, Any]) -> pandas.DataFrame:
-    """Return the rows at which axes have `values`, as of the axes of the study."""
-    found: Any = rows
-    for name, value in values.items():
-        found = found[found[name] == column_value(value)]
-    return found
 
 
 def label_of(name: str) -> str:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from os import PathLike
 from pathlib import Path
 
-from ..assessment.alignment import placed_in_frame
-from ..assessment.calibration import Calibration
-from ..assessment.channel_table import channel_table
+from ..assessment.calibration import Calibration, placed_in_frame
+from ..assessment.tables import channel_table
 from ..model.microphones import MicrophonePositions
 from ..model.storage import write_atomically
 from ..model.validation import InputError
@@ -39,7 +38,7 @@ def export_positions(
 
 
 def export_gains(result: Calibration, path: str | PathLike[str], force: bool = False) -> None:
-    """Write the gains of the channels as a table; see `fdcal.assessment.channel_table`.
+    """Write the gains of the channels as a table; see `fdcal.assessment.tables.channel_table`.
 
     Raises
     ------

@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fdcal.assessment import room_verdict, verdict
-from fdcal.assessment.position_check import compare_positions
-from fdcal.assessment.position_check_text import describe
+from fdcal.assessment.position_check import compare_positions, describe
 from fdcal.model.validation import InputError
 
 ERROR = 0.003  # metres, one sigma of each coordinate found

@@ -10,12 +10,8 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from fdcal.assessment.calibration import Calibration
-from fdcal.assessment.corrected_positions import GivenPosition
+from fdcal.assessment.calibration import Calibration, ChannelFault, Channels, Evidence, GivenPosition, KnownRoom
 from fdcal.assessment.result_file import load_result, save_result
-from fdcal.assessment.result_parts import ChannelFault, Channels, Evidence, KnownRoom
-from fdcal.assessment.result_schema import require_result
-from fdcal.model.measurement import Measurement
 from fdcal.model.validation import InputError, StorageError
 
 # The keys that the first version wrote.
@@ -126,8 +122,9 @@ GIVEN = {"name": "a", "given_m": [0.1, 0.2], "found_m": [0.1, 0.2], "difference_
 def test_malformed_given_positions_are_refused(rows):
     table = json.loads(FULL.to_json()) | {"given_positions": rows}
     with pytest.raises(InputError, match="given_positions"):
-        require_result(table, "the file")
-    assert require_result(table | {"given_positions": [GIVEN]}, "the file")["given_positions"] == [GIVEN]
+        Calibration.from_json(json.dumps(table))
+    (row,) = Calibration.from_json(json.dumps(table | {"given_positions": [GIVEN]})).channels.given
+    assert (row.name, row.given, row.sigma, row.wrong) == ("a", (0.1, 0.2), 0.1, False)
 
 
 @pytest.mark.parametrize(
@@ -234,6 +231,8 @@ def test_a_malformed_calibration_is_not_written(tmp_path, key, changes):
     [
         ("uncertainty_m", [0.1]),
         ("uncertainty_m", [0.1, math.nan]),
+        ("uncertainty_m", [0.1, True]),
+        ("known", None),
         ("residual_to_noise", None),
         ("verdict", 4),
         ("sound_speed", math.inf),
@@ -278,50 +277,3 @@ def test_a_file_that_is_no_result(tmp_path):
         path.write_bytes(text.encode(errors="surrogateescape"))
         with pytest.raises(InputError, match=r"r\.json"):
             load_result(path)
-
-
-def test_positions_are_given_in_the_axes_of_the_true_positions():
-    truth = np.random.default_rng(0).uniform(size=(9, 2))
-    measurement = Measurement(np.array([50.0]), np.exp(1j * np.arange(9.0))[None], 343.0, positions=truth)
-    plain = replace(FULL, room=None, names=tuple("abcdefghi"), excluded=())
-    turned = truth[:, ::-1] + [3.0, -1.0]
-    assert np.array_equal(replace(plain, positions=turned).positions_for(measurement), turned)
-    aligned = replace(plain, positions=turned, aligned=True)
-    assert np.allclose(aligned.positions_for(measurement), truth)
-    assert aligned.compared_with(measurement).max_error == pytest.approx(0, abs=1e-12)
-    room = KnownRoom((6.0, 5.0), np.zeros(2), 0j, (("(x, y)", turned), ("(6 - x, y)", truth)))
-    assert np.array_equal(replace(plain, positions=turned, room=room).positions_for(measurement), truth)
-    with pytest.raises(InputError, match=r"shape \(2, 2\)"):
-        plain.positions_for(measurement)
-    with pytest.raises(InputError, match="leaves out microphone c"):
-        FULL.positions_for(measurement)
-
-
-def test_errors_are_of_the_microphones_sought_whose_channels_are_sound():
-    truth = np.random.default_rng(1).uniform(size=(9, 2))
-    measurement = Measurement(np.array([50.0]), np.exp(1j * np.arange(9.0))[None], 343.0, positions=truth)
-    found = truth + 1e-3 * np.arange(9.0)[:, None] * [1.0, 0.0]
-    found[4] += 5.0  # a dead channel
-    numbers = dict(uncertainty=None, covariance=None, evidence=Evidence(1.0), room=None, channels=None)
-    plain = replace(FULL, names=tuple("abcdefghi"), excluded=(), positions=found, **numbers)
-    faults = (ChannelFault("e", "dead"), ChannelFault("h", "misplaced", 0.007, "m"))
-    channels = Channels(*np.zeros((5, 9)), faults)
-    of_all = plain.compared_with(measurement)
-    assert of_all.mean_error == pytest.approx(np.mean(of_all.errors)) and of_all.max_error > 5
-    assert replace(plain, channels=channels).healthy.tolist() == [0, 1, 2, 3, 5, 6, 7, 8]
-    some = replace(plain, channels=channels).compared_with(measurement, (7, 8))
-    assert some.mean_error == pytest.approx(1e-3 * (1 + 2 + 3 + 5 + 6) / 6) and some.max_error == pytest.approx(6e-3)
-    assert some.rms_error == pytest.approx(1e-3 * np.sqrt((1 + 4 + 9 + 25 + 36) / 6))
-    assert replace(plain, channels=channels).counted(range(9)).tolist() == [0, 1, 2, 3, 5, 6, 7, 8]
-    read = Calibration.from_json(some.to_json())
-    assert (read.mean_error, read.rms_error) == (some.mean_error, some.rms_error)
-
-
-def test_a_dead_channel_does_not_move_a_blind_array_off_the_truth():
-    truth = np.random.default_rng(2).uniform(size=(9, 2))
-    measurement = Measurement(np.array([50.0]), np.exp(1j * np.arange(9.0))[None], 343.0, positions=truth)
-    found = truth[:, ::-1] + [3.0, -1.0]
-    found[4] += 5.0
-    channels = Channels(*np.zeros((5, 9)), (ChannelFault("e", "dead"),))
-    blind = replace(FULL, room=None, names=tuple("abcdefghi"), excluded=(), positions=found, channels=channels)
-    assert replace(blind, aligned=True).compared_with(measurement).max_error == pytest.approx(0, abs=1e-12)

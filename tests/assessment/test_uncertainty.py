@@ -105,7 +105,7 @@ def test_known_microphones_have_no_uncertainty_and_noise_adds_to_it():
 
 def test_ellipse_axes_are_those_of_the_covariance():
     blocks = np.array([[[4.0, 0.0], [0.0, 9.0]], [[2.0, 1.0], [1.0, 2.0]]])
-    axes = ellipse_axes(blocks, sigmas=2.0)
+    axes = ellipse_axes(blocks, factor=2.0)
     np.testing.assert_allclose(np.linalg.norm(axes, axis=2), [[4, 6], [2, 2 * np.sqrt(3)]])
     np.testing.assert_allclose(np.einsum("nka,nkb->nab", axes, axes) / 4, blocks, atol=1e-12)
 

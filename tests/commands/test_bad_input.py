@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from fdcal.assessment.result_schema import REQUIRED
+from fdcal.assessment.result_file import REQUIRED
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from fdcal.acoustics.measurement_cache import cached_measurement
-from fdcal.assessment import position_table
+from fdcal.assessment.tables import position_table
 from fdcal.commands.cli import main
 from fdcal.graphics import paraview
 from fdcal.graphics.landscape_figure import draw_landscape, figure_bytes, landscape_panels, panels_of
@@ -89,7 +89,7 @@ def test_names_of_microphones_pass_through_paraview(solid, tmp_path):
 
 def test_the_table_is_complete(solid):
     estimate = solid.positions + [0.0, 0.003, 0.004]
-    rows = list(csv.DictReader(io.StringIO(position_table.table(solid, estimate, np.full(9, 0.002)))))
+    rows = list(csv.DictReader(io.StringIO(position_table(solid, estimate, np.full(9, 0.002)))))
     assert [row["name"] for row in rows] == list(solid.names)
     assert [row["known"] for row in rows] == ["yes" if n in (1, 4, 5, 6) else "no" for n in range(9)]
     for start, values in (("", estimate), ("true_", solid.positions)):
@@ -101,7 +101,7 @@ def test_the_table_is_complete(solid):
 def test_what_is_not_known_is_left_empty(measured):
     measurement, _ = measured
     blind = Measurement(measurement.frequencies, measurement.pressures, 343.0)
-    rows = list(csv.DictReader(io.StringIO(position_table.table(blind, measurement.positions))))
+    rows = list(csv.DictReader(io.StringIO(position_table(blind, measurement.positions))))
     assert len(rows) == 16 and "z_m" not in rows[0]
     assert {row[key] for row in rows for key in ("true_x_m", "true_y_m", "error_m", "uncertainty_m")} == {""}
 

@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 
-from fdcal.graphics.study_panels import MOST_PANELS, rows_of, study_panels
+from fdcal.graphics.study_panels import MOST_PANELS, study_panels
 
 STUDIES = {
     "one": {"snr_db": [20, 40]},
@@ -19,7 +19,7 @@ STUDIES = {
 def test_each_calibration_is_in_one_panel(name):
     import pandas
 
-    from fdcal.assessment.study_statistics import column_value
+    from fdcal.assessment.study_statistics import column_value, rows_of
 
     axes = STUDIES[name]
     points = [dict(zip(axes, map(column_value, values), strict=True)) for values in itertools.product(*axes.values())]

@@ -7,14 +7,13 @@ import pytest
 
 from fdcal import solvers
 from fdcal.acoustics.measurement_cache import cached_measurement
-from fdcal.assessment.error_ellipses import ellipse_axes
+from fdcal.assessment.error_ellipses import confidence_factor, ellipse_axes
 from fdcal.model.scene_file import load_scene
 from fdcal.session.assess import assess
 from fdcal.session.blas_threads import one_blas_thread
 from fdcal.session.lesson_file import load_lesson
 from fdcal.session.request import edited
 from fdcal.session.sources import CalibrationInput
-from fdcal.viewer.background.uncertainty import SIGMAS
 
 NOISE, CHANNEL = "6_noise_and_error_bars", "7_one_bad_channel"
 
@@ -71,7 +70,7 @@ def test_error_and_error_bar_follow_the_noise(noisy):
 
 def test_the_ellipses_contain_what_they_say(noisy):
     some, more, _ = noisy
-    axes = ellipse_axes(more.found.covariance, SIGMAS)[more.free]
+    axes = ellipse_axes(more.found.covariance, confidence_factor(0.95, 2))[more.free]
     away = (more.positions - more.measurement.positions)[more.free]
     inside = [np.linalg.norm(np.linalg.solve(axis.T, offset)) < 1 for axis, offset in zip(axes, away, strict=True)]
     assert sum(inside) == len(inside) == 13 and "All 13; of many" in said(NOISE, 2)

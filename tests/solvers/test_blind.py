@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from replays import contents
 
-from fdcal.assessment import position_table as positions
+from fdcal.assessment.tables import position_table
 from fdcal.graphics import paraview
 from fdcal.graphics.picture import static_picture, with_estimate
 from fdcal.graphics.replay import replay_html
@@ -86,7 +86,7 @@ def test_the_truth_is_drawn_beside_the_estimate(blind, estimate):
 
 
 def test_files_say_so(blind, estimate):
-    rows = list(csv.DictReader(io.StringIO(positions.table(blind, estimate))))
+    rows = list(csv.DictReader(io.StringIO(position_table(blind, estimate))))
     reported = [float(row["error_once_aligned_m"]) for row in rows]
     np.testing.assert_allclose(reported, best(estimate), atol=1e-12)
     assert np.array_equal([[float(row["x_m"]), float(row["y_m"])] for row in rows], estimate)

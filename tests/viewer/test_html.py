@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 from doubles import State, view_of
 
+from fdcal.assessment.error_ellipses import confidence_factor
 from fdcal.viewer.background import uncertainty
 from fdcal.viewer.gui import html as words
 from fdcal.viewer.gui import legend_html
@@ -39,7 +40,7 @@ def test_uncertainty_is_drawn_where_the_verdict_has_one(measurement):
         room=None, covariance=covariance, uncertainty=np.full(N, 1e-3), verdict="good", verdict_text="", channels=None
     )
     drawn = uncertainty.uncertainty_of(found)
-    assert np.allclose(np.linalg.norm(drawn.axes, axis=2), uncertainty.SIGMAS * np.array([1e-3, 2e-3]))
+    assert np.allclose(np.linalg.norm(drawn.axes, axis=2), confidence_factor(0.95, 2) * np.array([1e-3, 2e-3]))
     assert uncertainty.uncertainty_of(None) is None
     found.covariance = np.full((N, 2, 2), np.inf)
     assert uncertainty.uncertainty_of(found) is None

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...assessment.position_bound import position_bound
+from ...assessment.bound import position_bound
 from ...model.validation import InputError
 from .bounds import rms_at, sparse_information
 from .request import PlanRequest

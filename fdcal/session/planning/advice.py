@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...assessment.fisher_information import Information
-from ...assessment.position_bound import Prior, aligned_rms, position_bound, with_known
+from ...assessment.bound import Information, Prior, aligned_rms, position_bound
 from ...model.gauge import fixes_gauge
 from .accuracy_advice import AccuracyAdvice, accuracy_advice
 from .bounds import sparse_information
@@ -167,7 +167,7 @@ def best_tape(request: PlanRequest, information: Information) -> TapeMeasure:
     rng = np.random.default_rng(request.seed)
     usual = [_tape_rms(request, information, rng.choice(len(x), count, replace=False).tolist()) for _ in range(40)]
     sigma, taken = ASSUMED.tape_sigma_m, tuple(sorted(chosen))
-    shapes = [aligned_rms(information, with_known(request.prior, known, sigma)) for known in (taken, ())]
+    shapes = [aligned_rms(information, _with_tape(request, known)) for known in (taken, ())]
     return TapeMeasure(taken, sigma, least, float(np.median(usual)), *shapes)
 
 
@@ -175,8 +175,12 @@ def _tape_rms(request: PlanRequest, information: Information, chosen: list[int])
     x = information.positions
     if not fixes_gauge(x[chosen]):
         return np.inf
-    prior: Prior = with_known(request.prior, sorted(chosen), ASSUMED.tape_sigma_m)
-    return position_bound(information, prior).rms
+    return position_bound(information, _with_tape(request, chosen)).rms
+
+
+def _with_tape(request: PlanRequest, known: Sequence[int]) -> Prior:
+    """Return the prior of a request with the positions of some microphones from a tape measure."""
+    return replace(request.prior, known=np.array(known, int), known_sigma=ASSUMED.tape_sigma_m)
 
 
 def _far_apart(x: np.ndarray, count: int) -> list[int]:

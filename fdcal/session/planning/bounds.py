@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...assessment.fisher_information import Information, diffuse_information
-from ...assessment.position_bound import position_bound
+from ...assessment.bound import Information, diffuse_information, position_bound
 from .request import LIMITS, PlanRequest
 
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...assessment.fisher_information import Information, field_information
-from ...assessment.position_bound import Bound, mirror_remains, position_bound, with_known
+from ...assessment.bound import Bound, Information, field_information, position_bound
+from ...model.gauge import fixes_gauge
 from ...model.validation import InputError
 from ..blas_threads import one_blas_thread
 from .advice import Advice, advise
@@ -120,15 +120,15 @@ def room_information(request: PlanRequest) -> Information:
 def _cases(request: PlanRequest, information: Information) -> tuple[Case, ...]:
     """Return the bound with and without given positions, uncertain ones, and unknown gains."""
     prior = request.prior
-    blind = with_known(prior, (), 0.0)
+    blind = replace(prior, known=np.zeros(0, int), known_sigma=0.0)
     gain = request.gain_sigma_db or ASSUMED.gain_sigma_db
     cases = [("no position given", replace(blind, gain_sigma=0.0))]
     cases += [(f"no position given, gains unknown ({gain:g} dB)", replace(blind, gain_sigma=gain * np.log(10) / 20))]
     if len(prior.known):
         tape = prior.known_sigma or ASSUMED.tape_sigma_m
         names = f"{len(prior.known)} positions given"
-        cases += [(f"{names}, exact", replace(with_known(prior, prior.known, 0.0), gain_sigma=0.0))]
-        cases += [(f"{names} to {1e3 * tape:g} mm", replace(with_known(prior, prior.known, tape), gain_sigma=0.0))]
+        cases += [(f"{names}, exact", replace(prior, known_sigma=0.0, gain_sigma=0.0))]
+        cases += [(f"{names} to {1e3 * tape:g} mm", replace(prior, known_sigma=tape, gain_sigma=0.0))]
     bounds = [(name, position_bound(information, one)) for name, one in cases]
     return tuple(Case(name, one.rms, float(one.sigma[one.free].max())) for name, one in bounds)
 
@@ -136,7 +136,7 @@ def _cases(request: PlanRequest, information: Information) -> tuple[Case, ...]:
 def degeneracies(request: PlanRequest, bound: Bound) -> tuple[str, ...]:
     """Return in words what pressures and given positions leave undetermined."""
     x, prior, found = request.layout.positions, request.prior, []
-    if mirror_remains(x, prior.known):
+    if not fixes_gauge(x[prior.known]):
         found.append(_mirror_words(request))
     if bound.scale_sigma > ASSUMED.blurred:
         found.append(f"size is determined to {100 * bound.scale_sigma:.2g} % only: give one distance or position more")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...assessment.position_bound import Bound
+from ...assessment.bound import Bound
 from .accuracy_advice import AccuracyAdvice
 from .advice import Advice
 from .fields import is_moved, places_in_room

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...acoustics.fourier_bessel import array_f_max
 from ...acoustics.mode_density import independent_frequencies
-from ...assessment.position_bound import Prior
+from ...assessment.bound import Prior
 from ...model.validation import (
     InputError,
     require_choice,

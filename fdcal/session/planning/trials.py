@@ -15,9 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...assessment.bound import Information, position_bound
 from ...assessment.calibration import Calibration
-from ...assessment.fisher_information import Information
-from ...assessment.position_bound import position_bound
 from ...model.measurement import Measurement
 from ...model.settings import SolverSettings
 from ...model.validation import InputError

@@ -12,8 +12,7 @@ import numpy as np
 from ...acoustics.measure import measured, sound_field
 from ...acoustics.measurement_cache import cached_recordings
 from ...acoustics.modal import ModalPressures
-from ...assessment.fisher_information import diffuse_information
-from ...assessment.position_bound import Prior, position_bound
+from ...assessment.bound import Prior, diffuse_information, position_bound
 from ...model.arrays import positions_of
 from ...model.random_source import random_source
 from ...model.scene import Scene

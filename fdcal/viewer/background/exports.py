@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import viser
 
-from ...assessment import position_table
+from ...assessment.tables import position_table
 from ...graphics import paraview
 from ...graphics.landscape_figure import LandscapePanels, draw_landscape, figure_bytes, panels_of
 from ...graphics.replay import replay_html
@@ -95,7 +95,7 @@ def _map(snapshot: ViewSnapshot) -> bytes:
 
 def _table(snapshot: ViewSnapshot) -> bytes:
     positions = snapshot.view.state.positions
-    return position_table.table(snapshot.run.measurement, positions, snapshot.sigma).encode()
+    return position_table(snapshot.run.measurement, positions, snapshot.sigma).encode()
 
 
 def _points(snapshot: ViewSnapshot) -> bytes:

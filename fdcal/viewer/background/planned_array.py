@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...assessment.error_ellipses import ellipse_axes
-from ...assessment.position_bound import position_bound
+from ...assessment.bound import position_bound
+from ...assessment.error_ellipses import confidence_factor, ellipse_axes
 from ...model.scene import Scene
 from ...session.blas_threads import one_blas_thread
 from ...session.planning.bounds import request_information
@@ -21,7 +21,6 @@ from ..gui.plan_choices import PlanChoices
 from .prepare import PreparedRun
 
 DETERMINED = "pressures and given positions determine all directions"
-SIGMAS = {2: 2.4477, 3: 2.7955}  # half axes that hold 95 % of a Gaussian of so many dimensions, standard deviations
 
 
 @dataclass(frozen=True)
@@ -85,7 +84,8 @@ def planned_array(run: PreparedRun, choices: PlanChoices) -> PlannedArray:
             bound = position_bound(request_information(request), request.prior)
     except ValueError as error:  # an InputError, too
         return PlannedArray(choices, np.zeros((0, 2, 2)), error=error_message(error))
-    axes = ellipse_axes(np.where(bound.free[:, None, None], bound.covariance, 0.0), SIGMAS[bound.covariance.shape[1]])
+    covariance = np.where(bound.free[:, None, None], bound.covariance, 0.0)
+    axes = ellipse_axes(covariance, confidence_factor(0.95, covariance.shape[-1]))
     lines = (*bound_lines(request, bound), *(degeneracies(request, bound) or (DETERMINED,)))
     return PlannedArray(choices, axes, lines, request.most_modes)
 

@@ -6,11 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...assessment.error_ellipses import ellipse_axes
-from ...assessment.result_parts import Channels
+from ...assessment.calibration import Channels
+from ...assessment.error_ellipses import confidence_factor, ellipse_axes
 from ...session.assess import Assessment
-
-SIGMAS = 2.4477  # half axes of the ellipse that holds 95 % of a bivariate Gaussian, in standard deviations
 
 
 @dataclass(frozen=True)
@@ -43,5 +41,5 @@ def uncertainty_of(found: Assessment | None) -> PositionUncertainty | None:
     """
     if found is None or found.room is not None or not np.isfinite(found.covariance).all():
         return None
-    axes = ellipse_axes(found.covariance, SIGMAS)
+    axes = ellipse_axes(found.covariance, confidence_factor(0.95, found.covariance.shape[-1]))
     return PositionUncertainty(axes, found.uncertainty, found.verdict, found.verdict_text, found.channels)

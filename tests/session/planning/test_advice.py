@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fdcal.assessment.fisher_information import field_information
-from fdcal.assessment.position_bound import position_bound
+from fdcal.assessment.bound import field_information, position_bound
 from fdcal.model.gauge import fixes_gauge
 from fdcal.session.planning.accuracy_advice import accuracy_advice, resized
 from fdcal.session.planning.advice import best_addition, best_tape

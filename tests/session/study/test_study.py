@@ -367,8 +367,7 @@ def test_statistics_of_a_table():
     rows, axes = judged(table), {"snr_db": [20, 40]}
     assert rows["found"].tolist() == [True, False, False, False]
     assert rows["wrong"].tolist() == [False, False, True, False]
-    grid = share_grid(rows, axes, ("snr_db", ""), "found")
-    assert grid.share[:, 0].tolist() == [0.5, 0.0]
+    assert share_grid(rows, axes, ("snr_db", ""), "found")[:, 0].tolist() == [0.5, 0.0]
     assert len(selected(rows, axes, {"snr_db": "20"})) == 2
     with pytest.raises(InputError):
         selected(rows, axes, {"snr_db": "30"})

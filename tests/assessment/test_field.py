@@ -13,13 +13,12 @@ from scipy.linalg import solve
 
 from fdcal.acoustics.box_field import point_source_pressures as box_field
 from fdcal.acoustics.dictionary import dictionary
-from fdcal.assessment.cross_validation import (
+from fdcal.assessment.field import (
     cross_validate,
-    cross_validate_healthy,
     expansions,
+    field_map,
     leave_one_out_errors,
 )
-from fdcal.assessment.field_map import field_map
 from fdcal.commands.cli import main
 from fdcal.graphics import field_files
 from fdcal.model.measurement import Measurement
@@ -231,7 +230,7 @@ def test_the_prediction_of_a_faulty_microphone_is_the_expansion_at_its_place(nam
     problem, modes = measurement.problem(), slice(0, 12)
     healthy = np.ones(measurement.count, bool)
     healthy[[3, 7]] = False
-    found = cross_validate_healthy(problem, measurement.positions, modes, healthy)
+    found = cross_validate(problem, measurement.positions, modes, healthy=healthy)
     some = replace(problem, pressures=problem.pressures[:, healthy])
     fields = expansions(some, measurement.positions[healthy], modes)
     predicted = np.array([field.at(measurement.positions[~healthy])[0] for field in fields])

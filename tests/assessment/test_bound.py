@@ -5,8 +5,7 @@ import pytest
 from scipy.special import j0
 
 from fdcal.acoustics.mode_density import independent_frequencies, mode_count
-from fdcal.assessment.fisher_information import diffuse_information, field_information
-from fdcal.assessment.position_bound import Prior, mirror_remains, position_bound
+from fdcal.assessment.bound import Prior, diffuse_information, field_information, position_bound
 from fdcal.model.gauge import rigid_motions
 
 SHARE, K = 0.01, [2.0, 5.0, 9.0]
@@ -94,15 +93,6 @@ def test_the_bound_falls_with_the_root_of_the_number_of_frequencies():
     information = diffuse_information(x, K, SHARE, 2)
     one, four = (position_bound(i, Prior()).rms for i in (information, information.scaled(4.0)))
     assert one == pytest.approx(2 * four)
-
-
-def test_the_mirror_image_remains_until_enough_positions_are_given():
-    x = array(6, 2)
-    assert mirror_remains(x, ())
-    assert mirror_remains(x, (0, 1))
-    assert not mirror_remains(x, (0, 1, 2))
-    line = np.column_stack([np.arange(6.0), np.zeros(6)])
-    assert mirror_remains(line, (0, 1, 2))
 
 
 @pytest.mark.parametrize("size", [(5.0, 4.0), (4.6, 3.8, 2.7)])

@@ -1,0 +1,263 @@
+"""The sound field between the microphones, and the prediction of each microphone by the others.
+
+The expansion of Eq. 2 is fitted to the pressures of each frequency with a prior: the coefficients are those of a
+diffuse field in noise, so that a high order does no harm. This is the conditional mean of a Gaussian process with the
+covariance s W W^H + v I; k may be complex.
+
+    alpha = A^-1 W^H p,    A = W^H W + mu I,    mu = v / s,    p(x) = w(x)^T alpha,    sigma(x)^2 = v w^T A^-1 w*
+
+    W, w     dictionary at the microphones and at x, about the centre of the array (Eq. 4, or its like in space)
+    s, v     power of the field and of the noise
+    C        W W^H + mu I; the others predict p_n up to the leave-one-out error (C^-1 p)_n / (C^-1)_nn
+
+Neither needs the true positions, so that cross-validation checks a calibration in the field. It is a little optimistic:
+the pressures of a microphone also helped to estimate its own position.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+
+from ..acoustics.dictionary import dictionary
+from ..acoustics.fourier_bessel import max_order
+from ..cost.low_rank_covariance import EXTRA_ORDERS
+from ..model.measurement import Measurement
+from ..model.power import mode_power
+from ..model.problem import Problem
+from ..model.validation import InputError, frozen_array, require_positive
+from .uncertainty import pressures_and_field
+
+NOISE_DEFLATION = 3.0  # times less noise is assumed: a room's field is less isotropic than this prior
+TINY = np.finfo(float).tiny
+BLOCK = 4096  # points evaluated at a time
+CELLS = 60  # of the lattice along the longest side, unless a step is given
+MOST_POINTS = 500_000  # of the lattice
+FREQUENCY_TOLERANCE = 0.05  # relative: the nearest measured frequency must be this close to the one asked for
+EDGE = 1e-9  # of the array's extent: microphones on its hull are inside
+
+
+@dataclass(frozen=True)
+class Expansion:
+    """The field of one frequency.
+
+    Attributes
+    ----------
+    wavenumber : complex, rad/m
+    order : L
+    centre : (D,) float64, metres
+    coefficients : (K,) complex128, alpha, in the unit of the pressures
+    factor : (K, K) complex128, lower triangular, A = factor factor^H
+    noise : float, v, in the unit of abs(pressures)**2
+    dimension : 2 or 3, of the sound field
+    """
+
+    wavenumber: complex
+    order: int
+    centre: np.ndarray
+    coefficients: np.ndarray
+    factor: np.ndarray
+    noise: float
+    dimension: int
+
+    def at(self, points) -> tuple[np.ndarray, np.ndarray]:
+        """Return the pressure (C,) at some points (C, D), metres, and its standard deviation (C,)."""
+        pressure, sigma = np.empty(len(points), complex), np.empty(len(points))
+        for start in range(0, len(points), BLOCK):
+            block = slice(start, start + BLOCK)
+            w = dictionary(points[block], self.wavenumber, self.order, self.centre, self.dimension)
+            whitened = solve_triangular(self.factor, w.conj().T, lower=True)
+            pressure[block] = w @ self.coefficients
+            sigma[block] = np.sqrt(self.noise * np.sum(np.abs(whitened) ** 2, axis=0))
+        return pressure, sigma
+
+
+def expansions(problem: Problem, positions, modes: slice, noise: np.ndarray | None = None) -> list[Expansion]:
+    """Return the field of each mode in use, fitted to microphones at `positions` (N, D), metres.
+
+    `noise` (M,) is that of all measured modes, in the unit of abs(problem.pressures)**2; None to estimate it.
+    """
+    x, found = np.asarray(positions, float), []
+    centre = frozen_array(x.mean(axis=0), float)
+    for k, order, p, v, mu in _modes(problem, x, modes, noise):
+        W = dictionary(x, k, order, centre, problem.dimension)
+        G = cholesky(W.conj().T @ W + mu * np.eye(W.shape[1]), lower=True)
+        alpha = solve_triangular(G, solve_triangular(G, W.conj().T @ p, lower=True), lower=True, trans=2)  # G^-H
+        found.append(Expansion(k, order, centre, alpha, G, v, problem.dimension))
+    return found
+
+
+def leave_one_out_errors(
+    problem: Problem, positions, modes: slice, noise: np.ndarray | None = None, healthy: np.ndarray | None = None
+) -> np.ndarray:
+    """Return the pressure of each microphone less its prediction by the others : (modes, N) complex128.
+
+    Where only some microphones (N,) bool are `healthy`, these alone predict each other and the rest. Other parameters
+    as of `expansions`.
+    """
+    x, errors = np.asarray(positions, float), np.array(problem.pressures[modes])
+    sound = np.ones(len(x), bool) if healthy is None else healthy
+    some, centre = replace(problem, pressures=problem.pressures[:, sound]), x[sound].mean(axis=0)
+    for error, (k, order, p, _, mu) in zip(errors, _modes(some, x[sound], modes, noise), strict=True):
+        W = dictionary(x, k, order, centre, problem.dimension)
+        WH = W[sound].conj().T
+        inverse = np.linalg.inv(W[sound] @ WH + mu * np.eye(len(p)))
+        error -= W @ (WH @ (inverse @ p))
+        error[sound] = inverse @ p / np.diag(inverse)
+    return errors
+
+
+def _modes(problem: Problem, positions: np.ndarray, modes: slice, noise: np.ndarray | None):
+    """Return an iterator of k, L, the pressures (N,), v and mu of every mode in use."""
+    pressures, field = pressures_and_field(problem, positions, modes, noise)
+    radius = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
+    orders = max_order(field.wavenumbers, radius, EXTRA_ORDERS)
+    mu = field.noise / (NOISE_DEFLATION * field.power)
+    k = problem.wavenumbers[modes].astype(complex)
+    return zip(k.tolist(), orders.tolist(), pressures, field.noise.tolist(), mu.tolist(), strict=True)
+
+
+@dataclass(frozen=True)
+class CrossValidation:
+    """Leave-one-out prediction error over pressure, in decibels.
+
+    Attributes
+    ----------
+    overall : float, power of the error over power of the pressures, every mode with the same weight
+    microphones : (N,) float64, likewise of each microphone
+    modes : (modes in use,) float64, of each frequency
+    """
+
+    overall: float
+    microphones: np.ndarray
+    modes: np.ndarray
+
+
+def cross_validate(
+    problem: Problem, positions, modes: slice, noise: np.ndarray | None = None, healthy: np.ndarray | None = None
+) -> CrossValidation:
+    """Return the normalised leave-one-out errors; parameters as of `leave_one_out_errors`.
+
+    Where some channels are faulty, `problem` has pressures divided by the gains of the channels.
+    """
+    if healthy is not None and (np.all(healthy) or np.sum(healthy) <= problem.array_dimension):
+        healthy = None
+    errors = leave_one_out_errors(problem, positions, modes, noise, healthy)
+    return summarise(problem.pressures[modes], errors, healthy)
+
+
+def summarise(pressures: np.ndarray, errors: np.ndarray, healthy: np.ndarray | None = None) -> CrossValidation:
+    """Return the normalised powers of leave-one-out errors of pressures, both (M, N) complex128 of the same unit.
+
+    The figures of the array and of each frequency are those of the `healthy` microphones (N,) bool alone.
+    """
+    sound = slice(None) if healthy is None else healthy
+    power = mode_power(pressures[:, sound])[:, None]
+    signal, error = np.abs(pressures) ** 2 / power, np.abs(errors) ** 2 / power
+    return CrossValidation(
+        overall=float(_decibels(error[:, sound].sum() / signal[:, sound].sum())),
+        microphones=frozen_array(_decibels(error.sum(axis=0) / np.maximum(signal.sum(axis=0), TINY)), float),
+        modes=frozen_array(_decibels(error[:, sound].mean(axis=1)), float),
+    )
+
+
+def _decibels(ratio):
+    return 10 * np.log10(np.maximum(ratio, 1e-30))
+
+
+@dataclass(frozen=True)
+class FieldMap:
+    """Pressures on a lattice inside an array.
+
+    Attributes
+    ----------
+    axes : D arrays of float64, metres, the coordinates of the lattice
+    frequencies : (F,) float64, Hz
+    pressure : (F, nx, ny[, nz]) complex128, in the measurement's unit, time sign exp(+j w t); NaN outside the array
+    uncertainty : the same shape, float64, one sigma
+    microphones : (N, D) float64, metres
+    """
+
+    axes: tuple[np.ndarray, ...]
+    frequencies: np.ndarray
+    pressure: np.ndarray
+    uncertainty: np.ndarray
+    microphones: np.ndarray
+
+    @property
+    def inside(self) -> np.ndarray:
+        """Points of the lattice that lie in the convex hull of the array : (nx, ny[, nz]) bool."""
+        return np.isfinite(self.uncertainty[0])
+
+    @property
+    def points(self) -> np.ndarray:
+        """Points inside the array, (P, D) float64, metres, the last coordinate fastest."""
+        return np.stack([grid[self.inside] for grid in np.meshgrid(*self.axes, indexing="ij")], axis=-1)
+
+
+def field_map(
+    measurement: Measurement, positions, wanted, step: float | None = None, speed: float | None = None
+) -> FieldMap:
+    """Return the field between microphones at `positions` (N, D), metres, at some of the measured frequencies.
+
+    `wanted` are frequencies, Hz, None for the lowest, the middle and the highest; `step` is that of the lattice,
+    metres, by default a sixtieth of the longest side; `speed` of sound, m/s, takes the place of the measurement's.
+    """
+    x = np.asarray(positions, float)
+    modes = _nearest(measurement.frequencies, wanted)
+    axes, inside = _lattice(x, step)
+    pressure = np.full((len(modes), *inside.shape), complex(np.nan, np.nan))
+    found = FieldMap(axes, measurement.frequencies[modes], pressure, np.full(pressure.shape, np.nan), x)
+    points = np.stack([grid[inside] for grid in np.meshgrid(*axes, indexing="ij")], axis=-1)
+    problem = measurement.problem("unit", "none")
+    if speed is not None:
+        problem = replace(problem, wavenumbers=problem.wavenumbers * (problem.sound_speed / speed), sound_speed=speed)
+    for i, m in enumerate(modes):
+        (expansion,) = expansions(problem, x, slice(m, m + 1), problem.noise_power)
+        largest = np.abs(measurement.pressures[m]).max()  # whose square may overflow
+        unit = largest * np.sqrt(mode_power(measurement.pressures[m : m + 1] / largest))
+        found.pressure[i, inside], found.uncertainty[i, inside] = (unit * part for part in expansion.at(points))
+    return found
+
+
+def _nearest(measured: np.ndarray, wanted) -> list[int]:
+    """Return the numbers of the measured frequencies nearest to those wanted, each once."""
+    if wanted is None:
+        return sorted({0, len(measured) // 2, len(measured) - 1})
+    found = set()
+    for f in wanted:
+        require_positive("frequencies", f, "Hz")
+        nearest = int(np.argmin(np.abs(measured - f)))
+        if abs(measured[nearest] - f) > FREQUENCY_TOLERANCE * f:
+            raise InputError(
+                f"frequencies = {f:g} Hz: nothing was measured there, the nearest is {measured[nearest]:.4g} Hz",
+                f"choose <frequencies> of the {len(measured)} from {measured[0]:.4g} to {measured[-1]:.4g} Hz",
+                key="frequencies",
+                value=f,
+            )
+        found.add(nearest)
+    return sorted(found)
+
+
+def _lattice(positions: np.ndarray, step: float | None) -> tuple[tuple[np.ndarray, ...], np.ndarray]:
+    """Return the axes of a lattice over the array, and which of its points are inside."""
+    from scipy.spatial import Delaunay, QhullError  # takes a tenth of a second to load
+
+    low, extent = positions.min(axis=0), np.ptp(positions, axis=0)
+    step = float(extent.max() / CELLS if step is None else step)
+    require_positive("step", step, "m")
+    counts = np.maximum(np.ceil(extent / step * (1 - EDGE)) + 1, 2)
+    if np.prod(counts) > MOST_POINTS:
+        problem = f"step = {step:g} m makes {np.prod(counts):.3g} points, more than {MOST_POINTS}"
+        raise InputError(problem, "use a larger one for <step>", key="step", value=step)
+    margin = ((counts - 1) * step - extent) / 2
+    axes = tuple(a - m + step * np.arange(int(n)) for a, m, n in zip(low, margin, counts, strict=True))
+    try:
+        hull = Delaunay(positions)
+    except QhullError:
+        problem = "the microphones lie on a line or in a plane and enclose no field"
+        raise InputError(problem, "use an array that does") from None
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    return axes, hull.find_simplex(points, tol=EDGE) >= 0
