@@ -12,11 +12,11 @@ from benchmarks.report import Figure, best_time
 from fdcal.acoustics.lattice_dictionary import LatticeDictionary
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.cost.eq7 import leave_one_out_fits
+from fdcal.cost.lattice import search_lattice
 from fdcal.cost.lattice_search import FitTables, best_candidate, candidate_costs, lattice_fits, lattice_landscape
 from fdcal.cost.leave_one_out import likelihood_landscape
 from fdcal.cost.likelihood import diffuse_field
-from fdcal.cost.likelihood_maps import likelihood_maps
-from fdcal.cost.mode_limits import search_lattice
+from fdcal.cost.maps import likelihood_maps
 from fdcal.model.power import mode_power
 from fdcal.model.scene_file import load_scene
 from fdcal.solvers.descent import solver as descent

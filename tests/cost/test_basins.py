@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fdcal.cost.basins import OUTSIDE, basins_of
-from fdcal.cost.landscapes import local_minima
+from fdcal.cost.basins import OUTSIDE, basins_of, local_minima
 from fdcal.model.settings import Search
 
 STEP = 0.01

@@ -5,9 +5,8 @@ import pytest
 from fields import measured
 
 from fdcal.cost.channel_correction import ChannelCorrection
-from fdcal.cost.cuts import eq7_cut
-from fdcal.cost.eq7_maps import eq7_maps
-from fdcal.cost.yardstick import Yardstick
+from fdcal.cost.maps import eq7_cut, eq7_maps
+from fdcal.cost.reference_cost import ReferenceCost
 from fdcal.model.validation import InputError
 
 MICROPHONE = 9
@@ -40,10 +39,10 @@ def test_a_cut_along_a_row_of_the_lattice_is_that_row_of_the_maps(problem, posit
 
 
 def test_the_sum_at_the_estimate_is_the_cost_of_the_page(problem, positions):
-    yardstick = Yardstick(problem)
-    modes, here = tuple(range(1, yardstick.count + 1)), positions[MICROPHONE][None]
-    cut = eq7_cut(problem, positions, MICROPHONE, modes, yardstick.order_offset, here)
-    assert 10 * np.log10(cut.sum()) == pytest.approx(yardstick(positions), abs=1e-6)
+    reference_cost = ReferenceCost(problem)
+    modes, here = tuple(range(1, reference_cost.count + 1)), positions[MICROPHONE][None]
+    cut = eq7_cut(problem, positions, MICROPHONE, modes, reference_cost.order_offset, here)
+    assert 10 * np.log10(cut.sum()) == pytest.approx(reference_cost(positions), abs=1e-6)
 
 
 def test_a_cut_read_backwards_is_the_same(problem, positions):

@@ -8,9 +8,8 @@ import pytest
 from fdcal.acoustics.fourier_bessel import max_order
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.cost import eq7
-from fdcal.cost.eq7_maps import eq7_maps
-from fdcal.cost.landscapes import cost_maps, refined
-from fdcal.cost.yardstick import Yardstick, decibels
+from fdcal.cost.maps import cost_maps, eq7_maps, refined
+from fdcal.cost.reference_cost import ReferenceCost, decibels
 from fdcal.model.scene_file import load_scene
 from fdcal.model.settings import Search
 from fdcal.model.validation import InputError
@@ -37,12 +36,12 @@ def test_a_map_is_equation_7_with_the_microphone_at_each_point(offset):
 @pytest.mark.parametrize("name", ["tiny", "plane3d", "ball3d"])
 def test_at_the_estimate_all_modes_give_the_number_of_the_status(name):
     problem, x = case(name)
-    yardstick = Yardstick(problem)
+    reference_cost = ReferenceCost(problem)
     n, search = int(problem.free[0]), problem.search
     there = dataclasses.replace(search, origin=tuple(map(float, x[n])), size=(search.step,) * len(search.size))
-    total = eq7_maps(problem, x, n, range(1, yardstick.count + 1), 2, there).sum(axis=0)
-    assert yardstick.count == len(problem.frequencies)
-    assert decibels(total[0, 0]) == pytest.approx(yardstick(x), abs=1e-6)
+    total = eq7_maps(problem, x, n, range(1, reference_cost.count + 1), 2, there).sum(axis=0)
+    assert reference_cost.count == len(problem.frequencies)
+    assert decibels(total[0, 0]) == pytest.approx(reference_cost(x), abs=1e-6)
 
 
 def test_maps_on_two_lattices_agree_where_they_share_points():

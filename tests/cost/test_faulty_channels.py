@@ -1,4 +1,4 @@
-"""The yardstick and the maps where channels are inverted, dead or of different gain, and the solver estimates that."""
+"""The reference cost and the maps where channels are inverted, dead or of different gain, and the solver estimates that."""
 
 import dataclasses
 
@@ -7,10 +7,10 @@ import pytest
 
 from fdcal import solvers
 from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.cost.basins import local_minima
 from fdcal.cost.channel_correction import ChannelCorrection
-from fdcal.cost.eq7_maps import eq7_maps
-from fdcal.cost.landscapes import cost_maps, local_minima, map_positions, mode_shape, power_shares
-from fdcal.cost.yardstick import Yardstick, decibels
+from fdcal.cost.maps import cost_maps, eq7_maps, map_positions, mode_shape, power_shares
+from fdcal.cost.reference_cost import ReferenceCost, decibels
 from fdcal.model.scene_file import load_scene
 
 SHIFT = 0.05  # m
@@ -31,26 +31,26 @@ def run():
 
 def test_moving_any_healthy_microphone_from_the_truth_raises_it(run):
     truth, problem, states = run
-    yardstick, channels, rng = Yardstick(problem), states[-1].channels, np.random.default_rng(0)
-    there = yardstick(truth, channels)
+    reference_cost, channels, rng = ReferenceCost(problem), states[-1].channels, np.random.default_rng(0)
+    there = reference_cost(truth, channels)
     for n in np.setdiff1d(np.arange(len(truth)), FAULTY):
         away, moved = rng.normal(size=2), truth.copy()
         moved[n] += SHIFT * away / np.linalg.norm(away)
-        assert yardstick(moved, channels) > there + 5.0, n
+        assert reference_cost(moved, channels) > there + 5.0, n
 
 
 def test_it_falls_by_far_from_the_start_of_a_run_to_its_end(run):
     _, problem, states = run
-    yardstick = Yardstick(problem)
-    assert yardstick.of(states[-1]) < yardstick.of(states[0]) - 40.0
-    assert yardstick.of(states[-1]) == yardstick(states[-1].positions, states[-1].channels)
+    reference_cost = ReferenceCost(problem)
+    assert reference_cost.of(states[-1]) < reference_cost.of(states[0]) - 40.0
+    assert reference_cost.of(states[-1]) == reference_cost(states[-1].positions, states[-1].channels)
 
 
 def test_a_microphone_without_signal_counts_for_nothing(run):
     truth, problem, states = run
-    yardstick, channels, moved = Yardstick(problem), states[-1].channels, truth.copy()
+    reference_cost, channels, moved = ReferenceCost(problem), states[-1].channels, truth.copy()
     moved[45] += SHIFT
-    assert yardstick(moved, channels) == pytest.approx(yardstick(truth, channels), abs=0.1)
+    assert reference_cost(moved, channels) == pytest.approx(reference_cost(truth, channels), abs=0.1)
 
 
 def test_the_lowest_minimum_of_a_map_is_at_the_microphone(run):
@@ -62,13 +62,13 @@ def test_the_lowest_minimum_of_a_map_is_at_the_microphone(run):
         assert np.linalg.norm(lowest - truth[n]) < problem.search.step
 
 
-def test_a_map_at_the_estimate_is_the_yardstick(run):
+def test_a_map_at_the_estimate_is_the_reference_cost(run):
     _, problem, states = run
-    state, yardstick, search = states[-1], Yardstick(problem), problem.search
+    state, reference_cost, search = states[-1], ReferenceCost(problem), problem.search
     there = dataclasses.replace(search, origin=tuple(map(float, state.positions[7])), size=(search.step,) * 2)
-    modes = range(1, yardstick.count + 1)
+    modes = range(1, reference_cost.count + 1)
     total = eq7_maps(problem, state.positions, 7, modes, 2, there, state.channels).sum(axis=0)
-    assert decibels(total[0, 0]) == pytest.approx(yardstick.of(state), abs=1e-6)
+    assert decibels(total[0, 0]) == pytest.approx(reference_cost.of(state), abs=1e-6)
     alone = [eq7_maps(problem, state.positions, 7, (mode,), 2, there, state.channels)[0, 0, 0] for mode in modes]
     assert power_shares(problem, state, modes) @ alone == pytest.approx(total[0, 0], rel=1e-9)
 
@@ -79,8 +79,8 @@ def test_gains_multiplied_into_the_pressures_come_out_again():
     gains = np.exp(0.3 * rng.normal(size=len(x)) + 3j * rng.normal(size=len(x)))
     spoiled = dataclasses.replace(problem, pressures=problem.pressures * gains)
     channels = ChannelCorrection(gains, np.ones(len(x)))
-    assert Yardstick(spoiled)(x, channels) == pytest.approx(Yardstick(problem)(x), abs=1e-6)
-    assert Yardstick(spoiled)(x) > Yardstick(problem)(x) + 20
+    assert ReferenceCost(spoiled)(x, channels) == pytest.approx(ReferenceCost(problem)(x), abs=1e-6)
+    assert ReferenceCost(spoiled)(x) > ReferenceCost(problem)(x) + 20
     maps = (eq7_maps(spoiled, x, 9, (1, 5), 2, None, channels), eq7_maps(problem, x, 9, (1, 5), 2))
     np.testing.assert_allclose(*maps, rtol=1e-6, atol=1e-12)
     shapes = mode_shape(spoiled, x, 5, 2, channels), mode_shape(problem, x, 5, 2)
@@ -96,6 +96,6 @@ def test_a_channel_of_infinite_noise_is_as_if_it_were_left_out():
     x[-1] = x[:-1].mean(axis=0)  # the centre of the expansion stays
     noise = np.append(np.ones(len(x) - 1), 1e14)
     fewer = dataclasses.replace(problem, pressures=problem.pressures[:, :-1])
-    assert Yardstick(problem).count == Yardstick(fewer).count == 8
-    expected = Yardstick(fewer)(x[:-1])
-    assert Yardstick(problem)(x, ChannelCorrection(np.ones(len(x)), noise)) == pytest.approx(expected, abs=1e-6)
+    assert ReferenceCost(problem).count == ReferenceCost(fewer).count == 8
+    expected = ReferenceCost(fewer)(x[:-1])
+    assert ReferenceCost(problem)(x, ChannelCorrection(np.ones(len(x)), noise)) == pytest.approx(expected, abs=1e-6)

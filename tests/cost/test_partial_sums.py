@@ -5,9 +5,9 @@ import pytest
 from fields import measured
 
 from fdcal import solvers
-from fdcal.cost import landscapes
-from fdcal.cost.partial_sums import ambiguous_mode, partial_sums
-from fdcal.cost.yardstick import ORDER_OFFSET
+from fdcal.cost.basins import local_minima
+from fdcal.cost.maps import ambiguous_mode, cost_maps, partial_sums, refined
+from fdcal.cost.reference_cost import ORDER_OFFSET
 from fdcal.model.settings import SolverSettings
 
 MICROPHONE = 9
@@ -38,13 +38,13 @@ def state(problem, name, solver):
 @pytest.mark.parametrize("order_offset", [ORDER_OFFSET, None])
 @pytest.mark.parametrize("modes", [(1, 2, 3, 4), (6, 5, 4), (3,)])
 def test_each_partial_sum_is_the_map_of_its_modes(problem, solver, state, modes, order_offset):
-    fine = landscapes.refined(problem.search, 60)
+    fine = refined(problem.search, 60)
     sums = list(partial_sums(problem, solver, state, MICROPHONE, modes, order_offset, fine))
     assert [one.modes for one in sums] == [modes[: i + 1] for i in range(len(modes))]
     for one in sums:
-        maps = landscapes.cost_maps(problem, solver, state, MICROPHONE, one.modes, order_offset, fine)
+        maps = cost_maps(problem, solver, state, MICROPHONE, one.modes, order_offset, fine)
         np.testing.assert_allclose(one.cost, maps.sum(axis=0), rtol=1e-9, atol=1e-12 * np.ptp(one.cost))
-        np.testing.assert_array_equal(one.minima, landscapes.local_minima(one.cost))
+        np.testing.assert_array_equal(one.minima, local_minima(one.cost))
 
 
 def test_the_order_in_which_modes_are_added_does_not_change_their_sum(problem, solver, state):

@@ -5,9 +5,8 @@ import pytest
 
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.cost.channel_correction import ChannelCorrection
-from fdcal.cost.eq7_maps import eq7_maps
-from fdcal.cost.volumes import cost_volume
-from fdcal.cost.yardstick import Yardstick
+from fdcal.cost.maps import cost_volume, eq7_maps
+from fdcal.cost.reference_cost import ReferenceCost
 from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError
 
@@ -22,10 +21,10 @@ def case(name="ball3d"):
 
 def test_the_volume_is_the_number_of_the_status_with_the_microphone_at_each_point():
     problem, x = case()
-    yardstick = Yardstick(problem)
-    volume = cost_volume(problem, x, MICROPHONE, range(1, yardstick.count + 1), yardstick.order_offset)
+    reference_cost = ReferenceCost(problem)
+    volume = cost_volume(problem, x, MICROPHONE, range(1, reference_cost.count + 1), reference_cost.order_offset)
     # the centre of the expansion stays: Eq. 7 about another one differs by its truncation alone
-    assert 10 * np.log10(volume.on(*x[MICROPHONE])[0, 0, 0]) == pytest.approx(yardstick(x), abs=1e-5)
+    assert 10 * np.log10(volume.on(*x[MICROPHONE])[0, 0, 0]) == pytest.approx(reference_cost(x), abs=1e-5)
 
 
 def test_a_layer_of_the_volume_is_the_map_of_that_height():

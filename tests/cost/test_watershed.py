@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import label
 
-from fdcal.cost.watershed import merged_basins, prominent_minima
+from fdcal.cost.basins import merged_basins, prominent_minima
 
 
 def climbs(cost):

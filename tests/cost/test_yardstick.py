@@ -9,7 +9,7 @@ from fdcal.acoustics.fourier_bessel import max_order
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.acoustics.spherical_harmonics import spherical_bessel
 from fdcal.cost.eq7 import cost
-from fdcal.cost.yardstick import Yardstick, decibels, yardstick_of
+from fdcal.cost.reference_cost import ReferenceCost, decibels, reference_cost_of
 from fdcal.model.faults import Faults
 from fdcal.model.scene_file import load_scene, scene_names
 from fdcal.model.validation import InputError
@@ -44,13 +44,13 @@ def brute_force(problem, positions, offset):
 @pytest.mark.parametrize("name", scene_names())
 def test_from_the_truth_moving_any_microphone_raises_it(name):
     measurement = noise_free(name)
-    truth, yardstick = np.array(measurement.positions), Yardstick(measurement.problem())
-    there, rng = yardstick(truth), np.random.default_rng(0)
+    truth, reference_cost = np.array(measurement.positions), ReferenceCost(measurement.problem())
+    there, rng = reference_cost(truth), np.random.default_rng(0)
     for n in range(len(truth)):
         away = rng.normal(size=truth.shape[1])
         moved = truth.copy()
         moved[n] += SHIFT * away / np.linalg.norm(away)
-        assert yardstick(moved) > there + 5.0, n
+        assert reference_cost(moved) > there + 5.0, n
 
 
 @pytest.mark.parametrize("name", ["tiny", "ball3d", "plane3d"])
@@ -59,38 +59,38 @@ def test_it_is_equation_7_of_all_modes_at_one_order(name):
     problem, rng = measurement.problem(), np.random.default_rng(0)
     for spread in (0.0, 0.01, 0.3):
         positions = measurement.positions + spread * rng.normal(size=measurement.positions.shape)
-        assert Yardstick(problem)(positions) == pytest.approx(brute_force(problem, positions, 2), abs=1e-6)
+        assert ReferenceCost(problem)(positions) == pytest.approx(brute_force(problem, positions, 2), abs=1e-6)
     far = measurement.positions + np.eye(measurement.count)[:, :1] * 9.0  # beyond the tables
-    assert Yardstick(problem)(far) == pytest.approx(brute_force(problem, far, 2), abs=1e-6)
+    assert ReferenceCost(problem)(far) == pytest.approx(brute_force(problem, far, 2), abs=1e-6)
 
 
 def test_it_falls_as_the_positions_improve():
     measurement = noise_free("tiny")
-    yardstick, rng = Yardstick(measurement.problem()), np.random.default_rng(1)
+    reference_cost, rng = ReferenceCost(measurement.problem()), np.random.default_rng(1)
     away = rng.normal(size=measurement.positions.shape)
-    costs = [yardstick(measurement.positions + 0.03 * share * away) for share in (1.0, 0.5, 0.25, 0.1, 0.0)]
+    costs = [reference_cost(measurement.positions + 0.03 * share * away) for share in (1.0, 0.5, 0.25, 0.1, 0.0)]
     assert all(np.diff(costs) < -3)
 
 
 def test_rotations_translations_and_mirror_images_do_not_change_it():
     for name in ("tiny", "ball3d"):
         measurement = cached_measurement(load_scene(name))
-        yardstick, x = Yardstick(measurement.problem()), np.array(measurement.positions)
+        reference_cost, x = ReferenceCost(measurement.problem()), np.array(measurement.positions)
         turn, _ = np.linalg.qr(np.random.default_rng(2).normal(size=(x.shape[1], x.shape[1])))
         turned = x @ turn.T + 0.1
-        assert yardstick(turned) == pytest.approx(yardstick(x), abs=1e-6)
+        assert reference_cost(turned) == pytest.approx(reference_cost(x), abs=1e-6)
 
 
 def test_it_does_not_depend_on_how_the_modes_are_scaled_to_each_other_or_on_the_solver():
     measurement = cached_measurement(load_scene("tiny"))
-    unit, raw = (Yardstick(measurement.problem(weights)) for weights in ("unit", "raw"))
+    unit, raw = (ReferenceCost(measurement.problem(weights)) for weights in ("unit", "raw"))
     assert unit.count == raw.count == len(measurement.frequencies)
     assert raw(measurement.positions) < -30
 
 
 def test_positions_that_are_not_finite_have_none():
     measurement = cached_measurement(load_scene("tiny"))
-    assert np.isnan(Yardstick(measurement.problem())(np.full((16, 2), np.nan)))
+    assert np.isnan(ReferenceCost(measurement.problem())(np.full((16, 2), np.nan)))
     assert np.isnan(decibels(np.nan)) and decibels(0.0) == -160
 
 
@@ -98,10 +98,10 @@ def test_few_microphones_lower_the_order_and_too_few_have_none():
     measurement = cached_measurement(load_scene("tiny"))
     problem = measurement.problem()
     six = dataclasses.replace(problem, pressures=problem.pressures[:, :6])
-    assert Yardstick(six).order_offset < 2 and np.isfinite(Yardstick(six)(measurement.positions[:6]))
+    assert ReferenceCost(six).order_offset < 2 and np.isfinite(ReferenceCost(six)(measurement.positions[:6]))
     two = dataclasses.replace(problem, pressures=problem.pressures[:, :2])
     with pytest.raises(InputError, match="too few"):
-        Yardstick(two)
+        ReferenceCost(two)
     with pytest.raises(InputError, match="search"):
-        Yardstick(dataclasses.replace(problem, search=None))
-    assert yardstick_of(two) is None
+        ReferenceCost(dataclasses.replace(problem, search=None))
+    assert reference_cost_of(two) is None

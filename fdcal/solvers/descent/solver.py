@@ -6,7 +6,7 @@
 
 The centre of the expansion is the centre of mass rounded to the search lattice, so that one table of radial functions
 serves every step (`fdcal.acoustics.lattice_dictionary.LatticeDictionary`). In three dimensions the candidates are
-searched from coarse to fine (`fdcal.cost.space_lattice`), and the lowest one that was tried counts as the best.
+searched from coarse to fine (`fdcal.cost.lattice`), and the lowest one that was tried counts as the best.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ from dataclasses import replace
 import numpy as np
 
 from ...acoustics.lattice_dictionary import LatticeDictionary
-from ...cost import mode_limits
+from ...cost import expansion
 from ...cost.eq7 import known_weights, leave_one_out_fits
-from ...cost.mode_limits import require_modes, search_lattice
-from ...cost.space_lattice import SpaceLattice, layer_landscape, space_lattice
+from ...cost.expansion import require_modes
+from ...cost.lattice import SpaceLattice, best_candidate, search_lattice, space_lattice
+from ...cost.maps import descent_maps
 from ...model.problem import Problem
 from ...model.settings import Search, SolverSettings
 from ...model.validation import InputError, frozen_array
@@ -140,22 +141,15 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
 def landscape(problem: Problem, state: State, n: int, modes: slice, search: Search | None = None) -> np.ndarray:
     """Return what a step on microphone `n` minimises, over the lattice, mode by mode : (modes, ny, nx) float64.
 
-    In three dimensions it is the layer at the height of the microphone, and `search` may be another lattice.
+    In three dimensions it is the layer at the height of the microphone; `search` may be another lattice.
     """
-    if problem.array_dimension == 3:
-        lattice, _, fits = _fits(problem, state, n, modes)
-        assert isinstance(lattice, SpaceLattice)
-        return layer_landscape(problem, lattice, fits, state.centre, modes, float(state.positions[n, 2]), search)
-    from ...cost.lattice_search import lattice_landscape
-
-    lattice = search_lattice(problem, state.order_offset)
-    weight = state.settings.known_weight
-    return lattice_landscape(problem, lattice, state.positions, n, state.centre, modes, weight)
+    numbers, weight = range(1, len(problem.pressures) + 1)[modes], state.settings.known_weight
+    return descent_maps(problem, state.positions, n, numbers, state.order_offset, weight, state.centre, search)
 
 
 def usable_modes(problem: Problem, settings: SolverSettings) -> int:
     """Return how many of the lowest modes have an expansion with fewer functions than there are microphones."""
-    return mode_limits.usable_modes(problem, settings.order_offset)
+    return expansion.usable_modes(problem, settings.order_offset)
 
 
 def _lattice(problem: Problem, order_offset: int) -> LatticeDictionary | SpaceLattice:
@@ -168,13 +162,9 @@ def _lattice(problem: Problem, order_offset: int) -> LatticeDictionary | SpaceLa
 def _best(problem: Problem, lattice, state: State, n: int) -> tuple[np.ndarray, float]:
     """The best candidate for microphone `n`, metres, and its cost."""
     if isinstance(lattice, SpaceLattice):
-        return lattice.best(state.centre, state.modes, _fits(problem, state, n)[2], state.positions[n])
-    from ...cost.lattice_search import best_candidate, lattice_fits  # compiled code is loaded with the first step
-
+        return lattice.best(state.centre, state.modes, _fits(problem, state, n)[1], state.positions[n])
     weight = state.settings.known_weight
-    fits = lattice_fits(problem, lattice, state.positions, n, state.centre, state.modes, weight)
-    best, least = best_candidate(lattice, state.centre, state.modes, fits, lattice.index(state.positions[n]))
-    return lattice.points[best], least
+    return best_candidate(problem, lattice, state.positions, n, state.centre, state.modes, weight)
 
 
 @functools.lru_cache(maxsize=8)
@@ -185,17 +175,16 @@ def _turns(problem: Problem, seed: int, sweep: int) -> np.ndarray:
 
 def _cost(problem: Problem, state: State) -> float:
     """Eq. 7 over the modes in use: a microphone is left out and put back at its position."""
-    _, W, fits = _fits(problem, state, int(problem.free[0]))
+    W, fits = _fits(problem, state, int(problem.free[0]))
     return float(sum(fit.cost_of(w[problem.free[:1]])[0] for fit, w in zip(fits, W, strict=True)))
 
 
-def _fits(problem: Problem, state: State, n: int, modes: slice | None = None):
-    """The lattice, W of every mode in use, or of `modes`, and its fit without microphone `n`."""
-    modes = state.modes if modes is None else modes
+def _fits(problem: Problem, state: State, n: int):
+    """W of every mode in use, and its fit without microphone `n`."""
     lattice = _lattice(problem, state.order_offset)
-    W = lattice.dictionary(state.positions, state.centre, range(len(lattice.orders))[modes])
+    W = lattice.dictionary(state.positions, state.centre, range(len(lattice.orders))[state.modes])
     weights = known_weights(problem, state.settings.known_weight)
-    return lattice, W, leave_one_out_fits(W, problem.pressures[modes], n, weights=weights)
+    return W, leave_one_out_fits(W, problem.pressures[state.modes], n, weights)
 
 
 def _end_sweep(state: State) -> State:

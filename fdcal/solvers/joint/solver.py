@@ -175,7 +175,7 @@ def landscape(problem: Problem, state: State, n: int, modes: slice, search: Sear
     """
     if problem.search is None:
         raise InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
-    from ...cost.likelihood_maps import likelihood_maps  # compiled code is loaded with the first map
+    from ...cost.maps import likelihood_maps  # compiled code is loaded with the first map
 
     power = mode_power(problem.pressures[modes])
     least = NOISE.diffuse_floor * power  # with less, as the near-field model has it, the kernel is singular

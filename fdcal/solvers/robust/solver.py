@@ -169,7 +169,7 @@ def landscape(problem: Problem, state: State, n: int, modes: slice, search: Sear
     """
     if problem.search is None:
         raise InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
-    from ...cost.likelihood_maps import likelihood_maps  # compiled code is loaded with the first map
+    from ...cost.maps import likelihood_maps  # compiled code is loaded with the first map
     from ...cost.noise_model import NOISE
 
     problem = in_unit_power(problem)
