@@ -22,7 +22,8 @@ def all_candidates(positions, n, centre, modes, weight):
     numbers = range(len(LATTICE.orders))[modes]
     W = LATTICE.dictionary(positions, centre, numbers)
     fits = leave_one_out_fits(W, PROBLEM.pressures[modes], n, known_weights(PROBLEM, weight))
-    return sum(fit.cost_of(LATTICE.dictionary(LATTICE.points, centre, [m])[0]) for m, fit in zip(numbers, fits))
+    rows = (LATTICE.dictionary(LATTICE.points, centre, [m])[0] for m in numbers)
+    return sum(fit.cost_of(w) for fit, w in zip(fits, rows, strict=True))
 
 
 def assert_best(positions, n, centre, modes, weight, total):
@@ -50,7 +51,9 @@ def test_on_the_lattice_and_off_it_and_where_the_dictionary_has_no_full_rank(n, 
     mixed = np.where(np.arange(len(GUESS))[:, None] % 2, LATTICE.nearest(GUESS), GUESS)
     threes = np.repeat(mixed[:8], 3, axis=0)  # three microphones in each place carry few functions
     for positions in (mixed, threes):
-        assert_best(positions, n, centre, modes, known_weight, all_candidates(positions, n, centre, modes, known_weight))
+        assert_best(
+            positions, n, centre, modes, known_weight, all_candidates(positions, n, centre, modes, known_weight)
+        )
     assert np.linalg.matrix_rank(LATTICE.dictionary(threes, centre, [8])[0], tol=1e-10) <= 8 < 2 * LATTICE.orders[8] + 1
 
 
