@@ -1,12 +1,14 @@
 """Descent's search: the candidate of least Eq. 7 for one microphone, in a plane and in three dimensions.
 
 In a plane all candidates of the lattice are searched, by compiled loops (`fdcal.cost.lattice_kernels`) over the rows of
-W from the lattice's table of radii. They are kept beside the maps (`fdcal.cost.maps`) because a step is seven times
-faster: the sum over modes only grows, so that the search drops a candidate as soon as its partial sum exceeds the sum
-where the microphone is. The result is the argmin of the whole landscape, the first in lattice order of equal ones.
+W from the lattice's table of radii. The sum over modes only grows, so that the search drops a candidate as soon as its
+partial sum exceeds the sum where the microphone is. That is why these loops stay beside the maps (`fdcal.cost.maps`):
+once the microphones are near their places, a step takes a tenth of the time of a map or less. The result is the argmin
+of the whole landscape, the first in lattice order of equal ones.
 
-A lattice of three dimensions has a hundred times the candidates of a map, and W four times the columns, so that not
-every candidate is tried. The cost of one microphone has no detail finer than a part of the shortest wavelength in use:
+A lattice of three dimensions has a hundred times the candidates of a map, and W four times the columns: a volume in
+every step would take too long, so that only some candidates are tried. The cost of one microphone has no detail finer
+than a part of the shortest wavelength in use:
 
     coarse  candidates about an eighth of that wavelength apart, over the whole domain; the modes are summed from the
             lowest up, and after each quarter of them the worse half of the candidates is dropped

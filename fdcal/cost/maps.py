@@ -35,12 +35,12 @@ from ..model.validation import InputError
 from .channel_correction import ChannelCorrection, equalised
 from .circular_waves import circular_dictionary
 from .eq7 import LeaveOneOutFit, coefficients, known_weights, leave_one_out_fits
-from .expansion import FieldExpansion, expansion_of, require_carried, search_domain
+from .expansion import FieldExpansion, expansion_of, functions, require_carried, search_domain
 from .likelihood import diffuse_field, kernel
 
 NEGLIGIBLE = 1e-15  # Chebyshev coefficient of a map that is left out
 VOLUME_NEGLIGIBLE = 1e-8  # likewise of a volume, of the field that a microphone records
-BATCH = 6  # modes whose rows are in memory at the same time
+MOST_VALUES = 10_000_000  # of the rows of W in memory at the same time, 160 MB
 EXTRA_ORDERS = 12  # of the likelihood beyond ceil(k R): the rest of the kernel is below 1e-13
 MOST_FUNCTIONS = 4  # times the number of microphones: with more functions the kernel is cheaper
 FINE = 500  # points along the longer edge of a fine map
@@ -172,7 +172,8 @@ class MovedMicrophone:
         carried, count = self.expansion.carried.modes, len(self.positions)
         places = np.concatenate([self.positions, points])
         for group in self.expansion.groups(np.searchsorted(carried, np.asarray(modes) - 1)):
-            for batch in (group[i : i + BATCH] for i in range(0, len(group), BATCH)):
+            values = len(places) * functions(self.problem, int(self.expansion.carried.orders[group[0]]))
+            for batch in np.array_split(group, min(-(-len(group) * values // MOST_VALUES), len(group))):
                 rows = self.expansion.rows(places, self.centre, batch)
                 W = self.scale[:, None] * rows[:, :count]
                 fits = leave_one_out_fits(list(W), self.pressures[carried[batch]], self.n)
@@ -192,10 +193,11 @@ class MovedMicrophone:
 
     def maps(self, modes: Sequence[int], search: Search | None) -> np.ndarray:
         """Return the cost of each of `modes` over a lattice, the domain's unless given : (P, ny, nx)."""
-        search = self.domain if search is None else search
-        terms_of_modes = self.at_nodes(modes)
-        found = {mode: terms.on(_onto_lattice(self.domain, search, terms.counts)) for mode, terms in terms_of_modes}
-        return np.stack([found[mode] for mode in modes])
+        search, numbers = self.domain if search is None else search, np.asarray(modes)
+        maps = np.empty((len(numbers), *search.shape[1::-1]))
+        for mode, terms in self.at_nodes(modes):
+            maps[numbers == mode] = terms.on(_onto_lattice(self.domain, search, terms.counts))
+        return maps
 
     def power(self, modes: Sequence[int]) -> float:
         """Return the power of the pressures of `modes`, to which the cost on the page is relative."""
