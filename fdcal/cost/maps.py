@@ -99,19 +99,24 @@ def _from_nodes(domain: Search, places: np.ndarray, axis: int, count: int) -> np
 
 
 @functools.lru_cache(maxsize=128)
-def _onto_lattice(domain: Search, search: Search, counts: tuple[int, int]) -> list[np.ndarray]:
+def _onto_lattice(domain: Search, search: Search, counts: tuple[int, ...]) -> list[np.ndarray]:
     """Return the matrices of `_from_nodes` along x and y onto a lattice."""
     places = [o + search.step * np.arange(n) for o, n in zip(search.origin[:2], search.shape[:2], strict=True)]
     return [_from_nodes(domain, places[axis], axis, count) for axis, count in enumerate(counts)]
 
 
-def _interpolated(h, f, counts: Sequence[int], onto: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return h, Re f and Im f on a lattice ([nz,] ny, nx), from those at the nodes (C,)."""
-    values = onto[1] @ (np.stack([h, f.real, f.imag]).reshape(3, *counts[::-1]) @ onto[0].T)
+def _stacked(h: np.ndarray, f: np.ndarray, counts: Sequence[int]) -> np.ndarray:
+    """Return h, Re f and Im f, each (C,) at the nodes, as one array : (3, [nz,] ny, nx) float64."""
+    return np.stack([h, np.real(f), np.imag(f)]).reshape(3, *counts[::-1])
+
+
+def _interpolated(values: np.ndarray, onto: list[np.ndarray]) -> np.ndarray:
+    """Return h, Re f and Im f on a lattice from `_stacked` ones, by the matrices of `_from_nodes` along x, y and z."""
+    values = onto[1] @ (values @ onto[0].T)
     if len(onto) == 3:
         values = (onto[2] @ values.reshape(3, len(values[0]), -1)).reshape(3, -1, *values.shape[2:])
-    h, re, im = values
-    return np.maximum(h, 0.0, out=h), re, im
+    np.maximum(values[0], 0.0, out=values[0])
+    return values
 
 
 # Eq. 7 with one microphone moved.
@@ -119,24 +124,25 @@ def _interpolated(h, f, counts: Sequence[int], onto: list[np.ndarray]) -> tuple[
 
 @dataclass(frozen=True)
 class NodeTerms:
-    """What one mode adds to the cost: its fit without the microphone, and h and f at the nodes, `counts` on each axis.
+    """What one mode adds to the cost: its fit without the microphone, and h, Re f and Im f at the nodes.
 
     Attributes
     ----------
     fit : LeaveOneOutFit
-    counts : numbers of nodes along x, y and, of a volume, z
-    h : (C,) float64
-    f : (C,) complex128
+    values : (3, [nz,] ny, nx) float64
     """
 
     fit: LeaveOneOutFit
-    counts: tuple[int, ...]
-    h: np.ndarray
-    f: np.ndarray
+    values: np.ndarray
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Numbers of nodes along x, y and, of a volume, z."""
+        return self.values.shape[:0:-1]
 
     def on(self, onto: list[np.ndarray]) -> np.ndarray:
         """Return the cost on a lattice ([nz,] ny, nx), from the matrices of `_from_nodes` along x, y and z."""
-        return self.fit.cost(*_interpolated(self.h, self.f, self.counts, onto))
+        return self.fit.cost(*_interpolated(self.values, onto))
 
 
 @dataclass(frozen=True)
@@ -189,7 +195,7 @@ class MovedMicrophone:
             points = node_points(self.domain, shape, self.positions[self.n, dimension:])
             alike = [mode for mode, count in zip(modes, counts, strict=True) if count == shape]
             for mode, fit, rows in self.fits(alike, points):
-                yield mode, NodeTerms(fit, shape, *fit.terms(rows))
+                yield mode, NodeTerms(fit, _stacked(*fit.terms(rows), shape))
 
     def maps(self, modes: Sequence[int], search: Search | None) -> np.ndarray:
         """Return the cost of each of `modes` over a lattice, the domain's unless given : (P, ny, nx)."""
@@ -397,7 +403,7 @@ def likelihood_maps(problem: Problem, positions, n: int, modes: slice, noise, se
         else:
             constant, h, f = _kernel_fit(between, to_nodes(counts), rest, k, s, v, problem.dimension)
         onto = _onto_lattice(domain, domain if search is None else search, counts)
-        h, re, im = _interpolated(h, f, counts, onto)
+        h, re, im = _interpolated(_stacked(h, f, counts), onto)
         error = (p[m, n].real - re) ** 2 + (p[m, n].imag - im) ** 2
         maps.append(constant + np.log1p(h) + error / (v * (1.0 + h)))
     return np.stack(maps)

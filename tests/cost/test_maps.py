@@ -235,7 +235,7 @@ def test_a_coarse_expansion_agrees_to_its_tolerance_and_is_smaller():
     fine, coarse = (cost_volume(problem, x, 10, (5, 80), 2, negligible=e) for e in (1e-8, 1e-3))
     axes = [np.linspace(o, o + length, 9) for o, length in zip(problem.search.origin, problem.search.size, strict=True)]
     np.testing.assert_allclose(coarse.on(*axes), fine.on(*axes), rtol=0.05)
-    assert coarse.modes[-1].h.size < fine.modes[-1].h.size
+    assert coarse.modes[-1].values.size < fine.modes[-1].values.size
 
 
 def test_a_volume_that_nobody_wants_any_longer_ends_at_once():
