@@ -52,7 +52,7 @@ def merged_basins(cost: np.ndarray, depth: float) -> tuple[np.ndarray, np.ndarra
     """
     cost = np.ascontiguousarray(cost, dtype=float)
     flat, layers = cost.ravel(), cost.reshape(-1, *cost.shape[-2:])  # a map is one layer
-    basins = _basins(layers)
+    basins = _basins(_lowest_neighbours(layers))
     passes = _passes(layers, basins)
     passes = passes[np.argsort(flat[passes[:, 0]], kind="stable")]
     ended, heirs = _merge(flat, basins, passes, float(depth))
@@ -68,10 +68,10 @@ def _inside(points: np.ndarray, shape: tuple[int, ...]) -> tuple[np.ndarray, np.
 
 
 @compiled
-def _basins(cost):
-    """Return the minimum at which steepest descent over neighbours ends, from each point : (P,) int64."""
+def _lowest_neighbours(cost):
+    """Return the lowest neighbour of each point, or the point itself where none is lower : (P,) int64."""
     nz, ny, nx = cost.shape
-    basin = np.empty(cost.size, np.int64)  # first the lowest neighbour, or the point itself
+    found = np.empty(cost.size, np.int64)
     for h in range(nz):
         for j in range(ny):
             for i in range(nx):
@@ -81,8 +81,15 @@ def _basins(cost):
                         for n in range(max(i - 1, 0), min(i + 2, nx)):
                             if cost[k, m, n] < least:  # the first of equal ones, whose index is lowest
                                 lowest, least = (k * ny + m) * nx + n, cost[k, m, n]
-                basin[(h * ny + j) * nx + i] = lowest
-    for point in range(cost.size):
+                found[(h * ny + j) * nx + i] = lowest
+    return found
+
+
+@compiled
+def _basins(lowest):
+    """Return the minimum at which steepest descent over neighbours ends, from each point : (P,) int64."""
+    basin = lowest.copy()
+    for point in range(len(basin)):
         _end(basin, point)
     return basin
 
@@ -181,40 +188,24 @@ def basins_of(cost: np.ndarray, depth: float = DEPTH) -> Basins:
     layers = np.ascontiguousarray(cost, dtype=float).reshape(-1, *cost.shape[-2:])
     level = np.zeros(layers.shape)  # a map does not slope across its one layer
     slopes = np.stack([np.gradient(layers, axis=axis) if layers.shape[axis] > 1 else level for axis in range(3)])
-    ends = _descend(layers, slopes, np.argsort(cost.ravel(), kind="stable"), heirs)
+    ends = _descend(slopes, _lowest_neighbours(layers), np.argsort(cost.ravel(), kind="stable"), heirs)
     return Basins(frozen_array(numbers[ends].reshape(cost.shape), np.int64), frozen_array(places, np.int64))
 
 
 @compiled
-def _descend(cost, slopes, order, heirs):
+def _descend(slopes, lowest, order, heirs):
     """Return where descent from each point ends : (P,) int64, flat indices of minima."""
-    ends = np.full(cost.size, -1, np.int64)
+    ends = np.full(len(order), -1, np.int64)
     for here in order:  # ascending: of each lower neighbour the end is known
-        lowest = _lowest_neighbour(cost, ends, here)
-        if lowest < 0:  # a minimum
+        if lowest[here] == here:  # a minimum
             end = here
             while heirs[end] != end:
                 end = heirs[end]
         else:
             end = _trace(slopes, ends, here)
-            end = end if end >= 0 else ends[lowest]
+            end = end if end >= 0 else ends[lowest[here]]
         ends[here] = end
     return ends
-
-
-@compiled
-def _lowest_neighbour(cost, ends, here):
-    """The lowest of the neighbours whose end is known; -1 without any."""
-    nz, ny, nx = cost.shape
-    flat, lowest = cost.ravel(), -1
-    h, j, i = here // (nx * ny), here // nx % ny, here % nx
-    for k in range(max(h - 1, 0), min(h + 2, nz)):
-        for m in range(max(j - 1, 0), min(j + 2, ny)):
-            for n in range(max(i - 1, 0), min(i + 2, nx)):
-                there = (k * ny + m) * nx + n
-                if ends[there] >= 0 and (lowest < 0 or flat[there] < flat[lowest]):
-                    lowest = there
-    return lowest
 
 
 @compiled

@@ -47,7 +47,7 @@ def residual(positions, pressures, wavenumbers, orders, centre) -> np.ndarray:
     """
     dictionaries = (fourier_bessel(positions, k, L, centre) for k, L in zip(wavenumbers, orders, strict=True))
     fitted = [W @ coefficients(W, p) for W, p in zip(dictionaries, pressures, strict=True)]
-    return np.array(fitted) - pressures
+    return np.reshape(fitted, pressures.shape) - pressures
 
 
 def coefficients(W: np.ndarray, p: np.ndarray) -> np.ndarray:

@@ -223,14 +223,9 @@ def _on_the_page(
 
 
 def eq7_maps(
-    problem: Problem,
-    positions,
-    n: int,
-    modes: Sequence[int],
-    order_offset: int,
-    search: Search | None = None,
+    problem: Problem, positions, n: int, modes: Sequence[int], order_offset: int, search: Search | None = None,
     channels: ChannelCorrection | None = None,
-) -> np.ndarray:
+) -> np.ndarray:  # fmt: skip
     """Return the cost of each of `modes` with microphone `n` moved, relative to the power of all : (P, ny, nx).
 
     Parameters
@@ -253,14 +248,9 @@ def eq7_maps(
 
 
 def eq7_cut(
-    problem: Problem,
-    positions,
-    n: int,
-    modes: Sequence[int],
-    order_offset: int,
-    points,
+    problem: Problem, positions, n: int, modes: Sequence[int], order_offset: int, points,
     channels: ChannelCorrection | None = None,
-) -> np.ndarray:
+) -> np.ndarray:  # fmt: skip
     """Return the cost of `eq7_maps` at points (S, D), metres, along a line : (P, S).
 
     Examples
@@ -306,15 +296,10 @@ class CostVolume:
 
 
 def cost_volume(
-    problem: Problem,
-    positions,
-    n: int,
-    modes: Sequence[int],
-    order_offset: int,
-    channels: ChannelCorrection | None = None,
-    cancelled: Callable[[], bool] = lambda: False,
+    problem: Problem, positions, n: int, modes: Sequence[int], order_offset: int,
+    channels: ChannelCorrection | None = None, cancelled: Callable[[], bool] = lambda: False,
     negligible: float = VOLUME_NEGLIGIBLE,
-) -> CostVolume | None:
+) -> CostVolume | None:  # fmt: skip
     """Return the cost of `eq7_maps`, summed over `modes`, with microphone `n` anywhere in the search domain.
 
     None once `cancelled`, which tells whether the volume is no longer wanted. `negligible` is the Chebyshev coefficient
@@ -333,15 +318,9 @@ def cost_volume(
 
 
 def descent_maps(
-    problem: Problem,
-    positions,
-    n: int,
-    modes: Sequence[int],
-    order_offset: int,
-    known_weight: float = 1.0,
-    centre=None,
-    search: Search | None = None,
-) -> np.ndarray:
+    problem: Problem, positions, n: int, modes: Sequence[int], order_offset: int, known_weight: float = 1.0,
+    centre=None, search: Search | None = None,
+) -> np.ndarray:  # fmt: skip
     """Return what a step of descent on microphone `n` minimises, for each of `modes`, counted from 1 : (P, ny, nx).
 
     The squared residuals of known microphones have the weight `known_weight`, and the expansion is about `centre` (D,),
@@ -467,14 +446,9 @@ def _node_rows(problem: Problem, mode: int, k: float, order: int) -> np.ndarray:
 
 
 def cost_maps(
-    problem: Problem,
-    solver,
-    state,
-    n: int,
-    modes: Sequence[int],
-    order_offset: int | None,
+    problem: Problem, solver, state, n: int, modes: Sequence[int], order_offset: int | None,
     search: Search | None = None,
-) -> np.ndarray:
+) -> np.ndarray:  # fmt: skip
     """Return the cost of each of `modes`, counted from 1, with microphone `n` moved : (P, ny, nx).
 
     It is Eq. 7 at a fixed order, `order_offset` added to ceil(k R), or, without one, what the solver minimises.
@@ -512,15 +486,9 @@ class PartialSum:
 
 
 def partial_sums(
-    problem: Problem,
-    solver,
-    state,
-    n: int,
-    modes: Sequence[int],
-    order_offset: int | None,
-    search: Search | None = None,
-    counts: Sequence[int] | None = None,
-) -> Iterator[PartialSum]:
+    problem: Problem, solver, state, n: int, modes: Sequence[int], order_offset: int | None,
+    search: Search | None = None, counts: Sequence[int] | None = None,
+) -> Iterator[PartialSum]:  # fmt: skip
     """Yield the map of the first of `modes`, of the first two, and so on to all of them.
 
     The work of a step is that of one mode. Parameters are as of `cost_maps`, with which each sum agrees; `counts` says
