@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from fdcal.acoustics.box_field import point_source_pressures as box_field
-from fdcal.cost.likelihood import diffuse_field, newton_terms
+from fdcal.cost.likelihood import isotropic_field, likelihood_terms
 from fdcal.model.arrays import positions_of
 from fdcal.model.arrays_3d import positions_3d
 from fdcal.model.gauge import align, position_errors
@@ -138,9 +138,9 @@ def bound(drawn: Draw, known: str, modes: int) -> float:
     m, clean = drawn.measurement, drawn.clean[:modes]
     power = mode_power(clean)
     scaled = clean / np.sqrt(power)[:, None]
-    field = diffuse_field(scaled, np.real(m.wavenumbers[:modes]), m.noise_power[:modes] / power, m.dimension)
+    field = isotropic_field(scaled, m.wavenumbers[:modes], m.noise_power[:modes] / power, m.dimension)
     field = replace(field, power=FREE * np.ones(len(power)))
-    H = newton_terms(m.positions, scaled, field)[2]
+    H = likelihood_terms(m.positions, scaled, field).newton()[1]
     N, D = m.positions.shape
     free = np.setdiff1d(np.arange(N), m.known) if known == "all" else np.arange(N)
     values = np.linalg.eigvalsh(H[free][:, :, free].reshape(len(free) * D, -1))

@@ -83,8 +83,8 @@ class Assessment:
 def assess(estimate: Estimate | RoomEstimate, names: Sequence[str] | None = None, stretch: float | None = None):
     """Return the assessment of what a solver has found.
 
-    names : of the microphones, their numbers unless given; stretch : sound speed that follows from a given distance over
-    that of the problem, by which the array becomes larger
+    names : of the microphones, their numbers unless given; stretch : sound speed that follows from a given distance
+    over that of the problem, by which the array becomes larger
     """
     names = [str(n) for n in range(len(estimate.positions))] if names is None else list(names)
     if isinstance(estimate, RoomEstimate):

@@ -30,8 +30,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.linalg import block_diag
 
-from ..cost.channel_kernels import diffuse_kernel
-from ..cost.channel_likelihood import ChannelField, channel_terms
+from ..cost.kernels import diffuse_kernel
+from ..cost.likelihood import FieldModel, likelihood_terms
 from ..model.gauge import rigid_motions
 from ..model.power import mode_power
 from .error_ellipses import one_sigma
@@ -134,10 +134,10 @@ def field_information(positions, pressures, wavenumbers, noise_share: float, dim
     x = np.asarray(positions, float)
     (N, D), M = x.shape, len(pressures)
     scaled = np.asarray(pressures) * np.sqrt((1 - noise_share) / mode_power(pressures))[:, None]
-    diffuse = ChannelField(
+    diffuse = FieldModel(
         np.asarray(wavenumbers, complex), np.full(M, 1 - noise_share), np.full(M, noise_share), np.ones(N), dimension
     )
-    H = channel_terms(x, np.zeros((N, 2)), scaled, diffuse).newton()[1].reshape(N * (D + 2), -1)
+    H = likelihood_terms(x, scaled, diffuse, np.zeros((N, 2))).newton()[1].reshape(N * (D + 2), -1)
     order = np.arange(N * (D + 2)).reshape(N, D + 2)
     kept, phases = np.append(order[:, :D], order[:, D]), order[:, D + 1]
     cross = H[np.ix_(kept, phases)]

@@ -23,12 +23,15 @@ from scipy.linalg import cholesky, solve_triangular
 
 from ..acoustics.dictionary import dictionary
 from ..acoustics.fourier_bessel import max_order
-from ..cost.low_rank_covariance import EXTRA_ORDERS
+from ..cost.batches import applied, blocks, hermitian_inverses
+from ..cost.kernels import series_kernel
+from ..cost.likelihood import FieldModel, isotropic_field
+from ..cost.noise import DIFFUSE_FLOOR, estimate_noise
+from ..cost.waves import EXTRA_ORDERS
 from ..model.measurement import Measurement
 from ..model.power import mode_power
 from ..model.problem import Problem
 from ..model.validation import InputError, frozen_array, require_positive
-from .uncertainty import pressures_and_field
 
 NOISE_DEFLATION = 3.0  # times less noise is assumed: a room's field is less isotropic than this prior
 TINY = np.finfo(float).tiny
@@ -79,13 +82,15 @@ def expansions(problem: Problem, positions, modes: slice, noise: np.ndarray | No
 
     `noise` (M,) is that of all measured modes, in the unit of abs(problem.pressures)**2; None to estimate it.
     """
-    x, found = np.asarray(positions, float), []
-    centre = frozen_array(x.mean(axis=0), float)
-    for k, order, p, v, mu in _modes(problem, x, modes, noise):
-        W = dictionary(x, k, order, centre, problem.dimension)
+    x, field = np.asarray(positions, float), _field(problem, positions, modes, noise)
+    centre, radius = frozen_array(x.mean(axis=0), float), np.linalg.norm(x - x.mean(axis=0), axis=1).max()
+    orders, found = max_order(field.wavenumbers, float(radius), EXTRA_ORDERS), []
+    every = zip(problem.wavenumbers[modes], orders.tolist(), problem.pressures[modes], field.noise, strict=True)
+    for (k, order, p, v), mu in zip(every, _weights(field), strict=True):
+        W = dictionary(x, complex(k), order, centre, problem.dimension)
         G = cholesky(W.conj().T @ W + mu * np.eye(W.shape[1]), lower=True)
         alpha = solve_triangular(G, solve_triangular(G, W.conj().T @ p, lower=True), lower=True, trans=2)  # G^-H
-        found.append(Expansion(k, order, centre, alpha, G, v, problem.dimension))
+        found.append(Expansion(complex(k), order, centre, alpha, G, float(v), problem.dimension))
     return found
 
 
@@ -98,25 +103,37 @@ def leave_one_out_errors(
     as of `expansions`.
     """
     x, errors = np.asarray(positions, float), np.array(problem.pressures[modes])
-    sound = np.ones(len(x), bool) if healthy is None else healthy
-    some, centre = replace(problem, pressures=problem.pressures[:, sound]), x[sound].mean(axis=0)
-    for error, (k, order, p, _, mu) in zip(errors, _modes(some, x[sound], modes, noise), strict=True):
-        W = dictionary(x, k, order, centre, problem.dimension)
-        WH = W[sound].conj().T
-        inverse = np.linalg.inv(W[sound] @ WH + mu * np.eye(len(p)))
-        error -= W @ (WH @ (inverse @ p))
-        error[sound] = inverse @ p / np.diag(inverse)
+    seen = np.ones(len(x), bool) if healthy is None else healthy
+    some = replace(problem, pressures=problem.pressures[:, seen])
+    mu, diagonal = _weights(_field(some, x[seen], modes, noise)), np.arange(int(np.sum(seen)))
+    for m in blocks(len(errors), 2 * len(x) ** 2):
+        K = series_kernel(x, x[seen], problem.wavenumbers[modes][m], problem.dimension, slope=False)[0]
+        C = K[:, seen][:, :, seen]
+        C[:, diagonal, diagonal] += mu[m, None]
+        inverse = hermitian_inverses(np.ascontiguousarray(C))[0]
+        u = applied(inverse, errors[m][:, seen])
+        predicted = applied(np.ascontiguousarray(K[:, ~seen][:, :, seen]), u)
+        errors[m, ~seen] -= predicted
+        errors[m, seen] = u / np.real(inverse[:, diagonal, diagonal])
     return errors
 
 
-def _modes(problem: Problem, positions: np.ndarray, modes: slice, noise: np.ndarray | None):
-    """Return an iterator of k, L, the pressures (N,), v and mu of every mode in use."""
-    pressures, field = pressures_and_field(problem, positions, modes, noise)
-    radius = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
-    orders = max_order(field.wavenumbers, radius, EXTRA_ORDERS)
-    mu = field.noise / (NOISE_DEFLATION * field.power)
-    k = problem.wavenumbers[modes].astype(complex)
-    return zip(k.tolist(), orders.tolist(), pressures, field.noise.tolist(), mu.tolist(), strict=True)
+def _field(problem: Problem, positions, modes: slice, noise: np.ndarray | None) -> FieldModel:
+    """Return an isotropic field of the modes in use, and the noise (M,), or that left unexplained."""
+    p, k = problem.pressures[modes], problem.wavenumbers[modes]
+    power = mode_power(p)
+    if noise is None:
+        unit = p / np.sqrt(power)[:, None]
+        field = isotropic_field(unit, k, np.zeros(len(p)), problem.dimension)
+        v = estimate_noise(positions, unit, field, DIFFUSE_FLOOR).alone * power
+    else:
+        v = np.maximum(np.asarray(noise)[modes], DIFFUSE_FLOOR * power)
+    return isotropic_field(p, k, v, problem.dimension)
+
+
+def _weights(field: FieldModel) -> np.ndarray:
+    """Return mu of every mode (M,)."""
+    return field.noise / (NOISE_DEFLATION * field.power)
 
 
 @dataclass(frozen=True)

@@ -177,7 +177,9 @@ class Judged:
         starts, same = [one for one in tried if not one.regrouped], max(RIVAL_SIGMAS * self.sigma, RIVAL_DISTANCE)
         away = [
             root_mean_square(
-                np.linalg.norm((align(one.positions, tried[0].positions, healthy) - tried[0].positions)[healthy], axis=1)
+                np.linalg.norm(
+                    (align(one.positions, tried[0].positions, healthy) - tried[0].positions)[healthy], axis=1
+                )
             )
             for one in starts
             if one is not tried[0]
@@ -227,8 +229,8 @@ def _undersampled(seen: Judged) -> str:
 def _contradicted(seen: Judged) -> str:
     named = enumerated([seen.names[one.number] for one in seen.wrong_given])
     return (
-        f"known microphone {named}: the position given contradicts the recordings; it is wrong, or the channel is swapped"
-        " with another"
+        f"known microphone {named}: the position given contradicts the recordings; it is wrong, or the channel is"
+        " swapped with another"
     )
 
 
@@ -529,7 +531,8 @@ ROOM_FINDINGS: tuple[Finding[JudgedRoom], ...] = (
         "model_mismatch",
         lambda seen, limit: not seen.estimate.noise_given and seen.estimate.noise_share > limit,
         lambda seen: (
-            f"{100 * seen.estimate.noise_share:.2g} % of the power is left unexplained; if that is not noise: {ROOM_CAUSES}"
+            f"{100 * seen.estimate.noise_share:.2g} % of the power is left unexplained; if that is not noise:"
+            f" {ROOM_CAUSES}"
         ),
         "",
         3e-3,

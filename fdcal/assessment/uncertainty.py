@@ -1,6 +1,6 @@
-"""The uncertainty of each position, from what a solver reports of its minimum (`fdcal.solvers.estimate.PositionSpread`).
+"""The uncertainty of each position, from what a solver reports of its minimum (`PositionSpread`).
 
-    P      inverse of the Gauss-Newton matrix of cost and priors: the covariance where the field is as diffuse as assumed
+    P      inverse of the Gauss-Newton matrix of cost and priors: the covariance of a field that is as assumed
     v_g    influence of mode g on the positions; J = sum over the modes, or over groups of neighbours, of v_g v_g^T
 
 A room's standing waves are not diffuse, and the modes then disagree more than P says: the sandwich estimate (Huber

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..cost.yardstick import yardstick_of
+from ..cost.reference_cost import reference_cost_of
 from ..graphics.gallery import Entry, index_html, picture_of, race_html
 from ..graphics.replay import replay_html
 from ..model import mode_ranges
@@ -120,7 +120,7 @@ def _run(show: Show) -> tuple[str, Entry]:
 def _replay(inputs: CalibrationInput, states: Sequence, title: str, microphone: int, sought, seconds=None) -> str:
     problem = problem_of(inputs)
     return replay_html(
-        inputs.scene, inputs.measurement, states, title, yardstick_of(problem), sought, problem=problem,
+        inputs.scene, inputs.measurement, states, title, reference_cost_of(problem), sought, problem=problem,
         microphone=microphone, seconds=seconds, max_bytes=MOST_BYTES,
     )  # fmt: skip
 

@@ -185,7 +185,7 @@ def replay(source, solver, modes, seed, microphone, output, search, radius, forc
     as in FILE.html#step=12&microphone=9&modes=1-20&view=top.
     """
     path = output_path(output, ".html", force)
-    from ..cost.yardstick import yardstick_of
+    from ..cost.reference_cost import reference_cost_of
     from ..graphics.replay import replay_html
     from ..model.search_domain import with_search_domain
     from ..model.storage import write_atomically
@@ -206,7 +206,14 @@ def replay(source, solver, modes, seed, microphone, output, search, radius, forc
     problem = source.problem(inputs.settings.weights, inputs.settings.known)
     sought = counted_microphones(inputs, states[-1])
     text = replay_html(
-        inputs.scene, measurement, states, title, yardstick_of(problem), sought, problem=problem, microphone=microphone
+        inputs.scene,
+        measurement,
+        states,
+        title,
+        reference_cost_of(problem),
+        sought,
+        problem=problem,
+        microphone=microphone,
     )
     write_atomically(path, lambda file: file.write_text(text, encoding="utf-8"), force)
     print(f"{path}: {len(states)} states of {inputs.settings.name}, {len(text) / 1e6:.2g} MB")

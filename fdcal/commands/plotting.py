@@ -8,7 +8,7 @@ import numpy as np
 
 from ..assessment.calibration import Calibration
 from ..assessment.field import FieldMap, field_map
-from ..cost.mode_limits import require_modes, require_plane_field, search_lattice
+from ..cost.expansion import require_modes, require_plane_field
 from ..graphics.units import errors_in_words
 from ..model.measurement import Measurement
 from ..model.validation import InputError
@@ -82,17 +82,14 @@ def summed_landscape(inputs: CalibrationInput, positions: np.ndarray, n: int, mo
     (ny, nx) float64
         Cost on the search lattice.
     """
-    from ..cost.lattice_search import lattice_landscape  # compiled code, which reading a file does not need
+    from ..cost.maps import descent_maps  # compiled code, which reading a file does not need
     from ..solvers.descent.solver import order_offset_of
 
     problem, settings = inputs.measurement.problem(inputs.settings.weights), inputs.settings
     offset = order_offset_of(settings, modes)
     require_plane_field(problem)
     require_modes(problem, offset, modes)
-    lattice = search_lattice(problem, offset)
-    centre = lattice.nearest(np.mean(positions, axis=0))
-    maps = lattice_landscape(problem, lattice, positions, n, centre, slice(0, modes), settings.known_weight)
-    return maps.sum(axis=0)
+    return descent_maps(problem, positions, n, range(1, modes + 1), offset, settings.known_weight).sum(axis=0)
 
 
 def volume_around(inputs: CalibrationInput, positions: np.ndarray, n: int, modes: int) -> SampledVolume:
@@ -108,9 +105,9 @@ def volume_around(inputs: CalibrationInput, positions: np.ndarray, n: int, modes
     modes : int
         How many modes are summed, from the lowest up; those that the microphones can carry.
     """
-    from ..cost.eq7_maps import expansion_of
-    from ..cost.volumes import cost_volume
-    from ..cost.yardstick import ORDER_OFFSET
+    from ..cost.expansion import expansion_of
+    from ..cost.maps import cost_volume
+    from ..cost.reference_cost import ORDER_OFFSET
     from ..graphics.sampled_volume import sampled_volume
 
     problem = inputs.measurement.problem(inputs.settings.weights)
@@ -140,7 +137,7 @@ def floor_of(cost: np.ndarray, search: Search, basin: tuple[np.ndarray, str] | N
     basin : a place and its name, whose basin of attraction comes first among all basins; None for the cost itself
     """
     from ..cost.basins import basins_of
-    from ..cost.landscapes import map_positions
+    from ..cost.maps import map_positions
     from ..graphics.basin_map import basin_floor
     from ..graphics.heatmap import cost_floor
 

@@ -1,9 +1,14 @@
-"""Basins of attraction of a map: from each place, the local minimum where descent of that one microphone ends.
+"""Local minima of a map, and their basins of attraction: from each place, the minimum where descent ends.
 
-Descent follows the gradient of the cost, interpolated between the places of the lattice, and stays inside the map. From
-place to neighbouring place alone it would keep to eight directions, and the borders between basins would be straight
-lines. It ends at the minima that the map marks: one that is too shallow to be marked belongs to the minimum whose basin
-it joins in the watershed algorithm (`fdcal.cost.watershed`).
+A minimum counts by its prominence, which the watershed algorithm finds. Steepest descent from neighbour to neighbour
+divides the map into the basins of all its minima. The pass between two basins is the lowest place where they touch.
+Passes are taken in ascending order: at each the two basins merge, and the one with the higher minimum ends. The climb
+from that minimum to the pass is its prominence. Only the passes are sorted, which are a few per cent of the points.
+
+The basins of attraction follow the gradient of the cost, interpolated between the places of the lattice, and stay
+inside the map. From place to neighbouring place alone descent would keep to eight directions, and the borders between
+basins would be straight lines. A minimum that is too shallow to count belongs to the one whose basin it joins in the
+watershed algorithm.
 """
 
 from __future__ import annotations
@@ -15,11 +20,131 @@ import numpy as np
 from ..acoustics.compiled import compiled
 from ..model.settings import Search
 from ..model.validation import frozen_array
-from .landscapes import DEPTH
-from .watershed import merged_basins
 
+DEPTH = 1e-3  # least prominence of a local minimum, as a share of the map's range
 STRIDE = 0.7  # of descent, in steps of the lattice
 OUTSIDE = -1  # of a place from which descent ends at the edge of the map, beyond which the cost is unknown
+
+
+def local_minima(cost: np.ndarray, depth: float = DEPTH) -> np.ndarray:
+    """Return the local minima of a map (ny, nx) or volume (nz, ny, nx), the lowest first.
+
+    They are indices, (K, 2) int64 of rows and columns, or (K, 3). A minimum counts where its prominence, the climb out
+    of it to a lower one, exceeds `depth` of the map's range: a valley oblique to the lattice has a string of shallower
+    ones. Minima at the edge do not count, because the cost beyond it is unknown.
+    """
+    return _inside(prominent_minima(cost, depth * float(np.ptp(cost))), cost.shape)[0]
+
+
+def prominent_minima(cost: np.ndarray, depth: float) -> np.ndarray:
+    """Return the flat indices (K,) of local minima whose prominence exceeds `depth`, in the unit of `cost`.
+
+    The lowest is first; the global minimum is always one of them.
+    """
+    return merged_basins(cost, depth)[0]
+
+
+def merged_basins(cost: np.ndarray, depth: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the minima of `prominent_minima`, and the heirs (P,) int64 of all points.
+
+    A minimum that is not prominent enough has joined the basin of its heir, which may in turn have joined another one;
+    any other point is its own heir. Of two equal costs the one with the lower index counts as lower.
+    """
+    cost = np.ascontiguousarray(cost, dtype=float)
+    flat, layers = cost.ravel(), cost.reshape(-1, *cost.shape[-2:])  # a map is one layer
+    basins = _basins(_lowest_neighbours(layers))
+    passes = _passes(layers, basins)
+    passes = passes[np.argsort(flat[passes[:, 0]], kind="stable")]
+    ended, heirs = _merge(flat, basins, passes, float(depth))
+    minima = np.flatnonzero((basins == np.arange(cost.size)) & ~ended)
+    return minima[np.argsort(flat[minima], kind="stable")], heirs
+
+
+def _inside(points: np.ndarray, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the indices (K, 2) or (K, 3) of those of flat indices (P,) that are not at the edge; which ones (P,)."""
+    indices = np.stack(np.unravel_index(points, shape), axis=1)
+    inside = np.all((indices > 0) & (indices < np.array(shape) - 1), axis=1)
+    return indices[inside], inside
+
+
+@compiled
+def _lowest_neighbours(cost):
+    """Return the lowest neighbour of each point, or the point itself where none is lower : (P,) int64."""
+    nz, ny, nx = cost.shape
+    found = np.empty(cost.size, np.int64)
+    for h in range(nz):
+        for j in range(ny):
+            for i in range(nx):
+                lowest, least = 0, np.inf
+                for k in range(max(h - 1, 0), min(h + 2, nz)):
+                    for m in range(max(j - 1, 0), min(j + 2, ny)):
+                        for n in range(max(i - 1, 0), min(i + 2, nx)):
+                            if cost[k, m, n] < least:  # the first of equal ones, whose index is lowest
+                                lowest, least = (k * ny + m) * nx + n, cost[k, m, n]
+                found[(h * ny + j) * nx + i] = lowest
+    return found
+
+
+@compiled
+def _basins(lowest):
+    """Return the minimum at which steepest descent over neighbours ends, from each point : (P,) int64."""
+    basin = lowest.copy()
+    for point in range(len(basin)):
+        _end(basin, point)
+    return basin
+
+
+@compiled
+def _end(parents, point):
+    """Follow the parents of a point to one that is its own, and make that one the parent of all on the way."""
+    end = point
+    while parents[end] != end:
+        end = parents[end]
+    while parents[point] != end:
+        parents[point], point = end, parents[point]
+    return end
+
+
+@compiled
+def _passes(cost, basins):
+    """Return the points that have a lower neighbour in another basin, with that basin : (E, 2) int64."""
+    nz, ny, nx = cost.shape
+    found, count = np.empty((1024, 2), np.int64), 0
+    for h in range(nz):
+        for j in range(ny):
+            for i in range(nx):
+                here = (h * ny + j) * nx + i
+                for k in range(max(h - 1, 0), min(h + 2, nz)):
+                    for m in range(max(j - 1, 0), min(j + 2, ny)):
+                        for n in range(max(i - 1, 0), min(i + 2, nx)):
+                            there = (k * ny + m) * nx + n
+                            if basins[there] == basins[here] or cost[k, m, n] > cost[h, j, i]:
+                                continue
+                            if count and found[count - 1, 0] == here and found[count - 1, 1] == basins[there]:
+                                continue
+                            if count == len(found):
+                                found = np.concatenate((found, np.empty_like(found)))
+                            found[count] = here, basins[there]
+                            count += 1
+    return found[:count]
+
+
+@compiled
+def _merge(cost, basins, passes, depth):
+    """Return which minima end, and the heirs of those that are not prominent enough : (P,) bool, (P,) int64."""
+    union, heirs, ended = basins.copy(), np.arange(cost.size), np.zeros(cost.size, np.bool_)
+    for row in range(len(passes)):
+        here, there = passes[row]
+        one, other = _end(union, here), _end(union, there)
+        if one == other:
+            continue
+        if (cost[one], one) < (cost[other], other):
+            one, other = other, one  # `one` is the higher minimum: its basin ends here
+        ended[one] = cost[here] - cost[one] <= depth
+        union[one] = other
+        if ended[one]:
+            heirs[one] = other
+    return ended, heirs
 
 
 @dataclass(frozen=True)
@@ -30,8 +155,7 @@ class Basins:
     ----------
     labels : (ny, nx) int64, number of the minimum where descent from each place ends, or OUTSIDE; of a volume
         (nz, ny, nx)
-    minima : (K, 2) int64, rows and columns of the minima, the lowest first, as `landscapes.local_minima` has them; of a
-        volume (K, 3)
+    minima : (K, 2) int64, those of `local_minima`; of a volume (K, 3)
     """
 
     labels: np.ndarray
@@ -56,56 +180,32 @@ class Basins:
 
 
 def basins_of(cost: np.ndarray, depth: float = DEPTH) -> Basins:
-    """Return the basins of attraction of a map.
-
-    Parameters
-    ----------
-    cost : (ny, nx) float64, or (nz, ny, nx) of a volume
-    depth : least prominence of a minimum, as a share of the map's range
-    """
+    """Return the basins of attraction of a map (ny, nx) or volume (nz, ny, nx); `depth` as of `local_minima`."""
     minima, heirs = merged_basins(cost, depth * float(np.ptp(cost)))
-    order = np.argsort(cost.ravel(), kind="stable")
-    layers = np.ascontiguousarray(cost, dtype=float).reshape(-1, *cost.shape[-2:])
-    places = np.stack(np.unravel_index(minima, cost.shape), axis=1)
-    inside = np.all((places > 0) & (places < np.array(cost.shape) - 1), axis=1)
+    places, inside = _inside(minima, cost.shape)
     numbers = np.full(cost.size, OUTSIDE)
-    numbers[minima[inside]] = np.arange(np.count_nonzero(inside))
+    numbers[minima[inside]] = np.arange(len(places))
+    layers = np.ascontiguousarray(cost, dtype=float).reshape(-1, *cost.shape[-2:])
     level = np.zeros(layers.shape)  # a map does not slope across its one layer
     slopes = np.stack([np.gradient(layers, axis=axis) if layers.shape[axis] > 1 else level for axis in range(3)])
-    labels = numbers[_descend(layers, slopes, order, heirs)].reshape(cost.shape)
-    return Basins(frozen_array(labels, np.int64), frozen_array(places[inside], np.int64))
+    ends = _descend(slopes, _lowest_neighbours(layers), np.argsort(cost.ravel(), kind="stable"), heirs)
+    return Basins(frozen_array(numbers[ends].reshape(cost.shape), np.int64), frozen_array(places, np.int64))
 
 
 @compiled
-def _descend(cost, slopes, order, heirs):
+def _descend(slopes, lowest, order, heirs):
     """Return where descent from each point ends : (P,) int64, flat indices of minima."""
-    ends = np.full(cost.size, -1, np.int64)
+    ends = np.full(len(order), -1, np.int64)
     for here in order:  # ascending: of each lower neighbour the end is known
-        lowest = _lowest_neighbour(cost, ends, here)
-        if lowest < 0:  # a minimum
+        if lowest[here] == here:  # a minimum
             end = here
             while heirs[end] != end:
                 end = heirs[end]
         else:
             end = _trace(slopes, ends, here)
-            end = end if end >= 0 else ends[lowest]
+            end = end if end >= 0 else ends[lowest[here]]
         ends[here] = end
     return ends
-
-
-@compiled
-def _lowest_neighbour(cost, ends, here):
-    """The lowest of the neighbours whose end is known; -1 without any."""
-    nz, ny, nx = cost.shape
-    flat, lowest = cost.ravel(), -1
-    h, j, i = here // (nx * ny), here // nx % ny, here % nx
-    for k in range(max(h - 1, 0), min(h + 2, nz)):
-        for m in range(max(j - 1, 0), min(j + 2, ny)):
-            for n in range(max(i - 1, 0), min(i + 2, nx)):
-                there = (k * ny + m) * nx + n
-                if ends[there] >= 0 and (lowest < 0 or flat[there] < flat[lowest]):
-                    lowest = there
-    return lowest
 
 
 @compiled

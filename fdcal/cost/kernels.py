@@ -18,8 +18,8 @@ closed form (addition theorem) and, without gains h_l, the one over l, too:
 a, gamma   distance from the centre of the expansion; angle between two microphones as seen from the centre
 z          z^2 = (k x_i - conj(k) x_j)^2, x from the centre; with real k it is k times the distance
 
-Undamped plane waves come in opposite pairs. With c = cos(k x . u_q), s = sin(k x . u_q), powers S_q and S'_q of opposite
-directions and their weight w_q,
+Undamped plane waves come in opposite pairs. With c = cos(k x . u_q), s = sin(k x . u_q), powers S_q and S'_q of
+opposite directions and their weight w_q,
 
     K_ij = sum_q a_q (c_i c_j + s_i s_j) + j b_q (c_i s_j - s_i c_j),    a = w (S + S'),    b = w (S - S'),
 
@@ -40,6 +40,11 @@ from .waves import circular_waves, expansion_about, plane_waves, wave_directions
 
 SMALL = 1e-6  # argument below which J_1(z) / z is 1/2
 NEAREST = 1e-9  # metres: no microphone is closer to the centre, where directions are undefined
+
+
+def diffuse_correlation(z: np.ndarray, dimension: int) -> np.ndarray:
+    """Return kappa(z), the correlation of a diffuse field at distance z / k, of any shape: J_0(z) or sin(z) / z."""
+    return j0(z) if dimension == 2 else sinc(z)[0]
 
 
 def diffuse_kernel(distance, wavenumbers, dimension: int, slope: bool = True):
@@ -104,7 +109,7 @@ def plane_wave_kernel(
 ):
     """Covariance K (M, N, N) complex128 of a field whose power by direction is `powers` (M, Q), and D or None.
 
-    x, about : (N, D) float64, metres, the centre is the mean of `about`; wavenumbers : (M,) float64 or complex128, rad/m;
+    x, about : (N, D) float64, metres, the centre is the mean of `about`; wavenumbers : (M,) rad/m, real or complex;
     modes : those of which the covariance is wanted
     """
     x, k, powers = np.asarray(x, float) - np.mean(about, axis=0), np.asarray(wavenumbers), powers[modes]

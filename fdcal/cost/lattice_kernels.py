@@ -1,4 +1,4 @@
-"""The compiled loops of Eq. 7 over a search lattice; `fdcal.cost.lattice_search` calls them.
+"""The compiled loops of Eq. 7 over a search lattice; `fdcal.cost.lattice` calls them.
 
 Rows of W are computed for many points at once, real and imaginary parts apart and the points along the last axis, so
 that the compiler can use vector instructions. The symbols are those of `fdcal.cost.eq7`.
@@ -11,23 +11,12 @@ import functools
 import numpy as np
 
 from ..acoustics.compiled import compiled
+from .eq7 import RANK_TOLERANCE
 
 compiled_sums = functools.partial(compiled, fastmath={"reassoc", "contract"})  # sums in the order of the vectors
 
 BLOCK = 32  # candidates evaluated together
 VECTOR = 8  # microphones are padded to a multiple of it
-RANK_TOLERANCE = 1e-12  # as of `fdcal.cost.eq7`
-
-
-@compiled
-def costs(unit, row, radial, orders, columns, triangular, r0, p_n):
-    """Return the cost of every mode and candidate : (modes, C) float64."""
-    total = np.empty((len(orders), len(unit)))
-    everywhere = np.arange(len(unit))
-    for m in range(len(orders)):
-        total[m] = r0[m]
-        _add_mode(unit, row, radial[m], orders[m], columns[m], triangular[m], p_n[m], everywhere, total[m])
-    return total
 
 
 @compiled

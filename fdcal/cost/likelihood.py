@@ -35,8 +35,8 @@ g_0 are the responses behind which the noise is v tau. A room has few waves, and
 evidence of its isotropy moves the positions: where the noise is low its minimum is many sigmas from the truth. For
 beta -> infinity the first part is the residual of Eq. 7 over the noise; a finite beta keeps waves of high order from
 explaining noise, and the trace is what the noise adds on average, so that the expectation over the noise is least at
-the true positions whatever the field, up to a term that falls as 1 / beta. Without a log-determinant nothing there holds
-the size of an array of few waves, and a small part of the other likelihood does.
+the true positions whatever the field, up to a term that falls as 1 / beta. Without a log-determinant nothing there
+holds the size of an array of few waves, and a small part of the other likelihood does.
 """
 
 from __future__ import annotations
@@ -192,8 +192,8 @@ def log_response(channels, wavenumbers) -> tuple[np.ndarray, list[np.ndarray]]:
 class _Block:
     """Some modes, factorised. Vectors of a microphone are multiplied by `weight`, so that tau is 1 for all.
 
-    costs (B,); u, weighted u over the weight (B, N) complex128; d (B, N) diagonal of C^-1; gain_log (B, N) or 1, by which
-    the slope of 2 Re log g is multiplied; rows : part of C^-1, as of `weighted_curvature`, whose diagonal is `diagonal`;
+    costs (B,); u, weighted u over the weight (B, N) complex128; d (B, N) diagonal of C^-1; gain_log (B, N) or 1, by
+    which the slope of 2 Re log g is multiplied; rows, diagonal : C^-1, as of `weighted_curvature`;
     slopes : returns weight D_a u (D, B, N) complex128 and half the gradient of the log-determinant (D, B, N)
     """
 
@@ -213,31 +213,31 @@ Rule = Callable[[slice, bool], _Block]
 def _summed(rule: Rule, q, by_parameter: Sequence[np.ndarray], numbers: int, derivatives: bool) -> Terms:
     """Return the terms of all modes, block by block; what log g itself adds to the cost is left out."""
 
-    def of_block(m: slice):
+    def of_block(m: slice) -> tuple[_Block, np.ndarray, np.ndarray]:
         one = rule(m, derivatives)
         if not derivatives:
-            return one, None, None
+            return one, np.zeros(0), np.zeros(0)
         slope, widened = one.slopes()
         D, P = len(slope), len(slope) + len(by_parameter)
         g, logs = np.empty((P, 2, *one.u.shape)), np.empty((P, *one.u.shape))
-        g[:D, 0], g[:D, 1], logs[:D] = slope.real, slope.imag, widened
+        g[:D, 0], g[:D, 1], logs[:D] = np.real(slope), np.imag(slope), widened
         for i, derivative in enumerate(by_parameter, D):
             of_modes = derivative[m] if len(derivative) > 1 else derivative
             along = q[m] * one.weight * of_modes
-            g[i, 0], g[i, 1], logs[i] = along.real, along.imag, np.real(of_modes) * one.gain_log
+            g[i, 0], g[i, 1], logs[i] = np.real(along), np.imag(along), np.real(of_modes) * one.gain_log
         misfit = g[:, 0] * np.real(one.u) + g[:, 1] * np.imag(one.u)
         return one, 2 * (logs - misfit).transpose(1, 2, 0), weighted_curvature(g, one.rows, one.diagonal)
 
     parts = over_blocks(of_block, len(q), numbers)
-    found = [one for part in parts for one in part]
-    costs = np.concatenate([one.costs for one, _, _ in found])
-    u = np.concatenate([one.u * one.weight for one, _, _ in found])
-    d = np.concatenate([one.d for one, _, _ in found])
+    found = [one for part in parts for one, _, _ in part]
+    costs = np.concatenate([one.costs for one in found])
+    u = np.concatenate([one.u * one.weight for one in found])
+    d = np.concatenate([one.d for one in found])
     if not derivatives:
         return Terms(0.0, costs, None, None, u, d, q)
-    slopes = np.concatenate([each for _, each, _ in found])
-    H = 2 * sum(sum(matrix for _, _, matrix in part) for part in parts)
-    return Terms(0.0, costs, slopes.sum(axis=0), whole_curvature(H), u, d, q, slopes)
+    slopes = np.concatenate([each for part in parts for _, each, _ in part])
+    H = whole_curvature(2 * np.sum([np.sum([matrix for *_, matrix in part], axis=0) for part in parts], axis=0))
+    return Terms(0.0, costs, slopes.sum(axis=0), H, u, d, q, slopes)
 
 
 def few_waves(x, field: FieldModel):

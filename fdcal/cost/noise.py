@@ -1,8 +1,8 @@
 """The noise and the power of the field that make the pressures most likely at given positions.
 
 Of an eigen-decomposition T^-1/2 K T^-1/2 = E diag(lambda) E^H (`fdcal.cost.likelihood.spectra`), -log likelihood is
-sum log(s lambda + v) + |e^H T^-1/2 q|^2 / (s lambda + v). An error e of a microphone adds the noise k^2 e^2 / dimension,
-the power of the field's gradient: at rough positions the high modes are hard to explain and the low ones are not.
+sum log(s lambda + v) + |e^H T^-1/2 q|^2 / (s lambda + v). An error e of a microphone adds the noise
+k^2 e^2 / dimension, the power of the field's gradient: at rough positions the high modes are hard to explain and the low ones are not.
 
 Power s_m and channel noise tau_n follow from a fixed point of the likelihood's derivative, which needs u = C^-1 q and
 d = diag C^-1 alone. With gamma_m = N - v_m sum_n tau_n d_mn, the number of field coefficients that mode m determines,
@@ -50,7 +50,9 @@ class NoiseRules:
 
 
 NOISE_RULES = NoiseRules()
-DIFFUSE_FLOOR = 1e-6  # least share of noise with the diffuse kernel, which leaves that much of a damped field unexplained
+DIFFUSE_FLOOR = (
+    1e-6  # least share of noise with the diffuse kernel, which leaves that much of a damped field unexplained
+)
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,7 @@ class NoiseEstimate:
 
 
 def estimate_noise(positions, corrected, field: FieldModel, min_share: float) -> NoiseEstimate:
-    """Return the noise and the position error of greatest likelihood; corrected (M, N) complex128 of unit mean power."""
+    """Return the noise and the position error of greatest likelihood; `corrected` (M, N) has unit mean power."""
     from scipy.optimize import minimize, minimize_scalar  # takes longer to load than the rest of the solvers
 
     values, along = spectra(positions, corrected, field)

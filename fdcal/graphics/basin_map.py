@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..cost.basins import OUTSIDE, Basins
-from ..cost.landscapes import map_positions
+from ..cost.maps import map_positions
 from ..model.lengths import length_text
 from ..model.settings import Search
 from ..model.validation import frozen_array

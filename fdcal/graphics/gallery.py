@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from ..cost.eq7_maps import eq7_maps, expansion_of
-from ..cost.landscapes import refined
-from ..cost.yardstick import yardstick_of
+from ..cost.expansion import expansion_of
+from ..cost.maps import eq7_maps, refined
+from ..cost.reference_cost import reference_cost_of
 from ..model.measurement import Measurement
 from ..model.problem import Problem
 from .heatmap import colour_limits, normalise, to_rgb
@@ -90,10 +90,10 @@ def picture_of(measurement: Measurement, problem: Problem, state, n: int, modes:
     n : microphone, counted from 0
     modes : counted from 1; all that the microphones can carry unless given
     """
-    yardstick, domain = yardstick_of(problem), problem.search
-    if yardstick is None or domain is None:
+    reference_cost, domain = reference_cost_of(problem), problem.search
+    if reference_cost is None or domain is None:
         return ""
-    lattice, offset = refined(domain, THUMBNAIL), yardstick.order_offset
+    lattice, offset = refined(domain, THUMBNAIL), reference_cost.order_offset
     chosen = modes or tuple(expansion_of(problem, offset).carried.modes + 1)
     cost = eq7_maps(problem, state.positions, n, chosen, offset, lattice, state.channels).sum(axis=0)
     low, high, _ = colour_limits(cost, True)

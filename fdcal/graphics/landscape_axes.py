@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ..cost.basins import OUTSIDE, basins_of
-from ..cost.landscapes import local_minima, map_positions
+from ..cost.basins import OUTSIDE, basins_of, local_minima
+from ..cost.maps import map_positions
 from ..model.settings import Search
 from .basin_map import TABLE, basin_image
 from .colour_bar import COLOUR_MAP

@@ -10,14 +10,13 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..cost.landscapes import map_positions
-from ..cost.lattice_search import lattice_landscape
-from ..cost.mode_limits import require_modes, require_plane_field, search_lattice
+from ..cost.expansion import require_modes, require_plane_field, search_domain
+from ..cost.maps import descent_maps, map_positions
 from ..model.problem import Problem
 from ..model.settings import Search
 from ..model.validation import frozen_array
@@ -96,23 +95,8 @@ def landscape_panels(problem: Problem, positions, n: int, modes: Sequence[int], 
     require_plane_field(problem)
     if problem.search is not None:
         require_modes(problem, order_offset, max(modes))
-    index = np.asarray(modes) - 1
-    names = ("pressures", "wavenumbers", "frequencies")
-    selected = replace(problem, noise_power=None, **{name: getattr(problem, name)[index] for name in names})
-    lattice = search_lattice(selected, order_offset)
-    centre = lattice.nearest(np.mean(positions, axis=0))
-    maps = lattice_landscape(selected, lattice, positions, n, centre, slice(0, len(index)))
-    maps = np.concatenate([maps, maps.sum(axis=0, keepdims=True)])
-    minima = lattice.points[maps.reshape(len(maps), -1).argmin(axis=1)]
-    return LandscapePanels(
-        microphone=n,
-        modes=frozen_array(modes, np.int64),
-        frequencies=frozen_array(selected.frequencies, float),
-        maps=frozen_array(maps, float),
-        minima=frozen_array(minima, float),
-        search=lattice.search,
-        mode_count=len(index),
-    )
+    maps, search = descent_maps(problem, positions, n, modes, order_offset), search_domain(problem)
+    return panels_of(maps, maps.sum(axis=0), modes, problem.frequencies, n, search, len(modes))
 
 
 def panels_of(maps, total, modes: Sequence[int], frequencies, n: int, search: Search, count: int) -> LandscapePanels:

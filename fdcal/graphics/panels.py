@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from PIL import Image, ImageDraw
 
-from ..cost.landscapes import local_minima, map_positions
+from ..cost.basins import local_minima
+from ..cost.maps import map_positions
 from ..model.settings import Search
 from .annotations import font
 from .heatmap import colour_limits, normalise, to_rgb

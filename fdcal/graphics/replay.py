@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..cost.yardstick import Yardstick
+from ..cost.reference_cost import ReferenceCost
 from ..model.gauge import align
 from ..model.measurement import Measurement
 from ..model.problem import Problem
@@ -41,7 +41,7 @@ def replay_html(
     measurement: Measurement,
     states: Sequence,
     title: str,
-    yardstick: Yardstick | None = None,
+    reference_cost: ReferenceCost | None = None,
     sought=None,
     *,
     problem: Problem | None = None,
@@ -58,7 +58,7 @@ def replay_html(
     states : of any solver, oldest first, at least one. Beyond `max_bytes` fewer of them are kept, evenly spaced, with
         the first and the last
     title : str
-    yardstick : Yardstick, the cost of every state; without it no cost is shown
+    reference_cost : ReferenceCost, the cost of every state; without it no cost is shown
     sought : numbers of the microphones whose errors count; those that are not known unless given
     problem : what the solver saw of the measurement; without it there are no maps
     microphone : whose map is shown first, counted from 0; otherwise the one that the step moved
@@ -74,7 +74,7 @@ def replay_html(
     room = max_bytes - BASE_BYTES - NAME_BYTES * measurement.count - sum(a.nbytes for a in arrays.values()) * 4 / 3
     kept = _kept_states(len(states), room, measurement.positions is not None, states[0].positions.shape, bool(channels))
     shown = [states[i] for i in kept]
-    changing, table = _state_data(measurement, shown, yardstick, sought)
+    changing, table = _state_data(measurement, shown, reference_cost, sought)
     arrays = arrays | table | {name: values[kept] for name, values in channels.items()}
     if seconds is not None:
         arrays["seconds"] = np.asarray(seconds, "<f8")[kept]
@@ -145,7 +145,9 @@ def _static_data(scene: Scene | None, measurement: Measurement) -> dict:
     return data
 
 
-def _state_data(measurement: Measurement, states: Sequence, yardstick, sought) -> tuple[dict, dict[str, np.ndarray]]:
+def _state_data(
+    measurement: Measurement, states: Sequence, reference_cost, sought
+) -> tuple[dict, dict[str, np.ndarray]]:
     """What changes from state to state: where and in what unit the positions are, and the arrays."""
     positions, truth = np.array([state.positions for state in states], float), measurement.positions
     free = np.setdiff1d(np.arange(measurement.count), measurement.known) if sought is None else sought
@@ -156,17 +158,17 @@ def _state_data(measurement: Measurement, states: Sequence, yardstick, sought) -
     unit = float(np.abs(positions - origin).max()) / POSITION_LEVELS or 1.0
     arrays = {name: np.array([getattr(state, name) for state in states], "<i4") for name in STATE_NUMBERS}
     arrays["positions"] = np.rint((positions - origin) / unit).astype("<i4")
-    if yardstick is not None:
-        arrays["cost"] = _costs(states, yardstick)
+    if reference_cost is not None:
+        arrays["cost"] = _costs(states, reference_cost)
     if truth is not None:
         errors = np.linalg.norm(positions - truth, axis=2)[:, counted]
         arrays |= {"truth": truth - origin, "mean": errors.mean(axis=1), "largest": errors.max(axis=1)}
     return {"count": len(states), "origin": origin.tolist(), "unit": unit}, arrays
 
 
-def _costs(states: Sequence, yardstick: Yardstick) -> np.ndarray:
+def _costs(states: Sequence, reference_cost: ReferenceCost) -> np.ndarray:
     """Cost of each state, dB; of a long run that of MOST_COSTS states, and straight lines between them."""
     computed = np.unique(np.linspace(0, len(states) - 1, min(len(states), MOST_COSTS)).round().astype(int))
-    costs = np.array([yardstick.of(states[i]) for i in computed])
+    costs = np.array([reference_cost.of(states[i]) for i in computed])
     finite = np.isfinite(costs)
     return np.interp(np.arange(len(states)), computed[finite], costs[finite]) if finite.any() else np.zeros(len(states))

@@ -2,7 +2,7 @@
 
 The browser computes the maps (`replay_page/eq7.js`), so that the file holds no map but the pressures, as 16-bit numbers
 of each mode and channel, and what a solver estimates of the channels. Only modes that the microphones can carry at the
-order of the cost (`fdcal.cost.yardstick`) are held; of more than MOST_PRESSURES numbers the highest modes are left out.
+order of `fdcal.cost.reference_cost` are held; of more than MOST_PRESSURES numbers the highest modes are left out.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..cost.field_expansion import CarriedModes, carried_modes
-from ..cost.yardstick import yardstick_of
+from ..cost.expansion import CarriedModes, carried_modes
+from ..cost.reference_cost import reference_cost_of
 from ..model.problem import Problem
 from .heatmap import DECADES, to_rgb
 
@@ -35,10 +35,10 @@ def map_data(problem: Problem) -> tuple[dict, dict[str, np.ndarray]] | None:
         "wavenumbers" (M, 2) rad/m, "pressures" (M, N, 2) int16, and what they are multiplied by: "mode_scale" (M,) and
         "channel_scale" (N,).
     """
-    yardstick = yardstick_of(problem)
-    if yardstick is None or problem.search is None:
+    reference_cost = reference_cost_of(problem)
+    if reference_cost is None or problem.search is None:
         return None
-    carried = carried_modes(problem, yardstick.order_offset)
+    carried = carried_modes(problem, reference_cost.order_offset)
     kept = slice(0, max(1, MOST_PRESSURES // problem.pressures.shape[1]))
     modes, search = carried.modes[kept], problem.search
     data = {

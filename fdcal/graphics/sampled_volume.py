@@ -12,9 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..cost import landscapes
-from ..cost.map_nodes import area
-from ..cost.volumes import CostVolume
+from ..cost.basins import local_minima
+from ..cost.maps import CostVolume, area, map_positions
 from ..model.settings import Search
 from .volume import AXES, Volume, slice_of, volume_of
 
@@ -43,7 +42,7 @@ class SampledVolume:
     def lowest(self) -> np.ndarray:
         """Where the cost is lowest : (3,) float64, metres."""
         index = np.array([np.unravel_index(self.cost.argmin(), self.cost.shape)])
-        return landscapes.map_positions(index, self.search)[0]
+        return map_positions(index, self.search)[0]
 
 
 def sampled_volume(
@@ -66,7 +65,7 @@ def sampled_volume(
     cost = terms.on(x, y, z, cancelled)
     if cost is None:
         return None
-    minima = landscapes.map_positions(landscapes.local_minima(cost), search)
+    minima = map_positions(local_minima(cost), search)
     return SampledVolume(terms, search, cost, minima)
 
 

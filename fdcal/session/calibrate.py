@@ -6,16 +6,16 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
+from ..assessment.assess import ARGUMENTS, Assessment
 from ..assessment.calibration import Calibration
 from ..assessment.findings import MIN_MODES, modes_below_limit
 from ..model.channels import check_channels
 from ..model.problem import Problem
-from ..model.validation import require_positive, word_arguments
+from ..model.validation import require_positive
 from ..solvers import load
 from ..solvers.bounds import OutOfTime, check_deadline, deadline, ended_early, time_limit
 from ..solvers.interface import RunState
 from ..solvers.requirements import check_solvable
-from ..assessment.assess import ARGUMENTS, Assessment
 from .assess import assess
 from .blas_threads import one_blas_thread
 from .input_checks import require_inside_search, require_length, require_room_for_array

@@ -81,5 +81,5 @@ class SessionView:
 
     @property
     def cost(self) -> float:
-        """Cost of the state by the yardstick, dB; in a run or a drag perhaps that of a state just before."""
+        """Cost of the state by the reference cost, dB; in a run or a drag perhaps that of a state just before."""
         return self.costs.of(self.state) if self.costs.knows(self.state) else self.costs.newest

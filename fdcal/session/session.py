@@ -38,9 +38,9 @@ class Session:
         With which the history begins, oldest first; the start alone unless given.
     index : int, optional
         Which of them is shown; the last unless given.
-    yardstick : callable, optional
-        Returns the cost of a state, dB, by which those of all solvers are compared (`fdcal.cost.yardstick`); without
-        one their cost is NaN.
+    reference_cost : callable, optional
+        Returns the cost of a state, dB, by which those of all solvers are compared (`fdcal.cost.reference_cost`);
+        without one their cost is NaN.
     yield_time : float
         Time without a step after `yield_to_ui`, s.
 
@@ -69,13 +69,13 @@ class Session:
         module=None,
         states=(),
         index: int | None = None,
-        yardstick: Callable[..., float] | None = None,
+        reference_cost: Callable[..., float] | None = None,
         yield_time: float = YIELD_TIME,
     ):
         self._commands, self._yielding = CommandQueue(), YieldTimer(yield_time)
         self._changed = threading.Condition()
         self._stepped = 0.0  # reading of `time.monotonic` at the last step
-        self._run = SolverRun(problem, settings, seed, module, states, index, self._notify, StateCosts(yardstick))
+        self._run = SolverRun(problem, settings, seed, module, states, index, self._notify, StateCosts(reference_cost))
         self._thread = threading.Thread(target=self._serve, name="fdcal-solver", daemon=True)
         self._thread.start()
 

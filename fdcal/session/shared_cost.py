@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..cost.yardstick import yardstick_of
+from ..cost.reference_cost import reference_cost_of
 from ..model.search_domain import search_round
 from .assess import Assessment
 
 
 def cost_in_decibels(found: Assessment) -> float | None:
-    """Return Eq. 7 over all modes that the microphones can carry, dB of their power, as `fdcal.cost.yardstick`.
+    """Return Eq. 7 over all modes that the microphones can carry, dB of their power, as `fdcal.cost.reference_cost`.
 
     A problem without a search domain gets one round the positions found, as on the page.
 
@@ -30,8 +30,8 @@ def cost_in_decibels(found: Assessment) -> float | None:
         return None
     if problem.search is None:
         problem = replace(problem, search=search_round(found.positions))
-    yardstick = yardstick_of(problem)
-    if yardstick is None:
+    reference_cost = reference_cost_of(problem)
+    if reference_cost is None:
         return None
-    cost = yardstick(found.positions, None if found.channels is None else found.channels.correction)
+    cost = reference_cost(found.positions, None if found.channels is None else found.channels.correction)
     return cost if np.isfinite(cost) else None

@@ -1,4 +1,4 @@
-"""The cost of the states of a run by one yardstick, which is the same for every solver.
+"""The cost of the states of a run by one reference cost, which is the same for every solver.
 
 The solver thread computes it, and any thread may read it. A step can be shorter than its cost takes to compute, so
 that while the solver runs the cost of some states is left out, and computed when the solver rests.
@@ -23,7 +23,7 @@ class StateCosts:
 
     Parameters
     ----------
-    yardstick : callable or None
+    reference_cost : callable or None
         Returns the cost of a state, dB; without one every cost is NaN.
 
     Attributes
@@ -32,8 +32,8 @@ class StateCosts:
     count : int, how many were computed
     """
 
-    def __init__(self, yardstick: Callable[..., float] | None = None):
-        self._yardstick = yardstick
+    def __init__(self, reference_cost: Callable[..., float] | None = None):
+        self._reference_cost = reference_cost
         self._values: dict[int, tuple[weakref.ref, float]] = {}
         self._credit, self._duration = 0.0, 0.0
         self.newest, self.count = float("nan"), 0
@@ -45,11 +45,11 @@ class StateCosts:
 
     def compute(self, state: RunState) -> None:
         """Compute the cost of a state, unless it is there."""
-        if self._yardstick is None or self.knows(state):
+        if self._reference_cost is None or self.knows(state):
             return
         began = time.thread_time()
         try:
-            value = float(self._yardstick(state))
+            value = float(self._reference_cost(state))
         except np.linalg.LinAlgError:
             value = float("nan")
         key = id(state)
@@ -60,7 +60,7 @@ class StateCosts:
     def knows(self, state: RunState) -> bool:
         """Return whether the cost of a state is there, or cannot be computed."""
         found = self._values.get(id(state))
-        return self._yardstick is None or (found is not None and found[0]() is state)
+        return self._reference_cost is None or (found is not None and found[0]() is state)
 
     def compute_in_passing(self, state: RunState, spent: float) -> None:
         """Compute the cost of a state of a running solver, unless costs have had their share of the time.
@@ -76,7 +76,7 @@ class StateCosts:
 
     def missing(self, states: Sequence[RunState]) -> list[RunState]:
         """Return the states whose cost is to be computed when the solver rests, the last first."""
-        if self._yardstick is None:
+        if self._reference_cost is None:
             return []
         stride = max(1, len(states) // MOST_FILLED)
         return [state for state in states[::-1][::stride] if not self.knows(state)]

@@ -72,11 +72,6 @@ class RunState:
         return 0
 
     @property
-    def landscape_takes_lattice(self) -> bool:
-        """Whether the solver's `landscape` takes another lattice; Eq. 7 depends on the centre of the state instead."""
-        return True
-
-    @property
     def channels(self) -> ChannelCorrection | None:
         """Gain and noise of every channel as estimated so far; None if the solver takes the pressures as recorded."""
         return None
@@ -151,7 +146,7 @@ class Solver(Protocol):
     def landscape(self, problem: Problem, state: Any, n: int, modes: slice) -> np.ndarray:
         """Return the cost of microphone `n` over the search lattice, mode by mode : (modes, ny, nx) float64.
 
-        If the state's `landscape_takes_lattice` is true, a fifth argument may be another `Search`.
+        A fifth argument may be another `Search`.
         """
         ...
 

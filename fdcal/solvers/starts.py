@@ -143,7 +143,7 @@ def start(problem: Problem, modes: int, noise: float | None, kind: str, lowest: 
 
 
 def affine(problem: Problem, modes: int, lowest: int | None = None) -> np.ndarray:
-    """Return positions (N, D), metres, from the lowest modes; exact, up to the gauge, for a field affine over the array.
+    """Return positions (N, D), metres, from the lowest modes, exact up to the gauge where the field is affine.
 
     modes : that may be used, from the lowest up; lowest : how many of them give the shape. Without known microphones
     the positions are about the origin.
@@ -171,9 +171,7 @@ def require_gauge(problem: Problem) -> None:
         )
 
 
-def singular_vectors(
-    problem: Problem, modes: int, lowest: int | None = None
-) -> tuple[np.ndarray, np.ndarray, int]:
+def singular_vectors(problem: Problem, modes: int, lowest: int | None = None) -> tuple[np.ndarray, np.ndarray, int]:
     """Return the D dominant singular vectors (N, D) of the data matrix, their values (D,), and modes that gave them.
 
     Parameters as of `affine`.

@@ -31,7 +31,7 @@ def warmup_calls(solver: str) -> list[Piece]:
 
 
 def _search() -> None:
-    """Take one step of solver `descent`, and compute its landscape."""
+    """Take one step of solver `descent`."""
     x = np.random.default_rng(0).uniform(0.0, 0.2, (9, 2)).round(2)
     k, search = np.array([2.0, 3.0, 4.0]), Search(origin=(0.0, 0.0), size=(0.2, 0.2), step=0.02, radius=0.2)
     pressures, known = np.exp(1j * np.multiply.outer(k, x[:, 0])), np.arange(3)
@@ -48,8 +48,7 @@ def _search() -> None:
         array_dimension=2,
     )
     descent = load("descent")
-    state = descent.step(problem, descent.init(problem, SolverSettings(name="descent", start="random", modes=3), 0))
-    descent.landscape(problem, state, 3, slice(0, 1))
+    descent.step(problem, descent.init(problem, SolverSettings(name="descent", start="random", modes=3), 0))
 
 
 def _minima() -> None:

@@ -20,7 +20,7 @@ from running import FDCAL, done, fdcal
 
 from fdcal.assessment.result_file import load_result
 from fdcal.commands.cli import main
-from fdcal.cost.yardstick import Yardstick
+from fdcal.cost.reference_cost import ReferenceCost
 from fdcal.graphics.basin_map import PLACE
 from fdcal.model.measurement_file import load_measurement
 from fdcal.model.scene_file import load_scene
@@ -89,7 +89,7 @@ def calibrated(made, tmp_path, monkeypatch, capsys):
 def test_the_cost_is_that_of_the_page(calibrated, made):
     """Eq. 7 over all modes in decibels, whatever the solver minimises."""
     measurement = load_measurement(made / "tiny.npz")
-    cost = Yardstick(measurement.problem())
+    cost = ReferenceCost(measurement.problem())
     for solver in ("joint", "robust"):
         out, result = calibrated("--solver", solver)
         shown = float(re.search(r"^cost +(-[\d.]+) dB", out, re.MULTILINE)[1])

@@ -1,12 +1,12 @@
-"""Basins of attraction: descent from each place of a map ends at the minimum that its label names."""
+"""Local minima count by their prominence, and descent from each place ends at the minimum that its label names."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import ndimage
 
-from fdcal.cost.basins import OUTSIDE, basins_of
-from fdcal.cost.landscapes import local_minima
+from fdcal.cost.basins import OUTSIDE, basins_of, local_minima, merged_basins, prominent_minima
 from fdcal.model.settings import Search
 
 STEP = 0.01
@@ -42,6 +42,101 @@ def descended(places, gradient, high):
         stride[np.sum(direction * before, axis=1) < 0] /= 2  # it has gone past the minimum
         places, before = np.clip(places - stride * direction, 0, high), direction
     return places
+
+
+def egg_box(shape, periods):
+    y, x = (np.arange(count) / count for count in shape)
+    return np.cos(2 * np.pi * periods * x)[None, :] + np.cos(2 * np.pi * periods * y)[:, None]
+
+
+@pytest.mark.parametrize("periods", [1, 2, 5])
+def test_every_minimum_of_an_egg_box_is_found(periods):
+    found = local_minima(egg_box((101, 121), periods))
+    assert len(found) == periods**2
+    centres = (np.arange(periods) + 0.5) / periods
+    expected = {(round(101 * y), round(121 * x)) for y in centres for x in centres}
+    assert all(min(abs(r - y) + abs(c - x) for y, x in expected) <= 2 for r, c in found)
+
+
+def test_a_slope_and_a_lowest_edge_have_no_minimum_inside():
+    slope = np.add.outer(np.arange(20.0), np.arange(30.0))
+    assert len(local_minima(slope)) == 0
+    assert len(local_minima(np.ones((20, 30)))) == 0
+
+
+def test_a_ripple_does_not_count_and_a_minimum_does():
+    valley = np.abs(np.arange(-30, 31))[:, None] * 10.0 + np.zeros((61, 81))
+    ripple = valley + np.where(np.arange(81) % 4 == 0, -0.05, 0.0)
+    assert len(local_minima(ripple)) == 0, "beads along a valley"
+    ripple[30, 50] -= 30
+    np.testing.assert_array_equal(local_minima(ripple), [[30, 50]])
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 2**32 - 1))
+def test_without_a_threshold_local_minima_are_the_points_below_all_their_neighbours(seed):
+    values = np.random.default_rng(seed).random((9, 13))
+    padded = np.pad(values, 1, constant_values=np.inf)
+    around = [padded[1 + j : 10 + j, 1 + i : 14 + i] for j in (-1, 0, 1) for i in (-1, 0, 1) if i or j]
+    expected = np.flatnonzero(values < np.min(around, axis=0))
+    found = prominent_minima(values, 0.0)
+    assert set(found.tolist()) == set(expected.tolist())
+    assert found[0] == values.argmin()
+    deeper = prominent_minima(values, 0.3)
+    assert set(deeper.tolist()) <= set(found.tolist()) and found[0] in deeper
+
+
+def test_every_minimum_of_an_egg_box_of_three_dimensions_is_found():
+    z, y, x = (np.arange(count) / count for count in (21, 31, 41))
+    values = np.add.outer(np.cos(4 * np.pi * z), np.add.outer(np.cos(2 * np.pi * y), np.cos(4 * np.pi * x)))
+    found = local_minima(values)
+    expected = [(21 * h, 31 * j, 41 * i) for h in (0.25, 0.75) for j in (0.5,) for i in (0.25, 0.75)]
+    assert len(found) == 4
+    assert all(np.abs(np.subtract(found, place)).max(axis=1).min() <= 1 for place in expected)
+
+
+def climbs(cost):
+    """Prominence of every local minimum of a map or volume of different costs, by its flat index."""
+    flat, around = cost.ravel(), np.ones((3,) * cost.ndim)
+    found = {}
+    for level in np.sort(flat):
+        pools, _ = ndimage.label(cost <= level, around)
+        for pool in np.unique(pools[pools > 0]):
+            places = np.flatnonzero(pools.ravel() == pool)
+            lowest = places[flat[places].argmin()]
+            found.setdefault(lowest, np.inf)
+            for minimum in set(found) & set(places.tolist()) - {lowest}:  # whose pool has run over into a lower one
+                found[minimum] = min(found[minimum], level - flat[minimum])
+    return found
+
+
+@pytest.mark.parametrize("shape", [(9, 13), (1, 20), (2, 2), (4, 5, 6)])
+@settings(deadline=None, max_examples=8)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_the_minima_are_those_whose_climb_exceeds_the_depth(shape, seed):
+    cost = np.random.default_rng(seed).permutation(np.prod(shape)).reshape(shape) / np.prod(shape)
+    expected = climbs(cost)
+    for depth in (0.0, 0.1, 0.3, 2.0):
+        found = prominent_minima(cost, depth)
+        assert set(found.tolist()) == {minimum for minimum, climb in expected.items() if climb > depth}
+        assert (np.diff(cost.ravel()[found]) > 0).all(), "the lowest first"
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 2**32 - 1))
+def test_a_minimum_that_ends_joins_a_lower_one_and_the_chain_ends_at_one_that_survives(seed):
+    rng = np.random.default_rng(seed)
+    cost = rng.integers(0, 6, (8, 11)).astype(float)  # with many equal costs
+    minima, heirs = merged_basins(cost, 1.0)
+    flat = cost.ravel()
+    order = {int(point): rank for rank, point in enumerate(np.argsort(flat, kind="stable"))}
+    ended = np.flatnonzero(heirs != np.arange(cost.size))
+    assert all(order[heirs[point]] < order[point] for point in ended)
+    for point in ended:
+        while heirs[point] != point:
+            point = heirs[point]
+        assert point in minima
+    assert minima[0] == flat.argmin() and not set(minima) & set(ended)
 
 
 @settings(deadline=None, max_examples=15)

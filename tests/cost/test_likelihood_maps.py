@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from fields import measured
 
-from fdcal.cost.landscapes import refined
 from fdcal.cost.leave_one_out import likelihood_landscape
 from fdcal.cost.likelihood import diffuse_field
-from fdcal.cost.likelihood_maps import likelihood_maps
+from fdcal.cost.maps import likelihood_maps, refined
 from fdcal.cost.noise_model import NOISE
 from fdcal.model.problem import Problem
 from fdcal.model.settings import Search, SolverSettings

@@ -13,7 +13,7 @@ import fdcal
 from fdcal import solvers
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.commands.cli import main
-from fdcal.cost.yardstick import Yardstick
+from fdcal.cost.reference_cost import ReferenceCost
 from fdcal.graphics.replay import MAX_BYTES, replay_html
 from fdcal.model.gauge import position_errors
 from fdcal.model.measurement import Measurement
@@ -37,8 +37,8 @@ def run():
 
 def test_the_numbers_are_those_of_the_run(run):
     scene, measurement, states = run
-    yardstick = Yardstick(measurement.problem())
-    text = replay_html(scene, measurement, states, "Tiny", yardstick)
+    reference_cost = ReferenceCost(measurement.problem())
+    text = replay_html(scene, measurement, states, "Tiny", reference_cost)
     data, arrays, positions = contents(text)
     expected = np.array([state.positions for state in states])
     assert np.abs(positions - expected).max() < 1e-8
@@ -47,7 +47,7 @@ def test_the_numbers_are_those_of_the_run(run):
     errors = np.array([position_errors(places, measurement.positions)[free] for places in expected])
     np.testing.assert_allclose(arrays["mean"], errors.mean(axis=1), rtol=1e-12)
     assert np.array_equal(arrays["largest"], errors.max(axis=1))
-    assert np.array_equal(arrays["cost"], [yardstick(state.positions) for state in states])
+    assert np.array_equal(arrays["cost"], [reference_cost(state.positions) for state in states])
     for name in ("step", "sweep", "stage", "moved", "first", "last"):
         assert np.array_equal(arrays[name], [getattr(state, name) for state in states])
     np.testing.assert_allclose(data["given"], measurement.known_positions, atol=1e-6)

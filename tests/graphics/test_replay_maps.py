@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from replays import contents, wait_for
 
-from fdcal.cost import landscapes
+from fdcal.cost.basins import local_minima
 from fdcal.cost.channel_correction import ChannelCorrection
-from fdcal.cost.eq7_maps import eq7_maps
-from fdcal.cost.yardstick import yardstick_of
+from fdcal.cost.maps import eq7_maps, map_positions, refined
+from fdcal.cost.reference_cost import reference_cost_of
 from fdcal.graphics.replay import MAX_BYTES, replay_html
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import Search
@@ -81,10 +81,10 @@ def test_the_maps_of_the_browser_are_those_of_python(browser, tmp_path, dimensio
         channels = ChannelCorrection(np.exp(rng.normal(size=44) * (0.3 + 1j)), rng.uniform(1, 9, 44))
     problem, states = measurement.problem(), states_of(measurement, channels=channels)
     faults = []
-    text = replay_html(None, measurement, states, "Waves", yardstick_of(problem), problem=problem)
+    text = replay_html(None, measurement, states, "Waves", reference_cost_of(problem), problem=problem)
     page = opened(browser, tmp_path / "maps.html", text, faults=faults)
     data, _, positions = contents(text)
-    modes, lattice = data["maps"]["modes"], landscapes.refined(problem.search, POINTS)
+    modes, lattice = data["maps"]["modes"], refined(problem.search, POINTS)
     for t, n in ((0, 7), (3, 20)):
         indices = [0, len(modes) // 2, len(modes) - 1]
         values = np.array(page.evaluate(MAP, [t, n, indices]))
@@ -99,14 +99,14 @@ def test_the_maps_of_the_browser_are_those_of_python(browser, tmp_path, dimensio
 def test_the_map_shown_is_the_sum_of_the_modes_chosen_and_its_minima_are_marked(browser, tmp_path):
     measurement = measured(2, 2)
     problem, states = measurement.problem(), states_of(measurement)
-    text = replay_html(None, measurement, states, "Waves", yardstick_of(problem), problem=problem)
+    text = replay_html(None, measurement, states, "Waves", reference_cost_of(problem), problem=problem)
     page = opened(browser, tmp_path / "sum.html", text, "#step=30&microphone=12&modes=2-6")
     _, _, positions = contents(text)
-    lattice = landscapes.refined(problem.search, POINTS)
+    lattice = refined(problem.search, POINTS)
     total = eq7_maps(problem, positions[3], 12, range(2, 7), 2, lattice).sum(axis=0)
     cost = np.array(page.evaluate("[...replay.map.cost]")).reshape(total.shape)
     np.testing.assert_allclose(cost, total, atol=1e-4 * total.max())
-    there = landscapes.map_positions(landscapes.local_minima(total), lattice)
+    there = map_positions(local_minima(total), lattice)
     np.testing.assert_allclose(page.evaluate("replay.map.minima"), there, atol=1.01 * lattice.step)
     page.context.close()
 
@@ -116,7 +116,7 @@ def test_an_address_leads_to_a_moment_and_follows_the_viewer(browser, tmp_path):
     names = ["A & B", *(f"m{n}" for n in range(1, 44))]
     measurement = dataclasses.replace(measurement, names=tuple(names))
     problem, states = measurement.problem(), states_of(measurement)
-    text = replay_html(None, measurement, states, "Waves", yardstick_of(problem), problem=problem)
+    text = replay_html(None, measurement, states, "Waves", reference_cost_of(problem), problem=problem)
     faults = []
     page = opened(browser, tmp_path / "moment.html", text, "#step=20&microphone=A%20%26%20B&modes=2-5&view=3d", faults)
     page.get_by_text("step 20, sweep 0").wait_for()

@@ -10,7 +10,7 @@ import pytest
 
 from fdcal import solvers
 from fdcal.acoustics.measurement_cache import cached_measurement
-from fdcal.cost.yardstick import Yardstick
+from fdcal.cost.reference_cost import ReferenceCost
 from fdcal.model.scene_file import load_scene
 from fdcal.session.comparison import Comparison, same_start
 from fdcal.viewer.background import comparison as races
@@ -72,7 +72,7 @@ def test_a_race_runs_pauses_and_goes_back_to_the_start(scene, problem):
 @pytest.fixture
 def owner(scene, measurement, problem):
     made = races.ComparisonWorker(
-        prepare.PreparedRun(scene, measurement, problem, solvers.load("joint"), None, None, Yardstick(problem))
+        prepare.PreparedRun(scene, measurement, problem, solvers.load("joint"), None, None, ReferenceCost(problem))
     )
     clock = itertools.count()
 

@@ -5,8 +5,9 @@ import pytest
 
 from fdcal import solvers
 from fdcal.acoustics.measurement_cache import cached_measurement
-from fdcal.cost import landscapes
-from fdcal.cost.yardstick import Yardstick
+from fdcal.cost.basins import local_minima
+from fdcal.cost.maps import cost_maps, interpolate, map_positions, refined
+from fdcal.cost.reference_cost import ReferenceCost
 from fdcal.model.gauge import position_errors
 from fdcal.session.lesson_file import load_lesson
 
@@ -27,33 +28,33 @@ def square():
     """The scene of lessons 1 and 2, as the page opens it: its state, microphone 16's maps, and what is true."""
     (scene, seed), step = load_lesson("1_many_minima").start(0), load_lesson("1_many_minima").steps[0].page
     measurement, descent = cached_measurement(scene), solvers.load(scene.solver.name)
-    problem, fine = measurement.problem(scene.solver.weights), landscapes.refined(scene.search)
+    problem, fine = measurement.problem(scene.solver.weights), refined(scene.search)
     state = descent.use_modes(problem, descent.init(problem, scene.solver, seed), 1, 57, False)
     truth, n = measurement.positions[step.microphone], step.microphone
     assert step.quantity == "eq7"
-    shown = landscapes.cost_maps(problem, descent, state, n, (1, 37, 38, 39, 40), step.order_offset, fine)
+    shown = cost_maps(problem, descent, state, n, (1, 37, 38, 39, 40), step.order_offset, fine)
     maps = dict(zip((1, 37, 38, 39, 40), shown, strict=True))
     return problem, descent, state, maps, fine, truth, measurement
 
 
-def local_minima(cost, fine, truth):
+def minima_of(cost, fine, truth):
     """Distance from the truth, metres, and cost of each local minimum, the deepest first."""
-    found = landscapes.local_minima(cost)
-    return np.hypot(*(landscapes.map_positions(found, fine) - truth).T), cost[tuple(found.T)]
+    found = local_minima(cost)
+    return np.hypot(*(map_positions(found, fine) - truth).T), cost[tuple(found.T)]
 
 
 def test_one_mode_has_many_minima(square, lesson_text):
     _, _, _, maps, fine, truth, measurement = square
     text, f = lesson_text("1_many_minima"), measurement.frequencies
-    distances, costs = local_minima(maps[38], fine, truth)
+    distances, costs = minima_of(maps[38], fine, truth)
     assert len(costs) == 4 and 10 * np.log10(maps[38].max() / costs.max()) > 55
     assert "four local minima" in text and "more than 55 dB below the highest cost of the map" in text
     assert round(100 * distances[0]) == 24 and "the lowest is another one, 24 cm away" in text
     assert round(1e3 * distances[1]) == 2 and "One is 2 mm from the true position" in text
-    _, costs = local_minima(maps[37], fine, truth)
-    there = landscapes.interpolate(maps[37], fine, truth)
+    _, costs = minima_of(maps[37], fine, truth)
+    there = interpolate(maps[37], fine, truth)
     assert len(costs) == 4 and "There are four" in text and 10 * np.log10(there / costs[0]) < 3, "its valley is there"
-    places = [landscapes.map_positions(landscapes.local_minima(maps[mode]), fine) for mode in (37, 38)]
+    places = [map_positions(local_minima(maps[mode]), fine) for mode in (37, 38)]
     assert np.linalg.norm(places[0][:, None] - places[1], axis=2).min() > 0.03, "none is one of mode 38"
     for mode, words in ((38, "211.5 Hz"), (37, "207.7 Hz"), (1, "28.6 Hz")):
         assert f"{f[mode - 1]:.1f} Hz" == words and words in text
@@ -64,7 +65,7 @@ def test_one_mode_has_many_minima(square, lesson_text):
 def test_one_mode_alone_leaves_a_valley(square):
     """Its dark cells span the map: one number does not fix two coordinates."""
     _, _, _, maps, fine, truth, _ = square
-    assert len(local_minima(maps[1], fine, truth)[1]) == 1
+    assert len(minima_of(maps[1], fine, truth)[1]) == 1
     rows, columns = np.nonzero(maps[1] < maps[1].min() + 0.01 * np.ptp(maps[1]))
     assert np.ptp(rows) + 1 == maps[1].shape[0] and fine.step * (np.ptp(columns) + 1) == pytest.approx(0.15, abs=0.005)
     rows, columns = np.nonzero(maps[38] < maps[38].min() + 0.01 * np.ptp(maps[38]))
@@ -74,13 +75,13 @@ def test_one_mode_alone_leaves_a_valley(square):
 def test_modes_together_share_one_minimum(square, lesson_text):
     problem, descent, state, maps, fine, truth, _ = square
     text = lesson_text("2_joint_minimum")
-    distances, costs = local_minima(maps[38] + maps[39], fine, truth)
+    distances, costs = minima_of(maps[38] + maps[39], fine, truth)
     assert len(costs) == 4 and distances[0] < 0.002 and distances[1] == pytest.approx(0.24, abs=0.005)
     assert 10 * np.log10(costs[1] / costs[0]) == pytest.approx(8.6, abs=0.1) and "24 cm away, is only 8.6 dB" in text
-    distances, costs = local_minima(maps[38] + maps[39] + maps[40], fine, truth)
+    distances, costs = minima_of(maps[38] + maps[39] + maps[40], fine, truth)
     assert len(costs) == 1 and distances[0] < 0.002 and "One, at the true position" in text
-    whole = landscapes.cost_maps(problem, descent, state, 16, tuple(range(1, 58)), 2, fine).sum(axis=0)
-    distances, costs = local_minima(whole, fine, truth)
+    whole = cost_maps(problem, descent, state, 16, tuple(range(1, 58)), 2, fine).sum(axis=0)
+    distances, costs = minima_of(whole, fine, truth)
     assert len(costs) == 1 and distances[0] < 0.002
     np.testing.assert_allclose(descent.step(problem, state).positions[16], truth, atol=1e-12)
 
@@ -111,7 +112,7 @@ def mean_error(measurement, state) -> float:
 
 def cost(measurement, positions) -> float:
     """The cost in the status, dB."""
-    return Yardstick(measurement.problem())(positions)
+    return ReferenceCost(measurement.problem())(positions)
 
 
 def test_too_many_modes_too_soon_trap_the_descent(box, lesson_text):
@@ -134,9 +135,9 @@ def test_maps_of_a_wrong_array_have_few_minima_with_few_modes(box, lesson_text):
     def maps(last):
         state, found = descent.use_modes(problem, begun, 1, last, False), {}
         for n in problem.free:
-            cost = landscapes.mode_landscapes(problem, descent, state, int(n), range(1, last + 1)).sum(axis=0)
-            lowest = landscapes.map_positions(np.array([np.unravel_index(cost.argmin(), cost.shape)]), scene.search)[0]
-            found[int(n)] = len(landscapes.local_minima(cost)), float(np.hypot(*(lowest - measurement.positions[n])))
+            cost = cost_maps(problem, descent, state, int(n), range(1, last + 1), None).sum(axis=0)
+            lowest = map_positions(np.array([np.unravel_index(cost.argmin(), cost.shape)]), scene.search)[0]
+            found[int(n)] = len(local_minima(cost)), float(np.hypot(*(lowest - measurement.positions[n])))
         return found
 
     few, many = maps(3), maps(20)
@@ -154,8 +155,8 @@ def test_maps_of_a_wrong_array_have_few_minima_with_few_modes(box, lesson_text):
 
 
 def test_a_trapped_microphone_wants_to_move_less_than_half_a_cell(box, lesson_text):
-    scene, measurement, problem, _, _, _, staged = box
-    text, truth, fine = lesson_text("4_frozen_grid"), measurement.positions, landscapes.refined(scene.search, 121)
+    scene, measurement, problem, descent, _, _, staged = box
+    text, truth, fine = lesson_text("4_frozen_grid"), measurement.positions, refined(scene.search, 121)
     errors = 1e3 * position_errors(staged.positions, truth)
     assert errors.argmax() == 6 and errors.max() == pytest.approx(45, abs=1) and "4.5 cm for the worst" in text
     assert mean_error(measurement, staged) == pytest.approx(17, abs=0.5) and "1.7 cm on average" in text
@@ -165,13 +166,13 @@ def test_a_trapped_microphone_wants_to_move_less_than_half_a_cell(box, lesson_te
     np.testing.assert_allclose(lattice, np.rint(lattice), atol=1e-9)
 
     def wanted(n, lattice):
-        cost = sum(landscapes.fine_landscape(problem, None, staged, n, mode, lattice) for mode in range(1, 21))
-        lowest = landscapes.map_positions(np.array([np.unravel_index(cost.argmin(), cost.shape)]), lattice)[0]
+        cost = cost_maps(problem, descent, staged, n, range(1, 21), None, lattice).sum(axis=0)
+        lowest = map_positions(np.array([np.unravel_index(cost.argmin(), cost.shape)]), lattice)[0]
         return lowest - staged.positions[n]
 
     wants = [wanted(int(n), fine) for n in problem.free]
     assert np.abs(wants).max() < (scene.search.step + fine.step) / 2, "so it is with all 13"
-    assert 1e3 * np.hypot(*wanted(6, landscapes.refined(scene.search))) == pytest.approx(4, abs=1)
+    assert 1e3 * np.hypot(*wanted(6, refined(scene.search))) == pytest.approx(4, abs=1)
     assert "4 mm from the cross" in text
 
 

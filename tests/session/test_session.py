@@ -398,7 +398,7 @@ def test_a_long_run_keeps_a_bounded_history(make, monkeypatch):
 
 
 class Slow:
-    """A yardstick that takes far longer than a step, and notes how often it is used."""
+    """A reference cost that takes far longer than a step, and notes how often it is used."""
 
     def __init__(self, seconds=0.0):
         self.seconds, self.used = seconds, 0
@@ -412,7 +412,7 @@ class Slow:
 
 
 def test_the_state_that_is_shown_has_its_cost_and_the_others_get_theirs_at_rest(make):
-    session = make(Counter(), yardstick=Slow())
+    session = make(Counter(), reference_cost=Slow())
     assert session.view.cost == -11.0
     session.play()
     assert session.wait_for(lambda view: view.state.finished and not view.running, WAIT)
@@ -428,8 +428,8 @@ def test_the_state_that_is_shown_has_its_cost_and_the_others_get_theirs_at_rest(
 
 
 def test_a_drag_does_not_wait_for_costs_and_its_last_place_gets_one(make):
-    yardstick = Slow(0.02)
-    session = make(Counter(), yardstick=yardstick, yield_time=0.1)
+    reference_cost = Slow(0.02)
+    session = make(Counter(), reference_cost=reference_cost, yield_time=0.1)
     end = time.monotonic() + 0.5
     moves = 0
     while time.monotonic() < end:
@@ -437,7 +437,7 @@ def test_a_drag_does_not_wait_for_costs_and_its_last_place_gets_one(make):
         session.place(1, (0.001 * moves, 0.5), gesture="drag")
         assert session.wait_for(lambda view, x=0.001 * moves: view.state.positions[1][0] == x, WAIT)
         assert not math.isnan(session.view.cost), "that of a place just before"
-    assert moves > 2 * yardstick.used
+    assert moves > 2 * reference_cost.used
     while session.view.costs.missing(session.view.history):
         assert time.monotonic() < end + WAIT
         time.sleep(0.01)
@@ -445,15 +445,15 @@ def test_a_drag_does_not_wait_for_costs_and_its_last_place_gets_one(make):
 
 
 def test_costs_take_a_bounded_share_of_a_run():
-    yardstick, spent = Slow(0.004), 0.0
-    costs = StateCosts(yardstick)
+    reference_cost, spent = Slow(0.004), 0.0
+    costs = StateCosts(reference_cost)
     for step in range(300):
         costs.compute_in_passing(Count(step=step), 0.001)
         spent += 0.001
-    assert 0 < yardstick.used * yardstick.seconds <= 1.2 * SHARE * spent + 2 * yardstick.seconds
+    assert 0 < reference_cost.used * reference_cost.seconds <= 1.2 * SHARE * spent + 2 * reference_cost.seconds
 
 
-def test_a_session_without_a_yardstick_has_no_costs(make):
+def test_a_session_without_a_reference_cost_has_no_costs(make):
     session = make(Counter())
     assert math.isnan(session.view.cost) and not session.view.costs.missing(session.view.history)
 

@@ -8,7 +8,7 @@ import pytest
 from fields import measured
 
 from fdcal import solvers
-from fdcal.cost.mode_limits import search_lattice
+from fdcal.cost.lattice import search_lattice
 from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.solvers.descent import solver as descent

@@ -9,9 +9,9 @@ import pytest
 from fdcal import solvers
 from fdcal.acoustics.spherical_harmonics import spherical_bessel
 from fdcal.cost.eq7 import known_weights, leave_one_out_fits
-from fdcal.cost.landscapes import cost_maps, refined
-from fdcal.cost.space_lattice import space_lattice
-from fdcal.cost.yardstick import Yardstick
+from fdcal.cost.lattice import space_lattice
+from fdcal.cost.maps import cost_maps, refined
+from fdcal.cost.reference_cost import ReferenceCost
 from fdcal.model.measurement import Measurement
 from fdcal.model.problem import Problem
 from fdcal.model.settings import Search, SolverSettings
@@ -91,10 +91,10 @@ def test_few_unknown_microphones_are_found_exactly_from_anywhere_on_the_lattice(
 def test_from_a_few_centimetres_cost_and_error_fall():
     problem = problem_of(TRUTH, 15)
     start = near(problem, TRUTH, 0.03)
-    last, yardstick = to_the_end(problem, start)[-1], Yardstick(problem)
+    last, reference_cost = to_the_end(problem, start)[-1], ReferenceCost(problem)
     assert error(start.positions, TRUTH, problem) > 0.03
     assert error(last.positions, TRUTH, problem) < 0.5 * error(start.positions, TRUTH, problem)
-    assert yardstick(last.positions) < yardstick(start.positions) - 10
+    assert reference_cost(last.positions) < reference_cost(start.positions) - 10
 
 
 def test_the_step_is_the_lowest_candidate_of_the_whole_lattice():

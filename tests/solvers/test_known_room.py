@@ -12,7 +12,7 @@ from fields import rigid_room, room_frequencies
 
 from fdcal.acoustics.room_symmetry import room_symmetries
 from fdcal.commands.cli import main
-from fdcal.cost.landscapes import fine_landscape
+from fdcal.cost.maps import cost_maps
 from fdcal.model.measurement import Measurement
 from fdcal.model.measurement_file import save_measurement
 from fdcal.model.scene_file import load_scene
@@ -178,8 +178,8 @@ def test_a_finer_map_of_a_microphone_is_the_map_on_its_lattice():
     state = room.init(problem, SolverSettings(name="room", modes=MODES, room=SIZE), 0)
     coarse, finer = problem.search, replace(problem.search, step=0.05)
     whole = room.landscape(problem, state, 2, slice(4, 5))[0]
-    np.testing.assert_allclose(fine_landscape(problem, room, state, 2, 5, coarse), whole)
-    assert fine_landscape(problem, room, state, 2, 5, finer).shape > whole.shape
+    np.testing.assert_allclose(cost_maps(problem, room, state, 2, (5,), None, coarse)[0], whole)
+    assert cost_maps(problem, room, state, 2, (5,), None, finer)[0].shape > whole.shape
 
 
 def test_positions_far_outside_of_an_absorbing_room_are_judged_without_a_warning():

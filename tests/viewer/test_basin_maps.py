@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from doubles import set_by_client
 
-from fdcal.cost import landscapes
 from fdcal.cost.basins import basins_of
+from fdcal.cost.maps import cost_maps, map_positions, power_shares, refined
 from fdcal.graphics.basin_map import EDGE, OTHERS, PLACE, TABLE, basin_floor, descent_text, table_numbers
 from fdcal.graphics.legend import legend_of
 from fdcal.model.settings import Search
@@ -51,11 +51,11 @@ def shown(viewer, turn_until, n, modes):
 def expected(viewer, n, modes):
     """Basins and minima of the cost of the page on its fine lattice."""
     run, state = viewer.run, viewer.binding.session.view.state
-    search, offset = landscapes.refined(run.problem.search), viewer.binding.choices.order_offset
-    maps = [landscapes.cost_maps(run.problem, run.solver, state, n, (mode,), offset, search)[0] for mode in modes]
-    share = landscapes.power_shares(run.problem, state, modes)
+    search, offset = refined(run.problem.search), viewer.binding.choices.order_offset
+    maps = [cost_maps(run.problem, run.solver, state, n, (mode,), offset, search)[0] for mode in modes]
+    share = power_shares(run.problem, state, modes)
     basins = basins_of(sum(a * one for a, one in zip(share, maps, strict=True)))
-    places = landscapes.map_positions(basins.minima, search)
+    places = map_positions(basins.minima, search)
     return basins, tuple((float(x), float(y)) for x, y in places), search
 
 

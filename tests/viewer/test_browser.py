@@ -32,8 +32,8 @@ from websockets.sync.client import connect
 
 from fdcal import solvers
 from fdcal.acoustics.measurement_cache import cached_measurement
-from fdcal.cost import landscapes
-from fdcal.cost.yardstick import ORDER_OFFSET
+from fdcal.cost.maps import cost_maps, map_positions, refined
+from fdcal.cost.reference_cost import ORDER_OFFSET
 from fdcal.graphics.picture import compose
 from fdcal.model.scene_file import load_scene, scene_folder
 from fdcal.session import session_file
@@ -160,9 +160,9 @@ def test_the_diamond_marks_the_lowest_cost(page, scene):
     page.get_by_text("microphone 5, sum of 4 modes").wait_for()
     problem, descent = cached_measurement(scene).problem("unit"), solvers.load("descent")
     state = descent.init(problem, scene.solver, 0)  # what the page shows
-    fine = landscapes.refined(scene.search)
-    cost = landscapes.cost_maps(problem, descent, state, 5, (2, 3, 4, 6), ORDER_OFFSET, fine).sum(axis=0)
-    lowest = landscapes.map_positions(np.array([np.unravel_index(cost.argmin(), cost.shape)]), fine)[0]
+    fine = refined(scene.search)
+    cost = cost_maps(problem, descent, state, 5, (2, 3, 4, 6), ORDER_OFFSET, fine).sum(axis=0)
+    lowest = map_positions(np.array([np.unravel_index(cost.argmin(), cost.shape)]), fine)[0]
     stands(page, "/lowest", lowest.tolist(), 1e-4)
 
 

@@ -8,7 +8,7 @@ from doubles import finish, set_by_client
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fdcal.cost.yardstick import Yardstick
+from fdcal.cost.reference_cost import ReferenceCost
 from fdcal.session.request import OpenRequest
 from fdcal.viewer.background.cuts import MAX_MODES, POINTS, foot
 from fdcal.viewer.gui.cut_plot import SPAN, cut_series
@@ -113,8 +113,8 @@ def opened(page_of, scene):
 def test_the_plot_of_a_cut_through_the_estimate_has_the_cost_of_the_status_line(opened):
     viewer, turn_until = opened
     cut, binding = viewer.side_panel.cut, viewer.binding
-    yardstick = Yardstick(viewer.run.problem)
-    viewer.main_panel.map.choose_modes(range(1, yardstick.count + 1))
+    reference_cost = ReferenceCost(viewer.run.problem)
+    viewer.main_panel.map.choose_modes(range(1, reference_cost.count + 1))
     set_by_client(cut.lines, "x")
     turn_until(lambda: cut._shown is not None and cut._shown.request.modes == binding.choices.modes)
     columns, made = cut._plot.data, cut._shown
@@ -123,7 +123,7 @@ def test_the_plot_of_a_cut_through_the_estimate_has_the_cost_of_the_status_line(
     here = np.asarray(binding.session.view.state.positions)[binding.choices.microphone]
     assert made.estimate == pytest.approx(here[0] - binding.choices.cut[0][0])
     at = np.interp(made.estimate, made.distance, made.total)
-    assert at == pytest.approx(yardstick(binding.session.view.state.positions), abs=0.3), "between two points"
+    assert at == pytest.approx(reference_cost(binding.session.view.state.positions), abs=0.3), "between two points"
     assert len(made.modes) == MAX_MODES and np.ptp(np.clip(columns[MAX_MODES + 1], -SPAN, None)) > 3
     assert "cut" in {part.name for part in viewer.picture.meshes}
     set_by_client(cut.lines, "None")

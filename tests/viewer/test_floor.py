@@ -6,7 +6,7 @@ import numpy as np
 from browsing import WAIT
 from doubles import State, set_by_client, view_of
 
-from fdcal.cost.eq7_maps import eq7_maps
+from fdcal.cost.maps import eq7_maps
 from fdcal.session.history import History
 from fdcal.viewer.background import map_panels
 from fdcal.viewer.gui.binding import Binding

@@ -13,7 +13,8 @@ from matplotlib.colors import to_rgb
 
 from fdcal import solvers
 from fdcal.acoustics.measurement_cache import cached_measurement
-from fdcal.cost import landscapes
+from fdcal.cost.basins import local_minima
+from fdcal.cost.maps import map_positions
 from fdcal.graphics.markers import ESTIMATE, LOWEST
 from fdcal.session.request import OpenRequest
 from fdcal.viewer.background import exports, prepare
@@ -81,7 +82,7 @@ def test_the_file_for_paraview_has_the_map_of_the_screen(snapshot, drawn, tmp_pa
     total = grid["sum"].reshape(drawn.panels.total.shape)
     np.testing.assert_allclose(total, drawn.panels.total, rtol=1e-6)
     assert np.allclose(grid.points[grid["sum"].argmin()][:2], drawn.floor.minimum)
-    places = landscapes.map_positions(landscapes.local_minima(total.astype(float)), drawn.panels.search)
+    places = map_positions(local_minima(total.astype(float)), drawn.panels.search)
     assert np.allclose(places, drawn.floor.minima) and len(places) == drawn.minima
     assert path.stat().st_size < 30e6
 
@@ -95,7 +96,7 @@ def test_the_figure_has_the_marks_of_the_page(snapshot, drawn, monkeypatch):
     for axes, cost in zip(panels, [*drawn.panels.maps, drawn.panels.total], strict=True):
         lines = {line.get_label(): line for line in axes.lines}
         row, column = np.unravel_index(cost.argmin(), cost.shape)
-        lowest = landscapes.map_positions(np.array([[row, column]]), drawn.panels.search)[0]
+        lowest = map_positions(np.array([[row, column]]), drawn.panels.search)[0]
         assert np.allclose(lines["lowest cost"].get_xydata()[0], lowest)
         assert np.allclose(lines["true"].get_xydata()[0], snapshot.run.measurement.positions[MICROPHONE])
         estimate = snapshot.view.state.positions[MICROPHONE]
@@ -114,5 +115,5 @@ def test_the_thumbnails_are_of_the_lattice_of_the_map(snapshot, drawn):
     assert drawn.panels.maps.shape == (3, *drawn.panels.total.shape) and drawn.panels.modes == MODES
     np.testing.assert_allclose(drawn.panels.maps.sum(axis=0), drawn.panels.total)
     row, column = np.unravel_index(drawn.panels.total.argmin(), drawn.panels.total.shape)
-    lowest = landscapes.map_positions(np.array([[row, column]]), drawn.panels.search)[0]
+    lowest = map_positions(np.array([[row, column]]), drawn.panels.search)[0]
     assert np.allclose(lowest, drawn.floor.minimum)

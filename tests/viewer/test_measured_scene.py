@@ -90,7 +90,7 @@ def test_a_measurement_without_search_domain_gets_one_round_the_estimate(solver,
     work = prepare_run(opening, PreparationProgress())
     try:
         search = work.measurement.search
-        assert search is work.problem.search and search is not None and work.yardstick is not None
+        assert search is work.problem.search and search is not None and work.reference_cost is not None
         *_, state = solvers.run(work.problem, replace(opening.scene.solver, name="joint"), 0)
         low, high = np.array(search.origin), np.add(search.origin, search.size)
         assert ((low < state.positions) & (state.positions < high)).all()

@@ -41,7 +41,7 @@ def costs_of(states, values):
     return costs
 
 
-def test_stages_are_marked_and_the_cost_is_that_of_the_yardstick(server, measurement):
+def test_stages_are_marked_and_the_cost_is_that_of_the_reference_cost(server, measurement):
     curves, place = CurvesTab(server.gui, measurement, np.arange(10)), measurement.positions
     states = [State(place.copy(), i, i, stage=i // 2, last=6, cost=1e5) for i in range(4)]
     costs = costs_of(states, [-1.0, -3.0, np.nan, -9.0])

@@ -8,7 +8,8 @@ import pytest
 from browsing import WAIT
 from doubles import set_by_client
 
-from fdcal.cost import landscapes
+from fdcal.cost.basins import local_minima
+from fdcal.cost.maps import cost_maps, refined
 from fdcal.session.request import OpenRequest
 from fdcal.viewer import opening, playback
 from fdcal.viewer.background import mode_sweep
@@ -88,12 +89,12 @@ def test_play_adds_modes_up_to_all_and_counts_the_minima_of_the_maps_shown(opene
     shown = list(dict.fromkeys(modes for modes in seen if modes))
     assert shown == [tuple(range(1, m + 1)) for m in range(2, 7)]
     made = sweep.worker.sweep(sweep._wanted)
-    run, search = viewer.run, landscapes.refined(viewer.run.problem.search)
+    run, search = viewer.run, refined(viewer.run.problem.search)
     for m, count in zip(made.stops, made.counts, strict=True):
         modes, state = range(1, m + 1), binding.session.view.state
         n, offset = binding.choices.microphone, binding.choices.order_offset
-        maps = landscapes.cost_maps(run.problem, run.solver, state, n, modes, offset, search)
-        assert count == len(landscapes.local_minima(maps.sum(axis=0))), m
+        maps = cost_maps(run.problem, run.solver, state, n, modes, offset, search)
+        assert count == len(local_minima(maps.sum(axis=0))), m
     turn_until(lambda: "sum of 6 modes, 1 to 6" in sweep.text.content)
     assert len(sweep._plot.data[0]) == 6
 

@@ -1,4 +1,4 @@
-// The cost of moving one microphone, mode by mode: fdcal/cost/eq7_maps.py in the browser.
+// The cost of moving one microphone, mode by mode: fdcal/cost/maps.py in the browser.
 //
 // With microphone n left out, W = Q S of the others and q = Q^H p, the cost with microphone n at x is
 //   r0 + |p_n - y q|^2 / (1 + |y|^2),    y S = w(x),    r0 = |p - Q q|^2.
@@ -38,7 +38,7 @@ function bessel(zr, zi, L, spherical, out) {
   return out;
 }
 
-// Number of functions of an expansion of order L: fdcal.cost.field_expansion.functions.
+// Number of functions of an expansion of order L: fdcal.cost.expansion.functions.
 function functionsOf(kind, L) {
   return kind == "plane" ? 2 * L + 1 : kind == "layer" ? (L + 1) * (L + 2) / 2 : (L + 1) ** 2;
 }
@@ -228,7 +228,7 @@ class Landscapes {
 Landscapes.POINTS = 120;
 
 // Local minima of a map, off its edges, whose climb to a lower one exceeds `depth` of its range, the lowest first, as
-// flat indices: fdcal/cost/watershed.py.
+// flat indices: fdcal/cost/basins.py.
 function prominentMinima(cost, nx, ny, depth) {
   const order = Uint32Array.from(cost.keys()).sort((a, b) => cost[a] - cost[b]), basin = new Int32Array(cost.length).fill(-1);
   const least = depth * (cost[order[order.length - 1]] - cost[order[0]]), survives = new Set(), root = i => {

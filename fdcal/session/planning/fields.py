@@ -9,7 +9,7 @@ import numpy as np
 from ...acoustics.box_field import point_source_pressures
 from ...acoustics.mode_density import decay_rate
 from ...acoustics.room_modes import PointSourceModel, point_source_model, room_pressures
-from ...cost.channel_kernels import diffuse_kernel
+from ...cost.kernels import diffuse_kernel
 from ...model.polygons import encloses
 from ...model.power import mode_power
 from ...model.random_source import WALL_DISTANCE_M, random_source

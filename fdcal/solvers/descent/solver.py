@@ -8,7 +8,7 @@
 The run begins with its lowest modes and with microphones drawn from the candidates, the points of the search lattice.
 The centre of the expansion is the centre of mass rounded to the lattice, so one table of radial functions serves every
 step (`fdcal.acoustics.lattice_dictionary.LatticeDictionary`). In three dimensions the candidates are searched from
-coarse to fine (`fdcal.cost.space_lattice`), and the lowest one that was tried counts as the best.
+coarse to fine (`fdcal.cost.lattice`), and the lowest one that was tried counts as the best.
 """
 
 from __future__ import annotations
@@ -20,10 +20,11 @@ from typing import ClassVar
 import numpy as np
 
 from ...acoustics.lattice_dictionary import LatticeDictionary
-from ...cost import mode_limits
+from ...cost import expansion
 from ...cost.eq7 import known_weights, leave_one_out_fits
-from ...cost.mode_limits import require_modes, search_lattice
-from ...cost.space_lattice import SpaceLattice, layer_landscape, space_lattice
+from ...cost.expansion import require_modes
+from ...cost.lattice import SpaceLattice, best_candidate, search_lattice, space_lattice
+from ...cost.maps import descent_maps
 from ...model.gauge import fixes_gauge
 from ...model.problem import Problem
 from ...model.settings import Search, SolverSettings
@@ -70,11 +71,6 @@ class State(RunState):
     def order_offset(self) -> int:
         """The number added to ceil(kR) with the modes in use (`order_offset_of`)."""
         return order_offset_of(self.settings, self.last)
-
-    @property
-    def landscape_takes_lattice(self) -> bool:
-        """Whether it is of three dimensions; in a plane the landscape is that of the search domain, about `centre`."""
-        return len(self.centre) == 3
 
 
 def order_offset_of(settings: SolverSettings, modes: int) -> int:
@@ -171,18 +167,14 @@ def _best_candidate(problem: Problem, lattice, state: State, n: int) -> tuple[np
     if isinstance(lattice, SpaceLattice):
         _, fits = _fits(problem, lattice, state, n, modes)
         return lattice.best(centre, modes, fits, x[n])
-    from ...cost.lattice_search import best_candidate, lattice_fits  # compiled code is loaded with the first step
-
-    fits = lattice_fits(problem, lattice, x, n, centre, modes, state.settings.known_weight)
-    best, cost = best_candidate(lattice, centre, modes, fits, lattice.index(x[n]))
-    return lattice.points[best], cost
+    return best_candidate(problem, lattice, x, n, centre, modes, state.settings.known_weight)
 
 
 def _fits(problem: Problem, lattice, state: State, n: int, modes: slice):
     """Return W (Eq. 4) of each of `modes`, and the fit of its pressures without microphone `n`."""
     W = lattice.dictionary(state.positions, state.centre, range(len(lattice.orders))[modes])
     weights = known_weights(problem, state.settings.known_weight)
-    return W, leave_one_out_fits(W, problem.pressures[modes], n, weights=weights)
+    return W, leave_one_out_fits(W, problem.pressures[modes], n, weights)
 
 
 def _cost(problem: Problem, state: State) -> float:
@@ -210,16 +202,10 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
 def landscape(problem: Problem, state: State, n: int, modes: slice, search: Search | None = None) -> np.ndarray:
     """Return what a step on microphone `n` minimises, over the lattice, mode by mode : (modes, ny, nx) float64.
 
-    In three dimensions it is the layer at the height of the microphone, and `search` may be another lattice.
+    In three dimensions it is the layer at the height of the microphone; `search` may be another lattice.
     """
-    lattice = _lattice(problem, state.order_offset)
-    if isinstance(lattice, SpaceLattice):
-        _, fits = _fits(problem, lattice, state, n, modes)
-        return layer_landscape(problem, lattice, fits, state.centre, modes, float(state.positions[n, 2]), search)
-    from ...cost.lattice_search import lattice_landscape
-
-    weight = state.settings.known_weight
-    return lattice_landscape(problem, lattice, state.positions, n, state.centre, modes, weight)
+    numbers, weight = range(1, len(problem.pressures) + 1)[modes], state.settings.known_weight
+    return descent_maps(problem, state.positions, n, numbers, state.order_offset, weight, state.centre, search)
 
 
 def result(problem: Problem, state: State) -> Estimate:
@@ -229,7 +215,7 @@ def result(problem: Problem, state: State) -> Estimate:
 
 def usable_modes(problem: Problem, settings: SolverSettings) -> int:
     """Return how many of the lowest modes have an expansion with fewer functions than there are microphones."""
-    return mode_limits.usable_modes(problem, settings.order_offset)
+    return expansion.usable_modes(problem, settings.order_offset)
 
 
 def _require_solvable(problem: Problem, settings: SolverSettings) -> None:

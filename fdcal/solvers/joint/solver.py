@@ -22,7 +22,9 @@ from ..robust.solver import landscape, result, step, usable_modes, use_modes
 __all__ = ["TRAITS", "State", "init", "landscape", "result", "step", "usable_modes", "use_modes"]
 
 TRAITS: Traits = replace(
-    robust.TRAITS, starts=("affine", "random"), settings=frozenset({"modes", "noise", "known", "start", "sound_speed_sigma"})
+    robust.TRAITS,
+    starts=("affine", "random"),
+    settings=frozenset({"modes", "noise", "known", "start", "sound_speed_sigma"}),
 )
 
 

@@ -1,4 +1,4 @@
-"""What is estimated beside positions and gains: noise, power, directions, spreads of the priors, evidence of a restart."""
+"""What is estimated beside positions and gains: noise, power, directions, spreads of the priors, and evidence."""
 
 from __future__ import annotations
 

@@ -53,7 +53,9 @@ def relocated(problem: Problem, state: State, local: bool = False) -> tuple[Stat
         e, V = _predicted(x[others], q[:, others], candidates, k, power, noise, tau[others], problem.dimension)
         extra = noise * (tau[n] - 1)
         share = np.abs(q[:, n] - e[:, 0]) ** 2 / (V[:, 0] + extra)
-        noisy = np.sum(np.log(V[:, 0] + extra) + share) + 2 * np.sum(log_response(np.hstack([g, cut]), k)[0].real[:, n])
+        noisy = np.sum(np.log(V[:, 0] + extra) + share) + 2 * np.sum(
+            np.real(log_response(np.hstack([g, cut]), k)[0][:, n])
+        )
         found = min((_best(p[:, n], e, V, k, one) for one in sought), key=lambda one: one[0])
         if found[0] < noisy - OUTLIERS.nats:
             _, best, value, cut[n] = found
@@ -86,7 +88,7 @@ def _best(p, e, V, k, cut):
     response = log_response(np.array([[0.0, 0.0, *cut]]), k)[0][:, 0]
     cost, value = _fitted(p * np.exp(-response), e, V)
     best = int(np.argmin(cost))
-    price = 2 * np.sum(response.real)
+    price = 2 * np.sum(np.real(response))
     if np.any(cut):  # among so many, some filter and place fit a channel of noise a little
         across = np.abs(np.vdot(e[:, best], p * np.exp(-response))) ** 2
         coherent = across > OUTLIERS.coherent * np.sum(np.abs(e[:, best]) ** 2) * np.sum(

@@ -204,7 +204,7 @@ def _with_kernel(problem: Problem, state: State, kernel: KernelName) -> State:
 
 
 def next_final(problem: Problem, state: State) -> State:
-    """Return another round of the last stage, with damped waves where the noise is now so low that the damping counts."""
+    """Return another round of the last stage, with damped waves where the noise is now so low that these count."""
     model, ahead = state.model, replace(state.progress, rounds=state.progress.rounds + 1)
     if model.kernel == "directional" and noise.isotropic_kernel(problem, state) == "series":
         model = replace(model, kernel="damped_directional")

@@ -3,8 +3,8 @@
     H      Gauss-Newton matrix of cost and priors over everything that is free
     g_m    gradient of mode m; -g_m H^-1 is the influence of that mode on the unknowns
 
-H takes the field as WEAKER times as powerful, which weakens the prior of an isotropic field: what then becomes uncertain
-rests on that prior and not on the wave equation. A conditional likelihood needs none. Without given positions the
+H takes the field as WEAKER times as powerful, which weakens the prior of an isotropic field: what then becomes
+uncertain rests on that prior and not on the wave equation. A conditional likelihood needs none. Without given positions the
 covariance is that of the array without its rigid motions; in the frame of the least gauge, of the array moved into it.
 
 Given positions and pressures agree if the array without given positions is hardly likelier:
@@ -150,7 +150,9 @@ def _weakened(goal: Objective, here: Unknowns, evaluated: Evaluation) -> Evaluat
         return evaluated
 
 
-def _spread(problem: Problem, state: State, goal: Objective, here: Unknowns, evaluated, free, inverse) -> PositionSpread:
+def _spread(
+    problem: Problem, state: State, goal: Objective, here: Unknowns, evaluated, free, inverse
+) -> PositionSpread:
     """The covariance and the influences in the gauge of the problem."""
     shape, held = state.positions.shape, goal.priors.held
     slopes = np.asarray(evaluated.terms.slopes).reshape(len(goal.pressures), -1)

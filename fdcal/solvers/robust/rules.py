@@ -199,7 +199,7 @@ class OutlierRules:
     gain_sigma, max_gain : nepers and radians, of the prior of a gross gain, and its greatest value
     nats : by which a place must be likelier than the channel as it is, with its own noise
     gross : absolute log gain from which a gain is gross, as that of an inverted channel
-    delay_sigma, max_delay, delays : metres, spread of a delay times the sound speed, the greatest, and how many are tried
+    delay_sigma, max_delay, delays : metres, spread of a delay times the sound speed, the greatest, and their number
     corner_sigma, max_corner, corners : rad/m, of a high-pass corner times 2 pi / c, likewise
     filtered : suspicious channels at most that may have a filter
     filter_nats : by which a filter must be likelier than a place and a gain alone

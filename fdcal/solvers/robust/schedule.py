@@ -1,9 +1,9 @@
 """What follows a stage: the next stage, another round of it, another restart, or the end. One table, `TRANSITIONS`.
 
-    deformation, deformation, free, gains (rounds)    one restart, from one start
-    another restart                                   until two agree, or one explains all
-    noiseless                                         of a measurement without noise
-    final (rounds)                                    from the likeliest optimum, then the end
+deformation, deformation, free, gains (rounds)    one restart, from one start
+another restart                                   until two agree, or one explains all
+noiseless                                         of a measurement without noise
+final (rounds)                                    from the likeliest optimum, then the end
 """
 
 from __future__ import annotations

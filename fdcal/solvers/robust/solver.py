@@ -116,7 +116,7 @@ def landscape(problem: Problem, state: State, n: int, modes: slice, search: Sear
     is another lattice over the same area. Raises InputError without a search domain.
     """
     require_search(problem, search)
-    from ...cost.likelihood_maps import likelihood_maps  # compiled code is loaded with the first map
+    from ...cost.maps import likelihood_maps  # compiled code is loaded with the first map
 
     problem = in_unit_power(problem)
     pressures, k = corrected(problem, state, slice(None)), wavenumbers(problem, state)

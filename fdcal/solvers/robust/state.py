@@ -132,4 +132,3 @@ class State(RunState):
     def channels(self) -> ChannelCorrection:
         """Gain and noise of every channel as estimated so far."""
         return ChannelCorrection(np.exp(self.gains @ np.array([1.0, 1.0j])), self.model.channel_noise)
-

@@ -19,7 +19,8 @@ import numpy as np
 
 from ...acoustics.room_modes import DiffuseModel, point_source_model, room_pressures
 from ...model.power import mode_power
-from ..levenberg_marquardt import NewtonTerms, Step, damped_step
+from ..estimate import SizeFit
+from ..levenberg_marquardt import DAMPING, NewtonTerms, Step, damped_step
 
 Cost = Callable[[np.ndarray], float]  # of given unknowns
 

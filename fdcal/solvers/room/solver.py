@@ -418,7 +418,8 @@ def usable_modes(problem: Problem, settings: SolverSettings) -> int:
 def result(problem: Problem, state: State) -> RoomEstimate:
     """Return what the solver has found.
 
-    The covariance is that of the exact model with its source, walls and loudness unknown, enlarged by the excess residual.
+    The covariance is that of the exact model with its source, walls and loudness unknown, enlarged by the excess
+    residual.
     """
     size, (N, D) = state.settings.room, state.positions.shape
     assert size is not None  # `init` requires it

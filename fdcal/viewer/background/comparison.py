@@ -202,12 +202,12 @@ class ComparisonWorker:
 
     def _compute_curves(self, points: dict, missing: list) -> None:
         """Compute error and cost of the states that have none yet; on the curves' thread."""
-        yardstick = self.run.yardstick
+        reference_cost = self.run.reference_cost
         for name, states in missing:
             for state in states:
                 errors = self._errors(state)
                 error = 0.0 if errors is None else float(errors.mean())
-                points[name][state.step] = error, yardstick.of(state) if yardstick else 0.0
+                points[name][state.step] = error, reference_cost.of(state) if reference_cost else 0.0
 
     def close(self, timeout: float) -> bool:
         """End the threads after the work in progress; False if that takes longer than `timeout`, s."""

@@ -42,7 +42,7 @@ class RunSummary:
     mean_error, largest_error : of the positions sought, mm; None where the true positions are unknown
     times : (P,) float64, s, of the points of the curves
     mean_errors : (P,) float64, mm, or None
-    costs : (P,) float64, dB, of `fdcal.cost.yardstick`
+    costs : (P,) float64, dB, of `fdcal.cost.reference_cost`
     cost : dB, of the positions themselves; None until it is computed
     """
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...cost import landscapes
 from ...cost.basins import basins_of
+from ...cost.maps import interpolate, map_positions
 from ...graphics.basin_map import basin_floor, descent_text
 from ...graphics.colour_bar import ColourBar
 from ...graphics.heatmap import cost_floor
@@ -78,7 +78,7 @@ def cost_map(
     panels : maps of single modes, or None
     """
     style, n = request.style, request.microphone
-    here = landscapes.interpolate(total, search, request.state.positions[n])
+    here = interpolate(total, search, request.state.positions[n])
     figures = len(minima), here, float(total.min())
     height = z_range_of(run.known_scene, run.measurement)[0]
     if style.basins:
@@ -88,7 +88,7 @@ def cost_map(
     if run.measurement.array_dimension == 3:
         label += f" at z = {request.state.positions[n, 2]:.2f} m"
     floor = cost_floor(
-        total, search, style.log, label, minima=landscapes.map_positions(minima, search),
+        total, search, style.log, label, minima=map_positions(minima, search),
         relief=style.relief, relief_height=style.relief_height, height=height,
         decibels=request.order_offset is not None,
     )  # fmt: skip
@@ -106,7 +106,7 @@ def basins_floor(
     height : of the map, metres
     """
     basins, (place, name) = basins_of(total), place_of_basin(run, request)
-    lowest = landscapes.map_positions(np.array([np.unravel_index(total.argmin(), total.shape)]), search)[0]
+    lowest = map_positions(np.array([np.unravel_index(total.argmin(), total.shape)]), search)[0]
     floor = basin_floor(basins, search, place, name, lowest=lowest, height=height)
     return replace(floor, show_minima=request.style.minima), descent_text(basins, search, place, name)
 

@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from ...cost import landscapes
+from ...cost.basins import local_minima
+from ...cost.maps import cost_maps, mode_shape
 from ...graphics.heatmap import field_floor
 from ...graphics.surroundings import z_range_of
 from ...model.settings import Search
@@ -118,10 +119,10 @@ class CostMapWorker:
         key = (request.revision, request.microphone, request.modes, request.order_offset)
         if self._costs.get("fast", (None,))[0] != key:
             n, modes = request.microphone, request.modes
-            maps = landscapes.cost_maps(run.problem, run.solver, request.state, n, modes, request.order_offset)
+            maps = cost_maps(run.problem, run.solver, request.state, n, modes, request.order_offset)
             shown = shown_modes(len(modes))
             panels = ModePanels(tuple(modes[i] for i in shown), maps[shown], maps.sum(axis=0), search)
-            self._costs["fast"] = key, panels, landscapes.local_minima(panels.total)
+            self._costs["fast"] = key, panels, local_minima(panels.total)
         _, panels, minima = self._costs["fast"]
         return cost_map(self._run, request, panels.total, panels.search, minima, panels)
 
@@ -129,7 +130,7 @@ class CostMapWorker:
         """On the fast thread: the sound field of a mode."""
         run, mode = self._run, request.modes[-1]
         state = request.state
-        shape = landscapes.mode_shape(run.problem, state.positions, mode, state.order_offset, state.channels)
+        shape = mode_shape(run.problem, state.positions, mode, state.order_offset, state.channels)
         frequency = run.measurement.frequencies[mode - 1]
         label = f"pressure of mode {mode}, {frequency:.1f} Hz (normalised to a peak of 1)"
         height = z_range_of(run.known_scene, run.measurement)[0]
@@ -145,7 +146,7 @@ class CostMapWorker:
             panels = fine_panels(run, request, lambda: self._requested != request)
             if panels is None:
                 return None
-            self._costs["fine"] = key, panels, landscapes.local_minima(panels.total)
+            self._costs["fine"] = key, panels, local_minima(panels.total)
         _, panels, minima = self._costs["fine"]
         return replace(cost_map(self._run, request, panels.total, panels.search, minima, panels), fine=True)
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...cost.cuts import eq7_cut
-from ...cost.yardstick import LOWEST
+from ...cost.maps import eq7_cut
+from ...cost.reference_cost import LOWEST
 from ...session.worker import LatestWorker
 from ...solvers.interface import RunState
 from ..gui.choices import Line

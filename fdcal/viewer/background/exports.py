@@ -107,7 +107,7 @@ def _replay(snapshot: ViewSnapshot) -> bytes:
     run, history = snapshot.run, snapshot.view.history
     shown = {"problem": run.problem, "microphone": snapshot.microphone}
     return replay_html(
-        run.known_scene, run.measurement, history, run.scene.title, run.yardstick, run.sought, **shown
+        run.known_scene, run.measurement, history, run.scene.title, run.reference_cost, run.sought, **shown
     ).encode()
 
 

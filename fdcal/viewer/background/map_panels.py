@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...cost import landscapes
-from ...cost.eq7_maps import expansion_of
+from ...cost.expansion import expansion_of
+from ...cost.maps import cost_maps, power_shares, refined
 from ...graphics.heatmap import cost_label
 from ...model.settings import Search
 from ...model.validation import InputError
@@ -107,13 +107,13 @@ def fine_panels(
     problem, modes, offset = run.problem, request.modes, request.order_offset
     if problem.search is None:
         raise InputError("there is no map without a search domain", "give <search> and <radius>", key="search")
-    search, shown = landscapes.refined(problem.search), set(shown_modes(len(modes), most).tolist())
-    share = np.ones(len(modes)) if offset is None else landscapes.power_shares(problem, request.state, modes)
+    search, shown = refined(problem.search), set(shown_modes(len(modes), most).tolist())
+    share = np.ones(len(modes)) if offset is None else power_shares(problem, request.state, modes)
     total, kept = np.zeros(1), []
     for i, mode in enumerate(modes):
         if cancelled():
             return None
-        cost = landscapes.cost_maps(problem, run.solver, request.state, request.microphone, (mode,), offset, search)[0]
+        cost = cost_maps(problem, run.solver, request.state, request.microphone, (mode,), offset, search)[0]
         total = total + share[i] * cost
         if i in shown:
             kept.append(share[i] * cost)

@@ -11,8 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ...cost.landscapes import refined
-from ...cost.partial_sums import ambiguous_mode, partial_sums
+from ...cost.maps import ambiguous_mode, partial_sums, refined
 from ...graphics.basin_map import TABLE, table_numbers
 from ...graphics.heatmap import colour_limits, colour_numbers, normalise, of_colour_numbers
 from ...graphics.primitives import Floor

@@ -8,7 +8,7 @@ import numpy as np
 
 from ... import solvers
 from ...acoustics.measurement_cache import cached_measurement
-from ...cost.yardstick import Yardstick, yardstick_of
+from ...cost.reference_cost import ReferenceCost, reference_cost_of
 from ...model.measured_scene import MeasuredScene
 from ...model.measurement import Measurement
 from ...model.problem import Problem
@@ -39,7 +39,7 @@ class PreparedRun:
     solver : Solver
     session : Session, whose states have the settings of `scene` with a number of modes
     opening : the request that the run was prepared for
-    yardstick : Yardstick, the cost of any positions, or None where there is none
+    reference_cost : ReferenceCost, the cost of any positions, or None where there is none
     warmup : what is still being compiled beside the page, or None
     """
 
@@ -49,7 +49,7 @@ class PreparedRun:
     solver: Solver
     session: Session
     opening: OpenRequest
-    yardstick: Yardstick | None = None
+    reference_cost: ReferenceCost | None = None
     warmup: Warmup | None = None
 
     def close(self, timeout: float) -> None:
@@ -143,8 +143,8 @@ def _prepare(opening: OpenRequest, progress: PreparationProgress, warmup: Warmup
     if opening.fewer_modes:
         scene = _with_available_modes(scene, problem)
     solver, settings = solvers.load(scene.solver.name), solvers.with_mode_count(problem, scene.solver)
-    yardstick = yardstick_of(problem)
-    cost = None if yardstick is None else yardstick.of
+    reference_cost = reference_cost_of(problem)
+    cost = None if reference_cost is None else reference_cost.of
     session = Session(problem, settings, opening.seed, solver, opening.states, opening.index, cost)
     try:
         _compile_step_and_map(problem, solver, session.view.history[0])
@@ -155,7 +155,7 @@ def _prepare(opening: OpenRequest, progress: PreparationProgress, warmup: Warmup
         raise
     if opening.play:
         session.play()
-    return PreparedRun(scene, measurement, problem, solver, session, opening, yardstick, warmup)
+    return PreparedRun(scene, measurement, problem, solver, session, opening, reference_cost, warmup)
 
 
 def _with_domain(opening: OpenRequest, source: Measurement, progress: PreparationProgress) -> Measurement:

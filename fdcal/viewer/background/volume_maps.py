@@ -1,6 +1,6 @@
 """The cost of one microphone in space: coarse at once, fine later; a slice follows its slider without a new volume.
 
-A volume takes most of its time for the terms of the cost at its nodes (`fdcal.cost.volumes`). They are kept until
+A volume takes most of its time for the terms of the cost at its nodes (`fdcal.cost.maps`). They are kept until
 microphone, modes or positions change, so that another slice, scale or opacity is drawn from what there is.
 """
 
@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from ...cost.basins import Basins, basins_of
-from ...cost.volumes import NEGLIGIBLE, CostVolume, cost_volume
-from ...cost.yardstick import ORDER_OFFSET
+from ...cost.maps import VOLUME_NEGLIGIBLE, CostVolume, cost_volume
+from ...cost.reference_cost import ORDER_OFFSET
 from ...graphics.basin_map import basin_slice, descent_text
 from ...graphics.sampled_volume import PIXELS, POINTS, SampledVolume, drawn_volume, sampled_volume, sliced
 from ...graphics.volume import AXES, Volume
@@ -60,7 +60,7 @@ class VolumeMaps:
         key = _key(request)
         if self._sampled.get(fine, (None,))[0] == key:
             return self._sampled[fine][1]
-        negligible = NEGLIGIBLE if fine else COARSE_NEGLIGIBLE
+        negligible = VOLUME_NEGLIGIBLE if fine else COARSE_NEGLIGIBLE
         terms = terms_of(self._run.problem, request, cancelled, negligible)
         sampled = None if terms is None else sampled_volume(terms, POINTS if fine else COARSE_POINTS, cancelled)
         if sampled is not None:
@@ -100,7 +100,7 @@ def terms_of(
     problem: Problem,
     request: CostMapRequest,
     cancelled: Callable[[], bool] = lambda: False,
-    negligible: float = NEGLIGIBLE,
+    negligible: float = VOLUME_NEGLIGIBLE,
 ) -> CostVolume | None:
     """Return the cost in space of a request, which is that of Eq. 7; None once cancelled."""
     state, offset = request.state, request.order_offset

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from ...cost.yardstick import ORDER_OFFSET
+from ...cost.reference_cost import ORDER_OFFSET
 from ...model.measurement import Measurement
 from ...model.validation import InputError
 from ...session.lesson import MAX_ORDER_OFFSET

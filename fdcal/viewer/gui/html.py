@@ -100,7 +100,7 @@ def error_text(measurement: Measurement, positions: np.ndarray, sought: np.ndarr
 
 
 def cost_text(cost: float, corrected: bool = False) -> str:
-    """Return a cost of `fdcal.cost.yardstick`, dB, and what it is, with gains `corrected`; "unknown" for NaN."""
+    """Return a cost of `fdcal.cost.reference_cost`, dB, and what it is, with gains `corrected`; "unknown" for NaN."""
     gains = ", gains corrected" if corrected else ""
     number = "unknown" if math.isnan(cost) else f"{cost:.1f} dB"
     return f"{number} <span style='opacity: 0.65'>(Eq. 7, all modes{gains})</span>"

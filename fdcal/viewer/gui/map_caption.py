@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...acoustics.fourier_bessel import max_order
-from ...cost.yardstick import decibels
+from ...cost.reference_cost import decibels
 from ...graphics.colour_bar import format_number
 from ..background.cost_maps import CostMap
 from ..background.prepare import PreparedRun

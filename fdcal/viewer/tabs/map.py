@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...cost.yardstick import ORDER_OFFSET
+from ...cost.reference_cost import ORDER_OFFSET
 from ...model import mode_ranges
 from ...model.validation import InputError
 from ..background.cost_maps import CostMap

@@ -1,4 +1,4 @@
-"""The rows of the dictionary W of many modes at any points at once, from tables of the radial functions.
+"""The rows of the dictionary W of many modes at any points at once, and which modes the microphones can carry.
 
 A row of one mode, order l, about a centre that may change with every call:
 
@@ -8,10 +8,15 @@ A row of one mode, order l, about a centre that may change with every call:
 
 g_l(z) = J_l(z) l! (2 / z)^l, or j_l(z) (2 l + 1)!! / z^l, is entire and even, so that a Chebyshev series in r^2 holds
 it to rounding errors. The constants c_l are left out: Eq. 7 depends on the column space of W alone.
+
+Microphones can carry a mode if it has fewer functions than there are microphones: then Eq. 7 constrains the position of
+each of them, in a plane 2L + 1 < N (Eq. 8).
 """
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +26,7 @@ from scipy.special import factorial, factorial2, jv, sph_harm_y_all, spherical_j
 from ..acoustics.fourier_bessel import max_order
 from ..acoustics.spherical_harmonics import degrees
 from ..model.problem import Problem
+from ..model.settings import Search
 from ..model.validation import InputError
 
 TABLE_RADIUS = 2.0  # of the tables, in search radii; points further from the centre are evaluated one by one
@@ -44,58 +50,102 @@ class CarriedModes:
     order_offset: int
 
 
-def carried_modes(problem: Problem, order_offset: int) -> CarriedModes:
-    """Return the modes with fewer functions than there are microphones, at the order L = ceil(k R) + `order_offset`.
-
-    Parameters
-    ----------
-    problem : Problem
-    order_offset : int
-
-    Raises
-    ------
-    InputError
-        The problem has no search domain, whose radius R the order rule takes.
-    """
+def search_domain(problem: Problem) -> Search:
+    """Return the search domain of a problem; InputError if it has none."""
     if problem.search is None:
         raise InputError("the measurement has no search domain", "give <search> and <radius>", key="search")
-    orders = np.asarray(max_order(problem.wavenumbers, problem.search.radius, order_offset))
-    counts = np.array([functions(problem, int(L)) for L in orders])
-    carried = np.flatnonzero(counts < problem.pressures.shape[1])
-    return CarriedModes(carried, orders[carried], order_offset)
+    return problem.search
 
 
-def functions(problem: Problem, order: int) -> int:
+def functions(problem: Problem, order):
     """Return the number of functions of an expansion of `order` L: 2L + 1, (L + 1)^2 or (L + 1)(L + 2) / 2."""
     if problem.dimension == 2:
         return 2 * order + 1
     return (order + 1) ** 2 if problem.array_dimension == 3 else (order + 1) * (order + 2) // 2
 
 
-class FieldExpansion:
-    """Rows of W of the modes that the microphones can carry.
+def carried_modes(problem: Problem, order_offset: int) -> CarriedModes:
+    """Return the modes that the microphones can carry at the order L = ceil(k R) + `order_offset`.
 
-    Parameters
-    ----------
-    problem : Problem
-    order_offset : added to ceil(k R)
-
-    Attributes
-    ----------
-    carried : CarriedModes
-
-    Raises
-    ------
-    InputError
-        The problem has no search domain.
+    Raises InputError for a problem without a search domain, whose radius is R.
     """
+    orders = np.asarray(max_order(problem.wavenumbers, search_domain(problem).radius, order_offset))
+    carried = np.flatnonzero(functions(problem, orders) < problem.pressures.shape[1])
+    return CarriedModes(carried, orders[carried], order_offset)
+
+
+def usable_modes(problem: Problem, order_offset: int) -> int:
+    """Return how many of the lowest modes the microphones can carry at the order ceil(k R) + `order_offset`.
+
+    All modes without a search domain, because no lattice is searched then.
+    """
+    if problem.search is None:
+        return len(problem.pressures)
+    carried = carried_modes(problem, order_offset).modes
+    return int(np.count_nonzero(carried == np.arange(len(carried))))
+
+
+def require_modes(problem: Problem, order_offset: int, count: int) -> None:
+    """Raise InputError unless the field has `count` modes and the microphones can carry them."""
+    measured, usable = len(problem.pressures), usable_modes(problem, order_offset)
+    if count > measured:
+        raise InputError(
+            f"{count} modes asked for (solver.modes), but {measured} were measured",
+            f"use at most {measured}",
+            key="modes",
+            value=count,
+        )
+    if count <= usable:
+        return
+    R = search_domain(problem).radius
+    L = int(max_order(problem.wavenumbers[usable], R, order_offset))
+    remedies = [f"use at most {usable} modes (solver.modes; {count} asked for)"] if usable else []
+    remedies += [f"a search.radius below {R:g} m"]
+    remedies += [f"a solver.order_offset below {order_offset}"] if order_offset else []
+    formula = "2L + 1" if problem.dimension == 2 else "(L + 1)(L + 2) / 2"
+    formula = "(L + 1)^2" if problem.array_dimension == 3 else formula
+    raise InputError(
+        f"mode {usable + 1} at {problem.frequencies[usable]:.4g} Hz has order L = ceil(k R) + solver.order_offset ="
+        f" {L} with search.radius = {R:g} m and solver.order_offset = {order_offset}, that is {formula} ="
+        f" {functions(problem, L)} functions for {problem.pressures.shape[1]} microphones",
+        f"{'' if usable else 'use '}{', '.join(remedies)}, or more microphones",
+        key="modes",
+        value=count,
+    )
+
+
+def require_carried(problem: Problem, modes: Sequence[int], order_offset: int) -> None:
+    """Raise InputError for one of `modes`, counted from 1, that the microphones cannot carry at its order."""
+    carried = carried_modes(problem, order_offset).modes + 1
+    for mode in sorted(set(modes) - set(carried.tolist())):
+        L = int(max_order(problem.wavenumbers[mode - 1], search_domain(problem).radius, order_offset))
+        raise InputError(
+            f"mode {mode} at {problem.frequencies[mode - 1]:.4g} Hz has order {L}, that is {functions(problem, L)}"
+            f" functions for {problem.pressures.shape[1]} microphones",
+            "use a lower order or lower modes",
+            key="order_offset",
+            value=order_offset,
+        )
+
+
+def require_plane_field(problem: Problem) -> None:
+    """Raise InputError for a field of three dimensions, of which there is no lattice dictionary."""
+    if problem.dimension != 2:
+        raise InputError(
+            "landscapes of this command need a two-dimensional field, and this one has dimension = 3",
+            'use solver.name = "joint", and `fdcal view` for its maps',
+            key="dimension",
+            value=3,
+        )
+
+
+class FieldExpansion:
+    """Rows of W of the modes that the microphones can carry, `carried` : CarriedModes."""
 
     def __init__(self, problem: Problem, order_offset: int):
         self.carried = carried_modes(problem, order_offset)
-        if problem.search is None:
-            raise ValueError("carried_modes has checked that there is a search domain")
         self._dimension, self._planar = problem.dimension, problem.array_dimension == 2
-        self._radius = TABLE_RADIUS * problem.search.radius
+        self._radius = TABLE_RADIUS * search_domain(problem).radius
         self._k = problem.wavenumbers[self.carried.modes]
         self._tables: dict[int, np.ndarray] = {}  # by order: (terms, modes of this order, L + 1)
 
@@ -106,17 +156,9 @@ class FieldExpansion:
         return [chosen[orders == order] for order in np.unique(orders)]
 
     def rows(self, points: np.ndarray, centre: np.ndarray, group: np.ndarray) -> np.ndarray:
-        """Return the rows of W, up to a factor of each column.
+        """Return the rows of W (B, C, K) at points (C, D) about a centre (D,), metres, up to a factor of each column.
 
-        Parameters
-        ----------
-        points : (C, D) float64, metres
-        centre : (D,) float64, metres
-        group : (B,) indices of `carried`, of one order L
-
-        Returns
-        -------
-        (B, C, K) complex128
+        `group` is (B,) int, modes of one order L as `groups` returns them.
         """
         order = int(self.carried.orders[group[0]])
         offsets = (points - centre) / self._radius
@@ -171,3 +213,9 @@ class FieldExpansion:
         height, distance = offsets[:, 2], np.linalg.norm(offsets, axis=1)
         Y = sph_harm_y_all(order, order, np.arctan2(np.abs(across), height), np.angle(across))
         return l, distance[:, None] ** l * Y[l, m].T
+
+
+@functools.lru_cache(maxsize=8)
+def expansion_of(problem: Problem, order_offset: int) -> FieldExpansion:
+    """Return the expansion of a problem, whose tables serve all searches and maps; InputError as `carried_modes`."""
+    return FieldExpansion(problem, order_offset)

@@ -1,9 +1,5 @@
 """One number for any positions, whatever solver found them: Eq. 7 over all modes, relative to their power, in decibels.
 
-    Yardstick   the number, for many positions of one problem
-    decibels    a relative cost in decibels
-    yardstick_of  the yardstick of a problem, where there is one
-
 Solvers minimise costs of their own, which cannot be compared: a likelihood of other modes or another noise, Eq. 7 of
 the modes in use with a weight of the known microphones. Here the modes are all that the microphones can carry, the
 order of each is fixed, and every microphone has the weight 1. It is a residual: 0 dB where the positions explain
@@ -21,7 +17,7 @@ import numpy as np
 from ..model.problem import Problem
 from ..model.validation import InputError
 from .channel_correction import ChannelCorrection, equalised
-from .field_expansion import FieldExpansion
+from .expansion import expansion_of
 
 ORDER_OFFSET = 2  # added to ceil(k R): with the paper's 0 the truncation hides a centimetre
 LEAST_MODES = 3  # with fewer carried modes the order is lowered
@@ -33,44 +29,32 @@ def decibels(relative_cost: float) -> float:
     return float(10 * np.log10(np.maximum(relative_cost, LOWEST)))
 
 
-def yardstick_of(problem: Problem) -> Yardstick | None:
-    """Return the yardstick of a problem; None without a search domain, or with too few microphones for any mode."""
+def reference_cost_of(problem: Problem) -> ReferenceCost | None:
+    """Return the reference cost of a problem; None without a search domain or with too few microphones for any mode."""
     try:
-        return Yardstick(problem)
+        return ReferenceCost(problem)
     except InputError:
         return None
 
 
-class Yardstick:
+class ReferenceCost:
     """Eq. 7 over all modes that the microphones can carry, relative to the power of their pressures.
 
-    Parameters
-    ----------
-    problem : Problem
-    order_offset : added to ceil(k R) in the order of every mode; lowered for an array that carries fewer than
-        LEAST_MODES modes with it
-
-    Attributes
-    ----------
-    order_offset : int, the one in use
-    count : int, number of modes
-
-    Raises
-    ------
-    InputError
-        The problem has no search domain, or too few microphones for any mode.
+    `order_offset` is added to ceil(k R) in the order of every mode; it is lowered for an array that carries fewer than
+    LEAST_MODES modes with it. `count` is the number of modes. Raises InputError without a search domain, or with too
+    few microphones for any mode.
 
     Examples
     --------
     >>> import fdcal
     >>> measurement = fdcal.load("tiny")
-    >>> round(Yardstick(measurement.problem())(measurement.positions))
+    >>> round(ReferenceCost(measurement.problem())(measurement.positions))
     -59
     """
 
     def __init__(self, problem: Problem, order_offset: int = ORDER_OFFSET):
         for offset in range(order_offset, -1, -1):
-            self._expansion = FieldExpansion(problem, offset)
+            self._expansion = expansion_of(problem, offset)
             if len(self._expansion.carried.modes) >= min(LEAST_MODES, len(problem.pressures)):
                 break
         carried = self._expansion.carried
@@ -85,12 +69,10 @@ class Yardstick:
         self._pressures = problem.pressures[carried.modes]
 
     def __call__(self, positions, channels: ChannelCorrection | None = None) -> float:
-        """Return the cost of positions, dB; NaN where a position is not finite.
+        """Return the cost of positions (N, D), metres, in dB; NaN where a position is not finite.
 
-        Parameters
-        ----------
-        positions : (N, D) float64, metres
-        channels : gains and noise that the solver estimates (`RunState.channels`); None for the pressures as recorded
+        `channels` are gains and noise that the solver estimates (`RunState.channels`); None for the pressures as
+        recorded.
         """
         positions = np.asarray(positions, float)
         if not np.isfinite(positions).all():

@@ -1,0 +1,178 @@
+"""Descent's search: the candidate of least Eq. 7 for one microphone, in a plane and in three dimensions.
+
+In a plane all candidates of the lattice are searched, by compiled loops (`fdcal.cost.lattice_kernels`) over the rows of
+W from the lattice's table of radii. The sum over modes only grows, so that the search drops a candidate as soon as its
+partial sum exceeds the sum where the microphone is. That is why these loops stay beside the maps (`fdcal.cost.maps`):
+once the microphones are near their places, a step takes a tenth of the time of a map or less. The result is the argmin
+of the whole landscape, the first in lattice order of equal ones.
+
+A lattice of three dimensions has a hundred times the candidates of a map, and W four times the columns: a volume in
+every step would take too long, so that only some candidates are tried. The cost of one microphone has no detail finer
+than a part of the shortest wavelength in use:
+
+    coarse  candidates about an eighth of that wavelength apart, over the whole domain; the modes are summed from the
+            lowest up, and after each quarter of them the worse half of the candidates is dropped
+    fine    from the best few of these, and from where the microphone is, to neighbours at half the distance, and so on
+            down to the lattice's own step, until none is lower
+
+The result is the lowest candidate that was tried, never one above the place of the microphone. The rows of W are those
+of `fdcal.cost.expansion`, which differ from those of the paper's dictionary by a factor of each column: Eq. 7 does not
+depend on it.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ..acoustics.fourier_bessel import max_order
+from ..acoustics.lattice_dictionary import LatticeDictionary
+from ..model.problem import Problem
+from .eq7 import LeaveOneOutFit, known_weights, leave_one_out_fits
+from .expansion import expansion_of, require_modes, require_plane_field, search_domain, usable_modes
+
+SPACING = 1 / 8  # of coarse candidates, of the shortest wavelength in use
+LEAST_COARSE = 5  # coarse candidates along the shortest axis, at least
+QUARTERS = 4  # parts of the modes, after each of which half of the coarse candidates is dropped
+LEAST_KEPT = 32  # candidates that are never dropped before all modes are summed
+SEEDS = 4  # coarse candidates that are refined
+MAX_WALK = 40  # moves at the finest step
+
+
+@functools.lru_cache(maxsize=3)
+def search_lattice(problem: Problem, order_offset: int) -> LatticeDictionary:
+    """Return the lattice of a search domain in the plane, with every mode that the microphones can carry.
+
+    Raises InputError without a search domain, and with too few microphones for the lowest mode.
+    """
+    search = search_domain(problem)
+    require_plane_field(problem)
+    require_modes(problem, order_offset, 1)
+    k = problem.wavenumbers[: usable_modes(problem, order_offset)]
+    return LatticeDictionary(search, k, max_order(k, search.radius, order_offset))
+
+
+def best_candidate(
+    problem: Problem, lattice: LatticeDictionary, positions, n: int, centre, modes: slice, known_weight: float
+) -> tuple[np.ndarray, float]:
+    """Return the candidate (2,), metres, of least cost for microphone `n`, and that cost, summed over `modes`.
+
+    The others stay at `positions` (N, 2), metres; `centre` (2,), metres, is a lattice point; `known_weight` is that of
+    the squared residual of known microphones.
+    """
+    from . import lattice_kernels  # compiled code, loaded with the first step
+
+    weights, pressures = known_weights(problem, known_weight), problem.pressures[modes]
+    radial, orders = lattice.radial[modes], lattice.orders[modes]
+    unit, row, others = lattice.microphones(positions, centre)
+    roots = np.sqrt(weights)
+    roots[n] = 0.0
+    columns, r0, whole = lattice_kernels.fits(unit, row, others[modes], radial, orders, pressures, roots)
+    for m in np.flatnonzero(~whole).tolist():  # a rank-deficient W is rare, and not compiled
+        W = lattice.dictionary(positions, centre, [range(len(lattice.orders))[modes][m]])
+        fit, K = leave_one_out_fits(W, pressures[m : m + 1], n, weights)[0], 2 * orders[m] + 1
+        columns[m, :K, :K], columns[m, K, :K], r0[m] = fit.Z.T, fit.alpha, fit.r0
+    here, p_n = lattice.index(positions[n]), pressures[:, n].copy()
+    best, least = lattice_kernels.pruned_search(*lattice.phases(centre), radial, orders, columns, whole, r0, p_n, here)
+    return lattice.points[best], least
+
+
+class SpaceLattice:
+    """The candidates of a search domain of three dimensions; `orders` (M,) int64 are those of its modes.
+
+    Raises InputError for a problem without a search domain.
+    """
+
+    def __init__(self, problem: Problem, order_offset: int):
+        self._expansion = expansion_of(problem, order_offset)
+        self._search, self.orders = search_domain(problem), self._expansion.carried.orders
+        self._k = np.abs(problem.wavenumbers[self._expansion.carried.modes])
+        self._shape = np.array(self._search.shape)
+
+    @property
+    def points(self) -> np.ndarray:
+        """All candidates : (C, 3) float64, metres, x fastest."""
+        return self._place(_grid([np.arange(count) for count in self._shape[::-1]])[:, ::-1])
+
+    def nearest(self, point) -> np.ndarray:
+        """Return the lattice point nearest to `point` (..., 3), inside the search domain : (..., 3) float64, metres."""
+        return self._place(self._index(point))
+
+    def _place(self, index) -> np.ndarray:
+        return np.asarray(self._search.origin) + self._search.step * np.asarray(index)
+
+    def _index(self, point) -> np.ndarray:
+        index = np.rint((np.asarray(point) - self._search.origin) / self._search.step).astype(np.int64)
+        return np.clip(index, 0, self._shape - 1)
+
+    def dictionary(self, positions, centre, modes: Sequence[int]) -> list[np.ndarray]:
+        """Return W (N, (L + 1)^2) of each of `modes` at positions (N, 3) about a centre (3,), metres."""
+        found: dict[int, np.ndarray] = {}
+        for group in self._expansion.groups(modes):
+            found |= zip(group.tolist(), self._expansion.rows(np.asarray(positions, float), centre, group), strict=True)
+        return [found[mode] for mode in modes]
+
+    def best(self, centre, modes: slice, fits: list[LeaveOneOutFit], start) -> tuple[np.ndarray, float]:
+        """Return the candidate (3,), metres, of least cost that the search finds, and that cost, summed over `modes`.
+
+        `fits` are the `leave_one_out_fits` of these modes, and `start` (3,), metres, is where the microphone is.
+        """
+        numbers = np.arange(len(self.orders))[modes]
+
+        def cost(index: np.ndarray, part: np.ndarray) -> np.ndarray:
+            """Return the cost of candidates, summed over a part of the modes : (C,) float64."""
+            points, total = self._place(index), np.zeros(len(index))
+            for group in self._expansion.groups(numbers[part]):
+                for number, rows in zip(group, self._expansion.rows(points, centre, group), strict=True):
+                    total += fits[number - numbers[0]].cost_of(rows)
+            return total
+
+        everything, stride = np.arange(len(numbers)), self._stride(float(self._k[numbers].max()))
+        seeds = [self._index(start), *self._coarse(cost, stride, everything)]
+        found = [self._refined(functools.partial(cost, part=everything), seed, stride) for seed in seeds]
+        index, least = min(found, key=lambda one: one[1])
+        return self._place(index), least
+
+    def _stride(self, k: float) -> int:
+        """Return the distance of coarse candidates in steps of the lattice, a power of two."""
+        most = min(2 * np.pi / k * SPACING / self._search.step, (self._shape.min() - 1) / (LEAST_COARSE - 1))
+        return 2 ** max(int(np.log2(max(most, 1.0))), 0)
+
+    def _coarse(self, cost: Callable, stride: int, modes: np.ndarray) -> np.ndarray:
+        """Return the indices of the best coarse candidates : (S, 3) int64."""
+        index = _grid([np.unique(np.append(np.arange(0, count, stride), count - 1)) for count in self._shape])
+        total = np.zeros(len(index))
+        for part in np.array_split(modes, min(QUARTERS, len(modes))):
+            if len(index) > LEAST_KEPT and part[0] > 0:
+                kept = np.argsort(total, kind="stable")[: max(len(index) // 2, LEAST_KEPT)]
+                index, total = index[kept], total[kept]
+            total = total + cost(index, part)
+        return index[np.argsort(total, kind="stable")[:SEEDS]]
+
+    def _refined(self, cost: Callable, index: np.ndarray, stride: int) -> tuple[np.ndarray, float]:
+        """Return the candidate that neighbours at ever smaller distances lead to, and its cost."""
+        around = np.delete(_grid([np.arange(-1, 2)] * 3), 13, axis=0)  # without the candidate itself
+        least = float(cost(index[None])[0])
+        for reach in [stride >> halved for halved in range(1, stride.bit_length())] + [1] * MAX_WALK:
+            near = index + reach * around
+            near = near[np.all((near >= 0) & (near < self._shape), axis=1)]
+            costs = cost(near)
+            lowest = int(costs.argmin())
+            if costs[lowest] < least:
+                index, least = near[lowest], float(costs[lowest])
+            elif reach == 1:
+                break
+        return index, least
+
+
+def _grid(axes: list[np.ndarray]) -> np.ndarray:
+    """Return all combinations of the values along three axes : (C, 3), the last axis fastest."""
+    return np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
+
+
+@functools.lru_cache(maxsize=3)
+def space_lattice(problem: Problem, order_offset: int) -> SpaceLattice:
+    """Return the lattice of the search domain of a problem in three dimensions."""
+    return SpaceLattice(problem, order_offset)

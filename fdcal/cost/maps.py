@@ -1,0 +1,576 @@
+"""Maps of the cost of moving one microphone, for display: planes, lines and volumes of any fineness.
+
+    eq7_maps, eq7_cut, cost_volume  Eq. 7 at one fixed order, relative to the power: what the page shows of any solver
+    descent_maps                    Eq. 7 as a step of descent minimises it
+    likelihood_maps                 the likelihood, which the other solvers minimise
+    cost_maps                       one of these, as the page asks for it
+    partial_sums, ambiguous_mode    the map while modes are added one by one
+    mode_shape                      the sound field of one mode, as the microphones recorded it
+
+A lattice is far finer than the field. With microphone n at x all costs are simple functions of two fields,
+
+    f(x)   prediction of the pressure at x by the other microphones, which has no wavenumber above k
+    h(x)   variance of the error of this prediction, which has none above 2 k
+
+(`fdcal.cost.eq7`: r0 + |p_n - f|^2 / (1 + h)). Both are computed at the Chebyshev nodes of a few dozen degrees along
+each axis and interpolated, exact to rounding errors; the quotient is taken after that. So maps on different lattices
+agree at the points that they share. In three dimensions a map is the horizontal layer at the microphone's height.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.polynomial.chebyshev import chebvander
+from scipy.linalg import solve_triangular
+from scipy.special import jv
+
+from ..acoustics.fourier_bessel import fourier_bessel, max_order
+from ..model.problem import Problem
+from ..model.settings import Search
+from ..model.validation import InputError
+from .channel_correction import ChannelCorrection, equalised
+from .eq7 import LeaveOneOutFit, coefficients, known_weights, leave_one_out_fits
+from .expansion import FieldExpansion, expansion_of, functions, require_carried, search_domain
+from .kernels import diffuse_correlation
+from .likelihood import isotropic_field
+from .waves import circular_dictionary
+
+NEGLIGIBLE = 1e-15  # Chebyshev coefficient of a map that is left out
+VOLUME_NEGLIGIBLE = 1e-8  # likewise of a volume, of the field that a microphone records
+MOST_VALUES = 10_000_000  # of the rows of W in memory at the same time, 160 MB
+EXTRA_ORDERS = 12  # of the likelihood beyond ceil(k R): the rest of the kernel is below 1e-13
+MOST_FUNCTIONS = 4  # times the number of microphones: with more functions the kernel is cheaper
+FINE = 500  # points along the longer edge of a fine map
+
+
+# Chebyshev nodes over a search domain, and from them to a lattice.
+
+
+def area(search: Search, dimension: int = 2) -> np.ndarray:
+    """Return lowest and highest x and y, and z of three dimensions, the cells at the edge included : (2, D) metres."""
+    low = np.asarray(search.origin)[:dimension] - search.step / 2
+    return np.stack([low, low + search.step * np.array(search.shape[:dimension])])
+
+
+@functools.lru_cache(maxsize=1024)
+def node_counts(
+    search: Search, wavenumber: float, dimension: int = 2, negligible: float = NEGLIGIBLE
+) -> tuple[int, ...]:
+    """Return the numbers of nodes along each axis that resolve wavenumbers up to 2 k, `wavenumber` k in rad/m.
+
+    They are multiples of 4, so that modes share their tables. `negligible` is the Chebyshev coefficient of a plane wave
+    of wavenumber 2 k that is left out.
+    """
+    low, high = area(search, dimension)
+    counts = []
+    for half in (high - low) / 2:
+        z = 2 * wavenumber * half
+        degrees = np.arange(int(z) + 1, int(1.5 * z) + 60)  # beyond l = z the coefficients J_l(z) decrease
+        counts.append(4 * (int(degrees[np.argmax(jv(degrees, z) < negligible)]) // 4 + 1))
+    return tuple(counts)
+
+
+def node_points(search: Search, counts: Sequence[int], height) -> np.ndarray:
+    """Return the nodes of the domain, `counts` along each axis : (C, D) metres, x fastest.
+
+    `height` holds the coordinates that follow those of the nodes: z (1,) of a layer in space, none otherwise.
+    """
+    low, high = area(search, len(counts))
+    axes = [a + (b - a) * (1 + _nodes(count)) / 2 for a, b, count in zip(low, high, counts, strict=True)]
+    points = np.stack([x.ravel() for x in np.meshgrid(*axes[::-1], indexing="ij")][::-1], axis=1)
+    return np.concatenate([points, np.tile(height, (len(points), 1))], axis=1)
+
+
+def _nodes(count: int) -> np.ndarray:
+    """Return the Chebyshev nodes between -1 and 1 : (count,) float64."""
+    return np.cos(np.pi * (np.arange(count) + 0.5) / count)
+
+
+def _from_nodes(domain: Search, places: np.ndarray, axis: int, count: int) -> np.ndarray:
+    """Return the matrix (P, count) that interpolates from the nodes of `domain` to places (P,), metres, on one axis."""
+    low, high = area(domain, len(domain.origin))[:, axis]
+    weight = np.full(count, 2.0 / count)
+    weight[0] /= 2
+    there = chebvander((2 * places - low - high) / (high - low), count - 1)
+    return (there * weight) @ chebvander(_nodes(count), count - 1).T
+
+
+@functools.lru_cache(maxsize=128)
+def _onto_lattice(domain: Search, search: Search, counts: tuple[int, ...]) -> list[np.ndarray]:
+    """Return the matrices of `_from_nodes` along x and y onto a lattice."""
+    places = [o + search.step * np.arange(n) for o, n in zip(search.origin[:2], search.shape[:2], strict=True)]
+    return [_from_nodes(domain, places[axis], axis, count) for axis, count in enumerate(counts)]
+
+
+def _stacked(h: np.ndarray, f: np.ndarray, counts: Sequence[int]) -> np.ndarray:
+    """Return h, Re f and Im f, each (C,) at the nodes, as one array : (3, [nz,] ny, nx) float64."""
+    return np.stack([h, np.real(f), np.imag(f)]).reshape(3, *counts[::-1])
+
+
+def _interpolated(values: np.ndarray, onto: list[np.ndarray]) -> np.ndarray:
+    """Return h, Re f and Im f on a lattice from `_stacked` ones, by the matrices of `_from_nodes` along x, y and z."""
+    values = onto[1] @ (values @ onto[0].T)
+    if len(onto) == 3:
+        values = (onto[2] @ values.reshape(3, len(values[0]), -1)).reshape(3, -1, *values.shape[2:])
+    np.maximum(values[0], 0.0, out=values[0])
+    return values
+
+
+# Eq. 7 with one microphone moved.
+
+
+@dataclass(frozen=True)
+class NodeTerms:
+    """What one mode adds to the cost: its fit without the microphone, and h, Re f and Im f at the nodes.
+
+    Attributes
+    ----------
+    fit : LeaveOneOutFit
+    values : (3, [nz,] ny, nx) float64
+    """
+
+    fit: LeaveOneOutFit
+    values: np.ndarray
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Numbers of nodes along x, y and, of a volume, z."""
+        return self.values.shape[:0:-1]
+
+    def on(self, onto: list[np.ndarray]) -> np.ndarray:
+        """Return the cost on a lattice ([nz,] ny, nx), from the matrices of `_from_nodes` along x, y and z."""
+        return self.fit.cost(*_interpolated(self.values, onto))
+
+
+@dataclass(frozen=True)
+class MovedMicrophone:
+    """The terms of Eq. 7 with microphone `n` anywhere and the others in their places, at one fixed order.
+
+    Attributes
+    ----------
+    problem : Problem
+    expansion : FieldExpansion, of the order
+    positions : (N, D) float64, metres
+    n : int
+    centre : (D,) float64, metres, of the expansion
+    pressures : (M, N) complex128, of all modes of the problem, times `scale`
+    scale : (N,) float64, root of the weight of each microphone
+    """
+
+    problem: Problem
+    expansion: FieldExpansion
+    positions: np.ndarray
+    n: int
+    centre: np.ndarray
+    pressures: np.ndarray
+    scale: np.ndarray
+
+    @property
+    def domain(self) -> Search:
+        """The search domain, over which nodes are laid."""
+        return search_domain(self.problem)
+
+    def fits(self, modes: Sequence[int], points: np.ndarray) -> Iterator[tuple[int, LeaveOneOutFit, np.ndarray]]:
+        """Yield each of `modes`, counted from 1, with its fit and its rows of W (C, K) at points (C, D), metres."""
+        carried, count = self.expansion.carried.modes, len(self.positions)
+        places = np.concatenate([self.positions, points])
+        for group in self.expansion.groups(np.searchsorted(carried, np.asarray(modes) - 1)):
+            values = len(places) * functions(self.problem, int(self.expansion.carried.orders[group[0]]))
+            for batch in np.array_split(group, min(-(-len(group) * values // MOST_VALUES), len(group))):
+                rows = self.expansion.rows(places, self.centre, batch)
+                W = self.scale[:, None] * rows[:, :count]
+                fits = leave_one_out_fits(list(W), self.pressures[carried[batch]], self.n)
+                yield from zip(carried[batch] + 1, fits, self.scale[self.n] * rows[:, count:], strict=True)
+
+    def at_nodes(
+        self, modes: Sequence[int], dimension: int = 2, negligible: float = NEGLIGIBLE
+    ) -> Iterator[tuple[int, NodeTerms]]:
+        """Yield each of `modes`, counted from 1, with its terms at the nodes along x, y and, of three dimensions, z."""
+        k = np.real(self.problem.wavenumbers)
+        counts = [node_counts(self.domain, float(k[mode - 1]), dimension, negligible) for mode in modes]
+        for shape in sorted(set(counts)):
+            points = node_points(self.domain, shape, self.positions[self.n, dimension:])
+            alike = [mode for mode, count in zip(modes, counts, strict=True) if count == shape]
+            for mode, fit, rows in self.fits(alike, points):
+                yield mode, NodeTerms(fit, _stacked(*fit.terms(rows), shape))
+
+    def maps(self, modes: Sequence[int], search: Search | None) -> np.ndarray:
+        """Return the cost of each of `modes` over a lattice, the domain's unless given : (P, ny, nx)."""
+        search, numbers = self.domain if search is None else search, np.asarray(modes)
+        maps = np.empty((len(numbers), *search.shape[1::-1]))
+        for mode, terms in self.at_nodes(modes):
+            maps[numbers == mode] = terms.on(_onto_lattice(self.domain, search, terms.counts))
+        return maps
+
+    def power(self, modes: Sequence[int]) -> float:
+        """Return the power of the pressures of `modes`, to which the cost on the page is relative."""
+        return float(np.sum(np.abs(self.pressures[np.asarray(modes) - 1]) ** 2))
+
+
+def _on_the_page(
+    problem: Problem, positions, n: int, modes: Sequence[int], order_offset: int, channels: ChannelCorrection | None
+) -> MovedMicrophone:
+    """Return the terms at one fixed order, about the centre of the estimate, weighted by the noise of the channels.
+
+    They are those of `fdcal.cost.reference_cost`, and depend neither on the solver nor on the other modes.
+    """
+    require_carried(problem, modes, order_offset)
+    x, (pressures, scale) = np.asarray(positions, float), equalised(problem.pressures, channels)
+    return MovedMicrophone(problem, expansion_of(problem, order_offset), x, n, x.mean(axis=0), pressures, scale)
+
+
+def eq7_maps(
+    problem: Problem, positions, n: int, modes: Sequence[int], order_offset: int, search: Search | None = None,
+    channels: ChannelCorrection | None = None,
+) -> np.ndarray:  # fmt: skip
+    """Return the cost of each of `modes` with microphone `n` moved, relative to the power of all : (P, ny, nx).
+
+    Parameters
+    ----------
+    problem : Problem
+    positions : (N, D) float64, metres
+    n : int, microphone
+    modes : (P,) int, counted from 1
+    order_offset : added to ceil(k R) in the order of every mode
+    search : lattice within the area of the problem's search domain; that domain's own unless given
+    channels : gains and noise that the solver estimates; None for the pressures as recorded
+
+    Raises
+    ------
+    InputError
+        There is no search domain, or a mode has too many functions for the microphones at this order.
+    """
+    moved = _on_the_page(problem, positions, n, modes, order_offset, channels)
+    return moved.maps(modes, search) / moved.power(modes)
+
+
+def eq7_cut(
+    problem: Problem, positions, n: int, modes: Sequence[int], order_offset: int, points,
+    channels: ChannelCorrection | None = None,
+) -> np.ndarray:  # fmt: skip
+    """Return the cost of `eq7_maps` at points (S, D), metres, along a line : (P, S).
+
+    Examples
+    --------
+    >>> import fdcal
+    >>> measurement = fdcal.load("tiny")
+    >>> eq7_cut(measurement.problem(), measurement.positions, 5, (1, 2, 3), 2, measurement.positions[5:8]).shape
+    (3, 3)
+    """
+    moved = _on_the_page(problem, positions, n, modes, order_offset, channels)
+    # so few points need no nodes: their rows of W are cheaper
+    found = {mode: fit.cost_of(rows) for mode, fit, rows in moved.fits(modes, np.asarray(points, float))}
+    return np.stack([found[mode] for mode in modes]) / moved.power(modes)
+
+
+@dataclass(frozen=True)
+class CostVolume:
+    """The cost of moving one microphone through a domain of three dimensions, which any lattice of it shows.
+
+    Attributes
+    ----------
+    domain : Search
+    modes : tuple of NodeTerms
+    power : float, of the pressures of all these modes, to which the cost is relative
+    """
+
+    domain: Search
+    modes: tuple[NodeTerms, ...]
+    power: float
+
+    def on(self, x, y, z, cancelled: Callable[[], bool] = lambda: False) -> np.ndarray | None:
+        """Return the cost at all points (x, y, z) of a lattice, metres : (nz, ny, nx); None once cancelled."""
+        places = [np.atleast_1d(np.asarray(axis, float)) for axis in (x, y, z)]
+        onto = functools.cache(
+            lambda counts: [_from_nodes(self.domain, *one) for one in zip(places, range(3), counts, strict=True)]
+        )
+        total = np.zeros([len(axis) for axis in places[::-1]])
+        for terms in self.modes:
+            if cancelled():
+                return None
+            total += terms.on(onto(terms.counts))
+        return total / self.power
+
+
+def cost_volume(
+    problem: Problem, positions, n: int, modes: Sequence[int], order_offset: int,
+    channels: ChannelCorrection | None = None, cancelled: Callable[[], bool] = lambda: False,
+    negligible: float = VOLUME_NEGLIGIBLE,
+) -> CostVolume | None:  # fmt: skip
+    """Return the cost of `eq7_maps`, summed over `modes`, with microphone `n` anywhere in the search domain.
+
+    None once `cancelled`, which tells whether the volume is no longer wanted. `negligible` is the Chebyshev coefficient
+    that is left out; a larger one makes a volume sooner. Raises InputError for an array in a plane, too.
+    """
+    moved = _on_the_page(problem, positions, n, modes, order_offset, channels)
+    if len(moved.domain.origin) != 3 or len(moved.centre) != 3:
+        dimension = len(moved.centre)
+        raise InputError("the array is in a plane", "use a map of two dimensions", key="dimension", value=dimension)
+    found = []
+    for _, terms in moved.at_nodes(modes, 3, negligible):
+        if cancelled():
+            return None
+        found.append(terms)
+    return CostVolume(moved.domain, tuple(found), moved.power(modes))
+
+
+def descent_maps(
+    problem: Problem, positions, n: int, modes: Sequence[int], order_offset: int, known_weight: float = 1.0,
+    centre=None, search: Search | None = None,
+) -> np.ndarray:  # fmt: skip
+    """Return what a step of descent on microphone `n` minimises, for each of `modes`, counted from 1 : (P, ny, nx).
+
+    The squared residuals of known microphones have the weight `known_weight`, and the expansion is about `centre` (D,),
+    metres: the point of the search lattice nearest to the centre of mass unless given. `search` is as of `eq7_maps`.
+    """
+    require_carried(problem, modes, order_offset)
+    x, domain = np.asarray(positions, float), search_domain(problem)
+    scale = np.sqrt(known_weights(problem, known_weight))
+    scale[n] = 1.0  # also of a known microphone: it is the one that is moved
+    if centre is None:
+        steps = np.rint((x.mean(axis=0) - domain.origin) / domain.step)
+        centre = domain.origin + domain.step * np.clip(steps, 0, np.array(domain.shape) - 1)
+    expansion, pressures = expansion_of(problem, order_offset), scale * problem.pressures
+    return MovedMicrophone(problem, expansion, x, n, np.asarray(centre), pressures, scale).maps(modes, search)
+
+
+# The likelihood with one microphone moved.
+
+
+def likelihood_maps(problem: Problem, positions, n: int, modes: slice, noise, search: Search | None = None):
+    """Return the cost of every mode with microphone `n` moved : (modes, ny, nx) float64.
+
+    It is that of `fdcal.cost.likelihood`, for real wavenumbers and a diffuse field. With s and v the power of field
+    and noise, and V = 1 + h,
+
+        cost(x) = log det (C_-n / v) + p_-n^H C_-n^-1 p_-n + log V + |p_n - f|^2 / (v V).
+
+    Parameters
+    ----------
+    positions : (N, D) float64, metres
+    noise : (modes,) float64, v, in the unit of abs(pressures)**2; from 1e-6 of the power the maps are exact
+    search : as of `eq7_maps`
+
+    Raises
+    ------
+    InputError
+        The problem has no search domain.
+    numpy.linalg.LinAlgError
+        A position is not finite.
+    """
+    x, domain = np.ascontiguousarray(positions, float), search_domain(problem)
+    if not np.isfinite(x).all():
+        raise np.linalg.LinAlgError("positions are not finite")
+    p, others = problem.pressures[modes], np.delete(x, n, axis=0)
+    field, middle = isotropic_field(p, problem.wavenumbers[modes], noise, problem.dimension), _middle(domain)
+    low, high = area(domain)
+    reach = max(np.linalg.norm(others[:, :2] - middle, axis=1).max(), np.linalg.norm(high - low) / 2 + domain.step)
+    orders = max_order(field.wavenumbers, float(reach), EXTRA_ORDERS)
+    few = problem.dimension == 2 and 2 * orders.max(initial=0) + 1 <= MOST_FUNCTIONS * len(x)
+    between = _distances(others, others)
+    to_nodes = functools.cache(lambda counts: _distances(others, node_points(domain, counts, x[n, 2:])))
+    maps = []
+    for m, (k, s, v) in enumerate(zip(field.wavenumbers.tolist(), field.power, field.noise, strict=True)):
+        counts, rest = node_counts(domain, k), np.delete(p[m], n)
+        if few:
+            rows = _node_rows(problem, range(len(problem.pressures))[modes][m], k, int(orders[m]))
+            W = circular_dictionary(others, k, int(orders[m]), middle)
+            constant, h, f = _expansion_fit(W, rows, rest, s, v)
+        else:
+            constant, h, f = _kernel_fit(between, to_nodes(counts), rest, k, s, v, problem.dimension)
+        onto = _onto_lattice(domain, domain if search is None else search, counts)
+        h, re, im = _interpolated(_stacked(h, f, counts), onto)
+        error = (p[m, n].real - re) ** 2 + (p[m, n].imag - im) ** 2
+        maps.append(constant + np.log1p(h) + error / (v * (1.0 + h)))
+    return np.stack(maps)
+
+
+def _expansion_fit(W, rows, p, s: float, v: float) -> tuple[float, np.ndarray, np.ndarray]:
+    """Return the first two terms of the cost, and h and f at the nodes, from real dictionaries W (N-1, K), rows (C, K).
+
+    With an ample order W W^T is the kernel, and A = W^T W + mu I = G G^T, mu = v / s, takes the place of C_-n:
+    f = w A^-1 W^T p_-n and h = |G^-1 w|^2, O(K^2) per node.
+    """
+    mu = v / s
+    G = np.linalg.cholesky(W.T @ W + mu * np.eye(W.shape[1]))
+    inverse = solve_triangular(G, np.eye(len(G)), lower=True, check_finite=False)
+    alpha = inverse.T @ (inverse @ (W.T @ p))
+    r0 = np.vdot(p, p - W @ alpha).real
+    constant = 2 * np.log(np.diagonal(G)).sum() - len(G) * np.log(mu) + r0 / v
+    t = rows @ inverse.T
+    return constant, np.einsum("ij,ij->i", t, t), rows @ alpha
+
+
+def _kernel_fit(between, to_nodes, p, k: float, s: float, v: float, dimension: int):
+    """Return the same from distances, metres: `between` the others, and (N - 1, C) from them to the nodes.
+
+    With C_-n = G G^T, c the covariance with a node and t = G^-1 c: f = t^T G^-1 p_-n and v V = s + v - |t|^2. In space
+    and for a very wide array this is cheaper.
+    """
+    G = np.linalg.cholesky(s * diffuse_correlation(k * between, dimension) + v * np.eye(len(p)))
+    inverse = solve_triangular(G, np.eye(len(G)), lower=True, check_finite=False)
+    y = inverse @ p
+    t = (s * inverse) @ diffuse_correlation(k * to_nodes, dimension)
+    constant = 2 * np.log(np.diagonal(G)).sum() - len(p) * np.log(v) + np.vdot(y, y).real
+    return constant, (s - np.einsum("ij,ij->j", t, t)) / v, y @ t
+
+
+def _distances(a, b) -> np.ndarray:
+    return np.sqrt(sum(np.subtract.outer(a[:, axis], b[:, axis]) ** 2 for axis in range(a.shape[1])))
+
+
+def _middle(domain: Search) -> np.ndarray:
+    """Return the centre of the expansion, (2,) metres, off every node and every microphone of a regular array."""
+    return area(domain).mean(axis=0) + 1e-3 * domain.step * np.array([0.61, 0.37])
+
+
+@functools.lru_cache(maxsize=2)
+def _tables(problem: Problem) -> dict[int, np.ndarray]:
+    """Return the cache of one problem, by mode, that `_node_rows` fills."""
+    return {}
+
+
+def _node_rows(problem: Problem, mode: int, k: float, order: int) -> np.ndarray:
+    """Return the rows (C, 2L + 1) of the real dictionary at the nodes; computed again only for a higher order."""
+    rows, domain = _tables(problem).get(mode), search_domain(problem)
+    if rows is None or rows.shape[1] < 2 * order + 1:
+        points = node_points(domain, node_counts(domain, k), ())
+        rows = _tables(problem)[mode] = circular_dictionary(points, k, order, _middle(domain))
+    return rows[:, : 2 * order + 1]
+
+
+# What the page shows.
+
+
+def cost_maps(
+    problem: Problem, solver, state, n: int, modes: Sequence[int], order_offset: int | None,
+    search: Search | None = None,
+) -> np.ndarray:  # fmt: skip
+    """Return the cost of each of `modes`, counted from 1, with microphone `n` moved : (P, ny, nx).
+
+    It is Eq. 7 at a fixed order, `order_offset` added to ceil(k R), or, without one, what the solver minimises.
+    """
+    if order_offset is not None:
+        return eq7_maps(problem, state.positions, n, modes, order_offset, search, state.channels)
+    low, lattice = min(modes), () if search is None else (search,)
+    return solver.landscape(problem, state, n, slice(low - 1, max(modes)), *lattice)[np.asarray(modes) - low]
+
+
+def power_shares(problem: Problem, state, modes: Sequence[int]) -> np.ndarray:
+    """Return the power of each of `modes`, counted from 1, as a share of that of all of them : (P,) float64.
+
+    With these weights, maps of Eq. 7 of single modes (`cost_maps`) add up to that of all modes.
+    """
+    pressures, _ = equalised(problem.pressures[np.asarray(modes) - 1], state.channels)
+    power = np.sum(np.abs(pressures) ** 2, axis=1)
+    return power / power.sum()
+
+
+@dataclass(frozen=True)
+class PartialSum:
+    """The map of some modes.
+
+    Attributes
+    ----------
+    modes : in the order in which they were added, counted from 1
+    cost : (ny, nx) float64, of Eq. 7 relative to the power of the pressures of these modes
+    minima : (K, 2) int64, rows and columns of its local minima, the lowest first
+    """
+
+    modes: tuple[int, ...]
+    cost: np.ndarray
+    minima: np.ndarray
+
+
+def partial_sums(
+    problem: Problem, solver, state, n: int, modes: Sequence[int], order_offset: int | None,
+    search: Search | None = None, counts: Sequence[int] | None = None,
+) -> Iterator[PartialSum]:  # fmt: skip
+    """Yield the map of the first of `modes`, of the first two, and so on to all of them.
+
+    The work of a step is that of one mode. Parameters are as of `cost_maps`, with which each sum agrees; `counts` says
+    how many modes the sums have that are yielded, ascending, 1 to P unless given.
+    """
+    from .basins import local_minima  # compiled code, loaded with the first map
+
+    modes, counts = tuple(modes), range(1, len(modes) + 1) if counts is None else counts
+    share = np.ones(len(modes)) if order_offset is None else power_shares(problem, state, modes)
+    total, power = np.zeros(1), 0.0
+    for i, mode in enumerate(modes):
+        total = total + share[i] * cost_maps(problem, solver, state, n, (mode,), order_offset, search)[0]
+        power += share[i]
+        if i + 1 in counts:
+            cost = total if order_offset is None else total / power
+            yield PartialSum(modes[: i + 1], cost, local_minima(cost))
+
+
+def ambiguous_mode(problem: Problem, solver, state, n: int, modes: Sequence[int], order_offset: int | None) -> int:
+    """Return the mode whose map over the search lattice has most local minima, the lowest of several."""
+    alone = [next(partial_sums(problem, solver, state, n, (mode,), order_offset)) for mode in modes]
+    return max(alone, key=lambda one: len(one.minima)).modes[0]
+
+
+def mode_shape(
+    problem: Problem, positions, mode: int, order_offset: int, channels: ChannelCorrection | None = None
+) -> np.ndarray:
+    """Return the pressure of one mode over the search lattice, reconstructed from the microphones : (ny, nx).
+
+    It is the real part of W alpha (Eq. 6) at the phase with most pressure, scaled to a largest magnitude of 1. It
+    matches the room among the microphones and where the positions are right. Raises InputError for a field in space.
+    """
+    search = problem.search
+    if problem.dimension != 2 or search is None:
+        raise InputError(
+            "the shape of a mode needs a two-dimensional field and a search domain",
+            "give <search> and <radius>",
+            key="search",
+        )
+    positions, k = np.asarray(positions, float), complex(problem.wavenumbers[mode - 1])
+    most = (len(positions) - 2) // 2  # 2L + 1 functions (Eq. 8) for fewer than N microphones
+    L = min(int(max_order(k, search.radius, order_offset)), most)
+    centre = positions.mean(axis=0)
+    p, scale = equalised(problem.pressures[mode - 1], channels)
+    alpha = coefficients(scale[:, None] * fourier_bessel(positions, k, L, centre), p)
+    points = search.layer()
+    field = fourier_bessel(points.reshape(-1, 2), k, L, centre) @ alpha
+    field = np.real(field * np.exp(-0.5j * np.angle(np.sum(field**2))))
+    return (field / field[np.abs(field).argmax()]).reshape(points.shape[:2])
+
+
+def refined(search: Search, count: int = FINE) -> Search:
+    """Return a lattice of the same area, the cells at its edge included, `count` points along the longer edge.
+
+    In space it is of one layer.
+    """
+    step = search.step * max(search.shape[:2]) / count
+    corner = np.subtract(search.origin[:2], search.step / 2)
+    numbers = [max(round(search.step * n / step), 2) for n in search.shape[:2]]
+    origin = (*(float(x) for x in corner + step / 2), *search.origin[2:])
+    size = (*((n - 1) * step for n in numbers), *(step for _ in search.origin[2:]))
+    return replace(search, origin=origin, size=size, step=step)
+
+
+def map_positions(indices, search: Search) -> np.ndarray:
+    """Return the positions (K, 2), metres, of points of a map, indices (K, 2) of rows and columns.
+
+    Of a volume both are (K, 3), its layers first.
+    """
+    places = np.asarray(indices)[:, ::-1]
+    return np.asarray(search.origin)[: places.shape[1]] + search.step * places
+
+
+def interpolate(cost: np.ndarray, search: Search, point) -> float:
+    """Return the value of a map (ny, nx) at a point (2,) or (3,), metres, bilinear; outside, that of the nearest edge.
+
+    `search` is the lattice of the map.
+    """
+    place = (np.asarray(point, float)[:2] - search.origin[:2]) / search.step
+    x, y = np.clip(place, 0, np.array(cost.shape[::-1]) - 1)
+    i, j = min(int(x), cost.shape[1] - 2), min(int(y), cost.shape[0] - 2)
+    u, v = x - i, y - j
+    low, high = cost[j, i : i + 2] @ [1 - u, u], cost[j + 1, i : i + 2] @ [1 - u, u]
+    return float((1 - v) * low + v * high)

@@ -1,0 +1,340 @@
+"""Maps, cuts and volumes of any fineness are the cost at every point; sums over modes are sums of maps."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from fields import measured
+
+from fdcal import solvers
+from fdcal.acoustics.fourier_bessel import fourier_bessel, max_order
+from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.cost import eq7
+from fdcal.cost.basins import local_minima
+from fdcal.cost.channel_correction import ChannelCorrection
+from fdcal.cost.maps import (
+    ambiguous_mode,
+    cost_maps,
+    cost_volume,
+    descent_maps,
+    eq7_cut,
+    eq7_maps,
+    interpolate,
+    map_positions,
+    mode_shape,
+    partial_sums,
+    refined,
+)
+from fdcal.cost.reference_cost import ORDER_OFFSET, ReferenceCost, decibels
+from fdcal.model.measurement import Measurement
+from fdcal.model.scene_file import load_scene
+from fdcal.model.settings import Search, SolverSettings
+from fdcal.model.validation import InputError
+
+SEARCH = Search(origin=(1.0, 2.0), size=(0.4, 0.3), step=0.025, radius=0.35)
+TRUTH = np.random.default_rng(4).uniform([2.2, 1.9], [3.0, 2.7], (24, 2))
+PLANE = measured(TRUTH, np.arange(4), modes=14).problem("unit")
+GUESS = TRUTH + np.random.default_rng(5).normal(0, 0.01, TRUTH.shape)
+
+
+@pytest.fixture(scope="module")
+def waves():
+    rng = np.random.default_rng(2)
+    positions = np.array(SEARCH.origin) + rng.uniform(0.02, 0.28, (24, 2))
+    k = np.array([2.0, 3.5, 5.0])
+    angles, phases = rng.uniform(0, 2 * np.pi, (2, 3, 5))
+    towards = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    p = np.exp(1j * (k[:, None, None] * (towards @ positions.T) + phases[:, :, None])).sum(axis=1)
+    return Measurement(
+        frequencies=k * 343 / (2 * np.pi), pressures=p, sound_speed=343.0, positions=positions,
+        known=np.arange(5), search=SEARCH,
+    ).problem("unit")  # fmt: skip
+
+
+def case(name):
+    measurement = cached_measurement(load_scene(name))
+    away = 0.02 * np.random.default_rng(1).normal(size=measurement.positions.shape)
+    return measurement.problem(), measurement.positions + away
+
+
+@pytest.mark.parametrize("offset", [0, 2])
+def test_a_map_is_equation_7_with_the_microphone_at_each_point(offset):
+    problem, x = case("tiny")
+    modes = (1, 5, 20)
+    maps = eq7_maps(problem, x, 9, modes, offset)
+    candidates = problem.search.layer().reshape(-1, 2)
+    k, p = (values[np.array(modes) - 1] for values in (problem.wavenumbers, problem.pressures))
+    orders = max_order(k, problem.search.radius, offset)
+    expected = eq7.landscape(x, 9, candidates, p, k, orders, x.mean(axis=0)) / np.sum(np.abs(p) ** 2)
+    np.testing.assert_allclose(maps.reshape(3, -1), expected, rtol=1e-6, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["tiny", "plane3d", "ball3d"])
+def test_at_the_estimate_all_modes_give_the_number_of_the_status(name):
+    problem, x = case(name)
+    reference_cost = ReferenceCost(problem)
+    n, search = int(problem.free[0]), problem.search
+    there = dataclasses.replace(search, origin=tuple(map(float, x[n])), size=(search.step,) * len(search.size))
+    total = eq7_maps(problem, x, n, range(1, reference_cost.count + 1), 2, there).sum(axis=0)
+    assert reference_cost.count == len(problem.frequencies)
+    assert decibels(total[0, 0]) == pytest.approx(reference_cost(x), abs=1e-6)
+
+
+def test_maps_on_two_lattices_agree_where_they_share_points():
+    problem, x = case("tiny")
+    search = problem.search
+    half = Search(search.origin, search.size, search.step / 2, search.radius)
+    coarse, fine = (eq7_maps(problem, x, 9, (3, 17), 2, lattice) for lattice in (search, half))
+    np.testing.assert_allclose(fine[:, ::2, ::2], coarse, rtol=1e-9)
+
+
+def test_a_map_does_not_depend_on_the_modes_in_use_or_on_the_solver():
+    from fdcal import solvers
+
+    scene = load_scene("tiny")
+    problem = cached_measurement(scene).problem()
+    maps = []
+    for name, last in (("descent", 1), ("descent", 20), ("joint", 20)):
+        solver = solvers.load(name)
+        state = solver.init(problem, dataclasses.replace(scene.solver, name=name), 0)
+        state = solver.use_modes(problem, state, 1, last, False)
+        state = dataclasses.replace(state, positions=cached_measurement(scene).positions)
+        maps.append(cost_maps(problem, solver, state, 9, (17,), 2))
+    np.testing.assert_array_equal(maps[0], maps[1])
+    np.testing.assert_array_equal(maps[0], maps[2])
+
+
+def test_a_mode_beyond_the_microphones_is_refused():
+    problem, x = case("tiny")
+    few = dataclasses.replace(problem, pressures=problem.pressures[:, :9])
+    with pytest.raises(InputError, match=r"mode 20 .* 9 microphones"):
+        eq7_maps(few, x[:9], 5, (1, 20), 2)
+    with pytest.raises(InputError, match="search"):
+        eq7_maps(dataclasses.replace(problem, search=None), x, 5, (1,), 2)
+
+
+@pytest.mark.parametrize("known_weight", [1.0, 1000.0])
+def test_a_map_of_descent_is_weighted_eq_7_at_every_point_of_any_lattice(waves, known_weight):
+    """Also where a known microphone is the one that is moved, whose weight is 1."""
+    x = np.random.default_rng(7).uniform(SEARCH.origin, np.add(SEARCH.origin, SEARCH.size), (24, 2))
+    k, p, fine = waves.wavenumbers[[0, 2]], waves.pressures[[0, 2]], refined(SEARCH, 57)
+    orders = max_order(k, SEARCH.radius, 1)
+    for n, centre in ((2, np.array([1.2, 2.15])), (7, np.array([1.21, 2.13]))):
+        maps = descent_maps(waves, x, n, (1, 3), 1, known_weight, centre, fine)
+        assert maps.shape == (2, *fine.shape[::-1]) and max(fine.shape) == 57
+        weights = np.where(np.arange(24) < 5, known_weight, 1.0)
+        weights[n] = 1.0
+        for row, column in [(0, 0), (10, 40), (41, 56)]:
+            moved = x.copy()
+            moved[n] = map_positions(np.array([[row, column]]), fine)[0]
+            for m in range(2):
+                W = np.sqrt(weights)[:, None] * fourier_bessel(moved, k[m], int(orders[m]), centre)
+                b = np.sqrt(weights) * p[m]
+                expected = np.sum(np.abs(W @ np.linalg.lstsq(W, b, rcond=None)[0] - b) ** 2)
+                assert maps[m, row, column] == pytest.approx(expected, rel=1e-7)
+
+
+def test_a_map_of_descent_is_about_the_lattice_point_nearest_to_the_centre_of_mass(waves):
+    x = np.random.default_rng(7).uniform(SEARCH.origin, np.add(SEARCH.origin, SEARCH.size), (24, 2))
+    centre = np.array(SEARCH.origin) + SEARCH.step * np.rint((x.mean(axis=0) - SEARCH.origin) / SEARCH.step)
+    np.testing.assert_array_equal(
+        descent_maps(waves, x, 7, (1, 2), 1), descent_maps(waves, x, 7, (1, 2), 1, 1.0, centre)
+    )
+
+
+def test_cost_maps_without_an_order_are_the_solvers_landscape_on_any_lattice(waves):
+    descent = solvers.load("descent")
+    state = descent.init(waves, SolverSettings(modes=3, first_modes=3, order_offset=1, ample_modes=1), 0)
+    whole = descent.landscape(waves, state, 7, slice(0, 3))
+    np.testing.assert_array_equal(cost_maps(waves, descent, state, 7, (1, 3), None), whole[[0, 2]])
+    half = Search(SEARCH.origin, SEARCH.size, SEARCH.step / 2, SEARCH.radius)
+    fine = cost_maps(waves, descent, state, 7, (3, 1), None, half)
+    np.testing.assert_allclose(fine[:, ::2, ::2], whole[[2, 0]], rtol=1e-9)
+
+
+def test_positions_of_a_volume_s_points():
+    lattice = Search(origin=(1.0, 2.0, 3.0), size=(0.4, 0.3, 0.2), step=0.01)
+    np.testing.assert_allclose(map_positions([[2, 1, 5]], lattice), [[1.05, 2.01, 3.02]])
+
+
+@pytest.mark.parametrize("modes", [(1,), (2, 5, 9), tuple(range(1, 13))])
+def test_a_cut_along_a_row_of_the_lattice_is_that_row_of_the_maps(modes):
+    search, row = PLANE.search, 11
+    maps = eq7_maps(PLANE, GUESS, 9, modes, 2)
+    x = search.origin[0] + search.step * np.arange(search.shape[0])
+    points = np.column_stack([x, np.full(len(x), search.origin[1] + row * search.step)])
+    cut = eq7_cut(PLANE, GUESS, 9, modes, 2, points)
+    np.testing.assert_allclose(cut, maps[:, row], rtol=1e-6, atol=1e-12)
+
+
+def test_the_sum_at_the_estimate_is_the_cost_of_the_page():
+    cost = ReferenceCost(PLANE)
+    cut = eq7_cut(PLANE, GUESS, 9, range(1, cost.count + 1), cost.order_offset, GUESS[9][None])
+    assert 10 * np.log10(cut.sum()) == pytest.approx(cost(GUESS), abs=1e-6)
+
+
+def test_a_cut_read_backwards_is_the_same():
+    points = np.linspace([2.1, 1.8], [3.1, 2.8], 30)
+    there = eq7_cut(PLANE, GUESS, 9, (1, 4), 2, points)
+    np.testing.assert_allclose(there, eq7_cut(PLANE, GUESS, 9, (1, 4), 2, points[::-1])[:, ::-1])
+
+
+def test_from_the_truth_the_cut_of_noise_free_modes_is_lowest_at_the_true_position():
+    truth = TRUTH[9]
+    points = truth + np.linspace(-0.3, 0.3, 61)[:, None] * [0.8, -0.6]
+    cut = eq7_cut(PLANE, TRUTH, 9, range(1, 9), 4, points).sum(axis=0)
+    assert abs(int(cut.argmin()) - 30) <= 1
+
+
+def test_a_mode_that_the_microphones_cannot_carry_is_refused():
+    with pytest.raises(InputError, match="order"):
+        eq7_cut(PLANE, GUESS, 9, (14,), 12, GUESS[:1])
+
+
+def test_gains_and_noise_that_the_solver_estimates_count():
+    gains = np.exp(1j * np.linspace(0, 1, len(GUESS)))
+    channels = ChannelCorrection(gains, np.linspace(1, 2, len(GUESS)))
+    search = PLANE.search
+    maps = eq7_maps(PLANE, GUESS, 9, (1, 2), 2, None, channels)
+    x = search.origin[0] + search.step * np.arange(search.shape[0])
+    points = np.column_stack([x, np.full(len(x), search.origin[1])])
+    cut = eq7_cut(PLANE, GUESS, 9, (1, 2), 2, points, channels)
+    np.testing.assert_allclose(cut, maps[:, 0], rtol=1e-6, atol=1e-12)
+    assert not np.allclose(cut, eq7_cut(PLANE, GUESS, 9, (1, 2), 2, points))
+
+
+def test_the_volume_is_the_number_of_the_status_with_the_microphone_at_each_point():
+    problem, x = case("ball3d")
+    reference_cost = ReferenceCost(problem)
+    volume = cost_volume(problem, x, 10, range(1, reference_cost.count + 1), reference_cost.order_offset)
+    # the centre of the expansion stays: Eq. 7 about another one differs by its truncation alone
+    assert 10 * np.log10(volume.on(*x[10])[0, 0, 0]) == pytest.approx(reference_cost(x), abs=1e-5)
+
+
+def test_a_layer_of_the_volume_is_the_map_of_that_height():
+    problem, x = case("ball3d")
+    search, modes = problem.search, (1, 20, 60)
+    layer = eq7_maps(problem, x, 10, modes, 2).sum(axis=0)
+    px, py = (o + search.step * np.arange(n) for o, n in zip(search.origin[:2], search.shape[:2], strict=True))
+    volume = cost_volume(problem, x, 10, modes, 2)
+    np.testing.assert_allclose(volume.on(px, py, x[10, 2])[0], layer, rtol=1e-6)
+
+
+def test_gains_of_the_channels_are_taken_into_account():
+    problem, x = case("ball3d")
+    count = len(x)
+    gains = np.exp(0.1 * np.random.default_rng(2).normal(size=count))
+    channels = ChannelCorrection(gains=gains.astype(complex), noise=np.ones(count))
+    place = [1.7], [1.5], [1.2]
+    with_gains = cost_volume(problem, x, 10, (3, 4), 2, channels).on(*place)
+    assert with_gains != pytest.approx(cost_volume(problem, x, 10, (3, 4), 2).on(*place), rel=1e-3)
+
+
+def test_a_coarse_expansion_agrees_to_its_tolerance_and_is_smaller():
+    problem, x = case("ball3d")
+    fine, coarse = (cost_volume(problem, x, 10, (5, 80), 2, negligible=e) for e in (1e-8, 1e-3))
+    axes = [np.linspace(o, o + length, 9) for o, length in zip(problem.search.origin, problem.search.size, strict=True)]
+    np.testing.assert_allclose(coarse.on(*axes), fine.on(*axes), rtol=0.05)
+    assert coarse.modes[-1].values.size < fine.modes[-1].values.size
+
+
+def test_a_volume_that_nobody_wants_any_longer_ends_at_once():
+    problem, x = case("ball3d")
+    assert cost_volume(problem, x, 10, (1, 2, 3), 2, cancelled=lambda: True) is None
+    assert cost_volume(problem, x, 10, (1, 2), 2).on([1.5], [1.5], [1.2], lambda: True) is None
+
+
+def test_an_array_in_a_plane_has_no_volume():
+    problem, x = case("plane3d")
+    with pytest.raises(InputError, match="in a plane"):
+        cost_volume(problem, x, 10, (1, 2), 2)
+
+
+@pytest.fixture(scope="module", params=["descent", "joint"])
+def name(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def solver(name):
+    return solvers.load(name)
+
+
+@pytest.fixture(scope="module")
+def state(name, solver):
+    settings = solvers.with_mode_count(PLANE, SolverSettings(name=name, modes=8, first_modes=3))
+    return solver.init(PLANE, settings, 0)
+
+
+@pytest.mark.parametrize("order_offset", [ORDER_OFFSET, None])
+@pytest.mark.parametrize("modes", [(1, 2, 3, 4), (6, 5, 4), (3,)])
+def test_each_partial_sum_is_the_map_of_its_modes(solver, state, modes, order_offset):
+    fine = refined(PLANE.search, 60)
+    sums = list(partial_sums(PLANE, solver, state, 9, modes, order_offset, fine))
+    assert [one.modes for one in sums] == [modes[: i + 1] for i in range(len(modes))]
+    for one in sums:
+        maps = cost_maps(PLANE, solver, state, 9, one.modes, order_offset, fine)
+        np.testing.assert_allclose(one.cost, maps.sum(axis=0), rtol=1e-9, atol=1e-12 * np.ptp(one.cost))
+        np.testing.assert_array_equal(one.minima, local_minima(one.cost))
+
+
+def test_the_order_in_which_modes_are_added_does_not_change_their_sum(solver, state):
+    *_, up = partial_sums(PLANE, solver, state, 9, (1, 2, 3, 4, 5), ORDER_OFFSET)
+    *_, down = partial_sums(PLANE, solver, state, 9, (5, 4, 3, 2, 1), ORDER_OFFSET)
+    np.testing.assert_allclose(up.cost, down.cost, rtol=1e-9)
+
+
+def test_no_mode_has_more_minima_than_the_ambiguous_one(solver, state):
+    modes = range(1, 15)
+    most = ambiguous_mode(PLANE, solver, state, 9, modes, ORDER_OFFSET)
+    counts = {}
+    for mode in modes:
+        (alone,) = partial_sums(PLANE, solver, state, 9, (mode,), ORDER_OFFSET)
+        counts[mode] = len(alone.minima)
+    assert counts[most] == max(counts.values()) > 1
+
+
+def test_a_finer_lattice_covers_the_same_cells():
+    fine = refined(SEARCH, 500)
+    for lattice in (SEARCH, fine):
+        low = np.array(lattice.origin) - lattice.step / 2
+        high = low + lattice.step * np.array(lattice.shape)
+        np.testing.assert_allclose(low, [0.9875, 1.9875], atol=1e-9)
+        np.testing.assert_allclose(high, [1.4125, 2.3125], atol=fine.step)
+    assert fine.shape[0] == 500
+
+
+def test_a_map_is_read_off_between_its_points():
+    x, y = (o + SEARCH.step * np.arange(n) for o, n in zip(SEARCH.origin, SEARCH.shape, strict=True))
+    values = 3 * x[None, :] - 2 * y[:, None]
+    for point in [(1.0, 2.0), (1.013, 2.21), (1.4, 2.3)]:
+        assert interpolate(values, SEARCH, point) == pytest.approx(3 * point[0] - 2 * point[1], abs=1e-12)
+    assert interpolate(values, SEARCH, (9.0, 9.0)) == pytest.approx(values[-1, -1]), "beyond: the edge"
+
+
+def test_the_shape_of_a_mode_is_the_recorded_field(waves):
+    """The first mode of the fixture is a sum of plane waves, known everywhere."""
+    rng = np.random.default_rng(2)
+    positions = np.array(SEARCH.origin) + rng.uniform(0.02, 0.28, (24, 2))
+    angles, phases = rng.uniform(0, 2 * np.pi, (2, 3, 5))
+    x, y = (o + SEARCH.step * np.arange(n) for o, n in zip(SEARCH.origin, SEARCH.shape, strict=True))
+    points = np.stack(np.meshgrid(x, y), axis=-1)
+    towards = np.stack([np.cos(angles[0]), np.sin(angles[0])], axis=-1)
+    field = np.exp(1j * (2.0 * points @ towards.T + phases[0])).sum(axis=-1)
+    shape = mode_shape(waves, positions, 1, 4)
+    assert shape.shape == field.shape and np.abs(shape).max() == pytest.approx(1.0)
+    inside = np.s_[2:11, 2:11]  # among the microphones
+    basis = np.stack([field.real[inside].ravel(), field.imag[inside].ravel()], axis=1)
+    _, left, *_ = np.linalg.lstsq(basis, shape[inside].ravel(), rcond=None)
+    assert left[0] < 1e-8, "one moment of the oscillation"
+
+
+def test_no_shape_without_a_plane_lattice(waves):
+    with pytest.raises(InputError, match="two-dimensional"):
+        mode_shape(dataclasses.replace(waves, search=None), np.zeros((24, 2)), 1, 2)
+
+
+def test_a_fine_lattice_of_a_box_is_one_layer():
+    search = load_scene("ball3d").search
+    fine = refined(search)
+    assert fine.shape[:2] == (500, 500) and fine.layer(1.2).shape == (500, 500, 3)

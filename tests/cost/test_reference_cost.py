@@ -1,0 +1,196 @@
+"""The cost by which the positions of all solvers are compared, also where the solver estimates faulty channels."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from fdcal import solvers
+from fdcal.acoustics.fourier_bessel import max_order
+from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.spherical_harmonics import spherical_bessel
+from fdcal.cost.basins import local_minima
+from fdcal.cost.channel_correction import ChannelCorrection
+from fdcal.cost.eq7 import cost
+from fdcal.cost.maps import cost_maps, eq7_maps, map_positions, mode_shape, power_shares
+from fdcal.cost.reference_cost import ReferenceCost, decibels, reference_cost_of
+from fdcal.model.faults import Faults
+from fdcal.model.scene_file import load_scene, scene_names
+from fdcal.model.validation import InputError
+
+SHIFT = 0.05  # m
+FAULTY = (20, 45)  # of scene array2_faults: inverted, dead
+
+
+def noise_free(name):
+    """The measurement of a scene without noise and without faults of its channels."""
+    scene = load_scene(name)
+    plain = dataclasses.replace(scene.measurement, snr_db=np.inf)
+    return cached_measurement(dataclasses.replace(scene, measurement=plain, faults=Faults()))
+
+
+def brute_force(problem, positions, offset):
+    """Eq. 7 of every mode with fewer functions than microphones, mode by mode, relative to the power, dB."""
+    left = power = 0.0
+    for p, k in zip(problem.pressures, problem.wavenumbers, strict=True):
+        L = int(max_order(k, problem.search.radius, offset))
+        if problem.dimension == 2:
+            if 2 * L + 1 < len(p):
+                left += cost(positions, p[None], [k], [L], positions.mean(axis=0))[0]
+                power += np.sum(np.abs(p) ** 2)
+            continue
+        W = spherical_bessel(positions, complex(k), L, positions.mean(axis=0))
+        if W.shape[1] < len(p):
+            left += np.sum(np.abs(p - W @ np.linalg.pinv(W, rcond=1e-13) @ p) ** 2)
+            power += np.sum(np.abs(p) ** 2)
+    return 10 * np.log10(left / power)
+
+
+@pytest.mark.parametrize("name", scene_names())
+def test_from_the_truth_moving_any_microphone_raises_it(name):
+    measurement = noise_free(name)
+    truth, reference_cost = np.array(measurement.positions), ReferenceCost(measurement.problem())
+    there, rng = reference_cost(truth), np.random.default_rng(0)
+    for n in range(len(truth)):
+        away = rng.normal(size=truth.shape[1])
+        moved = truth.copy()
+        moved[n] += SHIFT * away / np.linalg.norm(away)
+        assert reference_cost(moved) > there + 5.0, n
+
+
+@pytest.mark.parametrize("name", ["tiny", "ball3d", "plane3d"])
+def test_it_is_equation_7_of_all_modes_at_one_order(name):
+    measurement = cached_measurement(load_scene(name))
+    problem, rng = measurement.problem(), np.random.default_rng(0)
+    for spread in (0.0, 0.01, 0.3):
+        positions = measurement.positions + spread * rng.normal(size=measurement.positions.shape)
+        assert ReferenceCost(problem)(positions) == pytest.approx(brute_force(problem, positions, 2), abs=1e-6)
+    far = measurement.positions + np.eye(measurement.count)[:, :1] * 9.0  # beyond the tables
+    assert ReferenceCost(problem)(far) == pytest.approx(brute_force(problem, far, 2), abs=1e-6)
+
+
+def test_it_falls_as_the_positions_improve():
+    measurement = noise_free("tiny")
+    reference_cost, rng = ReferenceCost(measurement.problem()), np.random.default_rng(1)
+    away = rng.normal(size=measurement.positions.shape)
+    costs = [reference_cost(measurement.positions + 0.03 * share * away) for share in (1.0, 0.5, 0.25, 0.1, 0.0)]
+    assert all(np.diff(costs) < -3)
+
+
+def test_rotations_translations_and_mirror_images_do_not_change_it():
+    for name in ("tiny", "ball3d"):
+        measurement = cached_measurement(load_scene(name))
+        reference_cost, x = ReferenceCost(measurement.problem()), np.array(measurement.positions)
+        turn, _ = np.linalg.qr(np.random.default_rng(2).normal(size=(x.shape[1], x.shape[1])))
+        turned = x @ turn.T + 0.1
+        assert reference_cost(turned) == pytest.approx(reference_cost(x), abs=1e-6)
+
+
+def test_it_does_not_depend_on_how_the_modes_are_scaled_to_each_other_or_on_the_solver():
+    measurement = cached_measurement(load_scene("tiny"))
+    unit, raw = (ReferenceCost(measurement.problem(weights)) for weights in ("unit", "raw"))
+    assert unit.count == raw.count == len(measurement.frequencies)
+    assert raw(measurement.positions) < -30
+
+
+def test_positions_that_are_not_finite_have_none():
+    measurement = cached_measurement(load_scene("tiny"))
+    assert np.isnan(ReferenceCost(measurement.problem())(np.full((16, 2), np.nan)))
+    assert np.isnan(decibels(np.nan)) and decibels(0.0) == -160
+
+
+def test_few_microphones_lower_the_order_and_too_few_have_none():
+    measurement = cached_measurement(load_scene("tiny"))
+    problem = measurement.problem()
+    six = dataclasses.replace(problem, pressures=problem.pressures[:, :6])
+    assert ReferenceCost(six).order_offset < 2 and np.isfinite(ReferenceCost(six)(measurement.positions[:6]))
+    two = dataclasses.replace(problem, pressures=problem.pressures[:, :2])
+    with pytest.raises(InputError, match="too few"):
+        ReferenceCost(two)
+    with pytest.raises(InputError, match="search"):
+        ReferenceCost(dataclasses.replace(problem, search=None))
+    assert reference_cost_of(two) is None
+
+
+@pytest.fixture(scope="module")
+def run():
+    """The scene with its faults, calibrated: its true positions, problem, and the states of the run."""
+    scene = load_scene("array2_faults")
+    measurement, solver = cached_measurement(scene), solvers.load(scene.solver.name)
+    problem = measurement.problem(scene.solver.weights, scene.solver.known)
+    states = [solver.init(problem, scene.solver, scene.seed)]
+    while not states[-1].finished:
+        states.append(solver.step(problem, states[-1]))
+    return np.array(measurement.positions), problem, states
+
+
+def test_moving_any_healthy_microphone_from_the_truth_raises_it(run):
+    truth, problem, states = run
+    reference_cost, channels, rng = ReferenceCost(problem), states[-1].channels, np.random.default_rng(0)
+    there = reference_cost(truth, channels)
+    for n in np.setdiff1d(np.arange(len(truth)), FAULTY):
+        away, moved = rng.normal(size=2), truth.copy()
+        moved[n] += SHIFT * away / np.linalg.norm(away)
+        assert reference_cost(moved, channels) > there + 5.0, n
+
+
+def test_it_falls_by_far_from_the_start_of_a_run_to_its_end(run):
+    _, problem, states = run
+    reference_cost = ReferenceCost(problem)
+    assert reference_cost.of(states[-1]) < reference_cost.of(states[0]) - 40.0
+    assert reference_cost.of(states[-1]) == reference_cost(states[-1].positions, states[-1].channels)
+
+
+def test_a_microphone_without_signal_counts_for_nothing(run):
+    truth, problem, states = run
+    reference_cost, channels, moved = ReferenceCost(problem), states[-1].channels, truth.copy()
+    moved[45] += SHIFT
+    assert reference_cost(moved, channels) == pytest.approx(reference_cost(truth, channels), abs=0.1)
+
+
+def test_the_lowest_minimum_of_a_map_is_at_the_microphone(run):
+    truth, problem, states = run
+    solver, modes = solvers.load("robust"), range(1, 58)
+    for n in (0, 20, 50):
+        total = cost_maps(problem, solver, states[-1], n, modes, 2).sum(axis=0)
+        lowest = map_positions(local_minima(total)[:1], problem.search)[0]
+        assert np.linalg.norm(lowest - truth[n]) < problem.search.step
+
+
+def test_a_map_at_the_estimate_is_the_reference_cost(run):
+    _, problem, states = run
+    state, reference_cost, search = states[-1], ReferenceCost(problem), problem.search
+    there = dataclasses.replace(search, origin=tuple(map(float, state.positions[7])), size=(search.step,) * 2)
+    modes = range(1, reference_cost.count + 1)
+    total = eq7_maps(problem, state.positions, 7, modes, 2, there, state.channels).sum(axis=0)
+    assert decibels(total[0, 0]) == pytest.approx(reference_cost.of(state), abs=1e-6)
+    alone = [eq7_maps(problem, state.positions, 7, (mode,), 2, there, state.channels)[0, 0, 0] for mode in modes]
+    assert power_shares(problem, state, modes) @ alone == pytest.approx(total[0, 0], rel=1e-9)
+
+
+def test_gains_multiplied_into_the_pressures_come_out_again():
+    measurement = cached_measurement(load_scene("tiny"))
+    problem, x, rng = measurement.problem(), measurement.positions, np.random.default_rng(3)
+    gains = np.exp(0.3 * rng.normal(size=len(x)) + 3j * rng.normal(size=len(x)))
+    spoiled = dataclasses.replace(problem, pressures=problem.pressures * gains)
+    channels = ChannelCorrection(gains, np.ones(len(x)))
+    assert ReferenceCost(spoiled)(x, channels) == pytest.approx(ReferenceCost(problem)(x), abs=1e-6)
+    assert ReferenceCost(spoiled)(x) > ReferenceCost(problem)(x) + 20
+    maps = (eq7_maps(spoiled, x, 9, (1, 5), 2, None, channels), eq7_maps(problem, x, 9, (1, 5), 2))
+    np.testing.assert_allclose(*maps, rtol=1e-6, atol=1e-12)
+    shapes = mode_shape(spoiled, x, 5, 2, channels), mode_shape(problem, x, 5, 2)
+    np.testing.assert_allclose(*shapes, atol=1e-9)
+
+
+def test_a_channel_of_infinite_noise_is_as_if_it_were_left_out():
+    measurement = cached_measurement(load_scene("tiny"))
+    problem, x = measurement.problem(), np.array(measurement.positions)
+    low = slice(0, 8)  # modes that one microphone fewer can carry
+    problem = dataclasses.replace(problem, pressures=problem.pressures[low], wavenumbers=problem.wavenumbers[low])
+    x[:-1] += 0.01 * np.random.default_rng(4).normal(size=x[:-1].shape)
+    x[-1] = x[:-1].mean(axis=0)  # the centre of the expansion stays
+    noise = np.append(np.ones(len(x) - 1), 1e14)
+    fewer = dataclasses.replace(problem, pressures=problem.pressures[:, :-1])
+    assert ReferenceCost(problem).count == ReferenceCost(fewer).count == 8
+    expected = ReferenceCost(fewer)(x[:-1])
+    assert ReferenceCost(problem)(x, ChannelCorrection(np.ones(len(x)), noise)) == pytest.approx(expected, abs=1e-6)
