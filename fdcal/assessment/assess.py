@@ -10,7 +10,7 @@ A given position checks nothing where the others and the pressures place its mic
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -67,7 +67,7 @@ class Assessment:
     room: KnownRoom | None = None
     channels: Channels | None = None
     sound_speed_sigma: float | None = None
-    wording: Mapping[str, str] = ARGUMENTS
+    wording: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def uncertainty(self) -> np.ndarray:

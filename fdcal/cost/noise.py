@@ -2,7 +2,8 @@
 
 Of an eigen-decomposition T^-1/2 K T^-1/2 = E diag(lambda) E^H (`fdcal.cost.likelihood.spectra`), -log likelihood is
 sum log(s lambda + v) + |e^H T^-1/2 q|^2 / (s lambda + v). An error e of a microphone adds the noise
-k^2 e^2 / dimension, the power of the field's gradient: at rough positions the high modes are hard to explain and the low ones are not.
+k^2 e^2 / dimension, the power of the field's gradient: at rough positions the high modes are hard to explain and the
+low ones are not.
 
 Power s_m and channel noise tau_n follow from a fixed point of the likelihood's derivative, which needs u = C^-1 q and
 d = diag C^-1 alone. With gamma_m = N - v_m sum_n tau_n d_mn, the number of field coefficients that mode m determines,

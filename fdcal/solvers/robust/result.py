@@ -4,8 +4,9 @@
     g_m    gradient of mode m; -g_m H^-1 is the influence of that mode on the unknowns
 
 H takes the field as WEAKER times as powerful, which weakens the prior of an isotropic field: what then becomes
-uncertain rests on that prior and not on the wave equation. A conditional likelihood needs none. Without given positions the
-covariance is that of the array without its rigid motions; in the frame of the least gauge, of the array moved into it.
+uncertain rests on that prior and not on the wave equation. A conditional likelihood needs none. Without given
+positions the covariance is that of the array without its rigid motions; in the frame of the least gauge, of the array
+moved into it.
 
 Given positions and pressures agree if the array without given positions is hardly likelier:
 
