@@ -13,7 +13,7 @@ from PIL import Image
 
 import fdcal
 from fdcal.acoustics.fourier_bessel import array_f_max
-from fdcal.assessment import channel_findings, room_verdict, verdict
+from fdcal.assessment.findings import FINDINGS, ROOM_FINDINGS
 from fdcal.assessment.result_file import FaultRow, GivenRow, Keys
 from fdcal.commands.cli import commands
 from fdcal.model.arrays import positions_of
@@ -187,18 +187,29 @@ def test_every_key_of_the_result_file_is_documented():
 
 
 def test_every_verdict_is_documented_with_a_remedy():
-    codes = {code for module in (verdict, room_verdict) for code in re.findall(r'^ +\("(\w+)",', source(module), re.M)}
+    codes = {one.code for one in (*FINDINGS, *ROOM_FINDINGS)}
     assert {"good", "room_size", "scale_undetermined"} <= codes
     for code in codes:
         assert VERDICTS.count(f"| `{code}` |") == (1 if code == "good" else 2), code
 
 
-@pytest.mark.parametrize(("module", "begin"), [(channel_findings, "Solver `robust`"), (verdict, "Solvers `joint`")])
-def test_the_order_of_the_checks_is_that_of_the_code(module, begin):
-    codes = re.findall(r'^ +\("(\w+)",', source(module), re.M)
+@pytest.mark.parametrize(
+    ("findings", "begin"), [(FINDINGS, "The first check that finds"), (ROOM_FINDINGS, "The order of its checks")]
+)
+def test_the_order_of_the_checks_is_that_of_the_code(findings, begin):
+    codes = [one.code for one in findings]
     paragraph = VERDICTS[VERDICTS.index(begin) :].partition("\n\n")[0].partition(":")[2]
     stated = re.findall(r"`(\w+)`", paragraph)
     assert stated == [code for code, before in zip(codes, [None, *codes], strict=False) if code != before]
+
+
+@pytest.mark.parametrize(
+    ("findings", "heading"), [(FINDINGS, "of an array"), (ROOM_FINDINGS, "of an array in a known room")]
+)
+def test_the_limits_of_the_checks_are_those_of_the_code(findings, heading):
+    table = VERDICTS.partition(f"\n| limits {heading} |")[2].partition("\n\n")[0]
+    rows = [f"| `{one.code}` | {one.limit:g} | {one.reason} |" for one in findings if one.reason]
+    assert table.splitlines()[2:] == rows
 
 
 def test_the_highest_frequency_of_array_1_is_computed():
@@ -206,11 +217,6 @@ def test_the_highest_frequency_of_array_1_is_computed():
     highest = array_f_max(positions_of(scene), scene.room.sound_speed, scene.room.dimension)
     stated = re.search(r"about (\d+) Hz for array 1 \(c = (\d+) m/s\)", text_of(DOCS / "explanation" / "limits.md"))
     assert [float(stated[1]), float(stated[2])] == [round(highest), scene.room.sound_speed]
-
-
-def source(module) -> str:
-    with open(module.__file__, encoding="utf-8") as file:
-        return file.read()
 
 
 def test_every_dependency_has_its_reason():

@@ -57,7 +57,7 @@ class Evidence:
     frequencies_db : (M,) float64 or None
         The same of each frequency.
     noise_to_given : float or None
-        Noise that solver "robust" finds over the noise given, medians of the frequencies: the factor in the words of
+        Noise that the solver finds over the noise given, medians of the frequencies: the factor in the words of
         the verdict model_mismatch. None without a given noise.
     """
 
@@ -107,7 +107,7 @@ class ChannelFault:
         Of the microphone.
     kind : str
         "inverted", "dead", "noisy", "delayed", "high_pass", "gain", "misplaced" or "exchanged", see
-        `fdcal.assessment.odd_channels`.
+        `fdcal.assessment.channels`.
     value : float or None
         Gain or noise over the median channel in decibels, phase in degrees, delay in seconds, corner frequency over
         that of the others in hertz, or distance from the given position in metres.
@@ -181,7 +181,9 @@ class GivenPosition:
 
 @dataclass(frozen=True, eq=False)
 class Channels:
-    """Gain and noise of every channel, and given positions as corrected, which solver "robust" finds.
+    """Gain and noise of every channel, and given positions as found.
+
+    Solver "robust" seeks gains and corrects given positions; others leave gains at 1 and given positions where they are.
 
     Attributes
     ----------
@@ -207,6 +209,11 @@ class Channels:
 
     def __post_init__(self):
         _freeze(self, *CHANNEL_NUMBERS)
+
+    @property
+    def gains_sought(self) -> bool:
+        """Whether the solver sought the gains, so that they are uncertain."""
+        return bool(np.any(self.gain_sigma_db))
 
     @property
     def faulty(self) -> set[str]:
@@ -256,8 +263,7 @@ class Calibration:
     sound_speed : float or None
         As given or as estimated, m/s.
     verdict : str
-        A code of `fdcal.assessment.verdict` or `fdcal.assessment.room_verdict`, such
-        as "good"; "" if the file has none.
+        A code of `fdcal.assessment.findings`, such as "good"; "" if the file has none.
     verdict_text : str
         The verdict in words.
     uncertainty : (N,) float64 or None
@@ -268,9 +274,9 @@ class Calibration:
     room : KnownRoom or None
         Of solver "room" only.
     channels : Channels or None
-        Gain and noise of every channel, and what is wrong with it; of solver "robust" only.
+        Gain and noise of every channel, and what is wrong with it; of all solvers but "room".
     sound_speed_sigma : float or None
-        One sigma of a sound speed that was estimated with the positions, m/s; of solver "robust" only.
+        One sigma of a sound speed that was estimated with the positions, m/s.
 
     Examples
     --------

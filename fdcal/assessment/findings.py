@@ -516,7 +516,7 @@ ROOM_FINDINGS: tuple[Finding[JudgedRoom], ...] = (
         lambda seen: f"{100 * seen.estimate.noise_share:.0f} % of the power is unexplained",
         "",
         0.3,
-        "as of FINDINGS",
+        "noise over the power",
     ),
     Finding("room_size", _other_size, _size_words, "", 2e-3, "relative error of a length, and five sigmas of it"),
     Finding(
@@ -559,7 +559,7 @@ ROOM_FINDINGS: tuple[Finding[JudgedRoom], ...] = (
         lambda seen: f"the positions are uncertain by {100 * root_mean_square(seen.sigma):.2g} cm",
         "use more <modes>, or less noise",
         0.1,
-        "as of FINDINGS, and 10 cm at most",
+        "one sigma of the positions over the root mean square radius of the array, and 10 cm at most",
     ),
     Finding("good", lambda seen, _: True, _good_in_room),
 )

@@ -261,8 +261,8 @@ def describe(
 ) -> str:
     """Return a comparison in words: what is exchanged, then the error of every microphone, the largest first.
 
-    `verdict` is a code of `fdcal.assessment.verdict` or `fdcal.assessment.room_verdict`; unless it is "good", finding
-    no swap means that there is none only where every microphone is near its place. `known` says whether known
+    `verdict` is a code of `fdcal.assessment.findings`; unless it is "good", finding no swap means that there is none
+    only where every microphone is near its place. `known` says whether known
     microphones fixed the positions, `arguments` how the reader calls them, as of `word_arguments`.
     """
     advice = word_arguments("; try <known> none", arguments or {}) if known else ""

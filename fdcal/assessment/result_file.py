@@ -80,7 +80,7 @@ class RequiredKeys(TypedDict):
 
 
 class Keys(RequiredKeys, total=False):
-    """All keys; `room` to `symmetries` are of solver "room", `channel_gain_db` and what follows of "robust"."""
+    """All keys; `room` to `symmetries` are of solver "room", `channel_gain_db` and what follows of the others."""
 
     names: Annotated[list[str], "N"]
     known: list[str]

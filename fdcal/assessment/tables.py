@@ -35,9 +35,9 @@ def channel_table(result: Calibration) -> str:
     """Return gain, phase and noise of every channel as CSV, numbers to full precision.
 
     To correct a recording, divide the pressures of a channel by 10^(gain_db / 20) exp(j phase_deg pi / 180). The fault
-    is empty, or one of those of `fdcal.assessment.odd_channels`.
+    is empty, or one of those of `fdcal.assessment.channels`.
     """
-    if result.channels is None:
+    if result.channels is None or not result.channels.gains_sought:
         problem = f"the result of solver {result.solver} holds no gains of the channels"
         raise InputError(problem, "calibrate with <solver> robust", key="table", value="gains")
     columns = _channel_columns(result)

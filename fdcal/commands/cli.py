@@ -146,7 +146,7 @@ def simulate(scene: str, output: str, force: bool):
     "--sound-speed-sigma",
     type=Percentage(),
     metavar="PERCENT",
-    help="One sigma of the sound speed for solver robust, as 0.3%; it is then estimated.  [default: exact]",
+    help="One sigma of the sound speed for solver robust or joint, as 0.3%; it is then estimated.  [default: exact]",
 )
 @modes_option
 @seed_option

@@ -106,8 +106,8 @@ def _channel_lines(result: Calibration) -> list[str]:
         return []
     gain, phase = (float(np.std(values[result.healthy])) for values in (channels.gain_db, channels.phase_deg))
     odd = "; ".join(fault.text for fault in channels.faults)
-    lines = [f"channels spread {gain:.2g} dB and {phase:.2g} degrees; {'odd: ' + odd if odd else 'none is odd'}"]
-    return lines + _given_lines(channels.given)
+    spread = f"spread {gain:.2g} dB and {phase:.2g} degrees" if channels.gains_sought else "taken as matched"
+    return [f"channels {spread}; {'odd: ' + odd if odd else 'none is odd'}", *_given_lines(channels.given)]
 
 
 def _given_lines(given: Sequence[GivenPosition]) -> list[str]:

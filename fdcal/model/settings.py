@@ -104,8 +104,8 @@ class SolverSettings:
     Attributes
     ----------
     name : str
-        "robust", which seeks the gains of the channels, too, and names faulty ones; "joint", of matched channels;
-        "descent", the paper's; "descent+joint", one after the other; or "room".
+        "robust", which seeks the gains of the channels, too, and finds what is wrong with faulty ones; "joint", the same
+        for matched channels and exact given positions; "descent", the paper's; "descent+joint", one after the other; or "room".
     modes, first_modes : int
         Modes in use at the end and at the start. `modes` is ALL_MODES unless given: all that were measured, up to what
         the array can interpolate and the solver can use (`fdcal.solvers.requirements`).
@@ -120,7 +120,8 @@ class SolverSettings:
     max_sweeps : int
         Sweeps of one stage at most.
     start : str or None
-        "affine" or "random"; unless given, random for "descent" and affine for "joint"; "robust" has its own.
+        "affine" or "random"; unless given, random for "descent". "joint" takes "affine" for the starts of "robust", which
+        has its own.
     noise : str
         "reported": the noise power of the measurement, where it has one; "auto": estimated; or a number of decibels,
         the signal-to-noise ratio of each mode. "told", of older files, is read as "reported".
@@ -137,7 +138,8 @@ class SolverSettings:
         Of "robust": standard deviation of each coordinate of a given position, metres; at most 3 mm unless given, and
         1 mm where given positions carry the size: of a plane array in space. With 0 they are exact and never move.
     sound_speed_sigma : float or None
-        Of "robust": standard deviation of the sound speed, relative (0.003 is 0.3 %); it is exact unless given.
+        Of "robust" and "joint": standard deviation of the sound speed, relative (0.003 is 0.3 %); it is exact unless
+        given.
     """
 
     name: str = "robust"

@@ -194,9 +194,9 @@ def calibrate(
     progress : callable, optional
         Called with the fraction done, 0 to 1, and a note; what it raises ends the run.
     **others
-        Any other field of `SolverSettings`, such as `start="random"`, or for solver "robust"
-        `gains="fixed"`, `gain_sigma_db=1.0` (decibels), `phase_sigma_deg=5.0` (degrees), `known_sigma=0.005` (metres)
-        or `sound_speed_sigma=0.003` (relative).
+        Any other field of `SolverSettings`, such as `start="random"`, for solver "robust" `gains="fixed"`,
+        `gain_sigma_db=1.0` (decibels), `phase_sigma_deg=5.0` (degrees) or `known_sigma=0.005` (metres), for "robust"
+        and "joint" `sound_speed_sigma=0.003` (relative).
 
     Returns
     -------

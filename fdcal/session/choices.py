@@ -10,7 +10,7 @@ from ..model.validation import InputError, require_integer
 from ..solvers import load
 from .sources import CalibrationInput, with_mode_number
 
-# of solvers that seek gains
+# of solver robust; joint takes the last one, too
 CHANNEL_SETTINGS = ("gains", "gain_sigma_db", "phase_sigma_deg", "known_sigma", "sound_speed_sigma")
 
 

@@ -1,7 +1,7 @@
 """One damped Gauss-Newton step (Levenberg-Marquardt), for any cost with a gradient and a Gauss-Newton matrix.
 
 The caller says how unknowns change by a step y of the parameters and how far positions move by it, so that the same
-step serves positions in a subspace (`fdcal.solvers.position_fit`) and unknowns with bounds (`fdcal.solvers.room`).
+step serves positions in a subspace (`fdcal.solvers.starts`) and unknowns with bounds (`fdcal.solvers.room`).
 """
 
 from __future__ import annotations
