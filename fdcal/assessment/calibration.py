@@ -183,7 +183,7 @@ class GivenPosition:
 class Channels:
     """Gain and noise of every channel, and given positions as found.
 
-    Solver "robust" seeks gains and corrects given positions; others leave gains at 1 and given positions where they are.
+    Solver "robust" seeks gains and corrects given positions; others take gains as 1 and given positions as exact.
 
     Attributes
     ----------

@@ -104,8 +104,8 @@ class SolverSettings:
     Attributes
     ----------
     name : str
-        "robust", which seeks the gains of the channels, too, and finds what is wrong with faulty ones; "joint", the same
-        for matched channels and exact given positions; "descent", the paper's; "descent+joint", one after the other; or "room".
+        "robust", which seeks the gains of the channels, too; "joint", the same for matched channels and exact given
+        positions; "descent", the paper's; "descent+joint", one after the other; or "room".
     modes, first_modes : int
         Modes in use at the end and at the start. `modes` is ALL_MODES unless given: all that were measured, up to what
         the array can interpolate and the solver can use (`fdcal.solvers.requirements`).
@@ -120,8 +120,8 @@ class SolverSettings:
     max_sweeps : int
         Sweeps of one stage at most.
     start : str or None
-        "affine" or "random"; unless given, random for "descent". "joint" takes "affine" for the starts of "robust", which
-        has its own.
+        "affine" or "random"; unless given, random for "descent". "robust" has starts of its own, which "affine" stands
+        for with "joint".
     noise : str
         "reported": the noise power of the measurement, where it has one; "auto": estimated; or a number of decibels,
         the signal-to-noise ratio of each mode. "told", of older files, is read as "reported".

@@ -46,7 +46,7 @@ class StateReader:
             "noise": (modes,), "noise_power": (modes,), "power": (modes,), "channel_noise": (count,),
             "filters": (count, 2), "places": problem.known_positions.shape, "contradicted": problem.known.shape,
         }  # fmt: skip
-        self._ranges = {"moved": (-1, count - 1), "turn": (0, max(len(problem.free) - 1, 0)), "degree": (1, 3)}
+        self._ranges = {"moved": (-1, count - 1), "turn": (0, max(len(problem.free) - 1, 0))}
         self._ranges |= {"first": (1, modes), "last": (1, modes)}
 
     def require_fields(self, key: str, table: Any, Record: type) -> None:

@@ -8,14 +8,16 @@ Solver      protocol of a solver: a module with these functions, or a chain of s
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
 from ..cost.channel_correction import ChannelCorrection
 from ..model.problem import Problem
 from ..model.settings import SolverSettings
-from .estimate import Estimate, RoomEstimate
+
+if TYPE_CHECKING:  # it loads SciPy
+    from .estimate import Estimate, RoomEstimate
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,8 +8,9 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from ...cost.channel_correction import ChannelCorrection
+from ...model.validation import InputError
 from ..interface import RunState
-from .rules import NOISELESS
+from .rules import NOISELESS, STAGES
 
 KernelName = Literal["diffuse", "series", "near", "directional", "damped_directional"]
 UNDAMPED: tuple[KernelName, ...] = ("diffuse", "directional")  # which leave out the imaginary part of wavenumbers
@@ -96,6 +97,10 @@ class Progress:
     damping: float
     regrouped: bool = False
     poses: tuple[np.ndarray, ...] = ()
+
+    def __post_init__(self):
+        if not 0 <= self.stage < len(STAGES):  # of a session file that somebody has changed
+            raise InputError(f"progress.stage = {self.stage} must be from 0 to {len(STAGES) - 1}", key="progress.stage")
 
 
 @dataclass(frozen=True)
