@@ -82,7 +82,6 @@ def test_a_wrong_given_position_is_corrected_in_summary_and_file(made, tmp_path)
     [
         (["--solver", "joint", "--gains", "fixed"], "--solver robust"),
         (["--solver", "joint", "--gain-sigma", "1dB,5deg"], "leave out --gain-sigma"),
-        (["--cost", "projection"], "--solver joint"),
         (["--start", "affine"], "leave out --start"),
         (["--known-sigma", "5mm", "--solver", "descent+joint"], "leave out --known-sigma"),
         (["--gains", "fixed", "--gain-sigma", "1dB,5deg"], "--gains auto"),
@@ -91,7 +90,7 @@ def test_a_wrong_given_position_is_corrected_in_summary_and_file(made, tmp_path)
         (["--gain-sigma", "0dB,5deg"], "solver.gain_sigma_db"),
         (["--known-sigma", "5"], "as 5mm"),
         (["--sound-speed-sigma", "0.3"], "as 0.3%"),
-        (["--sound-speed-sigma", "0.3%", "--solver", "descent+joint"], "leave out --sound-speed-sigma"),
+        (["--sound-speed-sigma", "0.3%", "--solver", "descent"], "leave out --sound-speed-sigma"),
     ],
 )
 def test_options_that_do_nothing_or_are_malformed_are_refused(made, refused, options, words):

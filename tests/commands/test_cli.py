@@ -100,7 +100,7 @@ def test_the_cost_is_that_of_the_page(calibrated, made):
     ("options", "sought", "aligned"),
     [
         ([], 13, False),
-        (["--known", "all", "--solver", "joint", "--cost", "projection"], 13, False),
+        (["--known", "all", "--solver", "joint"], 13, False),
         (["--known", "minimal"], 16, False),
         (["--known", "none"], 16, True),
         (["--noise", "60"], 13, False),

@@ -63,8 +63,8 @@ def test_error_and_sigma_are_of_the_same_microphones(inputs, found):
 
 
 def test_the_verdict_leaves_out_known_microphones_that_the_solver_held():
-    assert precision(np.array([0.0, 0.0, 0.003, 0.003]), 1.0, False) == "one sigma 3 mm"
-    assert precision(np.zeros(4), 1.0, False) == "one sigma 0 mm"
+    assert precision(np.array([0.003, 0.003]), None) == "one sigma 3 mm"
+    assert precision(np.zeros(4), None) == "one sigma 0 mm"
 
 
 def test_the_noise_over_that_given_is_in_the_file_as_the_verdict_says_it(inputs):

@@ -141,7 +141,6 @@ def test_all_microphones_on_a_line(calibrate):
         (["--distance", "0,4,1"], ["--estimate-sound-speed"]),
         (["--distance", "0,4"], ["--distance", "0,5,1.25"]),
         (["--solver", "descent", "--noise", "30"], ["--noise", "--solver joint"]),
-        (["--solver", "descent", "--cost", "projection"], ["--cost", "--solver joint"]),
     ],
 )
 def test_bad_options(calibrate, options, words):
@@ -156,7 +155,7 @@ def test_the_sound_speed_is_estimated(calibrate):
         return {"sound_speed": np.array(343 * 0.97), "wavenumbers": table["wavenumbers"] / 0.97}
 
     code, _, _, result = calibrate(slower)
-    assert code == 4 and result["verdict"] == "sound_speed"
+    assert code == 4 and result["verdict"] == "known_position" and "or the sound speed is wrong" in result["verdict_text"]
     code, _, _, result = calibrate(slower, "--estimate-sound-speed")
     assert code == 0 and result["sound_speed"] == pytest.approx(343, rel=0.005)
     assert result["mean_error_m"] < 0.006
