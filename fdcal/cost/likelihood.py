@@ -158,7 +158,7 @@ def likelihood_terms(positions, pressures, field: FieldModel, channels=None, der
 
     Raises numpy.linalg.LinAlgError where a covariance is not positive definite or a position is not finite.
     """
-    x = np.ascontiguousarray(positions, float)  # complex products with it are viewed as real ones
+    x = np.asarray(positions, float)
     log_gain, by_parameter = log_response(channels, np.real(field.wavenumbers))
     q = np.asarray(pressures, complex) * np.exp(-log_gain)
     waves = few_waves(x, field)

@@ -8,16 +8,14 @@ Solver      protocol of a solver: a module with these functions, or a chain of s
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
 from ..cost.channel_correction import ChannelCorrection
 from ..model.problem import Problem
 from ..model.settings import SolverSettings
-
-if TYPE_CHECKING:  # it loads SciPy
-    from .estimate import Estimate, RoomEstimate
+from .estimate import Estimate, RoomEstimate
 
 
 @dataclass(frozen=True, kw_only=True)
