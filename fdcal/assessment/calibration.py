@@ -183,7 +183,8 @@ class GivenPosition:
 class Channels:
     """Gain and noise of every channel, and given positions as found.
 
-    Solver "robust" seeks gains and corrects given positions; others take gains as 1 and given positions as exact.
+    Solver "robust" seeks gains and corrects given positions; "joint" takes gains as 1, but for gross faults, and given
+    positions as exact.
 
     Attributes
     ----------

@@ -229,8 +229,8 @@ def _undersampled(seen: Judged) -> str:
 def _contradicted(seen: Judged) -> str:
     named = enumerated([seen.names[one.number] for one in seen.wrong_given])
     return (
-        f"known microphone {named}: the position given contradicts the recordings; it is wrong, or the channel is"
-        " swapped with another"
+        f"known microphone {named}: the position given contradicts the recordings; it or the sound speed is"
+        " wrong, or the channel is swapped with another"
     )
 
 

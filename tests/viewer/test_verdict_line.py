@@ -52,7 +52,8 @@ def test_it_is_what_calibrate_prints_and_waits_for_the_end(scene, worker):
 
 
 def found(verdict, text, **changes):
-    numbers = dict(uncertainty=np.array([0.0, 3e-4, 3e-4]), covariance=None, evidence=Evidence(1.0))
+    covariance = np.array([0.0, 3e-4, 3e-4])[:, None, None] ** 2 / 2 * np.eye(2)
+    numbers = dict(covariance=covariance, search_spread=np.zeros(3), evidence=Evidence(1.0))
     return Assessment(np.zeros((3, 2)), None, verdict, text, **numbers | changes)
 
 

@@ -34,8 +34,8 @@ def channel_table(measurement: Measurement, found: PositionUncertainty | None) -
         style = f" style='font-weight: 700; color: {RED}'" if fault else ""
         cells = (
             ("&#9888; " if fault else "") + escape(names[n]),
-            f"{channels.gain_db[n]:+z.2f} &plusmn; {channels.gain_sigma_db[n]:.2f}" if sought else "fixed",
-            f"{channels.phase_deg[n]:+z.1f} &plusmn; {channels.phase_sigma_deg[n]:.1f}" if sought else "fixed",
+            f"{channels.gain_db[n]:+z.2f}" + (f" &plusmn; {channels.gain_sigma_db[n]:.2f}" if sought else ""),
+            f"{channels.phase_deg[n]:+z.1f}" + (f" &plusmn; {channels.phase_sigma_deg[n]:.1f}" if sought else ""),
             f"{channels.noise_db[n]:+z.1f}",
         )
         rows.append(f"<tr{style}>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>")
