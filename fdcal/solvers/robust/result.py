@@ -38,6 +38,7 @@ from ..estimate import (
 )
 from . import given, noise
 from .objective import (
+    EXACT_SIGMA,
     Evaluation,
     Objective,
     Unknowns,
@@ -55,7 +56,6 @@ from .step import channel_step, free_directions, position_covariance, reduced, r
 
 WEAKER = 4.0  # factor on the power of the field in H: rooms are less isotropic than their model
 NEIGHBOURS, MIN_GROUPS = 8, 6  # modes in a group, whose gradients are not independent; fewest groups
-EXACT_SIGMA = 1e-3  # metres: within which given positions that never move must agree with the pressures
 
 
 @dataclass(frozen=True)

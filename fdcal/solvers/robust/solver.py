@@ -106,7 +106,7 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
     problem = in_unit_power(problem)
     progress = replace(state.progress, stage=FREE, rounds=0, regrouped=False, poses=())
     changed = replace(state, first=first, last=last, automatic=automatic, optima=(), finished=False, converged=False)
-    return begin_stage(noise.with_noise(problem, replace(changed, progress=progress)), FREE)
+    return begin_stage(problem, noise.with_noise(problem, replace(changed, progress=progress)), FREE)
 
 
 def landscape(problem: Problem, state: State, n: int, modes: slice, search: Search | None = None) -> np.ndarray:
