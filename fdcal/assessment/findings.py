@@ -28,7 +28,7 @@ from ..acoustics.fourier_bessel import array_f_max
 from ..model.gauge import align
 from ..model.lengths import length_text
 from ..model.problem import Problem
-from ..solvers.estimate import Estimate, RoomEstimate
+from ..solvers.estimate import Estimate, RoomEstimate, TriedOptimum
 from .channels import FaultyChannel, channel_faults, healthy_channels
 from .error_ellipses import one_sigma
 from .uncertainty import root_mean_square
@@ -160,36 +160,29 @@ class Judged:
             return float(np.exp(self.estimate.log_speed)), self.estimate.log_speed_sigma
         return self.stretch, self.stretch_sigma
 
-    def rival(self) -> float:
-        """Return how far away another optimum is that is as likely, metres; 0 without one."""
-        tried, healthy = self.estimate.tried, self.healthy
-        same = max(RIVAL_SIGMAS * self.sigma, RIVAL_DISTANCE)
+    def _apart(self) -> list[tuple[float, TriedOptimum]]:
+        """How far, root mean square in metres, each optimum but the likeliest is from it, if that counts as far."""
+        tried, same, healthy, far = self.estimate.tried, max(3 * self.sigma, RIVAL_DISTANCE), self.healthy, []
         for one in tried[1:]:
             apart = align(one.positions, tried[0].positions, healthy) - tried[0].positions
             away = root_mean_square(np.linalg.norm(apart[healthy], axis=1))
-            if away > same and one.score - tried[0].score < RIVAL_COST:
-                return away
-        return 0.0
+            far.append((away if away > same else 0.0, one))
+        return far
+
+    def rival(self) -> float:
+        """Return how far away another optimum is that is as likely, metres; 0 without one."""
+        limit = self.estimate.tried[0].score + RIVAL_COST if self.estimate.tried else 0.0
+        return next((away for away, one in self._apart() if away and one.score < limit), 0.0)
 
     def starts_disagree(self) -> int:
         """Return how many starts of the search ended each at another array; 0 if two agree or they are few."""
-        tried, healthy = self.estimate.tried, self.healthy
-        starts, same = [one for one in tried if not one.regrouped], max(RIVAL_SIGMAS * self.sigma, RIVAL_DISTANCE)
-        away = [
-            root_mean_square(
-                np.linalg.norm(
-                    (align(one.positions, tried[0].positions, healthy) - tried[0].positions)[healthy], axis=1
-                )
-            )
-            for one in starts
-            if one is not tried[0]
-        ]
-        return len(starts) if len(starts) > 2 and min(away, default=np.inf) > same else 0
+        starts = sum(not one.regrouped for one in self.estimate.tried)
+        return starts if starts > 2 and all(away for away, one in self._apart() if not one.regrouped) else 0
 
 
 UNEVEN = 2.0  # noise of a healthy channel over that of the median channel
 UNEVEN_SHARE = 1e-4  # of the power
-RIVAL_SIGMAS, RIVAL_DISTANCE = 3.0, 1e-3  # sigmas and metres within which two optima are one; the larger one counts
+RIVAL_DISTANCE = 1e-3  # metres within which two optima are one, or three sigmas where these are more
 RIVAL_COST = 8.0  # nats within which another optimum counts: its evidence is good to a few nats
 
 
@@ -275,10 +268,6 @@ def _uncertain(seen: Judged) -> float:
     return float(np.hypot(seen.sigma, root_mean_square(seen.search[seen.healthy])))
 
 
-def _uncertain_words(seen: Judged) -> str:
-    return f"the positions are uncertain by {100 * _uncertain(seen):.2g} cm"
-
-
 def _good(seen: Judged) -> str:
     """The message of an array that no check contradicts, and what is wrong with its faulty channels."""
     given, known = seen.given_noise, seen.estimate.problem.known
@@ -308,134 +297,72 @@ def enumerated(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
+def _uncertain_given(seen: Judged, limit: float) -> bool:
+    """Whether an error of a given position would go unseen."""
+    return bool(len(seen.estimate.problem.known)) and seen.loosest >= max(limit, 2 * _uncertain(seen))
+
+
+def _beyond_given_noise(seen: Judged, limit: float) -> bool:
+    return bool(seen.given_noise) and seen.estimate.field.share > limit * (seen.given_noise or 0.0)
+
+
+# fmt: off
 FINDINGS: tuple[Finding[Judged], ...] = (
-    Finding(
-        "too_noisy",
-        lambda seen, limit: seen.estimate.field.share > limit,
-        lambda seen: f"about {100 * seen.estimate.field.share:.0f} % of the power is noise or unexplained",
-        "measure longer, louder, or use fewer <modes>",
-        0.3,
-        "noise over the power; with more the search itself is a guess",
-    ),
+    # code, condition, words, remedy, limit, its reason
+    Finding("too_noisy", lambda seen, limit: seen.estimate.field.share > limit,
+            lambda seen: f"about {100 * seen.estimate.field.share:.0f} % of the power is noise or unexplained",
+            "measure longer, louder, or use fewer <modes>",
+            0.3, "noise over the power; with more the search itself is a guess"),
     Finding("model_mismatch", lambda seen, _: seen.single_wave, lambda _: single_wave.PROBLEM, single_wave.REMEDY),
-    Finding(
-        "model_mismatch",
-        lambda seen, limit: len(seen.faulty) > max(2, limit * len(seen.names)),
-        lambda seen: (
-            "no sound field without sources explains microphone"
-            f" {enumerated([seen.names[one.number] for one in seen.faulty])}: {CAUSES}"
-        ),
-        "",
-        0.12,
-        "faulty channels over all; more are no single faults",
-    ),
-    Finding(
-        "model_mismatch",
-        lambda seen, limit: np.sum(seen.uneven) >= max(3, limit * len(seen.uneven)),
-        lambda seen: (
-            f"the residual of {np.sum(seen.uneven)} of {len(seen.uneven)} microphones is {UNEVEN:g} times that of the"
-            f" median one, or more: {CAUSES}"
-        ),
-        "",
-        0.1,
-        "uneven channels over all; fewer are single noisy channels",
-    ),
-    Finding(
-        "known_position",
-        _few_right,
-        _contradicted,
-        "check the positions and the cables of the known microphones",
-        0.2,
-        "misplaced given positions over all; more leave no frame to trust",
-    ),
-    Finding(
-        "known_position",
-        lambda seen, limit: bool(len(seen.estimate.problem.known)) and seen.agreement <= limit,
-        _disagreement,
-        "check them, or use more <modes>",
-        0.01,
-        "probability of the disagreement by chance: one healthy array in a hundred is suspected",
-    ),
+    Finding("model_mismatch", lambda seen, limit: len(seen.faulty) > max(2, limit * len(seen.names)),
+            lambda seen: "no sound field without sources explains microphone"
+                         f" {enumerated([seen.names[one.number] for one in seen.faulty])}: {CAUSES}",
+            "", 0.12, "faulty channels over all; more are no single faults"),
+    Finding("model_mismatch", lambda seen, limit: np.sum(seen.uneven) >= max(3, limit * len(seen.uneven)),
+            lambda seen: f"the residual of {np.sum(seen.uneven)} of {len(seen.uneven)} microphones is {UNEVEN:g} times"
+                         f" that of the median one, or more: {CAUSES}",
+            "", 0.1, "uneven channels over all; fewer are single noisy channels"),
+    Finding("known_position", _few_right, _contradicted, "check the positions and the cables of the known microphones",
+            0.2, "misplaced given positions over all; more leave no frame to trust"),
+    Finding("known_position", lambda seen, limit: bool(len(seen.estimate.problem.known)) and seen.agreement <= limit,
+            _disagreement, "check them, or use more <modes>",
+            0.01, "probability of the disagreement by chance: one healthy array in a hundred is suspected"),
     Finding("undersampled", lambda seen, _: _highest(seen) > _f_max(seen), _undersampled),
-    Finding(
-        "not_converged",
-        lambda seen, limit: not seen.estimate.converged or seen.step_left >= limit,
-        lambda _: "the solver stopped while microphones still moved",
-        "use other <modes>",
-        3.0,
-        "Newton step left over one sigma",
-    ),
-    Finding(
-        "model_mismatch",
-        lambda seen, limit: bool(seen.given_noise) and seen.estimate.field.share > limit * (seen.given_noise or 0.0),
-        lambda seen: (
-            f"the residual is {seen.estimate.field.share / (seen.given_noise or 1.0):.2g} times what the noise"
-            f" explains: {CAUSES}"
-        ),
-        "",
-        2.0,
-        "noise found over the noise given",
-    ),
-    Finding(
-        "model_mismatch",
-        lambda seen, limit: seen.given_noise == 0 and seen.estimate.field.share > limit,
-        lambda seen: (
-            f"{100 * seen.estimate.field.share:.1g} % of the power is left unexplained, though the measurement is said"
-            f" to be free of noise: {CAUSES}"
-        ),
-        "",
-        1e-4,
-        "share left unexplained of a measurement said to be free of noise",
-    ),
-    Finding(
-        "sound_speed",
-        _impossible_speed,
-        _speed_words,
-        "",
-        0.05,
-        "relative difference of the sound speed implied: 5 % are 30 K in air",
-    ),
-    Finding(
-        "scale_undetermined",
-        _loose_scale,
-        lambda _: "nothing speaks against the shape of the array, but its size is hardly determined",
-        "name known microphones, or give one <distance> with <estimate_sound_speed>",
-        0.06,
-        "one sigma of the least certain stretching of a blind array, relative",
-    ),
-    Finding(
-        "ambiguous",
-        lambda seen, _: seen.rival() > 0,
-        lambda seen: f"another array, {100 * seen.rival():.2g} cm away, explains the pressures as well",
-        "use more <modes>, or known microphones that lie less on one line",
-    ),
-    Finding(
-        "ambiguous",
-        lambda seen, _: seen.starts_disagree() > 0,
-        lambda seen: f"each of {seen.starts_disagree()} starts of the search ended at another array",
-        "use more <modes>, or more known microphones",
-    ),
-    Finding(
-        "ambiguous",
-        lambda seen, limit: _uncertain(seen) > limit * seen.radius,
-        _uncertain_words,
-        "use more <modes>, more known microphones, or less noise",
-        0.1,
-        "one sigma of the positions over the root mean square radius of the array",
-    ),
-    Finding(
-        "ambiguous",
-        lambda seen, limit: bool(len(seen.estimate.problem.known)) and seen.loosest >= max(limit, 2 * _uncertain(seen)),
-        lambda seen: (
-            "nothing would show an error of a given position: the pressures and the other given positions place that"
-            f" microphone only to {1e3 * seen.loosest:.2g} mm"
-        ),
-        "use more <modes>, or give more positions",
-        0.025,
-        "metres, one sigma of the loosest given microphone, or two sigmas of the array",
-    ),
+    Finding("not_converged", lambda seen, limit: not seen.estimate.converged or seen.step_left >= limit,
+            lambda _: "the solver stopped while microphones still moved", "use other <modes>",
+            3.0, "Newton step left over one sigma"),
+    Finding("model_mismatch", _beyond_given_noise,
+            lambda seen: f"the residual is {seen.estimate.field.share / (seen.given_noise or 1.0):.2g} times what the"
+                         f" noise explains: {CAUSES}",
+            "", 2.0, "noise found over the noise given"),
+    Finding("model_mismatch", lambda seen, limit: seen.given_noise == 0 and seen.estimate.field.share > limit,
+            lambda seen: f"{100 * seen.estimate.field.share:.1g} % of the power is left unexplained, though the"
+                         f" measurement is said to be free of noise: {CAUSES}",
+            "", 1e-4, "share left unexplained of a measurement said to be free of noise"),
+    Finding("sound_speed", _impossible_speed, _speed_words,
+            "", 0.05, "relative difference of the sound speed implied: 5 % are 30 K in air"),
+    Finding("scale_undetermined", _loose_scale,
+            lambda _: "nothing speaks against the shape of the array, but its size is hardly determined",
+            "name known microphones, or give one <distance> with <estimate_sound_speed>",
+            0.06, "one sigma of the least certain stretching of a blind array, relative"),
+    Finding("ambiguous", lambda seen, _: seen.rival() > 0,
+            lambda seen: f"another array, {100 * seen.rival():.2g} cm away, explains the pressures as well",
+            "use more <modes>, or known microphones that lie less on one line"),
+    Finding("ambiguous", lambda seen, _: seen.starts_disagree() > 0,
+            lambda seen: f"each of {seen.starts_disagree()} starts of the search ended at another array",
+            "use more <modes>, or more known microphones"),
+    Finding("ambiguous", lambda seen, limit: _uncertain(seen) > limit * seen.radius,
+            lambda seen: f"the positions are uncertain by {100 * _uncertain(seen):.2g} cm",
+            "use more <modes>, more known microphones, or less noise",
+            0.1, "one sigma of the positions over the root mean square radius of the array"),
+    Finding("ambiguous", _uncertain_given,
+            lambda seen: "nothing would show an error of a given position: the pressures and the other given positions"
+                         f" place that microphone only to {1e3 * seen.loosest:.2g} mm",
+            "use more <modes>, or give more positions",
+            0.025, "metres, one sigma of the loosest given microphone, or two sigmas of the array"),
     Finding("good", lambda seen, _: True, _good),
 )
+# fmt: on
 
 
 @dataclass(frozen=True)
@@ -449,6 +376,11 @@ class JudgedRoom:
     def sigma(self) -> np.ndarray:
         """One sigma of each position : (N,) float64, metres."""
         return one_sigma(self.estimate.covariance)
+
+    @property
+    def radius(self) -> float:
+        """Root mean square distance of the microphones from their centre, metres."""
+        return rms_radius(np.asarray(self.estimate.positions))
 
     @property
     def displaced(self) -> np.ndarray:
@@ -501,68 +433,31 @@ def _good_in_room(seen: JudgedRoom) -> str:
 
 LARGE_RESIDUAL = 2.0  # reduced chi-square beyond which the given noise does not explain the residual
 
+# fmt: off
 ROOM_FINDINGS: tuple[Finding[JudgedRoom], ...] = (
-    Finding(
-        "odd_channel",
-        _faulty_in_room,
-        _worst_in_room,
-        "",
-        6.0,
-        "squared residual of a channel over that of the median channel, of five at least",
-    ),
-    Finding(
-        "too_noisy",
-        lambda seen, limit: seen.estimate.noise_share > limit,
-        lambda seen: f"{100 * seen.estimate.noise_share:.0f} % of the power is unexplained",
-        "",
-        0.3,
-        "noise over the power",
-    ),
+    Finding("odd_channel", _faulty_in_room, _worst_in_room,
+            "", 6.0, "squared residual of a channel over that of the median channel, of five at least"),
+    Finding("too_noisy", lambda seen, limit: seen.estimate.noise_share > limit,
+            lambda seen: f"{100 * seen.estimate.noise_share:.0f} % of the power is unexplained", "", 0.3,
+            "noise over the power"),
     Finding("room_size", _other_size, _size_words, "", 2e-3, "relative error of a length, and five sigmas of it"),
-    Finding(
-        "model_mismatch",
-        lambda seen, limit: seen.estimate.noise_given and seen.estimate.residual > limit,
-        lambda seen: f"the residual is {seen.estimate.residual:.2g} times what the noise explains: {ROOM_CAUSES}",
-        "",
-        LARGE_RESIDUAL,
-        "reduced chi-square",
-    ),
-    Finding(
-        "model_mismatch",
-        lambda seen, limit: not seen.estimate.noise_given and seen.estimate.noise_share > limit,
-        lambda seen: (
-            f"{100 * seen.estimate.noise_share:.2g} % of the power is left unexplained; if that is not noise:"
-            f" {ROOM_CAUSES}"
-        ),
-        "",
-        3e-3,
-        "share left unexplained where no noise is stated: -25 dB, more than a usual recording has",
-    ),
-    Finding(
-        "not_converged",
-        lambda seen, _: not seen.estimate.converged,
-        lambda _: "the solver stopped while microphones still moved",
-    ),
-    Finding(
-        "known_position",
-        lambda seen, limit: bool(seen.displaced_beyond(limit).any()),
-        _displaced_words,
-        "are the positions measured from a corner of the room?",
-        0.01,
-        "metres, and five sigmas",
-    ),
-    Finding(
-        "ambiguous",
-        lambda seen, limit: (
-            root_mean_square(seen.sigma) > min(0.1, limit * rms_radius(np.asarray(seen.estimate.positions)))
-        ),
-        lambda seen: f"the positions are uncertain by {100 * root_mean_square(seen.sigma):.2g} cm",
-        "use more <modes>, or less noise",
-        0.1,
-        "one sigma of the positions over the root mean square radius of the array, and 10 cm at most",
-    ),
+    Finding("model_mismatch", lambda seen, limit: seen.estimate.noise_given and seen.estimate.residual > limit,
+            lambda seen: f"the residual is {seen.estimate.residual:.2g} times what the noise explains: {ROOM_CAUSES}",
+            "", LARGE_RESIDUAL, "reduced chi-square"),
+    Finding("model_mismatch", lambda seen, limit: not seen.estimate.noise_given and seen.estimate.noise_share > limit,
+            lambda seen: f"{100 * seen.estimate.noise_share:.2g} % of the power is left unexplained; if that is not"
+                         f" noise: {ROOM_CAUSES}",
+            "", 3e-3, "share left unexplained where no noise is stated: -25 dB, more than a usual recording has"),
+    Finding("not_converged", lambda seen, _: not seen.estimate.converged,
+            lambda _: "the solver stopped while microphones still moved"),
+    Finding("known_position", lambda seen, limit: bool(seen.displaced_beyond(limit).any()), _displaced_words,
+            "are the positions measured from a corner of the room?", 0.01, "metres, and five sigmas"),
+    Finding("ambiguous", lambda seen, limit: root_mean_square(seen.sigma) > min(0.1, limit * seen.radius),
+            lambda seen: f"the positions are uncertain by {100 * root_mean_square(seen.sigma):.2g} cm",
+            "use more <modes>, or less noise", 0.1, "one sigma of the positions over the radius of the array, and 10 cm at most"),
     Finding("good", lambda seen, _: True, _good_in_room),
 )
+# fmt: on
 
 
 def first_finding(findings: Sequence[Finding[Evidence]], seen: Evidence) -> tuple[str, str]:

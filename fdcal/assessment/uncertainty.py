@@ -24,13 +24,16 @@ from ..solvers.estimate import Estimate, stretch_sigma
 
 
 def covariance_of(estimate: Estimate) -> np.ndarray:
-    """Return the covariance of each position, with the step that the solver has left : (N, D, D) float64, metres^2."""
+    """Return the covariance of each position : (N, D, D) float64, metres^2.
+
+    With the step that the solver has left, and with how far the positions depend on what is assumed of the field.
+    """
     blocks, spread = curvature_of(estimate), estimate.spread
     N, D = blocks.shape[:2]
     influences = np.max([np.sum(v.reshape(-1, N, D) ** 2, axis=(0, 2)) for v in spread.influences], axis=0)
     size = np.trace(blocks, axis1=1, axis2=2)
     enlarged = np.maximum(1.0, influences / np.maximum(size, np.finfo(float).tiny))[:, None, None] * blocks
-    return enlarged + spread.step[:, :, None] * spread.step[:, None, :]
+    return enlarged + sum(move[:, :, None] * move[:, None, :] for move in (spread.step, spread.shift))
 
 
 def curvature_of(estimate: Estimate) -> np.ndarray:

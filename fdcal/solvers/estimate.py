@@ -60,12 +60,15 @@ class PositionSpread:
     influences : (G, N D) float64 each, metres, of single modes and of groups of neighbouring modes: moves of the
         positions by the gradient of each
     step, sigma : (N, D) float64, metres, Newton step that is left, and one sigma of each coordinate
+    shift : (N, D) float64, metres, Newton step from here to the minimum of the likelihood of an isotropic random field:
+        how far what is assumed of the field moves the positions
     """
 
     newton: np.ndarray
     influences: tuple[np.ndarray, ...]
     step: np.ndarray
     sigma: np.ndarray
+    shift: np.ndarray
 
 
 @dataclass(frozen=True)

@@ -112,16 +112,16 @@ def random(problem: Problem, rng: np.random.Generator) -> np.ndarray:
     return positions
 
 
-def plan(problem: Problem, modes: int, noiseless: bool = False) -> list[tuple[str, int]]:
+def plan(problem: Problem, modes: int, affine_first: bool = False) -> list[tuple[str, int]]:
     """Return the starts in the order in which they are tried: kind and number of modes, of an affine image the lowest.
 
     The second is of another kind than the first: optima that agree then say more. Without noise the low modes are as
-    good as the others, and their affine image comes first.
+    good as the others, and with channels that are alike they are not misled: their affine image then comes first.
     """
     counts = list(dict.fromkeys(min(n, modes) for n in RULES.lowest(problem.dimension)))
     kinds = ("map", "metric") if len(problem.known) else ("metric",)
     affine_starts = [(kind, n) for n in counts for kind in kinds]
-    first = [affine_starts[0], ("coherence", modes)] if noiseless else [("coherence", modes), affine_starts[0]]
+    first = [affine_starts[0], ("coherence", modes)] if affine_first else [("coherence", modes), affine_starts[0]]
     return [*first, affine_starts[1], ("coherence", modes // 2), *affine_starts[2:]]
 
 

@@ -161,7 +161,7 @@ def last_kernel(problem: Problem, state: State) -> KernelName:
     """Return the kernel of the last stage: directional, but for plane arrays in space and where that takes too long."""
     k = wavenumbers(problem, state)[used_modes(problem, state)]
     products = len(k) * len(state.positions) ** 2 * directions_needed(state.positions, k, problem.dimension)
-    slow = problem.dimension == 3 and products > ASSUMED.max_products
+    slow = problem.dimension == 3 and (state.quick or products > ASSUMED.max_products)
     if slow or given_carry_scale(problem):
         return state.model.kernel
     return "damped_directional" if isotropic_kernel(problem, state) == "series" else "directional"

@@ -45,22 +45,24 @@ def begin(
     return next_restart(problem, empty, 0) if positions is None else begin_restart(problem, empty, here, 0)
 
 
-def begin_stage(state: State, stage: int) -> State:
-    """Return `state` at the beginning of a stage of the schedule."""
+def begin_stage(problem: Problem, state: State, stage: int) -> State:
+    """Return `state` at the beginning of a stage of the schedule, exact given positions in place."""
     damping = STEPS.deformation_damping if STAGES[stage].degree else STEPS.damping
-    progress = replace(state.progress, stage=stage, steps=0, damping=damping)
-    return replace(state, stage=state.stage + 1, progress=progress, shape=state.positions)
+    progress, x = replace(state.progress, stage=stage, steps=0, damping=damping), state.positions
+    if state.model.known_sigma == 0 and not STAGES[stage].degree:
+        x = np.array(x)
+        x[problem.known] = state.model.places
+        x = frozen_array(x, float)
+    return replace(state, stage=state.stage + 1, progress=progress, positions=x, shape=x)
 
 
 def begin_restart(problem: Problem, state: State, positions: np.ndarray, restart: int) -> State:
-    """Return `state` at the beginning of a restart at `positions` (N, D), metres; exact given ones are put in place."""
-    model, x = first_model(problem, state.settings), np.array(positions, float)
-    if model.known_sigma == 0:
-        x[problem.known] = problem.known_positions
-    x, zero = frozen_array(x, float), frozen_array(np.zeros((len(x), 2)), float)
+    """Return `state` at the beginning of a restart at `positions` (N, D), metres."""
+    x, zero = frozen_array(positions, float), frozen_array(np.zeros((len(positions), 2)), float)
+    model = first_model(problem, state.settings)
     progress = Progress(restart=restart, stage=0, rounds=0, steps=0, damping=0.0)
     begun = replace(state, positions=x, shape=x, gains=zero, offsets=zero, model=model, progress=progress)
-    return begin_stage(noise.with_noise(problem, begun), 0)
+    return begin_stage(problem, noise.with_noise(problem, begun), 0)
 
 
 def next_restart(problem: Problem, state: State, restart: int) -> State:
@@ -70,7 +72,8 @@ def next_restart(problem: Problem, state: State, restart: int) -> State:
     """
     reported = noise.given_noise(problem, state)
     level = None if reported is None else float(np.median(reported[state.modes]))
-    plan = starts.plan(problem, state.last, is_noiseless(problem, state))
+    affine_first = is_noiseless(problem, state) or state.quick
+    plan = starts.plan(problem, state.last, affine_first)
     for number, one in enumerate(plan[: SCHEDULE.restarts]):
         if number < restart:
             continue
@@ -155,7 +158,7 @@ def explains_all(problem: Problem, state: State) -> bool:
         floor = 1.01 * noise.min_share(state)
         return share <= max(SCHEDULE.low_noise, floor) and share * worst <= SCHEDULE.low_noise_channel
     reported = noise.given_noise(problem, state)
-    if reported is None or state.settings.gains != "fixed" or state.model.known_sigma > 0:
+    if reported is None or not state.quick:
         return False
     return share <= SCHEDULE.reported_noise * float(np.median(reported[state.modes])) and worst < OUTLIERS.suspicious
 
@@ -169,7 +172,7 @@ def begin_final(problem: Problem, state: State) -> State:
     if is_noiseless(problem, state) and explains_all(problem, state):
         near = replace(state, model=replace(state.model, kernel="near", channel_noise=np.ones(len(state.positions))))
         least = frozen_array(np.full(len(state.model.noise), noise.min_share(near)), float)
-        return begin_stage(replace(near, model=replace(near.model, noise=least)), NOISELESS)
+        return begin_stage(problem, replace(near, model=replace(near.model, noise=least)), NOISELESS)
     state = given.resolved(problem, relocated(problem, state, local=True)[0])
     return refined(problem, replace(state, model=replace(state.model, kernel=noise.last_kernel(problem, state))))
 
@@ -191,7 +194,7 @@ def refined(problem: Problem, state: State) -> State:
     if not near and fresh.model.share <= ASSUMED.near_share[problem.dimension]:
         other = _with_kernel(problem, state, "near")
         fresh = other if noise.misfit(problem, other) < noise.misfit(problem, fresh) else fresh
-    begun = begin_stage(fresh, FINAL)
+    begun = begin_stage(problem, fresh, FINAL)
     updates = ASSUMED.first_updates if begun.model.directions is None else 0
     begun = noise.with_directions(problem, begun, used_modes(problem, begun), updates)
     return begun if begun.progress.rounds else noise.with_conditional(problem, begun)

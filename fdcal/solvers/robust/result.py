@@ -38,6 +38,7 @@ from ..estimate import (
 )
 from . import given, noise
 from .objective import (
+    EXACT_SIGMA,
     Evaluation,
     Objective,
     Unknowns,
@@ -55,7 +56,6 @@ from .step import channel_step, free_directions, position_covariance, reduced, r
 
 WEAKER = 4.0  # factor on the power of the field in H: rooms are less isotropic than their model
 NEIGHBOURS, MIN_GROUPS = 8, 6  # modes in a group, whose gradients are not independent; fewest groups
-EXACT_SIGMA = 1e-3  # metres: within which given positions that never move must agree with the pressures
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,26 @@ def _spread(
     own = scaled_inverse(reduced(here, evaluated, free, not len(problem.known))[1])
     step = remaining_step(here, goal, evaluated, free, own)
     sigma = np.sqrt(np.diag(position_covariance(own, shape, held))).reshape(shape)
-    return PositionSpread(newton, tuple(influences), step, sigma)
+    shift = (gauge @ _shift(problem, state, here, goal, free).ravel()).reshape(shape)
+    return PositionSpread(newton, tuple(influences), step, sigma, shift)
+
+
+def _shift(problem: Problem, state: State, here: Unknowns, goal: Objective, free) -> np.ndarray:
+    """Newton step (N, D) to the minimum of an isotropic random field; none where that is what the state assumes.
+
+    The near-field kernel explains what such a field cannot: there is nothing to learn from their difference.
+    """
+    model, kernel = state.model, noise.isotropic_kernel(problem, state)
+    if model.kernel == "near" or (model.kernel == kernel and not model.conditional):
+        return np.zeros(state.positions.shape)
+    isotropic = replace(state, model=replace(model, kernel=kernel, directions=None, conditional=""))
+    other = replace(objective_of(problem, isotropic, used_modes(problem, state)), priors=goal.priors)
+    try:
+        evaluated = other.evaluate(here)
+    except np.linalg.LinAlgError:
+        return np.zeros(state.positions.shape)
+    inverse = scaled_inverse(reduced(here, evaluated, free, not len(problem.known))[1])
+    return remaining_step(here, other, evaluated, free, inverse)
 
 
 def _grouped(slopes) -> np.ndarray:

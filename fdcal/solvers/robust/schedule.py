@@ -133,17 +133,17 @@ def _next_deformation(turn: Turn) -> State:
     state = _at_stage(with_noise(turn.problem, _at_stage(state, stage + 1)), stage)
     if not STAGES[stage + 1].degree:
         state, _ = relocated(turn.problem, state)
-    return restarts.begin_stage(state, stage + 1)
+    return restarts.begin_stage(turn.problem, state, stage + 1)
 
 
 def _seek_gains(turn: Turn) -> State:
-    return restarts.begin_stage(turn.searched[0], turn.state.progress.stage + 1)
+    return restarts.begin_stage(turn.problem, turn.searched[0], turn.state.progress.stage + 1)
 
 
 def _next_round(turn: Turn) -> State:
     state = turn.searched[0]
     ahead = replace(state, progress=replace(state.progress, rounds=state.progress.rounds + 1))
-    return restarts.begin_stage(ahead, state.progress.stage)
+    return restarts.begin_stage(turn.problem, ahead, state.progress.stage)
 
 
 def _end_lost(turn: Turn) -> State:

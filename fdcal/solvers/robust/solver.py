@@ -19,7 +19,6 @@ from ...model.power import mode_power
 from ...model.problem import Problem
 from ...model.settings import Search, SolverSettings
 from ..interface import Traits
-from ..polynomial_deformation import polynomial_deformations
 from ..requirements import require_modes, require_range, require_search
 from . import noise
 from .objective import (
@@ -37,7 +36,7 @@ from .result import result
 from .rules import ASSUMED, FREE, STAGES, STEPS
 from .schedule import Turn, following
 from .state import DIRECTIONAL, State
-from .step import channel_step, free_directions, is_converged
+from .step import channel_step, free_directions, is_converged, polynomial_deformations
 
 __all__ = ["TRAITS", "State", "init", "landscape", "result", "step", "usable_modes", "use_modes"]
 
@@ -68,7 +67,7 @@ def step(problem: Problem, state: State) -> State:
     used = used_modes(problem, state, stage.modes)
     goal, here = objective_of(problem, state, used), unknowns_of(state)
     held = goal.priors.held
-    shapes = polynomial_deformations(state.shape, held, stage.degree) if stage.degree else None
+    shapes = polynomial_deformations(state.shape, stage.degree) if stage.degree else None
     free = free_directions(here, held, shapes, speed_is_free(problem, state))
     max_step = STEPS.max_step * 2 * np.pi / float(np.real(problem.wavenumbers[used]).max())
     # With the near-field kernel the pull of given positions is lost in rounding: nothing holds the array as a whole.
@@ -106,7 +105,7 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
     problem = in_unit_power(problem)
     progress = replace(state.progress, stage=FREE, rounds=0, regrouped=False, poses=())
     changed = replace(state, first=first, last=last, automatic=automatic, optima=(), finished=False, converged=False)
-    return begin_stage(noise.with_noise(problem, replace(changed, progress=progress)), FREE)
+    return begin_stage(problem, noise.with_noise(problem, replace(changed, progress=progress)), FREE)
 
 
 def landscape(problem: Problem, state: State, n: int, modes: slice, search: Search | None = None) -> np.ndarray:

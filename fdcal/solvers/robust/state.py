@@ -115,9 +115,12 @@ class State(RunState):
     progress : Progress
     shape : (N, D) float64, metres, positions at the beginning of the stage, which fix the deformations and the centre
     optima : tuple of LocalOptimum, of the restarts so far
+    quick : whether one restart that leaves no more than the reported noise is believed, and directions are learned in
+        the plane alone, where they are few
     """
 
     solver: ClassVar[str] = "robust"
+    quick: ClassVar[bool] = False
 
     gains: np.ndarray
     offsets: np.ndarray

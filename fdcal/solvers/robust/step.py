@@ -9,6 +9,7 @@ small part of sigma: a limit in metres or nats cannot serve all measurements.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations_with_replacement
 
 import numpy as np
 
@@ -70,6 +71,24 @@ def free_directions(unknowns: Unknowns, held, deformations=None, speed: bool = F
     basis[index[:, :D].ravel(), : deformations.shape[1]] = deformations
     basis[rest, deformations.shape[1] + np.arange(len(rest))] = 1.0
     return basis
+
+
+def polynomial_deformations(positions: np.ndarray, degree: int) -> np.ndarray:
+    """Return an orthonormal basis (N D, F) of smooth deformations: the error of a rough start is smooth, as the field is.
+
+    Every coordinate moves by a polynomial of the positions (N, D), metres. The degree is lower if the array has too few
+    microphones to distinguish the monomials.
+    """
+    N, D = positions.shape
+    z = positions - positions.mean(axis=0)
+    z = z / np.sqrt(np.mean(z**2))
+    columns = [np.ones(N)]
+    for d in range(1, degree + 1):
+        more = [np.prod(z[:, list(c)], axis=1) for c in combinations_with_replacement(range(D), d)]
+        if d > 1 and len(columns) + len(more) > N / 2:
+            break
+        columns += more
+    return np.kron(np.linalg.qr(np.column_stack(columns))[0], np.eye(D))
 
 
 def channel_step(
