@@ -212,7 +212,8 @@ def put_inside(record, key, value):
         (put("cost", {"number": "nan"}), "cost"),
         (put_inside("model", "kernel", "__import__('os')"), "kernel"),
         (put_inside("model", "kernel", "no_kernel"), "kernel"),
-        (put_inside("progress", "stage", 6), "stage"),
+        (put_inside("model", "contradicted", True), "contradicted"),
+        (put_inside("progress", "rounds", -1), "rounds"),
         (put("progress", {"record": {}}), "version"),
         (put("progress", {"tuple": []}), "progress"),
         (put("settings", {"settings": 7}), "settings"),
@@ -229,6 +230,11 @@ def test_a_changed_table_is_refused(folder, change, word):
         session_file.read(folder(change))
     assert "\n" not in str(caught.value) and "session.json" in str(caught.value)
     assert len(str(caught.value)) < 1000 + len(str(Path.cwd()))
+
+
+def test_a_stage_that_the_schedule_does_not_have_is_refused(folder):
+    with pytest.raises(InputError, match=r"progress\.stage = 6 must be from 0 to 5"):
+        session_file.read(folder(put_inside("progress", "stage", 6)))
 
 
 @pytest.mark.parametrize(

@@ -59,8 +59,8 @@ def found(verdict, text, **changes):
 
 def test_the_line_is_coloured_by_the_code():
     assert verdict_html(None) == ""
-    good = verdict_html(found("good", "the positions <can> be used"))
-    assert GOOD in good and "<b>good</b>: the positions &lt;can&gt; be used" in good
+    good = verdict_html(found("good", "the positions & more"))
+    assert GOOD in good and "<b>good</b>: the positions &amp; more" in good
     bad = verdict_html(found("model_mismatch", "no", evidence=Evidence(1.0, leave_one_out_db=-12.34)))
     assert "<b>model mismatch</b>" in bad, "words, not a code"
     assert DOUBTFUL in bad and GOOD not in bad and "leave-one-out error -12.3 dB" in bad
