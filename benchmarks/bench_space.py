@@ -12,10 +12,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fdcal.assessment.verdict import judge
+from fdcal.assessment.assess import assess
 from fdcal.model.gauge import align, position_errors
+from fdcal.solvers import load
 
-from .draws import draw, pooled, solve, summary
+from .draws import SOLVER, draw, pooled, solve, summary
 from .report import Figure
 
 DRAWS = int(os.environ.get("FDCAL_BENCH_DRAWS", "20"))
@@ -52,8 +53,8 @@ def shape() -> list[Figure]:
         scaled, scale = similar(outcome.positions, measurement.positions)
         errors.append(pooled(position_errors(scaled, measurement.positions)))
         scales.append(scale)
-        state, problem = outcome.state, measurement.problem(known="none")
-        verdicts.append(judge(problem, state.positions, state.modes, state.field.noise, None, state.converged).code)
+        estimate = load(SOLVER).result(measurement.problem(known="none"), outcome.state)
+        verdicts.append(assess(estimate, measurement.names).verdict)
     said, name = verdicts.count("scale_undetermined"), "plane3d, blind, 50 dB"
     others = ", ".join(sorted(set(verdicts) - {"scale_undetermined"})) or "none"
     worst = float(np.max(np.abs(np.log(scales))))

@@ -438,8 +438,8 @@ ROOM_FINDINGS: tuple[Finding[JudgedRoom], ...] = (
     Finding("odd_channel", _faulty_in_room, _worst_in_room,
             "", 6.0, "squared residual of a channel over that of the median channel, of five at least"),
     Finding("too_noisy", lambda seen, limit: seen.estimate.noise_share > limit,
-            lambda seen: f"{100 * seen.estimate.noise_share:.0f} % of the power is unexplained", "", 0.3,
-            "noise over the power"),
+            lambda seen: f"{100 * seen.estimate.noise_share:.0f} % of the power is unexplained", "",
+            0.3, "noise over the power"),
     Finding("room_size", _other_size, _size_words, "", 2e-3, "relative error of a length, and five sigmas of it"),
     Finding("model_mismatch", lambda seen, limit: seen.estimate.noise_given and seen.estimate.residual > limit,
             lambda seen: f"the residual is {seen.estimate.residual:.2g} times what the noise explains: {ROOM_CAUSES}",
@@ -454,7 +454,8 @@ ROOM_FINDINGS: tuple[Finding[JudgedRoom], ...] = (
             "are the positions measured from a corner of the room?", 0.01, "metres, and five sigmas"),
     Finding("ambiguous", lambda seen, limit: root_mean_square(seen.sigma) > min(0.1, limit * seen.radius),
             lambda seen: f"the positions are uncertain by {100 * root_mean_square(seen.sigma):.2g} cm",
-            "use more <modes>, or less noise", 0.1, "one sigma of the positions over the radius of the array, and 10 cm at most"),
+            "use more <modes>, or less noise",
+            0.1, "one sigma of the positions over the radius of the array, and 10 cm at most"),
     Finding("good", lambda seen, _: True, _good_in_room),
 )
 # fmt: on
