@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.special import jv, spherical_jn
+from scipy.special import hankel2, jv, spherical_jn
 
 from fdcal.acoustics.fourier_bessel import fourier_bessel
 from fdcal.acoustics.spherical_harmonics import degrees, spherical_bessel
@@ -139,3 +139,22 @@ def test_every_covariance_is_hermitian_and_not_negative(dimension, D):
     ):
         np.testing.assert_allclose(found, np.conj(found.swapaxes(1, 2)), atol=1e-10 * np.abs(found).max())
         assert np.linalg.eigvalsh(found).min() > -1e-9 * np.abs(found).max()
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_a_source_close_to_the_array_is_a_likely_draw_of_the_near_field_alone(dimension):
+    """At 1.7 R, beyond the nearest source that the gains allow for: p^H K^-1 p of a draw is about N."""
+    rng, count = np.random.default_rng(0), 60
+    x = rng.normal(size=(count, dimension))
+    x *= 0.5 * (rng.uniform(size=count) ** (1 / dimension) / np.linalg.norm(x, axis=1))[:, None]
+    reach = np.linalg.norm(x - x.mean(axis=0), axis=1).max()
+    z = np.multiply.outer(K, np.linalg.norm(x - x.mean(axis=0) - 1.7 * reach * np.eye(dimension)[0], axis=1))
+    p = hankel2(0, z) if dimension == 2 else np.exp(-1j * z) / z
+    p /= np.sqrt(np.mean(np.abs(p) ** 2, axis=1, keepdims=True))
+
+    def misfit(near):
+        matrices = series_kernel(x, None, K, dimension, near, False)[0] + 1e-9 * np.eye(count)
+        return np.einsum("mi,mi->m", p.conj(), np.linalg.solve(matrices, p[..., None])[..., 0]).real
+
+    assert np.all(misfit(True) < 2 * count)
+    assert misfit(False)[0] > 1000 * count

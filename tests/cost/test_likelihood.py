@@ -263,6 +263,18 @@ def test_far_away_microphones_do_not_fit_better():
         assert there > here + 100
 
 
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_few_waves_without_noise_have_a_cost(kernel):
+    """There the covariance is singular, and a least share of noise stands in."""
+    x, _, _ = drawn(2, MANY)
+    field = assumed(kernel, x, 2)
+    field = replace(field, channel_noise=np.ones(MANY))
+    p = np.exp(-1j * np.real(field.wavenumbers)[:, None] * (x @ [0.6, 0.8]))
+    none, little = (likelihood_terms(x, p, replace(field, noise=share * POWER)) for share in (0.0, 1e-9))
+    assert np.all(np.isfinite(none.costs)) and np.all(np.isfinite(none.gradient))
+    assert none.cost < little.cost or kernel != "diffuse", "an undamped wave is explained but for rounding errors"
+
+
 # Channels.
 
 
@@ -352,6 +364,16 @@ def test_the_conditional_cost_is_that_of_the_explicit_covariance(kernel, dimensi
     for name in ("gradient", "curvature", "slopes"):
         both = getattr(none, name) + weight * getattr(alone, name)
         np.testing.assert_allclose(getattr(found, name), both, atol=1e-9 * np.abs(both).max())
+
+
+@pytest.mark.parametrize(("dimension", "D"), ARRAYS)
+def test_damping_counts_in_the_conditional_part_only_where_it_is_asked_for(dimension, D):
+    x, p, channels = drawn(D)
+    damped, real = (with_conditional(assumed(kernel, x, dimension), channels, 0.0) for kernel in ("series", "diffuse"))
+    without = replace(damped, conditional=replace(damped.conditional, damped=False))
+    costs = [likelihood_terms(x, p, field, channels).costs for field in (real, without, damped)]
+    np.testing.assert_allclose(costs[1], costs[0], rtol=1e-12)
+    assert not np.allclose(costs[2], costs[0], rtol=1e-6)
 
 
 ROOM_K = np.linspace(2.0, 7.0, 60)  # rad/m

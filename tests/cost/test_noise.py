@@ -81,6 +81,19 @@ def test_the_noise_found_is_the_likeliest_one(complex_k):
     assert estimate.cost < least.fun - np.log(tau).sum() * M + 0.5, "the error of the positions is one more freedom"
 
 
+@pytest.mark.parametrize("spread", [0.0, 0.02, 0.4])
+def test_the_cost_of_an_estimate_is_that_of_its_noise_in_every_mode(spread):
+    """Position errors add k^2 spread^2 / D, up to the greatest share that noise may have."""
+    (p,) = draws(1e-3, 1)
+    x = TRUTH + np.random.default_rng(1).normal(0, spread, TRUTH.shape)
+    field = FieldModel(K, ONES, 0 * ONES, np.ones(N), 2)
+    found = estimate_noise(x, unit(p), field, DIFFUSE_FLOOR)
+    noise = np.minimum(found.share + (K * found.spread) ** 2 / 2, NOISE_RULES.max_share)
+    assert (noise.max() == NOISE_RULES.max_share) == (spread == 0.4)
+    cost = likelihood_terms(x, unit(p), replace(field, noise=noise), derivatives=False).cost
+    assert found.cost == pytest.approx(cost, rel=1e-9)
+
+
 @pytest.mark.parametrize("share", [0.0, 0.2, 2.0])
 def test_the_expected_power_of_healthy_channels_is_that_of_an_isotropic_field(share):
     (p,) = draws(0.1, 1)
@@ -104,9 +117,12 @@ def started(seed=0):
     return p, power, tau / np.median(tau), FieldModel(K, ONES, 0.02 * ONES, np.ones(N), 2)
 
 
-def test_the_power_ends_where_likelihood_and_prior_are_stationary():
+@pytest.mark.parametrize("explained", [True, False])
+def test_the_power_ends_where_likelihood_and_prior_are_stationary(explained):
+    """Also of pressures that are noise, but not called so: then the field is weaker than expected."""
     p, _, tau, field = started()
-    field = replace(field, channel_noise=tau)
+    p, tau = (p, tau) if explained else (next(draws(1.0, 1)), np.ones(N))
+    field = replace(field, channel_noise=tau, noise=field.noise if explained else 0.1 * ONES)
     for _ in range(200):
         field = replace(field, power=updated_power(field, likelihood_terms(TRUTH, p, field)))
     h = 1e-4

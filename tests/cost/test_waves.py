@@ -61,10 +61,12 @@ def test_the_expansion_is_about_the_positions_given_for_it(D):
     np.testing.assert_array_equal(gains[:, :shared], own_gains[:, :shared], "the extent is that of `about`, too")
 
 
+@pytest.mark.parametrize("size", [None, 0.3, 2.0])
 @pytest.mark.parametrize(("near", "extra"), [(False, EXTRA_ORDERS), (True, NEAR_FIELD_ORDERS)])
-def test_the_order_is_k_times_the_farthest_microphone_and_some(near, extra):
+def test_the_order_is_k_times_the_farthest_microphone_and_some(near, extra, size):
+    """Whatever the size of the array whose centre is taken."""
     x = array()
-    centre, orders, _ = expansion_about(x, K - 0.1j, 2, near)
+    centre, orders, _ = expansion_about(x, K - 0.1j, 2, near, None if size is None else size * x)
     farthest = np.linalg.norm(x - centre, axis=1).max()
     np.testing.assert_array_equal(orders, np.ceil(K * farthest) + extra)
 
