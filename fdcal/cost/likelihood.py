@@ -364,7 +364,7 @@ def _dense_slopes(x, u, traced, D, power) -> tuple[np.ndarray, np.ndarray]:
     if D.ndim == 4:
         g = np.array([s * applied(slope, u) for slope in D])
         return g, np.array([s * np.einsum("mij,mij->mi", slope, np.conj(traced)).real for slope in D])
-    moments = np.concatenate([u[..., None], u[..., None] * x], axis=-1)  # D_a = S (x_i - x_j)_a
+    moments = np.ascontiguousarray(np.concatenate([u[..., None], u[..., None] * x], axis=-1))  # D_a = S (x_i - x_j)_a
     Su = np.matmul(D, moments.view(float)).view(complex) * s[..., None]
     rows = np.matmul(np.real(traced) * D, np.column_stack([np.ones(len(x)), x])) * s[..., None]
     return np.moveaxis(x * Su[..., :1] - Su[..., 1:], 2, 0), np.moveaxis(x * rows[..., :1] - rows[..., 1:], 2, 0)

@@ -119,8 +119,8 @@ def plan(problem: Problem, modes: int, noiseless: bool = False) -> list[tuple[st
     good as the others, and their affine image comes first.
     """
     counts = list(dict.fromkeys(min(n, modes) for n in RULES.lowest(problem.dimension)))
-    metric = [("metric", n) for n in counts]
-    affine_starts = [("map", counts[0]), *metric] if len(problem.known) else metric
+    kinds = ("map", "metric") if len(problem.known) else ("metric",)
+    affine_starts = [(kind, n) for n in counts for kind in kinds]
     first = [affine_starts[0], ("coherence", modes)] if noiseless else [("coherence", modes), affine_starts[0]]
     return [*first, affine_starts[1], ("coherence", modes // 2), *affine_starts[2:]]
 

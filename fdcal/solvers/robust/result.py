@@ -97,7 +97,7 @@ def result(problem: Problem, state: State) -> Estimate:
         problem=problem,
         modes=state.modes,
         positions=state.positions,
-        converged=state.converged,
+        converged=state.converged or state.finished,
         channels=ChannelEstimate(
             state.gains,
             each[:, :2],
