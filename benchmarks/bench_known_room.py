@@ -16,11 +16,12 @@ import numpy as np
 
 from fdcal.acoustics.box_field import point_source_pressures as box_field
 from fdcal.acoustics.room_symmetry import nearest_symmetry
-from fdcal.assessment.room_verdict import judge
+from fdcal.assessment.assess import assess
 from fdcal.model.measurement import Measurement
 from fdcal.model.power import mode_power
 from fdcal.model.room import Room
 from fdcal.model.settings import SolverSettings
+from fdcal.solvers import load
 from fdcal.solvers import run as states
 
 from .draws import eigenfrequencies, pooled, rigid_field
@@ -61,11 +62,13 @@ def found(measurement: Measurement, size) -> SimpleNamespace:
     problem = measurement.problem()
     for state in states(problem, SolverSettings(name="room", modes=MODES, room=size), 0):  # noqa: B007, the last one counts
         pass
-    assessed = judge(problem, state, measurement.names).verdict
+    assessed = assess(load("room").result(problem, state), measurement.names)
     image = nearest_symmetry(state.positions, measurement.positions, size)
     errors = np.linalg.norm(image.apply(state.positions) - measurement.positions, axis=1)
     seconds = time.perf_counter() - start
-    return SimpleNamespace(rms=pooled(errors), code=assessed.code, seconds=seconds, sigma=pooled(assessed.uncertainty))
+    return SimpleNamespace(
+        rms=pooled(errors), code=assessed.verdict, seconds=seconds, sigma=pooled(assessed.uncertainty)
+    )
 
 
 def run() -> Iterator[Figure]:

@@ -107,7 +107,7 @@ class ChannelFault:
         Of the microphone.
     kind : str
         "inverted", "dead", "noisy", "delayed", "high_pass", "gain", "misplaced" or "exchanged", see
-        `fdcal.assessment.odd_channels`.
+        `fdcal.assessment.channels`.
     value : float or None
         Gain or noise over the median channel in decibels, phase in degrees, delay in seconds, corner frequency over
         that of the others in hertz, or distance from the given position in metres.

@@ -35,7 +35,7 @@ def channel_table(result: Calibration) -> str:
     """Return gain, phase and noise of every channel as CSV, numbers to full precision.
 
     To correct a recording, divide the pressures of a channel by 10^(gain_db / 20) exp(j phase_deg pi / 180). The fault
-    is empty, or one of those of `fdcal.assessment.odd_channels`.
+    is empty, or one of those of `fdcal.assessment.channels`.
     """
     if result.channels is None:
         problem = f"the result of solver {result.solver} holds no gains of the channels"
