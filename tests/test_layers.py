@@ -47,7 +47,7 @@ HOMES = {
     "pyarrow": {"session.study.results"},
     "distributed": {"session.study.cluster"},
     "pyfar": {"recordings.pyfar_objects"},
-    "tomllib": {"model", "session.lesson_file"},
+    "tomllib": {"model"},
     "soundfile": {"recordings.formats"},
     "h5py": {"recordings.formats"},
     "sofar": {"recordings.formats"},

@@ -13,6 +13,7 @@ from test_channels import KNOWN, MODES, array, estimated
 import fdcal
 from fdcal.acoustics.fourier_bessel import array_f_max
 from fdcal.assessment.assess import assess, judged
+from fdcal.assessment.channels import FaultyChannel
 from fdcal.assessment.findings import FINDINGS, ROOM_FINDINGS, JudgedRoom
 from fdcal.model.gauge import align
 from fdcal.model.measurement import Measurement
@@ -340,6 +341,43 @@ def test_a_given_distance_stretches_positions_sigma_and_sound_speed_alike(estima
     np.testing.assert_allclose(larger.problem.wavenumbers, one.problem.wavenumbers / 1.01)
 
 
+def test_a_faulty_channel_does_not_count_in_the_residual(estimate):
+    n, terms = 7, estimate.field.terms
+    weighted, precision = np.array(terms.weighted), np.array(terms.precision)
+    weighted[:, n] *= 100.0
+    precision[:, n] *= 3.0
+    spoilt = replace(
+        estimate, field=replace(estimate.field, terms=replace(terms, weighted=weighted, precision=precision))
+    )
+    faulty = (FaultyChannel(n, "noisy", 20.0, "dB"),)
+    figures = [
+        replace(judged(one, [""] * len(estimate.positions)), faulty=faulty).residual_to_noise
+        for one in (estimate, spoilt)
+    ]
+    assert figures[0] == pytest.approx(figures[1], rel=1e-12)
+
+
+def test_gains_of_the_channels_that_the_solver_found_are_no_error_of_the_prediction(estimate):
+    """The leave-one-out errors are those of the pressures without them, and without its delays."""
+    rng, before = np.random.default_rng(0), assess(estimate).evidence
+    gains = 0.3 * rng.normal(size=estimate.channels.gains.shape)
+    pressures = estimate.problem.pressures * np.exp(gains @ np.array([1.0, 1.0j]))
+    channels = replace(estimate.channels, gains=estimate.channels.gains + gains, spread=np.ones(2))
+    found = replace(estimate, problem=replace(estimate.problem, pressures=pressures), channels=channels)
+    after = assess(found).evidence
+    assert after.leave_one_out_db == pytest.approx(before.leave_one_out_db, abs=0.05)
+    np.testing.assert_allclose(after.microphones_db, before.microphones_db, atol=0.1)
+
+
+def test_the_noise_that_the_last_stage_takes_off_is_back_in_the_result(solved):
+    """It makes the last steps sharper, and no sigma smaller."""
+    problem, state = solved
+    deflated = replace(state, model=replace(state.model, noise=state.model.noise / 3, deflation=3.0))
+    one, other = robust.result(problem, state), robust.result(problem, deflated)
+    np.testing.assert_allclose(other.field.noise, one.field.noise)
+    np.testing.assert_allclose(other.spread.newton, one.spread.newton, rtol=1e-6, atol=1e-15)
+
+
 # --- verdicts of every solver ----------------------------------------------------------------------------------------
 
 
@@ -596,6 +634,12 @@ def test_limits_of_known_rooms_hold_five_sigmas(in_room):
         == 8
     )
     assert np.linalg.norm(assess(in_room).positions - IN_ROOM, axis=1).max() < 0.02
+
+
+def test_of_four_channels_in_a_room_none_stands_out(in_room):
+    part = with_worst(in_room).channel_residual
+    assert first_room_row(replace(in_room, channel_residual=part[:4])) != 0
+    assert first_room_row(replace(in_room, channel_residual=part[:5])) == 0
 
 
 # --- the end, not the way to it --------------------------------------------------------------------------------------
