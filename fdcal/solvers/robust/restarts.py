@@ -52,6 +52,7 @@ def begin_stage(state: State, stage: int) -> State:
 def begin_restart(problem: Problem, state: State, positions: np.ndarray, restart: int) -> State:
     """Return `state` at the beginning of a restart at `positions` (N, D), metres; exact given ones are put in place."""
     model, x = first_model(problem, state.settings), np.array(positions, float)
+    x = x if problem.frame is None else move_to_frame(x, problem.frame)
     if model.known_sigma == 0:
         x[problem.known] = problem.known_positions
     x, zero = frozen_array(x, float), frozen_array(np.zeros((len(x), 2)), float)
