@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import json
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from fdcal.assessment.assess import Assessment, assess, judged
 from fdcal.model.gauge import align
 from fdcal.model.problem import Problem
 from fdcal.model.settings import SolverSettings
+from fdcal.session.state_codec import read_states, write_states
 from fdcal.solvers.estimate import Estimate
 
 
@@ -46,6 +48,25 @@ def run_from(solver, problem, state) -> list:
     while not states[-1].finished:
         states.append(solver.step(problem, states[-1]))
     return states
+
+
+def same_state(one, other, but=()) -> bool:
+    """Whether two states, or parts of them, are equal to the last bit, whatever their class."""
+    if isinstance(one, np.ndarray):
+        return np.array_equal(one, other)
+    if isinstance(one, tuple):
+        return len(one) == len(other) and all(map(same_state, one, other))
+    if is_dataclass(one):
+        names = [field.name for field in fields(one) if field.name not in but]
+        return all(same_state(getattr(one, name), getattr(other, name)) for name in names)
+    return one == other
+
+
+def saved_and_read(problem, state):
+    """What a session file gives back of a state."""
+    table, arrays = write_states([state])
+    (read,) = read_states(json.loads(json.dumps(table)), arrays, problem, state.settings.name, 1)
+    return read
 
 
 def rms(found, truth, chosen=slice(None)) -> float:
