@@ -38,7 +38,6 @@ from fdcal.assessment.result_file import REQUIRED
         (["calibrate", "tiny", "--modes", "3"], ["3 modes are too few", "26 unknown coordinates", "use at least 6"]),
         (["calibrate", "tiny", "--start", "zero"], ["'--start'", "'zero'", "'affine', 'random'"]),
         (["calibrate", "tiny", "--known", "some"], ["'--known'", "'some'", "'all', 'minimal', 'none'"]),
-        (["calibrate", "tiny", "--cost", "least"], ["'--cost'", "'least'", "'likelihood', 'projection'"]),
         (
             ["calibrate", "tiny", "--noise", "much"],
             ["'--noise'", '"much" is unknown', '"auto", "reported"', "decibels"],

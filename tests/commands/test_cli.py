@@ -100,7 +100,7 @@ def test_the_cost_is_that_of_the_page(calibrated, made):
     ("options", "sought", "aligned"),
     [
         ([], 13, False),
-        (["--known", "all", "--solver", "joint", "--cost", "projection"], 13, False),
+        (["--known", "all", "--solver", "joint"], 13, False),
         (["--known", "minimal"], 16, False),
         (["--known", "none"], 16, True),
         (["--noise", "60"], 13, False),
@@ -142,19 +142,14 @@ def test_the_seed_determines_a_random_start_and_changes_nothing_else(calibrated)
     start = ("--solver", "joint", "--start")
     one, two = (calibrated("--seed", seed, *start, "affine")[1]["positions"] for seed in (0, 1))
     assert one == two
-    one, two = (calibrated("--seed", seed, *start, "random")[1]["positions"] for seed in (0, 1))
-    assert one != two
+    one, two = (calibrated("--seed", seed, *start, "random")[1] for seed in (0, 1))
+    assert one["sweeps"] != two["sweeps"], "another way, though perhaps to the same place"
 
 
-def test_a_given_snr_replaces_the_reported_one(calibrated):
-    """With 3 dB supposed, where there is no noise, joint's prior wins and the pressures hardly count."""
-    careful, exact = (calibrated("--solver", "joint", "--noise", snr)[1] for snr in ("3", "reported"))
-    assert careful["mean_error_m"] > 3 * exact["mean_error_m"]
-
-
-def test_solver_robust_does_not_believe_a_noise_that_the_pressures_contradict(calibrated):
-    stated, estimated = (calibrated("--noise", snr)[1] for snr in ("3", "auto"))
-    assert np.abs(np.subtract(stated["positions"], estimated["positions"])).max() < 2e-5
+@pytest.mark.parametrize(("solver", "apart"), [("joint", 2e-4), ("robust", 2e-5)])
+def test_a_noise_that_the_pressures_contradict_is_not_believed(calibrated, solver, apart):
+    stated, estimated = (calibrated("--solver", solver, "--noise", snr)[1] for snr in ("3", "auto"))
+    assert np.abs(np.subtract(stated["positions"], estimated["positions"])).max() < apart
     assert stated["uncertainty_m"] == pytest.approx(estimated["uncertainty_m"], rel=0.05)
 
 

@@ -257,6 +257,15 @@ def test_optima_that_do_not_agree_are_followed_by_other_restarts_and_the_likelie
     assert np.abs(final.positions - best.positions)[healthy].max() < 0.05, "it goes on from the likeliest"
 
 
+def test_a_random_start_is_drawn_by_the_seed_and_nothing_else_is():
+    problem, settings = measured(TRUTH, KNOWN).problem(), replace(SETTINGS, start="random")
+    one, again, other = (joint.init(problem, settings, seed) for seed in (0, 0, 1))
+    assert same_state(one, again) and not np.array_equal(one.positions, other.positions)
+    assert np.array_equal(one.positions[KNOWN], TRUTH[KNOWN])
+    own = (joint.init(problem, SETTINGS, seed) for seed in (0, 1))
+    assert same_state(*own, but=("seed",))
+
+
 def test_a_run_is_repeatable(clean):
     again = solve(measured(TRUTH, KNOWN))
     assert len(again) == len(clean) and all(same_state(a, b) for a, b in zip(again, clean, strict=True))
