@@ -146,11 +146,11 @@ def test_the_seed_determines_a_random_start_and_changes_nothing_else(calibrated)
     assert one["sweeps"] != two["sweeps"], "another way, though perhaps to the same place"
 
 
-@pytest.mark.parametrize(("solver", "apart"), [("joint", 2e-4), ("robust", 2e-5)])
-def test_a_noise_that_the_pressures_contradict_is_not_believed(calibrated, solver, apart):
+@pytest.mark.parametrize(("solver", "apart", "rel"), [("joint", 2e-4, 0.2), ("robust", 2e-5, 0.05)])
+def test_a_noise_that_the_pressures_contradict_is_not_believed(calibrated, solver, apart, rel):
     stated, estimated = (calibrated("--solver", solver, "--noise", snr)[1] for snr in ("3", "auto"))
     assert np.abs(np.subtract(stated["positions"], estimated["positions"])).max() < apart
-    assert stated["uncertainty_m"] == pytest.approx(estimated["uncertainty_m"], rel=0.05)
+    assert stated["uncertainty_m"] == pytest.approx(estimated["uncertainty_m"], rel=rel)
 
 
 @pytest.mark.parametrize("solver", ["joint", "robust"])
