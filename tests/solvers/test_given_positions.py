@@ -61,6 +61,18 @@ def test_exchanged_positions_are_put_right(count):
     assert np.max(np.abs(best.positions - x)) < 5e-3
 
 
+def test_two_positions_so_close_that_an_exchange_hardly_matters_are_held_as_given():
+    """An exchange is seldom: where the pressures say little, it is not assumed."""
+    x = array()
+    x[KNOWN[3]] = x[KNOWN[1]] + [0.0024, -0.0018]
+    exchanged = np.array([0, 3, 2, 1, 4, 5])
+    places = x[KNOWN][exchanged]
+    found = hypotheses(free(x), KNOWN, places, None, True)
+    assert np.array_equal(found[0].order, np.arange(6)) and np.all(found[0].right)
+    other = next(one for one in found if np.array_equal(one.order, exchanged))
+    assert np.max(np.abs(found[0].positions - x)) < 6e-3 and other.log_evidence > found[0].log_evidence - 6.0
+
+
 def test_positions_that_are_all_inaccurate_are_all_held_less_firmly():
     x, rng = array(), np.random.default_rng(5)
     best = likeliest(x[KNOWN] + 0.015 * rng.normal(size=(6, 2)))
