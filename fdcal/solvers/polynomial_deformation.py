@@ -39,6 +39,8 @@ def polynomial_deformations(positions: np.ndarray, known: np.ndarray, degree: in
     whole = np.kron(np.linalg.qr(np.column_stack(columns))[0], np.eye(D))
     if not len(known):
         return whole
-    rows = whole[(D * np.asarray(known)[:, None] + np.arange(D)).ravel()]
-    _, values, vectors = np.linalg.svd(rows)
-    return whole @ vectors[np.count_nonzero(values > 1e-9 * values[0]) :].T
+    held = (D * np.asarray(known)[:, None] + np.arange(D)).ravel()
+    _, values, vectors = np.linalg.svd(whole[held])
+    basis = whole @ vectors[np.count_nonzero(values > 1e-9 * values[0]) :].T
+    basis[held] = 0.0  # to the last bit: rounding would move a microphone at the origin
+    return basis
