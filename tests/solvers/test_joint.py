@@ -48,6 +48,13 @@ def test_known_microphones_never_move(clean):
     assert all(np.array_equal(state.positions[KNOWN], TRUTH[KNOWN]) for state in clean)
 
 
+def test_known_microphones_never_move_though_one_is_the_origin():
+    """There the least rounding error of a step would count."""
+    positions = TRUTH - TRUTH[KNOWN[0]]
+    states = solve(replace(measured(TRUTH, KNOWN), positions=positions, known_positions=positions[KNOWN]))
+    assert all(np.array_equal(state.positions[KNOWN], positions[KNOWN]) for state in states)
+
+
 def test_known_microphones_never_move_though_their_channels_record_only_noise_or_their_positions_are_wrong():
     measurement = measured(TRUTH, [*KNOWN, 3], snr_db=40)
     pressures, given = measurement.pressures.copy(), TRUTH[[*KNOWN, 3]].copy()

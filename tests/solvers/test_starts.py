@@ -1,4 +1,4 @@
-"""Laws of the affine start and of the deformations of an array."""
+"""Laws of the starts, affine and of the coherence, and of the deformations of an array."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fields import measured
+from solving import rms_of_shape
 
 from fdcal import solvers
 from fdcal.model.gauge import position_errors
@@ -138,3 +139,66 @@ def test_an_array_is_found_though_the_source_hardly_excites_one_direction():
     )
     last = list(solvers.run(measurement.problem(), SolverSettings(name="joint", modes=40), 0))[-1]
     assert last.converged and position_errors(last.positions, truth).max() < 0.02
+
+
+# The coherence start: right for arrays of several wavelengths, where an affine image of the low modes is not.
+
+FREQUENCIES = np.linspace(40.0, 320.0, 48)
+K = 2 * np.pi * FREQUENCIES / 343.0
+
+
+def diffuse(x, k, rng, noise: float = 0.0) -> np.ndarray:
+    """Pressures (M, N), of unit power on average, at x (N, D): 40 plane waves a mode, from random directions."""
+    directions = rng.normal(size=(len(k), 40, x.shape[1]))
+    directions /= np.linalg.norm(directions, axis=2, keepdims=True)
+    waves = np.exp(1j * k[:, None, None] * (directions @ x.T))
+    drawn = rng.normal(size=(2, len(k), 40)) / np.sqrt(80)
+    p = np.einsum("md,mdn->mn", drawn[0] + 1j * drawn[1], waves) * np.sqrt(1 - noise)
+    e = rng.normal(size=(2, *p.shape)) * np.sqrt(noise / 2)
+    return p + e[0] + 1j * e[1]
+
+
+@pytest.mark.parametrize("D", [2, 3])
+def test_distances_of_near_pairs_follow_from_the_coherence(D):
+    rng = np.random.default_rng(1)
+    x = rng.uniform(0, 1.0, (12, D))
+    k = np.linspace(1.0, 6.0, 600)
+    found, _ = starts.pair_distances(diffuse(x, k, rng, 0.01), k, 0.01, D)
+    np.testing.assert_allclose(found, found.T)
+    apart = np.linalg.norm(x[:, None] - x[None], axis=-1)
+    pairs = np.triu_indices(12, 1)
+    assert np.median(np.abs(np.log(found[pairs] / apart[pairs]))) < 0.06
+
+
+@pytest.mark.parametrize("noise", [1e-3, 0.1])
+def test_an_array_of_three_wavelengths(noise):
+    rng = np.random.default_rng(2)
+    x = rng.uniform(0, 3.2, (50, 2))
+    p = diffuse(x, K, rng, noise)
+    assert rms_of_shape(starts.coherence_start(p, K, noise, 2, 2), x) < 0.2
+    unknown = starts.coherence_start(p, K, None, 2, 2)
+    assert rms_of_shape(unknown, x) < 0.2, "the noise is chosen by likelihood where none is reported"
+    problem = Measurement(pressures=p, frequencies=FREQUENCIES, sound_speed=343.0).problem("unit")
+    assert rms_of_shape(starts.affine(problem, len(K)), x) > 0.4, "the low modes are not affine over so large an array"
+
+
+def test_robust_finds_an_array_of_three_wavelengths_with_a_noisy_and_an_inverted_channel():
+    rng = np.random.default_rng(3)
+    x = rng.uniform(0, 3.2, (50, 2))
+    p = diffuse(x, K, rng, 1e-4)
+    p[:, 7] *= -1
+    p[:, 20] = (rng.normal(size=len(K)) + 1j * rng.normal(size=len(K))) / np.sqrt(2)
+    problem = Measurement(pressures=p, frequencies=FREQUENCIES, sound_speed=343.0).problem("unit")
+    state = list(solvers.run(problem, SolverSettings(name="robust", modes=len(K)), 0))[-1]
+    sound = np.arange(50) != 20
+    assert rms_of_shape(state.positions[sound], x[sound]) < 5e-3
+    assert state.model.channel_noise[20] > 100
+    assert abs(state.gains[7, 1]) == pytest.approx(np.pi, abs=0.1)
+
+
+def test_the_start_does_not_depend_on_how_microphones_are_numbered():
+    rng = np.random.default_rng(4)
+    x, order = rng.uniform(0, 2.0, (20, 2)), rng.permutation(20)
+    p = diffuse(x, K, rng)
+    one, other = starts.coherence_start(p, K, 1e-2, 2, 2), starts.coherence_start(p[:, order], K, 1e-2, 2, 2)
+    assert rms_of_shape(other, one[order]) < 1e-3
