@@ -22,10 +22,9 @@ from ..model.validation import frozen_array, word_arguments
 from ..solvers.estimate import Estimate, RoomEstimate
 from .calibration import DECIBELS_PER_NEPER, Channels, Evidence, GivenPosition, KnownRoom
 from .channels import FaultyChannel, channel_faults, exchanged_back, faulty_channels
-from .error_ellipses import one_sigma
 from .field import cross_validate, summarise
 from .findings import FINDINGS, ROOM_FINDINGS, Judged, JudgedRoom, first_finding
-from .uncertainty import covariance_of, curvature_of, search_spread_of, stretch_sigma_of
+from .uncertainty import covariance_of, curvature_of, one_sigma, search_spread_of, stretch_sigma_of
 
 ARGUMENTS: Mapping[str, str] = MappingProxyType({})  # arguments are called as in Python
 

@@ -34,7 +34,7 @@ from ..cost.kernels import diffuse_kernel
 from ..cost.likelihood import FieldModel, likelihood_terms
 from ..model.gauge import rigid_motions
 from ..model.power import mode_power
-from .error_ellipses import one_sigma
+from .uncertainty import one_sigma
 
 EXACT = 1e-7  # metres, one sigma of a position that is given exactly
 LEAST_EIGENVALUE = 1e-13  # of the scaled information: directions with less are as good as undetermined

@@ -1,13 +1,6 @@
 """The result of a calibration: `Calibration`, its parts, its errors against the truth, and what it can be turned into.
 
 What is carried out elsewhere (files, tables, pictures, other programs' formats) is looked up in `fdcal.EXTENSIONS`.
-
-Frames of the positions:
-
-known     as they are: the axes of the known microphones
-minimal   the first microphone is the origin, the second lies on the positive x axis, the third in the x-y plane
-          with y > 0, the fourth of an array in space has z > 0; a microphone in line with those before is skipped
-axes      the centre of the array is the origin, x its longest axis, then y; the sum of cubes is positive on each
 """
 
 from __future__ import annotations
@@ -22,7 +15,7 @@ import numpy as np
 import fdcal
 
 from ..cost.channel_correction import ChannelCorrection
-from ..model.gauge import align, position_errors
+from ..model.gauge import align, in_frame, position_errors
 from ..model.lengths import length_text
 from ..model.measurement import Measurement
 from ..model.microphones import MicrophonePositions
@@ -30,9 +23,6 @@ from ..model.validation import InputError, frozen_array, require_choice
 
 DECIBELS_PER_NEPER = 20 / np.log(10)
 CHANNEL_NUMBERS = ("gain_db", "gain_sigma_db", "phase_deg", "phase_sigma_deg", "noise_db")  # attributes of `Channels`
-FRAMES = ("known", "minimal", "axes")
-COLLINEAR = 1e-6  # of the array's extent: microphones this close to a line or plane through others lie in it
-INDEPENDENT = 0.1  # least part of a coordinate axis outside the axes found so far, to complete them
 
 
 def _freeze(part: object, *names: str) -> None:
@@ -610,20 +600,6 @@ class Calibration:
         return fdcal.extension("calibration_html")(self)
 
 
-def in_frame(positions, frame: str) -> np.ndarray:
-    """Return positions (N, D), metres, moved, rotated and maybe mirrored as a whole into a frame of FRAMES."""
-    require_choice("frame", frame, FRAMES)
-    positions = np.array(positions, float)
-    if frame == "known":
-        return positions
-    if frame == "minimal":
-        apart = positions - positions[0]
-        return apart @ _minimal_axes(apart).T
-    centred = positions - positions.mean(axis=0)
-    turned = centred @ np.linalg.svd(centred, full_matrices=True)[2].T
-    return turned * np.where(np.sum(turned**3, axis=0) < 0, -1.0, 1.0)
-
-
 def placed_in_frame(result: Calibration, frame: str | None) -> MicrophonePositions:
     """Return the microphones of a result in a frame; None for that of the known ones, or "axes" without any."""
     blind = result.known == ()
@@ -634,18 +610,3 @@ def placed_in_frame(result: Calibration, frame: str | None) -> MicrophonePositio
             "frame = known, but no microphone was known", "use <frame> minimal or axes", key="frame", value="known"
         )
     return MicrophonePositions(result.names, in_frame(result.positions, frame), result.uncertainty, frame)
-
-
-def _minimal_axes(apart: np.ndarray) -> np.ndarray:
-    """Return the axes (D, D), in rows, of the frame "minimal", from offsets (N, D) from the first microphone."""
-    extent = np.linalg.norm(apart, axis=1).max()
-    # An array in a line or a plane leaves some axes open, which those of the coordinates complete.
-    candidates = [(vector, COLLINEAR * extent) for vector in apart[1:]]
-    candidates += [(axis, INDEPENDENT) for axis in np.eye(apart.shape[1])]
-    axes = np.zeros((0, apart.shape[1]))
-    for vector, least in candidates:
-        rest = vector - axes.T @ (axes @ vector)
-        rest = rest - axes.T @ (axes @ rest)  # removes rounding
-        if len(axes) < apart.shape[1] and np.linalg.norm(rest) > least:
-            axes = np.vstack([axes, rest / np.linalg.norm(rest)])
-    return axes

@@ -30,8 +30,7 @@ from ..model.lengths import length_text
 from ..model.problem import Problem
 from ..solvers.estimate import Estimate, RoomEstimate, TriedOptimum
 from .channels import FaultyChannel, channel_faults, healthy_channels
-from .error_ellipses import one_sigma
-from .uncertainty import root_mean_square
+from .uncertainty import one_sigma, root_mean_square
 
 Evidence = TypeVar("Evidence")
 CAUSES = "a source or an obstacle inside the array, faulty channels, or positions not found yet (try another solver)"

@@ -20,21 +20,22 @@ import numpy as np
 
 from .batches import blocks, hermitian_inverses, triangular_inverses
 from .kernels import cosines_and_sines, pair_covariance, pair_powers
+from .likelihood import FieldModel
 from .waves import plane_waves, wave_directions
 
 
-def learned_powers(
-    x, pressures, wavenumbers, power, noise, powers, iterations: int, channel_noise, count: float, about, dimension: int
-) -> np.ndarray:
-    """Return the power by direction (M, Q) float64 after some iterations.
+def learned_powers(x, pressures, field: FieldModel, iterations: int, count: float) -> np.ndarray:
+    """Return the power by direction (M, Q) float64 after some iterations from that of `field`.
 
-    x, about : (N, D) float64, metres, the centre is the mean of `about`; pressures : (M, N) complex128;
-    wavenumbers : (M,) float64 or complex128, rad/m; power, noise : (M,) float64, s and v; powers : (M, Q) to start
-    from; channel_noise : (N,) float64, tau; count : observations that the field is diffuse
+    x : (N, D) float64, metres; pressures : (M, N) complex128; count : observations that the field is diffuse. Raises
+    ValueError for a field without directions.
     """
-    k, weight = np.asarray(wavenumbers), 1 / np.sqrt(channel_noise)
-    x, p = x - np.mean(about, axis=0), weight * pressures / np.sqrt(power)[:, None]
-    done, (Q, w), mu = [], (powers.shape[1], wave_directions(dimension, powers.shape[1])[1]), noise / power
+    if (powers := field.directions) is None:
+        raise ValueError("the field has no directions")
+    k, weight, dimension = np.asarray(field.wavenumbers), 1 / np.sqrt(field.channel_noise), field.dimension
+    x = x - np.mean(x if field.about is None else field.about, axis=0)
+    p = weight * pressures / np.sqrt(field.power)[:, None]
+    done, (Q, w), mu = [], (powers.shape[1], wave_directions(dimension, powers.shape[1])[1]), field.noise / field.power
     pairs = cosines_and_sines(x, k, Q, dimension) if np.isrealobj(k) and Q > len(x) else None
     for m in blocks(len(k), 2 * len(x) * Q):
         S = np.array(powers[m], float)

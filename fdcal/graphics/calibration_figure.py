@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..assessment.calibration import Calibration
-from ..assessment.error_ellipses import confidence_factor, ellipse_axes
+from ..assessment.uncertainty import confidence_factor, ellipse_axes
 from ..model.validation import InputError
 from .markers import ELLIPSE, ESTIMATE, KNOWN, TRUE
 from .overlays import enlargement

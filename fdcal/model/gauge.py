@@ -1,6 +1,13 @@
 """Known microphones, rigid alignment and position errors.
 
 Pressures alone determine the array up to a rigid motion and a mirror image: the gauge. Known microphones fix it.
+
+Frames of the positions:
+
+known     as they are: the axes of the known microphones
+minimal   the first microphone is the origin, the second lies on the positive x axis, the third in the x-y plane
+          with y > 0, the fourth of an array in space has z > 0; a microphone in line with those before is skipped
+axes      the centre of the array is the origin, x its longest axis, then y; the sum of cubes is positive on each
 """
 
 from __future__ import annotations
@@ -9,7 +16,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .validation import InputError, frozen_array
+from .validation import InputError, frozen_array, require_choice
+
+FRAMES = ("known", "minimal", "axes")
+COLLINEAR = 1e-6  # of the array's extent: microphones this close to a line or plane through others lie in it
+INDEPENDENT = 0.1  # least part of a coordinate axis outside the axes found so far, to complete them
 
 
 @dataclass(frozen=True)
@@ -160,3 +171,32 @@ def fixes_gauge(positions) -> bool:
         return False
     spread = np.linalg.svd(positions - positions.mean(axis=0), compute_uv=False)
     return bool(spread[-1] > LIMITS.flat * spread[0])
+
+
+def in_frame(positions, frame: str) -> np.ndarray:
+    """Return positions (N, D), metres, moved, rotated and maybe mirrored as a whole into a frame of FRAMES."""
+    require_choice("frame", frame, FRAMES)
+    positions = np.array(positions, float)
+    if frame == "known":
+        return positions
+    if frame == "minimal":
+        apart = positions - positions[0]
+        return apart @ _minimal_axes(apart).T
+    centred = positions - positions.mean(axis=0)
+    turned = centred @ np.linalg.svd(centred, full_matrices=True)[2].T
+    return turned * np.where(np.sum(turned**3, axis=0) < 0, -1.0, 1.0)
+
+
+def _minimal_axes(apart: np.ndarray) -> np.ndarray:
+    """Return the axes (D, D), in rows, of the frame "minimal", from offsets (N, D) from the first microphone."""
+    extent = np.linalg.norm(apart, axis=1).max()
+    # An array in a line or a plane leaves some axes open, which those of the coordinates complete.
+    candidates = [(vector, COLLINEAR * extent) for vector in apart[1:]]
+    candidates += [(axis, INDEPENDENT) for axis in np.eye(apart.shape[1])]
+    axes = np.zeros((0, apart.shape[1]))
+    for vector, least in candidates:
+        rest = vector - axes.T @ (axes @ vector)
+        rest = rest - axes.T @ (axes @ rest)  # removes rounding
+        if len(axes) < apart.shape[1] and np.linalg.norm(rest) > least:
+            axes = np.vstack([axes, rest / np.linalg.norm(rest)])
+    return axes

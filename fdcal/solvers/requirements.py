@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -135,15 +136,10 @@ def check_solvable(problem: Problem, modes: int, names: Sequence[str]) -> None:
 
 def _check_known(problem: Problem, names: Sequence[str]) -> None:
     places = problem.known_positions
-    for i in range(len(places)):
-        for j in range(i):
-            if np.array_equal(places[i], places[j]):
-                raise InputError(
-                    f'known microphones "{names[problem.known[j]]}" and "{names[problem.known[i]]}" have the same given'
-                    f" position {places[i].tolist()} m",
-                    "correct known_positions",
-                    key="known_positions",
-                )
+    for (a, place), (b, other) in combinations(zip(problem.known, places, strict=True), 2):
+        if np.array_equal(place, other):
+            message = f'known microphones "{names[a]}" and "{names[b]}" have the same given position {place.tolist()} m'
+            raise InputError(message, "correct known_positions", key="known_positions")
 
 
 def _check_count(problem: Problem, modes: int) -> None:

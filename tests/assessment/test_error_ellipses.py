@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fdcal.assessment.error_ellipses import confidence_factor, ellipse_axes
+from fdcal.assessment.uncertainty import confidence_factor, ellipse_axes
 from fdcal.graphics.calibration_figure import enlarged_ellipses
 from fdcal.model.arrays import positions_of
 from fdcal.model.scene_file import load_scene

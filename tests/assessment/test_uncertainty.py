@@ -10,8 +10,14 @@ from fields import measured
 from scipy.special import jv
 
 from fdcal.assessment.assess import assess
-from fdcal.assessment.error_ellipses import ellipse_axes, one_sigma
-from fdcal.assessment.uncertainty import covariance_of, curvature_of, search_spread_of, stretch_sigma_of
+from fdcal.assessment.uncertainty import (
+    covariance_of,
+    curvature_of,
+    ellipse_axes,
+    one_sigma,
+    search_spread_of,
+    stretch_sigma_of,
+)
 from fdcal.model.gauge import align, rigid_motions
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings

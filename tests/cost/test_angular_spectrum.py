@@ -43,18 +43,19 @@ def test_an_iteration_is_one_of_expectation_and_maximisation(dimension, D, micro
         variance = 1 - POWER[m] * np.diag(A.conj().T @ np.linalg.solve(C, A)).real
         fresh = powers[m] * (np.abs(amplitude) ** 2 / POWER[m] + variance)
         expected[m] = (fresh / (w @ fresh) + count) / (1 + count)
-    found = learned_powers(x, p, k, POWER, NOISE, powers, 1, tau, count, about, dimension)
+    field = FieldModel(k, POWER, NOISE, tau, dimension, about=about, directions=powers)
+    found = learned_powers(x, p, field, 1, count)
     np.testing.assert_allclose(found, expected, rtol=1e-7)
     np.testing.assert_allclose(found @ w, 1.0, rtol=1e-12)
-    twice = learned_powers(x, p, k, POWER, NOISE, found, 1, tau, count, about, dimension)
-    at_once = learned_powers(x, p, k, POWER, NOISE, powers, 2, tau, count, about, dimension)
+    twice = learned_powers(x, p, replace(field, directions=found), 1, count)
+    at_once = learned_powers(x, p, field, 2, count)
     np.testing.assert_allclose(at_once, twice, rtol=1e-9)
 
 
 @pytest.mark.parametrize(("dimension", "D", "microphones", "damping"), CASES)
 def test_many_observations_of_a_diffuse_field_keep_it_diffuse(dimension, D, microphones, damping):
     x, p, k, tau, powers = drawn(dimension, D, microphones, damping)
-    found = learned_powers(x, p, k, POWER, NOISE, powers, 1, tau, 1e9, x, dimension)
+    found = learned_powers(x, p, FieldModel(k, POWER, NOISE, tau, dimension, directions=powers), 1, 1e9)
     np.testing.assert_allclose(found, 1.0, rtol=1e-6)
 
 
@@ -68,7 +69,7 @@ def test_iterations_raise_the_likelihood_and_find_a_wave(dimension, microphones)
     field = FieldModel(K, np.ones(M), np.full(M, 1e-2), tau, dimension, about=x)
     for _ in range(6):
         costs.append(likelihood_terms(x, p, replace(field, directions=powers), derivatives=False).cost)
-        powers = learned_powers(x, p, K, field.power, field.noise, powers, 1, tau, 0.0, x, dimension)
+        powers = learned_powers(x, p, replace(field, directions=powers), 1, 0.0)
     assert np.all(np.diff(costs) < 0)
     u, spacing = wave_directions(dimension, powers.shape[1])[0], 2 * np.pi / powers.shape[1]
     found = np.arccos(towards @ u[:, np.argmax(powers, axis=1)])

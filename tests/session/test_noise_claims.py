@@ -7,7 +7,7 @@ import pytest
 
 from fdcal import solvers
 from fdcal.acoustics.measurement_cache import cached_measurement
-from fdcal.assessment.error_ellipses import confidence_factor, ellipse_axes
+from fdcal.assessment.uncertainty import confidence_factor, ellipse_axes
 from fdcal.model.scene_file import load_scene
 from fdcal.session.assess import assess
 from fdcal.session.blas_threads import one_blas_thread

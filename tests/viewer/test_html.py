@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 from doubles import State, view_of
 
-from fdcal.assessment.error_ellipses import confidence_factor
+from fdcal.assessment.uncertainty import confidence_factor
 from fdcal.viewer.background import uncertainty
 from fdcal.viewer.gui import html as words
 from fdcal.viewer.gui import legend_html

@@ -19,6 +19,7 @@ has a log-normal prior, and is maximised over.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -202,15 +203,12 @@ def hypotheses(found: FreeArray, known, places, stated: float | None, sized: boo
     """
     A, D = places.shape
     as_given, all_right = np.arange(A), np.ones(A, bool)
-    likely = [
-        _weighed(found, known, places, right, as_given, False, stated) for right in _subsets(found, known, places)
-    ]
-    likely += [
-        _weighed(found, known, places, all_right, order, False, stated) for order in _exchanges(found, known, places)
-    ]
+    tried = [(right, as_given, False) for right in _subsets(found, known, places)]
+    tried += [(all_right, order, False) for order in _exchanges(found, known, places)]
     if sized and A * D > D * (D + 1) // 2 + 1:
-        likely.append(_weighed(found, known, places, all_right, as_given, True, stated))
-    return sorted(likely, key=lambda one: -one.log_evidence)
+        tried.append((all_right, as_given, True))
+    weighed = [_weighed(found, known, places, *one, stated) for one in tried]
+    return sorted(weighed, key=lambda one: -one.log_evidence)
 
 
 def _subsets(found: FreeArray, known, places) -> list[np.ndarray]:
@@ -252,14 +250,11 @@ def _weighed(found: FreeArray, known, places, right, order, scale: bool, stated:
     ordered, held = places[order], known[right]
     index = (held[:, None] * D + np.arange(D)).ravel()
     values, vectors = np.linalg.eigh(found.covariance[np.ix_(index, index)])
-    columns = rigid_motions(x)
+    columns, spectrum = rigid_motions(x), (np.maximum(values, 0.0), vectors)
     if scale:
         columns = np.column_stack([columns, (x - x.mean(axis=0)).ravel()])
-    images = [
-        _placed(found, known, ordered, right, columns, index, (np.maximum(values, 0.0), vectors), mirror, stated)
-        for mirror in (False, True)
-    ]
-    evidence, sigma, positions = max(images, key=lambda one: one[0])
+    placed = partial(_placed, found, known, ordered, right, columns, index, spectrum, stated)
+    evidence, sigma, positions = max((placed(mirror) for mirror in (False, True)), key=lambda one: one[0])
     return Hypothesis(evidence + _log_prior(right, order, scale), right, order, scale, sigma, positions)
 
 
@@ -272,7 +267,7 @@ def _log_prior(right, order, scale: bool) -> float:
     return float(prior + (np.log(GIVEN.wrong / GIVEN.sizes) if scale else 0.0))
 
 
-def _placed(found: FreeArray, known, places, right, columns, index, spectrum, mirror: bool, stated: float | None):
+def _placed(found: FreeArray, known, places, right, columns, index, spectrum, stated: float | None, mirror: bool):
     """Log evidence, sigma and positions of one image of the array."""
     x = found.unknowns.positions
     turn, centre, goal = _turn(x[known[right]], places[right], mirror)

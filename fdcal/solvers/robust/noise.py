@@ -172,24 +172,13 @@ def with_directions(problem: Problem, state: State, used, updates: int) -> State
     model = state.model
     if model.kernel not in DIRECTIONAL:
         return state
-    k = field_wavenumbers(problem, state)
     if model.directions is None:
-        learned = np.ones((len(k), directions_needed(state.positions, k, problem.dimension)))
-    else:
-        learned = np.array(model.directions)
-    learned[used] = learned_powers(
-        state.positions,
-        corrected(problem, state, used),
-        k[used],
-        model.power[used],
-        model.noise[used],
-        learned[used],
-        updates,
-        model.channel_noise,
-        ASSUMED.direction_count[problem.dimension],
-        state.shape,
-        problem.dimension,
-    )
+        k = field_wavenumbers(problem, state)
+        Q = directions_needed(state.positions, k, problem.dimension)
+        model = replace(model, directions=np.ones((len(k), Q)))
+    learned, seen = np.array(model.directions), corrected(problem, state, used)
+    field, count = field_of(problem, replace(state, model=model), used), ASSUMED.direction_count[problem.dimension]
+    learned[used] = learned_powers(state.positions, seen, field, updates, count)
     return replace(state, model=replace(model, directions=frozen_array(learned, float)))
 
 

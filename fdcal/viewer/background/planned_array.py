@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...assessment.bound import position_bound
-from ...assessment.error_ellipses import confidence_factor, ellipse_axes
+from ...assessment.uncertainty import confidence_factor, ellipse_axes
 from ...model.scene import Scene
 from ...session.blas_threads import one_blas_thread
 from ...session.planning.bounds import request_information

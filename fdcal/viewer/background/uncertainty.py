@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...assessment.calibration import Channels
-from ...assessment.error_ellipses import confidence_factor, ellipse_axes
+from ...assessment.uncertainty import confidence_factor, ellipse_axes
 from ...session.assess import Assessment
 
 
