@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fields import measured, rigid_room, room_frequencies
-from test_channels import KNOWN, MODES, array, estimated
+from test_faulty_channels import KNOWN, MODES, array, estimated
 
 import fdcal
 from fdcal.acoustics.fourier_bessel import array_f_max
