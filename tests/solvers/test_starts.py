@@ -170,6 +170,17 @@ def test_distances_of_near_pairs_follow_from_the_coherence(D):
     assert np.median(np.abs(np.log(found[pairs] / apart[pairs]))) < 0.06
 
 
+def test_noise_makes_no_pair_more_distant():
+    """It lowers the coherence as a distance does, unless it is taken into account."""
+    rng = np.random.default_rng(1)
+    x = rng.uniform(0, 1.0, (12, 2))
+    k = np.linspace(1.0, 6.0, 600)
+    found, _ = starts.pair_distances(diffuse(x, k, rng, 0.3), k, 0.3, 2)
+    pairs = np.triu_indices(12, 1)
+    apart = np.linalg.norm(x[:, None] - x[None], axis=-1)[pairs]
+    assert abs(np.median(np.log(found[pairs] / apart))) < 0.05
+
+
 @pytest.mark.parametrize("noise", [1e-3, 0.1])
 def test_an_array_of_three_wavelengths(noise):
     rng = np.random.default_rng(2)
