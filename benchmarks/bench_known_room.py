@@ -66,7 +66,9 @@ def found(measurement: Measurement, size) -> SimpleNamespace:
     image = nearest_symmetry(state.positions, measurement.positions, size)
     errors = np.linalg.norm(image.apply(state.positions) - measurement.positions, axis=1)
     seconds = time.perf_counter() - start
-    return SimpleNamespace(rms=pooled(errors), code=assessed.verdict, seconds=seconds, sigma=pooled(assessed.uncertainty))
+    return SimpleNamespace(
+        rms=pooled(errors), code=assessed.verdict, seconds=seconds, sigma=pooled(assessed.uncertainty)
+    )
 
 
 def run() -> Iterator[Figure]:

@@ -47,7 +47,7 @@ HOMES = {
     "pyarrow": {"session.study.results"},
     "distributed": {"session.study.cluster"},
     "pyfar": {"recordings.pyfar_objects"},
-    "tomllib": {"model", "session.lesson_file"},
+    "tomllib": {"model"},
     "soundfile": {"recordings.formats"},
     "h5py": {"recordings.formats"},
     "sofar": {"recordings.formats"},
@@ -137,6 +137,13 @@ def test_only_methods_of_public_classes_reach_above_their_package():
     assert root == {"model.measurement_sources", "assessment.calibration"}
     for target in fdcal.EXTENSIONS.values():
         assert target.partition(":")[0] in NAMES
+
+
+@pytest.mark.parametrize("path", [p for p in INSIDE if package_of(name_of(p)) == "assessment"], ids=name_of)
+def test_assessment_reads_what_every_solver_reports(path):
+    """`fdcal.solvers.estimate` and nothing of a single solver, so that one can be added."""
+    inside = {name.split(".")[1] for name in modules_of(path) if name.startswith("solvers.")}
+    assert inside <= {"estimate"}, f"{name_of(path)} imports {sorted(inside)}"
 
 
 READERS = {"open", "read_text", "read_bytes", "loadtxt", "fromfile", "memmap", "genfromtxt"}

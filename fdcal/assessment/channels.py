@@ -102,6 +102,7 @@ def faulty_channels(estimate: Estimate, covariance: np.ndarray) -> tuple[FaultyC
     variance = estimate.field.power[:, None] + estimate.field.noise[:, None] * channels.noise
     alone = np.mean(1 / (terms.precision * variance), axis=0)
     lost = (alone > LIMITS.unpredicted) & (alone > LIMITS.unpredicted_to_median * np.median(alone))
+    lost[estimate.problem.known] = False  # their positions hold them, however far the others are
     filtered, spreads = _filtered(estimate), gain_spreads(estimate)
     exact = () if estimate.given.sigma > 0 else estimate.problem.known  # the solver cannot tell their place from noise
     for n in range(len(tau)):

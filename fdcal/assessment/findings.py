@@ -114,9 +114,9 @@ class Judged:
 
     @property
     def given_noise(self) -> float | None:
-        """Median noise given, as a share of the power; None without any."""
+        """Median noise given of the modes in use, as a share of the power; None without any."""
         noise = self.estimate.problem.noise_power
-        return None if noise is None else float(np.median(noise))
+        return None if noise is None else float(np.median(noise[self.estimate.modes]))
 
     @property
     def step_left(self) -> float:
@@ -273,7 +273,8 @@ def _good(seen: Judged) -> str:
     given, known = seen.given_noise, seen.estimate.problem.known
     sought = seen.healthy & ~np.isin(np.arange(len(seen.covariance)), known)
     sigma = one_sigma(seen.covariance)[sought if np.any(sought) else seen.healthy]
-    words = precision(sigma, seen.residual_to_noise if given else None)
+    used = float(np.median(seen.estimate.field.noise))  # not the noise given where the pressures contradict it
+    words = precision(sigma, seen.residual_to_noise * used / given if given else None)
     held = seen.estimate.given
     if len(known) and held.sigma > INACCURATE * held.expected_sigma:
         words += f"; the given positions are inaccurate, one sigma {1e3 * held.sigma:.2g} mm"

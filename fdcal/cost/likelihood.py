@@ -159,6 +159,8 @@ def likelihood_terms(positions, pressures, field: FieldModel, channels=None, der
     Raises numpy.linalg.LinAlgError where a covariance is not positive definite or a position is not finite.
     """
     x = np.asarray(positions, float)
+    if not np.isfinite(x).all():  # LAPACK factorises a matrix of NaN without a complaint
+        raise np.linalg.LinAlgError("positions are not finite")
     log_gain, by_parameter = log_response(channels, np.real(field.wavenumbers))
     q = np.asarray(pressures, complex) * np.exp(-log_gain)
     waves = few_waves(x, field)

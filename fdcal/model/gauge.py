@@ -77,8 +77,12 @@ def minimal_frame(known, known_positions) -> GaugeFrame:
 def move_to_frame(positions, frame: GaugeFrame) -> np.ndarray:
     """Return `positions` (N, D), metres, moved into `frame` by a rigid motion, a mirror image allowed."""
     origin = positions[frame.microphones[0]]
-    turn = _axes(positions[frame.microphones]) @ _axes(frame.positions).T
-    return (positions - origin) @ turn + frame.positions[0]
+    return (positions - origin) @ turn_to_frame(positions, frame) + frame.positions[0]
+
+
+def turn_to_frame(positions, frame: GaugeFrame) -> np.ndarray:
+    """Return the rotation or mirror image (D, D) of `move_to_frame`, by which rows of offsets are multiplied."""
+    return _axes(positions[frame.microphones]) @ _axes(frame.positions).T
 
 
 def _axes(points: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..assessment.assess import ARGUMENTS, Assessment
 from ..model.channels import microphone_index
-from ..model.gauge import move_to_frame
+from ..model.gauge import move_to_frame, turn_to_frame
 from ..model.problem import Problem
 from ..model.validation import InputError, frozen_array
 from ..solvers import load
@@ -32,9 +32,11 @@ def assess(inputs: CalibrationInput, problem: Problem, state, wording: Mapping[s
     estimate = load(inputs.settings.name).result(problem, state)
     stretch = None if inputs.distance is None else stretch_of(state.positions, inputs)
     found = replace(assessed(estimate, inputs.measurement.names, stretch), wording=wording)
-    if problem.frame is None or stretch is None:
+    if problem.frame is None:
         return found
-    return replace(found, positions=frozen_array(move_to_frame(found.positions, problem.frame), float))
+    turn = turn_to_frame(found.positions, problem.frame)  # a run that was stopped ended in a frame of its own
+    positions = frozen_array(move_to_frame(found.positions, problem.frame), float)
+    return replace(found, positions=positions, covariance=frozen_array(turn.T @ found.covariance @ turn, float))
 
 
 def distance_pair(inputs: CalibrationInput) -> tuple[int, int]:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..cost.reference_cost import reference_cost_of
 from ..model.search_domain import search_round
-from .assess import Assessment
+
+if TYPE_CHECKING:
+    from ..assessment.assess import Assessment
 
 
 def cost_in_decibels(found: Assessment) -> float | None:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..acoustics.room_symmetry import RoomSymmetry
-from ..cost.likelihood import Terms
 from ..model.problem import Problem
+
+if TYPE_CHECKING:  # the likelihood loads SciPy, which a session does not need before its first step
+    from ..cost.likelihood import Terms
 
 
 @dataclass(frozen=True)

@@ -109,3 +109,15 @@ def test_overlapping_resonances_are_not_independent():
     assert np.allclose(np.diff(found), 4.4, rtol=1e-3)
     low = independent_frequencies(20.0, 60.0, 5.0, 343.0, (4.0, 3.0, 2.5))
     assert len(low) == pytest.approx(np.diff(mode_count((4.0, 3.0, 2.5), [20.0, 60.0], 343.0))[0], abs=1)
+
+
+def test_the_bound_grows_with_the_sigma_of_the_given_positions():
+    """Those of a tape measure: each is known at least as well as stated, and all others the worse for it."""
+    x, known = array(9, 2), np.arange(4)
+    information = diffuse_information(x, K, SHARE, 2)
+    bounds = [position_bound(information, Prior(known, known_sigma=sigma)) for sigma in (0.0, 1e-3, 3e-3, 1e-2)]
+    for sigma, one, before in zip((1e-3, 3e-3, 1e-2), bounds[1:], bounds[:-1], strict=True):
+        given = one.sigma[known]
+        assert np.all(given <= np.sqrt(2) * sigma * (1 + 1e-9)) and np.all(given > before.sigma[known])
+        assert one.rms > before.rms
+    assert np.all(bounds[0].sigma[known] < 1e-4)

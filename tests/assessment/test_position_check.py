@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fdcal.assessment import room_verdict, verdict
+from fdcal.assessment.findings import FINDINGS, ROOM_FINDINGS
 from fdcal.assessment.position_check import compare_positions, describe
 from fdcal.model.validation import InputError
 
@@ -157,7 +155,7 @@ def test_position_errors_are_not_taken_for_swaps(seed):
     assert describe(check, range(20)).startswith("no channels are swapped")
 
 
-CODES = set(re.findall(r"^(\w+)  ", verdict.__doc__ + room_verdict.__doc__, re.MULTILINE)) - {"good"}
+CODES = {one.code for one in (*FINDINGS, *ROOM_FINDINGS)} - {"good"}
 
 
 def test_without_a_good_verdict_no_swap_is_seen_only_where_all_are_near_their_places():

@@ -7,7 +7,7 @@ import pytest
 from fields import measured
 
 from fdcal.acoustics.fourier_bessel import fourier_bessel, max_order
-from fdcal.cost.eq7 import cost, known_weights, landscape, leave_one_out_fits, residual
+from fdcal.cost.eq7 import coefficients, cost, known_weights, landscape, leave_one_out_fits, residual
 
 TRUTH = np.random.default_rng(3).uniform(-0.5, 0.5, (24, 2)) + [2.61, 2.31]
 MEASUREMENT = measured(TRUTH, [0, 1, 2], highest=150.0)
@@ -50,6 +50,30 @@ def test_rank_deficient_landscape_is_eq_7_on_the_reduced_dictionary():
         A = np.concatenate([row[None], others]) @ V
         expected = np.sum(np.abs(A @ (np.linalg.pinv(A) @ p) - p) ** 2)
         assert fit.cost_of(rows)[c] == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("order", [3, 6])
+def test_microphones_at_fewer_places_than_functions_are_fitted_by_their_means(order):
+    """Any pressures at five places are a field of seven functions; only differences at one place are left over."""
+    at, k = np.arange(20) % 5, PROBLEM.wavenumbers[[0, 4, 8]]
+    p = PROBLEM.pressures[[0, 4, 8]][:, :20]
+    means = np.stack([p[:, at == place].mean(axis=1) for place in at], axis=1)
+    arguments = p, k, [order] * 3, CENTRE
+    np.testing.assert_allclose(residual(GUESS[at], *arguments), means - p, atol=1e-9)
+    for one, wavenumber in zip(p, k, strict=True):
+        W = fourier_bessel(GUESS[at], wavenumber, order, CENTRE)
+        distinct = one.reshape(4, 5).mean(axis=0)  # of all solutions Eq. 5 takes the one of least norm
+        shortest = W[:5].conj().T @ np.linalg.solve(W[:5] @ W[:5].conj().T, distinct)
+        np.testing.assert_allclose(coefficients(W, one), shortest, atol=1e-6 * np.abs(shortest).max())
+    there = landscape(GUESS[at], 7, GUESS[[at[7]]], *arguments)[:, 0]
+    np.testing.assert_allclose(there, np.sum(np.abs(means - p) ** 2, axis=1), atol=1e-9)
+
+
+def test_functions_too_small_to_be_told_from_rounding_errors_explain_nothing():
+    """J_l(z) of an array far smaller than the wavelength is below 1e-12 from some order on."""
+    k, p = np.array([0.1]), np.random.default_rng(6).normal(size=(1, 24)) + 0j
+    enough, ample = (cost(GUESS, p, k, [order], CENTRE)[0] for order in (8, 11))
+    assert ample == pytest.approx(enough, rel=1e-9)
 
 
 def test_truth_explains_the_pressures_and_ample_order_is_better():

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from fields import measured
 
-from fdcal.cost.leave_one_out import likelihood_landscape
-from fdcal.cost.likelihood import diffuse_field
+from fdcal.cost.likelihood import isotropic_field, likelihood_terms
 from fdcal.cost.maps import likelihood_maps, refined
-from fdcal.cost.noise_model import NOISE
+from fdcal.cost.noise import DIFFUSE_FLOOR
 from fdcal.model.problem import Problem
 from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError
@@ -29,11 +28,15 @@ def noise_of(problem: Problem, share: float, modes=MODES) -> np.ndarray:
 
 
 def directly(problem: Problem, positions, noise, search, modes=MODES) -> np.ndarray:
-    """The same maps, point by point with dense matrices."""
+    """The same maps, point by point: the cost with the microphone there, but for N log v."""
     layer = search.layer(float(positions[N, -1]))
-    field = diffuse_field(problem.pressures[modes], problem.wavenumbers[modes], noise, problem.dimension)
-    points = layer.reshape(-1, layer.shape[-1])
-    maps = likelihood_landscape(positions, N, points, problem.pressures[modes], field)
+    p = problem.pressures[modes]
+    field = isotropic_field(p, problem.wavenumbers[modes], noise, problem.dimension)
+    costs = []
+    for point in layer.reshape(-1, layer.shape[-1]):
+        moved = np.where(np.arange(len(positions))[:, None] == N, point, positions)
+        costs.append(likelihood_terms(moved, p, field, derivatives=False).costs)
+    maps = np.transpose(costs) - len(positions) * np.log(noise)[:, None]
     return maps.reshape(-1, *layer.shape[:2])
 
 
@@ -89,16 +92,16 @@ def test_positions_that_are_none_are_refused():
 
 def test_a_finer_lattice_shows_the_same_surface():
     problem = replace(MEASURED.problem(), search=AREA)
-    fine, noise = refined(AREA, 90), noise_of(problem, 1e-3)
+    fine, noise = refined(AREA, 45), noise_of(problem, 1e-3)
     assert_same(likelihood_maps(problem, ROUGH, N, MODES, noise, fine), directly(problem, ROUGH, noise, fine))
 
 
 def test_the_joint_solver_shows_the_likelihood_with_no_less_noise_than_the_kernel_bears():
     problem = MEASURED.problem()
     begun = joint.init(problem, SolverSettings(name="joint", modes=40), 0)
-    for share, shown in ((1e-3, 1e-3), (1e-10, NOISE.diffuse_floor)):
-        field = replace(begun.field, noise=noise_of(problem, share, slice(None)))
-        state = replace(begun, positions=ROUGH, field=field)
+    for share, shown in ((1e-3, 1e-3), (1e-10, DIFFUSE_FLOOR)):
+        model = replace(begun.model, noise=noise_of(problem, share, slice(None)))
+        state = replace(begun, positions=ROUGH, model=model)
         expected = directly(problem, ROUGH, noise_of(problem, shown), problem.search)
         assert_same(joint.landscape(problem, state, N, MODES), expected)
     with pytest.raises(InputError, match="search domain"):

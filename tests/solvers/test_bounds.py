@@ -16,8 +16,11 @@ from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.session.calibrate import solve
 from fdcal.session.sources import CalibrationInput
-from fdcal.solvers import bounds, residual_noise
+from fdcal.solvers import bounds
 from fdcal.solvers.bounds import OutOfTime, check_deadline, deadline
+from fdcal.solvers.robust import outliers
+from fdcal.solvers.robust.objective import in_unit_power
+from fdcal.solvers.robust.rules import OUTLIERS
 from fdcal.solvers.room import search
 
 SPEED = 343.0
@@ -300,16 +303,16 @@ def test_a_deadline_holds_in_its_own_thread_and_context_only():
 
 def test_the_candidates_of_a_relocation_are_bounded_whatever_the_wavenumber(monkeypatch):
     """Without a bound an array of 300 wavelengths would take tens of millions of candidates."""
-    measurement = absurd("high")
+    problem, solver = in_unit_power(absurd("high").problem()), solvers.load("robust")
     positions = np.random.default_rng(0).uniform(-4, 4, (COUNT, 2))
-    sizes = []
+    state = solver.init(problem, SolverSettings(name="robust", modes=MODES), 0, positions)
+    noisy = np.where(np.arange(COUNT) == 5, 100.0, 1.0)
+    sizes, predicted = [], outliers._predicted
 
-    def count(x, worst, candidates, p, field):
+    def count(x, q, candidates, *others):
         sizes.append(len(candidates))
-        return np.zeros((len(p), len(worst), len(candidates)))
+        return predicted(x, q, candidates, *others)
 
-    monkeypatch.setattr(residual_noise, "likelihood_landscapes", count)
-    problem, modes = measurement.problem(), slice(0, MODES)
-    residual = residual_noise.noise_at(problem, positions, modes)
-    residual_noise.relocated(problem, positions, modes, replace(residual, noise=1e-3, spread=0.0))
-    assert sizes and max(sizes) < 1.1 * residual_noise.LIMITS.candidates
+    monkeypatch.setattr(outliers, "_predicted", count)
+    outliers.relocated(problem, replace(state, model=replace(state.model, channel_noise=noisy)))
+    assert sizes and 100 < max(sizes) < 1.2 * OUTLIERS.candidates

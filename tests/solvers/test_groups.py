@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fdcal import solvers
-from fdcal.cost.channel_likelihood import ChannelField
+from fdcal.cost.likelihood import FieldModel
 from fdcal.model.gauge import align
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
@@ -37,8 +37,8 @@ def diffuse(x, rng, noise: float) -> np.ndarray:
     return p + e[0] + 1j * e[1]
 
 
-def assumed(x, noise: float = 1e-3) -> ChannelField:
-    return ChannelField(K, np.ones(len(K)), np.full(len(K), noise), np.ones(len(x)), 2)
+def assumed(x, noise: float = 1e-3) -> FieldModel:
+    return FieldModel(K, np.ones(len(K)), np.full(len(K), noise), np.ones(len(x)), 2)
 
 
 def posed(x, angle: float, shift, mirrored: bool) -> np.ndarray:
@@ -111,8 +111,8 @@ def test_robust_finds_groups_of_which_it_had_one_in_a_wrong_pose():
     while not state.finished:
         state = solver.step(problem, state)
     assert rms(state.positions, x) < 0.01 * WAVELENGTH
-    assert rms(state.ends[0].positions, x) > 0.05, "the first end is in the wrong pose"
-    assert all(end.regrouped for end in state.ends[1:]), "no other start is needed"
+    assert rms(state.optima[0].positions, x) > 0.05, "the first optimum is in the wrong pose"
+    assert all(one.regrouped for one in state.optima[1:]), "no other start is needed"
 
 
 def test_the_poses_of_a_larger_array_in_longer_waves_are_the_same():
@@ -126,7 +126,7 @@ def test_the_poses_of_a_larger_array_in_longer_waves_are_the_same():
 
 @pytest.fixture(scope="module")
 def regrouped():
-    """A problem, and a state in an attempt that began in another pose, with others still to be tried."""
+    """A problem, and a state in a restart that began in another pose, with others still to be tried."""
     rng = np.random.default_rng(6)
     x = two_groups(rng)
     measurement = Measurement(pressures=diffuse(x, rng, 1e-4), frequencies=FREQUENCIES, sound_speed=343.0)
@@ -141,7 +141,7 @@ def test_other_modes_begin_without_the_poses_of_those_before(regrouped):
     problem, state = regrouped
     changed = solvers.load("robust").use_modes(problem, state, 1, 20, True)
     assert state.progress.regrouped
-    assert (changed.progress.regrouped, changed.progress.poses, changed.ends) == (False, (), ())
+    assert (changed.progress.regrouped, changed.progress.poses, changed.optima) == (False, (), ())
 
 
 def test_modes_that_are_not_in_use_do_not_decide_a_pose(regrouped):
@@ -152,7 +152,7 @@ def test_modes_that_are_not_in_use_do_not_decide_a_pose(regrouped):
 
     def end(problem):
         now = solver.use_modes(problem, state, 1, 20, True)
-        while not now.ends:
+        while not now.optima:
             now = solver.step(problem, now)
         return now.progress.poses
 

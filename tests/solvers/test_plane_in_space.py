@@ -4,13 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from solving import rms, solved
 
 from fdcal.acoustics.box_field import point_source_pressures
-from fdcal.assessment.channel_verdict import judge
 from fdcal.model.measurement import Measurement
 from fdcal.model.room import Room
-from fdcal.model.settings import SolverSettings
-from fdcal.solvers import run
 
 ROOM = Room(size=(4.6, 3.8, 2.7), walls="rigid")
 SIDE, MODES, SNR = 7, 50, 40.0  # microphones, modes, dB
@@ -34,32 +32,23 @@ def plane():
     )  # fmt: skip
 
 
-def solved(measurement):
-    problem = measurement.problem("unit")
-    *_, state = run(problem, SolverSettings(name="robust", modes=MODES), 0)
-    return state.positions, judge(problem, state)
-
-
-def rms(found, measurement):
-    return np.sqrt(np.mean(np.sum((found - measurement.positions) ** 2, axis=1)))
-
-
 def test_given_corners_hold_the_size_of_a_plane_array(plane):
-    found, verdict = solved(plane)
-    np.testing.assert_allclose(found[CORNERS], plane.positions[CORNERS], atol=3e-3)
-    assert rms(found, plane) < 0.01
-    assert verdict.code == "ambiguous" and "nothing would show an error of a given position" in verdict.message
+    end = solved(plane)
+    np.testing.assert_allclose(end.state.positions[CORNERS], plane.positions[CORNERS], atol=3e-3)
+    assert rms(end.state.positions, plane.positions) < 0.01
+    assert end.assessment.verdict == "ambiguous"
+    assert "nothing would show an error of a given position" in end.assessment.message
 
 
 def test_a_fifth_given_position_checks_the_corners(plane):
     known = np.sort(np.append(CORNERS, SIDE**2 // 2))
-    found, verdict = solved(replace(plane, known=known, known_positions=plane.positions[known]))
-    assert verdict.code == "good"
-    assert rms(found, plane) < 0.005
+    end = solved(replace(plane, known=known, known_positions=plane.positions[known]))
+    assert end.assessment.verdict == "good"
+    assert rms(end.state.positions, plane.positions) < 0.005
 
 
 def test_the_size_follows_the_given_corners(plane):
     middle = plane.positions.mean(axis=0)
     larger = replace(plane, known_positions=middle + 1.02 * (plane.positions[CORNERS] - middle))
-    found, _ = solved(larger)
+    found = solved(larger).state.positions
     np.testing.assert_allclose(found[CORNERS], larger.known_positions, atol=3e-3)

@@ -18,7 +18,7 @@ from ..interface import Traits
 from ..robust import solver as robust
 from ..robust import state as robust_state
 from ..robust.restarts import begin
-from ..robust.solver import landscape, result, step, usable_modes, use_modes
+from ..robust.solver import landscape, require_solvable, result, step, usable_modes, use_modes
 
 __all__ = ["TRAITS", "State", "init", "landscape", "result", "step", "usable_modes", "use_modes"]
 
@@ -44,6 +44,7 @@ def init(problem: Problem, settings: SolverSettings, seed: int, positions: np.nd
     """
     from .. import starts
 
+    require_solvable(problem, settings)
     if positions is None and settings.start == "random":
         positions = starts.random(problem, np.random.default_rng([seed, 0]))
     matched = replace(settings, gains="fixed", known_sigma=0.0)

@@ -12,7 +12,6 @@ from ...model.problem import Problem
 from ...model.settings import SolverSettings
 from ...model.validation import InputError, frozen_array
 from .. import starts
-from ..requirements import require_modes
 from . import given, noise
 from .groups import other_poses
 from .objective import corrected, first_model, in_unit_power, used_modes, wavenumbers
@@ -25,8 +24,6 @@ def begin(
     Kind: type[State], problem: Problem, settings: SolverSettings, seed: int, positions: np.ndarray | None
 ) -> State:
     """Return the first state, of the class of a preset, at the first start or at `positions` (N, D), metres."""
-    require_modes(problem, settings.modes)
-    starts.require_gauge(problem)
     problem, N = in_unit_power(problem), problem.pressures.shape[1]
     here = np.zeros((N, problem.array_dimension)) if positions is None else np.asarray(positions, float)
     empty = Kind(

@@ -49,13 +49,14 @@ from .objective import (
     unknowns_of,
     used_modes,
 )
-from .restarts import begin
-from .rules import FINAL, GIVEN, STEPS
+from .restarts import begin, refined
+from .rules import ASSUMED, FINAL, GIVEN, STAGES, STEPS
 from .state import State
 from .step import channel_step, free_directions, position_covariance, reduced, remaining_step, scaled_inverse
 
 WEAKER = 4.0  # factor on the power of the field in H: rooms are less isotropic than their model
 NEIGHBOURS, MIN_GROUPS = 8, 6  # modes in a group, whose gradients are not independent; fewest groups
+FIELD_ROUNDS = 3  # of learning the field at given positions: a faulty channel is found in the second
 
 
 @dataclass(frozen=True)
@@ -127,13 +128,28 @@ def estimate_at(problem: Problem, settings: SolverSettings, positions, modes: sl
     begun = begin(State, problem, matched, 0, positions)
     state = replace(begun, first=first + 1, last=last, progress=replace(begun.progress, stage=FINAL))
     state = noise.with_noise(problem, state, rough=False)
-    state = replace(state, model=replace(state.model, kernel=noise.isotropic_kernel(problem, state)))
-    state = noise.with_noise(problem, state, rough=False)
+    state = refined(problem, replace(state, model=replace(state.model, kernel=noise.last_kernel(problem, state))))
+    state = _with_field(problem, state)
     if speed_is_free(problem, state):
         state = _at_minimum(problem, state)
     found = result(problem, replace(state, converged=converged, finished=True))
     # The other cost has its minimum elsewhere: what the likelihood would still move is no sign of an unfinished search.
     return replace(found, spread=replace(found.spread, step=np.zeros_like(found.spread.step)))
+
+
+def _with_field(problem: Problem, state: State) -> State:
+    """Return `state` with the field and all noise learned, the positions as they are.
+
+    In rounds, as the last stage has them: the noise of a faulty channel is that of all until its own is known.
+    """
+    used = used_modes(problem, state)
+    for _ in range(FIELD_ROUNDS):
+        for _ in range(STAGES[FINAL].max_steps):
+            goal = objective_of(problem, state, used)
+            state = noise.with_power(state, used, goal.field, goal.evaluate(unknowns_of(state)).terms)
+            state = noise.with_directions(problem, state, used, ASSUMED.direction_updates)
+        state = noise.with_noise(problem, state, state.model.deflation, rough=False)
+    return state
 
 
 def _at_minimum(problem: Problem, state: State) -> State:

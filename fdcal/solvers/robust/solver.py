@@ -20,6 +20,7 @@ from ...model.problem import Problem
 from ...model.settings import Search, SolverSettings
 from ..interface import Traits
 from ..requirements import require_modes, require_range, require_search
+from ..starts import require_gauge
 from . import noise
 from .objective import (
     corrected,
@@ -56,7 +57,14 @@ def init(problem: Problem, settings: SolverSettings, seed: int, positions: np.nd
     The solver draws nothing. Raises InputError for too few modes, modes that show too few directions, or known
     microphones that do not span the array.
     """
+    require_solvable(problem, settings)
     return begin(State, problem, settings, seed, positions)
+
+
+def require_solvable(problem: Problem, settings: SolverSettings) -> None:
+    """Raise InputError for too few modes, or known microphones that an array and its mirror image fit equally well."""
+    require_modes(problem, settings.modes)
+    require_gauge(problem)
 
 
 def step(problem: Problem, state: State) -> State:

@@ -1,4 +1,4 @@
-"""Laws of the affine start, of the deformations of an array and of the relocation of microphones."""
+"""Laws of the starts, affine and of the coherence, and of the deformations of an array."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fields import measured
+from solving import rms_of_shape
 
 from fdcal import solvers
 from fdcal.model.gauge import position_errors
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
 from fdcal.model.validation import InputError
-from fdcal.solvers import initial_positions, residual_noise
+from fdcal.solvers import starts
 from fdcal.solvers.polynomial_deformation import polynomial_deformations
 
 KNOWN = [0, 1, 2, 3]
@@ -38,14 +39,14 @@ def affine_problem(D, known, offsets=1.0):
 def test_the_affine_start_is_exact_for_an_affine_field(D):
     problem, truth = affine_problem(D, KNOWN[: D + 1])
     for lowest in (None, 8, 40):
-        np.testing.assert_allclose(initial_positions.affine(problem, 40, lowest), truth, atol=1e-9)
+        np.testing.assert_allclose(starts.affine(problem, 40, lowest), truth, atol=1e-9)
 
 
 @pytest.mark.parametrize("D", [2, 3])
 def test_blind_it_is_an_affine_image_of_the_truth(D):
     """Which image, the pressures of an affine field do not tell."""
     problem, truth = affine_problem(D, [])
-    found = initial_positions.affine(problem, 40)
+    found = starts.affine(problem, 40)
     extended = np.column_stack([truth, np.ones(len(truth))])
     image = extended @ np.linalg.lstsq(extended, found, rcond=None)[0]
     np.testing.assert_allclose(found, image, atol=1e-9)
@@ -55,7 +56,7 @@ def test_blind_it_is_an_affine_image_of_the_truth(D):
 def test_blind_the_metric_of_a_room_is_about_right():
     """Singular values of the map from the truth to the start, of which rotation and mirror are free."""
     truth = np.random.default_rng(7).uniform(-0.5, 0.5, (40, 2)) + [2.61, 2.31]
-    found = initial_positions.affine(measured(truth, []).problem(), 40)
+    found = starts.affine(measured(truth, []).problem(), 40)
     image = np.linalg.lstsq(truth - truth.mean(axis=0), found - found.mean(axis=0), rcond=None)[0]
     stretches = np.linalg.svd(image, compute_uv=False)
     np.testing.assert_allclose(stretches, 1.0, atol=0.2)
@@ -64,22 +65,22 @@ def test_blind_the_metric_of_a_room_is_about_right():
 def test_known_microphones_that_do_not_span_the_array_are_refused():
     problem, truth = affine_problem(2, [0, 1])
     with pytest.raises(InputError, match="at least 3 known microphones that span the array, or none"):
-        initial_positions.affine(problem, 40)
+        starts.affine(problem, 40)
     on_a_line = np.column_stack([truth[:, 0], truth[:, 0]])
     with pytest.raises(InputError, match="fewer than 2 directions"):
-        initial_positions.affine(replace(problem, pressures=problem.pressures[:, :1] * on_a_line[None, :, 0]), 40)
+        starts.affine(replace(problem, pressures=problem.pressures[:, :1] * on_a_line[None, :, 0]), 40)
 
 
 def test_a_random_start_fills_the_search_domain_and_keeps_the_known():
     truth = np.random.default_rng(7).uniform(-0.5, 0.5, (40, 2)) + [2.61, 2.31]
     problem = measured(truth, KNOWN).problem()
-    one, again, other = (initial_positions.random(problem, np.random.default_rng(seed)) for seed in (0, 0, 1))
+    one, again, other = (starts.random(problem, np.random.default_rng(seed)) for seed in (0, 0, 1))
     assert np.array_equal(one, again) and not np.array_equal(one, other)
     assert np.array_equal(one[KNOWN], truth[KNOWN])
     low, high = np.array(problem.search.origin), np.add(problem.search.origin, problem.search.size)
     assert np.all((one >= low) & (one <= high)) and np.ptp(one, axis=0).min() > 0.8
     with pytest.raises(InputError, match="needs a search domain"):
-        initial_positions.random(replace(problem, search=None), np.random.default_rng(0))
+        starts.random(replace(problem, search=None), np.random.default_rng(0))
 
 
 @pytest.mark.parametrize("degree", [2, 3])
@@ -107,49 +108,6 @@ def test_deformations_leave_the_known_in_place_and_contain_the_affine_maps(D, de
 def test_all_known_but_one_leave_no_deformation():
     x = np.random.default_rng(1).uniform(-0.5, 0.5, (20, 2))
     assert polynomial_deformations(x, np.arange(19), 3).shape == (40, 0)
-
-
-def test_a_microphone_in_a_wrong_place_is_put_where_it_fits():
-    truth = np.random.default_rng(7).uniform(-0.5, 0.5, (40, 2)) + [2.61, 2.31]
-    problem, modes = measured(truth, [5, 6, 7], snr_db=40).problem(), slice(0, 40)
-    moved = truth.copy()
-    moved[[3, 5]] += [0.3, -0.35]
-    rest = residual_noise.noise_at(problem, truth, modes)
-    assert np.argsort(residual_noise.misfits(problem, moved, modes, rest))[-2:].tolist() in ([3, 5], [5, 3])
-    relocated = residual_noise.relocated(problem, moved, modes, rest)
-    apart = 2 * np.pi / problem.wavenumbers.real.max() / 8
-    assert np.linalg.norm(relocated[3] - truth[3]) < apart
-    assert np.array_equal(relocated[5], moved[5]), "a known microphone is never moved"
-
-
-@pytest.mark.parametrize("D", [2, 3])
-def test_a_direction_that_the_source_hardly_excites_is_found_behind_a_curvature(D):
-    """The weakest coordinate hides behind the square of the strongest; the likeliest of the others is near it."""
-    problem, truth = affine_problem(D, KNOWN[: D + 1])
-    rng = np.random.default_rng(9)
-    offset = truth - truth.mean(axis=0)
-    k = problem.wavenumbers.real[:, None]
-    weak = np.array([1.0] * (D - 1) + [0.1])
-    slopes = k * (rng.normal(size=(len(k), D)) + 1j * rng.normal(size=(len(k), D))) * weak
-    curved = k * rng.normal(size=(len(k), 1)) * (offset[:, 0] ** 2 - np.mean(offset[:, 0] ** 2))
-    hidden = replace(problem, pressures=slopes @ offset.T + curved)
-
-    def share(positions):
-        """Of the weak coordinate, what the directions of a start tell."""
-        directions = np.column_stack([positions, np.ones(len(positions))])
-        rest = offset[:, -1] - directions @ np.linalg.lstsq(directions, offset[:, -1], rcond=None)[0]
-        return 1 - rest @ rest / (offset[:, -1] @ offset[:, -1])
-
-    others = [
-        initial_positions.singular_vectors(hidden, 40, None, last)[0]
-        for last in range(D, D + initial_positions.RULES.directions)
-    ]
-    assert share(initial_positions.singular_vectors(hidden, 40)[0]) < 0.5
-    assert max(map(share, others)) > 0.7
-    assert any(
-        np.array_equal(initial_positions.redirected(hidden, 40), initial_positions.affine(hidden, 40, None, last))
-        for last in range(D, D + 5)
-    )
 
 
 def test_an_array_is_found_though_the_source_hardly_excites_one_direction():
@@ -181,3 +139,66 @@ def test_an_array_is_found_though_the_source_hardly_excites_one_direction():
     )
     last = list(solvers.run(measurement.problem(), SolverSettings(name="joint", modes=40), 0))[-1]
     assert last.converged and position_errors(last.positions, truth).max() < 0.02
+
+
+# The coherence start: right for arrays of several wavelengths, where an affine image of the low modes is not.
+
+FREQUENCIES = np.linspace(40.0, 320.0, 48)
+K = 2 * np.pi * FREQUENCIES / 343.0
+
+
+def diffuse(x, k, rng, noise: float = 0.0) -> np.ndarray:
+    """Pressures (M, N), of unit power on average, at x (N, D): 40 plane waves a mode, from random directions."""
+    directions = rng.normal(size=(len(k), 40, x.shape[1]))
+    directions /= np.linalg.norm(directions, axis=2, keepdims=True)
+    waves = np.exp(1j * k[:, None, None] * (directions @ x.T))
+    drawn = rng.normal(size=(2, len(k), 40)) / np.sqrt(80)
+    p = np.einsum("md,mdn->mn", drawn[0] + 1j * drawn[1], waves) * np.sqrt(1 - noise)
+    e = rng.normal(size=(2, *p.shape)) * np.sqrt(noise / 2)
+    return p + e[0] + 1j * e[1]
+
+
+@pytest.mark.parametrize("D", [2, 3])
+def test_distances_of_near_pairs_follow_from_the_coherence(D):
+    rng = np.random.default_rng(1)
+    x = rng.uniform(0, 1.0, (12, D))
+    k = np.linspace(1.0, 6.0, 600)
+    found, _ = starts.pair_distances(diffuse(x, k, rng, 0.01), k, 0.01, D)
+    np.testing.assert_allclose(found, found.T)
+    apart = np.linalg.norm(x[:, None] - x[None], axis=-1)
+    pairs = np.triu_indices(12, 1)
+    assert np.median(np.abs(np.log(found[pairs] / apart[pairs]))) < 0.06
+
+
+@pytest.mark.parametrize("noise", [1e-3, 0.1])
+def test_an_array_of_three_wavelengths(noise):
+    rng = np.random.default_rng(2)
+    x = rng.uniform(0, 3.2, (50, 2))
+    p = diffuse(x, K, rng, noise)
+    assert rms_of_shape(starts.coherence_start(p, K, noise, 2, 2), x) < 0.2
+    unknown = starts.coherence_start(p, K, None, 2, 2)
+    assert rms_of_shape(unknown, x) < 0.2, "the noise is chosen by likelihood where none is reported"
+    problem = Measurement(pressures=p, frequencies=FREQUENCIES, sound_speed=343.0).problem("unit")
+    assert rms_of_shape(starts.affine(problem, len(K)), x) > 0.4, "the low modes are not affine over so large an array"
+
+
+def test_robust_finds_an_array_of_three_wavelengths_with_a_noisy_and_an_inverted_channel():
+    rng = np.random.default_rng(3)
+    x = rng.uniform(0, 3.2, (50, 2))
+    p = diffuse(x, K, rng, 1e-4)
+    p[:, 7] *= -1
+    p[:, 20] = (rng.normal(size=len(K)) + 1j * rng.normal(size=len(K))) / np.sqrt(2)
+    problem = Measurement(pressures=p, frequencies=FREQUENCIES, sound_speed=343.0).problem("unit")
+    state = list(solvers.run(problem, SolverSettings(name="robust", modes=len(K)), 0))[-1]
+    sound = np.arange(50) != 20
+    assert rms_of_shape(state.positions[sound], x[sound]) < 5e-3
+    assert state.model.channel_noise[20] > 100
+    assert abs(state.gains[7, 1]) == pytest.approx(np.pi, abs=0.1)
+
+
+def test_the_start_does_not_depend_on_how_microphones_are_numbered():
+    rng = np.random.default_rng(4)
+    x, order = rng.uniform(0, 2.0, (20, 2)), rng.permutation(20)
+    p = diffuse(x, K, rng)
+    one, other = starts.coherence_start(p, K, 1e-2, 2, 2), starts.coherence_start(p[:, order], K, 1e-2, 2, 2)
+    assert rms_of_shape(other, one[order]) < 1e-3

@@ -1,0 +1,672 @@
+"""The verdict on what a solver has found: every row of the tables, their order, what must and must not be reported."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fields import measured, rigid_room, room_frequencies
+from test_channels import KNOWN, MODES, array, estimated
+
+import fdcal
+from fdcal.acoustics.fourier_bessel import array_f_max
+from fdcal.assessment.assess import assess, judged
+from fdcal.assessment.channels import FaultyChannel
+from fdcal.assessment.findings import FINDINGS, ROOM_FINDINGS, JudgedRoom
+from fdcal.model.gauge import align
+from fdcal.model.measurement import Measurement
+from fdcal.model.settings import SolverSettings
+from fdcal.solvers import load, run
+from fdcal.solvers.estimate import Estimate, RoomEstimate, TriedOptimum
+from fdcal.solvers.robust import solver as robust
+from fdcal.solvers.robust.result import estimate_at
+
+GRID = np.linspace(-0.5, 0.5, 5)
+TRUTH = np.array([(x, y) for x in GRID for y in GRID]) + [2.6, 2.3]
+TRUTH += np.random.default_rng(0).normal(scale=0.03, size=TRUTH.shape)
+CORNERS, HIGHEST = [0, 4, 22], 230.0
+
+
+def room(known=CORNERS, snr_db=30.0, seed=0, **kind) -> Measurement:
+    return measured(TRUTH, np.array(known, int), highest=HIGHEST, snr_db=snr_db, seed=seed, **kind)
+
+
+def at(measurement: Measurement, positions=TRUTH, modes: int | None = None) -> Estimate:
+    """What descent would report if it had ended at `positions`."""
+    settings, used = SolverSettings(name="descent"), slice(0, modes or len(measurement.frequencies))
+    return estimate_at(measurement.problem("unit", "all"), settings, positions, used, True)
+
+
+def without_noise_given(measurement: Measurement, noise_given: bool) -> Measurement:
+    return measurement if noise_given else replace(measurement, noise_power=None)
+
+
+@pytest.fixture(scope="module")
+def healthy() -> Measurement:
+    return measured(array(), np.array(KNOWN), snr_db=40.0, modes=MODES)
+
+
+@pytest.fixture(scope="module")
+def solved(healthy):
+    """Problem and last state of a healthy array."""
+    problem = healthy.problem("unit", "all")
+    *_, state = run(problem, SolverSettings(name="robust", modes=MODES), 0)
+    return problem, state
+
+
+@pytest.fixture(scope="module")
+def estimate(solved) -> Estimate:
+    """A healthy array, with the likeliest of its optima alone, so that nothing but what a test changes is found."""
+    found = robust.result(*solved)
+    return replace(found, tried=(TriedOptimum(found.positions, 0.0, False, True),))
+
+
+@pytest.fixture(scope="module")
+def blind(healthy) -> Estimate:
+    found = estimated(replace(healthy, known=np.zeros(0, int), known_positions=None))
+    return replace(found, tried=(TriedOptimum(found.positions, 0.0, False, False),))
+
+
+# --- every row of FINDINGS: what makes it apply ----------------------------------------------------------------------
+
+
+def with_share(e: Estimate, share: float) -> Estimate:
+    return replace(e, field=replace(e.field, share=share))
+
+
+def with_channel_noise(e: Estimate, count: int, factor: float) -> Estimate:
+    noise = np.array(e.channels.noise)
+    noise[np.setdiff1d(np.arange(len(noise)), KNOWN)[:count]] *= factor
+    return replace(e, channels=replace(e.channels, noise=noise))
+
+
+def as_single_wave(e: Estimate) -> Estimate:
+    k = 3 * np.real(e.problem.wavenumbers)[:, None]  # whose phases spread over the array
+    return replace(e, problem=replace(e.problem, pressures=np.exp(-1j * k * (e.positions @ [0.6, 0.8]))))
+
+
+def with_given_moved(e: Estimate, count: int, metres: float = 2.0) -> Estimate:
+    places = np.array(e.problem.known_positions)
+    for i in range(count):
+        places[i] += [metres, 3.0 * i]
+    return replace(e, problem=replace(e.problem, known_positions=places))
+
+
+def with_agreement(e: Estimate, probability: float) -> Estimate:
+    return replace(e, given=replace(e.given, probability=lambda kept: probability))
+
+
+def with_frequencies(e: Estimate, factor: float) -> Estimate:
+    return replace(e, problem=replace(e.problem, frequencies=factor * e.problem.frequencies))
+
+
+def with_step(e: Estimate, sigmas: float) -> Estimate:
+    step = np.zeros_like(e.spread.step)
+    step[1, 0] = -sigmas * e.spread.sigma[1, 0]
+    return replace(e, spread=replace(e.spread, step=step))
+
+
+def with_given_noise(e: Estimate, noise: float) -> Estimate:
+    return replace(e, problem=replace(e.problem, noise_power=np.full(len(e.problem.frequencies), noise)))
+
+
+def with_stretching(e: Estimate, sigma: float) -> Estimate:
+    x = (e.positions - e.positions.mean(axis=0)).ravel()
+    return replace(e, spread=replace(e.spread, newton=e.spread.newton + sigma**2 * np.outer(x, x)))
+
+
+def with_tried(e: Estimate, *scores: float, apart: float = 0.1, regrouped: bool = False) -> Estimate:
+    """The likeliest optimum and others, `apart` metres from it and from each other, by so much less likely."""
+    rng = np.random.default_rng(0)
+    others = [e.positions + apart * rng.normal(size=e.positions.shape) for _ in scores]
+    tried = [TriedOptimum(x, score, regrouped, True) for x, score in zip(others, scores, strict=True)]
+    return replace(e, tried=(TriedOptimum(e.positions, 0.0, False, True), *tried))
+
+
+def with_newton(e: Estimate, factor: float) -> Estimate:
+    return replace(e, spread=replace(e.spread, newton=factor * e.spread.newton))
+
+
+def with_loose_given(e: Estimate) -> Estimate:
+    """One given position that nothing but its own prior holds."""
+    newton, n, D = np.array(e.spread.newton), e.problem.known[0], e.positions.shape[1]
+    block = slice(D * n, D * n + D)
+    newton[block, :] = newton[:, block] = 0.0
+    newton[block, block] = np.eye(D) / (e.given.stiffness[0] + 1.0)
+    return replace(e, spread=replace(e.spread, newton=newton))
+
+
+ROWS: list[tuple[str, str, Callable[[Estimate], Estimate]]] = [
+    ("too_noisy", "40 % of the power", lambda e: with_share(e, 0.4)),
+    ("model_mismatch", "single wave", as_single_wave),
+    ("model_mismatch", "no sound field without sources explains", lambda e: with_channel_noise(e, 3, 1e4)),
+    ("model_mismatch", "8 of 20 microphones", lambda e: with_channel_noise(e, 8, 4.0)),
+    ("known_position", "known microphone 0 and 5", lambda e: with_given_moved(e, 2)),
+    (
+        "known_position",
+        "would disagree so in 1 of 1000",
+        lambda e: with_agreement(e, 1e-3),
+    ),
+    ("undersampled", "Eq. 9", lambda e: with_frequencies(e, 10.0)),
+    ("not_converged", "still moved", lambda e: replace(e, converged=False)),
+    ("model_mismatch", "times what the noise explains", lambda e: with_given_noise(e, e.field.share / 3)),
+    ("model_mismatch", "free of noise", lambda e: with_given_noise(with_share(e, 0.01), 0.0)),
+    ("sound_speed", "would be 403 m/s, not 343 m/s", lambda e: replace(e, log_speed=0.16)),
+    ("scale_undetermined", "its size is hardly determined", lambda e: with_stretching(e, 0.1)),
+    ("ambiguous", "explains the pressures as well", lambda e: with_tried(e, 1.0)),
+    ("ambiguous", "each of 3 starts", lambda e: with_tried(e, 50.0, 60.0)),
+    ("ambiguous", "the positions are uncertain by", lambda e: with_newton(e, 1e3)),
+    ("ambiguous", "nothing would show an error of a given position", with_loose_given),
+    ("good", "nothing speaks against these positions", lambda e: e),
+]
+BLIND = 11  # the row that only an array without given positions reaches
+# Pairs of rows of which the alterations exclude each other.
+EXCLUDED = {(2, 3), (4, 14), (4, 15), (8, 9), (12, 13), (12, 14), (13, 14), (14, 15), (4, 11), (5, 11), (11, 15)}
+
+
+def first_row(found: Estimate, stretch: float | None = None) -> int:
+    seen = judged(found, [str(n) for n in range(len(found.positions))], stretch)
+    return next(i for i, row in enumerate(FINDINGS) if row.applies(seen, row.limit))
+
+
+def test_the_rows_tried_here_are_those_of_the_table():
+    assert [code for code, _, _ in ROWS] == [row.code for row in FINDINGS]
+    assert FINDINGS[-1].code == ROOM_FINDINGS[-1].code == "good"
+    for row in (*FINDINGS, *ROOM_FINDINGS):
+        assert row.reason or not row.limit, f"{row.code}: a limit has a reason"
+
+
+@pytest.mark.parametrize("row", range(len(ROWS)), ids=lambda row: f"{row}-{ROWS[row][0]}")
+def test_every_row_can_be_the_verdict(estimate, blind, row):
+    code, words, altered = ROWS[row]
+    found = altered(blind if row == BLIND else estimate)
+    verdict = assess(found)
+    assert (first_row(found), verdict.verdict) == (row, code) and words in verdict.message
+
+
+@pytest.mark.parametrize("row", range(len(ROWS) - 1), ids=lambda row: f"{row}-{ROWS[row][0]}")
+def test_an_earlier_row_hides_a_later_one(estimate, blind, row):
+    for later in range(row + 1, len(ROWS)):
+        if (row, later) not in EXCLUDED:
+            start = blind if BLIND in (row, later) else estimate
+            assert first_row(ROWS[row][2](ROWS[later][2](start))) == row, later
+
+
+@pytest.mark.parametrize(
+    ("row", "altered"),
+    [
+        (0, lambda e, limit, by: with_given_noise(with_share(e, limit * by), limit)),
+        (5, lambda e, limit, by: with_agreement(e, limit / by)),
+        (7, lambda e, limit, by: with_step(e, limit * by)),
+        (8, lambda e, limit, by: with_given_noise(e, e.field.share / limit / by)),
+        (9, lambda e, limit, by: with_given_noise(with_share(e, limit * by), 0.0)),
+        (10, lambda e, limit, by: replace(e, log_speed=np.log1p(limit * by))),
+    ],
+)
+def test_a_limit_is_where_the_verdict_changes(estimate, row, altered):
+    limit = FINDINGS[row].limit
+    assert first_row(altered(estimate, limit, 1.02)) == row
+    assert first_row(altered(estimate, limit, 0.98)) == len(FINDINGS) - 1
+
+
+def test_a_remedy_names_its_arguments_as_the_reader_knows_them(estimate):
+    found = replace(assess(replace(estimate, converged=False)), wording={"modes": "the number of modes"})
+    assert found.message.endswith("use other <modes>") and found.verdict_text.endswith("use other the number of modes")
+
+
+# --- what the rows rest on -------------------------------------------------------------------------------------------
+
+
+def test_the_residual_is_over_the_noise_of_every_mode_and_channel(estimate):
+    """Without a field C = v tau, and the chi-square is sum |q|^2 / (v tau) over its degrees of freedom."""
+    field, tau = estimate.field, estimate.channels.noise
+    q, (M, N), D = field.terms.corrected, field.terms.corrected.shape, estimate.positions.shape[1]
+
+    def figure(noise: np.ndarray) -> float:
+        v = noise[:, None] * tau
+        terms = replace(field.terms, weighted=q / v, precision=1 / v)
+        found = judged(replace(estimate, field=replace(field, noise=noise, terms=terms)), [""] * N)
+        return replace(found, faulty=()).residual_to_noise
+
+    noise = field.noise * np.linspace(0.5, 2.0, M)
+    expected = np.sum(np.abs(q) ** 2 / (noise[:, None] * tau)) / (M * N - N * (D + 2) / 2)
+    assert figure(noise) == pytest.approx(expected, rel=1e-9)
+    assert figure(4 * noise) == pytest.approx(expected / 4, rel=1e-9)
+
+
+def test_the_residual_in_the_words_is_over_the_noise_given(healthy):
+    """Whether or not the solver believes that noise."""
+    for factor, low, high in ((1.0, 0.8, 1.25), (8.0, 0.8 / 8, 1.25 / 8)):
+        found = assess(estimated(replace(healthy, noise_power=factor * healthy.noise_power)))
+        stated = float(found.message.partition("residual ")[2].partition(" times")[0])
+        assert found.verdict == "good" and low < stated < high
+
+
+def test_noise_given_of_modes_that_are_not_in_use_decides_nothing(estimate):
+    half = slice(0, MODES // 2)
+    noise = np.array(estimate.problem.noise_power)
+    noise[half.stop :] *= 1e-6
+    for modes, count in ((half, 1), (slice(None), 0)):
+        found = replace(estimate, modes=modes, problem=replace(estimate.problem, noise_power=noise))
+        given = judged(found, [""] * len(estimate.positions)).given_noise
+        assert (given == pytest.approx(float(np.median(noise[half])))) == bool(count)
+
+
+def test_an_optimum_that_began_at_another_one_confirms_and_contradicts_nothing(estimate):
+    """A start that agrees with the likeliest one, but grew out of it, is no confirmation."""
+    apart = with_tried(estimate, 50.0, 60.0)
+    assert first_row(with_tried(estimate, 50.0, 60.0, regrouped=True)) == len(FINDINGS) - 1
+    same = TriedOptimum(estimate.positions, 1.0, True, True)
+    assert first_row(replace(apart, tried=(*apart.tried, same))) == 13
+    assert first_row(replace(apart, tried=(*apart.tried, replace(same, regrouped=False)))) == len(FINDINGS) - 1
+
+
+def test_two_starts_are_too_few_to_disagree_and_rivals_count_by_their_evidence(estimate):
+    assert first_row(with_tried(estimate, 50.0)) == len(FINDINGS) - 1
+    assert first_row(with_tried(estimate, 1.0, apart=1e-4)) == len(FINDINGS) - 1, "the same optimum"
+    rival = TriedOptimum(estimate.positions @ np.array([[0.0, 1.0], [-1.0, 0.0]]) + 3.0, 1.0, False, False)
+    assert first_row(replace(estimate, tried=(*estimate.tried, rival))) == len(FINDINGS) - 1, "moved as a whole"
+
+
+def test_the_loosest_given_microphone_does_not_depend_on_its_own_prior(estimate):
+    """sigma = (P^-1 - spring)^-1: a stiffer or softer spring on its own position changes P, and nothing else."""
+    D = estimate.positions.shape[1]
+    for n, index in zip(estimate.problem.known.tolist(), range(len(KNOWN)), strict=True):
+        block = slice(D * n, D * n + D)
+        own = np.linalg.inv(estimate.spread.newton[block, block]) - estimate.given.stiffness[index] * np.eye(D)
+        found = []
+        for spring in (1e3, 1e5, 1e7):
+            newton, stiffness = np.zeros_like(estimate.spread.newton), np.full(len(KNOWN), 1e-6)
+            for m in KNOWN:
+                newton[D * m : D * m + D, D * m : D * m + D] = 1e-8 * np.eye(D)
+            newton[block, block] = np.linalg.inv(own + spring * np.eye(D))
+            stiffness[index] = spring
+            changed = replace(estimate.spread, newton=newton, influences=())
+            given = replace(estimate.given, stiffness=stiffness)
+            one = replace(estimate, spread=replace(changed, influences=estimate.spread.influences), given=given)
+            found.append(judged(one, [""] * len(estimate.positions)).loosest)
+        assert found == pytest.approx([np.sqrt(np.trace(np.linalg.inv(own)))] * 3, rel=1e-5)
+
+
+def test_given_positions_that_are_wrong_leave_the_others_to_place_the_array(estimate):
+    """Of four in the plane three suffice; two do not, and then nothing is known of any."""
+    names = [str(n) for n in range(len(estimate.positions))]
+    seen = []
+    with_probability = replace(estimate.given, probability=lambda kept: seen.append(kept) or 0.5)
+    for wrong in (0, 1, 3):
+        found = judged(replace(with_given_moved(estimate, wrong), given=with_probability), names)
+        assert np.isinf(found.loosest) == (wrong == 3)
+        assert found.agreement == (1.0 if wrong == 3 else 0.5)
+    assert [int(np.sum(kept)) for kept in seen] == [4, 3]
+    carried = replace(with_probability, carry_scale=True, probability=lambda kept: 1e-9)
+    assert judged(replace(estimate, given=carried), names).agreement == 1.0
+
+
+def test_given_positions_with_a_stated_sigma_may_contradict_the_pressures(solved):
+    problem, state = solved
+    errors = 0.003 * np.array([[1, 1], [-1, 1], [1, -1], [-1, -1]])
+    moved = replace(problem, known_positions=problem.known_positions + errors)
+    stated = replace(state, model=replace(state.model, known_sigma=5e-4))
+    assert "do not agree" in assess(robust.result(moved, stated)).message
+
+
+def test_uneven_gains_are_no_uneven_residuals(estimate):
+    """Noise that is alike before the gains is that of the channels."""
+    gains = np.array(estimate.channels.gains)
+    quiet = np.setdiff1d(np.arange(len(gains)), KNOWN)[:8]
+    gains[quiet, 0] -= np.log(2)
+    found = with_channel_noise(estimate, 8, 4.0)
+    found = replace(found, channels=replace(found.channels, gains=gains, spread=np.ones(2)))
+    assert "times that of the median one" not in assess(found).message
+
+
+def test_a_sound_speed_is_impossible_beyond_its_limit_and_sigma_but_never_by_an_eighth_and_more(estimate):
+    for ratio, sigma, possible in ((1.04, 0.0, True), (1.06, 0.0, False), (1.06, 0.01, True), (1.16, 1.0, False)):
+        found = replace(estimate, log_speed=float(np.log(ratio)), log_speed_sigma=sigma)
+        assert (assess(found).verdict == "good") == possible, ratio
+    assert (
+        assess(estimate, stretch=1.2).verdict == "sound_speed"
+        and "distance given" in assess(estimate, stretch=1.2).message
+    )
+
+
+def test_a_given_distance_stretches_positions_sigma_and_sound_speed_alike(estimate):
+    one, larger = assess(estimate), assess(estimate, stretch=1.01)
+    centre = one.positions.mean(axis=0)
+    np.testing.assert_allclose(larger.positions - centre, 1.01 * (one.positions - centre))
+    np.testing.assert_allclose(larger.covariance, 1.01**2 * one.covariance)
+    assert larger.problem.sound_speed == pytest.approx(1.01 * one.problem.sound_speed)
+    np.testing.assert_allclose(larger.problem.wavenumbers, one.problem.wavenumbers / 1.01)
+
+
+def test_a_faulty_channel_does_not_count_in_the_residual(estimate):
+    n, terms = 7, estimate.field.terms
+    weighted, precision = np.array(terms.weighted), np.array(terms.precision)
+    weighted[:, n] *= 100.0
+    precision[:, n] *= 3.0
+    spoilt = replace(
+        estimate, field=replace(estimate.field, terms=replace(terms, weighted=weighted, precision=precision))
+    )
+    faulty = (FaultyChannel(n, "noisy", 20.0, "dB"),)
+    figures = [
+        replace(judged(one, [""] * len(estimate.positions)), faulty=faulty).residual_to_noise
+        for one in (estimate, spoilt)
+    ]
+    assert figures[0] == pytest.approx(figures[1], rel=1e-12)
+
+
+def test_gains_of_the_channels_that_the_solver_found_are_no_error_of_the_prediction(estimate):
+    """The leave-one-out errors are those of the pressures without them, and without its delays."""
+    rng, before = np.random.default_rng(0), assess(estimate).evidence
+    gains = 0.3 * rng.normal(size=estimate.channels.gains.shape)
+    pressures = estimate.problem.pressures * np.exp(gains @ np.array([1.0, 1.0j]))
+    channels = replace(estimate.channels, gains=estimate.channels.gains + gains, spread=np.ones(2))
+    found = replace(estimate, problem=replace(estimate.problem, pressures=pressures), channels=channels)
+    after = assess(found).evidence
+    assert after.leave_one_out_db == pytest.approx(before.leave_one_out_db, abs=0.05)
+    np.testing.assert_allclose(after.microphones_db, before.microphones_db, atol=0.1)
+
+
+def test_the_noise_that_the_last_stage_takes_off_is_back_in_the_result(solved):
+    """It makes the last steps sharper, and no sigma smaller."""
+    problem, state = solved
+    deflated = replace(state, model=replace(state.model, noise=state.model.noise / 3, deflation=3.0))
+    one, other = robust.result(problem, state), robust.result(problem, deflated)
+    np.testing.assert_allclose(other.field.noise, one.field.noise)
+    np.testing.assert_allclose(other.spread.newton, one.spread.newton, rtol=1e-6, atol=1e-15)
+
+
+# --- verdicts of every solver ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("solver", ["robust", "joint", "descent+joint"])
+def test_every_solver_finds_a_healthy_array_good(healthy, solver):
+    found = assess(estimated(healthy, solver))
+    assert found.verdict == "good" and found.message.startswith("nothing speaks against these positions")
+    assert 0.5 < found.evidence.residual_to_noise < 2
+    assert not found.positions.flags.writeable
+    assert np.all((found.uncertainty > 0) == ~np.isin(np.arange(len(found.positions)), KNOWN)) or solver == "robust"
+    assert np.linalg.norm(found.positions - healthy.positions, axis=1).max() < 0.01
+
+
+@pytest.mark.parametrize("known", [CORNERS, []], ids=["known", "blind"])
+@pytest.mark.parametrize("snr_db", [np.inf, 40, 30, 20, 10])
+def test_the_true_positions_are_good_whoever_found_them(known, snr_db):
+    seed = int(10 * len(known) + min(snr_db, 50))
+    measurement = room(known, snr_db, seed, source=(5.6 - 0.01 * seed, 4.53))
+    found = assess(at(measurement))
+    assert found.verdict == "good", found.message
+    assert ("times the noise given" in found.message) == np.isfinite(snr_db)
+    assert np.all(found.uncertainty[known] == 0) and np.all(np.delete(found.uncertainty, known) > 0)
+
+
+def test_positions_have_the_same_verdict_and_sigma_whichever_solver_reports_them(healthy):
+    problem = healthy.problem("unit", "all")
+    *_, state = run(problem, SolverSettings(name="joint", modes=MODES), 0)
+    joint, descent = assess(load("joint").result(problem, state)), assess(at(healthy, state.positions))
+    assert joint.verdict == descent.verdict == "good"
+    np.testing.assert_allclose(descent.uncertainty, joint.uncertainty, rtol=0.1)
+
+
+def test_descent_far_from_the_truth_is_not_good():
+    rng = np.random.default_rng(1)
+    away = TRUTH + 0.1 * rng.normal(size=TRUTH.shape)
+    away[CORNERS] = TRUTH[CORNERS]
+    assert assess(at(room(), away)).verdict != "good"
+
+
+@pytest.mark.parametrize("noise_given", [True, False], ids=["noise given", "noise estimated"])
+@pytest.mark.parametrize("known", [CORNERS, []], ids=["known", "blind"])
+@pytest.mark.parametrize("kind", ["gain", "phase", "garbage"])
+def test_a_faulty_channel_is_named_by_solvers_that_seek_no_gains(kind, known, noise_given):
+    measurement, rng = room(known), np.random.default_rng(1)
+    p = np.array(measurement.pressures)
+    noise = rng.standard_normal((2, len(p)))
+    p[:, 17] = {
+        "gain": 0.4 * p[:, 17],
+        "phase": -p[:, 17],
+        "garbage": np.abs(p).mean(axis=1) * (noise[0] + 1j * noise[1]),
+    }[kind]
+    altered = without_noise_given(replace(measurement, pressures=p), noise_given)
+    for found in (assess(at(altered)), assess(estimated(altered, "joint"))):
+        assert [fault.name for fault in found.channels.faults] == ["17"] and found.verdict == "good", found.message
+        assert "odd: microphone 17" in found.message
+
+
+@pytest.mark.parametrize("snr_db", [np.inf, 30])
+@pytest.mark.parametrize("known", [CORNERS, []], ids=["known", "blind"])
+def test_a_source_inside_the_array_is_not_good(snr_db, known):
+    measurement = room(known, snr_db, source=(2.7, 2.4))
+    for found in (assess(at(measurement)), assess(estimated(measurement, "joint"))):
+        assert found.verdict in ("model_mismatch", "known_position"), found.message
+
+
+@pytest.mark.parametrize("change", [1.04, 0.96])
+def test_a_wrong_sound_speed_is_reported_and_estimated(change):
+    right = room(snr_db=40)
+    wrong = replace(right, sound_speed=343 * change, wavenumbers=right.wavenumbers / change)
+    assert assess(estimated(wrong, "joint")).verdict != "good" and assess(at(wrong)).verdict != "good"
+    found = assess(estimated(wrong, "joint", sound_speed_sigma=0.05))
+    assert found.verdict == "good"
+    assert (
+        found.problem.sound_speed == pytest.approx(343, abs=3 * found.sound_speed_sigma) and found.sound_speed_sigma < 1
+    )
+    np.testing.assert_array_equal(found.positions[CORNERS], TRUTH[CORNERS])
+    assert np.linalg.norm(found.positions - TRUTH, axis=1).max() < 0.01
+
+
+def test_blind_a_given_distance_gives_the_sound_speed():
+    right = room([], snr_db=40)
+    wrong = replace(right, sound_speed=343 * 1.05, wavenumbers=right.wavenumbers / 1.05)
+    estimate = estimated(wrong, "joint")
+    apart = np.linalg.norm(estimate.positions[0] - estimate.positions[24])
+    found = assess(estimate, stretch=float(np.linalg.norm(TRUTH[0] - TRUTH[24]) / apart))
+    assert found.problem.sound_speed == pytest.approx(343, rel=0.01)
+    assert np.linalg.norm(align(found.positions, TRUTH) - TRUTH, axis=1).max() < 0.02
+
+
+@pytest.mark.parametrize("noise_given", [True, False], ids=["noise given", "noise estimated"])
+@pytest.mark.parametrize("pair", [(4, 18), (4, 22)], ids=["with an unknown one", "with a known one"])
+def test_a_swap_that_involves_a_known_microphone_is_not_good(pair, noise_given):
+    measurement = room()
+    p = np.array(measurement.pressures)
+    p[:, list(pair)] = p[:, list(pair[::-1])]
+    swapped = without_noise_given(replace(measurement, pressures=p), noise_given)
+    for found in (assess(at(swapped)), assess(estimated(swapped, "joint"))):
+        assert found.verdict in ("known_position", "model_mismatch"), found.message
+
+
+def test_an_array_too_wide_for_its_modes_is_undersampled():
+    few = TRUTH[[0, 4, 12, 20, 24, 7]]
+    measurement = measured(few, np.array([0, 1, 3]), highest=HIGHEST, snr_db=40)
+    limit = array_f_max(few, 343.0, 2)
+    assert limit < HIGHEST
+    found = assess(at(measurement, few))
+    assert found.verdict == "undersampled" and "Eq. 9" in found.message
+    assert assess(at(measurement, few, int(np.sum(measurement.frequencies < limit)))).verdict != "undersampled"
+
+
+@pytest.mark.parametrize("count", [8, 9, 10, 11])
+def test_a_sparse_array_whose_rim_is_hard_to_predict_has_no_faulty_channel(count):
+    corners = [[2.2, 1.9], [3.0, 1.9], [2.6, 2.7]]
+    for seed in range(6):
+        inside = np.random.default_rng(seed).uniform(-0.5, 0.5, (count - 3, 2)) + [2.6, 2.3]
+        few = np.array([*corners, *inside])
+        measurement = measured(few, np.array([0, 1, 2]), highest=38 * count, snr_db=30, seed=seed)
+        found = assess(at(measurement, few))
+        faults = [] if found.verdict == "undersampled" else list(found.channels.faults)
+        assert found.verdict != "known_position" and faults == [], found.message
+
+
+def test_too_much_noise_is_reported():
+    assert assess(at(room(snr_db=0))).verdict == "too_noisy"
+
+
+def test_a_given_position_that_nothing_checks_is_not_good():
+    measurement = measured(array(), np.array(KNOWN[:3]), snr_db=15.0, modes=8)
+    assert assess(estimated(measurement)).verdict != "good"
+
+
+def test_the_scale_of_a_plane_in_space_is_not_determined_blind():
+    """A sound field in space, sampled on a plane: sinc in place of J_0."""
+    rng = np.random.default_rng(2)
+    k = np.linspace(1.0, 5.0, 24)
+    directions = rng.normal(size=(24, 60, 3))
+    directions /= np.linalg.norm(directions, axis=2, keepdims=True)
+    waves = np.exp(-1j * k[:, None, None] * np.einsum("mda,na->mdn", directions[..., :2], TRUTH))
+    pressures = ((rng.normal(size=(24, 1, 60)) + 1j * rng.normal(size=(24, 1, 60))) @ waves)[:, 0]
+    noise = 1e-4 * np.mean(np.abs(pressures) ** 2, axis=1)
+    draws = rng.normal(size=(2, *pressures.shape))
+    pressures = pressures + np.sqrt(noise / 2)[:, None] * (draws[0] + 1j * draws[1])
+    blind = Measurement(
+        k * 343 / (2 * np.pi), pressures, 343.0, dimension=3, array_dimension=2, noise_power=noise
+    )  # fmt: skip
+    for known, code in (([], "scale_undetermined"), (CORNERS, "good")):
+        found = assess(at(replace(blind, known=known, known_positions=TRUTH[known])))
+        assert found.verdict == code, found.message
+
+
+def test_a_source_beside_the_array_is_no_mismatch_where_there_is_no_noise():
+    """The kernel of a diffuse field alone cannot explain it to the last decibel; that of a source nearby can."""
+    truth = np.random.default_rng(7).uniform(-0.5, 0.5, (40, 2)) + [2.61, 2.31]
+    found = fdcal.calibrate(measured(truth, np.array([0, 1, 2]), source=(3.6, 2.9)), solver="joint")
+    assert found.max_error < 1e-3 and found.verdict == "good", found.verdict_text
+
+
+@pytest.mark.parametrize("source", [(2.0, 3.2), (5.47, 4.53)], ids=["near", "far"])
+def test_without_noise_the_right_array_is_accepted_and_one_wrong_by_millimetres_is_not(source):
+    truth = np.random.default_rng(0).uniform(-0.5, 0.5, (40, 2)) + [2.61, 2.31]
+    measurement = measured(truth, np.array([0, 1, 2]), highest=120.0, source=source)
+    measurement = replace(measurement, noise_power=np.zeros(len(measurement.frequencies)))
+    assert assess(at(measurement, truth)).verdict == "good"
+    wrong = truth + np.random.default_rng(1).normal(0, 0.005, truth.shape)
+    wrong[:3] = truth[:3]
+    assert assess(at(measurement, wrong)).verdict == "model_mismatch"
+    problem = measurement.problem("unit", "all")
+    *_, state = run(problem, SolverSettings(name="joint", modes=12), 0)
+    assert assess(load("joint").result(problem, state)).verdict == "good"
+    spoilt = load("joint").result(problem, replace(state, positions=wrong))
+    assert assess(spoilt).verdict in ("model_mismatch", "not_converged")
+
+
+# --- known rooms -----------------------------------------------------------------------------------------------------
+
+
+IN_ROOM = np.array([[1.0, 0.8], [1.6, 3.9], [2.3, 2.2], [3.4, 0.7], [3.9, 3.1], [4.7, 1.9], [0.6, 2.7], [5.3, 1.1]])
+SIZE = (6.0, 5.0)
+
+
+@pytest.fixture(scope="module")
+def in_room() -> RoomEstimate:
+    """Eight microphones in the rigid room, at 40 dB."""
+    frequencies = room_frequencies(300.0)[:24]
+    k = (2 * np.pi * frequencies - 3j) / 343.0
+    p = rigid_room(IN_ROOM, (3.1, 4.4), k)
+    noise = 1e-4 * np.mean(np.abs(p) ** 2, axis=1)
+    parts = np.random.default_rng(2).standard_normal((2, *p.shape))
+    p = p + np.sqrt(noise / 2)[:, None] * (parts[0] + 1j * parts[1])
+    measurement = Measurement(
+        frequencies, p, 343.0, wavenumbers=k, noise_power=noise, positions=IN_ROOM, known=np.array([0, 3])
+    )
+    problem = measurement.problem("unit", "all")
+    settings = SolverSettings(name="room", modes=len(measurement.frequencies), room=SIZE)
+    *_, state = run(problem, settings, 0)
+    return load("room").result(problem, state)
+
+
+def with_worst(e: RoomEstimate) -> RoomEstimate:
+    part = np.array(e.channel_residual)
+    part[2] = 50 * part.max()
+    return replace(e, channel_residual=part)
+
+
+def with_size(e: RoomEstimate, change: float, sigma: float = 1e-4) -> RoomEstimate:
+    return replace(e, better_size=replace(e.better_size, change=np.full(2, change), sigma=np.full(2, sigma)))
+
+
+def with_displaced(e: RoomEstimate, metres: float) -> RoomEstimate:
+    places = np.array(e.problem.known_positions)
+    places[1] = e.positions[3] + [metres, 0.0]
+    places[0] = e.positions[0]
+    return replace(e, problem=replace(e.problem, known_positions=places))
+
+
+ROOM_ROWS: list[tuple[str, str, Callable[[RoomEstimate], RoomEstimate]]] = [
+    ("odd_channel", "microphone 2", with_worst),
+    ("too_noisy", "40 % of the power", lambda e: replace(e, noise_share=0.4)),
+    ("room_size", "6.060 x 5.050 m", lambda e: with_size(e, 0.01)),
+    ("model_mismatch", "5 times what the noise explains", lambda e: replace(e, residual=5.0)),
+    ("model_mismatch", "if that is not noise", lambda e: replace(e, noise_given=False, noise_share=0.01)),
+    ("not_converged", "still moved", lambda e: replace(e, converged=False)),
+    ("known_position", "3 (5 cm)", lambda e: with_displaced(e, 0.05)),
+    ("ambiguous", "uncertain by", lambda e: replace(e, covariance=e.covariance + 0.02 * np.eye(2))),
+    ("good", "nothing speaks against these positions up to the room's", lambda e: e),
+]
+
+
+def first_room_row(found: RoomEstimate) -> int:
+    seen = JudgedRoom(found, [str(n) for n in range(len(found.positions))])
+    return next(i for i, row in enumerate(ROOM_FINDINGS) if row.applies(seen, row.limit))
+
+
+@pytest.mark.parametrize("row", range(len(ROOM_ROWS)), ids=lambda row: f"{row}-{ROOM_ROWS[row][0]}")
+def test_every_row_of_known_rooms_can_be_the_verdict(in_room, row):
+    code, words, altered = ROOM_ROWS[row]
+    found = assess(altered(in_room))
+    assert [one for one, _, _ in ROOM_ROWS] == [one.code for one in ROOM_FINDINGS]
+    assert (first_room_row(altered(in_room)), found.verdict) == (row, code) and words in found.message
+
+
+def test_of_known_rooms_too_an_earlier_row_hides_a_later_one(in_room):
+    excluded = {(2, 3), (3, 4), (6, 7)}  # a large residual hides the size; either noise given or not; five sigmas
+    for row in range(len(ROOM_ROWS) - 1):
+        for later in range(row + 1, len(ROOM_ROWS)):
+            if (row, later) not in excluded:
+                assert first_room_row(ROOM_ROWS[row][2](ROOM_ROWS[later][2](in_room))) == row, (row, later)
+
+
+def test_limits_of_known_rooms_hold_five_sigmas(in_room):
+    assert first_room_row(with_size(in_room, 0.01, 0.003)) == first_room_row(with_displaced(in_room, 0.009)) == 8
+    assert (
+        first_room_row(replace(with_displaced(in_room, 0.05), covariance=0 * in_room.covariance + 1e-4 * np.eye(2)))
+        == 8
+    )
+    assert np.linalg.norm(assess(in_room).positions - IN_ROOM, axis=1).max() < 0.02
+
+
+def test_of_four_channels_in_a_room_none_stands_out(in_room):
+    part = with_worst(in_room).channel_residual
+    assert first_room_row(replace(in_room, channel_residual=part[:4])) != 0
+    assert first_room_row(replace(in_room, channel_residual=part[:5])) == 0
+
+
+# --- the end, not the way to it --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("snr_db", [np.inf, 40.0])
+@pytest.mark.parametrize("known", ["all", "none"])
+def test_the_same_end_has_the_same_sigma(known, snr_db):
+    """Whatever the way to it: from the end again with one microphone dragged off."""
+    measurement = fdcal.simulate(fdcal.load_scene("array1_circle"))
+    p, rng = measurement.pressures, np.random.default_rng(1)
+    if np.isfinite(snr_db):
+        noise = np.mean(np.abs(p) ** 2, axis=1) * 10 ** (-snr_db / 10)
+        draws = rng.normal(size=(2, *p.shape))
+        p = p + np.sqrt(noise / 2)[:, None] * (draws[0] + 1j * draws[1])
+        measurement = replace(measurement, pressures=p, noise_power=noise)
+    problem, settings = measurement.problem("unit", known), SolverSettings(name="robust", modes=len(p))
+    *_, first = run(problem, settings, 0)
+    sigma, agreeing = assess(robust.result(problem, first)).uncertainty, 0
+    for metres in (0.03, 0.4):
+        start = np.array(first.positions)
+        start[int(problem.free[3])] += metres * np.array([0.6, 0.8])
+        state = robust.init(problem, settings, 0, positions=start)
+        while not state.finished:
+            state = robust.step(problem, state)
+        x = state.positions if len(problem.known) else align(state.positions, first.positions)
+        if np.linalg.norm(x - first.positions, axis=1).max() < 5e-5:
+            agreeing += 1
+            np.testing.assert_allclose(assess(robust.result(problem, state)).uncertainty, sigma, rtol=0.1)
+    assert agreeing == 2

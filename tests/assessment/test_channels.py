@@ -1,0 +1,219 @@
+"""Faults of single channels are found, and move no other microphone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fields import measured
+
+import fdcal
+from fdcal.assessment.assess import Assessment, assess, judged
+from fdcal.assessment.channels import FaultyChannel, channel_faults, exchanged_back, faulty_channels, healthy_channels
+from fdcal.assessment.uncertainty import covariance_of
+from fdcal.model.measurement import Measurement
+from fdcal.model.settings import SolverSettings
+from fdcal.solvers import load, run
+from fdcal.solvers.estimate import Estimate
+
+COUNT, MODES, KNOWN, FAULTY = 20, 32, [0, 5, 11, 17], 7
+
+
+def array():
+    """Positions within a disc of 0.5 m in the room of `fields.measured`."""
+    rng = np.random.default_rng(3)
+    radius, angle = 0.5 * np.sqrt(rng.random(COUNT)), 2 * np.pi * rng.random(COUNT)
+    return np.array([2.6, 2.3]) + np.c_[radius * np.cos(angle), radius * np.sin(angle)]
+
+
+def estimated(measurement: Measurement, solver: str = "robust", **settings) -> Estimate:
+    """What a solver finds of a measurement, with all its modes."""
+    problem = measurement.problem("unit", "all")
+    *_, state = run(problem, SolverSettings(name=solver, modes=len(measurement.frequencies), **settings), 0)
+    found = load(solver).result(problem, state)
+    assert isinstance(found, Estimate)
+    return found
+
+
+def found_in(measurement: Measurement) -> tuple[Assessment, tuple[FaultyChannel, ...]]:
+    """Assessment of the measurement, and its faulty channels with their numbers."""
+    estimate = estimated(measurement)
+    return assess(estimate, measurement.names), judged(estimate, measurement.names).faulty
+
+
+@pytest.fixture(scope="module")
+def healthy():
+    return measured(array(), np.array(KNOWN), snr_db=40.0, modes=MODES)
+
+
+@pytest.fixture(scope="module")
+def estimate(healthy):
+    return estimated(healthy)
+
+
+@pytest.fixture(scope="module")
+def reference(healthy):
+    return found_in(healthy)[0]
+
+
+def with_channel(measurement, factor):
+    """`measurement` with channel FAULTY multiplied by `factor` (M,) or a number."""
+    p = np.array(measurement.pressures)
+    p[:, FAULTY] *= factor
+    return replace(measurement, pressures=p)
+
+
+def errors(found: Assessment, measurement: Measurement) -> np.ndarray:
+    return np.linalg.norm(found.positions - measurement.positions, axis=1)
+
+
+def test_healthy_channels_are_not_at_fault(healthy, reference):
+    assert reference.channels.faults == () and reference.verdict == "good"
+    assert np.max(errors(reference, healthy)) < 0.01
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_channels_that_all_differ_are_not_at_fault(healthy, seed):
+    """Gains of 3 dB, one sigma: each is found, none is a fault."""
+    gains_db = 3.0 * np.random.default_rng(seed).normal(size=COUNT)
+    found, faulty = found_in(replace(healthy, pressures=healthy.pressures * 10 ** (gains_db / 20)))
+    assert faulty == () and found.verdict == "good"
+    off = found.channels.gain_db - gains_db
+    assert np.max(np.abs(off - np.median(off))) < 0.5
+    assert np.max(errors(found, healthy)) < 0.02
+
+
+def test_a_channel_of_pure_noise_moves_no_other_microphone(healthy, reference):
+    p, rng = np.array(healthy.pressures), np.random.default_rng(5)
+    power = np.sqrt(np.mean(np.abs(p) ** 2, axis=1))
+    p[:, FAULTY] = power * (rng.normal(size=MODES) + 1j * rng.normal(size=MODES)) / np.sqrt(2)
+    found, faulty = found_in(replace(healthy, pressures=p))
+    assert [(one.number, one.kind) for one in faulty] == [(FAULTY, "dead")] and found.verdict == "good"
+    others = healthy_channels(COUNT, faulty)
+    shift = np.linalg.norm(found.positions - reference.positions, axis=1)[others]
+    # what the channel said about the others is lost, which is within their uncertainty
+    assert np.all(shift < 2 * found.uncertainty[others])
+
+
+@pytest.mark.parametrize(
+    ("kind", "unit", "value", "factor"),
+    [
+        ("inverted", "", np.nan, lambda f: -1.0),
+        ("gain", "dB", 6.0, lambda f: 10 ** (6 / 20)),
+        ("gain", "dB", -6.0, lambda f: 10 ** (-6 / 20)),
+        ("gain", "degrees", 40.0, lambda f: np.exp(1j * np.radians(40))),
+        ("delayed", "s", 1e-3, lambda f: np.exp(-2j * np.pi * f * 1e-3)),
+        ("delayed", "s", -2e-4, lambda f: np.exp(2j * np.pi * f * 2e-4)),
+        ("high_pass", "Hz", 40.0, lambda f: 1j * f / (40 + 1j * f)),
+    ],
+)
+def test_a_fault_is_named_with_its_value(healthy, kind, unit, value, factor):
+    found, faulty = found_in(with_channel(healthy, factor(healthy.frequencies)))
+    assert [(one.number, one.kind, one.unit) for one in faulty] == [(FAULTY, kind, unit)]
+    assert faulty[0].value == pytest.approx(value, rel=0.1, nan_ok=True)
+    # the faulty one, too: what is wrong with it is part of the model
+    assert np.max(errors(found, healthy)) < 0.012
+
+
+def test_a_channel_with_more_noise_is_noisy_by_so_many_decibels(healthy):
+    p, rng = np.array(healthy.pressures), np.random.default_rng(6)
+    power = np.mean(np.abs(p) ** 2, axis=1)
+    draws = rng.normal(size=(2, MODES)) * np.sqrt(power * 10 ** (-15 / 10) / 2)
+    p[:, FAULTY] += draws[0] + 1j * draws[1]
+    _, faulty = found_in(replace(healthy, pressures=p))
+    assert [(one.number, one.kind, one.unit) for one in faulty] == [(FAULTY, "noisy", "dB")]
+    assert faulty[0].value == pytest.approx(40 - 15, abs=3)  # over channels with noise at 40 dB
+
+
+def test_a_delay_that_the_solver_did_not_look_for_is_found_in_what_the_others_predict(estimate):
+    """As of descent, which has no filters: the phase of what the others predict falls with the frequency."""
+    f, terms = estimate.problem.frequencies[estimate.modes], estimate.field.terms
+    for delay in (-1e-3, 1e-3):
+        delayed = np.array(terms.corrected)
+        delayed[:, FAULTY] *= np.exp(-2j * np.pi * f * delay)
+        weighted = terms.weighted + (delayed - terms.corrected) * terms.precision  # the prediction by the others stays
+        noise = np.array(estimate.channels.noise)
+        noise[FAULTY] = 1e4
+        late = replace(
+            estimate,
+            channels=replace(estimate.channels, noise=noise),
+            field=replace(estimate.field, terms=replace(terms, corrected=delayed, weighted=weighted)),
+        )
+        (one,) = faulty_channels(late, covariance_of(late))
+        assert (one.number, one.kind) == (FAULTY, "delayed") and one.value == pytest.approx(delay, abs=2e-5)
+
+
+def test_a_given_position_that_never_moves_is_misplaced_where_its_channel_is_noise(estimate):
+    """The solver of exact given positions puts the error of one into the noise of its channel."""
+    noise = np.array(estimate.channels.noise)
+    noise[KNOWN[1]] = 100.0
+    noisy = replace(estimate, channels=replace(estimate.channels, noise=noise))
+    exact = replace(noisy, given=replace(estimate.given, sigma=0.0))
+    kinds = [[(one.number, one.kind) for one in faulty_channels(of, covariance_of(of))] for of in (noisy, exact)]
+    assert kinds[0] == [(KNOWN[1], "noisy")] and kinds[1] == [(KNOWN[1], "misplaced")]
+
+
+def test_noise_of_a_channel_below_what_the_model_can_show_is_no_fault(estimate):
+    noise = np.array(estimate.channels.noise)
+    noise[FAULTY] = 100.0
+    noisy = replace(estimate, channels=replace(estimate.channels, noise=noise))
+    low = replace(noisy, field=replace(estimate.field, share=1e-8))
+    assert [one.number for one in faulty_channels(noisy, covariance_of(noisy))] == [FAULTY]
+    assert faulty_channels(low, covariance_of(low)) == ()
+
+
+def test_a_given_position_within_its_sigma_is_not_misplaced(estimate):
+    n, covariance = KNOWN[2], covariance_of(estimate)
+    moved = np.array(estimate.problem.known_positions)
+    moved[2] = estimate.positions[n] + [0.05, 0.0]
+    away = replace(estimate, problem=replace(estimate.problem, known_positions=moved))
+    (one,) = faulty_channels(away, covariance)
+    assert (one.number, one.kind, one.unit) == (n, "misplaced", "m") and one.value == pytest.approx(0.05)
+    covariance = np.array(covariance)
+    covariance[n] = 0.03**2 / 2 * np.eye(2)
+    assert faulty_channels(away, covariance) == ()
+
+
+def test_a_free_channel_that_was_exchanged_with_a_given_one_goes_to_its_own_place(estimate):
+    n, other, x = KNOWN[0], FAULTY, np.array(estimate.positions)
+    x[[n, other]] = x[[other, n]]  # where the pressures place the two channels
+    swapped = replace(estimate, positions=x)
+    faulty = faulty_channels(swapped, covariance_of(swapped))
+    assert {(one.number, one.kind, one.partner) for one in faulty} == {
+        (n, "exchanged", other), (other, "exchanged", n)
+    }  # fmt: skip
+    np.testing.assert_array_equal(exchanged_back(swapped, faulty), estimate.positions)
+    np.testing.assert_array_equal(assess(swapped).positions, estimate.positions)
+
+
+def test_exchanged_given_positions_are_named_with_their_partner(healthy):
+    known = np.array([0, 2, 5, 8, 11, 14, 17, 19])
+    given = healthy.positions[known]
+    given[[2, 4]] = given[[4, 2]]
+    _, faulty = found_in(replace(healthy, known=known, known_positions=given))
+    faults = channel_faults(faulty, healthy.names)
+    assert [(fault.name, fault.kind, fault.partner) for fault in faults] == [
+        ("5", "exchanged", "11"), ("11", "exchanged", "5")
+    ]  # fmt: skip
+    assert faults[0].text == "microphone 5: exchanged with microphone 11"
+
+
+@pytest.mark.parametrize("pair", [(0, 1), (1, 3), (2, 3)])
+def test_two_of_four_given_positions_are_found_exchanged(healthy, pair):
+    known, order = np.array(KNOWN), np.arange(4)
+    order[list(pair)] = pair[::-1]
+    found, faulty = found_in(replace(healthy, known=known, known_positions=healthy.positions[known][order]))
+    assert {(one.number, one.kind, one.partner) for one in faulty} == {
+        (KNOWN[pair[0]], "exchanged", KNOWN[pair[1]]), (KNOWN[pair[1]], "exchanged", KNOWN[pair[0]])
+    }  # fmt: skip
+    assert np.max(errors(found, healthy)) < 0.012
+
+
+@pytest.mark.parametrize("seed", [0, 4, 18])
+@pytest.mark.parametrize("known", ["all", "none"])
+def test_a_scene_without_noise_has_no_faulty_channel(seed, known):
+    # what a field model of few microphones leaves unexplained, 45 dB below the signal, ends in one channel's noise
+    measurement = fdcal.simulate(replace(fdcal.load_scene("tiny"), seed=seed))
+    found = fdcal.calibrate(measurement, solver="robust", known=known)
+    assert [one.name for one in found.channels.faults] == []

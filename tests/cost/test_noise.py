@@ -1,0 +1,203 @@
+"""Noise and power: recovered from what was drawn with them, and stationary where the fixed points say so."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar
+
+from fdcal.cost.kernels import diffuse_matrices
+from fdcal.cost.likelihood import FieldModel, isotropic_field, likelihood_terms
+from fdcal.cost.noise import (
+    DIFFUSE_FLOOR,
+    NOISE_RULES,
+    estimate_noise,
+    expected_power,
+    hyper_cost,
+    profile_cost,
+    updated_channel_noise,
+    updated_power,
+)
+
+TRUTH = np.random.default_rng(3).uniform(-0.5, 0.5, (20, 2))
+K = np.linspace(0.5, 4.5, 40)  # rad/m
+M, N = len(K), len(TRUTH)
+ONES = np.ones(M)
+
+
+def draws(ratio, count, power=ONES, tau=np.ones(N), seed=0):  # noqa: B008
+    """Yield pressures of a diffuse field at the true positions, `ratio` of the mean power noise."""
+    rng = np.random.default_rng(seed)
+    C = (1 - ratio) * power[:, None, None] * diffuse_matrices(TRUTH, K, 2, False)[0] + ratio * np.diag(tau)
+    G = np.linalg.cholesky(C)
+    for _ in range(count):
+        re, im = rng.standard_normal((2, M, N, 1)) / np.sqrt(2)
+        yield (G @ (re + 1j * im))[..., 0]
+
+
+def unit(p):
+    return p / np.sqrt(np.mean(np.abs(p) ** 2, axis=1, keepdims=True))
+
+
+@pytest.mark.parametrize("ratio", [1e-1, 1e-2, 1e-3])
+def test_the_noise_is_recovered_at_the_true_positions(ratio):
+    """Each mode has the same share of noise, whatever power its field was drawn with."""
+    found = []
+    for field, noise in zip(draws(1e-9, 10), draws(1.0, 10, seed=100), strict=True):
+        p = np.sqrt(1 - ratio) * unit(field) + np.sqrt(ratio) * noise
+        model = FieldModel(K, ONES, 0 * ONES, np.ones(N), 2)
+        estimate = estimate_noise(TRUTH, p, model, DIFFUSE_FLOOR)
+        found.append(estimate.alone)
+        assert DIFFUSE_FLOOR <= estimate.share <= NOISE_RULES.max_share
+    assert np.mean(found) == pytest.approx(ratio, rel=0.15)
+
+
+@pytest.mark.parametrize("spread", [0.015, 0.03])
+def test_position_errors_are_distinguished_from_noise(spread):
+    """Errors of the positions count the more the higher the mode, noise does not."""
+    rng, found = np.random.default_rng(0), []
+    for p in draws(1e-4, 6):
+        model = FieldModel(K, ONES, 0 * ONES, np.ones(N), 2)
+        estimate = estimate_noise(TRUTH + rng.normal(0, spread, TRUTH.shape), unit(p), model, DIFFUSE_FLOOR)
+        found.append((estimate.spread, estimate.share))
+        assert estimate.alone > estimate.share
+    spreads, shares = np.mean(found, axis=0)
+    assert spreads == pytest.approx(spread * np.sqrt(2), rel=0.3)  # of both coordinates together
+    assert shares < 5e-3
+
+
+@pytest.mark.parametrize("complex_k", [False, True])
+def test_the_noise_found_is_the_likeliest_one(complex_k):
+    """With hardly any spread, its cost is that of `likelihood_terms`, and no other noise costs less."""
+    (p,), tau = draws(0.05, 1, tau=np.linspace(0.5, 2, N)), np.linspace(0.5, 2, N)
+    field = FieldModel(K - 0.01j if complex_k else K, np.linspace(0.8, 1.2, M), 0 * ONES, tau, 2)
+
+    def cost(log):
+        return likelihood_terms(TRUTH, p, replace(field, noise=np.exp(log) * ONES), derivatives=False).cost
+
+    least = minimize_scalar(cost, bounds=(np.log(1e-3), np.log(0.5)), method="bounded")
+    estimate = estimate_noise(TRUTH, p, field, 1e-3)
+    assert estimate.alone == pytest.approx(np.exp(least.x), rel=0.02)
+    assert estimate.cost < least.fun - np.log(tau).sum() * M + 0.5, "the error of the positions is one more freedom"
+
+
+@pytest.mark.parametrize("spread", [0.0, 0.02, 0.4])
+def test_the_cost_of_an_estimate_is_that_of_its_noise_in_every_mode(spread):
+    """Position errors add k^2 spread^2 / D, up to the greatest share that noise may have."""
+    (p,) = draws(1e-3, 1)
+    x = TRUTH + np.random.default_rng(1).normal(0, spread, TRUTH.shape)
+    field = FieldModel(K, ONES, 0 * ONES, np.ones(N), 2)
+    found = estimate_noise(x, unit(p), field, DIFFUSE_FLOOR)
+    noise = np.minimum(found.share + (K * found.spread) ** 2 / 2, NOISE_RULES.max_share)
+    assert (noise.max() == NOISE_RULES.max_share) == (spread == 0.4)
+    cost = likelihood_terms(x, unit(p), replace(field, noise=noise), derivatives=False).cost
+    assert found.cost == pytest.approx(cost, rel=1e-9)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.2, 2.0])
+def test_the_expected_power_of_healthy_channels_is_that_of_an_isotropic_field(share):
+    (p,) = draws(0.1, 1)
+    field = isotropic_field(p, K, share * np.mean(np.abs(p) ** 2, axis=1), 2)
+    np.testing.assert_allclose(expected_power(field, p), field.power, rtol=1e-12)
+
+
+def test_a_faulty_channel_hardly_counts_in_the_expected_power():
+    (p,), others = draws(0.1, 1), np.arange(1, N)
+    field = FieldModel(K, ONES, 0.1 * ONES, np.where(np.arange(N), 1.0, 1e6), 2)
+    p[:, 0] *= 3.0
+    alone = expected_power(replace(field, channel_noise=np.ones(N - 1)), p[:, others])
+    np.testing.assert_allclose(expected_power(field, p), alone, rtol=1e-3)
+
+
+def started(seed=0):
+    """Pressures of modes of unequal power in channels of unequal noise, and a field that assumes equal ones."""
+    rng = np.random.default_rng(seed)
+    power, tau = rng.permutation(np.geomspace(0.2, 5, M)), rng.permutation(np.geomspace(0.5, 20, N))
+    (p,) = draws(0.02, 1, power, tau / np.median(tau))
+    return p, power, tau / np.median(tau), FieldModel(K, ONES, 0.02 * ONES, np.ones(N), 2)
+
+
+@pytest.mark.parametrize("explained", [True, False])
+def test_the_power_ends_where_likelihood_and_prior_are_stationary(explained):
+    """Also of pressures that are noise, but not called so: then the field is weaker than expected."""
+    p, _, tau, field = started()
+    p, tau = (p, tau) if explained else (next(draws(1.0, 1)), np.ones(N))
+    field = replace(field, channel_noise=tau, noise=field.noise if explained else 0.1 * ONES)
+    for _ in range(200):
+        field = replace(field, power=updated_power(field, likelihood_terms(TRUTH, p, field)))
+    h = 1e-4
+
+    def costs(way):
+        scaled = replace(field, power=np.exp(way * h) * field.power)
+        ratio = expected_power(field, p) / scaled.power  # an inverse gamma prior
+        prior = NOISE_RULES.power_count * (ratio - 1 - np.log(ratio))
+        of_channels = NOISE_RULES.channel_count * np.sum(1 / tau - 1 + np.log(tau))
+        assert hyper_cost(scaled, p) == pytest.approx(prior.sum() + of_channels)
+        return likelihood_terms(TRUTH, p, scaled, derivatives=False).costs + prior
+
+    slopes = (costs(1) - costs(-1)) / (2 * h)
+    np.testing.assert_allclose(slopes, 0.0, atol=1e-4)
+    for mode in range(0, M, 7):
+        for factor in (0.8, 1.25):
+            other = replace(field, power=np.where(np.arange(M) == mode, factor, 1.0) * field.power)
+            cost = [
+                likelihood_terms(TRUTH, p, one, derivatives=False).cost + hyper_cost(one, p) for one in (other, field)
+            ]
+            assert cost[0] > cost[1]
+
+
+def test_the_channel_noise_ends_where_likelihood_and_prior_are_stationary():
+    """Up to one factor of all channels, which the median removes and the noise of the array holds."""
+    p, _, _, field = started()
+    for _ in range(300):
+        field = replace(field, channel_noise=updated_channel_noise(field, likelihood_terms(TRUTH, p, field)))
+    h, tau = 1e-4, field.channel_noise
+    assert np.median(tau) == pytest.approx(1.0)
+    inner = np.flatnonzero(tau > 1.01 * NOISE_RULES.min_channel_noise)
+    assert len(inner) > N // 2
+
+    def cost(n, way):
+        changed = replace(field, channel_noise=np.where(np.arange(N) == n, np.exp(way * h), 1.0) * tau)
+        # the expected power depends on the channels, too, but hardly
+        prior = NOISE_RULES.channel_count * np.sum(1 / changed.channel_noise - 1 + np.log(changed.channel_noise))
+        return likelihood_terms(TRUTH, p, changed, derivatives=False).cost + prior
+
+    slopes = np.array([(cost(n, 1) - cost(n, -1)) / (2 * h) for n in inner])
+    left = np.sum(field.noise[:, None] * likelihood_terms(TRUTH, p, field).precision, axis=0)[inner] * tau[inner]
+    factor = 1 - slopes / (left + NOISE_RULES.channel_count)
+    np.testing.assert_allclose(factor, factor.mean(), rtol=1e-5)
+
+
+def test_power_and_channel_noise_are_recovered_from_what_was_drawn():
+    p, power, tau, field = started()
+    for _ in range(60):
+        terms = likelihood_terms(TRUTH, p, field)
+        field = replace(field, power=updated_power(field, terms), channel_noise=updated_channel_noise(field, terms))
+    assert np.corrcoef(np.log(field.channel_noise), np.log(tau))[0, 1] > 0.9
+    noisy = tau > 1  # the prior draws quiet channels towards the others
+    assert np.std(np.log(field.channel_noise / tau)[noisy]) < 0.3
+    assert np.corrcoef(np.log(field.power), np.log(power))[0, 1] > 0.8
+
+
+def test_a_singular_field_and_a_dead_channel_stay_within_their_bounds():
+    p, _, _, field = started()
+    p[:, 0] = 1e-9
+    p[:, 1] *= 1e6
+    for _ in range(50):
+        terms = likelihood_terms(TRUTH, p, field)
+        field = replace(field, power=updated_power(field, terms), channel_noise=updated_channel_noise(field, terms))
+    expected = expected_power(field, p)
+    assert np.all(np.isfinite(field.power)) and np.all(field.power <= NOISE_RULES.max_power * expected * (1 + 1e-9))
+    assert field.channel_noise.min() >= NOISE_RULES.min_channel_noise
+    assert field.channel_noise[1] > 100 and field.channel_noise.max() <= NOISE_RULES.max_channel_noise
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.05])
+def test_the_profile_is_the_likelihood_at_the_likeliest_power_of_each_mode(damping):
+    (p,), tau = draws(0.05, 1), np.linspace(0.5, 2, N)
+    base = np.linspace(0.5, 2, M)
+    field = FieldModel(K - 1j * damping if damping else K, base, 0.03 * ONES, tau, 2)
+    factors = np.geomspace(1 / NOISE_RULES.max_profiled, NOISE_RULES.max_profiled, NOISE_RULES.profiled)
+    costs = [likelihood_terms(TRUTH, p, replace(field, power=one * base), derivatives=False).costs for one in factors]
+    expected = np.min(costs, axis=0).sum() - M * np.log(tau).sum()
+    assert profile_cost(TRUTH, p, field, 0.03) == pytest.approx(expected, rel=1e-6)

@@ -1,0 +1,150 @@
+"""Laws of the table of transitions, and of when restarts agree."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from fields import measured
+from solving import run_from
+
+from fdcal import solvers
+from fdcal.model.settings import SolverSettings
+from fdcal.solvers.robust import schedule
+from fdcal.solvers.robust.objective import in_unit_power
+from fdcal.solvers.robust.restarts import begin_final, likeliest, optima_agree
+from fdcal.solvers.robust.rules import STAGES
+from fdcal.solvers.robust.schedule import TRANSITIONS, following
+from fdcal.solvers.robust.state import LocalOptimum
+
+PLACES = [*dict.fromkeys(stage.name for stage in STAGES), "restart"]
+CONDITIONS = list(dict.fromkeys(when for _, when, _ in TRANSITIONS))
+ALWAYS = next(when for place, when, _ in TRANSITIONS if place == "deformation")
+
+
+@dataclass(frozen=True)
+class At:
+    """A turn of which the table reads the place alone."""
+
+    place: str
+
+
+def rows_of(place: str) -> list[int]:
+    """The rows that may apply at `place`, in their order, up to the one that always does."""
+    rows = [i for i, (where, _, _) in enumerate(TRANSITIONS) if where in ("any", place)]
+    return rows[: 1 + next(n for n, i in enumerate(rows) if TRANSITIONS[i][1] is ALWAYS)]
+
+
+def chosen(monkeypatch, place: str, true: set) -> int:
+    """The row of the table that `following` takes at `place` where the conditions `true` hold."""
+    table = tuple(
+        (where, lambda turn, when=when: when in true or when is ALWAYS, lambda turn, i=i: i)
+        for i, (where, when, _) in enumerate(TRANSITIONS)
+    )
+    with monkeypatch.context() as patched:
+        patched.setattr(schedule, "TRANSITIONS", table)
+        return following(At(place))
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_every_stage_has_a_last_row_of_its_own_that_always_applies(place):
+    where, when, _ = TRANSITIONS[rows_of(place)[-1]]
+    assert where == place and when is ALWAYS and ALWAYS(None) is True
+
+
+def test_there_is_no_row_of_a_stage_that_does_not_exist():
+    assert {where for where, _, _ in TRANSITIONS} == {*PLACES, "any"}
+
+
+@pytest.mark.parametrize("row", range(len(TRANSITIONS)))
+def test_every_row_is_reachable(row, monkeypatch):
+    """At some place, with conditions that hold of which none is that of a row before."""
+    when = TRANSITIONS[row][1]
+    places = [place for place in PLACES if row in rows_of(place)]
+    assert row in [chosen(monkeypatch, place, {when}) for place in places]
+
+
+def test_what_a_stage_cannot_go_on_from_comes_before_what_it_would_do_next():
+    """A singular covariance ends a restart, or the run; modes chosen by hand end the run, whatever else holds."""
+    for place in PLACES[:-1]:
+        conditions = [TRANSITIONS[i][1].__name__ for i in rows_of(place)]
+        first = conditions.index("_singular")
+        assert first == 0 and conditions.index("_modes_chosen") == (2 if place == "final" else 1)
+
+
+TRUTH = np.random.default_rng(7).uniform(-0.5, 0.5, (24, 2)) + [2.61, 2.31]
+
+
+@pytest.fixture(scope="module")
+def run() -> tuple[Any, list]:
+    """A blind run in noise: several restarts, then the last stage."""
+    problem = measured(TRUTH, [], snr_db=30, modes=40).problem()
+    solver = solvers.load("robust")
+    states = run_from(solver, problem, solver.init(problem, SolverSettings(name="robust", modes=40), 0))
+    return in_unit_power(problem), states
+
+
+def optimum(state, away: float, score: float, **changes) -> LocalOptimum:
+    """The likeliest optimum of `state` with one microphone `away`, metres, and another score."""
+    best = likeliest(state)
+    moved = best.positions + np.where(np.arange(24)[:, None] == 3, [away, 0.0], 0.0)
+    return replace(best, positions=moved, score=best.score + score, **changes)
+
+
+@pytest.mark.parametrize(
+    ("away", "score", "regrouped", "agree"),
+    [
+        (1e-3, 5.0, False, True),
+        (0.2, 5.0, False, False),
+        (1e-3, 5.0, True, False),
+        (1e-3, np.inf, False, False),
+    ],
+    ids=["same place", "elsewhere", "began from the other", "lost"],
+)
+def test_optima_agree_only_if_independent_restarts_end_in_one_place(run, away, score, regrouped, agree):
+    problem, states = run
+    best = optimum(states[-1], 0.0, 0.0)
+    both = (optimum(states[-1], away, score, regrouped=regrouped), best)
+    assert optima_agree(problem, replace(states[-1], optima=both)) == agree
+    assert not optima_agree(problem, replace(states[-1], optima=(best,))), "one optimum confirms nothing"
+
+
+def test_a_faulty_channel_may_be_anywhere_in_optima_that_agree(run):
+    problem, states = run
+    noisy = np.where(np.arange(24) == 3, 100.0, 1.0)
+    best = optimum(states[-1], 0.0, 0.0)
+    best = replace(best, model=replace(best.model, channel_noise=noisy))
+    assert optima_agree(problem, replace(states[-1], optima=(optimum(states[-1], 0.2, 5.0), best)))
+
+
+def test_the_last_stage_goes_on_from_the_likeliest_optimum(run):
+    problem, states = run
+    worse = optimum(states[-1], 0.05, 50.0)
+    for optima in ((worse, likeliest(states[-1])), (likeliest(states[-1]), worse)):
+        begun = begin_final(problem, replace(states[-1], optima=optima, finished=False))
+        np.testing.assert_allclose(begun.positions, likeliest(states[-1]).positions, atol=1e-12)
+        assert STAGES[begun.progress.stage].name == "final"
+
+
+def test_a_doubtful_restart_is_followed_by_another_until_two_agree(run):
+    problem, states = run
+    numbers = [state.progress.restart for state in states]
+    count = len(states[-1].optima)
+    assert count > 1 and sorted(set(numbers)) == list(range(count)) and numbers == sorted(numbers)
+    assert optima_agree(problem, states[-1])
+    before = [state for state in states if 1 < len(state.optima) < count]
+    assert not any(optima_agree(problem, state) for state in before)
+
+
+def test_the_order_of_the_stages_is_that_of_the_table(run):
+    """Deformations of growing degree, then every microphone, then the gains; the last stage once, at the end."""
+    _, states = run
+    stages = [(state.progress.restart, state.progress.stage) for state in states]
+    for restart in range(len(states[-1].optima)):
+        mine = [stage for number, stage in stages if number == restart and STAGES[stage].name != "final"]
+        assert mine == sorted(mine) and mine[0] == 0
+        assert STAGES[mine[-1]].name in ("free", "gains")
+    last = [stage for _, stage in stages]
+    assert STAGES[last[-1]].name == "final" and last.index(last[-1]) == len(last) - last.count(last[-1])

@@ -1,0 +1,79 @@
+"""Runs of a solver to their end, with what the assessment says of it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, fields, is_dataclass
+from typing import Any
+
+import numpy as np
+
+from fdcal import solvers
+from fdcal.assessment.assess import Assessment, assess, judged
+from fdcal.model.gauge import align
+from fdcal.model.problem import Problem
+from fdcal.model.settings import SolverSettings
+from fdcal.session.state_codec import read_states, write_states
+from fdcal.solvers.estimate import Estimate
+
+
+@dataclass(frozen=True)
+class Solved:
+    """The end of a run: problem, last state, what the solver reports of it, and the assessment of that."""
+
+    problem: Problem
+    state: Any
+    estimate: Estimate
+    assessment: Assessment
+
+    @property
+    def faulty(self) -> list[tuple[int, str]]:
+        """Number and kind of every faulty channel."""
+        names = [str(n) for n in range(len(self.state.positions))]
+        return [(one.number, one.kind) for one in judged(self.estimate, names).faulty]
+
+
+def solved(measurement, solver: str = "robust", **settings) -> Solved:
+    """Solve `measurement`, with all of its modes unless `modes` says otherwise."""
+    chosen = SolverSettings(**{"name": solver, "modes": len(measurement.frequencies), **settings})
+    problem = measurement.problem("unit", chosen.known)
+    *_, state = solvers.run(problem, chosen, 0)
+    estimate = solvers.load(solver).result(problem, state)
+    return Solved(problem, state, estimate, assess(estimate))
+
+
+def run_from(solver, problem, state) -> list:
+    """The states of `solver` from `state` to the end, `state` first."""
+    states = [state]
+    while not states[-1].finished:
+        states.append(solver.step(problem, states[-1]))
+    return states
+
+
+def same_state(one, other, but=()) -> bool:
+    """Whether two states, or parts of them, are equal to the last bit, whatever their class."""
+    if isinstance(one, np.ndarray):
+        return np.array_equal(one, other)
+    if isinstance(one, tuple):
+        return len(one) == len(other) and all(map(same_state, one, other))
+    if is_dataclass(one):
+        names = [field.name for field in fields(one) if field.name not in but]
+        return all(same_state(getattr(one, name), getattr(other, name)) for name in names)
+    return one == other
+
+
+def saved_and_read(problem, state):
+    """What a session file gives back of a state."""
+    table, arrays = write_states([state])
+    (read,) = read_states(json.loads(json.dumps(table)), arrays, problem, state.settings.name, 1)
+    return read
+
+
+def rms(found, truth, chosen=slice(None)) -> float:
+    """Root mean square distance, metres, of the positions `chosen`."""
+    return float(np.sqrt(np.mean(np.sum((found - truth)[chosen] ** 2, axis=1))))
+
+
+def rms_of_shape(found, truth) -> float:
+    """The same after the best rigid motion of the whole."""
+    return rms(align(found, truth), truth)
