@@ -74,7 +74,7 @@ def free_directions(unknowns: Unknowns, held, deformations=None, speed: bool = F
 
 
 def polynomial_deformations(positions: np.ndarray, degree: int) -> np.ndarray:
-    """Return an orthonormal basis (N D, F) of smooth deformations: the error of a rough start is smooth, as the field is.
+    """Return an orthonormal basis (N D, F) of smooth deformations: a rough start errs smoothly, as the field is smooth.
 
     Every coordinate moves by a polynomial of the positions (N, D), metres. The degree is lower if the array has too few
     microphones to distinguish the monomials.
