@@ -40,8 +40,8 @@ class SolverTab:
         gui, settings, names = self._binding.gui, self._binding.run.scene.solver, self._names()
         self.name = gui.add_dropdown(
             "Method", names, initial_value=settings.name, disabled=len(names) == 1,
-            hint="robust: all microphones at once, with their gains; joint: positions alone; descent: one at a time;"
-            " descent+joint: both in turn; room: shoebox room and sources together with the microphones",
+            hint="robust: all microphones at once, with their gains; joint: for matched channels; descent: one at a"
+            " time; descent+joint: both in turn; room: shoebox room and sources together with the microphones",
         )  # fmt: skip
         self.start = gui.add_dropdown(
             "Start", STARTS, initial_value=settings.start or default_start(settings.name),
