@@ -21,7 +21,7 @@ from ..model.problem import Problem
 from ..model.validation import frozen_array, word_arguments
 from ..solvers.estimate import Estimate, RoomEstimate
 from .calibration import DECIBELS_PER_NEPER, Channels, Evidence, GivenPosition, KnownRoom
-from .channels import FaultyChannel, channel_faults, exchanged_back, faulty_channels
+from .channels import FaultyChannel, channel_faults, exchanged_back, faulty_channels, healthy_channels
 from .field import cross_validate, summarise
 from .findings import FINDINGS, ROOM_FINDINGS, Judged, JudgedRoom, first_finding
 from .uncertainty import covariance_of, curvature_of, one_sigma, search_spread_of, stretch_sigma_of
@@ -96,12 +96,10 @@ def judged(estimate: Estimate, names: Sequence[str], stretch: float | None = Non
     covariance = covariance_of(estimate)
     single = is_single_wave(estimate.problem.pressures[estimate.modes])
     faulty = () if single else faulty_channels(estimate, covariance)
-    seen = Judged(
-        estimate, names, covariance, faulty, 1.0, 0.0, np.zeros(len(names)), stretch_sigma_of(estimate), stretch, single
-    )
-    agreement, loosest = _given_check(estimate, faulty)
-    search = search_spread_of(estimate, seen.healthy)
-    return replace(seen, agreement=agreement, loosest=loosest, search=search)
+    healthy = healthy_channels(len(names), faulty)
+    search, stretching = search_spread_of(estimate, healthy), stretch_sigma_of(estimate, healthy)
+    given_check = _given_check(estimate, faulty)
+    return Judged(estimate, names, covariance, faulty, *given_check, search, stretching, stretch, single)
 
 
 def _given_check(estimate: Estimate, faulty: Sequence[FaultyChannel]) -> tuple[float, float]:

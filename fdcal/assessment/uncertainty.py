@@ -43,10 +43,10 @@ def curvature_of(estimate: Estimate) -> np.ndarray:
     return np.einsum("nanb->nab", estimate.spread.newton.reshape(N, D, N, D))
 
 
-def stretch_sigma_of(estimate: Estimate) -> float:
+def stretch_sigma_of(estimate: Estimate, healthy: np.ndarray) -> float:
     """Return one sigma of the least certain stretching or shearing of the array as a whole, relative."""
     covariances = [estimate.spread.newton, *(v.T @ v for v in estimate.spread.influences)]
-    return stretch_sigma(estimate.positions, covariances)
+    return stretch_sigma(estimate.positions, covariances, healthy)
 
 
 def search_spread_of(estimate: Estimate, healthy: np.ndarray) -> np.ndarray:

@@ -195,14 +195,15 @@ class RoomEstimate:
     images: tuple[RoomSymmetry, ...]
 
 
-def stretch_sigma(positions: np.ndarray, covariances) -> float:
+def stretch_sigma(positions: np.ndarray, covariances, healthy: np.ndarray) -> float:
     """Return one sigma of the least certain stretching or shearing of an array as a whole, relative.
 
     positions : (N, D) float64, metres; covariances : (N D, N D) float64, metres^2, of which the one that makes it
-    largest counts. Of the maps x -> x + B x, B symmetric, that fit a move of the microphones best.
+    largest counts; healthy : (N,) bool, the microphones that count, since that of a dead channel may stand anywhere.
+    Of the maps x -> x + B x, B symmetric, that fit a move of the microphones best.
     """
-    x = positions - positions.mean(axis=0)
-    N, D = x.shape
-    fit = np.kron(np.linalg.pinv(np.column_stack([x, np.ones(N)]))[:D], np.eye(D))  # (D D, N D)
+    D, index = positions.shape[1], np.flatnonzero(np.repeat(healthy, positions.shape[1]))
+    x = positions[healthy] - positions[healthy].mean(axis=0)
+    fit = np.kron(np.linalg.pinv(np.column_stack([x, np.ones(len(x))]))[:D], np.eye(D))  # (D D, N D)
     fit = np.array([(B + B.T).ravel() / 2 for B in np.eye(D * D).reshape(-1, D, D)]) @ fit
-    return float(np.sqrt(max(np.linalg.eigvalsh(fit @ P @ fit.T)[-1] for P in covariances)))
+    return float(np.sqrt(max(np.linalg.eigvalsh(fit @ P[np.ix_(index, index)] @ fit.T)[-1] for P in covariances)))

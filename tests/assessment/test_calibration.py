@@ -13,16 +13,15 @@ from hypothesis import strategies as st
 from scipy.spatial.distance import pdist
 
 from fdcal.assessment.calibration import (
-    FRAMES,
     Calibration,
     ChannelFault,
     Channels,
     GivenPosition,
     KnownRoom,
-    in_frame,
     placed_in_frame,
 )
 from fdcal.graphics.overlays import VISIBLE, enlargement
+from fdcal.model.gauge import FRAMES, in_frame
 from fdcal.model.measurement import Measurement
 from fdcal.model.validation import InputError
 from fdcal.recordings.positions_file import read_positions

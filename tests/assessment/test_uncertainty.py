@@ -27,6 +27,7 @@ from fdcal.solvers.robust.result import estimate_at
 
 TRUTH = np.random.default_rng(5).uniform(-0.5, 0.5, (9, 2)) + [2.6, 2.3]
 KNOWN, NONE = np.array([0, 4, 7]), np.zeros(0, int)
+EVERY = np.ones(len(TRUTH), bool)
 K, NOISE, C = np.linspace(0.5, 4.2, 16), 1e-3, 343.0
 
 
@@ -117,7 +118,7 @@ def test_an_array_twice_as_large_at_half_the_frequencies_has_twice_the_sigma(giv
     )  # fmt: skip
     two = at(larger, 2 * TRUTH)
     np.testing.assert_allclose(covariance_of(two), 4 * covariance_of(one), rtol=1e-6, atol=1e-15)
-    assert stretch_sigma_of(two) == pytest.approx(stretch_sigma_of(one), rel=1e-6)
+    assert stretch_sigma_of(two, EVERY) == pytest.approx(stretch_sigma_of(one, EVERY), rel=1e-6)
     louder = at(replace(measurement, pressures=1e3 * measurement.pressures, noise_power=1e6 * measurement.noise_power))
     np.testing.assert_allclose(covariance_of(louder), covariance_of(one), rtol=1e-6, atol=1e-15)
 
@@ -153,7 +154,8 @@ def test_the_covariance_is_enlarged_to_what_the_modes_disagree_by(known):
             v = np.zeros((2, len(TRUTH) * D))
             v[0, D * 1] = v[1, D * 2 + 1] = size * 0.05
             influences.append(v)
-        small = replace(known.spread, influences=tuple(influences), step=np.zeros_like(known.spread.step))
+        still = np.zeros_like(known.spread.step)
+        small = replace(known.spread, influences=tuple(influences), step=still, shift=still)
         blocks = covariance_of(replace(known, spread=small))
         largest = max(sizes) * 0.05
         for n in (1, 2):
@@ -222,13 +224,23 @@ def test_a_faulty_channel_does_not_place_the_arrays_on_each_other(known):
     np.testing.assert_allclose(found, np.where(healthy, 0.0, 0.5 / np.sqrt(2)), atol=1e-12)
 
 
+def test_the_place_of_a_dead_channel_does_not_count_for_the_size(blind):
+    away, healthy = np.array(blind.positions), np.arange(len(TRUTH)) != 3
+    away[3] += [4.0, -3.0]
+    newton = np.array(blind.spread.newton)
+    newton[6:8, 6:8] += 100.0 * np.eye(2)
+    loose = replace(blind, positions=away, spread=replace(blind.spread, newton=newton))
+    assert stretch_sigma_of(loose, healthy) == pytest.approx(stretch_sigma_of(blind, healthy), rel=1e-12)
+    assert stretch_sigma_of(loose, EVERY) > 2 * stretch_sigma_of(blind, EVERY)
+
+
 def test_the_sigma_of_the_size_is_that_of_the_move_that_stretches(blind):
     stretch = ((blind.positions - blind.positions.mean(axis=0)) * [1.0, 0.0]).ravel()
     wide = replace(blind.spread, newton=0.2**2 * np.outer(stretch, stretch), influences=(np.zeros((1, stretch.size)),))
-    assert stretch_sigma_of(replace(blind, spread=wide)) == pytest.approx(0.2)
+    assert stretch_sigma_of(replace(blind, spread=wide), EVERY) == pytest.approx(0.2)
     influences = 0.3 * stretch[None], 0.1 * stretch[None]
     by_modes = replace(blind.spread, newton=np.zeros((stretch.size,) * 2), influences=influences)
-    assert stretch_sigma_of(replace(blind, spread=by_modes)) == pytest.approx(0.3)
+    assert stretch_sigma_of(replace(blind, spread=by_modes), EVERY) == pytest.approx(0.3)
 
 
 def test_an_uncertain_sound_speed_makes_the_size_of_a_blind_array_as_uncertain():

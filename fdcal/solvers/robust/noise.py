@@ -150,6 +150,25 @@ def score(problem: Problem, state: State, goal: Objective, trial: ChannelStep) -
     return float(cost)
 
 
+def healthy(state: State) -> np.ndarray:
+    """Return which channels are not suspicious : (N,) bool."""
+    return state.model.channel_noise < OUTLIERS.suspicious
+
+
+def with_silent_inside(problem: Problem, state: State) -> State:
+    """Return `state` with channels that are all noise in the middle of the others.
+
+    Nothing shows where these stand. Far outside they would only ask for more directions of the field.
+    """
+    silent = state.model.share * state.model.channel_noise > 1
+    silent[problem.known] = False
+    if not np.any(silent):
+        return state
+    x = np.array(state.positions)
+    x[silent] = x[healthy(state)].mean(axis=0)
+    return replace(state, positions=frozen_array(x, float), shape=frozen_array(x, float))
+
+
 def isotropic_kernel(problem: Problem, state: State) -> KernelName:
     """Return the kernel of an isotropic field that the noise left calls for."""
     k = problem.wavenumbers[state.modes]
@@ -210,7 +229,7 @@ def with_conditional(problem: Problem, state: State) -> State:
     try:
         inverse = scaled_inverse(reduced(here, goal.evaluate(here), free, not len(problem.known))[1])
         covariance = position_covariance(inverse, state.positions.shape, goal.priors.held)
-        sigma = stretch_sigma(state.positions, [covariance])
+        sigma = stretch_sigma(state.positions, [covariance], healthy(state))
     except np.linalg.LinAlgError:
         return without
     limit = CONDITIONAL.stretch_sigma if len(problem.known) else CONDITIONAL.blind_stretch_sigma

@@ -148,14 +148,14 @@ def explains_all(problem: Problem, state: State) -> bool:
     """Return whether the array explains all but the reported noise by healthy channels.
 
     Of a measurement without noise, in a wrong basin no array does so. With noise some do, so that this is evidence
-    only where the model has nothing else to bend: channels are matched and given positions exact.
+    only where the model has nothing else to bend: channels are matched, and exact given positions hold the size.
     """
     share, worst = state.model.share, float(state.model.channel_noise.max())
     if is_noiseless(problem, state):
         floor = 1.01 * noise.min_share(state)
         return share <= max(SCHEDULE.low_noise, floor) and share * worst <= SCHEDULE.low_noise_channel
     reported = noise.given_noise(problem, state)
-    if reported is None or not state.quick:
+    if reported is None or not state.quick or not len(problem.known):
         return False
     return share <= SCHEDULE.reported_noise * float(np.median(reported[state.modes])) and worst < OUTLIERS.suspicious
 
@@ -170,7 +170,8 @@ def begin_final(problem: Problem, state: State) -> State:
         near = replace(state, model=replace(state.model, kernel="near", channel_noise=np.ones(len(state.positions))))
         least = frozen_array(np.full(len(state.model.noise), noise.min_share(near)), float)
         return begin_stage(problem, replace(near, model=replace(near.model, noise=least)), NOISELESS)
-    state = given.resolved(problem, relocated(problem, state, local=True)[0])
+    state = noise.with_silent_inside(problem, relocated(problem, state, local=True)[0])
+    state = given.resolved(problem, state)
     return refined(problem, replace(state, model=replace(state.model, kernel=noise.last_kernel(problem, state))))
 
 
