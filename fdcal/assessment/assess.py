@@ -136,14 +136,8 @@ def _of_array(estimate: Estimate, names: Sequence[str], stretch: float | None) -
     channels = np.hstack([estimate.channels.gains, estimate.channels.filters])
     pressures = problem.pressures * np.exp(-log_response(channels, np.real(problem.wavenumbers))[0])
     cross = cross_validate(replace(corrected, pressures=pressures), positions, estimate.modes, healthy=seen.healthy)
-    given = seen.given_noise
-    evidence = Evidence(
-        seen.residual_to_noise,
-        cross.overall,
-        cross.microphones,
-        cross.modes,
-        estimate.field.share / given if given else None,
-    )
+    to_given = estimate.field.share / seen.given_noise if seen.given_noise else None
+    evidence = Evidence(seen.residual_to_noise, cross.overall, cross.microphones, cross.modes, to_given)
     covariance = frozen_array(size**2 * seen.covariance, float)
     return Assessment(
         positions,

@@ -10,6 +10,8 @@ from fdcal import solvers
 from fdcal.cost.likelihood import isotropic_field, likelihood_terms
 from fdcal.model.gauge import align, position_errors
 from fdcal.model.settings import SolverSettings
+from fdcal.solvers import load
+from fdcal.solvers.robust.noise import with_silent_inside
 
 TRUTH = np.random.default_rng(7).uniform(-0.5, 0.5, (40, 2)) + [2.61, 2.31]
 KNOWN = [0, 1, 2]
@@ -53,3 +55,22 @@ def test_a_restart_is_the_last_at_once_only_if_it_leaves_no_more_than_the_report
     measurement = measured(TRUTH, KNOWN, snr_db=20, seed=1)
     last = last_state(replace(measurement, noise_power=reported * measurement.noise_power))
     assert last.converged and len(last.optima) == restarts
+
+
+def test_without_given_positions_one_restart_under_noise_is_never_enough():
+    """Nothing holds the size of a blind array: a stretched one may leave little more than the noise."""
+    measurement = measured(TRUTH, [], snr_db=20, seed=1)
+    last = last_state(replace(measurement, noise_power=1.25 * measurement.noise_power))
+    assert len(last.optima) >= 2
+
+
+def test_a_channel_of_noise_alone_stands_in_the_middle_of_the_others_unless_its_place_is_given():
+    problem = measured(TRUTH, KNOWN, snr_db=40, seed=2).problem()
+    away = TRUTH + 9.0 * np.isin(np.arange(len(TRUTH)), [1, 5])[:, None]
+    state = load("robust").init(problem, replace(SETTINGS, name="robust"), 0, away)
+    loud = np.where(np.isin(np.arange(len(TRUTH)), [1, 5]), 1e6, 1.0)
+    state = replace(state, positions=away, model=replace(state.model, share=1e-4, channel_noise=loud))
+    placed = with_silent_inside(problem, state).positions
+    np.testing.assert_allclose(placed[5], np.delete(TRUTH, [1, 5], axis=0).mean(axis=0))
+    others = np.arange(len(TRUTH)) != 5
+    np.testing.assert_array_equal(placed[others], away[others])

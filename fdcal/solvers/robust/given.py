@@ -29,15 +29,7 @@ from ...model.gauge import align, fixes_gauge, rigid_motions
 from ...model.problem import Problem
 from ...model.validation import frozen_array
 from .. import starts
-from .objective import (
-    Unknowns,
-    given_carry_scale,
-    held_positions,
-    objective_of,
-    unknowns_of,
-    used_modes,
-    with_unknowns,
-)
+from .objective import Unknowns, given_carry_scale, held_positions, objective_of, unknowns_of, used_modes, with_unknowns
 from .rules import ASSUMED, GIVEN, STEPS
 from .state import LocalOptimum, State
 from .step import channel_step, free_directions, reduced, scaled_inverse

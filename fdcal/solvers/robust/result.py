@@ -28,14 +28,7 @@ from ...cost.likelihood import Terms
 from ...model.gauge import GaugeFrame, rigid_motions
 from ...model.problem import Problem
 from ...model.settings import SolverSettings
-from ..estimate import (
-    ChannelEstimate,
-    Estimate,
-    FieldEstimate,
-    GivenEstimate,
-    PositionSpread,
-    TriedOptimum,
-)
+from ..estimate import ChannelEstimate, Estimate, FieldEstimate, GivenEstimate, PositionSpread, TriedOptimum
 from . import given, noise
 from .objective import (
     EXACT_SIGMA,
@@ -248,18 +241,11 @@ def _frame_rows(frame: GaugeFrame, positions) -> np.ndarray:
 
 
 def _tried(problem: Problem, state: State) -> tuple[TriedOptimum, ...]:
-    inaccurate = given.inaccurate(state)
-    found = [
-        TriedOptimum(
-            one.positions,
-            one.score,
-            one.regrouped,
-            bool(len(problem.known)) and given.same_given(state, one) and not inaccurate,
-        )
-        for one in state.optima
-        if np.isfinite(one.score)
-    ]
-    return tuple(sorted(found, key=lambda one: one.score))
+    held = bool(len(problem.known)) and not given.inaccurate(state)
+    ended = sorted((one for one in state.optima if np.isfinite(one.score)), key=lambda one: one.score)
+    return tuple(
+        TriedOptimum(one.positions, one.score, one.regrouped, held and given.same_given(state, one)) for one in ended
+    )
 
 
 def _given(problem: Problem, state: State, goal: Objective, here: Unknowns, at_goal: Terms) -> GivenEstimate:
