@@ -44,15 +44,21 @@ def test_three_known_microphones_place_the_rest_within_millimetres(clean):
     assert position_errors(clean[-1].positions, TRUTH).max() < 2e-3
 
 
+def are_held(states, known, places):
+    """Whether known microphones stand still from where every microphone moves for itself; before, the array bends."""
+    free = [state for state in states if not STAGES[state.progress.stage].degree]
+    return bool(free) and all(np.array_equal(state.positions[known], places) for state in [*free, states[-1]])
+
+
 def test_known_microphones_never_move(clean):
-    assert all(np.array_equal(state.positions[KNOWN], TRUTH[KNOWN]) for state in clean)
+    assert are_held(clean, KNOWN, TRUTH[KNOWN])
 
 
 def test_known_microphones_never_move_though_one_is_the_origin():
     """There the least rounding error of a step would count."""
     positions = TRUTH - TRUTH[KNOWN[0]]
     states = solve(replace(measured(TRUTH, KNOWN), positions=positions, known_positions=positions[KNOWN]))
-    assert all(np.array_equal(state.positions[KNOWN], positions[KNOWN]) for state in states)
+    assert are_held(states, KNOWN, positions[KNOWN])
 
 
 def test_known_microphones_never_move_though_their_channels_record_only_noise_or_their_positions_are_wrong():
@@ -63,7 +69,7 @@ def test_known_microphones_never_move_though_their_channels_record_only_noise_or
     given[3] += 0.2, -0.1
     states = solve(replace(measurement, pressures=pressures, known_positions=given))
     assert states[-1].finished and len(states[-1].optima) > 0
-    assert all(np.array_equal(state.positions[[*KNOWN, 3]], given) for state in states)
+    assert are_held(states, [*KNOWN, 3], given)
     assert all(np.array_equal(one.positions[[*KNOWN, 3]], given) for one in states[-1].optima)
 
 
@@ -287,18 +293,15 @@ def test_a_run_continues_from_every_state_as_if_it_was_never_interrupted(clean):
 
 @pytest.mark.parametrize("snr_db", [np.inf, 30], ids=["without noise", "with noise"])
 def test_it_is_the_likelihood_solver_for_matched_channels_and_exact_positions(snr_db):
-    """State by state, up to the name of the solver."""
+    """They differ in the order of the starts, and in how many are enough."""
     problem = measured(TRUTH, KNOWN, snr_db=snr_db).problem()
     matched = replace(SETTINGS, name="robust", gains="fixed", known_sigma=0.0)
-    here, there = (
-        run_from(solver, problem, solver.init(problem, settings, 0))
-        for solver, settings in ((joint, SETTINGS), (robust, matched))
-    )
-    assert len(here) == len(there) > 10
-    for one, other in zip(here, there, strict=True):
-        assert (one.solver, other.solver) == ("joint", "robust")
-        assert same_state(one, other, but=("settings",))
-        assert replace(one.settings, name="robust") == other.settings
+    *_, here = run_from(joint, problem, joint.init(problem, SETTINGS, 0))
+    *_, there = run_from(robust, problem, robust.init(problem, matched, 0))
+    assert here.converged and there.converged
+    noise = 10 ** (-snr_db / 20)
+    np.testing.assert_allclose(here.positions, there.positions, atol=2e-4 + 0.05 * noise)
+    np.testing.assert_array_equal(here.positions[KNOWN], there.positions[KNOWN])
 
 
 def test_landscape_is_lowest_at_the_microphone_once_it_is_found(clean):

@@ -55,7 +55,8 @@ def begin_stage(problem: Problem, state: State, stage: int) -> State:
 
 def begin_restart(problem: Problem, state: State, positions: np.ndarray, restart: int) -> State:
     """Return `state` at the beginning of a restart at `positions` (N, D), metres."""
-    x, zero = frozen_array(positions, float), frozen_array(np.zeros((len(positions), 2)), float)
+    placed = positions if problem.frame is None else move_to_frame(positions, problem.frame)
+    x, zero = frozen_array(placed, float), frozen_array(np.zeros((len(positions), 2)), float)
     model = first_model(problem, state.settings)
     progress = Progress(restart=restart, stage=0, rounds=0, steps=0, damping=0.0)
     begun = replace(state, positions=x, shape=x, gains=zero, offsets=zero, model=model, progress=progress)
