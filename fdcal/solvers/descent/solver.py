@@ -2,7 +2,7 @@
 
     step   one free microphone is moved to the candidate of the lowest cost (Eq. 7), the others are held; then the
            basis is recentred on the centre of mass of the array
-    sweep  all free microphones are moved once, in an order that is drawn anew
+    sweep  all free microphones are moved once, in an order drawn for this sweep
     stage  sweeps with one set of modes, until no microphone moves; then the next higher mode is added
 
 The run begins with its lowest modes and with microphones drawn from the candidates, the points of the search lattice.

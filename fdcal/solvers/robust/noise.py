@@ -150,9 +150,9 @@ def score(problem: Problem, state: State, goal: Objective, trial: ChannelStep) -
     return float(cost)
 
 
-def healthy(state: State) -> np.ndarray:
+def healthy(model: Model) -> np.ndarray:
     """Return which channels are not suspicious : (N,) bool."""
-    return state.model.channel_noise < OUTLIERS.suspicious
+    return model.channel_noise < OUTLIERS.suspicious
 
 
 def with_silent_inside(problem: Problem, state: State) -> State:
@@ -165,7 +165,7 @@ def with_silent_inside(problem: Problem, state: State) -> State:
     if not np.any(silent):
         return state
     x = np.array(state.positions)
-    x[silent] = x[healthy(state)].mean(axis=0)
+    x[silent] = x[healthy(state.model)].mean(axis=0)
     return replace(state, positions=frozen_array(x, float), shape=frozen_array(x, float))
 
 
@@ -229,7 +229,7 @@ def with_conditional(problem: Problem, state: State) -> State:
     try:
         inverse = scaled_inverse(reduced(here, goal.evaluate(here), free, not len(problem.known))[1])
         covariance = position_covariance(inverse, state.positions.shape, goal.priors.held)
-        sigma = stretch_sigma(state.positions, [covariance], healthy(state))
+        sigma = stretch_sigma(state.positions, [covariance], healthy(state.model))
     except np.linalg.LinAlgError:
         return without
     limit = CONDITIONAL.stretch_sigma if len(problem.known) else CONDITIONAL.blind_stretch_sigma

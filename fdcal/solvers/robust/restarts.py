@@ -130,7 +130,7 @@ def optima_agree(problem: Problem, state: State) -> bool:
     """
     best, *others = sorted(state.optima, key=lambda one: one.score)
     wavelength = 2 * np.pi / float(np.real(problem.wavenumbers[state.modes]).max())
-    healthy = best.model.channel_noise < OUTLIERS.suspicious
+    healthy = noise.healthy(best.model)
     for other in others:
         if np.isfinite(other.score) and not other.regrouped:
             away = np.linalg.norm(align(other.positions, best.positions) - best.positions, axis=1)

@@ -3,7 +3,7 @@
     H      Gauss-Newton matrix of cost and priors over everything that is free
     g_m    gradient of mode m; -g_m H^-1 is the influence of that mode on the unknowns
 
-H takes the field as WEAKER times as powerful, which weakens the prior of an isotropic field: what then becomes
+H takes the field as `GIVEN.weaker_field` times as powerful, which weakens the prior of an isotropic field: what becomes
 uncertain rests on that prior and not on the wave equation. A conditional likelihood needs none. Without given
 positions the covariance is that of the array without its rigid motions; in the frame of the least gauge, of the array
 moved into it.
@@ -47,7 +47,6 @@ from .rules import ASSUMED, FINAL, GIVEN, STAGES, STEPS
 from .state import State
 from .step import channel_step, free_directions, position_covariance, reduced, remaining_step, scaled_inverse
 
-WEAKER = 4.0  # factor on the power of the field in H: rooms are less isotropic than their model
 NEIGHBOURS, MIN_GROUPS = 8, 6  # modes in a group, whose gradients are not independent; fewest groups
 FIELD_ROUNDS = 3  # of learning the field at given positions: a faulty channel is found in the second
 
@@ -155,7 +154,7 @@ def _weakened(goal: Objective, here: Unknowns, evaluated: Evaluation) -> Evaluat
     if goal.field.conditional is not None:
         return evaluated
     try:
-        return replace(goal, field=replace(goal.field, power=WEAKER * goal.field.power)).evaluate(here)
+        return replace(goal, field=replace(goal.field, power=GIVEN.weaker_field * goal.field.power)).evaluate(here)
     except np.linalg.LinAlgError:
         return evaluated
 
