@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,7 +27,7 @@ class Measurement(MeasurementSources):
     Parameters
     ----------
     frequencies : (M,) float64
-        Hz, ascending.
+        Hz, ascending; of rows of several takes, or of several sources of one take, equal ones are allowed.
     pressures : (M, N) complex128
         In any one unit for all (recordings are not calibrated).
     sound_speed : float
@@ -54,6 +54,9 @@ class Measurement(MeasurementSources):
     spectrum : (2, F) float64, optional
         The spectrum that the frequencies were picked from, for display alone: Hz, ascending, and the mean power of all
         microphones, in any one unit.
+    takes : (M,) int64, optional
+        The take of each row, counted from 0; one take unless given. A take is one recording of all microphones with
+        the source at one place: the channels and the positions are common to all takes, the sound field is not.
 
     Raises
     ------
@@ -81,6 +84,7 @@ class Measurement(MeasurementSources):
     known_positions: np.ndarray
     search: Search | None
     spectrum: np.ndarray | None
+    takes: np.ndarray
 
     def __init__(
         self,
@@ -97,6 +101,7 @@ class Measurement(MeasurementSources):
         known_positions=None,
         search: Search | None = None,
         spectrum=None,
+        takes=None,
     ):
         def put(name: str, value: object) -> None:
             object.__setattr__(self, name, value)
@@ -111,6 +116,7 @@ class Measurement(MeasurementSources):
         if noise_power is not None:
             noise_power = checks.real("noise_power", noise_power, (len(self.frequencies),), "one for each mode")
         put("noise_power", noise_power)
+        put("takes", checks.takes(takes, len(self.frequencies)))
         put("names", checks.names(names, self.count))
         if positions is not None:
             positions = checks.real("positions", positions, (self.count, self.array_dimension), "m")
@@ -121,19 +127,41 @@ class Measurement(MeasurementSources):
         put("known_positions", places)
         put("search", search)
         checks.require_search_dimension(search, self.array_dimension)
+        checks.require_order(self.frequencies, repeated=takes is not None)
         checks.require_usable(
             self.frequencies, self.pressures, self.wavenumbers, self.noise_power, self.names, self.sound_speed
         )
 
     def __repr__(self) -> str:
         f = self.frequencies
-        band = f"{len(f)} frequencies from {f[0]:.1f} to {f[-1]:.1f} Hz"
+        band = f"{len(f)} {'frequencies' if self.take_count == 1 else 'rows'} from {f[0]:.1f} to {f[-1]:.1f} Hz"
+        band += f" of {self.take_count} takes" if self.take_count > 1 else ""
         return f"<Measurement: {self.count} microphones, {len(self.known)} known, {band}>"
 
     @property
     def count(self) -> int:
         """Number of microphones N."""
         return self.pressures.shape[1]
+
+    @property
+    def take_count(self) -> int:
+        """Number of takes."""
+        return len(np.unique(self.takes))
+
+    def of_take(self, take: int) -> Measurement:
+        """Return the rows of one take. Raises InputError where there is no such take."""
+        chosen = self.takes == take
+        if not np.any(chosen):
+            listed = ", ".join(map(str, np.unique(self.takes)[:20]))
+            raise InputError(f"there is no take {take}", f"use one of {listed}", key="take", value=take)
+        return replace(
+            self,
+            frequencies=self.frequencies[chosen],
+            pressures=self.pressures[chosen],
+            wavenumbers=self.wavenumbers[chosen],
+            noise_power=None if self.noise_power is None else self.noise_power[chosen],
+            takes=self.takes[chosen],
+        )
 
     @property
     def blind(self) -> bool:
@@ -208,6 +236,7 @@ class Measurement(MeasurementSources):
             dimension=self.dimension,
             array_dimension=self.array_dimension,
             frame=minimal_frame(self.known, self.known_positions) if known == "minimal" else None,
+            takes=self.takes,
         )
 
     def _unit_modes(self) -> tuple[np.ndarray, np.ndarray | None]:

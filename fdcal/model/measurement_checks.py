@@ -82,6 +82,14 @@ def spectrum(values) -> np.ndarray:
     return array
 
 
+def takes(values, rows: int) -> np.ndarray:
+    """Return the take of each row, 0 unless given : (M,) int64."""
+    numbers = require_array("takes", np.zeros(rows, np.int64) if values is None else values, "index", (rows,))
+    if np.any(numbers < 0):
+        raise InputError("takes must be counted from 0", "give one number for each row", key="takes")
+    return frozen_array(numbers, np.int64)
+
+
 def known(indices, places, truth: np.ndarray | None, count: int, D: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the known microphones (A,) int64, ascending, and their positions (A, D) float64, metres.
 
@@ -124,15 +132,21 @@ def require_search_dimension(search: Search | None, D: int) -> None:
         )
 
 
+def require_order(frequencies: np.ndarray, repeated: bool) -> None:
+    """Raise InputError unless the frequencies are positive and ascend; `repeated` ones are those of several takes."""
+    steps = np.diff(frequencies)
+    if np.any(frequencies <= 0) or np.any(steps < 0) or (not repeated and np.any(steps == 0)):
+        problem = "frequencies must be above zero and ascending" + ("" if repeated else ", each once")
+        remedy = "sort them (and the pressures)" + ("" if repeated else "; of several takes give <takes>, too")
+        raise InputError(problem, remedy, key="frequencies")
+
+
 def require_usable(frequencies, values, k, noise_power, labels: tuple[str, ...], speed: float) -> None:
-    """Raise InputError for too few pressures, a wrong order or sign, or a microphone or mode without pressure."""
+    """Raise InputError for too few pressures, a wrong sign, or a microphone or mode without pressure."""
     modes, count = values.shape
     if modes == 0 or count < 2:
         problem = f"pressures of shape {values.shape} are too few"
         raise InputError(problem, "give at least one frequency and two microphones", key="pressures")
-    if np.any(frequencies <= 0) or np.any(np.diff(frequencies) <= 0):
-        problem = "frequencies must be above zero and ascending, each once"
-        raise InputError(problem, "sort them (and the pressures)", key="frequencies")
     _require_time_sign(k)
     _require_possible_speed(k, frequencies, speed)
     silent = np.flatnonzero(~np.any(values, axis=0))

@@ -29,6 +29,7 @@ OPTIONAL = (
     "known",
     "known_positions",
     "spectrum",
+    "takes",
 )
 
 
@@ -44,6 +45,8 @@ def save_measurement(measurement: Measurement, file, others: Mapping[str, np.nda
     """
     table: dict[str, Any] = {key: getattr(measurement, key) for key in REQUIRED + OPTIONAL}
     table["names"] = np.array(measurement.names)
+    if measurement.take_count == 1 and np.all(np.diff(measurement.frequencies) > 0):
+        table["takes"] = None
     if measurement.search is not None:
         s = measurement.search
         table |= dict(zip(SEARCH, (s.origin, s.size, s.step, s.radius), strict=True))
@@ -60,7 +63,7 @@ def load_measurement(path, excluded: Sequence[str] = (), called: str = "") -> Me
 
     Keys: `frequencies` (M,) Hz, `pressures` (M, N) complex, `sound_speed` m/s, `dimension`; optionally
     `array_dimension`, `wavenumbers` (M,) complex rad/m, `noise_power` (M,), `names` (N,), `positions` (N, D) m,
-    `known` (A,) with `known_positions` (A, D) m, and all or none of `search_origin`, `search_size`,
+    `known` (A,) with `known_positions` (A, D) m, `takes` (M,) the take of each row, from 0, and all or none of `search_origin`, `search_size`,
     `search_step`, `radius`, m.
 
     Parameters

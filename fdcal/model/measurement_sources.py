@@ -10,7 +10,7 @@ import numpy as np
 import fdcal
 
 from .channels import microphone_index
-from .validation import require_choice
+from .validation import InputError, require_choice
 
 
 class MeasurementSources:
@@ -90,6 +90,71 @@ class MeasurementSources:
             positions=positions,
             known=numbers,
             **others,
+        )
+
+    @classmethod
+    def from_takes(cls, measurements: Sequence[fdcal.Measurement]) -> fdcal.Measurement:
+        """Return one measurement of several takes of one array, the source at another place in each.
+
+        Parameters
+        ----------
+        measurements : sequence of Measurement
+            Of the same microphones, in the same order, none of them moved in between. Each becomes a take; one that
+            has several takes keeps them. Known and true positions are those of the first that has any.
+
+        Returns
+        -------
+        Measurement
+            Rows by frequency, then by take. It has noise only if all of them have.
+
+        Raises
+        ------
+        InputError
+            There is none, or two differ in microphones, dimension, sound speed or given positions.
+
+        Examples
+        --------
+        >>> import fdcal
+        >>> import numpy as np
+        >>> one, two = (np.exp(1j * a * np.arange(12.0)).reshape(3, 4) for a in (1, 2))
+        >>> takes = [fdcal.Measurement.from_arrays([100, 150, 210], p) for p in (one, two)]
+        >>> fdcal.Measurement.from_takes(takes).takes.tolist()
+        [0, 1, 0, 1, 0, 1]
+        """
+        each = list(measurements)
+        if not each:
+            raise InputError("no measurement is given", "give one for each take", key="takes")
+        for key in ("names", "dimension", "array_dimension", "sound_speed"):
+            for number, one in enumerate(each[1:], 2):
+                if getattr(one, key) != getattr(each[0], key):
+                    problem = f"measurement {number} has other {key} than the first: {getattr(one, key)!r}"
+                    raise InputError(problem[:300], "import all takes alike", key=key)
+        known = next((one for one in each if len(one.known)), each[0])
+        placed = next((one.positions for one in each if one.positions is not None), None)
+        for number, one in enumerate(each, 1):
+            same = np.array_equal(one.known, known.known) and np.allclose(one.known_positions, known.known_positions)
+            if len(one.known) and not same:
+                problem = f"measurement {number} gives other known positions than another take"
+                raise InputError(problem, "give them once, or alike", key="known")
+        firsts = np.cumsum([0, *(int(one.takes.max()) + 1 for one in each)])
+        f = np.concatenate([one.frequencies for one in each])
+        takes = np.concatenate([one.takes + first for one, first in zip(each, firsts, strict=False)])
+        order = np.lexsort((takes, f))
+        noise = [one.noise_power for one in each if one.noise_power is not None]
+        return cast(Any, cls)(
+            f[order],
+            np.concatenate([one.pressures for one in each])[order],
+            each[0].sound_speed,
+            each[0].dimension,
+            each[0].array_dimension,
+            wavenumbers=np.concatenate([one.wavenumbers for one in each])[order],
+            noise_power=np.concatenate(noise)[order] if len(noise) == len(each) else None,
+            names=each[0].names,
+            positions=placed,
+            known=known.known,
+            known_positions=known.known_positions,
+            search=each[0].search,
+            takes=takes[order],
         )
 
     @classmethod

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from .gauge import GaugeFrame
 from .settings import Search
+from .validation import frozen_array
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +37,8 @@ class Problem:
         Of the sound field and of the positions (D), 2 or 3.
     frame : GaugeFrame or None
         The minimal gauge; no microphone is `known` then.
+    takes : (M,) int64
+        The take of each row; one unless given. Rows of one take share the directions from which the sound comes.
     """
 
     pressures: np.ndarray
@@ -49,6 +52,11 @@ class Problem:
     dimension: int
     array_dimension: int
     frame: GaugeFrame | None = None
+    takes: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
+
+    def __post_init__(self):
+        if len(self.takes) != len(self.frequencies):
+            object.__setattr__(self, "takes", frozen_array(np.zeros(len(self.frequencies)), np.int64))
 
     @property
     def free(self) -> np.ndarray:
