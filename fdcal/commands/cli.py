@@ -14,10 +14,9 @@ from dataclasses import replace
 
 import click
 
-from ..model.scene_file import load_scene, scene_names
 from ..session.blas_threads import one_blas_thread_for_command
-from ..session.lesson_file import lesson_names, load_lesson
 from . import file_commands, gallery_command, plan_command, plot_commands, study_command
+from . import parameter_types as types
 from .guard import flush_output, guarded, without_debug
 from .options import (
     OPTIONS,
@@ -34,8 +33,6 @@ from .options import (
     solver_option,
 )
 from .outputs import output_path
-from .parameter_types import Distance, KnownChoice, NameList, NoiseLevel, RoomSize, room_solver
-from .sigma_types import GainSigma, Length, Percentage
 
 
 def main(args: list[str] | None = None) -> None:
@@ -71,6 +68,7 @@ def view(scene: str, own: tuple[str, ...], host: str, port: int, no_browser: boo
 
     FILE is a measurement or a recording that `fdcal import` reads, SESSION a session saved by the page.
     """
+    from ..session.lesson_file import lesson_names, load_lesson
     from .serving import check_address, open_page, warning
 
     lessons = [load_lesson(name) for name in (*own, *lesson_names())]
@@ -116,12 +114,12 @@ def simulate(scene: str, output: str, force: bool):
 )
 @click.option(
     "--known",
-    type=KnownChoice(),
+    type=types.KnownChoice(["all", "minimal", "none"]),
     help="Which known microphones to use; minimal: one position, one direction, one side.",
 )
 @click.option(
     "--noise",
-    type=NoiseLevel(),
+    type=types.noise_level,
     metavar="DB|auto|reported",
     help="SNR of each frequency that is assumed; auto estimates it, reported takes that of the measurement.",
 )
@@ -132,33 +130,37 @@ def simulate(scene: str, output: str, force: bool):
 )
 @click.option(
     "--gain-sigma",
-    type=GainSigma(),
+    type=types.gain_sigma,
     metavar="DB,DEG",
     help="Spread of the channels for solver robust, as 1dB,5deg.  [default: estimated]",
 )
 @click.option(
     "--known-sigma",
-    type=Length(),
+    type=types.length,
     metavar="LENGTH",
     help="One sigma of each given coordinate for solver robust, as 5mm; 0mm: exact.  [default: estimated, 3mm at most]",
 )
 @click.option(
     "--sound-speed-sigma",
-    type=Percentage(),
+    type=types.percentage,
     metavar="PERCENT",
     help="One sigma of the sound speed for solver robust or joint, as 0.3%; it is then estimated.  [default: exact]",
 )
 @modes_option
 @seed_option
 @click.option(
-    "--exclude", type=NameList(), default=(), metavar="NAME,...", help="Microphones to leave out, by name or number."
+    "--exclude",
+    type=types.microphone_names,
+    default=(),
+    metavar="NAME,...",
+    help="Microphones to leave out, by name or number.",
 )
 @click.option("--estimate-sound-speed", is_flag=True, help="Also estimate it: from known microphones, or --distance.")
 @click.option(
-    "--distance", type=Distance(), metavar="I,J,METRES", help="Distance of two microphones, where none is known."
+    "--distance", type=types.distance, metavar="I,J,METRES", help="Distance of two microphones, where none is known."
 )
 @click.option(
-    "--room", type=RoomSize(), metavar="LxW[xH]", help="Size of a rectangular room, metres; implies solver room."
+    "--room", type=types.room_size, metavar="LxW[xH]", help="Size of a rectangular room, metres; implies solver room."
 )
 @click.option(
     "--time-limit",
@@ -189,7 +191,7 @@ def calibrate(
     from ..session.choices import with_settings
     from . import report
 
-    inputs, solver = input_of(source, search, radius, exclude, positions), room_solver(room, solver)
+    inputs, solver = input_of(source, search, radius, exclude, positions), types.room_solver(room, solver)
     gain_sigma_db, phase_sigma_deg = gain_sigma or (None, None)
     inputs = with_settings(
         inputs, solver, modes, seed, start=start, known=known, noise=noise, room=room, gains=gains,
@@ -219,6 +221,8 @@ def calibrate(
 @commands.command()
 def scenes():
     """List the scenes that come with fdcal."""
+    from ..model.scene_file import load_scene, scene_names
+
     for name in scene_names():
         print(f"{name:<16} {load_scene(name).title}")
 

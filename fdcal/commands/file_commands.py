@@ -7,7 +7,7 @@ import click
 from ..model.validation import InputError
 from .options import OPTIONS, force_option, output_option
 from .outputs import output_path
-from .parameter_types import RenamedChoice
+from .parameter_types import RecordingKind
 
 
 @click.command("import")
@@ -17,7 +17,7 @@ from .parameter_types import RenamedChoice
 @click.option("--most", type=int, metavar="M", help="Greatest number of frequencies.  [default: 112; 90 in a plane]")
 @click.option(
     "--kind",
-    type=RenamedChoice(["auto", "impulse", "stationary"], {"response": "impulse", "work": "stationary"}),
+    type=RecordingKind(["auto", "impulse", "stationary"]),
     default="auto",
     show_default=True,
     help="impulse: an impulse response, from silence to silence; stationary: a continuous sound.",

@@ -10,15 +10,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ..model.scene_file import load_scene, scene_names
 from ..model.settings import ALL_MODES
 from ..model.validation import InputError
-from ..session.request import OpenRequest
 from ..solvers import names
-from .parameter_types import NumberList, search_domain
+from .parameter_types import numbers, search_domain
 
 if TYPE_CHECKING:  # SciPy and the solvers, which a page loads while the browser opens
     from ..assessment.calibration import Calibration
+    from ..session.request import OpenRequest
     from ..session.sources import CalibrationInput, Progress
 
 SESSIONS = (".zip", ".json")
@@ -130,7 +129,7 @@ solver_option = click.option(
 )
 search_option = click.option(
     "--search",
-    type=NumberList(float),
+    type=numbers,
     metavar="ORIGIN,SIZE,STEP",
     help="Search domain, five numbers in metres: x,y of its lowest corner, width,height, step."
     " For example 2.01,1.71,1.2,1.2,0.01",
@@ -141,6 +140,8 @@ radius_option = click.option("--radius", type=float, metavar="R", help="Radius R
 def scene_of(text: str) -> CalibrationInput:
     """Return the simulated measurement of a scene; InputError for a measurement."""
     if text.lower().endswith(".npz"):
+        from ..model.scene_file import scene_names
+
         remedy = f"give a scene: a .toml file or one of {', '.join(scene_names())}"
         raise InputError(f"{text} is a measurement", remedy, key="scene", value=text)
     return input_of(text)
@@ -192,6 +193,9 @@ def open_request_of(text: str) -> OpenRequest:
         from ..session.session_file import read
 
         return read(text)
+    from ..model.scene_file import load_scene, scene_names
+    from ..session.request import OpenRequest
+
     if text in scene_names():  # every one of these is tested
         return OpenRequest(load_scene(text))
     from ..session.sources import check_scene, is_recording, load_input

@@ -1,12 +1,14 @@
-"""Types of command-line values: lists, sizes, distances and choices, each refused with an example of a right one."""
+"""Command-line values: lists, sizes, lengths with a unit and distances, each refused with an example of a right one.
+
+A function here is the `type` of an option: click calls it with the text, and names the option before the message.
+"""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import NoReturn
 
 import click
 
@@ -15,168 +17,175 @@ from ..model.settings import KNOWN_ROOM_SOLVERS, Search
 from ..model.validation import InputError
 
 MIN_PIXELS, MAX_PIXELS = 64, 8192  # of one side of a picture
+UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+NUMBER = r"([0-9.]+(?:e-?[0-9]+)?)"
 
 
-class RenamedChoice(click.Choice):
-    """One of several words; old spellings of some are accepted and not listed.
+def refuse(message: str) -> NoReturn:
+    """Raise the error of click for a value; it adds which option the value belongs to."""
+    raise click.BadParameter(message)
 
-    Parameters
-    ----------
-    choices : sequence of str
-    old : mapping of str to str
-        Old spelling to present one.
+
+def whole_numbers(value: str) -> list[int]:
+    """Whole numbers with commas between, such as "1,5,9"."""
+    return _numbers(value, int, "whole numbers")
+
+
+def numbers(value: str) -> list[float]:
+    """Numbers with commas between, such as "1.5,2,9"."""
+    return _numbers(value, float, "numbers")
+
+
+def _numbers(value: str, kind: type, words: str) -> list:
+    try:
+        return [kind(part) for part in value.split(",")]
+    except ValueError:
+        refuse(f'"{value}" is no list of {words}; write them with commas between, as 1,5,9')
+
+
+def microphone_names(value: str | tuple[str, ...]) -> tuple[str, ...]:
+    """Names with commas between, such as "3,17"; the default of an option is the tuple already."""
+    if isinstance(value, tuple):
+        return value
+    parts = tuple(part.strip() for part in value.split(","))
+    if not all(parts):
+        refuse(f'"{value}" is no list of microphones; write them with commas between, as 3,17')
+    return parts
+
+
+def distance(value: str) -> tuple[str, str, float]:
+    """Two microphones, by name or number, and metres, such as "0,5,1.25"."""
+    try:
+        first, second, metres = (part.strip() for part in value.split(","))
+        if not (first and second):
+            raise ValueError
+        return first, second, float(metres)
+    except ValueError:
+        refuse(f'"{value}" must be two microphones and metres, as 0,5,1.25')
+
+
+def room_size(value: str) -> tuple[float, ...]:
+    """Lengths of a rectangular room, metres, such as "6x5" or "6x5x2.7"."""
+    try:
+        size = tuple(float(part) for part in value.lower().split("x"))
+    except ValueError:
+        size = ()
+    if len(size) not in (2, 3):
+        refuse(f'"{value}" is no size of a room; write LENGTHxWIDTH or LENGTHxWIDTHxHEIGHT, as 6x5x2.7')
+    for length in size:
+        if not LIMITS.smallest <= length <= LIMITS.largest:
+            refuse(f"{length:g} m must be finite and above zero")
+    return size
+
+
+def picture_size(value: str) -> tuple[int, int]:
+    """Width and height of a picture in pixels, such as "1280x800"."""
+    match = re.fullmatch(r"(\d{1,5})x(\d{1,5})", value)
+    width, height = (int(match[1]), int(match[2])) if match else (0, 0)
+    if not (MIN_PIXELS <= width <= MAX_PIXELS and MIN_PIXELS <= height <= MAX_PIXELS):
+        refuse(f'"{value}" is no picture size; write WIDTHxHEIGHT, as 1280x800, {MIN_PIXELS} to {MAX_PIXELS} each')
+    return width, height
+
+
+def slice_plane(value: str) -> tuple[str, float | None]:
+    """A plane through a volume: an axis, "x=1.5" for its place in metres, too, or "none"."""
+    axis, equals, place = value.partition("=")
+    try:
+        position = float(place) if equals else None
+    except ValueError:
+        position = math.nan
+    if axis not in ("x", "y", "z", "none") or (axis == "none" and equals) or not math.isfinite(position or 0.0):
+        refuse(f'"{value}" is no slice; write x, y, z, x=1.5 for a place in metres, or none')
+    return axis, position
+
+
+def noise_level(value: str) -> str:
+    """A signal-to-noise ratio in decibels, "auto" or "reported"; "told" is an old spelling of "reported"."""
+    value = "reported" if value == "told" else value
+    if value in ("auto", "reported"):
+        return value
+    try:
+        decibels = float(value)
+    except ValueError:
+        decibels = math.nan
+    if not abs(decibels) <= LIMITS.decibels:
+        refuse(
+            f'"{value}" is unknown; use "auto", "reported" or a number of decibels from -{LIMITS.decibels:g} to'
+            f" {LIMITS.decibels:g}"
+        )
+    return value
+
+
+def gain_sigma(value: str) -> tuple[float, float]:
+    """One sigma of the channels' gains, dB, and phases, degrees, such as "1dB,5deg"."""
+    match = re.fullmatch(rf"{NUMBER}\s*dB\s*,\s*{NUMBER}\s*deg", value.strip(), re.IGNORECASE)
+    try:
+        if match is None:
+            raise ValueError
+        return float(match[1]), float(match[2])
+    except ValueError:
+        refuse(f'"{value}" must be decibels and degrees with their units, as 1dB,5deg')
+
+
+def length(value: str) -> float:
+    """A length with its unit, such as "5mm"; metres."""
+    return _with_unit(value, rf"{NUMBER}\s*(mm|cm|m)", "a length with its unit, mm, cm or m, as 5mm")
+
+
+def decibels(value: str) -> float:
+    """A number of decibels with its unit, such as "1dB"."""
+    return _with_unit(value, rf"{NUMBER}\s*(?i:(dB))", "decibels with their unit, as 1dB")
+
+
+def percentage(value: str) -> float:
+    """A part of something with its sign, such as "0.3%"; 0.003."""
+    return _with_unit(value, rf"{NUMBER}\s*(%)", "a number of percent with its sign, as 0.3%") / 100
+
+
+def _with_unit(value: str, pattern: str, words: str) -> float:
+    """Return the number of a text, times its unit where that is a length; metres."""
+    match = re.fullmatch(pattern, value.strip())
+    try:
+        if match is None:
+            raise ValueError
+        return float(match[1]) * UNITS.get(match[2], 1.0)
+    except ValueError:
+        refuse(f'"{value}" must be {words}')
+
+
+class RecordingKind(click.Choice):
+    """What a recording is; the words of older versions are accepted and not listed."""
+
+    def convert(self, value, param, ctx):
+        return super().convert({"response": "impulse", "work": "stationary"}.get(value, value), param, ctx)
+
+
+class RoomOrScene(click.ParamType):
+    """Lengths of a rectangular room, metres, as 7x6x2.7, or a scene whose room is a rectangle.
+
+    A class, since click takes an `InputError` of a function for its own.
     """
 
-    def __init__(self, choices: Sequence[str], old: Mapping[str, str]):
-        super().__init__(choices)
-        self.old = old
+    name = "room"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        return super().convert(self.old.get(value, value), param, ctx)
+    def convert(self, value, param, ctx) -> tuple[float, ...]:
+        if value[:1].isdigit():
+            return room_size(value)
+        from ..model.scene_file import load_scene
+
+        size = load_scene(value).room.size
+        if size is None:
+            self.fail(f"the room of {value} is no rectangle; give its lengths, as 7x6x2.7", param, ctx)
+        return tuple(size)
 
 
 class KnownChoice(click.Choice):
     """Which known microphones to use; names or a file are for the import, which an error says."""
 
-    def __init__(self):
-        super().__init__(["all", "minimal", "none"])
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+    def convert(self, value, param, ctx):
         if value not in self.choices:
             where = "known positions are given at the import: fdcal import INPUT -o FILE.npz --known FILE.csv"
             self.fail(f"{value!r} is not one of {', '.join(map(repr, self.choices))}; {where}", param, ctx)
-        return value
-
-
-class NumberList(click.ParamType):
-    """Numbers with commas between, such as "1,5,9"; `kind` is int or float."""
-
-    name = "numbers"
-
-    def __init__(self, kind: type):
-        self.kind = kind
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> list:
-        if isinstance(value, list):
-            return value
-        try:
-            return [self.kind(part) for part in value.split(",")]
-        except ValueError:
-            words = "whole numbers" if self.kind is int else "numbers"
-            self.fail(f'"{value}" is no list of {words}; write them with commas between, as 1,5,9', param, ctx)
-
-
-class NameList(click.ParamType):
-    """Names with commas between, such as "3,17"."""
-
-    name = "names"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, ...]:
-        if isinstance(value, tuple):
-            return value
-        parts = tuple(part.strip() for part in value.split(","))
-        if not all(parts):
-            self.fail(f'"{value}" is no list of microphones; write them with commas between, as 3,17', param, ctx)
-        return parts
-
-
-class Distance(click.ParamType):
-    """Two microphones, by name or number, and metres, such as "0,5,1.25"."""
-
-    name = "distance"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, str, float]:
-        if isinstance(value, tuple):
-            return value
-        parts = [part.strip() for part in value.split(",")]
-        try:
-            first, second, metres = parts
-            if not (first and second):
-                raise ValueError
-            return first, second, float(metres)
-        except ValueError:
-            self.fail(f'"{value}" must be two microphones and metres, as 0,5,1.25', param, ctx)
-
-
-class RoomSize(click.ParamType):
-    """Lengths of a rectangular room, metres, such as "6x5" or "6x5x2.7"."""
-
-    name = "room"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, ...]:
-        if isinstance(value, tuple):
-            return value
-        try:
-            size = tuple(float(part) for part in value.lower().split("x"))
-        except ValueError:
-            size = ()
-        if len(size) not in (2, 3):
-            self.fail(
-                f'"{value}" is no size of a room; write LENGTHxWIDTH or LENGTHxWIDTHxHEIGHT, as 6x5x2.7', param, ctx
-            )
-        for length in size:
-            if not LIMITS.smallest <= length <= LIMITS.largest:
-                self.fail(f"{length:g} m must be finite and above zero", param, ctx)
-        return size
-
-
-class PictureSize(click.ParamType):
-    """Width and height of a picture in pixels, such as "1280x800"."""
-
-    name = "pixels"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
-        if isinstance(value, tuple):
-            return value
-        match = re.fullmatch(r"(\d{1,5})x(\d{1,5})", value)
-        width, height = (int(match[1]), int(match[2])) if match else (0, 0)
-        if not (MIN_PIXELS <= width <= MAX_PIXELS and MIN_PIXELS <= height <= MAX_PIXELS):
-            self.fail(
-                f'"{value}" is no picture size; write WIDTHxHEIGHT, as 1280x800, {MIN_PIXELS} to {MAX_PIXELS} each',
-                param,
-                ctx,
-            )
-        return width, height
-
-
-class SlicePlane(click.ParamType):
-    """A plane through a volume: an axis, "x=1.5" for its place in metres, too, or "none"."""
-
-    name = "slice"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None):
-        if isinstance(value, tuple):
-            return value
-        axis, equals, place = value.partition("=")
-        try:
-            position = float(place) if equals else None
-        except ValueError:
-            position = math.nan
-        if axis not in ("x", "y", "z", "none") or (axis == "none" and equals) or not math.isfinite(position or 0.0):
-            self.fail(f'"{value}" is no slice; write x, y, z, x=1.5 for a place in metres, or none', param, ctx)
-        return axis, position
-
-
-class NoiseLevel(click.ParamType):
-    """A signal-to-noise ratio in decibels, "auto" or "reported"; "told" is an old spelling of "reported"."""
-
-    name = "noise"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        value = "reported" if value == "told" else value
-        if value in ("auto", "reported"):
-            return value
-        try:
-            decibels = float(value)
-        except ValueError:
-            decibels = math.nan
-        if not abs(decibels) <= LIMITS.decibels:
-            self.fail(
-                f'"{value}" is unknown; use "auto", "reported" or a number of decibels from -{LIMITS.decibels:g} to'
-                f" {LIMITS.decibels:g}",
-                param,
-                ctx,
-            )
         return value
 
 

@@ -6,10 +6,9 @@ import click
 
 from ..model.limits import LIMITS
 from ..model.validation import InputError
+from . import parameter_types as types
 from .options import force_option, output_option, progress_bar
 from .outputs import output_path
-from .parameter_types import NameList, RoomSize
-from .sigma_types import Decibels, Length
 
 SUFFIXES = [".html", ".json", ".png"]
 MOST_TRIALS = 10_000
@@ -20,36 +19,28 @@ BOUND_ONLY = (
 )
 
 
-class RoomOrScene(click.ParamType):
-    """Lengths of a rectangular room, metres, as 7x6x2.7, or a scene whose room is a rectangle."""
-
-    name = "room"
-
-    def convert(self, value, param, ctx) -> tuple[float, ...]:
-        if isinstance(value, tuple):
-            return value
-        if value[:1].isdigit():
-            return RoomSize().convert(value, param, ctx)
-        from ..model.scene_file import load_scene
-
-        size = load_scene(value).room.size
-        if size is None:
-            self.fail(f"the room of {value} is no rectangle; give its lengths, as 7x6x2.7", param, ctx)
-        return tuple(size)
-
-
 @click.command()
 @click.argument("layout", metavar="LAYOUT")
-@click.option("--room", type=RoomOrScene(), metavar="LxWxH|SCENE", help="Rectangular room.  [default: diffuse field]")
+@click.option(
+    "--room", type=types.RoomOrScene(), metavar="LxWxH|SCENE", help="Rectangular room.  [default: diffuse field]"
+)
 @click.option("--rt60", type=float, default=0.5, show_default=True, metavar="S", help="Reverberation time, s.")
 @click.option("--snr", type=float, default=30.0, show_default=True, metavar="DB", help="Of each frequency.")
 @click.option(
     "--frequencies", metavar="LO:HI", help="Band, Hz.  [default: 20 Hz to 0.7 of what the array can interpolate]"
 )
-@click.option("--known", type=NameList(), default=(), metavar="NAME,...", help="Microphones whose positions are given.")
-@click.option("--known-sigma", type=Length(), metavar="LENGTH", help="One sigma of each given coordinate, as 5mm.")
-@click.option("--gain-sigma", type=Decibels(), metavar="DB", help="Spread of the channels' gains, as 1dB.")
-@click.option("--accuracy", type=Length(), default="10mm", show_default=True, metavar="LENGTH", help="That is wanted.")
+@click.option(
+    "--known",
+    type=types.microphone_names,
+    default=(),
+    metavar="NAME,...",
+    help="Microphones whose positions are given.",
+)
+@click.option("--known-sigma", type=types.length, metavar="LENGTH", help="One sigma of each given coordinate, as 5mm.")
+@click.option("--gain-sigma", type=types.decibels, metavar="DB", help="Spread of the channels' gains, as 1dB.")
+@click.option(
+    "--accuracy", type=types.length, default="10mm", show_default=True, metavar="LENGTH", help="That is wanted."
+)
 @click.option("--trials", type=click.IntRange(0, MOST_TRIALS), default=0, metavar="T", help="Simulated calibrations.")
 @click.option(
     "--solver", type=click.Choice(["robust", "joint"]), default="robust", show_default=True, help="Of the trials."

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from ..model.validation import InputError
+from . import parameter_types as types
 from .options import (
     basins_option,
     force_option,
@@ -23,7 +24,7 @@ from .options import (
     solver_option,
 )
 from .outputs import output_path
-from .parameter_types import NumberList, PictureSize, SlicePlane, microphone_number, mode_numbers
+from .parameter_types import microphone_number, mode_numbers
 
 
 @click.command()
@@ -32,7 +33,7 @@ from .parameter_types import NumberList, PictureSize, SlicePlane, microphone_num
 @click.option(
     "--mode-numbers",
     "numbers",
-    type=NumberList(int),
+    type=types.whole_numbers,
     metavar="M,M,...",
     help="Modes to draw, counted from 1.  [default: 1,5,9]",
 )
@@ -90,7 +91,7 @@ def _landscape_bytes(suffix: str, panels, measurement, basins: bool) -> bytes:
 @result_option
 @click.option(
     "--frequencies",
-    type=NumberList(float),
+    type=types.numbers,
     metavar="HZ,HZ,...",
     help="Measured frequencies.  [default: lowest, middle and highest]",
 )
@@ -128,7 +129,7 @@ def field(source, result, frequencies, step, output, force):
 @click.option(
     "--slice",
     "plane",
-    type=SlicePlane(),
+    type=types.slice_plane,
     default="z",
     show_default=True,
     metavar="x|y|z[=METRES]|none",
@@ -137,7 +138,7 @@ def field(source, result, frequencies, step, output, force):
 @click.option(
     "--view", type=click.Choice(["top", "3d", "close"]), default="top", show_default=True, help="Camera position."
 )
-@click.option("--size", type=PictureSize(), default="1280x800", show_default=True, metavar="WxH", help="Pixels.")
+@click.option("--size", type=types.picture_size, default="1280x800", show_default=True, metavar="WxH", help="Pixels.")
 @output_option("FILE.png")
 @force_option
 def snapshot(scene, result, microphone, basins, plane, view, size, output, force):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ..model.scene import require_rectangle
 from ..model.settings import SolverSettings
 from ..model.validation import InputError, require_integer
 from ..solvers import load
@@ -46,6 +45,8 @@ def with_settings(
     traits = load(settings.name).TRAITS
     _require_used(given, settings)
     if traits.needs_room and inputs.scene is not None:
+        from ..model.scene import require_rectangle
+
         require_rectangle(inputs.scene)
         settings = replace(settings, room=settings.room or inputs.scene.room.size)
     return with_mode_number(replace(inputs, settings=settings, seed=inputs.seed if seed is None else seed))

@@ -7,18 +7,15 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..acoustics.measure import require_measurable
-from ..model.arrays import positions_of
 from ..model.channels import exclude_microphones
 from ..model.given_positions import row_order_remark, with_positions
 from ..model.measurement import Measurement
 from ..model.measurement_file import load_measurement
-from ..model.scene import Scene
-from ..model.scene_file import load_scene
 from ..model.settings import ALL_MODES, SolverSettings
 from ..solvers import load, with_mode_count
 
 if TYPE_CHECKING:
+    from ..model.scene import Scene
     from ..recordings.import_options import ImportOptions
 
 Progress = Callable[[float, str], None]  # fraction done, 0 to 1, and a note
@@ -106,6 +103,8 @@ def load_input(
     elif text.lower().endswith(".npz"):
         measurement = load_measurement(text, excluded)
     else:
+        from ..model.scene_file import load_scene  # and all that a simulation is described by
+
         inputs = scene_input(load_scene(text), progress)
         inputs = replace(inputs, measurement=_without(inputs.measurement, excluded), excluded=excluded)
         return with_mode_number(inputs) if excluded else inputs
@@ -200,6 +199,8 @@ def check_scene(scene: Scene) -> None:
     InputError
     """
     from ..acoustics.fdtd_grid import make_grid
+    from ..acoustics.measure import require_measurable
+    from ..model.arrays import positions_of
 
     positions_of(scene)
     require_measurable(scene)
