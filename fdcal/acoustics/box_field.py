@@ -28,11 +28,10 @@ import math
 
 import numpy as np
 
-from ..model.limits import LIMITS
-from ..model.power import mode_power
+from ..model.problem import mode_power
 from ..model.room import Room, Source
 from ..model.sensing import Sensing
-from ..model.validation import InputError
+from ..model.validation import LIMITS, InputError
 from .modal import ModalPressures
 from .spectrum import SPECTRUM, pick_peaks
 from .wavenumbers import wavenumber_continuous

@@ -11,7 +11,7 @@ from ..model.arrays_3d import positions_3d
 from ..model.faults import DEAD_SHARE
 from ..model.measured_room import response_path
 from ..model.measurement import Measurement
-from ..model.power import mode_power
+from ..model.problem import mode_power
 from ..model.scene import Scene
 from ..model.sdm_response import SdmResponse, load_sdm_response
 from .modal import ModalPressures

@@ -18,7 +18,7 @@ import math
 
 import numpy as np
 
-from ..model.power import mode_power
+from ..model.problem import mode_power
 from ..model.sdm_response import SdmResponse
 from ..model.sensing import Sensing
 from ..model.validation import InputError

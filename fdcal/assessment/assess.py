@@ -15,7 +15,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ..acoustics.single_wave import is_single_wave
+from ..acoustics.coherence import is_single_wave
 from ..cost.likelihood import log_response
 from ..model.problem import Problem
 from ..model.validation import frozen_array, word_arguments

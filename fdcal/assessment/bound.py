@@ -33,7 +33,7 @@ from scipy.linalg import block_diag
 from ..cost.kernels import diffuse_kernel
 from ..cost.likelihood import FieldModel, likelihood_terms
 from ..model.gauge import rigid_motions
-from ..model.power import mode_power
+from ..model.problem import mode_power
 from .uncertainty import one_sigma
 
 EXACT = 1e-7  # metres, one sigma of a position that is given exactly

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from os import PathLike
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,8 +18,10 @@ from ..cost.channel_correction import ChannelCorrection
 from ..model.gauge import align, in_frame, position_errors
 from ..model.lengths import length_text
 from ..model.measurement import Measurement
-from ..model.microphones import MicrophonePositions
 from ..model.validation import InputError, frozen_array, require_choice
+
+if TYPE_CHECKING:
+    from ..model.microphones import MicrophonePositions
 
 DECIBELS_PER_NEPER = 20 / np.log(10)
 CHANNEL_NUMBERS = ("gain_db", "gain_sigma_db", "phase_deg", "phase_sigma_deg", "noise_db")  # attributes of `Channels`
@@ -609,4 +611,6 @@ def placed_in_frame(result: Calibration, frame: str | None) -> MicrophonePositio
         raise InputError(
             "frame = known, but no microphone was known", "use <frame> minimal or axes", key="frame", value="known"
         )
+    from ..model.microphones import MicrophonePositions
+
     return MicrophonePositions(result.names, in_frame(result.positions, frame), result.uncertainty, frame)

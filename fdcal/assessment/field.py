@@ -29,8 +29,7 @@ from ..cost.likelihood import FieldModel, isotropic_field
 from ..cost.noise import DIFFUSE_FLOOR, estimate_noise
 from ..cost.waves import EXTRA_ORDERS
 from ..model.measurement import Measurement
-from ..model.power import mode_power
-from ..model.problem import Problem
+from ..model.problem import Problem, mode_power
 from ..model.validation import InputError, frozen_array, require_positive
 
 NOISE_DEFLATION = 3.0  # times less noise is assumed: a room's field is less isotropic than this prior

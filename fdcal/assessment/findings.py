@@ -23,7 +23,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from ..acoustics import single_wave
+from ..acoustics.coherence import SINGLE_WAVE, SINGLE_WAVE_REMEDY
 from ..acoustics.fourier_bessel import array_f_max
 from ..model.gauge import align
 from ..model.lengths import length_text
@@ -313,7 +313,7 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             lambda seen: f"about {100 * seen.estimate.field.share:.0f} % of the power is noise or unexplained",
             "measure longer, louder, or use fewer <modes>",
             0.3, "noise over the power; with more the search itself is a guess"),
-    Finding("model_mismatch", lambda seen, _: seen.single_wave, lambda _: single_wave.PROBLEM, single_wave.REMEDY),
+    Finding("model_mismatch", lambda seen, _: seen.single_wave, lambda _: SINGLE_WAVE, SINGLE_WAVE_REMEDY),
     Finding("model_mismatch", lambda seen, limit: len(seen.faulty) > max(2, limit * len(seen.names)),
             lambda seen: "no sound field without sources explains microphone"
                          f" {enumerated([seen.names[one.number] for one in seen.faulty])}: {CAUSES}",

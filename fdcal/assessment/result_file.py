@@ -17,10 +17,9 @@ import msgspec
 import numpy as np
 from msgspec import structs
 
-from ..model.limits import LIMITS
 from ..model.reading import parse_json, read_bytes
 from ..model.storage import write_atomically
-from ..model.validation import InputError, shown
+from ..model.validation import LIMITS, InputError, shown
 from .calibration import CHANNEL_NUMBERS, Calibration, ChannelFault, Channels, Evidence, GivenPosition, KnownRoom
 from .position_check import PositionCheck
 

@@ -12,10 +12,9 @@ from ..graphics.gallery import Entry, index_html, picture_of, race_html
 from ..graphics.replay import replay_html
 from ..model import mode_ranges
 from ..session.calibrate import problem_of, states_of
-from ..session.choices import with_settings
 from ..session.comparison import timed_states
 from ..session.history import recorded
-from ..session.sources import CalibrationInput
+from ..session.sources import CalibrationInput, with_settings
 from .options import scene_of
 from .plotting import counted_microphones
 

@@ -12,9 +12,8 @@ from typing import NoReturn
 
 import click
 
-from ..model.limits import LIMITS
 from ..model.settings import KNOWN_ROOM_SOLVERS, Search
-from ..model.validation import InputError
+from ..model.validation import LIMITS, InputError
 
 MIN_PIXELS, MAX_PIXELS = 64, 8192  # of one side of a picture
 UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}

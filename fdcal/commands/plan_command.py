@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import click
 
-from ..model.limits import LIMITS
-from ..model.validation import InputError
+from ..model.validation import LIMITS, InputError
 from . import parameter_types as types
 from .options import force_option, output_option, progress_bar
 from .outputs import output_path

@@ -54,7 +54,7 @@ def landscape(source, microphone, numbers, basins, result, output, search, radiu
     """
     path = output_path(output, [".png", ".svg", ".vti"], force)
     from ..graphics.landscape_figure import landscape_panels
-    from ..model.search_domain import with_search_domain
+    from ..model.settings import with_search_domain
     from ..model.storage import write_atomically
     from .plotting import shown_positions, write_volume
 
@@ -188,12 +188,12 @@ def replay(source, solver, modes, seed, microphone, output, search, radius, forc
     path = output_path(output, ".html", force)
     from ..cost.reference_cost import reference_cost_of
     from ..graphics.replay import replay_html
-    from ..model.search_domain import with_search_domain
+    from ..model.settings import with_search_domain
     from ..model.storage import write_atomically
     from ..session.calibrate import states_of
-    from ..session.choices import with_settings
     from ..session.history import recorded
     from ..session.request import as_given
+    from ..session.sources import with_settings
     from .plotting import counted_microphones
 
     inputs = with_settings(input_of(source, search, radius), solver, modes, seed)

@@ -12,8 +12,7 @@ from ..cost.expansion import require_modes, require_plane_field
 from ..graphics.units import errors_in_words
 from ..model.measurement import Measurement
 from ..model.validation import InputError
-from ..session.assess import assess, sound
-from ..session.calibrate import problem_of
+from ..session.calibrate import assess, problem_of, sound
 from ..session.sources import CalibrationInput
 
 if TYPE_CHECKING:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..assessment.calibration import Calibration, Evidence, GivenPosition
-from ..assessment.position_check import PositionCheck, compare_positions, describe
 from ..model.lengths import length_text
 from ..model.measurement import Measurement
 from ..model.validation import InputError
 from ..session.sources import CalibrationInput
 from .options import OPTIONS
+
+if TYPE_CHECKING:
+    from ..assessment.position_check import PositionCheck
 
 LEAST_MOVE = 1e-3  # metres, of a given position that is mentioned
 MOST_ROWS = 12  # of the table of given positions
@@ -158,6 +161,8 @@ def comparison(inputs: CalibrationInput, result: Calibration) -> PositionCheck:
     InputError
         The measurement has no positions.
     """
+    from ..assessment.position_check import compare_positions
+
     measurement = inputs.measurement
     require_positions(measurement)
     positions = result.positions if result.room is None else result.positions_for(measurement)
@@ -166,6 +171,8 @@ def comparison(inputs: CalibrationInput, result: Calibration) -> PositionCheck:
 
 def comparison_text(inputs: CalibrationInput, result: Calibration, check: PositionCheck) -> str:
     """Return a comparison in words: what is exchanged, and how far each microphone is from its place in the list."""
+    from ..assessment.position_check import describe
+
     return describe(check, inputs.measurement.names, result.verdict, len(_frame(inputs)) > 0, OPTIONS)
 
 

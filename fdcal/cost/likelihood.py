@@ -46,7 +46,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..model.power import mode_power
+from ..model.problem import mode_power
 from .batches import (
     applied,
     as_columns,

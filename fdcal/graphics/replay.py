@@ -22,7 +22,7 @@ from ..model.gauge import align
 from ..model.measurement import Measurement
 from ..model.problem import Problem
 from ..model.scene import Scene
-from ..model.search_domain import search_round
+from ..model.settings import search_round
 from .packing import packed
 from .replay_maps import channel_arrays, map_data
 from .surroundings import focus_of, wall_height, z_range_of

@@ -8,10 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .limits import LIMITS
-from .points import require_point
-from .room import Point, is_triple
-from .validation import InputError, require_choice, require_positive
+from .room import is_triple
+from .validation import LIMITS, InputError, Point, require_choice, require_point, require_positive
 
 GEOMETRIES_3D = ("plane", "ball", "box")  # of a room with three lengths; "positions" may have two or three coordinates
 GEOMETRIES = ("circle", "rectangle", "rectangle+random", "positions", *GEOMETRIES_3D)

@@ -15,10 +15,9 @@ from .array_layout import Array
 from .arrays_3d import positions_3d
 from .gauge import fixes_gauge
 from .geometries import circle, rectangle, rectangle_plus_random, snap
-from .points import point_text
 from .polygons import ROUNDING, convex_hull, crosses_polygon, encloses, in_polygon
 from .scene import Scene
-from .validation import InputError, frozen_array
+from .validation import InputError, frozen_array, point_text
 
 LEAST_KNOWN = {
     2: "three microphones known that are not on one line",

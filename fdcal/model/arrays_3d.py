@@ -12,9 +12,8 @@ import numpy as np
 
 from .array_layout import Array
 from .geometries import ball, box, plane
-from .points import point_text
 from .scene import Scene
-from .validation import InputError
+from .validation import InputError, point_text
 
 CLEARANCE = 1e-6  # metres: microphones closer than this count as one
 

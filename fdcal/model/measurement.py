@@ -12,12 +12,10 @@ import numpy as np
 
 from . import measurement_checks as checks
 from .gauge import align, minimal_frame, position_errors
-from .limits import LIMITS
 from .measurement_sources import MeasurementSources
-from .power import mode_power
-from .problem import Problem
+from .problem import Problem, mode_power
 from .settings import Search
-from .validation import InputError, frozen_array, require_choice
+from .validation import LIMITS, InputError, frozen_array, require_choice
 
 
 @dataclass(frozen=True, init=False, repr=False)

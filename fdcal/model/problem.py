@@ -1,4 +1,4 @@
-"""What a solver sees of a measurement: pressures and known positions, never the true ones."""
+"""What a solver sees of a measurement: pressures and known positions, never the true ones; and the power of a mode."""
 
 from __future__ import annotations
 
@@ -9,6 +9,22 @@ import numpy as np
 from .gauge import GaugeFrame
 from .settings import Search
 from .validation import frozen_array
+
+
+def mode_power(pressures) -> np.ndarray:
+    """Return the mean of abs(pressures)**2 over the microphones, mode by mode.
+
+    Parameters
+    ----------
+    pressures : (..., M, N) complex128
+        Pressures of M modes at N microphones, in any unit.
+
+    Returns
+    -------
+    (..., M) float64
+        Mean power, in the squared unit of the pressures.
+    """
+    return np.mean(np.abs(pressures) ** 2, axis=-1)
 
 
 @dataclass(frozen=True, eq=False)

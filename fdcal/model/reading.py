@@ -20,8 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from .limits import LIMITS
-from .validation import InputError, StorageError, shown
+from .validation import LIMITS, InputError, StorageError, shown
 
 MOST_DOTS = 500  # before the "=" of a line: the parser's time grows with the square of the parts of a key
 

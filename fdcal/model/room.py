@@ -8,12 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .limits import LIMITS
 from .measured_room import UNKNOWN_WALLS, require_no_walls
-from .points import require_point
-from .validation import InputError, require_choice, require_positive
+from .validation import LIMITS, InputError, Point, require_choice, require_point, require_positive
 
-Point = tuple[float, ...]
 WALLS = ("rigid", "pressure-release", "absorbing")
 
 

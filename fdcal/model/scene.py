@@ -18,12 +18,10 @@ from dataclasses import dataclass, field, replace
 
 from .array_layout import Array, Gauge
 from .faults import Faults
-from .limits import LIMITS
-from .points import require_point
 from .room import Room, Source, is_no_pair
 from .sensing import Sensing
 from .settings import KNOWN_ROOM_SOLVERS, Search, SolverSettings
-from .validation import InputError
+from .validation import LIMITS, InputError, require_point
 
 
 @dataclass(frozen=True)

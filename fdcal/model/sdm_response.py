@@ -12,10 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from .limits import LIMITS
 from .matlab_file import read_arrays
 from .reading import read_bytes
-from .validation import InputError, require_array, shown
+from .validation import LIMITS, InputError, require_array, shown
 
 KEYS = ("p", "azi_rad", "ele_rad", "fs")
 

@@ -6,8 +6,7 @@ import math
 import typing
 from dataclasses import dataclass
 
-from .limits import LIMITS
-from .validation import InputError, require_choice, require_positive
+from .validation import LIMITS, InputError, require_choice, require_positive
 
 
 @dataclass(frozen=True)

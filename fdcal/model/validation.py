@@ -1,19 +1,77 @@
-"""The two errors that a user can meet, and the checks that raise them.
+"""The two errors that a user can meet, how large an input may be, and the checks that raise the errors.
 
-Every message names the key, its value and the remedy, on one line.
+Every message names the key, its value and the remedy, on one line. Beyond the limits a value is taken for a mistake.
 """
 
 from __future__ import annotations
 
 import difflib
+import functools
 import re
 import reprlib
+import typing
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from numbers import Integral, Real
 
 import numpy as np
 
-from .limits import LIMITS
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of what a scene, a measurement or an option may ask for.
+
+    Attributes
+    ----------
+    smallest, largest : of any length, time, frequency or number that must be positive, in its own unit
+    cells : cells of a simulation; each of its fields takes 8 bytes a cell
+    microphones : microphones of an array
+    microphones_3d : likewise in a room of three dimensions, whose field is summed at each of them
+    field_values : microphones times frequencies of the spectrum of such a room
+    pairs : pairs of microphones times modes of a calibration; each takes 16 bytes or less
+    phase : largest wavenumber times half the extent of the array in a calibration, radians: the order of its field
+    phase_per_microphone : likewise, for each microphone of a large array
+    dispersion : largest ratio of a wavenumber to 2 pi f / c, and its inverse the smallest
+    seconds : processor time of a calibration with up to `usual_pairs`; in proportion to the pairs beyond
+    usual_pairs : pairs of microphones times modes, 64 microphones at 64 frequencies
+    candidates : candidate positions of a search; the tables of the solvers take 1 to 2 GB for so many
+    coordinate : largest coordinate, metres
+    decibels : largest signal-to-noise ratio, and its negative the smallest, dB
+    sound_speed_error : largest relative error of the sound speed, dimensionless
+    weakest, strongest : pressures whose squares can be summed without leaving the range of float64, any unit
+    digits : whole numbers of more digits than this one are not shown
+    text : bytes of a file of text, as a scene
+    result : bytes of a result file
+    unfolded : bytes that a compressed file may unfold to
+    """
+
+    smallest: float = 1e-12
+    largest: float = 1e12
+    cells: int = 20_000_000
+    microphones: int = 10_000
+    microphones_3d: int = 2_000
+    field_values: int = 5_000_000
+    pairs: float = 1e8
+    phase: float = 100.0
+    phase_per_microphone: float = 2.0
+    dispersion: float = 10.0
+    seconds: float = 45.0
+    usual_pairs: float = 64.0**3
+    candidates: int = 500_000
+    coordinate: float = 1e9
+    decibels: float = 300.0
+    sound_speed_error: float = 0.5
+    weakest: float = 1e-100
+    strongest: float = 1e100
+    digits: int = 10**30
+    text: int = 1_000_000
+    result: int = 50_000_000
+    unfolded: int = 400_000_000
+
+
+LIMITS = Limits()
+
+Point = tuple[float, ...]  # coordinates, metres
 
 
 class InputError(ValueError):
@@ -238,3 +296,46 @@ def require_finite(key: str, values) -> None:
     if len(bad):
         index = tuple(int(i) for i in bad[0])
         raise InputError(f"{key}{list(index)} is not a finite number", "correct or remove that entry", key=key)
+
+
+def require_point(key: str, values, lengths: tuple[int, ...]) -> None:
+    """Raise InputError unless `values` are finite coordinates, as many as one of `lengths`, which are 2 or 3."""
+    if len(values) not in lengths:
+        words = " or ".join({2: "two, along x and y", 3: "three, along x, y and z"}[n] for n in lengths)
+        raise InputError(f"{key} = {list(values)} has {len(values)} numbers", f"give {words}", key=key, value=values)
+    require_finite(key, values)
+    if max(map(abs, values)) > LIMITS.coordinate:
+        remedy = f"use coordinates up to {LIMITS.coordinate:g} m"
+        raise InputError(f"{key} = {list(values)} is too far away", remedy, key=key, value=values)
+
+
+def point_text(point) -> str:
+    """Return the coordinates of a point for a message: "(1.25, 0.5) m"."""
+    return f"({', '.join(f'{coordinate:.4g}' for coordinate in point)}) m"
+
+
+_hints = functools.cache(typing.get_type_hints)
+ANY_WHOLE_NUMBER = -(2**62)
+
+
+def require_field_types(record: object, prefix: str = "") -> None:
+    """Raise InputError unless every field of a dataclass that holds a text or a number is of its type.
+
+    Parameters
+    ----------
+    record : dataclass
+        Its fields of str, int, float, or one of these or None, are checked.
+    prefix : str
+        Put before a key in messages, for example "solver.".
+    """
+    for name, hint in _hints(type(record)).items():
+        value, kinds = getattr(record, name), typing.get_args(hint) or (hint,)
+        if value is None and type(None) in kinds:
+            continue
+        if str in kinds and not isinstance(value, str):
+            problem = f"{prefix}{name} = {shown_literal(value)} is no text"
+            raise InputError(problem, "give a text", key=prefix + name, value=value)
+        if int in kinds:
+            require_integer(prefix + name, value, ANY_WHOLE_NUMBER, "give a whole number")
+        if float in kinds and typing.get_origin(hint) is not tuple:
+            require_number(prefix + name, value)

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..acoustics.fft import fast_length, rfft
-from ..model.power import mode_power
+from ..model.problem import mode_power
 from ..model.validation import InputError
 from . import frequency_selection
 from .decimation import decimate

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..model.measurement import Measurement
-from ..model.power import mode_power
+from ..model.problem import mode_power
 from ..model.validation import word_arguments
 from ..solvers.requirements import min_microphones
 from .impulse_response import Pressures

@@ -8,13 +8,12 @@ from dataclasses import fields, replace
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
-from ..model.field_types import require_field_types
 from ..model.given_positions import with_known, with_positions
 from ..model.measurement import Measurement
 from ..model.microphones import MicrophonePositions
 from ..model.scene import Scene
 from ..model.settings import SolverSettings
-from ..model.validation import InputError, require_array, unexpected_argument
+from ..model.validation import InputError, require_array, require_field_types, unexpected_argument
 from .arguments import (
     known_distance,
     known_microphones,
@@ -27,8 +26,7 @@ from .arguments import (
 )
 from .blas_threads import one_blas_thread
 from .calibrate import solve
-from .choices import with_settings
-from .sources import Progress, is_recording, load_input, measurement_input, scene_input
+from .sources import Progress, is_recording, load_input, measurement_input, scene_input, with_settings
 
 if TYPE_CHECKING:
     from ..assessment.calibration import Calibration

@@ -1,26 +1,164 @@
-"""Run a solver to its end and return a `Calibration`: for the command line and for Python."""
+"""Run a solver to its end and return a `Calibration`: for the command line and for Python.
+
+First what is to be calibrated is checked, then the solver runs, then its last state is judged.
+"""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from ..assessment.assess import ARGUMENTS, Assessment
+from ..assessment.assess import assess as assessed
 from ..assessment.calibration import Calibration
 from ..assessment.findings import MIN_MODES, modes_below_limit
-from ..model.channels import check_channels
+from ..cost.reference_cost import reference_cost_of
+from ..model.channels import check_channels, microphone_index
+from ..model.gauge import move_to_frame, turn_to_frame
+from ..model.measurement import Measurement
 from ..model.problem import Problem
-from ..model.validation import require_positive
-from ..solvers import load
-from ..solvers.bounds import OutOfTime, check_deadline, deadline, ended_early, time_limit
-from ..solvers.interface import RunState
+from ..model.settings import SolverSettings, search_round
+from ..model.validation import InputError, frozen_array, require_positive
+from ..solvers import load, run
+from ..solvers.interface import OutOfTime, RunState, check_deadline, deadline, ended_early, time_limit
 from ..solvers.requirements import check_solvable
-from .assess import assess
 from .blas_threads import one_blas_thread
-from .input_checks import require_inside_search, require_length, require_room_for_array
-from .shared_cost import cost_in_decibels
 from .sources import CalibrationInput, Progress
+
+
+def require_length(inputs: CalibrationInput, problem: Problem) -> None:
+    """Raise InputError where the sound speed is asked for without a known length, or with two."""
+    needs_room = load(inputs.settings.name).TRAITS.needs_room
+    if needs_room and (inputs.estimate_sound_speed or inputs.settings.known == "minimal"):
+        raise InputError(
+            "a known room fixes size and place", "leave out <estimate_sound_speed> and <known> minimal", key="room"
+        )
+    if inputs.distance is not None:
+        if not inputs.estimate_sound_speed:
+            raise InputError(
+                "distance fixes the size of the array, so that the sound speed follows from it",
+                "give <estimate_sound_speed> with <distance>",
+                key="distance",
+            )
+        if len(problem.known):
+            raise InputError(
+                "distance is for arrays without known microphones, which fix the size already",
+                "leave out <distance>",
+                key="distance",
+            )
+        require_positive("distance", inputs.distance[2], "m")
+        distance_pair(inputs)
+    elif inputs.estimate_sound_speed and len(problem.known) < 2:
+        raise InputError(
+            "the sound speed follows from a known length, and fewer than two microphones are known",
+            "name two known microphones at least, or give <distance>",
+            key="estimate_sound_speed",
+        )
+
+
+def require_inside_search(inputs: CalibrationInput) -> None:
+    """Raise InputError if the solver searches a lattice and a true position lies outside the search domain."""
+    measurement, traits = inputs.measurement, load(inputs.settings.name).TRAITS
+    if measurement.positions is None or measurement.search is None or not traits.needs_search:
+        return
+    search, free = measurement.search, np.setdiff1d(np.arange(measurement.count), measurement.known)
+    low, high = np.array(search.origin) - search.step, np.add(search.origin, search.size) + search.step
+    truth = measurement.positions[free]
+    outside = free[np.any((truth < low) | (truth > high), axis=1)]
+    if len(outside):
+        raise InputError(
+            f"microphone {outside[0]} stands at {measurement.positions[outside[0]].tolist()} m, outside the search"
+            f" domain of origin {list(search.origin)} m and size {list(search.size)} m",
+            "enlarge or move it with <search>",
+            key="search",
+        )
+
+
+def require_room_for_array(measurement: Measurement, settings: SolverSettings) -> None:
+    """Raise InputError where the true positions do not fit into the known room."""
+    truth, size = measurement.positions, settings.room
+    if truth is None or size is None or len(size) != measurement.array_dimension:
+        return
+    extent, diagonal = float(np.linalg.norm(truth[:, None] - truth, axis=-1).max()), float(np.linalg.norm(size))
+    if extent > diagonal:
+        text = "x".join(f"{length:g}" for length in size)
+        raise InputError(
+            f"room = {text} m is smaller than the array, whose microphones are up to {extent:.3g} m apart",
+            "give <room> in metres",
+            key="room",
+            value=size,
+        )
+
+
+def assess(inputs: CalibrationInput, problem: Problem, state, wording: Mapping[str, str] = ARGUMENTS) -> Assessment:
+    """Judge the last state of a run, with the sound speed estimated where `inputs` ask for it.
+
+    Parameters
+    ----------
+    inputs : CalibrationInput
+    problem : Problem
+    state : RunState
+    wording : mapping of str to str
+        How the text of the verdict calls the arguments that it mentions; by their names in Python unless given.
+    """
+    estimate = load(inputs.settings.name).result(problem, state)
+    stretch = None if inputs.distance is None else stretch_of(state.positions, inputs)
+    found = replace(assessed(estimate, inputs.measurement.names, stretch), wording=wording)
+    if problem.frame is None:
+        return found
+    turn = turn_to_frame(found.positions, problem.frame)  # a run that was stopped ended in a frame of its own
+    positions = frozen_array(move_to_frame(found.positions, problem.frame), float)
+    return replace(found, positions=positions, covariance=frozen_array(turn.T @ found.covariance @ turn, float))
+
+
+def distance_pair(inputs: CalibrationInput) -> tuple[int, int]:
+    """Return the numbers of the two microphones whose distance is given.
+
+    Raises
+    ------
+    InputError
+        A name is unknown, or both are the same microphone.
+    """
+    if inputs.distance is None:
+        raise InputError("no distance is given", "give <distance>", key="distance")
+    names = inputs.measurement.names
+    first, second = (microphone_index(text, names, "distance") for text in inputs.distance[:2])
+    if first == second:
+        raise InputError(f"distance names microphone {names[first]} twice", "name two", key="distance")
+    return first, second
+
+
+def stretch_of(positions, inputs: CalibrationInput) -> float:
+    """Return the given distance over that of the positions found (N, D): the factor of size and sound speed."""
+    pair = distance_pair(inputs)
+    apart = float(np.linalg.norm(np.subtract(*np.asarray(positions)[list(pair)])))
+    if inputs.distance is None or not apart > 0:
+        raise InputError(
+            f"microphones {pair[0]} and {pair[1]} were estimated at the same position",
+            "name another pair in <distance>",
+            key="distance",
+        )
+    return inputs.distance[2] / apart
+
+
+def sound(sought: np.ndarray, names: Sequence[str], found: Assessment | None) -> np.ndarray:
+    """Return the microphones whose errors are averaged: those sought, without the faulty channels of an assessment.
+
+    Parameters
+    ----------
+    sought : (K,) int64
+    names : sequence of str
+        Of all microphones.
+    found : Assessment or None
+    """
+    faults = () if found is None or found.channels is None else found.channels.faults
+    faulty = {fault.name for fault in faults if fault.kind != "misplaced"}
+    kept = np.array([n for n in sought if names[n] not in faulty], np.int64)
+    return kept if len(kept) else sought
+
 
 FREE_SOUND_SPEED = 0.05  # one sigma of a sound speed that is to be estimated, relative: 30 K in air
 
@@ -40,7 +178,7 @@ def problem_of(inputs: CalibrationInput) -> Problem:
 
 
 def states_of(inputs: CalibrationInput, progress: Progress | None = None, problem: Problem | None = None) -> Iterator:
-    """Yield every state of the solver, from the start to the end.
+    """Check the inputs and return an iterator over every state of the solver, from the start to the end.
 
     Parameters
     ----------
@@ -55,8 +193,6 @@ def states_of(inputs: CalibrationInput, progress: Progress | None = None, proble
     InputError
         The solver cannot start.
     """
-    from ..solvers import run
-
     require_inside_search(inputs)
     problem, last = problem_of(inputs) if problem is None else problem, inputs.settings.modes
     check_channels(inputs.measurement.pressures, inputs.measurement.names)
@@ -64,10 +200,13 @@ def states_of(inputs: CalibrationInput, progress: Progress | None = None, proble
         require_room_for_array(inputs.measurement, inputs.settings)
     else:
         check_solvable(problem, last, inputs.measurement.names)
-    for state in run(problem, inputs.settings, inputs.seed):
+
+    def shown(state: RunState) -> RunState:
         if progress is not None:
             progress(state.last / last, f"{state.last} modes, sweep {state.sweep}")
-        yield state
+        return state
+
+    return map(shown, run(problem, inputs.settings, inputs.seed))
 
 
 def solve(
@@ -107,7 +246,26 @@ def solve(
         require_positive("time_limit", inputs.time_limit, "s")
     start = time.perf_counter()
     with one_blas_thread():
-        inputs, state, found = _assessed(inputs, progress, problem, wording, clock)
+        # Before the first run nothing but the coherence speaks for the size of the array. A second one takes the modes
+        # that the array found interpolates, if their number was left open and as much time is left as the first took.
+        note = ""
+        while True:
+            limit = inputs.time_limit or time_limit(problem, inputs.settings.modes)
+            state, stopped, end = last_state(inputs, progress, problem, clock)
+            found = assess(inputs, problem, state, wording)
+            if stopped:
+                found = replace(found, verdict="not_converged", message=stopped)
+            left, undersampled = end - clock(), inputs.all_modes and found.verdict == "undersampled"
+            fewer = modes_below_limit(problem, found.positions) if undersampled and left >= limit / 2 else 0
+            if not MIN_MODES <= fewer < inputs.settings.modes:
+                break
+            settings = replace(inputs.settings, modes=fewer, first_modes=min(inputs.settings.first_modes, fewer))
+            inputs = replace(inputs, settings=settings, all_modes=False, time_limit=left)
+            above = (
+                f"{len(problem.frequencies) - fewer} modes above {problem.frequencies[fewer - 1]:.0f} Hz are left out"
+            )
+            note = f"; {above}, since the array found cannot interpolate all of them (Eq. 9)"
+        found = replace(found, message=found.message + note)
     measurement = inputs.measurement
     return Calibration(
         positions=found.positions,
@@ -135,37 +293,6 @@ def solve(
     ).compared_with(measurement, inputs.given)
 
 
-def _assessed(
-    inputs: CalibrationInput,
-    progress: Progress | None,
-    problem: Problem,
-    wording: Mapping[str, str],
-    clock: Callable[[], float],
-) -> tuple[CalibrationInput, RunState, Assessment]:
-    """Return the end of a run and what it is worth; of a second run where the array found cannot carry all modes.
-
-    Before the first run nothing but the coherence speaks for the size of the array. The second run takes the modes
-    that the array found interpolates, if their number was left open and as much time is left as the first run took.
-    """
-    limit = inputs.time_limit or time_limit(problem, inputs.settings.modes)
-    state, stopped, end = last_state(inputs, progress, problem, clock)
-    found = assess(inputs, problem, state, wording)
-    if stopped:
-        return inputs, state, replace(found, verdict="not_converged", message=stopped)
-    left = end - clock()
-    if not inputs.all_modes or found.verdict != "undersampled" or left < limit / 2:
-        return inputs, state, found
-    fewer = modes_below_limit(problem, found.positions)
-    if not MIN_MODES <= fewer < inputs.settings.modes:
-        return inputs, state, found
-    settings = replace(inputs.settings, modes=fewer, first_modes=min(inputs.settings.first_modes, fewer))
-    inputs = replace(inputs, settings=settings, all_modes=False, time_limit=left)
-    inputs, state, found = _assessed(inputs, progress, problem, wording, clock)
-    above = f"{len(problem.frequencies) - fewer} modes above {problem.frequencies[fewer - 1]:.0f} Hz are left out"
-    text = f"{found.message}; {above}, since the array found cannot interpolate all of them (Eq. 9)"
-    return inputs, state, replace(found, message=text)
-
-
 def last_state(
     inputs: CalibrationInput, progress: Progress | None, problem: Problem, clock: Callable[[], float]
 ) -> tuple[RunState, str, float]:
@@ -189,3 +316,29 @@ def last_state(
     except KeyboardInterrupt:
         return ended_early(state), "the solver was interrupted; these are the best positions so far", end
     return state, "", end
+
+
+def cost_in_decibels(found: Assessment) -> float | None:
+    """Return Eq. 7 over all modes that the microphones can carry, dB of their power, as `fdcal.cost.reference_cost`.
+
+    A problem without a search domain gets one round the positions found, as on the page.
+
+    Parameters
+    ----------
+    found : Assessment
+
+    Returns
+    -------
+    float or None
+        None where a position is not finite, or the microphones are too few for any mode.
+    """
+    problem = found.problem
+    if not np.isfinite(found.positions).all():
+        return None
+    if problem.search is None:
+        problem = replace(problem, search=search_round(found.positions))
+    reference_cost = reference_cost_of(problem)
+    if reference_cost is None:
+        return None
+    cost = reference_cost(found.positions, None if found.channels is None else found.channels.correction)
+    return cost if np.isfinite(cost) else None

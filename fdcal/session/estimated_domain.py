@@ -7,8 +7,7 @@ from dataclasses import replace
 
 from .. import solvers
 from ..model.measurement import Measurement
-from ..model.search_domain import search_round, with_search_domain
-from ..model.settings import SolverSettings
+from ..model.settings import SolverSettings, search_round, with_search_domain
 from ..model.validation import InputError
 from .blas_threads import one_blas_thread
 from .calibrate import last_state, problem_of

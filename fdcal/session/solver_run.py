@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..model.validation import frozen_array
-from ..solvers.bounds import bounded_step
+from ..solvers.interface import bounded
 from .history import MOST_STATES, History, SessionView, thinned
 from .state_costs import StateCosts
 
@@ -125,7 +125,7 @@ class SolverRun:
             self._publish(running=False)
             return
         began = time.thread_time()
-        state = bounded_step(self._module, self._problem, view.state)
+        state = bounded(self._problem, view.state, self._module.step(self._problem, view.state))
         self._costs.compute_in_passing(state, time.thread_time() - began)
         if state.finished or self._goal is None or self._goal(state):
             self._goal = None

@@ -1,4 +1,7 @@
-"""What is calibrated, and with which settings: a scene, a measurement or recordings, as `CalibrationInput`."""
+"""What is calibrated, and with which settings: a scene, a measurement or recordings, as `CalibrationInput`.
+
+`with_settings` checks what somebody chooses, solver, number of modes, seed and settings, against the solver.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +15,13 @@ from ..model.given_positions import row_order_remark, with_positions
 from ..model.measurement import Measurement
 from ..model.measurement_file import load_measurement
 from ..model.settings import ALL_MODES, SolverSettings
+from ..model.validation import InputError, require_integer
 from ..solvers import load, with_mode_count
 
 if TYPE_CHECKING:
     from ..model.scene import Scene
     from ..recordings.import_options import ImportOptions
+
 
 Progress = Callable[[float, str], None]  # fraction done, 0 to 1, and a note
 
@@ -42,8 +47,8 @@ class CalibrationInput:
     distance : (str, str, float) or None
         Two microphones, by name or number, and how far they are apart, metres.
     time_limit : float or None
-        Seconds of processor time after which the best positions so far are assessed; `fdcal.solvers.bounds.time_limit`
-        unless given.
+        Seconds of processor time after which the best positions so far are assessed;
+        `fdcal.solvers.interface.time_limit` unless given.
     all_modes : bool
         Whether the number of modes was left to the measurement, the array and the solver.
     compared_with : str
@@ -206,3 +211,61 @@ def check_scene(scene: Scene) -> None:
     require_measurable(scene)
     if scene.room.dimension == 2:
         make_grid(scene.room, scene.emitter.band.sample_rate)
+
+
+# of solver robust; joint takes the last one, too
+CHANNEL_SETTINGS = ("gains", "gain_sigma_db", "phase_sigma_deg", "known_sigma", "sound_speed_sigma")
+
+
+def with_settings(
+    inputs: CalibrationInput,
+    solver: str | None = None,
+    modes: int | None = None,
+    seed: int | None = None,
+    **others: str | float | tuple[float, ...] | None,
+) -> CalibrationInput:
+    """Return `inputs` with another solver, number of modes, seed, or other fields of `SolverSettings`.
+
+    Parameters
+    ----------
+    inputs : CalibrationInput
+    solver, modes, seed, **others
+        None leaves a setting as it is.
+
+    Raises
+    ------
+    InputError
+        A value is out of range, or does nothing with this solver.
+    """
+    given = {key: value for key, value in others.items() if value is not None}
+    settings = replace(inputs.settings, **given)
+    if seed is not None:
+        require_integer("seed", seed)
+    if modes is not None:
+        require_integer("modes", modes, 1, f"use 1 to {len(inputs.measurement.frequencies)}")
+        settings = replace(settings, modes=modes, first_modes=min(settings.first_modes, modes))
+        inputs = replace(inputs, all_modes=False)
+    settings = replace(settings, name=settings.name if solver is None else solver)
+    traits = load(settings.name).TRAITS
+    _require_used(given, settings)
+    if traits.needs_room and inputs.scene is not None:
+        from ..model.scene import require_rectangle
+
+        require_rectangle(inputs.scene)
+        settings = replace(settings, room=settings.room or inputs.scene.room.size)
+    return with_mode_number(replace(inputs, settings=settings, seed=inputs.seed if seed is None else seed))
+
+
+def _require_used(given: dict, settings: SolverSettings) -> None:
+    """Raise InputError for a given setting that does nothing with the solver of `settings`."""
+    traits, remedies = load(settings.name).TRAITS, dict.fromkeys(("noise", "start"), "joint")
+    remedies |= dict.fromkeys(CHANNEL_SETTINGS, "robust")
+    for key, other in remedies.items():
+        ignored = traits.ignores(key) or (key == "start" and not traits.starts)
+        if key in given and ignored:
+            problem = f'{key} = "{given[key]}" does nothing with solver.name = "{settings.name}"'
+            raise InputError(problem, f"leave out <{key}>, or use <solver> {other}", key=key, value=given[key])
+    for key in ("gain_sigma_db", "phase_sigma_deg"):
+        if key in given and settings.gains == "fixed":
+            problem = f"{key} = {given[key]:g} does nothing with solver.gains = fixed"
+            raise InputError(problem, f"leave out <{key}>, or use <gains> auto", key=key, value=given[key])

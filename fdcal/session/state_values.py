@@ -14,10 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from ..model.limits import LIMITS
 from ..model.problem import Problem
 from ..model.settings import SolverSettings
-from ..model.validation import InputError, frozen_array, shown
+from ..model.validation import LIMITS, InputError, frozen_array, shown
 
 LARGEST_COUNT = 10**9  # of steps, sweeps and other whole numbers
 NUMERIC_KINDS = "fiub"  # NumPy's kinds of number that an array may hold

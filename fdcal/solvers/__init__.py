@@ -68,7 +68,7 @@ def with_mode_count(problem: Problem, settings: SolverSettings) -> SolverSetting
 def run(problem: Problem, settings: SolverSettings, seed: int) -> Iterator[RunState]:
     """Yield the states of the solver `settings.name` from the start to the end.
 
-    A microphone that leaves what the frequencies can resolve ends the run (`fdcal.solvers.bounds`).
+    A microphone that leaves what the frequencies can resolve ends the run (`fdcal.solvers.interface`).
 
     Parameters
     ----------
@@ -81,12 +81,12 @@ def run(problem: Problem, settings: SolverSettings, seed: int) -> Iterator[RunSt
     InputError
         For a problem that the solver cannot work on, or one too large for memory.
     """
-    from .bounds import bounded_step, require_affordable
+    from .interface import bounded, require_affordable
 
     solver, settings = load(settings.name), with_mode_count(problem, settings)
     require_affordable(problem, settings, solver.TRAITS)
     state = solver.init(problem, settings, seed)
     yield state
     while not state.finished:
-        state = bounded_step(solver, problem, state)
+        state = bounded(problem, state, solver.step(problem, state))
         yield state

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..acoustics.room_symmetry import RoomSymmetry
 from ..model.problem import Problem
 
 if TYPE_CHECKING:  # the likelihood loads SciPy, which a session does not need before its first step
+    from ..acoustics.room_symmetry import RoomSymmetry
     from ..cost.likelihood import Terms
 
 

@@ -1,20 +1,32 @@
-"""What every solver offers and what every state holds, for all that runs, shows or saves a calibration.
+"""What every solver offers, what every state holds, and what bounds every calibration, whatever the solver.
 
 RunState    base class of the solvers' states
 Traits      properties of a solver that others ask for
 Solver      protocol of a solver: a module with these functions, or a chain of such modules
+
+The order of a field's expansion, and with it memory and time of a step, grows with the wavenumber times the extent of
+the array. `N` microphones resolve orders up to about N / 2 (Eq. 8), so positions beyond `max_radius` are no answer: the
+solver has diverged.
+
+One step may take many trials. Loops inside a step call `check_deadline`, so a calibration ends soon after its time
+limit and not after the step. A deadline holds in the thread that has set it: calibrations in other threads, and the
+page's session, have their own or none.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 
 from ..cost.channel_correction import ChannelCorrection
 from ..model.problem import Problem
 from ..model.settings import SolverSettings
+from ..model.validation import LIMITS, InputError
 from .estimate import Estimate, RoomEstimate
 
 
@@ -157,3 +169,85 @@ class Solver(Protocol):
     def usable_modes(self, problem: Problem, settings: SolverSettings) -> int:
         """Return how many of the lowest modes of `problem` can be in use."""
         ...
+
+
+State = TypeVar("State", bound=RunState)
+
+_time_is_up: ContextVar[Callable[[], bool] | None] = ContextVar("time_is_up", default=None)
+
+
+class OutOfTime(Exception):
+    """The time of a calibration is used up; the last state before holds its best positions."""
+
+
+@contextmanager
+def deadline(end: float, clock: Callable[[], float]) -> Iterator[None]:
+    """Let `check_deadline` raise OutOfTime inside this context once `clock()`, seconds, is past `end`."""
+    token = _time_is_up.set(lambda: clock() > end)
+    try:
+        yield
+    finally:
+        _time_is_up.reset(token)
+
+
+def check_deadline() -> None:
+    """Raise OutOfTime if the deadline of this thread has passed; without a deadline do nothing."""
+    time_is_up = _time_is_up.get()
+    if time_is_up is not None and time_is_up():
+        raise OutOfTime
+
+
+def time_limit(problem: Problem, modes: int) -> float:
+    """Return the seconds of processor time that a calibration may take unless another limit is given."""
+    pairs = problem.pressures.shape[1] ** 2 * min(modes, len(problem.pressures))
+    return LIMITS.seconds * max(1.0, pairs / LIMITS.usual_pairs)
+
+
+def require_affordable(problem: Problem, settings: SolverSettings, traits: Traits) -> None:
+    """Raise InputError for a problem that needs too much memory, or whose known microphones are too far apart."""
+    if not traits.uses_likelihood:
+        return
+    count, modes = problem.pressures.shape[1], min(settings.modes, len(problem.pressures))
+    if count**2 * modes > LIMITS.pairs:
+        raise InputError(
+            f"{count} microphones at {modes} frequencies need more memory than a calibration may take",
+            f"use at most {int(LIMITS.pairs / count**2)} modes (<modes>), or fewer microphones (<exclude>)",
+            key="modes",
+            value=modes,
+        )
+    extent, limit = radius(problem.known_positions), max_radius(problem, modes)
+    if extent > limit:
+        raise InputError(
+            f"the known microphones lie up to {2 * extent:.3g} m apart, farther than {count} microphones resolve at"
+            f" {problem.frequencies[modes - 1]:.4g} Hz ({2 * limit:.3g} m)",
+            "give positions in metres, or use fewer <modes>",
+            key="known_positions",
+        )
+
+
+def radius(positions: np.ndarray) -> float:
+    """Return half the largest extent of positions (N, D) along an axis, metres; 0 without any."""
+    return float(np.ptp(positions, axis=0).max(initial=0.0)) / 2 if len(positions) else 0.0
+
+
+def max_radius(problem: Problem, modes: int) -> float:
+    """Return the radius of the largest array that the lowest `modes` modes can resolve at all, metres."""
+    phase = max(LIMITS.phase, LIMITS.phase_per_microphone * problem.pressures.shape[1])
+    return phase / float(np.abs(problem.wavenumbers[:modes]).max())
+
+
+def bounded(problem: Problem, before: State, after: State) -> State:
+    """Return the state after a step; the one `before` it, ended without convergence, where a microphone diverges."""
+    if not isinstance(problem, Problem):  # a session takes whatever its solver takes, which then bounds itself
+        return after
+    search = max(problem.search.size) if problem.search is not None else 0.0
+    known, start = radius(problem.known_positions), radius(before.positions)  # what starts further out may stay there
+    limit = max(max_radius(problem, before.settings.modes), search, 2 * known, start)
+    return after if np.isfinite(after.positions).all() and radius(after.positions) <= limit else ended_early(before)
+
+
+def ended_early(state: State) -> State:
+    """Return a state as the end of a run that was stopped, at the best positions so far."""
+    if state.finished:
+        return state
+    return replace(state, positions=state.best_positions, finished=True, converged=False)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from .bounds import check_deadline
+from .interface import check_deadline
 
 
 @dataclass(frozen=True)

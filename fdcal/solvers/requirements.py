@@ -13,15 +13,12 @@ from itertools import combinations
 
 import numpy as np
 
-from ..acoustics import single_wave
-from ..acoustics.coherence import array_radius
+from ..acoustics.coherence import SINGLE_WAVE, SINGLE_WAVE_REMEDY, array_radius, is_single_wave
 from ..acoustics.fourier_bessel import f_max
-from ..acoustics.single_wave import is_single_wave
 from ..model.gauge import fixes_gauge
-from ..model.limits import LIMITS
 from ..model.problem import Problem
 from ..model.settings import Search
-from ..model.validation import InputError
+from ..model.validation import LIMITS, InputError
 from .starts import singular_vectors
 
 
@@ -165,7 +162,7 @@ def _check_line(problem: Problem, modes: int) -> None:
     """On a line (a plane, in space) the last singular vector is a polynomial of the others."""
     N, D = problem.pressures.shape[1], problem.array_dimension
     if is_single_wave(problem.pressures[:modes]):
-        raise InputError(single_wave.PROBLEM, single_wave.REMEDY, key="pressures")
+        raise InputError(SINGLE_WAVE, SINGLE_WAVE_REMEDY, key="pressures")
     shape, values, _ = singular_vectors(problem, modes)
     first, last = shape[:, :-1] / np.abs(shape[:, :-1]).max(axis=0), shape[:, -1]
     powers = np.indices((REQUIREMENTS.line_degree + 1,) * (D - 1)).reshape(D - 1, -1)

@@ -25,8 +25,7 @@ from ..cost.kernels import diffuse_kernel
 from ..cost.likelihood import FieldModel, isotropic_field, likelihood_terms
 from ..cost.noise import DIFFUSE_FLOOR, NoiseEstimate, estimate_noise
 from ..model.gauge import align, fixes_gauge
-from ..model.power import mode_power
-from ..model.problem import Problem
+from ..model.problem import Problem, mode_power
 from ..model.validation import InputError
 from .levenberg_marquardt import DAMPING, NewtonTerms, damped_step
 

@@ -6,7 +6,7 @@ import viser
 
 from ..graphics.legend import legend_of
 from ..graphics.primitives import Picture
-from ..session.assess import Assessment
+from ..session.calibrate import Assessment
 from ..session.history import SessionView
 from .gui.binding import Binding
 from .gui.layout import SessionFolders

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import viser
 
-from ..session.assess import Assessment
+from ..session.calibrate import Assessment
 from ..session.history import SessionView
 from .background.cost_maps import CostMap
 from .gui.binding import Binding

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import viser
 
-from ..session.assess import Assessment
+from ..session.calibrate import Assessment
 from ..session.history import SessionView
 from .gui import html
 from .gui.binding import Binding

@@ -15,7 +15,7 @@ from dataclasses import replace
 import viser
 
 from ..graphics.primitives import Picture
-from ..session.assess import Assessment
+from ..session.calibrate import Assessment
 from ..session.history import SessionView
 from ..session.request import OpenRequest
 from .background.comparison import ComparisonWorker

@@ -9,7 +9,7 @@ import pytest
 from scipy.special import eval_legendre, spherical_jn, spherical_yn
 
 import fdcal
-from fdcal.acoustics.single_wave import is_single_wave
+from fdcal.acoustics.coherence import is_single_wave
 from fdcal.model.measurement import Measurement
 
 SPEED, MODES, KNOWN = 343.0, 40, np.array([0, 5, 11, 17])

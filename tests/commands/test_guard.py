@@ -12,7 +12,7 @@ import time
 import pytest
 from running import FDCAL
 
-from fdcal.commands import cli, guard
+from fdcal.commands import cli
 
 
 @pytest.fixture
@@ -69,8 +69,8 @@ def test_each_kind_of_error_has_its_code(error, code, words, broken, capsys):
 
 
 def test_debug_after_two_dashes_is_an_argument():
-    assert guard.without_debug(["a", "--debug", "--", "--debug"]) == (["a", "--", "--debug"], True)
-    assert guard.without_debug(["a", "--", "--debug"]) == (["a", "--", "--debug"], False)
+    assert cli.without_debug(["a", "--debug", "--", "--debug"]) == (["a", "--", "--debug"], True)
+    assert cli.without_debug(["a", "--", "--debug"]) == (["a", "--", "--debug"], False)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.15, 0.3, 0.5])

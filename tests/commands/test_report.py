@@ -12,8 +12,7 @@ from fdcal.assessment.findings import precision
 from fdcal.commands.report import summary
 from fdcal.model.lengths import length_text
 from fdcal.session.calibrate import solve
-from fdcal.session.choices import with_settings
-from fdcal.session.sources import load_input
+from fdcal.session.sources import load_input, with_settings
 
 
 @pytest.fixture(scope="module")

@@ -17,11 +17,10 @@ from running import fdcal
 
 from fdcal.assessment.result_file import load_result
 from fdcal.model import reading
-from fdcal.model.limits import LIMITS
 from fdcal.model.measurement_file import load_measurement
 from fdcal.model.reading import parse_json, parse_toml, read_archive, read_bytes
 from fdcal.model.scene_file import load_scene, scene_folder
-from fdcal.model.validation import InputError, shown
+from fdcal.model.validation import LIMITS, InputError, shown
 from fdcal.recordings import formats
 from fdcal.recordings.formats.table import read_positions
 from fdcal.session import session_file

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fdcal.model.search_domain import CELLS, search_round
+from fdcal.model.settings import CELLS, search_round
 
 
 @pytest.mark.parametrize("dimension", [2, 3])

@@ -9,8 +9,8 @@ from fdcal import solvers
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.assessment.uncertainty import confidence_factor, ellipse_axes
 from fdcal.model.scene_file import load_scene
-from fdcal.session.assess import assess
 from fdcal.session.blas_threads import one_blas_thread
+from fdcal.session.calibrate import assess
 from fdcal.session.lesson_file import load_lesson
 from fdcal.session.request import edited
 from fdcal.session.sources import CalibrationInput

@@ -16,8 +16,8 @@ from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.session.calibrate import solve
 from fdcal.session.sources import CalibrationInput
-from fdcal.solvers import bounds
-from fdcal.solvers.bounds import OutOfTime, check_deadline, deadline
+from fdcal.solvers import interface as bounds
+from fdcal.solvers.interface import OutOfTime, check_deadline, deadline
 from fdcal.solvers.robust import outliers
 from fdcal.solvers.robust.objective import in_unit_power
 from fdcal.solvers.robust.rules import OUTLIERS

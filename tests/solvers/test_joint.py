@@ -18,7 +18,7 @@ from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.session import calibrate
-from fdcal.session.assess import assess
+from fdcal.session.calibrate import assess
 from fdcal.session.sources import CalibrationInput
 from fdcal.solvers.joint import solver as joint
 from fdcal.solvers.robust import solver as robust

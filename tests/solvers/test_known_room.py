@@ -18,8 +18,7 @@ from fdcal.model.measurement_file import save_measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError
-from fdcal.session.choices import with_settings
-from fdcal.session.sources import CalibrationInput
+from fdcal.session.sources import CalibrationInput, with_settings
 from fdcal.solvers.room import solver as room
 from fdcal.solvers.room.fit import exact
 

@@ -7,13 +7,12 @@ import pytest
 
 import fdcal
 from fdcal.acoustics.fourier_bessel import array_f_max
-from fdcal.model.limits import LIMITS
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene_file import load_scene, scene_names
 from fdcal.model.settings import ALL_MODES, Search, SolverSettings
-from fdcal.session.choices import with_settings
+from fdcal.model.validation import LIMITS
 from fdcal.session.request import edited, table_of
-from fdcal.session.sources import load_input, measurement_input, scene_input
+from fdcal.session.sources import load_input, measurement_input, scene_input, with_settings
 from fdcal.solvers import load, run
 from fdcal.solvers.requirements import highest_frequency, mode_count
 

@@ -12,8 +12,8 @@ from fdcal import solvers
 from fdcal.graphics.overlays import with_odd_channels
 from fdcal.graphics.picture import static_picture
 from fdcal.model.settings import SolverSettings
-from fdcal.session.assess import assess
 from fdcal.session.blas_threads import one_blas_thread
+from fdcal.session.calibrate import assess
 from fdcal.session.sources import CalibrationInput
 from fdcal.viewer.background.uncertainty import uncertainty_of
 from fdcal.viewer.gui.channels_html import channel_table, given_table

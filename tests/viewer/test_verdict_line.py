@@ -12,8 +12,7 @@ from doubles import State, view_of
 from fdcal import solvers
 from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.assessment.calibration import ChannelFault, Channels, Evidence
-from fdcal.session.assess import Assessment, sound
-from fdcal.session.calibrate import solve
+from fdcal.session.calibrate import Assessment, solve, sound
 from fdcal.session.history import History
 from fdcal.session.request import OpenRequest
 from fdcal.session.sources import scene_input

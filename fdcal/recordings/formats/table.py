@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from ...model.microphones import MicrophonePositions
-from ...model.points import require_point
 from ...model.reading import read_bytes
-from ...model.validation import InputError, shown
+from ...model.validation import InputError, require_point, shown
 
 SUFFIXES = (".csv",)
 MOST_BYTES = 10_000_000

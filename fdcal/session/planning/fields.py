@@ -11,7 +11,7 @@ from ...acoustics.mode_density import decay_rate
 from ...acoustics.room_modes import PointSourceModel, point_source_model, room_pressures
 from ...cost.kernels import diffuse_kernel
 from ...model.polygons import encloses
-from ...model.power import mode_power
+from ...model.problem import mode_power
 from ...model.random_source import WALL_DISTANCE_M, random_source
 from ...model.room import Room
 from ...model.validation import InputError

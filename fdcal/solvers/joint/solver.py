@@ -17,7 +17,7 @@ from ...model.settings import SolverSettings
 from ..interface import Traits
 from ..robust import solver as robust
 from ..robust import state as robust_state
-from ..robust.restarts import begin
+from ..robust.schedule import begin
 from ..robust.solver import landscape, require_solvable, result, step, usable_modes, use_modes
 
 __all__ = ["TRAITS", "State", "init", "landscape", "result", "step", "usable_modes", "use_modes"]

@@ -22,7 +22,7 @@ from scipy.optimize import minimize
 
 from ...cost.kernels import diffuse_kernel
 from ...cost.likelihood import FieldModel, likelihood_terms
-from ..bounds import check_deadline
+from ..interface import check_deadline
 from .rules import OUTLIERS
 
 

@@ -22,8 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...cost.likelihood import Conditional, FieldModel, Terms, likelihood_terms, log_response
-from ...model.power import mode_power
-from ...model.problem import Problem
+from ...model.problem import Problem, mode_power
 from ...model.settings import SolverSettings
 from ...model.validation import frozen_array
 from .rules import ASSUMED, CONDITIONAL, FINAL, OUTLIERS, STAGES

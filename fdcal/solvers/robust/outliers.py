@@ -20,7 +20,7 @@ from ...cost.kernels import diffuse_kernel
 from ...cost.likelihood import log_response
 from ...model.problem import Problem
 from ...model.validation import frozen_array
-from ..bounds import check_deadline
+from ..interface import check_deadline
 from .noise import with_noise
 from .objective import NU, gains_are_free, used_modes, wavenumbers
 from .rules import OUTLIERS

@@ -42,8 +42,8 @@ from .objective import (
     unknowns_of,
     used_modes,
 )
-from .restarts import begin, refined
 from .rules import ASSUMED, FINAL, GIVEN, STAGES, STEPS
+from .schedule import begin, refined
 from .state import State
 from .step import channel_step, free_directions, position_covariance, reduced, remaining_step, scaled_inverse
 

@@ -1,9 +1,11 @@
-"""What follows a stage: the next stage, another round of it, another restart, or the end. One table, `TRANSITIONS`.
+"""Where a run begins, and what follows a stage: the next one, another round, another restart, or the end.
 
 deformation, deformation, free, gains (rounds)    one restart, from one start
 another restart                                   until two agree, or one explains all
 noiseless                                         of a measurement without noise
 final (rounds)                                    from the likeliest optimum, then the end
+
+What follows which stage, and on what condition, stands in one table at the end, `TRANSITIONS`.
 """
 
 from __future__ import annotations
@@ -14,14 +16,225 @@ from functools import cached_property
 
 import numpy as np
 
+from ...cost.likelihood import FieldModel
+from ...model.gauge import align, move_to_frame
 from ...model.problem import Problem
-from . import restarts
-from .noise import isotropic_kernel, score, with_noise
-from .objective import Objective
+from ...model.settings import SolverSettings
+from ...model.validation import InputError, frozen_array
+from .. import starts
+from . import given, noise
+from .groups import other_poses
+from .objective import Objective, corrected, first_model, in_unit_power, used_modes, wavenumbers
 from .outliers import relocated
-from .rules import SCHEDULE, STAGES
-from .state import State
+from .rules import ASSUMED, FINAL, NOISELESS, OUTLIERS, SCHEDULE, STAGES, STEPS
+from .state import LocalOptimum, Model, Progress, State
 from .step import ChannelStep
+
+
+def begin(
+    Kind: type[State], problem: Problem, settings: SolverSettings, seed: int, positions: np.ndarray | None
+) -> State:
+    """Return the first state, of the class of a preset, at the first start or at `positions` (N, D), metres."""
+    problem, N = in_unit_power(problem), problem.pressures.shape[1]
+    here = np.zeros((N, problem.array_dimension)) if positions is None else np.asarray(positions, float)
+    empty = Kind(
+        positions=here,
+        settings=settings,
+        seed=seed,
+        stage=-1,  # `begin_stage` counts the first
+        last=settings.modes,
+        gains=np.zeros((N, 2)),
+        offsets=np.zeros((N, 2)),
+        model=first_model(problem, settings),
+        progress=Progress(restart=0, stage=0, rounds=0, steps=0, damping=0.0),
+        shape=here,
+        optima=(),
+    )
+    return next_restart(problem, empty, 0) if positions is None else begin_restart(problem, empty, here, 0)
+
+
+def begin_stage(problem: Problem, state: State, stage: int) -> State:
+    """Return `state` at the beginning of a stage of the schedule, exact given positions in place."""
+    damping = STEPS.deformation_damping if STAGES[stage].degree else STEPS.damping
+    progress, x = replace(state.progress, stage=stage, steps=0, damping=damping), state.positions
+    if state.model.known_sigma == 0 and not STAGES[stage].degree:
+        x = np.array(x)
+        x[problem.known] = state.model.places
+        x = frozen_array(x, float)
+    return replace(state, stage=state.stage + 1, progress=progress, positions=x, shape=x)
+
+
+def begin_restart(problem: Problem, state: State, positions: np.ndarray, restart: int) -> State:
+    """Return `state` at the beginning of a restart at `positions` (N, D), metres."""
+    placed = positions if problem.frame is None else move_to_frame(positions, problem.frame)
+    x, zero = frozen_array(placed, float), frozen_array(np.zeros((len(positions), 2)), float)
+    model = first_model(problem, state.settings)
+    progress = Progress(restart=restart, stage=0, rounds=0, steps=0, damping=0.0)
+    begun = replace(state, positions=x, shape=x, gains=zero, offsets=zero, model=model, progress=progress)
+    return begin_stage(problem, noise.with_noise(problem, begun), 0)
+
+
+def next_restart(problem: Problem, state: State, restart: int) -> State:
+    """Return the first restart, from number `restart` on, that has a start, or the last stage if there is none left.
+
+    Raises InputError where no start is possible at all.
+    """
+    reported = noise.given_noise(problem, state)
+    level = None if reported is None else float(np.median(reported[state.modes]))
+    affine_first = is_noiseless(problem, state) or state.quick
+    plan = starts.plan(problem, state.last, affine_first)
+    for number, one in enumerate(plan[: SCHEDULE.restarts]):
+        if number < restart:
+            continue
+        try:
+            positions = starts.start(problem, state.last, level, *one)
+        except (InputError, np.linalg.LinAlgError):  # this start needs more than the modes show
+            if state.optima or number + 1 < SCHEDULE.restarts:
+                continue
+            raise
+        return begin_restart(problem, state, positions, number)
+    return begin_final(problem, state)
+
+
+def with_optimum(problem: Problem, state: State, score: float, converged: bool) -> State:
+    """Return `state` with where the present restart has ended, and what of it may be tried in other poses."""
+    regrouped = state.progress.regrouped
+    found = LocalOptimum(state.positions, state.gains, state.offsets, state.model, float(score), converged, regrouped)
+    state = replace(state, optima=(*state.optima, found))
+    if likeliest(state) is found:
+        state = replace(state, progress=replace(state.progress, poses=_poses(problem, state)))
+    return state
+
+
+def likeliest(state: State) -> LocalOptimum:
+    """Return the optimum of the least score."""
+    return min(state.optima, key=lambda one: one.score)
+
+
+def _poses(problem: Problem, state: State) -> tuple[np.ndarray, ...]:
+    """The array with a group of microphones in other poses, aligned with given positions: each (N, D), metres."""
+    if problem.array_dimension != 2 or not np.isfinite(state.optima[-1].score):
+        return ()
+    model, used = state.model, used_modes(problem, state)
+    k = np.real(wavenumbers(problem, state)[used])
+    field = FieldModel(k, model.power[used], model.noise[used], model.channel_noise, problem.dimension)
+    try:
+        found = other_poses(state.positions, corrected(problem, state, used), field)
+    except np.linalg.LinAlgError:
+        return ()
+    placed = [starts.aligned(problem, one) for one in found] if len(problem.known) else found
+    return tuple(frozen_array(one, float) for one in placed)
+
+
+def next_pose(problem: Problem, state: State) -> State:
+    """Return the restart from the first of the other poses."""
+    first, *others = state.progress.poses
+    begun = begin_restart(problem, state, first, state.progress.restart)
+    return replace(begun, progress=replace(begun.progress, regrouped=True, poses=tuple(others)))
+
+
+def optima_agree(problem: Problem, state: State) -> bool:
+    """Return whether another restart has ended where the likeliest did; without noise their scores differ by rounding.
+
+    A restart that began from another optimum with a group in another pose does not count: it may return to that
+    optimum even if that is wrong.
+    """
+    best, *others = sorted(state.optima, key=lambda one: one.score)
+    wavelength = 2 * np.pi / float(np.real(problem.wavenumbers[state.modes]).max())
+    healthy = noise.healthy(best.model)
+    for other in others:
+        if np.isfinite(other.score) and not other.regrouped:
+            away = np.linalg.norm(align(other.positions, best.positions) - best.positions, axis=1)
+            if away[healthy].max(initial=0.0) < SCHEDULE.same_place * wavelength:
+                return True
+    return False
+
+
+def is_noiseless(problem: Problem, state: State) -> bool:
+    """Return whether the measurement is reported to have no noise to speak of, as a simulated one."""
+    reported = noise.given_noise(problem, state)
+    return reported is not None and float(np.median(reported[state.modes])) <= SCHEDULE.low_noise
+
+
+def explains_all(problem: Problem, state: State) -> bool:
+    """Return whether the array explains all but the reported noise by healthy channels.
+
+    Of a measurement without noise, in a wrong basin no array does so. With noise some do, so that this is evidence
+    only where the model has nothing else to bend: channels are matched, and exact given positions hold the size.
+    """
+    share, worst = state.model.share, float(state.model.channel_noise.max())
+    if is_noiseless(problem, state):
+        floor = 1.01 * noise.min_share(state)
+        return share <= max(SCHEDULE.low_noise, floor) and share * worst <= SCHEDULE.low_noise_channel
+    reported = noise.given_noise(problem, state)
+    if reported is None or not state.quick or not len(problem.known):
+        return False
+    return share <= SCHEDULE.reported_noise * float(np.median(reported[state.modes])) and worst < OUTLIERS.suspicious
+
+
+def begin_final(problem: Problem, state: State) -> State:
+    """Go on from the likeliest optimum; only now, with all in place, can the directions of the field be learned."""
+    best = likeliest(state)
+    progress = replace(state.progress, rounds=0, stage=FINAL, regrouped=False, poses=())
+    at_best = replace(state, positions=best.positions, shape=best.positions, gains=best.gains, offsets=best.offsets)
+    state = replace(at_best, model=best.model, progress=progress)
+    if is_noiseless(problem, state) and explains_all(problem, state):
+        near = replace(state, model=replace(state.model, kernel="near", channel_noise=np.ones(len(state.positions))))
+        least = frozen_array(np.full(len(state.model.noise), noise.min_share(near)), float)
+        return begin_stage(problem, replace(near, model=replace(near.model, noise=least)), NOISELESS)
+    state = noise.with_silent_inside(problem, relocated(problem, state, local=True)[0])
+    state = given.resolved(problem, state)
+    state = replace(state, model=replace(state.model, kernel=noise.last_kernel(problem, state)))
+    return noise.with_conditional(problem, refined(problem, state))
+
+
+def after_noiseless(problem: Problem, state: State) -> State:
+    """Return the beginning of the last stage after the positions alone were sought."""
+    placed = replace(state, positions=given.anchored(problem, state))
+    return noise.with_conditional(problem, refined(problem, given.resolved(problem, placed)))
+
+
+def refined(problem: Problem, state: State) -> State:
+    """Return the beginning of a round of the last stage: new noise, and perhaps another kernel.
+
+    The near-field kernel is taken only if the pressures are likelier with it: it explains those of few microphones
+    without any noise, but then they have more power than the field would have at most of them.
+    """
+    near = state.model.kernel == "near"
+    here = replace(state, shape=state.positions)
+    fresh = noise.with_noise(problem, here, ASSUMED.near_deflation if near else 1.0, rough=False)
+    if not near and fresh.model.share <= ASSUMED.near_share[problem.dimension]:
+        other = replace(here, model=replace(here.model, kernel="near"))
+        other = noise.with_noise(problem, other, ASSUMED.near_deflation, rough=False)
+        fresh = other if noise.misfit(problem, other) < noise.misfit(problem, fresh) else fresh
+    begun = begin_stage(problem, fresh, FINAL)
+    updates = ASSUMED.first_updates if begun.model.directions is None else 0
+    return noise.with_directions(problem, begun, used_modes(problem, begun), updates)
+
+
+def next_final(problem: Problem, state: State) -> State:
+    """Return another round of the last stage, with damped waves where the noise is now so low that these count."""
+    model, ahead = state.model, replace(state.progress, rounds=state.progress.rounds + 1)
+    if model.kernel == "directional" and noise.isotropic_kernel(problem, state) == "series":
+        model = replace(model, kernel="damped_directional")
+    return refined(problem, given.resolved(problem, replace(state, model=model, progress=ahead)))
+
+
+def assumes_else(before: State, after: State) -> bool:
+    """Return whether a round of the last stage would assume another noise, kernel or given positions."""
+    a: Model = before.model
+    b: Model = after.model
+    limit = SCHEDULE.tolerance_near_noise if b.kernel == "near" else SCHEDULE.tolerance_noise
+    change = abs(np.log(float(np.median(b.noise)) / float(np.median(a.noise))))
+    return a.kernel != b.kernel or bool(change > limit) or not given.same_given(before, after)
+
+
+def finished(problem: Problem, state: State) -> State:
+    """Return the end of a run: the array in its frame, the directions of the field turned with it."""
+    framed = state.positions if problem.frame is None else move_to_frame(state.positions, problem.frame)
+    positions = given.anchored(problem, state) if problem.frame is None else frozen_array(framed, float)
+    ended = replace(state, positions=positions, finished=True)
+    return noise.with_turned_directions(problem, ended, state.positions)
 
 
 @dataclass(frozen=True)
@@ -47,9 +260,9 @@ class Turn:
     @cached_property
     def estimated(self) -> State:
         """The state with the noise, and the kernel of an isotropic field, that it calls for."""
-        kernel = isotropic_kernel(self.problem, self.state)
+        kernel = noise.isotropic_kernel(self.problem, self.state)
         state = replace(self.state, model=replace(self.state.model, kernel=kernel), shape=self.state.positions)
-        return with_noise(self.problem, state, rough=self.place == "free")
+        return noise.with_noise(self.problem, state, rough=self.place == "free")
 
     @cached_property
     def searched(self) -> tuple[State, bool]:
@@ -61,12 +274,16 @@ class Turn:
     @cached_property
     def again(self) -> State:
         """Another round of the last stage."""
-        return restarts.next_final(self.problem, self.state)
+        return next_final(self.problem, self.state)
 
 
 def following(turn: Turn) -> State:
-    """Return what follows: the first row of TRANSITIONS that applies."""
-    return next(then(turn) for place, when, then in TRANSITIONS if place in ("any", turn.place) and when(turn))
+    """Return what follows: the first row of TRANSITIONS that applies, and the one after it where it ends a restart."""
+    while True:
+        after = next(then(turn) for place, when, then in TRANSITIONS if place in ("any", turn.place) and when(turn))
+        if not isinstance(after, Turn):
+            return after
+        turn = after
 
 
 def _always(turn: Turn) -> bool:
@@ -82,7 +299,7 @@ def _modes_chosen(turn: Turn) -> bool:
 
 
 def _all_explained(turn: Turn) -> bool:
-    return restarts.explains_all(turn.problem, turn.estimated)
+    return explains_all(turn.problem, turn.estimated)
 
 
 def _noise_settled(turn: Turn) -> bool:
@@ -99,7 +316,7 @@ def _last_round(turn: Turn) -> bool:
 
 
 def _confirmed(turn: Turn) -> bool:
-    return restarts.optima_agree(turn.problem, turn.state) or restarts.explains_all(turn.problem, turn.state)
+    return optima_agree(turn.problem, turn.state) or explains_all(turn.problem, turn.state)
 
 
 def _other_pose(turn: Turn) -> bool:
@@ -108,7 +325,7 @@ def _other_pose(turn: Turn) -> bool:
 
 
 def _regrouped_is_likeliest(turn: Turn) -> bool:
-    return restarts.likeliest(turn.state).regrouped
+    return likeliest(turn.state).regrouped
 
 
 def _nothing_else_free(turn: Turn) -> bool:
@@ -119,7 +336,7 @@ def _nothing_else_free(turn: Turn) -> bool:
 
 def _assumes_else(turn: Turn) -> bool:
     rounds = turn.again.progress.rounds
-    return restarts.assumes_else(turn.state, turn.again) and rounds < SCHEDULE.final_rounds
+    return assumes_else(turn.state, turn.again) and rounds < SCHEDULE.final_rounds
 
 
 def _stop(turn: Turn) -> State:
@@ -130,63 +347,49 @@ def _next_deformation(turn: Turn) -> State:
     """Begin the next stage, with the noise that its modes show; after the last deformation outliers are moved."""
     stage = turn.state.progress.stage
     state = replace(turn.state, model=replace(turn.state.model, kernel="diffuse"), shape=turn.state.positions)
-    state = _at_stage(with_noise(turn.problem, _at_stage(state, stage + 1)), stage)
+    ahead = replace(state, progress=replace(state.progress, stage=stage + 1))  # of whose modes the noise is
+    state = replace(noise.with_noise(turn.problem, ahead), progress=state.progress)
     if not STAGES[stage + 1].degree:
         state, _ = relocated(turn.problem, state)
-    return restarts.begin_stage(turn.problem, state, stage + 1)
+    return begin_stage(turn.problem, state, stage + 1)
 
 
 def _seek_gains(turn: Turn) -> State:
-    return restarts.begin_stage(turn.problem, turn.searched[0], turn.state.progress.stage + 1)
+    return begin_stage(turn.problem, turn.searched[0], turn.state.progress.stage + 1)
 
 
 def _next_round(turn: Turn) -> State:
     state = turn.searched[0]
     ahead = replace(state, progress=replace(state.progress, rounds=state.progress.rounds + 1))
-    return restarts.begin_stage(turn.problem, ahead, state.progress.stage)
+    return begin_stage(turn.problem, ahead, state.progress.stage)
 
 
-def _end_lost(turn: Turn) -> State:
-    return _restart_ended(turn, turn.state, np.inf)
-
-
-def _end_explained(turn: Turn) -> State:
-    return _restart_ended(turn, turn.estimated, score(turn.problem, turn.estimated, turn.goal, turn.trial))
-
-
-def _end_settled(turn: Turn) -> State:
-    state = turn.searched[0]
-    return _restart_ended(turn, state, score(turn.problem, state, turn.goal, turn.trial))
-
-
-def _restart_ended(turn: Turn, state: State, reached: float) -> State:
+def _ended(turn: Turn, state: State) -> Turn:
+    """End a restart at `state`, whose score ranks it; one whose covariance is singular ranks last."""
+    lost = turn.trial.terms is None
+    reached = np.inf if lost else noise.score(turn.problem, state, turn.goal, turn.trial)
     converged = turn.within_tolerance and np.isfinite(reached)
-    state = restarts.with_optimum(turn.problem, state, reached, bool(converged))
-    return following(Turn(turn.problem, "restart", state, turn.goal, turn.trial, turn.within_tolerance))
+    return replace(turn, place="restart", state=with_optimum(turn.problem, state, reached, bool(converged)))
 
 
-def _at_stage(state: State, stage: int) -> State:
-    return replace(state, progress=replace(state.progress, stage=stage))
-
-
-TRANSITIONS: tuple[tuple[str, Callable[[Turn], bool], Callable[[Turn], State]], ...] = (
+TRANSITIONS: tuple[tuple[str, Callable[[Turn], bool], Callable[[Turn], Turn | State]], ...] = (
     # where          when                     then
-    ("restart", _confirmed, lambda turn: restarts.begin_final(turn.problem, turn.state)),
-    ("restart", _other_pose, lambda turn: restarts.next_pose(turn.problem, turn.state)),
-    ("restart", _regrouped_is_likeliest, lambda turn: restarts.begin_final(turn.problem, turn.state)),
-    ("restart", _always, lambda turn: restarts.next_restart(turn.problem, turn.state, turn.state.progress.restart + 1)),
+    ("restart", _confirmed, lambda turn: begin_final(turn.problem, turn.state)),
+    ("restart", _other_pose, lambda turn: next_pose(turn.problem, turn.state)),
+    ("restart", _regrouped_is_likeliest, lambda turn: begin_final(turn.problem, turn.state)),
+    ("restart", _always, lambda turn: next_restart(turn.problem, turn.state, turn.state.progress.restart + 1)),
     ("final", _singular, _stop),
-    ("any", _singular, _end_lost),
+    ("any", _singular, lambda turn: _ended(turn, turn.state)),
     ("any", _modes_chosen, _stop),
     ("deformation", _always, _next_deformation),
-    ("free", _all_explained, _end_explained),
+    ("free", _all_explained, lambda turn: _ended(turn, turn.estimated)),
     ("free", _always, _seek_gains),
-    ("gains", _all_explained, _end_explained),
-    ("gains", _noise_settled, _end_settled),
-    ("gains", _last_round, _end_settled),
+    ("gains", _all_explained, lambda turn: _ended(turn, turn.estimated)),
+    ("gains", _noise_settled, lambda turn: _ended(turn, turn.searched[0])),
+    ("gains", _last_round, lambda turn: _ended(turn, turn.searched[0])),
     ("gains", _always, _next_round),
-    ("noiseless", _nothing_else_free, lambda turn: restarts.finished(turn.problem, turn.state)),
-    ("noiseless", _always, lambda turn: restarts.after_noiseless(turn.problem, turn.state)),
+    ("noiseless", _nothing_else_free, lambda turn: finished(turn.problem, turn.state)),
+    ("noiseless", _always, lambda turn: after_noiseless(turn.problem, turn.state)),
     ("final", _assumes_else, lambda turn: turn.again),
-    ("final", _always, lambda turn: restarts.finished(turn.problem, turn.state)),
+    ("final", _always, lambda turn: finished(turn.problem, turn.state)),
 )

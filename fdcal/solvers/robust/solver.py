@@ -15,8 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...cost.noise import DIFFUSE_FLOOR
-from ...model.power import mode_power
-from ...model.problem import Problem
+from ...model.problem import Problem, mode_power
 from ...model.settings import Search, SolverSettings
 from ..interface import Traits
 from ..requirements import require_modes, require_range, require_search
@@ -32,10 +31,9 @@ from .objective import (
     wavenumbers,
     with_unknowns,
 )
-from .restarts import begin, begin_stage
 from .result import result
 from .rules import ASSUMED, FREE, STAGES, STEPS
-from .schedule import Turn, following
+from .schedule import Turn, begin, begin_stage, following
 from .state import DIRECTIONAL, State
 from .step import channel_step, free_directions, is_converged, polynomial_deformations
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...acoustics.room_modes import DiffuseModel, point_source_model, room_pressures
-from ...model.power import mode_power
+from ...model.problem import mode_power
 from ..estimate import SizeFit
 from ..levenberg_marquardt import DAMPING, NewtonTerms, Step, damped_step
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from ...acoustics.room_modes import DiffuseModel, PointSourceModel, diffuse_model, point_source_model, room_pressures
 from ...model.validation import frozen_array
-from ..bounds import check_deadline
+from ..interface import check_deadline
 from .fit import diffuse_terms, field_power
 
 

@@ -26,8 +26,7 @@ import numpy as np
 
 from ...acoustics.room_modes import TRUNCATION, diffuse_model
 from ...acoustics.room_symmetry import nearest_symmetry, room_symmetries
-from ...model.power import mode_power
-from ...model.problem import Problem
+from ...model.problem import Problem, mode_power
 from ...model.settings import Search, SolverSettings
 from ...model.validation import InputError, frozen_array
 from ..estimate import RoomEstimate

@@ -13,8 +13,7 @@ from ...model.measured_scene import MeasuredScene
 from ...model.measurement import Measurement
 from ...model.problem import Problem
 from ...model.scene import Scene
-from ...model.search_domain import with_search_domain
-from ...model.settings import ALL_MODES
+from ...model.settings import ALL_MODES, with_search_domain
 from ...model.validation import InputError
 from ...session.estimated_domain import with_estimated_domain
 from ...session.request import OpenRequest, as_given

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...assessment.calibration import Channels
 from ...assessment.uncertainty import confidence_factor, ellipse_axes
-from ...session.assess import Assessment
+from ...session.calibrate import Assessment
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ...session.assess import Assessment, assess, sound
 from ...session.blas_threads import one_blas_thread
+from ...session.calibrate import Assessment, assess, sound
 from ...session.history import SessionView
 from ...session.sources import CalibrationInput
 from ...session.worker import LatestWorker

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from html import escape
 
-from ...session.assess import Assessment
+from ...session.calibrate import Assessment
 from .html import CARD
 
 # On a light page and on a dark one.

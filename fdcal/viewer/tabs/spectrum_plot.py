@@ -9,7 +9,7 @@ import viser
 from viser import uplot
 
 from ...model.measurement import Measurement
-from ...model.power import mode_power
+from ...model.problem import mode_power
 from ..gui.plots import BLUE, ORANGE, RED, dots
 
 GREY, SHADE = "#808894", "rgba(128, 136, 148, 0.25)"  # of the curve, and of the area below it
