@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 MOST_THREADS = 4
@@ -22,8 +22,8 @@ def shut_down_threads() -> None:
     pool.shutdown()
 
 
-def parallel_map(function: Callable, items: Iterable, worth: bool = True) -> list:
-    """Return the values of a function for all items, in their order, computed on all cores.
+def parallel_map(function: Callable, items: Iterable, worth: bool = True) -> Iterator:
+    """Return an iterator over the values of a function for all items, in their order, computed on all cores.
 
     Parameters
     ----------
@@ -35,7 +35,6 @@ def parallel_map(function: Callable, items: Iterable, worth: bool = True) -> lis
     """
     items = list(items)
     try:
-        results = _pool().map(function, items) if worth else map(function, items)
+        return _pool().map(function, items) if worth else map(function, items)
     except RuntimeError:  # the interpreter is exiting, and the pool takes no more work
-        results = map(function, items)
-    return list(results)
+        return map(function, items)

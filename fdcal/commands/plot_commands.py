@@ -54,7 +54,7 @@ def landscape(source, microphone, numbers, basins, result, output, search, radiu
     """
     path = output_path(output, [".png", ".svg", ".vti"], force)
     from ..graphics.landscape_figure import landscape_panels
-    from ..model.settings import with_search_domain
+    from ..model.given_positions import with_search_domain
     from ..model.storage import write_atomically
     from .plotting import shown_positions, write_volume
 
@@ -188,7 +188,7 @@ def replay(source, solver, modes, seed, microphone, output, search, radius, forc
     path = output_path(output, ".html", force)
     from ..cost.reference_cost import reference_cost_of
     from ..graphics.replay import replay_html
-    from ..model.settings import with_search_domain
+    from ..model.given_positions import with_search_domain
     from ..model.storage import write_atomically
     from ..session.calibrate import states_of
     from ..session.history import recorded

@@ -7,7 +7,7 @@ so that results do not depend on the number of cores.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import TypeVar
 
 import numpy as np
@@ -31,8 +31,8 @@ def blocks(modes: int, numbers: int) -> list[slice]:
     return [slice(a, b) for a, b in itertools.pairwise(edges)]
 
 
-def over_blocks(rule: Callable[[slice], Found], modes: int, numbers: int) -> list[list[Found]]:
-    """Return what `rule` gives for each of `blocks`, in PARTS lists; large problems use all cores."""
+def over_blocks(rule: Callable[[slice], Found], modes: int, numbers: int) -> Iterator[list[Found]]:
+    """Yield what `rule` gives for each of `blocks`, in PARTS lists; large problems use all cores."""
     every = blocks(modes, numbers)
     edges = np.linspace(0, len(every), PARTS + 1).astype(int)
     parts = [every[a:b] for a, b in itertools.pairwise(edges) if b > a]

@@ -33,7 +33,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import j0, j1
 
-from ..acoustics.bessel import spherical_bessel_functions
+from ..acoustics.bessel import bessel
 from ..acoustics.sinc import complex_sinc, sinc
 from .batches import blocks
 from .waves import circular_waves, expansion_about, plane_waves, wave_directions
@@ -210,7 +210,7 @@ def _excess(x, k, excess, D) -> np.ndarray:
     a = np.maximum(np.linalg.norm(x, axis=1), NEAREST)
     e = x / a[:, None]
     cosine, z, wanted = e @ e.T, np.multiply.outer(k, a), np.flatnonzero(np.any(excess, axis=0))
-    f, (P, dP) = spherical_bessel_functions(z, int(wanted[-1]) + 1), _legendre(cosine, int(wanted[-1]))
+    f, (P, dP) = bessel(z, int(wanted[-1]) + 1, spherical=True), _legendre(cosine, int(wanted[-1]))
     K, R, A, product = (np.zeros((len(k), *cosine.shape), complex) for _ in range(4))
     for l in wanted:  # noqa: E741
         other, own = np.conj(f[l])[:, None, :], excess[:, l, None]

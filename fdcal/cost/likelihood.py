@@ -215,8 +215,7 @@ Rule = Callable[[slice, bool], _Block]
 def _summed(rule: Rule, q, by_parameter: Sequence[np.ndarray], numbers: int, derivatives: bool) -> Terms:
     """Return the terms of all modes, block by block; what log g itself adds to the cost is left out."""
 
-    def of_block(m: slice) -> tuple[_Block, np.ndarray, np.ndarray]:
-        one = rule(m, derivatives)
+    def differentiated(m: slice, one: _Block) -> tuple[_Block, np.ndarray, np.ndarray]:
         if not derivatives:
             return one, np.zeros(0), np.zeros(0)
         slope, widened = one.slopes()
@@ -230,7 +229,7 @@ def _summed(rule: Rule, q, by_parameter: Sequence[np.ndarray], numbers: int, der
         misfit = g[:, 0] * np.real(one.u) + g[:, 1] * np.imag(one.u)
         return one, 2 * (logs - misfit).transpose(1, 2, 0), weighted_curvature(g, one.rows, one.diagonal)
 
-    parts = over_blocks(of_block, len(q), numbers)
+    parts = list(over_blocks(lambda m: differentiated(m, rule(m, derivatives)), len(q), numbers))
     found = [one for part in parts for one, _, _ in part]
     costs = np.concatenate([one.costs for one in found])
     u = np.concatenate([one.u * one.weight for one in found])

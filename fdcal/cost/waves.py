@@ -68,24 +68,17 @@ def circular_waves(x, centre, k, orders, gains, slopes: bool) -> tuple[np.ndarra
     L, offsets = int(np.max(orders, initial=0)), x - centre
     r = np.hypot(offsets[:, 0], offsets[:, 1])
     J = bessel(np.multiply.outer(k, r), L + 1)
-    cosine, sine = _phases(offsets, r, L + 1)
-    C, S = J * cosine[:, None], J * sine[:, None]
+    towards = np.where(r > 0, (offsets[:, 0] + 1j * offsets[:, 1]) / np.maximum(r, np.finfo(float).tiny), 1.0)
+    phases = np.empty((L + 2, len(r)), complex)  # exp(j l theta); theta = 0 at the centre
+    phases[0], phases[1:] = 1.0, towards
+    phases = np.cumprod(phases, axis=0)[:, None]
+    C, S = J * phases.real.copy(), J * phases.imag.copy()
     factor = np.where(np.arange(L + 1) <= np.asarray(orders)[:, None], gains[:, : L + 1], 0.0)
     factor[:, 1:] *= np.sqrt(2.0)
     W = np.empty((len(k), 2 * L + 1, len(x)), J.dtype)
     np.multiply(C[: L + 1].swapaxes(0, 1), factor[:, :, None], out=W[:, : L + 1])
     np.multiply(S[1 : L + 1].swapaxes(0, 1), factor[:, 1:, None], out=W[:, L + 1 :])
     return W, (_circular_slopes(C, S, factor * np.asarray(k)[:, None] / 2) if slopes else None)
-
-
-def _phases(offsets, r, top: int) -> tuple[np.ndarray, np.ndarray]:
-    """cos(l theta) and sin(l theta) for l = 0..top : two (top + 1, N) float64; theta = 0 at the centre."""
-    apart = np.maximum(r, np.finfo(float).tiny)
-    first = np.where(r > 0, (offsets[:, 0] + 1j * offsets[:, 1]) / apart, 1.0)
-    powers = np.empty((top + 1, len(r)), complex)
-    powers[0], powers[1:] = 1.0, first
-    powers = np.cumprod(powers, axis=0)
-    return powers.real.copy(), powers.imag.copy()
 
 
 def _circular_slopes(C, S, half) -> np.ndarray:

@@ -10,6 +10,7 @@ import numpy as np
 from .channels import microphone_index
 from .measurement import Measurement
 from .microphones import MicrophonePositions
+from .settings import search_round
 from .validation import InputError, shown_literal
 
 FLAT = 1e-6  # metres: heights that differ less are one height
@@ -129,3 +130,10 @@ def _rows(names: Sequence[str], given: Sequence[str], excluded: int) -> list[int
         "give <positions> of all microphones, in the order of the channels or with their names",
         key="positions",
     )
+
+
+def with_search_domain(measurement: Measurement, positions) -> Measurement:
+    """Return a measurement with a search domain: its own, or one round `positions` (N, D), metres."""
+    if measurement.search is not None:
+        return measurement
+    return replace(measurement, search=search_round(positions))

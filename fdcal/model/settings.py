@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import math
 import typing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from .validation import LIMITS, InputError, Point, require_choice, require_field_types, require_finite, require_positive
-
-if typing.TYPE_CHECKING:
-    from .measurement import Measurement
 
 
 @dataclass(frozen=True)
@@ -251,13 +248,6 @@ def search_round(positions) -> Search:
     outermost = float(np.linalg.norm(positions - centre, axis=1).max()) + margin
     radius = float(np.linalg.norm(size)) / 2 if len(size) == 2 else outermost
     return Search(tuple((centre - size / 2).tolist()), tuple(size.tolist()), step, radius)
-
-
-def with_search_domain(measurement: Measurement, positions) -> Measurement:
-    """Return a measurement with a search domain: its own, or one round `positions` (N, D), metres."""
-    if measurement.search is not None:
-        return measurement
-    return replace(measurement, search=search_round(positions))
 
 
 def _round_step(least: float) -> float:

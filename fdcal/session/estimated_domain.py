@@ -6,8 +6,9 @@ import time
 from dataclasses import replace
 
 from .. import solvers
+from ..model.given_positions import with_search_domain
 from ..model.measurement import Measurement
-from ..model.settings import SolverSettings, search_round, with_search_domain
+from ..model.settings import SolverSettings, search_round
 from ..model.validation import InputError
 from .blas_threads import one_blas_thread
 from .calibrate import last_state, problem_of

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..model.channels import exclude_microphones
-from ..model.given_positions import row_order_remark, with_positions
 from ..model.measurement import Measurement
 from ..model.measurement_file import load_measurement
 from ..model.settings import ALL_MODES, SolverSettings
@@ -159,6 +158,7 @@ def compared_with_file(inputs: CalibrationInput, path: str) -> CalibrationInput:
     InputError, StorageError
         The file cannot be read, or does not fit the microphones.
     """
+    from ..model.given_positions import row_order_remark, with_positions
     from ..recordings.positions_file import read_positions
 
     placed, name = read_positions(path), Path(path).name

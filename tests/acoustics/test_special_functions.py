@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import jv, spherical_jn
 
-from fdcal.acoustics.bessel import bessel, spherical_bessel_functions
+from fdcal.acoustics.bessel import bessel
 from fdcal.acoustics.sinc import complex_sinc, sinc
 
 ARGUMENTS = [0.0, 1e-9, 0.03, 0.1999, 0.2001, 1.0, 4.7, 23.0, 60.0]
@@ -45,6 +45,6 @@ def test_bessel_functions_of_all_orders_are_scipy_s(damping, top):
 @pytest.mark.parametrize("top", [0, 1, 6, 40, 150])
 def test_spherical_bessel_functions_are_scipy_s(top):
     z = np.array([complex(z, -loss) for z in ARGUMENTS[1:] if z <= top + 25 for loss in (0.0, 0.3)])
-    j = spherical_bessel_functions(z.reshape(2, -1), top)
+    j = bessel(z.reshape(2, -1), top, spherical=True)
     expected = spherical_jn(np.arange(top + 1)[:, None, None], z.reshape(2, -1))
     np.testing.assert_allclose(j, expected, rtol=1e-9, atol=1e-13)

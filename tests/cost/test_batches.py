@@ -39,7 +39,7 @@ def test_blocks_cover_every_mode_once_and_are_small(modes, numbers):
 def test_blocks_are_computed_in_their_order_on_one_core_or_all(least, monkeypatch):
     monkeypatch.setattr(batches, "WORTH_THREADS", least)
     monkeypatch.setattr(batches, "BLOCK", 10)
-    parts = over_blocks(lambda m: list(range(100)[m]), 100, 5)
+    parts = list(over_blocks(lambda m: list(range(100)[m]), 100, 5))
     assert 1 < len(parts) <= batches.PARTS
     assert [mode for part in parts for block in part for mode in block] == list(range(100))
 

@@ -245,9 +245,9 @@ def test_work_submitted_while_the_interpreter_ends_is_still_done(monkeypatch):
     ended = ThreadPoolExecutor(1)
     ended.shutdown()
     monkeypatch.setattr(threads, "_pool", lambda: ended)
-    assert threads.parallel_map(lambda x: x + 1, iter(range(5))) == [1, 2, 3, 4, 5]
+    assert list(threads.parallel_map(lambda x: x + 1, iter(range(5)))) == [1, 2, 3, 4, 5]
     with pytest.raises(RuntimeError, match="own"):
-        threads.parallel_map(fails, range(2))
+        list(threads.parallel_map(fails, range(2)))
 
 
 def fails(_):
