@@ -88,7 +88,32 @@ def assess(estimate: Estimate | RoomEstimate, names: Sequence[str] | None = None
     names = [str(n) for n in range(len(estimate.positions))] if names is None else list(names)
     if isinstance(estimate, RoomEstimate):
         return _in_room(estimate, names)
-    return _of_array(estimate, names, stretch)
+    seen = judged(estimate, names, stretch)
+    code, message = first_finding(FINDINGS, seen)
+    problem, size = estimate.problem, stretch or 1.0
+    speed = problem.sound_speed * size * float(np.exp(estimate.log_speed))
+    positions = exchanged_back(estimate, seen.faulty)
+    centre = positions.mean(axis=0)
+    positions = frozen_array(centre + size * (positions - centre), float)
+    wavenumbers = frozen_array(problem.wavenumbers * (problem.sound_speed / speed), complex)
+    corrected = replace(problem, wavenumbers=wavenumbers, sound_speed=speed)
+    channels = np.hstack([estimate.channels.gains, estimate.channels.filters])
+    pressures = problem.pressures * np.exp(-log_response(channels, np.real(problem.wavenumbers))[0])
+    cross = cross_validate(replace(corrected, pressures=pressures), positions, estimate.modes, healthy=seen.healthy)
+    to_given = estimate.field.share / seen.given_noise if seen.given_noise else None
+    evidence = Evidence(seen.residual_to_noise, cross.overall, cross.microphones, cross.modes, to_given)
+    covariance = frozen_array(size**2 * seen.covariance, float)
+    return Assessment(
+        positions,
+        corrected,
+        code,
+        message,
+        covariance,
+        frozen_array(size * seen.search, float),
+        evidence,
+        channels=_channels(estimate, seen, positions, one_sigma(covariance)),
+        sound_speed_sigma=speed * estimate.log_speed_sigma or None,
+    )
 
 
 def judged(estimate: Estimate, names: Sequence[str], stretch: float | None = None) -> Judged:
@@ -109,47 +134,14 @@ def _given_check(estimate: Estimate, faulty: Sequence[FaultyChannel]) -> tuple[f
     kept, D = ~np.isin(problem.known, wrong), problem.array_dimension
     if np.sum(kept) * D - D * (D + 1) // 2 <= 0:
         return 1.0, np.inf if len(problem.known) else 0.0
-    loosest = _loosest(estimate, kept) if given.sigma > 0 else 0.0
+    loosest, curvature = 0.0, curvature_of(estimate)
+    if given.sigma > 0:  # of the given microphone that the others and the pressures place least certainly; 1 m at most
+        places = zip(problem.known[kept], given.stiffness[kept], strict=True)
+        left = [np.linalg.eigvalsh(np.linalg.inv(curvature[n]) - spring * np.eye(D)) for n, spring in places]
+        loosest = float(max(np.sqrt(np.sum(1 / np.maximum(values, 1.0))) for values in left))
     if given.carry_scale:  # what an isotropic field says of the size is no evidence against them
         return 1.0, loosest
     return given.probability(kept), loosest
-
-
-def _loosest(estimate: Estimate, kept: np.ndarray) -> float:
-    """One sigma of the given microphone that the others and the pressures place least certainly, metres; 1 at most."""
-    curvature, D, sigmas = curvature_of(estimate), estimate.positions.shape[1], []
-    for n, spring in zip(estimate.problem.known[kept], estimate.given.stiffness[kept], strict=True):
-        left = np.linalg.eigvalsh(np.linalg.inv(curvature[n]) - spring * np.eye(D))
-        sigmas.append(np.sqrt(np.sum(1 / np.maximum(left, 1.0))))
-    return float(max(sigmas))
-
-
-def _of_array(estimate: Estimate, names: Sequence[str], stretch: float | None) -> Assessment:
-    seen = judged(estimate, names, stretch)
-    code, message = first_finding(FINDINGS, seen)
-    problem, size = estimate.problem, stretch or 1.0
-    speed = problem.sound_speed * size * float(np.exp(estimate.log_speed))
-    positions = exchanged_back(estimate, seen.faulty)
-    centre = positions.mean(axis=0)
-    positions = frozen_array(centre + size * (positions - centre), float)
-    corrected = at_sound_speed(problem, speed)
-    channels = np.hstack([estimate.channels.gains, estimate.channels.filters])
-    pressures = problem.pressures * np.exp(-log_response(channels, np.real(problem.wavenumbers))[0])
-    cross = cross_validate(replace(corrected, pressures=pressures), positions, estimate.modes, healthy=seen.healthy)
-    to_given = estimate.field.share / seen.given_noise if seen.given_noise else None
-    evidence = Evidence(seen.residual_to_noise, cross.overall, cross.microphones, cross.modes, to_given)
-    covariance = frozen_array(size**2 * seen.covariance, float)
-    return Assessment(
-        positions,
-        corrected,
-        code,
-        message,
-        covariance,
-        frozen_array(size * seen.search, float),
-        evidence,
-        channels=_channels(estimate, seen, positions, one_sigma(covariance)),
-        sound_speed_sigma=speed * estimate.log_speed_sigma or None,
-    )
 
 
 def _channels(estimate: Estimate, seen: Judged, positions, sigma) -> Channels:
@@ -186,10 +178,3 @@ def _in_room(estimate: RoomEstimate, names: Sequence[str]) -> Assessment:
         Evidence(estimate.residual, cross.overall, cross.microphones, cross.modes),
         room=KnownRoom(estimate.size, estimate.source, estimate.admittance, images),
     )
-
-
-def at_sound_speed(problem: Problem, sound_speed: float) -> Problem:
-    """Return `problem` with another sound speed, m/s, and the wavenumbers that go with it."""
-    slower = problem.sound_speed / sound_speed
-    wavenumbers = frozen_array(problem.wavenumbers * slower, complex)
-    return replace(problem, wavenumbers=wavenumbers, sound_speed=float(sound_speed))

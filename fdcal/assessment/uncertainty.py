@@ -58,13 +58,11 @@ def search_spread_of(estimate: Estimate, healthy: np.ndarray) -> np.ndarray:
     if not tried:
         return np.zeros(len(estimate.positions))
     weights = np.exp(-np.array([one.score - tried[0].score for one in tried]))
-    away = [_away(one.positions, tried[0].positions, one.same_frame, healthy) for one in tried]
+    best, away = tried[0].positions, []
+    for one in tried:
+        placed = one.positions if one.same_frame else align(one.positions, best, healthy)
+        away.append(np.linalg.norm(placed - best, axis=1))
     return np.sqrt(weights @ np.array(away) ** 2 / weights.sum())
-
-
-def _away(positions, best, same_frame: bool, healthy) -> np.ndarray:
-    placed = positions if same_frame else align(positions, best, healthy)
-    return np.linalg.norm(placed - best, axis=1)
 
 
 def root_mean_square(values: np.ndarray) -> float:

@@ -14,8 +14,6 @@ Starting from a diffuse field, a few such steps sharpen the spectrum where the p
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from .batches import blocks, hermitian_inverses, triangular_inverses
@@ -40,68 +38,55 @@ def learned_powers(x, pressures, field: FieldModel, iterations: int, count: floa
     for m in blocks(len(k), 2 * len(x) * Q):
         S = np.array(powers[m], float)
         if pairs is None:
-            update = _update_rule(plane_waves(x, k[m], np.ones_like(S), False, dimension)[0] * weight, p[m], mu[m])
+            waves = plane_waves(x, k[m], np.ones_like(S), False, dimension)[0] * weight
+            factor = _of_few if waves.shape[1] <= waves.shape[2] else _of_many
         else:
-            update = _pair_rule(pairs[m] * weight[:, None], p[m], mu[m], dimension)
+            waves, factor = pairs[m] * weight[:, None], _of_pairs
         for _ in range(iterations):
-            fresh = S * update(S)
+            fresh = S * factor(waves, S, p[m], mu[m, None], dimension)
             S = (fresh / (fresh @ w)[:, None] + count) / (1 + count)
         done.append(S)
     return np.concatenate(done)
 
 
-def _update_rule(waves, p, mu) -> Callable[[np.ndarray], np.ndarray]:
-    """Return the function that gives, of S (M, Q), the factor (M, Q) of one iteration.
+def _of_few(waves, S, p, mu, dimension: int) -> np.ndarray:
+    """Return the factor (M, Q) of S (M, Q) of one iteration, for fewer waves than microphones.
 
-    waves : (M, Q, N) over the square root of the channels' noise; p : (M, N) over sqrt(s), likewise; mu : (M,), v / s
+    waves : (M, Q, N) over the square root of the channels' noise; p : (M, N) over sqrt(s), likewise; mu : (M, 1), v / s
     """
-    solve = _of_few if waves.shape[1] <= waves.shape[2] else _of_many
-
-    def update(S):
-        amplitude, variance = solve(waves * np.sqrt(S)[..., None], p, mu[:, None])
-        return np.abs(amplitude) ** 2 + variance
-
-    return update
-
-
-def _of_few(W, p, mu) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and variance (M, Q) of the waves' coefficients, of fewer waves than microphones."""
-    WH, q = np.conj(W), np.arange(W.shape[1])
+    W, q = waves * np.sqrt(S)[..., None], np.arange(waves.shape[1])
+    WH = np.conj(W)
     A = WH @ W.swapaxes(1, 2)
     A[:, q, q] += mu
     X = triangular_inverses(np.linalg.cholesky(A))
     alpha = (np.conj(X.swapaxes(1, 2)) @ (X @ (WH @ p[..., None])))[..., 0]
-    return alpha, mu * np.sum(np.abs(X) ** 2, axis=1)
+    return np.abs(alpha) ** 2 + mu * np.sum(np.abs(X) ** 2, axis=1)
 
 
-def _of_many(W, p, mu) -> tuple[np.ndarray, np.ndarray]:
+def _of_many(waves, S, p, mu, dimension: int) -> np.ndarray:
     """The same of more waves than microphones."""
-    n = np.arange(W.shape[2])
+    W, n = waves * np.sqrt(S)[..., None], np.arange(waves.shape[2])
     C = W.swapaxes(1, 2) @ np.conj(W)
     C[:, n, n] += mu
     X = triangular_inverses(np.linalg.cholesky(C))
     Y = X @ W.swapaxes(1, 2)
     alpha = (np.conj(Y.swapaxes(1, 2)) @ (X @ p[..., None]))[..., 0]
-    return alpha, np.maximum(1 - np.sum(np.abs(Y) ** 2, axis=1), 0.0)
+    return np.abs(alpha) ** 2 + np.maximum(1 - np.sum(np.abs(Y) ** 2, axis=1), 0.0)
 
 
-def _pair_rule(waves, p, mu, dimension: int) -> Callable[[np.ndarray], np.ndarray]:
-    """`_update_rule` of undamped waves in opposite pairs, in real arithmetic; `waves` (M, N, Q) float64."""
+def _of_pairs(waves, S, p, mu, dimension: int) -> np.ndarray:
+    """The same of undamped waves in opposite pairs, in real arithmetic; `waves` (M, N, Q) float64."""
     (M, N, Q), n = waves.shape, np.arange(waves.shape[1])
     half, w = Q // 2, wave_directions(dimension, Q)[1]
-
-    def update(S):
-        C = np.empty((M, N, N), complex)
-        pair_covariance(waves, *pair_powers(S, dimension), C)
-        C[:, n, n] += mu[:, None]
-        P = hermitian_inverses(C)[0]
-        along = np.matmul(waves.swapaxes(1, 2), np.matmul(P, p[..., None]).view(float))  # real and imaginary part
-        turned = np.stack([-along[:, half:, 1], along[:, half:, 0]], axis=-1)
-        amplitudes = np.concatenate([along[:, :half] + turned, along[:, :half] - turned], axis=1)
-        own = np.sum(waves * np.matmul(np.real(P).copy(), waves), axis=1)
-        own = own[:, :half] + own[:, half:]
-        cross = 2 * np.sum(waves[..., :half] * np.matmul(np.imag(P).copy(), waves[..., half:]), axis=1)
-        variance = 1 - w * S * np.concatenate([own + cross, own - cross], axis=1)
-        return w * S * np.sum(amplitudes**2, axis=-1) + np.maximum(variance, 0.0)
-
-    return update
+    C = np.empty((M, N, N), complex)
+    pair_covariance(waves, *pair_powers(S, dimension), C)
+    C[:, n, n] += mu
+    P = hermitian_inverses(C)[0]
+    along = np.matmul(waves.swapaxes(1, 2), np.matmul(P, p[..., None]).view(float))  # real and imaginary part
+    turned = np.stack([-along[:, half:, 1], along[:, half:, 0]], axis=-1)
+    amplitudes = np.concatenate([along[:, :half] + turned, along[:, :half] - turned], axis=1)
+    own = np.sum(waves * np.matmul(np.real(P).copy(), waves), axis=1)
+    own = own[:, :half] + own[:, half:]
+    cross = 2 * np.sum(waves[..., :half] * np.matmul(np.imag(P).copy(), waves[..., half:]), axis=1)
+    variance = 1 - w * S * np.concatenate([own + cross, own - cross], axis=1)
+    return w * S * np.sum(amplitudes**2, axis=-1) + np.maximum(variance, 0.0)

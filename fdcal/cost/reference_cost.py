@@ -78,15 +78,13 @@ class ReferenceCost:
         if not np.isfinite(positions).all():
             return float("nan")
         pressures, scale = equalised(self._pressures, channels)
-        left = sum(self._residual(positions, pressures, scale, group) for group in self._groups)
+        left, centre = 0.0, positions.mean(axis=0)
+        for group in self._groups:  # |W W^+ p - p|^2 over modes of one order is the last diagonal of R in [W p] = Q R
+            W = scale[:, None] * self._expansion.rows(positions, centre, group)
+            R = np.asarray(np.linalg.qr(np.concatenate([W, pressures[group][:, :, None]], axis=2), mode="r"))
+            left += float(np.sum(np.abs(R[:, -1, -1]) ** 2))
         return decibels(left / float(np.sum(np.abs(pressures) ** 2)))
 
     def of(self, state) -> float:
         """Return the cost of a state of any solver (`RunState`), its channels included, dB."""
         return self(state.positions, state.channels)
-
-    def _residual(self, positions: np.ndarray, pressures: np.ndarray, scale: np.ndarray, group: np.ndarray) -> float:
-        """Return |W W^+ p - p|^2 summed over modes of one order, the last diagonal of R in [W p] = Q R."""
-        W = scale[:, None] * self._expansion.rows(positions, positions.mean(axis=0), group)
-        R = np.asarray(np.linalg.qr(np.concatenate([W, pressures[group][:, :, None]], axis=2), mode="r"))
-        return float(np.sum(np.abs(R[:, -1, -1]) ** 2))

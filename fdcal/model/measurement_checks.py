@@ -35,25 +35,19 @@ def real(key: str, values, shape: tuple[int | None, ...], unit: str) -> np.ndarr
 
 def pressures(values, modes: int, labels: Sequence[str] | np.ndarray | None) -> np.ndarray:
     """Return the pressures : (M, N) complex128; `labels` are the names of the microphones, if there are any."""
-    _name_microphone_not_finite(values, labels)
+    array = np.asarray(values)
+    if array.ndim == 2 and array.dtype.kind in "fc":  # the first microphone with NaN is named, unless all have it
+        bad = np.flatnonzero(~np.all(np.isfinite(array), axis=0))
+        labels = np.arange(array.shape[1]) if labels is None else labels
+        if 0 < len(bad) < array.shape[1] and len(labels) == array.shape[1]:
+            name = labels[bad[0]]
+            raise InputError(
+                f'pressures of microphone "{name}" are not all finite numbers',
+                f"correct them, or leave the microphone out: <exclude> {name}",
+                key="pressures",
+            )
     what = "the transform at each of the frequencies, one column a microphone"
     return require_array("pressures", values, "complex", (modes, None), what)
-
-
-def _name_microphone_not_finite(values, labels) -> None:
-    """Raise InputError with the name of the first microphone with NaN or infinity, unless all have it."""
-    array = np.asarray(values)
-    if array.ndim != 2 or array.dtype.kind not in "fc":
-        return
-    bad = np.flatnonzero(~np.all(np.isfinite(array), axis=0))
-    labels = np.arange(array.shape[1]) if labels is None else labels
-    if 0 < len(bad) < array.shape[1] and len(labels) == array.shape[1]:
-        name = labels[bad[0]]
-        raise InputError(
-            f'pressures of microphone "{name}" are not all finite numbers',
-            f"correct them, or leave the microphone out: <exclude> {name}",
-            key="pressures",
-        )
 
 
 def wavenumbers(values, frequencies: np.ndarray, speed: float) -> np.ndarray:
@@ -147,8 +141,28 @@ def require_usable(frequencies, values, k, noise_power, labels: tuple[str, ...],
     if modes == 0 or count < 2:
         problem = f"pressures of shape {values.shape} are too few"
         raise InputError(problem, "give at least one frequency and two microphones", key="pressures")
-    _require_time_sign(k)
-    _require_possible_speed(k, frequencies, speed)
+    # Waves that run backwards, or grow with time.
+    wrong = np.flatnonzero((np.real(k) <= 0) | (np.imag(k) > ROUNDING * np.real(k)))
+    if len(wrong):
+        raise InputError(
+            f"wavenumbers[{wrong[0]}] = {k[wrong[0]]:.6g} rad/m must have a real part above zero and, of a wave that"
+            " decays, an imaginary part below it: the time sign is exp(+j w t)",
+            "with the other sign take the conjugate of wavenumbers and pressures",
+            key="wavenumbers",
+            value=k[wrong[0]],
+        )
+    # Wavenumbers that no wave of these frequencies has at about this speed of sound.
+    ratio = np.abs(k) * speed / (2 * np.pi * frequencies)
+    wrong = np.flatnonzero((ratio > LIMITS.dispersion) | (ratio < 1 / LIMITS.dispersion))
+    if len(wrong):
+        m = wrong[0]
+        raise InputError(
+            f"wavenumbers[{m}] = {k[m]:.6g} rad/m cannot be that of {frequencies[m]:g} Hz with sound_speed ="
+            f" {speed:g} m/s, where 2 pi f / c = {2 * np.pi * frequencies[m] / speed:.6g} rad/m",
+            "correct them, or leave them out",
+            key="wavenumbers",
+            value=k[m],
+        )
     silent = np.flatnonzero(~np.any(values, axis=0))
     if len(silent):
         name = labels[silent[0]]
@@ -189,34 +203,6 @@ def _require_noise_below_signal(values: np.ndarray, noise_power: np.ndarray, fre
                 key="noise_power",
                 value=noise_power[m],
             )
-
-
-def _require_possible_speed(k: np.ndarray, frequencies: np.ndarray, speed: float) -> None:
-    """Raise InputError for wavenumbers that no wave of these frequencies has at about this speed of sound."""
-    ratio = np.abs(k) * speed / (2 * np.pi * frequencies)
-    wrong = np.flatnonzero((ratio > LIMITS.dispersion) | (ratio < 1 / LIMITS.dispersion))
-    if len(wrong):
-        m = wrong[0]
-        raise InputError(
-            f"wavenumbers[{m}] = {k[m]:.6g} rad/m cannot be that of {frequencies[m]:g} Hz with sound_speed ="
-            f" {speed:g} m/s, where 2 pi f / c = {2 * np.pi * frequencies[m] / speed:.6g} rad/m",
-            "correct them, or leave them out",
-            key="wavenumbers",
-            value=k[m],
-        )
-
-
-def _require_time_sign(k: np.ndarray) -> None:
-    """Raise InputError for wavenumbers of waves that run backwards, or grow with time."""
-    wrong = np.flatnonzero((np.real(k) <= 0) | (np.imag(k) > ROUNDING * np.real(k)))
-    if len(wrong):
-        raise InputError(
-            f"wavenumbers[{wrong[0]}] = {k[wrong[0]]:.6g} rad/m must have a real part above zero and, of a wave that"
-            " decays, an imaginary part below it: the time sign is exp(+j w t)",
-            "with the other sign take the conjugate of wavenumbers and pressures",
-            key="wavenumbers",
-            value=k[wrong[0]],
-        )
 
 
 @dataclass(frozen=True)

@@ -31,11 +31,25 @@ def one_blas_thread() -> Iterator[None]:
     >>> with one_blas_thread():
     ...     _ = np.linalg.inv(np.eye(3))
     """
-    _enter()
+    import numpy  # noqa: F401  a library that is loaded later would not be limited
+    import scipy.linalg  # noqa: F401  has a BLAS of its own
+    from threadpoolctl import ThreadpoolController
+
+    with _lock:
+        if not _computations:
+            controller = ThreadpoolController()
+            _limits.append((controller, controller.limit(limits=1, user_api="blas"), threading.get_ident()))
+        _computations.append(1)
     try:
         yield
     finally:
-        _leave()
+        with _lock:
+            _computations.pop()
+            if not _computations:
+                controller, limit, thread = _limits.pop()
+                _release(controller, force=thread != threading.get_ident())
+                limit.restore_original_limits()
+                _release(controller)
 
 
 @contextmanager
@@ -56,28 +70,6 @@ def one_blas_thread_for_command() -> Iterator[None]:
     finally:
         if before is None:
             del os.environ[VARIABLE]
-
-
-def _enter() -> None:
-    import numpy  # noqa: F401  a library that is loaded later would not be limited
-    import scipy.linalg  # noqa: F401  has a BLAS of its own
-    from threadpoolctl import ThreadpoolController
-
-    with _lock:
-        if not _computations:
-            controller = ThreadpoolController()
-            _limits.append((controller, controller.limit(limits=1, user_api="blas"), threading.get_ident()))
-        _computations.append(1)
-
-
-def _leave() -> None:
-    with _lock:
-        _computations.pop()
-        if not _computations:
-            controller, limit, thread = _limits.pop()
-            _release(controller, force=thread != threading.get_ident())
-            limit.restore_original_limits()
-            _release(controller)
 
 
 def _release(controller, force: bool = False) -> None:

@@ -255,8 +255,8 @@ def solve(
             found = assess(inputs, problem, state, wording)
             if stopped:
                 found = replace(found, verdict="not_converged", message=stopped)
-            left, undersampled = end - clock(), inputs.all_modes and found.verdict == "undersampled"
-            fewer = modes_below_limit(problem, found.positions) if undersampled and left >= limit / 2 else 0
+            left = end - clock() if inputs.all_modes and found.verdict == "undersampled" else -np.inf
+            fewer = modes_below_limit(problem, found.positions) if left >= limit / 2 else 0
             if not MIN_MODES <= fewer < inputs.settings.modes:
                 break
             settings = replace(inputs.settings, modes=fewer, first_modes=min(inputs.settings.first_modes, fewer))

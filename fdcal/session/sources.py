@@ -247,19 +247,7 @@ def with_settings(
         inputs = replace(inputs, all_modes=False)
     settings = replace(settings, name=settings.name if solver is None else solver)
     traits = load(settings.name).TRAITS
-    _require_used(given, settings)
-    if traits.needs_room and inputs.scene is not None:
-        from ..model.scene import require_rectangle
-
-        require_rectangle(inputs.scene)
-        settings = replace(settings, room=settings.room or inputs.scene.room.size)
-    return with_mode_number(replace(inputs, settings=settings, seed=inputs.seed if seed is None else seed))
-
-
-def _require_used(given: dict, settings: SolverSettings) -> None:
-    """Raise InputError for a given setting that does nothing with the solver of `settings`."""
-    traits, remedies = load(settings.name).TRAITS, dict.fromkeys(("noise", "start"), "joint")
-    remedies |= dict.fromkeys(CHANNEL_SETTINGS, "robust")
+    remedies = dict.fromkeys(("noise", "start"), "joint") | dict.fromkeys(CHANNEL_SETTINGS, "robust")
     for key, other in remedies.items():
         ignored = traits.ignores(key) or (key == "start" and not traits.starts)
         if key in given and ignored:
@@ -269,3 +257,9 @@ def _require_used(given: dict, settings: SolverSettings) -> None:
         if key in given and settings.gains == "fixed":
             problem = f"{key} = {given[key]:g} does nothing with solver.gains = fixed"
             raise InputError(problem, f"leave out <{key}>, or use <gains> auto", key=key, value=given[key])
+    if traits.needs_room and inputs.scene is not None:
+        from ..model.scene import require_rectangle
+
+        require_rectangle(inputs.scene)
+        settings = replace(settings, room=settings.room or inputs.scene.room.size)
+    return with_mode_number(replace(inputs, settings=settings, seed=inputs.seed if seed is None else seed))

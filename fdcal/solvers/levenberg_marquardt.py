@@ -95,7 +95,11 @@ def damped_step(
     scale = np.maximum(np.diag(H), 1e-12 * np.diag(H).max())
     while damping < DAMPING.greatest:
         check_deadline()
-        y = _solve(H + damping * np.diag(scale), -g)
+        damped = H + damping * np.diag(scale)
+        try:
+            y = cho_solve(cho_factor(damped, check_finite=False), -g, check_finite=False)
+        except np.linalg.LinAlgError:  # rounding has made it indefinite: the gauge is free and the damping is low
+            y = np.linalg.lstsq(damped, -g, rcond=None)[0]
         tried = advance(y)
         moved = length(tried)
         lower = cost(tried) if moved <= furthest else np.inf
@@ -105,10 +109,3 @@ def damped_step(
             break
         damping = max(damping, DAMPING.first) * DAMPING.increase
     return Step(unknowns, terms.cost, 0.0, DAMPING.first, 0.0)
-
-
-def _solve(H: np.ndarray, g: np.ndarray) -> np.ndarray:
-    try:
-        return cho_solve(cho_factor(H, check_finite=False), g, check_finite=False)
-    except np.linalg.LinAlgError:  # rounding has made it indefinite: the gauge is free and the damping is low
-        return np.linalg.lstsq(H, g, rcond=None)[0]

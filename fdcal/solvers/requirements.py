@@ -125,22 +125,12 @@ def check_solvable(problem: Problem, modes: int, names: Sequence[str]) -> None:
     These are two known microphones at one place, too few microphones or modes, and microphones on a line (on a plane,
     in space). `names` are those of the microphones.
     """
-    _check_known(problem, names)
-    _check_count(problem, modes)
-    if not fixes_gauge(problem.known_positions):
-        _check_line(problem, modes)
-
-
-def _check_known(problem: Problem, names: Sequence[str]) -> None:
     places = problem.known_positions
     for (a, place), (b, other) in combinations(zip(problem.known, places, strict=True), 2):
         if np.array_equal(place, other):
             message = f'known microphones "{names[a]}" and "{names[b]}" have the same given position {place.tolist()} m'
             raise InputError(message, "correct known_positions", key="known_positions")
-
-
-def _check_count(problem: Problem, modes: int) -> None:
-    """Compare real equations with unknowns: a standing wave is real up to its phase; D + 1 of its numbers are free."""
+    # Real equations and unknowns: a standing wave is real up to its phase; D + 1 of its numbers are free.
     (measured, N), D = problem.pressures.shape, problem.array_dimension
     unknowns = D * len(problem.free) - (0 if len(problem.known) else D * (D + 1) // 2)
     each = N - D - 1
@@ -156,6 +146,8 @@ def _check_count(problem: Problem, modes: int) -> None:
             key="modes",
             value=used,
         )
+    if not fixes_gauge(problem.known_positions):
+        _check_line(problem, modes)
 
 
 def _check_line(problem: Problem, modes: int) -> None:

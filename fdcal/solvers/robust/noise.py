@@ -45,7 +45,7 @@ def with_noise(problem: Problem, state: State, deflation: float = 1.0, rough: bo
 
     rough : whether the spread adds to the noise; where every microphone has found its place, all is noise
     """
-    used, floor = used_modes(problem, state, ASSUMED.noise_modes), min_share(state)
+    used, floor = used_modes(problem, state, ASSUMED.noise_modes), ASSUMED.min_share[state.model.kernel]
     seen = corrected(problem, state, used)
     found = estimate_noise(state.positions, seen, field_of(problem, state, used), floor)
     share = found.share if rough else found.alone
@@ -65,11 +65,6 @@ def misfit(problem: Problem, state: State) -> float:
     used = used_modes(problem, state, ASSUMED.noise_modes)
     seen = corrected(problem, state, used)
     return profile_cost(state.positions, seen, field_of(problem, state, used), state.model.share)
-
-
-def min_share(state: State) -> float:
-    """Return the least share of noise in the power that the kernel can show."""
-    return ASSUMED.min_share[state.model.kernel]
 
 
 def given_noise(problem: Problem, state: State) -> np.ndarray | None:

@@ -27,7 +27,7 @@ from .groups import other_poses
 from .objective import Objective, corrected, first_model, in_unit_power, used_modes, wavenumbers
 from .outliers import relocated
 from .rules import ASSUMED, FINAL, NOISELESS, OUTLIERS, SCHEDULE, STAGES, STEPS
-from .state import LocalOptimum, Model, Progress, State
+from .state import LocalOptimum, Progress, State
 from .step import ChannelStep
 
 
@@ -96,16 +96,6 @@ def next_restart(problem: Problem, state: State, restart: int) -> State:
     return begin_final(problem, state)
 
 
-def with_optimum(problem: Problem, state: State, score: float, converged: bool) -> State:
-    """Return `state` with where the present restart has ended, and what of it may be tried in other poses."""
-    regrouped = state.progress.regrouped
-    found = LocalOptimum(state.positions, state.gains, state.offsets, state.model, float(score), converged, regrouped)
-    state = replace(state, optima=(*state.optima, found))
-    if likeliest(state) is found:
-        state = replace(state, progress=replace(state.progress, poses=_poses(problem, state)))
-    return state
-
-
 def likeliest(state: State) -> LocalOptimum:
     """Return the optimum of the least score."""
     return min(state.optima, key=lambda one: one.score)
@@ -164,7 +154,7 @@ def explains_all(problem: Problem, state: State) -> bool:
     """
     share, worst = state.model.share, float(state.model.channel_noise.max())
     if is_noiseless(problem, state):
-        floor = 1.01 * noise.min_share(state)
+        floor = 1.01 * ASSUMED.min_share[state.model.kernel]
         return share <= max(SCHEDULE.low_noise, floor) and share * worst <= SCHEDULE.low_noise_channel
     reported = noise.given_noise(problem, state)
     if reported is None or not state.quick or not len(problem.known):
@@ -180,7 +170,7 @@ def begin_final(problem: Problem, state: State) -> State:
     state = replace(at_best, model=best.model, progress=progress)
     if is_noiseless(problem, state) and explains_all(problem, state):
         near = replace(state, model=replace(state.model, kernel="near", channel_noise=np.ones(len(state.positions))))
-        least = frozen_array(np.full(len(state.model.noise), noise.min_share(near)), float)
+        least = frozen_array(np.full(len(state.model.noise), ASSUMED.min_share[near.model.kernel]), float)
         return begin_stage(problem, replace(near, model=replace(near.model, noise=least)), NOISELESS)
     state = noise.with_silent_inside(problem, relocated(problem, state, local=True)[0])
     state = given.resolved(problem, state)
@@ -210,23 +200,6 @@ def refined(problem: Problem, state: State) -> State:
     begun = begin_stage(problem, fresh, FINAL)
     updates = ASSUMED.first_updates if begun.model.directions is None else 0
     return noise.with_directions(problem, begun, used_modes(problem, begun), updates)
-
-
-def next_final(problem: Problem, state: State) -> State:
-    """Return another round of the last stage, with damped waves where the noise is now so low that these count."""
-    model, ahead = state.model, replace(state.progress, rounds=state.progress.rounds + 1)
-    if model.kernel == "directional" and noise.isotropic_kernel(problem, state) == "series":
-        model = replace(model, kernel="damped_directional")
-    return refined(problem, given.resolved(problem, replace(state, model=model, progress=ahead)))
-
-
-def assumes_else(before: State, after: State) -> bool:
-    """Return whether a round of the last stage would assume another noise, kernel or given positions."""
-    a: Model = before.model
-    b: Model = after.model
-    limit = SCHEDULE.tolerance_near_noise if b.kernel == "near" else SCHEDULE.tolerance_noise
-    change = abs(np.log(float(np.median(b.noise)) / float(np.median(a.noise))))
-    return a.kernel != b.kernel or bool(change > limit) or not given.same_given(before, after)
 
 
 def finished(problem: Problem, state: State) -> State:
@@ -273,8 +246,12 @@ class Turn:
 
     @cached_property
     def again(self) -> State:
-        """Another round of the last stage."""
-        return next_final(self.problem, self.state)
+        """Another round of the last stage, with damped waves where the noise is now so low that these count."""
+        problem, state = self.problem, self.state
+        model, ahead = state.model, replace(state.progress, rounds=state.progress.rounds + 1)
+        if model.kernel == "directional" and noise.isotropic_kernel(problem, state) == "series":
+            model = replace(model, kernel="damped_directional")
+        return refined(problem, given.resolved(problem, replace(state, model=model, progress=ahead)))
 
 
 def following(turn: Turn) -> State:
@@ -296,10 +273,6 @@ def _singular(turn: Turn) -> bool:
 
 def _modes_chosen(turn: Turn) -> bool:
     return not turn.state.automatic
-
-
-def _all_explained(turn: Turn) -> bool:
-    return explains_all(turn.problem, turn.estimated)
 
 
 def _noise_settled(turn: Turn) -> bool:
@@ -324,10 +297,6 @@ def _other_pose(turn: Turn) -> bool:
     return bool(turn.state.progress.poses) and tried < SCHEDULE.restarts
 
 
-def _regrouped_is_likeliest(turn: Turn) -> bool:
-    return likeliest(turn.state).regrouped
-
-
 def _nothing_else_free(turn: Turn) -> bool:
     """Channels are matched and given positions exact, or there are none."""
     soft = len(turn.problem.known) and turn.state.model.known_sigma > 0
@@ -335,8 +304,12 @@ def _nothing_else_free(turn: Turn) -> bool:
 
 
 def _assumes_else(turn: Turn) -> bool:
-    rounds = turn.again.progress.rounds
-    return assumes_else(turn.state, turn.again) and rounds < SCHEDULE.final_rounds
+    """Another round of the last stage would assume another noise, kernel or given positions."""
+    a, b = turn.state.model, turn.again.model
+    limit = SCHEDULE.tolerance_near_noise if b.kernel == "near" else SCHEDULE.tolerance_noise
+    change = abs(np.log(float(np.median(b.noise)) / float(np.median(a.noise))))
+    other = a.kernel != b.kernel or bool(change > limit) or not given.same_given(turn.state, turn.again)
+    return other and turn.again.progress.rounds < SCHEDULE.final_rounds
 
 
 def _stop(turn: Turn) -> State:
@@ -354,10 +327,6 @@ def _next_deformation(turn: Turn) -> State:
     return begin_stage(turn.problem, state, stage + 1)
 
 
-def _seek_gains(turn: Turn) -> State:
-    return begin_stage(turn.problem, turn.searched[0], turn.state.progress.stage + 1)
-
-
 def _next_round(turn: Turn) -> State:
     state = turn.searched[0]
     ahead = replace(state, progress=replace(state.progress, rounds=state.progress.rounds + 1))
@@ -365,28 +334,39 @@ def _next_round(turn: Turn) -> State:
 
 
 def _ended(turn: Turn, state: State) -> Turn:
-    """End a restart at `state`, whose score ranks it; one whose covariance is singular ranks last."""
-    lost = turn.trial.terms is None
-    reached = np.inf if lost else noise.score(turn.problem, state, turn.goal, turn.trial)
-    converged = turn.within_tolerance and np.isfinite(reached)
-    return replace(turn, place="restart", state=with_optimum(turn.problem, state, reached, bool(converged)))
+    """End a restart: add its optimum to `state`, and what of it may be tried in other poses if it is the likeliest.
+
+    Its score ranks it; one whose covariance is singular ranks last.
+    """
+    lost, model, regrouped = turn.trial.terms is None, state.model, state.progress.regrouped
+    reached = np.inf if lost else float(noise.score(turn.problem, state, turn.goal, turn.trial))
+    converged = bool(turn.within_tolerance and np.isfinite(reached))
+    found = LocalOptimum(state.positions, state.gains, state.offsets, model, reached, converged, regrouped)
+    state = replace(state, optima=(*state.optima, found))
+    if likeliest(state) is found:
+        state = replace(state, progress=replace(state.progress, poses=_poses(turn.problem, state)))
+    return replace(turn, place="restart", state=state)
 
 
 TRANSITIONS: tuple[tuple[str, Callable[[Turn], bool], Callable[[Turn], Turn | State]], ...] = (
     # where          when                     then
     ("restart", _confirmed, lambda turn: begin_final(turn.problem, turn.state)),
     ("restart", _other_pose, lambda turn: next_pose(turn.problem, turn.state)),
-    ("restart", _regrouped_is_likeliest, lambda turn: begin_final(turn.problem, turn.state)),
+    ("restart", lambda turn: likeliest(turn.state).regrouped, lambda turn: begin_final(turn.problem, turn.state)),
     ("restart", _always, lambda turn: next_restart(turn.problem, turn.state, turn.state.progress.restart + 1)),
     ("final", _singular, _stop),
     ("any", _singular, lambda turn: _ended(turn, turn.state)),
     ("any", _modes_chosen, _stop),
     ("deformation", _always, _next_deformation),
-    ("free", _all_explained, lambda turn: _ended(turn, turn.estimated)),
-    ("free", _always, _seek_gains),
-    ("gains", _all_explained, lambda turn: _ended(turn, turn.estimated)),
+    ("free", lambda turn: explains_all(turn.problem, turn.estimated), lambda turn: _ended(turn, turn.estimated)),
+    ("free", _always, lambda turn: begin_stage(turn.problem, turn.searched[0], turn.state.progress.stage + 1)),
+    ("gains", lambda turn: explains_all(turn.problem, turn.estimated), lambda turn: _ended(turn, turn.estimated)),
     ("gains", _noise_settled, lambda turn: _ended(turn, turn.searched[0])),
-    ("gains", _last_round, lambda turn: _ended(turn, turn.searched[0])),
+    (
+        "gains",
+        _last_round,
+        lambda turn: _ended(turn, turn.searched[0]),
+    ),
     ("gains", _always, _next_round),
     ("noiseless", _nothing_else_free, lambda turn: finished(turn.problem, turn.state)),
     ("noiseless", _always, lambda turn: after_noiseless(turn.problem, turn.state)),
