@@ -81,6 +81,8 @@ def array_radius(pressures: np.ndarray, wavenumbers: np.ndarray, dimension: int)
     >>> 0.2 < array_radius(np.array(p), k, 2) < 0.5
     True
     """
+    from scipy.special import j1, spherical_jn
+
     p, k = np.asarray(pressures), np.abs(np.real(wavenumbers))
     level = np.sqrt(np.mean(np.abs(p) ** 2, axis=0))
     p = p[:, level > 0] / level[level > 0]
@@ -90,7 +92,8 @@ def array_radius(pressures: np.ndarray, wavenumbers: np.ndarray, dimension: int)
         return None
     coherent = np.abs(p.mean(axis=1)) ** 2 / power
     radii = np.geomspace(RULES.smallest, RULES.largest, RULES.steps)
-    expected = _mean_coherence(k[:, None] * radii, dimension)
+    z = k[:, None] * radii
+    expected = (2 * j1(z) / z) ** 2 if dimension == 2 else (3 * spherical_jn(1, z) / z) ** 2  # h of the module
     least, radius = np.inf, 0.0
     for share in RULES.noise:
         mean = (1 - share) * expected + (share + RULES.scatter * (1 - share)) / p.shape[1]
@@ -98,13 +101,6 @@ def array_radius(pressures: np.ndarray, wavenumbers: np.ndarray, dimension: int)
         if costs.min() < least:
             least, radius = float(costs.min()), float(radii[costs.argmin()])
     return radius if k.min() * radius <= RULES.phase else None
-
-
-def _mean_coherence(z: np.ndarray, dimension: int) -> np.ndarray:
-    """Return h of the module."""
-    from scipy.special import j1, spherical_jn
-
-    return (2 * j1(z) / z) ** 2 if dimension == 2 else (3 * spherical_jn(1, z) / z) ** 2
 
 
 SINGLE_WAVE = "the pressures are those of a single wave that passes the array: there are hardly any reflections"

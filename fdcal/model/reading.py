@@ -122,7 +122,15 @@ def read_archive(file, wanted: Callable[[str], bool]) -> dict[str, np.ndarray]:
         Anything, for a damaged archive.
     """
     with zipfile.ZipFile(file) as archive:
-        _require_small([entry for entry in archive.infolist() if wanted(_name(entry))], _length(file))
+        entries = [entry for entry in archive.infolist() if wanted(entry.filename.removesuffix(".npy"))]
+    # No member gives more bytes than the directory says; those that are not compressed may be as large as the file.
+    stored = sum(entry.file_size for entry in entries if entry.compress_type == zipfile.ZIP_STORED)
+    packed = sum(entry.file_size for entry in entries if entry.compress_type != zipfile.ZIP_STORED)
+    if packed > LIMITS.unfolded or stored > file.seek(0, os.SEEK_END):
+        raise InputError(
+            f"it unfolds to {packed + stored:.3g} bytes, and a compressed file may to {LIMITS.unfolded:.3g}",
+            "write it with numpy.savez, which does not compress",
+        )
     file.seek(0)
     table, key = {}, ""
     with np.load(file, allow_pickle=False) as archive:
@@ -141,32 +149,6 @@ def read_archive(file, wanted: Callable[[str], bool]) -> dict[str, np.ndarray]:
 def _damaged(key: str, reason: str) -> InputError:
     reason = shown(reason, 120)
     return InputError(f'"{key}" is damaged or not a plain array of numbers ({reason})', "write it again", key=key)
-
-
-def _name(entry: zipfile.ZipInfo) -> str:
-    """Return the name of a member as NumPy knows it."""
-    return entry.filename.removesuffix(".npy")
-
-
-def _length(file) -> int:
-    """Return the number of bytes of an open file, which is left at its beginning."""
-    length = file.seek(0, os.SEEK_END)
-    file.seek(0)
-    return length
-
-
-def _require_small(entries: list[zipfile.ZipInfo], length: int) -> None:
-    """Raise InputError for members that would fill the memory; none gives more bytes than the directory says.
-
-    Members that are not compressed may be as large as the file itself.
-    """
-    stored = sum(entry.file_size for entry in entries if entry.compress_type == zipfile.ZIP_STORED)
-    packed = sum(entry.file_size for entry in entries if entry.compress_type != zipfile.ZIP_STORED)
-    if packed > LIMITS.unfolded or stored > length:
-        raise InputError(
-            f"it unfolds to {packed + stored:.3g} bytes, and a compressed file may to {LIMITS.unfolded:.3g}",
-            "write it with numpy.savez, which does not compress",
-        )
 
 
 def require_regular(path: str | Path) -> None:

@@ -45,10 +45,6 @@ class Search:
             require_positive("search.size", length, "m")
         require_positive("search.step", self.step, "m")
         require_positive("search.radius", self.radius, "m")
-        self._check_step()
-
-    def _check_step(self) -> None:
-        """Raise InputError unless the step divides the size into a reasonable number of candidates."""
 
         def refuse(problem: str, remedy: str, key: str = "search.step", value: object = self.step) -> typing.NoReturn:
             raise InputError(problem, remedy, key=key, value=value)
@@ -242,15 +238,11 @@ def search_round(positions) -> Search:
     low, high = positions.min(axis=0), positions.max(axis=0)
     margin = max(MARGIN * float((high - low).max()), LEAST_MARGIN)
     sides = high - low + 2 * margin
-    step = _round_step(float(sides.max()) / CELLS[len(sides)])
+    least = float(sides.max()) / CELLS[len(sides)]
+    power = 10.0 ** np.floor(np.log10(least))
+    step = float(next(digit * power for digit in (*STEPS, 10.0) if digit * power >= least * (1 - 1e-9)))
     cells = np.ceil(sides / step - 1e-9).astype(int)
     centre, size = (low + high) / 2, cells * step
     outermost = float(np.linalg.norm(positions - centre, axis=1).max()) + margin
     radius = float(np.linalg.norm(size)) / 2 if len(size) == 2 else outermost
     return Search(tuple((centre - size / 2).tolist()), tuple(size.tolist()), step, radius)
-
-
-def _round_step(least: float) -> float:
-    """Return the smallest of STEPS times a power of ten that is not below `least`, m."""
-    power = 10.0 ** np.floor(np.log10(least))
-    return float(next(step * power for step in (*STEPS, 10.0) if step * power >= least * (1 - 1e-9)))

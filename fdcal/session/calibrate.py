@@ -163,15 +163,6 @@ def sound(sought: np.ndarray, names: Sequence[str], found: Assessment | None) ->
 FREE_SOUND_SPEED = 0.05  # one sigma of a sound speed that is to be estimated, relative: 30 K in air
 
 
-def with_free_sound_speed(inputs: CalibrationInput) -> CalibrationInput:
-    """Return `inputs` with an uncertain sound speed, where a solver is to estimate it that has a sigma of it."""
-    settings = inputs.settings
-    free = inputs.estimate_sound_speed and inputs.distance is None and settings.sound_speed_sigma is None
-    if not free or load(settings.name).TRAITS.needs_room:
-        return inputs
-    return replace(inputs, settings=replace(settings, sound_speed_sigma=FREE_SOUND_SPEED))
-
-
 def problem_of(inputs: CalibrationInput) -> Problem:
     """Return what the solver sees of a measurement, with the known microphones that the settings leave it."""
     return inputs.measurement.problem(inputs.settings.weights, inputs.settings.known)
@@ -239,7 +230,10 @@ def solve(
         Before the solver has started. An interrupt of the solver ends it, as `inputs.time_limit` does: the best
         positions so far are assessed, with the verdict "not_converged".
     """
-    inputs = with_free_sound_speed(inputs)
+    settings = inputs.settings
+    free = inputs.estimate_sound_speed and inputs.distance is None and settings.sound_speed_sigma is None
+    if free and not load(settings.name).TRAITS.needs_room:  # a solver that has a sigma of the sound speed estimates it
+        inputs = replace(inputs, settings=replace(settings, sound_speed_sigma=FREE_SOUND_SPEED))
     problem = problem_of(inputs)
     require_length(inputs, problem)
     if inputs.time_limit is not None:

@@ -102,7 +102,10 @@ def damped_step(
             y = np.linalg.lstsq(damped, -g, rcond=None)[0]
         tried = advance(y)
         moved = length(tried)
-        lower = cost(tried) if moved <= furthest else np.inf
+        try:
+            lower = cost(tried) if moved <= furthest else np.inf
+        except np.linalg.LinAlgError:  # a covariance is singular, as of two microphones at one place without noise
+            lower = np.inf
         if lower < terms.cost:
             return Step(tried, lower, terms.cost - lower, max(damping / DAMPING.decrease, DAMPING.least), moved)
         if moved < shortest or -(g @ y) < DAMPING.least_fall * abs(terms.cost):

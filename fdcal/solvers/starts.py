@@ -241,12 +241,6 @@ def _fitted(positions, pressures, field: FieldModel, basis) -> np.ndarray:
     x, damping = positions, DAMPING.first
     max_step = float(np.ptp(x, axis=0).max()) / 2  # a huge array would need expansions of a huge order
 
-    def cost(y) -> float:
-        try:
-            return likelihood_terms(y, pressures, field, derivatives=False).cost
-        except np.linalg.LinAlgError:  # two microphones at the same place without noise
-            return np.inf
-
     for _ in range(RULES.metric_steps):
         terms = likelihood_terms(x, pressures, field)
         gradient, curvature = terms.newton()
@@ -254,7 +248,7 @@ def _fitted(positions, pressures, field: FieldModel, basis) -> np.ndarray:
         step = damped_step(
             x,
             NewtonTerms(terms.cost, g, H),
-            cost,
+            lambda y: likelihood_terms(y, pressures, field, derivatives=False).cost,
             lambda y, x=x: x + (basis @ y).reshape(x.shape),
             lambda y, x=x: float(np.abs(y - x).max()),
             damping,
@@ -302,7 +296,13 @@ def coherence_start(pressures, wavenumbers, noise: float | None, dimension: int,
         misfit = np.log(between / (_distances(x) + np.eye(N)))
         weight = np.where(distance < reach / k.max(), 1.0, COHERENCE.far)
         weight = weight / (COHERENCE.scatter**2 + misfit**2) / between**2
-        x = _majorised(x, between, weight - np.diag(np.diag(weight)))
+        weight = weight - np.diag(np.diag(weight))
+        system = np.diag(weight.sum(axis=1)) - weight + weight.mean() / N  # the added constant holds the mean
+        inverse = np.linalg.inv(system)
+        for _ in range(COHERENCE.iterations):  # each lowers the weighted sum of (distance - |x_i - x_j|)^2
+            ratio = weight * between / _distances(x)
+            x = inverse @ (ratio.sum(axis=1)[:, None] * x - ratio @ x)
+        x = x - x.mean(axis=0)
     radius = np.linalg.norm(x - np.median(x, axis=0), axis=1)
     outliers = radius > COHERENCE.farthest * np.median(radius)  # these share nothing with the others: dead or noisy
     return np.where(outliers[:, None], np.median(x, axis=0), x)
@@ -341,14 +341,3 @@ def _unfolded(distance, neighbours: int, axes: int) -> np.ndarray:
     centre = np.eye(N) - 1 / N
     values, vectors = np.linalg.eigh(-0.5 * centre @ path**2 @ centre)
     return vectors[:, -axes:] * np.sqrt(np.maximum(values[-axes:], 1e-6 * values[-1]))
-
-
-def _majorised(x, distance, weight) -> np.ndarray:
-    """Positions that lower the weighted sum of (distance - |x_i - x_j|)^2; weight (N, N) is zero on the diagonal."""
-    N = len(x)
-    system = np.diag(weight.sum(axis=1)) - weight + weight.mean() / N  # the added constant holds the mean
-    inverse = np.linalg.inv(system)
-    for _ in range(COHERENCE.iterations):
-        ratio = weight * distance / _distances(x)
-        x = inverse @ (ratio.sum(axis=1)[:, None] * x - ratio @ x)
-    return x - x.mean(axis=0)

@@ -175,13 +175,13 @@ def begin_final(problem: Problem, state: State) -> State:
     state = noise.with_silent_inside(problem, relocated(problem, state, local=True)[0])
     state = given.resolved(problem, state)
     state = replace(state, model=replace(state.model, kernel=noise.last_kernel(problem, state)))
-    return noise.with_conditional(problem, refined(problem, state))
+    return refined(problem, state)
 
 
 def after_noiseless(problem: Problem, state: State) -> State:
     """Return the beginning of the last stage after the positions alone were sought."""
     placed = replace(state, positions=given.anchored(problem, state))
-    return noise.with_conditional(problem, refined(problem, given.resolved(problem, placed)))
+    return refined(problem, given.resolved(problem, placed))
 
 
 def refined(problem: Problem, state: State) -> State:
@@ -199,7 +199,8 @@ def refined(problem: Problem, state: State) -> State:
         fresh = other if noise.misfit(problem, other) < noise.misfit(problem, fresh) else fresh
     begun = begin_stage(problem, fresh, FINAL)
     updates = ASSUMED.first_updates if begun.model.directions is None else 0
-    return noise.with_directions(problem, begun, used_modes(problem, begun), updates)
+    begun = noise.with_directions(problem, begun, used_modes(problem, begun), updates)
+    return begun if begun.progress.rounds else noise.with_conditional(problem, begun)
 
 
 def finished(problem: Problem, state: State) -> State:
@@ -243,15 +244,6 @@ class Turn:
         if self.state.progress.rounds > SCHEDULE.searches:
             return self.estimated, False
         return relocated(self.problem, self.estimated)
-
-    @cached_property
-    def again(self) -> State:
-        """Another round of the last stage, with damped waves where the noise is now so low that these count."""
-        problem, state = self.problem, self.state
-        model, ahead = state.model, replace(state.progress, rounds=state.progress.rounds + 1)
-        if model.kernel == "directional" and noise.isotropic_kernel(problem, state) == "series":
-            model = replace(model, kernel="damped_directional")
-        return refined(problem, given.resolved(problem, replace(state, model=model, progress=ahead)))
 
 
 def following(turn: Turn) -> State:
@@ -303,15 +295,6 @@ def _nothing_else_free(turn: Turn) -> bool:
     return turn.state.settings.gains == "fixed" and not soft
 
 
-def _assumes_else(turn: Turn) -> bool:
-    """Another round of the last stage would assume another noise, kernel or given positions."""
-    a, b = turn.state.model, turn.again.model
-    limit = SCHEDULE.tolerance_near_noise if b.kernel == "near" else SCHEDULE.tolerance_noise
-    change = abs(np.log(float(np.median(b.noise)) / float(np.median(a.noise))))
-    other = a.kernel != b.kernel or bool(change > limit) or not given.same_given(turn.state, turn.again)
-    return other and turn.again.progress.rounds < SCHEDULE.final_rounds
-
-
 def _stop(turn: Turn) -> State:
     return replace(turn.state, finished=True, converged=turn.within_tolerance)
 
@@ -331,6 +314,23 @@ def _next_round(turn: Turn) -> State:
     state = turn.searched[0]
     ahead = replace(state, progress=replace(state.progress, rounds=state.progress.rounds + 1))
     return begin_stage(turn.problem, ahead, state.progress.stage)
+
+
+def _next_final(turn: Turn) -> State:
+    """Return another round of the last stage if it would assume another noise, kernel or given positions, or the end.
+
+    Damped waves are taken where the noise is now so low that these count.
+    """
+    problem, state, progress = turn.problem, turn.state, turn.state.progress
+    model, ahead = state.model, replace(progress, rounds=progress.rounds + 1)
+    if model.kernel == "directional" and noise.isotropic_kernel(problem, state) == "series":
+        model = replace(model, kernel="damped_directional")
+    again = refined(problem, given.resolved(problem, replace(state, model=model, progress=ahead)))
+    a, b = state.model, again.model
+    limit = SCHEDULE.tolerance_near_noise if b.kernel == "near" else SCHEDULE.tolerance_noise
+    change = abs(np.log(float(np.median(b.noise)) / float(np.median(a.noise))))
+    other = a.kernel != b.kernel or bool(change > limit) or not given.same_given(state, again)
+    return again if other and again.progress.rounds < SCHEDULE.final_rounds else finished(problem, state)
 
 
 def _ended(turn: Turn, state: State) -> Turn:
@@ -370,6 +370,5 @@ TRANSITIONS: tuple[tuple[str, Callable[[Turn], bool], Callable[[Turn], Turn | St
     ("gains", _always, _next_round),
     ("noiseless", _nothing_else_free, lambda turn: finished(turn.problem, turn.state)),
     ("noiseless", _always, lambda turn: after_noiseless(turn.problem, turn.state)),
-    ("final", _assumes_else, lambda turn: turn.again),
-    ("final", _always, lambda turn: finished(turn.problem, turn.state)),
+    ("final", _always, _next_final),
 )

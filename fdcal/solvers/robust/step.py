@@ -106,8 +106,8 @@ def channel_step(
     step = damped_step(
         before,
         NewtonTerms(here.cost, g, H),
-        lambda tried: objective.finite_cost(unknowns.at(tried)),
-        lambda y: before + _expand(free, y, before.size),
+        lambda tried: objective.evaluate(unknowns.at(tried), False).cost,
+        lambda y: before + (free @ y if free.ndim == 2 else np.bincount(free, y, before.size)),
         lambda tried: float(np.abs(unknowns.at(tried).positions - unknowns.positions).max()),
         damping,
         max_step,
@@ -135,14 +135,6 @@ def reduced(unknowns: Unknowns, here: Evaluation, free: np.ndarray, blind: bool)
     if free.ndim == 1:
         return g[free], H[np.ix_(free, free)]
     return free.T @ g, free.T @ H @ free
-
-
-def _expand(free: np.ndarray, y: np.ndarray, size: int) -> np.ndarray:
-    if free.ndim == 2:
-        return free @ y
-    whole = np.zeros(size)
-    whole[free] = y
-    return whole
 
 
 def scaled_inverse(H: np.ndarray) -> np.ndarray:
