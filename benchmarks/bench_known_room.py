@@ -18,7 +18,7 @@ from fdcal.acoustics.box_field import point_source_pressures as box_field
 from fdcal.acoustics.room_symmetry import nearest_symmetry
 from fdcal.assessment.assess import assess
 from fdcal.model.measurement import Measurement
-from fdcal.model.power import mode_power
+from fdcal.model.problem import mode_power
 from fdcal.model.room import Room
 from fdcal.model.settings import SolverSettings
 from fdcal.solvers import load

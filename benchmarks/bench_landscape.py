@@ -14,7 +14,7 @@ from fdcal.acoustics.measurement_cache import cached_measurement
 from fdcal.cost.lattice import best_candidate, search_lattice
 from fdcal.cost.likelihood import isotropic_field, likelihood_terms
 from fdcal.cost.maps import descent_maps, likelihood_maps
-from fdcal.model.power import mode_power
+from fdcal.model.problem import mode_power
 from fdcal.model.scene_file import load_scene
 from fdcal.solvers.descent import solver as descent
 

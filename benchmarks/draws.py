@@ -25,7 +25,7 @@ from fdcal.model.arrays import positions_of
 from fdcal.model.arrays_3d import positions_3d
 from fdcal.model.gauge import align, position_errors
 from fdcal.model.measurement import Measurement
-from fdcal.model.power import mode_power
+from fdcal.model.problem import mode_power
 from fdcal.model.scene import Scene
 from fdcal.model.scene_file import load_scene
 from fdcal.model.settings import SolverSettings

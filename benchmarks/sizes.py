@@ -8,7 +8,7 @@ import sys
 import numpy as np
 
 from fdcal.model.measurement import Measurement
-from fdcal.model.power import mode_power
+from fdcal.model.problem import mode_power
 
 from .draws import eigenfrequencies, rigid_field, solve
 

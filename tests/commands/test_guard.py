@@ -13,6 +13,7 @@ import pytest
 from running import FDCAL
 
 from fdcal.commands import cli
+from fdcal.model import scene_file
 
 
 @pytest.fixture
@@ -23,7 +24,7 @@ def broken(monkeypatch):
         def fail():
             raise error
 
-        monkeypatch.setattr(cli, "scene_names", fail)
+        monkeypatch.setattr(scene_file, "scene_names", fail)
 
     return breaks
 
