@@ -87,7 +87,7 @@ def test_a_random_start_fills_the_search_domain_and_keeps_the_known():
 @pytest.mark.parametrize("D", [2, 3])
 def test_deformations_are_orthonormal_and_contain_the_affine_maps_and_curved_ones(D, degree):
     x = np.random.default_rng(1).uniform(-0.5, 0.5, (60, D)) + 3.0
-    basis = polynomial_deformations(x, degree)
+    basis = polynomial_deformations(x, np.zeros(0, int), degree)
     np.testing.assert_allclose(basis.T @ basis, np.eye(basis.shape[1]), atol=1e-9)
     for column in np.column_stack([x, np.ones(len(x))]).T:
         for coordinate in np.eye(D):
@@ -98,7 +98,19 @@ def test_deformations_are_orthonormal_and_contain_the_affine_maps_and_curved_one
 
 def test_few_microphones_deform_by_a_lower_degree():
     x = np.random.default_rng(1).uniform(-0.5, 0.5, (8, 2))
-    assert polynomial_deformations(x, 3).shape == (16, 6)
+    assert polynomial_deformations(x, np.zeros(0, int), 3).shape == (16, 6)
+
+
+@pytest.mark.parametrize("held", [[0, 1, 2], list(range(0, 60, 5))])
+def test_deformations_leave_microphones_that_stay_in_place_and_stay_smooth(held):
+    x = np.random.default_rng(1).uniform(-0.5, 0.5, (60, 2)) + 3.0
+    basis = polynomial_deformations(x, np.array(held), 2)
+    np.testing.assert_allclose(basis.T @ basis, np.eye(basis.shape[1]), atol=1e-9)
+    moves = basis.T.reshape(-1, 60, 2)
+    assert not np.any(moves[:, held]) and 0 < len(moves) <= 12
+    ordered = np.argsort(np.linalg.norm(x[:, None] - x, axis=-1), axis=1)
+    near, far = (np.mean(np.sum((moves - moves[:, ordered[:, i]]) ** 2, axis=-1)) for i in (1, 30))
+    assert near < far / 3
 
 
 def test_an_array_is_found_though_the_source_hardly_excites_one_direction():

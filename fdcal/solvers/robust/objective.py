@@ -29,7 +29,6 @@ from .rules import ASSUMED, CONDITIONAL, FINAL, OUTLIERS, STAGES
 from .state import DIRECTIONAL, UNDAMPED, Model, State
 
 NU = 3.0  # degrees of freedom of the priors
-EXACT_SIGMA = 1e-3  # metres: of exact positions where they must have one
 EXACT = 1e-6  # metres: a stated sigma below it means that the given positions never move
 
 
@@ -341,8 +340,8 @@ def objective_of(problem: Problem, state: State, used) -> Objective:
     """What the stage minimises."""
     stage, model = STAGES[state.progress.stage], state.model
     known_sigma = model.known_sigma
-    if stage.degree:  # a rough array is bent to exact positions only as far as it is right; later they do not move
-        known_sigma = float(np.hypot(known_sigma or EXACT_SIGMA, model.spread))
+    if stage.degree and known_sigma > 0:  # a rough array is bent to given positions only as far as it is right
+        known_sigma = float(np.hypot(known_sigma, model.spread))
     speed = state.settings.sound_speed_sigma if speed_is_free(problem, state) else None
     tail = ASSUMED.carrying_tail if given_carry_scale(problem) else NU
     held = held_positions(problem, state)

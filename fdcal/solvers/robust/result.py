@@ -31,7 +31,6 @@ from ...model.settings import SolverSettings
 from ..estimate import ChannelEstimate, Estimate, FieldEstimate, GivenEstimate, PositionSpread, TriedOptimum
 from . import given, noise
 from .objective import (
-    EXACT_SIGMA,
     Evaluation,
     Objective,
     Unknowns,
@@ -248,7 +247,7 @@ def _tried(problem: Problem, state: State) -> tuple[TriedOptimum, ...]:
 
 
 def _given(problem: Problem, state: State, goal: Objective, here: Unknowns, at_goal: Terms) -> GivenEstimate:
-    sigma = goal.priors.known_sigma or EXACT_SIGMA
+    sigma = goal.priors.known_sigma or 1e-3
     every = replace(goal.priors, known=problem.known, places=problem.known_positions, known_sigma=sigma)
 
     def probability(kept: np.ndarray) -> float:

@@ -24,11 +24,22 @@ from ...model.validation import InputError, frozen_array
 from .. import starts
 from . import given, noise
 from .groups import other_poses
-from .objective import Objective, corrected, first_model, in_unit_power, used_modes, wavenumbers
+from .objective import (
+    Objective,
+    corrected,
+    first_known_sigma,
+    first_model,
+    in_unit_power,
+    objective_of,
+    used_modes,
+    wavenumbers,
+)
 from .outliers import relocated
 from .rules import ASSUMED, FINAL, NOISELESS, OUTLIERS, SCHEDULE, STAGES, STEPS
 from .state import LocalOptimum, Progress, State
-from .step import ChannelStep
+from .step import ChannelStep, interpolation
+
+BEFORE_PLAN = -1  # number of the restart at positions that a run is begun with: every start of the plan follows it
 
 
 def begin(
@@ -46,32 +57,39 @@ def begin(
         gains=np.zeros((N, 2)),
         offsets=np.zeros((N, 2)),
         model=first_model(problem, settings),
-        progress=Progress(restart=0, stage=0, rounds=0, steps=0, damping=0.0),
+        progress=Progress(restart=BEFORE_PLAN, stage=0, rounds=0, steps=0, damping=0.0),
         shape=here,
         optima=(),
     )
-    return next_restart(problem, empty, 0) if positions is None else begin_restart(problem, empty, here, 0)
+    return next_restart(problem, empty, 0) if positions is None else begin_restart(problem, empty, here, BEFORE_PLAN)
 
 
 def begin_stage(problem: Problem, state: State, stage: int) -> State:
-    """Return `state` at the beginning of a stage of the schedule, exact given positions in place."""
+    """Return `state` at the beginning of a stage of the schedule."""
     damping = STEPS.deformation_damping if STAGES[stage].degree else STEPS.damping
-    progress, x = replace(state.progress, stage=stage, steps=0, damping=damping), state.positions
-    if state.model.known_sigma == 0 and not STAGES[stage].degree:
-        x = np.array(x)
-        x[problem.known] = state.model.places
-        x = frozen_array(x, float)
-    return replace(state, stage=state.stage + 1, progress=progress, positions=x, shape=x)
+    progress = replace(state.progress, stage=stage, steps=0, damping=damping)
+    return replace(state, stage=state.stage + 1, progress=progress, shape=state.positions)
 
 
 def begin_restart(problem: Problem, state: State, positions: np.ndarray, restart: int) -> State:
     """Return `state` at the beginning of a restart at `positions` (N, D), metres."""
     placed = positions if problem.frame is None else move_to_frame(positions, problem.frame)
+    placed = bent_to_exact(problem, state.settings, placed)
     x, zero = frozen_array(placed, float), frozen_array(np.zeros((len(positions), 2)), float)
     model = first_model(problem, state.settings)
     progress = Progress(restart=restart, stage=0, rounds=0, steps=0, damping=0.0)
     begun = replace(state, positions=x, shape=x, gains=zero, offsets=zero, model=model, progress=progress)
     return begin_stage(problem, noise.with_noise(problem, begun), 0)
+
+
+def bent_to_exact(problem: Problem, settings: SolverSettings, positions: np.ndarray) -> np.ndarray:
+    """Return positions (N, D), metres, with those that are given exactly in place, and the others moved along."""
+    known, places = problem.known, problem.known_positions
+    if not len(known) or first_known_sigma(problem, settings) > 0:
+        return positions
+    x = positions + interpolation(positions, known) @ (places - positions[known])
+    x[known] = places
+    return x
 
 
 def next_restart(problem: Problem, state: State, restart: int) -> State:
@@ -348,6 +366,14 @@ def _ended(turn: Turn, state: State) -> Turn:
     return replace(turn, place="restart", state=state)
 
 
+def _explained(turn: Turn) -> Turn:
+    """End with the evidence at the noise found: that of the last step was far more, and any other would outdo it."""
+    state = turn.estimated
+    goal = objective_of(turn.problem, state, used_modes(turn.problem, state))
+    cost = goal.finite_cost(turn.trial.unknowns)
+    return _ended(replace(turn, goal=goal), replace(state, cost=cost))
+
+
 TRANSITIONS: tuple[tuple[str, Callable[[Turn], bool], Callable[[Turn], Turn | State]], ...] = (
     # where          when                     then
     ("restart", _confirmed, lambda turn: begin_final(turn.problem, turn.state)),
@@ -358,9 +384,9 @@ TRANSITIONS: tuple[tuple[str, Callable[[Turn], bool], Callable[[Turn], Turn | St
     ("any", _singular, lambda turn: _ended(turn, turn.state)),
     ("any", _modes_chosen, _stop),
     ("deformation", _always, _next_deformation),
-    ("free", lambda turn: explains_all(turn.problem, turn.estimated), lambda turn: _ended(turn, turn.estimated)),
+    ("free", lambda turn: explains_all(turn.problem, turn.estimated), _explained),
     ("free", _always, lambda turn: begin_stage(turn.problem, turn.searched[0], turn.state.progress.stage + 1)),
-    ("gains", lambda turn: explains_all(turn.problem, turn.estimated), lambda turn: _ended(turn, turn.estimated)),
+    ("gains", lambda turn: explains_all(turn.problem, turn.estimated), _explained),
     ("gains", _noise_settled, lambda turn: _ended(turn, turn.searched[0])),
     (
         "gains",

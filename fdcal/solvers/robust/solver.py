@@ -73,7 +73,7 @@ def step(problem: Problem, state: State) -> State:
     used = used_modes(problem, state, stage.modes)
     goal, here = objective_of(problem, state, used), unknowns_of(state)
     held = goal.priors.held
-    shapes = polynomial_deformations(state.shape, stage.degree) if stage.degree else None
+    shapes = polynomial_deformations(state.shape, held, stage.degree) if stage.degree else None
     free = free_directions(here, held, shapes, speed_is_free(problem, state))
     max_step = STEPS.max_step * 2 * np.pi / float(np.real(problem.wavenumbers[used]).max())
     # With the near-field kernel the pull of given positions is lost in rounding: nothing holds the array as a whole.

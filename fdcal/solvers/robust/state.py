@@ -81,7 +81,7 @@ class Progress:
 
     Attributes
     ----------
-    restart : number of the start, see `fdcal.solvers.starts.plan`
+    restart : number of the start in `fdcal.solvers.starts.plan`; -1 for positions that the run was begun with
     stage : index into `rules.STAGES`
     rounds : of this stage so far
     steps : in this stage

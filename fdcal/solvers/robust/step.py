@@ -21,6 +21,8 @@ from .objective import Evaluation, Objective, Priors, Unknowns, objective_of, sp
 from .rules import OUTLIERS, STEPS
 from .state import State
 
+DISTINCT = 1e-3  # a shape that moves the array by less, relative, is that of the microphones that stay
+
 
 @dataclass(frozen=True)
 class ChannelStep:
@@ -73,11 +75,12 @@ def free_directions(unknowns: Unknowns, held, deformations=None, speed: bool = F
     return basis
 
 
-def polynomial_deformations(positions: np.ndarray, degree: int) -> np.ndarray:
-    """Return an orthonormal basis (N D, F) of smooth deformations.
+def polynomial_deformations(positions: np.ndarray, held: np.ndarray, degree: int) -> np.ndarray:
+    """Return an orthonormal basis (N D, F) of smooth deformations that leave the microphones `held` in place.
 
     The error of a rough start is smooth, as the field is. Every coordinate moves by a polynomial of positions (N, D),
-    metres. The degree is lower if the array has too few microphones to distinguish the monomials.
+    metres, less what `interpolation` makes of it at the microphones that stay. The degree is lower if the array has too
+    few microphones to distinguish the monomials.
     """
     N, D = positions.shape
     z = positions - positions.mean(axis=0)
@@ -88,7 +91,26 @@ def polynomial_deformations(positions: np.ndarray, degree: int) -> np.ndarray:
         if d > 1 and len(columns) + len(more) > N / 2:
             break
         columns += more
-    return np.kron(np.linalg.qr(np.column_stack(columns))[0], np.eye(D))
+    shapes = np.linalg.qr(np.column_stack(columns))[0]
+    if len(held):
+        left = shapes - interpolation(positions, held) @ shapes[held]
+        left[held] = 0.0  # exactly
+        U, values, _ = np.linalg.svd(left, full_matrices=False)
+        shapes = U[:, values > DISTINCT]
+        shapes[held] = 0.0
+    return np.kron(shapes, np.eye(D))
+
+
+def interpolation(positions: np.ndarray, held: np.ndarray) -> np.ndarray:
+    """Return the weights (N, A) by which moves of microphones `held` (A,) become a smooth move of the whole array.
+
+    Kriging with the covariance (1 + r / l) exp(-r / l), l the radius of the array: far from them nothing moves.
+    """
+    x = positions
+    radius = np.sqrt(np.mean(np.sum((x - x.mean(axis=0)) ** 2, axis=1)))
+    r = np.linalg.norm(x[:, None] - x[held], axis=-1) / radius
+    K = (1 + r) * np.exp(-r)
+    return K @ np.linalg.pinv(K[held], hermitian=True)
 
 
 def channel_step(
