@@ -21,7 +21,14 @@ from ..model.problem import Problem
 from ..model.validation import frozen_array, word_arguments
 from ..solvers.estimate import Estimate, RoomEstimate
 from .calibration import DECIBELS_PER_NEPER, Channels, Evidence, GivenPosition, KnownRoom
-from .channels import FaultyChannel, channel_faults, exchanged_back, faulty_channels, healthy_channels
+from .channels import (
+    FaultyChannel,
+    channel_faults,
+    exchanged_back,
+    faulty_channels,
+    healthy_channels,
+    shown_positions,
+)
 from .field import cross_validate, summarise
 from .findings import FINDINGS, ROOM_FINDINGS, Judged, JudgedRoom, first_finding
 from .uncertainty import covariance_of, curvature_of, one_sigma, search_spread_of, stretch_sigma_of
@@ -149,10 +156,12 @@ def _channels(estimate: Estimate, seen: Judged, positions, sigma) -> Channels:
     found, names, problem = estimate.channels, seen.names, estimate.problem
     wrong = {one.number for one in seen.faulty if one.kind in ("misplaced", "exchanged")}
     numbers: list[int] = problem.known.tolist()
-    given = tuple(
-        GivenPosition(names[n], tuple(place), tuple(positions[n].tolist()), float(sigma[n]), n in wrong)
-        for n, place in zip(numbers, problem.known_positions.tolist(), strict=True)
-    )
+    shown, contradicted = shown_positions(estimate), estimate.given.contradicted
+    given = []
+    for i, (n, place) in enumerate(zip(numbers, problem.known_positions.tolist(), strict=True)):
+        elsewhere = n in wrong and shown is not estimate.positions and contradicted is not None
+        there, own = (shown[n], contradicted.sigma[i]) if elsewhere else (positions[n], sigma[n])
+        given.append(GivenPosition(names[n], tuple(place), tuple(there.tolist()), float(own), n in wrong))
     return Channels(
         DECIBELS_PER_NEPER * found.gains[:, 0],
         DECIBELS_PER_NEPER * found.gain_sigma[:, 0],
@@ -160,7 +169,7 @@ def _channels(estimate: Estimate, seen: Judged, positions, sigma) -> Channels:
         np.degrees(found.gain_sigma[:, 1]),
         10 * np.log10(found.noise / np.median(found.noise)),
         channel_faults(seen.faulty, names),
-        given,
+        tuple(given),
     )
 
 

@@ -97,21 +97,21 @@ def faulty_channels(estimate: Estimate, covariance: np.ndarray) -> tuple[FaultyC
     covariance : (N, D, D) float64, metres^2, of each position
     """
     faulty, channels = {}, estimate.channels
-    tau, gains, terms = channels.noise, channels.gains, estimate.field.terms
+    tau, gains, terms = np.array(channels.noise), channels.gains, estimate.field.terms
+    contradicted = estimate.given.contradicted
+    if contradicted is not None and estimate.given.sigma == 0:  # there the error of a position has become noise
+        tau[estimate.problem.known] = contradicted.noise
     tau = np.where(tau * estimate.field.share < LIMITS.min_noise, 1.0, tau)
     variance = estimate.field.power[:, None] + estimate.field.noise[:, None] * channels.noise
     alone = np.mean(1 / (terms.precision * variance), axis=0)
     lost = (alone > LIMITS.unpredicted) & (alone > LIMITS.unpredicted_to_median * np.median(alone))
     lost[estimate.problem.known] = False  # their positions hold them, however far the others are
     filtered, spreads = _filtered(estimate), gain_spreads(estimate)
-    exact = () if estimate.given.sigma > 0 else estimate.problem.known  # the solver cannot tell their place from noise
     for n in range(len(tau)):
         if n in filtered and tau[n] < LIMITS.noise and not lost[n]:
             faulty[n] = filtered[n]
         elif abs(gains[n, 1]) > LIMITS.inverted and tau[n] < LIMITS.noise:
             faulty[n] = FaultyChannel(n, "inverted", np.nan, "")
-        elif n in exact and tau[n] > LIMITS.noise:
-            faulty[n] = FaultyChannel(n, "misplaced", np.nan, "")
         elif tau[n] > LIMITS.noise or lost[n]:
             faulty[n] = _unexplained(estimate, n, bool(lost[n]))
         elif _far(gains[n, 0], spreads[0]):
@@ -169,11 +169,15 @@ def _unexplained(estimate: Estimate, n: int, lost: bool) -> FaultyChannel:
 
 def _misplaced(estimate: Estimate, covariance) -> dict[int, FaultyChannel]:
     """Return the given positions that the pressures contradict, and exchanges."""
-    x, problem, faulty = estimate.positions, estimate.problem, {}
-    sigma = np.sqrt(np.trace(covariance, axis1=1, axis2=2))
-    for n, given in zip(problem.known.tolist(), problem.known_positions, strict=True):
+    problem, faulty, x = estimate.problem, {}, shown_positions(estimate)
+    sigma, found = np.sqrt(np.trace(covariance, axis1=1, axis2=2)), estimate.given.contradicted
+    for i, (n, given) in enumerate(zip(problem.known.tolist(), problem.known_positions, strict=True)):
         away = float(np.linalg.norm(x[n] - given))
-        if away < max(LIMITS.misplaced_sigmas * sigma[n], LIMITS.misplaced):
+        if x is estimate.positions or found is None:
+            right = away < max(LIMITS.misplaced_sigmas * sigma[n], LIMITS.misplaced)
+        else:
+            right = not found.wrong[i]
+        if right:
             continue
         apart = np.linalg.norm(x - given, axis=1)
         apart[n] = np.inf
@@ -187,13 +191,24 @@ def _misplaced(estimate: Estimate, covariance) -> dict[int, FaultyChannel]:
     return faulty
 
 
+def shown_positions(estimate: Estimate) -> np.ndarray:
+    """Return where the pressures show the microphones (N, D), metres, also those at exact positions that are wrong.
+
+    Exact positions never move in the estimate, however far the pressures put the microphone.
+    """
+    found = estimate.given.contradicted
+    return estimate.positions if found is None or estimate.given.sigma > 0 else found.positions
+
+
 def exchanged_back(estimate: Estimate, faulty: Sequence[FaultyChannel]) -> np.ndarray:
     """Return the positions (N, D), metres, with a free channel that was exchanged with a given one in its own place."""
-    x = np.array(estimate.positions)
+    x, shown = np.array(estimate.positions), shown_positions(estimate)
     known = set(estimate.problem.known.tolist())
     for one in faulty:
         if one.kind == "exchanged" and one.number in known and one.partner not in known:
-            x[[one.number, one.partner]] = x[[one.partner, one.number]]
+            x[one.partner] = shown[one.number]
+            if estimate.given.sigma > 0:
+                x[one.number] = shown[one.partner]
     return x
 
 

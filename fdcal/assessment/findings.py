@@ -6,7 +6,8 @@ too_noisy           hardly anything but noise
 known_position      a given position contradicts the recordings, or its channel is swapped
 undersampled        frequencies in use that the array cannot interpolate (Eq. 9)
 not_converged       the solver stopped while microphones still moved
-sound_speed         a given distance, or given positions, agree with the array at a sound speed that air hardly has
+sound_speed         given positions agree with the pressures at another sound speed, or a given length at one that air
+                    hardly has
 room_size           the pressures are those of a room of another size (or of another sound speed)
 model_mismatch      the pressures are not those of a sound field without sources at these microphones
 ambiguous           another array fits the pressures nearly as well, or the positions are hardly determined
@@ -243,6 +244,21 @@ def _disagreement(seen: Judged) -> str:
     )
 
 
+def _contradicted_speed(seen: Judged, limit: float) -> bool:
+    found = seen.estimate.given.contradicted
+    return found is not None and found.log_speed != 0 and found.advantage > limit
+
+
+def _contradicted_speed_words(seen: Judged) -> str:
+    found, c = seen.estimate.given.contradicted, seen.estimate.problem.sound_speed
+    assert found is not None  # `_contradicted_speed`
+    speed = c * np.exp(found.log_speed)
+    return (
+        f"the known microphones agree with the pressures at a sound speed of {speed:.1f} m/s, one sigma"
+        f" {speed * found.log_speed_sigma:.2g} m/s, not at {c:.1f} m/s"
+    )
+
+
 def _impossible_speed(seen: Judged, limit: float) -> bool:
     ratio, sigma = seen.speed
     implied = seen.stretch is not None or seen.estimate.log_speed != 0
@@ -314,6 +330,8 @@ FINDINGS: tuple[Finding[Judged], ...] = (
             "measure longer, louder, or use fewer <modes>",
             0.3, "noise over the power; with more the search itself is a guess"),
     Finding("model_mismatch", lambda seen, _: seen.single_wave, lambda _: SINGLE_WAVE, SINGLE_WAVE_REMEDY),
+    Finding("sound_speed", _contradicted_speed, _contradicted_speed_words, "correct it, or add <estimate_sound_speed>",
+            3.0, "nats by which that is likelier than wrong positions"),
     Finding("model_mismatch", lambda seen, limit: len(seen.faulty) > max(2, limit * len(seen.names)),
             lambda seen: "no sound field without sources explains microphone"
                          f" {enumerated([seen.names[one.number] for one in seen.faulty])}: {CAUSES}",

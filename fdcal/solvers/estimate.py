@@ -75,6 +75,30 @@ class PositionSpread:
 
 
 @dataclass(frozen=True)
+class GivenHypothesis:
+    """What is likeliest where given positions and pressures contradict each other.
+
+    Attributes
+    ----------
+    positions : (N, D) float64, metres, of an array that the pressures alone shape and these given positions place
+    sigma : (A,) float64, metres, one sigma of the shape at the microphones given
+    noise : (A,) float64, noise of their channels there over that of a healthy one
+    wrong : (A,) bool, which given positions are not those of their microphones
+    log_speed, log_speed_sigma : logarithm of the sound speed with which the given positions agree, over that of the
+        problem, and one sigma; 0 where that is not what is wrong
+    advantage : nats by which it is likelier than any other that was examined
+    """
+
+    positions: np.ndarray
+    sigma: np.ndarray
+    noise: np.ndarray
+    wrong: np.ndarray
+    log_speed: float
+    log_speed_sigma: float
+    advantage: float
+
+
+@dataclass(frozen=True)
 class GivenEstimate:
     """The given positions as the solver took them.
 
@@ -87,6 +111,7 @@ class GivenEstimate:
     probability : callable
         Of which given positions count (A,) bool, returns the probability of a disagreement with the pressures as large
         by chance.
+    contradicted : GivenHypothesis; None where they agree with the pressures, or nothing can be said
     """
 
     sigma: float
@@ -94,6 +119,7 @@ class GivenEstimate:
     stiffness: np.ndarray
     carry_scale: bool
     probability: Callable[[np.ndarray], float]
+    contradicted: GivenHypothesis | None = None
 
 
 @dataclass(frozen=True)

@@ -29,10 +29,15 @@ from ...model.gauge import align, fixes_gauge, rigid_motions
 from ...model.problem import Problem
 from ...model.validation import frozen_array
 from .. import starts
+from ..estimate import GivenHypothesis
+from . import noise
 from .objective import Unknowns, given_carry_scale, held_positions, objective_of, unknowns_of, used_modes, with_unknowns
-from .rules import ASSUMED, GIVEN, STEPS
+from .outliers import relocated
+from .rules import ASSUMED, GIVEN, OUTLIERS, STEPS
 from .state import LocalOptimum, State
 from .step import channel_step, free_directions, reduced, scaled_inverse
+
+EXACT_SIGMA = 1e-3  # metres, one sigma of a coordinate of positions that are given as exact, where these are examined
 
 
 def resolved(problem: Problem, state: State) -> State:
@@ -57,10 +62,74 @@ def resolved(problem: Problem, state: State) -> State:
     return state if best.scale or as_before else assumed
 
 
+def contradicted(problem: Problem, state: State) -> GivenHypothesis | None:
+    """Return the likeliest hypothesis where the positions assumed do not fit the pressures, at the end of a run.
+
+    Where positions are exact the search has left them as they are, whatever they do to the array. Here they are let go.
+
+    problem : with modes of unit power
+    """
+    if len(problem.known) <= problem.array_dimension or given_carry_scale(problem):
+        return None
+    exact = state.model.known_sigma == 0
+    try:
+        noisy = exact and bool(np.any(state.model.channel_noise[problem.known] > OUTLIERS.suspicious))
+        if not noisy and _agree(problem, state, free_array(problem, state, 0)):
+            return None
+        free = _let_go(problem, state) if exact else state
+        if exact:
+            found = free_array(problem, free, 0)
+            tried = hypotheses(found, problem.known, problem.known_positions, EXACT_SIGMA, _sized(state))
+        else:
+            found = free_array(problem, state, GIVEN.steps)
+            tried = likely(problem, state, found)
+    except np.linalg.LinAlgError:
+        return None
+    (best, other, *_), known = tried, problem.known
+    wrong = ~best.right | (best.order != np.arange(len(known)))
+    if not np.any(wrong) and not best.scale:
+        return None
+    variance = np.diag(found.covariance).reshape(state.positions.shape).sum(axis=1)
+    return GivenHypothesis(
+        best.positions,
+        np.sqrt(np.maximum(variance[known], 0.0)),
+        free.model.channel_noise[known],
+        wrong,
+        float(np.log(best.size)),
+        best.size_sigma / best.size,
+        best.log_evidence - other.log_evidence,
+    )
+
+
+def _let_go(problem: Problem, state: State) -> State:
+    """`state` with every exact given position free, its channels where they fit, and the noise that is then left."""
+    kernel = noise.isotropic_kernel(problem, state)
+    model = replace(state.model, contradicted=np.ones(len(problem.known), bool), kernel=kernel, conditional="")
+    state = replace(state, model=replace(model, directions=None), shape=state.positions)
+    used = used_modes(problem, state)
+    for _ in range(GIVEN.rounds):
+        state, damping = relocated(problem, state)[0], STEPS.damping
+        for _ in range(GIVEN.steps):
+            goal, here = objective_of(problem, state, used), unknowns_of(state)
+            trial = channel_step(here, goal, free_directions(here, goal.priors.held), damping, GIVEN.max_step, True)
+            if trial.terms is None:
+                break
+            state = noise.with_power(with_unknowns(state, trial.unknowns), used, goal.field, trial.terms)
+            damping = trial.damping
+            if trial.fall < GIVEN.negligible:
+                break
+        state = noise.with_noise(problem, replace(state, shape=state.positions), rough=False)
+    return state
+
+
+def _sized(state: State) -> bool:
+    """Whether the sound speed may be wrong: it is not sought itself."""
+    return state.settings.sound_speed_sigma is None
+
+
 def likely(problem: Problem, state: State, found: FreeArray) -> list[Hypothesis]:
     """Return the hypotheses on the given positions, the likeliest first."""
-    sized = state.settings.sound_speed_sigma is None
-    return hypotheses(found, problem.known, problem.known_positions, state.settings.known_sigma, sized)
+    return hypotheses(found, problem.known, problem.known_positions, state.settings.known_sigma, _sized(state))
 
 
 def _close(problem: Problem, state: State) -> bool:
@@ -75,7 +144,7 @@ def _agree(problem: Problem, state: State, found: FreeArray) -> bool:
     known, places = held_positions(problem, state)
     x, D = found.unknowns.positions, problem.array_dimension
     index = (known[:, None] * D + np.arange(D)).ravel()
-    sigma = max(state.model.known_sigma, GIVEN.sigma)
+    sigma = max(state.model.known_sigma, GIVEN.sigma) if state.model.known_sigma > 0 else EXACT_SIGMA
     S = found.covariance[np.ix_(index, index)] + sigma**2 * np.eye(len(index))
     r, G = (places - x[known]).ravel(), rigid_motions(x)[index]
     weighed = np.linalg.solve(S, np.column_stack([r, G]))
@@ -176,6 +245,8 @@ class Hypothesis:
     right : (A,) bool, which given positions hold the array
     order : (A,) int64, the positions given in the order in which they belong to the microphones
     scale : whether the sound speed is wrong
+    size, size_sigma : of the array in the frame of the given positions over that of the pressures, and one sigma; 1 and
+        0 but where the sound speed is wrong
     sigma : float, metres, of every given coordinate
     positions : (N, D) float64, metres, the array in the frame of the given positions
     """
@@ -184,6 +255,8 @@ class Hypothesis:
     right: np.ndarray
     order: np.ndarray
     scale: bool
+    size: float
+    size_sigma: float
     sigma: float
     positions: np.ndarray
 
@@ -246,8 +319,9 @@ def _weighed(found: FreeArray, known, places, right, order, scale: bool, stated:
     if scale:
         columns = np.column_stack([columns, (x - x.mean(axis=0)).ravel()])
     placed = partial(_placed, found, known, ordered, right, columns, index, spectrum, stated)
-    evidence, sigma, positions = max((placed(mirror) for mirror in (False, True)), key=lambda one: one[0])
-    return Hypothesis(evidence + _log_prior(right, order, scale), right, order, scale, sigma, positions)
+    evidence, *rest, sized = max((placed(mirror) for mirror in (False, True)), key=lambda one: one[0])
+    size, size_sigma = (1 + sized[0], sized[1]) if scale else (1.0, 0.0)
+    return Hypothesis(evidence + _log_prior(right, order, scale), right, order, scale, size, size_sigma, *rest)
 
 
 def _log_prior(right, order, scale: bool) -> float:
@@ -260,7 +334,7 @@ def _log_prior(right, order, scale: bool) -> float:
 
 
 def _placed(found: FreeArray, known, places, right, columns, index, spectrum, stated: float | None, mirror: bool):
-    """Log evidence, sigma and positions of one image of the array."""
+    """Log evidence, sigma and positions of one image of the array, and its last motion with one sigma."""
     x = found.unknowns.positions
     turn, centre, goal = _turn(x[known[right]], places[right], mirror)
     b = (places - goal) @ turn.T + centre  # the given positions in the frame of the free array
@@ -278,7 +352,8 @@ def _placed(found: FreeArray, known, places, right, columns, index, spectrum, st
     moved = x + (columns @ t[best] + found.covariance[:, index] @ pull).reshape(x.shape)
     evidence = logs[best] - (r.size - columns.shape[1]) / 2 * np.log(2 * np.pi)
     evidence += _of_wrong(b[~right] - moved[known[~right]], sigmas[best])
-    return float(evidence), float(sigmas[best]), (moved - centre) @ turn + goal
+    last = float(t[best, -1]), float(np.sqrt(np.linalg.inv(W[best])[-1, -1]))
+    return float(evidence), float(sigmas[best]), (moved - centre) @ turn + goal, last
 
 
 def _of_wrong(away, sigma: float) -> float:

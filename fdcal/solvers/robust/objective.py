@@ -98,7 +98,7 @@ class Priors:
 
     @property
     def held(self) -> np.ndarray:
-        """Microphones whose given position is exact : (A,) int64."""
+        """Microphones whose given position is exact and holds the array : (A,) int64."""
         return self.known if self.known_sigma == 0 else self.known[:0]
 
     def of_known(self, positions) -> tuple[float, np.ndarray, np.ndarray]:

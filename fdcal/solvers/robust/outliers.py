@@ -22,7 +22,7 @@ from ...model.problem import Problem
 from ...model.validation import frozen_array
 from ..interface import check_deadline
 from .noise import with_noise
-from .objective import NU, gains_are_free, used_modes, wavenumbers
+from .objective import NU, gains_are_free, held_positions, used_modes, wavenumbers
 from .rules import OUTLIERS
 from .state import State
 
@@ -48,8 +48,8 @@ def relocated(problem: Problem, state: State, local: bool = False) -> tuple[Stat
         check_deadline()
         others = np.delete(np.arange(len(x)), n)
         about = x[n] + spacing * OUTLIERS.finer * np.array([[-1.0], [1.0]]) if local else x[tau < OUTLIERS.suspicious]
-        exact = model.known_sigma == 0 and n in problem.known  # such a microphone stays, whatever its channel does
-        candidates = x[n : n + 1] if exact else np.vstack([x[n], _lattice(about, spacing)])
+        stays = model.known_sigma == 0 and n in held_positions(problem, state)[0]  # whatever its channel does
+        candidates = x[n : n + 1] if stays else np.vstack([x[n], _lattice(about, spacing)])
         e, V = _predicted(x[others], q[:, others], candidates, k, power, noise, tau[others], problem.dimension)
         extra = noise * (tau[n] - 1)
         share = np.abs(q[:, n] - e[:, 0]) ** 2 / (V[:, 0] + extra)

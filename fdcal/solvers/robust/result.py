@@ -247,7 +247,7 @@ def _tried(problem: Problem, state: State) -> tuple[TriedOptimum, ...]:
 
 
 def _given(problem: Problem, state: State, goal: Objective, here: Unknowns, at_goal: Terms) -> GivenEstimate:
-    sigma = goal.priors.known_sigma or 1e-3
+    sigma = goal.priors.known_sigma or given.EXACT_SIGMA
     every = replace(goal.priors, known=problem.known, places=problem.known_positions, known_sigma=sigma)
 
     def probability(kept: np.ndarray) -> float:
@@ -258,7 +258,14 @@ def _given(problem: Problem, state: State, goal: Objective, here: Unknowns, at_g
     stated = state.settings.known_sigma
     expected = GIVEN.sigma if stated is None else stated
     stiffness = every.of_known(state.positions)[2]
-    return GivenEstimate(state.model.known_sigma, expected, stiffness, given_carry_scale(problem), probability)
+    return GivenEstimate(
+        state.model.known_sigma,
+        expected,
+        stiffness,
+        given_carry_scale(problem),
+        probability,
+        given.contradicted(problem, state),
+    )
 
 
 def _agreement(held: Objective, here: Unknowns, at_goal: Terms) -> float:

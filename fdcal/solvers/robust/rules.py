@@ -248,6 +248,7 @@ class GivenRules:
         than their model
     steps, max_step, negligible : of the search for the array without given positions: steps at most, metres moved in
         one at most, nats after which it ends
+    rounds : of this search where the noise is not known without exact positions either
     """
 
     sigma: float = 3e-3
@@ -266,6 +267,7 @@ class GivenRules:
     steps: int = 8
     max_step: float = 0.1
     negligible: float = 0.05
+    rounds: int = 2
 
 
 STEPS = StepRules()
