@@ -244,9 +244,12 @@ def _disagreement(seen: Judged) -> str:
     )
 
 
+IN_AIR = 0.06  # relative error of a sound speed: 6 % are 36 K. More is a wave in a plate, or about an obstacle
+
+
 def _contradicted_speed(seen: Judged, limit: float) -> bool:
     found = seen.estimate.given.contradicted
-    return found is not None and found.log_speed != 0 and found.advantage > limit
+    return found is not None and 0 < abs(found.log_speed) < IN_AIR and found.advantage > limit
 
 
 def _contradicted_speed_words(seen: Judged) -> str:

@@ -15,7 +15,7 @@ from fdcal.assessment.uncertainty import covariance_of
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
 from fdcal.solvers import load, run
-from fdcal.solvers.estimate import Estimate
+from fdcal.solvers.estimate import Estimate, GivenHypothesis
 
 COUNT, MODES, KNOWN, FAULTY = 20, 32, [0, 5, 11, 17], 7
 
@@ -144,12 +144,16 @@ def test_a_delay_that_the_solver_did_not_look_for_is_found_in_what_the_others_pr
         assert (one.number, one.kind) == (FAULTY, "delayed") and one.value == pytest.approx(delay, abs=2e-5)
 
 
-def test_a_given_position_that_never_moves_is_misplaced_where_its_channel_is_noise(estimate):
+def test_noise_of_a_channel_whose_exact_position_is_wrong_is_no_fault_of_the_channel(estimate):
     """The solver of exact given positions puts the error of one into the noise of its channel."""
     noise = np.array(estimate.channels.noise)
     noise[KNOWN[1]] = 100.0
     noisy = replace(estimate, channels=replace(estimate.channels, noise=noise))
-    exact = replace(noisy, given=replace(estimate.given, sigma=0.0))
+    wrong, positions = np.arange(len(KNOWN)) == 1, np.array(estimate.positions)
+    positions[KNOWN[1]] += 0.03, 0.04
+    ones = np.ones(len(KNOWN))
+    found = GivenHypothesis(positions, 1e-3 * ones, ones, wrong, 0.0, 0.0, 9.0)
+    exact = replace(noisy, given=replace(estimate.given, sigma=0.0, contradicted=found))
     kinds = [[(one.number, one.kind) for one in faulty_channels(of, covariance_of(of))] for of in (noisy, exact)]
     assert kinds[0] == [(KNOWN[1], "noisy")] and kinds[1] == [(KNOWN[1], "misplaced")]
 

@@ -96,6 +96,7 @@ def test_without_reflections_the_field_is_said_to_be_a_single_wave(dimension, sn
 
 
 def test_bending_waves_of_a_plate_are_a_mismatch_and_not_too_many_frequencies():
+    """A sound speed with which the given positions agree would be one that air does not have."""
     found = fdcal.calibrate(measured(plate()), solver="robust")
     assert found.verdict == "model_mismatch" and "sound field" in found.verdict_text
 

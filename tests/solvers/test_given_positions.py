@@ -9,6 +9,8 @@ import pytest
 from fields import measured
 from solving import rms, rms_of_shape, solved
 
+from fdcal.acoustics.measure import measure
+from fdcal.model.scene_file import load_scene
 from fdcal.solvers.robust.given import FreeArray, hypotheses
 from fdcal.solvers.robust.objective import Unknowns
 
@@ -139,6 +141,69 @@ def test_positions_that_are_all_inaccurate_bend_no_array(sound):
 
 
 def test_a_wrong_sound_speed_is_said_and_no_position_is_blamed(sound):
-    wrong = replace(sound, sound_speed=1.03 * sound.sound_speed, wavenumbers=sound.wavenumbers / 1.03)
-    found = solved(wrong).assessment
-    assert found.verdict == "known_position" and "sound speed" in found.message
+    wrong = at_speed(sound, 1.03 * sound.sound_speed)
+    for solver in ("robust", "joint"):
+        end = solved(wrong, solver)
+        assert end.assessment.verdict == "sound_speed" and end.faulty == []
+        assert_speed(end, sound.sound_speed)
+
+
+def at_speed(measurement, speed):
+    """`measurement` with another sound speed, m/s, than that of its pressures."""
+    slower = measurement.sound_speed / speed
+    return replace(measurement, sound_speed=speed, wavenumbers=measurement.wavenumbers * slower)
+
+
+def assert_speed(end, truth):
+    """The sound speed said is within three sigmas of the truth, m/s, and these are less than two metres per second."""
+    found = end.estimate.given.contradicted
+    speed = end.problem.sound_speed * np.exp(found.log_speed)
+    assert abs(speed - truth) < 3 * speed * found.log_speed_sigma < 6.0
+    assert f"at a sound speed of {speed:.1f} m/s" in end.assessment.message
+
+
+@pytest.mark.parametrize("factor", [0.97, 1.02])
+def test_few_exact_positions_show_a_wrong_sound_speed_too(factor):
+    """Three of array 1: the search ends where nothing fits, and the array that they do not hold says why."""
+    measurement = measure(load_scene("array1_circle"))
+    end = solved(at_speed(measurement, factor * measurement.sound_speed), "joint", modes=57)
+    assert end.assessment.verdict == "sound_speed"
+    assert_speed(end, measurement.sound_speed)
+    assert np.array_equal(end.state.positions[measurement.known], measurement.known_positions)
+
+
+def test_a_wrong_position_and_a_wrong_sound_speed_that_explain_as_much_are_not_told_apart():
+    """Three positions are one distance and an angle; under noise either may be off."""
+    three = measured(array(), KNOWN[:3], snr_db=25.0, modes=MODES)
+    found = solved(given(three, [[0, 0], [0.02, -0.01], [0, 0]]), "joint").assessment
+    assert found.verdict != "good" and "sound speed is wrong" in found.message
+
+
+@pytest.mark.parametrize("away", [0.03, 0.3])
+def test_how_far_an_exact_position_is_from_its_microphone_is_said(sound, away):
+    """It never moves, so that the positions found cannot say it."""
+    wrong = np.zeros((6, 2))
+    wrong[2] = 0.8 * away, -0.6 * away
+    end = solved(given(sound, wrong), "joint")
+    assert end.faulty == [(KNOWN[2], "misplaced")]
+    assert np.array_equal(end.state.positions[KNOWN], sound.positions[KNOWN] + wrong)
+    (fault,) = end.assessment.channels.faults
+    row = end.assessment.channels.given[2]
+    assert row.wrong and fault.value == pytest.approx(row.difference) == pytest.approx(away, abs=5e-3)
+    assert np.linalg.norm(np.array(row.found) - sound.positions[KNOWN[2]]) < 5e-3
+
+
+def test_a_dead_channel_at_an_exact_position_is_dead_and_not_misplaced(sound):
+    pressures, rng = sound.pressures.copy(), np.random.default_rng(3)
+    loud = np.sqrt(np.mean(np.abs(pressures) ** 2))
+    pressures[:, KNOWN[1]] = loud * (rng.normal(size=MODES) + 1j * rng.normal(size=MODES))
+    assert solved(replace(sound, pressures=pressures), "joint").faulty == [(KNOWN[1], "dead")]
+
+
+@pytest.mark.parametrize("partner", [KNOWN[4], 7])
+def test_a_channel_at_an_exact_position_that_is_exchanged_is_found_and_put_back(sound, partner):
+    pressures = sound.pressures.copy()
+    pressures[:, [KNOWN[1], partner]] = pressures[:, [partner, KNOWN[1]]]
+    end = solved(replace(sound, pressures=pressures), "joint")
+    assert sorted(end.faulty) == sorted([(KNOWN[1], "exchanged"), (partner, "exchanged")])
+    assert rms(end.assessment.positions, sound.positions) < 3e-3

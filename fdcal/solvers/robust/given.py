@@ -86,14 +86,16 @@ def contradicted(problem: Problem, state: State) -> GivenHypothesis | None:
     except np.linalg.LinAlgError:
         return None
     (best, other, *_), known = tried, problem.known
+    noise_there = free.model.channel_noise[known]
     wrong = ~best.right | (best.order != np.arange(len(known)))
+    wrong &= noise_there < OUTLIERS.suspicious  # a channel that fits nowhere says nothing of its position
     if not np.any(wrong) and not best.scale:
         return None
     variance = np.diag(found.covariance).reshape(state.positions.shape).sum(axis=1)
     return GivenHypothesis(
         best.positions,
         np.sqrt(np.maximum(variance[known], 0.0)),
-        free.model.channel_noise[known],
+        noise_there,
         wrong,
         float(np.log(best.size)),
         best.size_sigma / best.size,
