@@ -27,7 +27,6 @@ from .channels import (
     exchanged_back,
     faulty_channels,
     healthy_channels,
-    shown_positions,
 )
 from .field import cross_validate, summarise
 from .findings import FINDINGS, ROOM_FINDINGS, Judged, JudgedRoom, first_finding
@@ -156,11 +155,12 @@ def _channels(estimate: Estimate, seen: Judged, positions, sigma) -> Channels:
     found, names, problem = estimate.channels, seen.names, estimate.problem
     wrong = {one.number for one in seen.faulty if one.kind in ("misplaced", "exchanged")}
     numbers: list[int] = problem.known.tolist()
-    shown, contradicted = shown_positions(estimate), estimate.given.contradicted
+    contradicted = estimate.given.contradicted if estimate.given.sigma == 0 else None
     given = []
     for i, (n, place) in enumerate(zip(numbers, problem.known_positions.tolist(), strict=True)):
-        elsewhere = n in wrong and shown is not estimate.positions and contradicted is not None
-        there, own = (shown[n], contradicted.sigma[i]) if elsewhere else (positions[n], sigma[n])
+        there, own = positions[n], sigma[n]
+        if contradicted is not None and n in wrong:
+            there, own = contradicted.positions[n], contradicted.sigma[i]
         given.append(GivenPosition(names[n], tuple(place), tuple(there.tolist()), float(own), n in wrong))
     return Channels(
         DECIBELS_PER_NEPER * found.gains[:, 0],

@@ -321,9 +321,10 @@ def _weighed(found: FreeArray, known, places, right, order, scale: bool, stated:
     if scale:
         columns = np.column_stack([columns, (x - x.mean(axis=0)).ravel()])
     placed = partial(_placed, found, known, ordered, right, columns, index, spectrum, stated)
-    evidence, *rest, sized = max((placed(mirror) for mirror in (False, True)), key=lambda one: one[0])
+    evidence, sigma, positions, sized = max((placed(mirror) for mirror in (False, True)), key=lambda one: one[0])
     size, size_sigma = (1 + sized[0], sized[1]) if scale else (1.0, 0.0)
-    return Hypothesis(evidence + _log_prior(right, order, scale), right, order, scale, size, size_sigma, *rest)
+    evidence += _log_prior(right, order, scale)
+    return Hypothesis(evidence, right, order, scale, size, size_sigma, sigma, positions)
 
 
 def _log_prior(right, order, scale: bool) -> float:
