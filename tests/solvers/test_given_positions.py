@@ -187,8 +187,9 @@ def test_how_far_an_exact_position_is_from_its_microphone_is_said(sound, away):
     end = solved(given(sound, wrong), "joint")
     assert end.faulty == [(KNOWN[2], "misplaced")]
     assert np.array_equal(end.state.positions[KNOWN], sound.positions[KNOWN] + wrong)
-    (fault,) = end.assessment.channels.faults
-    row = end.assessment.channels.given[2]
+    channels = end.assessment.channels
+    assert channels is not None
+    (fault,), row = channels.faults, channels.given[2]
     assert row.wrong and fault.value == pytest.approx(row.difference) == pytest.approx(away, abs=5e-3)
     assert np.linalg.norm(np.array(row.found) - sound.positions[KNOWN[2]]) < 5e-3
 
