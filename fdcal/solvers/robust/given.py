@@ -89,7 +89,8 @@ def contradicted(problem: Problem, state: State) -> GivenHypothesis | None:
     noise_there = free.model.channel_noise[known]
     wrong = ~best.right | (best.order != np.arange(len(known)))
     wrong &= noise_there < OUTLIERS.suspicious  # a channel that fits nowhere says nothing of its position
-    if not np.any(wrong) and not best.scale:
+    as_given = next(one for one in tried if np.all(one.right) and np.all(np.diff(one.order) > 0) and not one.scale)
+    if best.log_evidence - as_given.log_evidence < GIVEN.nats or not (np.any(wrong) or best.scale):
         return None
     variance = np.diag(found.covariance).reshape(state.positions.shape).sum(axis=1)
     return GivenHypothesis(

@@ -248,6 +248,7 @@ class GivenRules:
         than their model
     steps, max_step, negligible : of the search for the array without given positions: steps at most, metres moved in
         one at most, nats after which it ends
+    nats : by which another hypothesis must be likelier than exact positions as they are given
     rounds : of this search where the noise is not known without exact positions either
     """
 
@@ -267,6 +268,7 @@ class GivenRules:
     steps: int = 8
     max_step: float = 0.1
     negligible: float = 0.05
+    nats: float = 3.0
     rounds: int = 2
 
 
