@@ -22,31 +22,46 @@ from .likelihood import FieldModel
 from .waves import plane_waves, wave_directions
 
 
-def learned_powers(x, pressures, field: FieldModel, iterations: int, count: float) -> np.ndarray:
-    """Return the power by direction (M, Q) float64 after some iterations from that of `field`.
-
-    x : (N, D) float64, metres; pressures : (M, N) complex128; count : observations that the field is diffuse. Raises
-    ValueError for a field without directions.
-    """
+import os
+LAB=eval(os.environ.get("FD","{}"))
+def learned_powers(x, pressures, field: FieldModel, iterations: int, count: float, takes=None) -> np.ndarray:
+    """LAB"""
     if (powers := field.directions) is None:
         raise ValueError("the field has no directions")
     k, weight, dimension = np.asarray(field.wavenumbers), 1 / np.sqrt(field.channel_noise), field.dimension
     x = x - np.mean(x if field.about is None else field.about, axis=0)
     p = weight * pressures / np.sqrt(field.power)[:, None]
-    done, (Q, w), mu = [], (powers.shape[1], wave_directions(dimension, powers.shape[1])[1]), field.noise / field.power
+    (Q, w), mu = (powers.shape[1], wave_directions(dimension, powers.shape[1])[1]), field.noise / field.power
     pairs = cosines_and_sines(x, k, Q, dimension) if np.isrealobj(k) and Q > len(x) else None
+    rules = []
     for m in blocks(len(k), 2 * len(x) * Q):
-        S = np.array(powers[m], float)
         if pairs is None:
-            waves = plane_waves(x, k[m], np.ones_like(S), False, dimension)[0] * weight
+            waves = plane_waves(x, k[m], np.ones_like(powers[m]), False, dimension)[0] * weight
             factor = _of_few if waves.shape[1] <= waves.shape[2] else _of_many
         else:
             waves, factor = pairs[m] * weight[:, None], _of_pairs
-        for _ in range(iterations):
-            fresh = S * factor(waves, S, p[m], mu[m, None], dimension)
-            S = (fresh / (fresh @ w)[:, None] + count) / (1 + count)
-        done.append(S)
-    return np.concatenate(done)
+        rules.append((m, waves, factor))
+    S = np.array(powers, float)
+    c1, rho = LAB.get(dimension, (0.0, 0.1))
+    takes = np.zeros(len(k), int) if takes is None else takes
+    for _ in range(iterations):
+        amp, res = np.empty_like(S), np.empty_like(S)
+        for m, waves, factor in rules:
+            amp[m], res[m] = factor(waves, S[m], p[m], mu[m, None], dimension)
+        fresh = S * (amp + 1 - res)
+        fresh /= (fresh @ w)[:, None]
+        if not LAB:
+            S = (fresh + count) / (1 + count)
+            continue
+        for t in np.unique(takes):
+            r = takes == t
+            A = S[r].mean(axis=0)
+            n, d = amp[r].sum(axis=0), res[r].sum(axis=0)
+            c0 = rho * np.sum(d) * w
+            A = A * np.sqrt((n + c0 / A) / (d + c0))
+            A /= A @ w
+            S[r] = A if c1 == np.inf else (fresh[r] + c1 * A) / (1 + c1)
+    return S
 
 
 def _of_few(waves, S, p, mu, dimension: int) -> np.ndarray:
@@ -60,7 +75,7 @@ def _of_few(waves, S, p, mu, dimension: int) -> np.ndarray:
     A[:, q, q] += mu
     X = triangular_inverses(np.linalg.cholesky(A))
     alpha = (np.conj(X.swapaxes(1, 2)) @ (X @ (WH @ p[..., None])))[..., 0]
-    return np.abs(alpha) ** 2 + mu * np.sum(np.abs(X) ** 2, axis=1)
+    return np.abs(alpha) ** 2, 1 - mu * np.sum(np.abs(X) ** 2, axis=1)
 
 
 def _of_many(waves, S, p, mu, dimension: int) -> np.ndarray:
@@ -71,7 +86,7 @@ def _of_many(waves, S, p, mu, dimension: int) -> np.ndarray:
     X = triangular_inverses(np.linalg.cholesky(C))
     Y = X @ W.swapaxes(1, 2)
     alpha = (np.conj(Y.swapaxes(1, 2)) @ (X @ p[..., None]))[..., 0]
-    return np.abs(alpha) ** 2 + np.maximum(1 - np.sum(np.abs(Y) ** 2, axis=1), 0.0)
+    return np.abs(alpha) ** 2, np.minimum(np.sum(np.abs(Y) ** 2, axis=1), 1.0)
 
 
 def _of_pairs(waves, S, p, mu, dimension: int) -> np.ndarray:
@@ -88,5 +103,5 @@ def _of_pairs(waves, S, p, mu, dimension: int) -> np.ndarray:
     own = np.sum(waves * np.matmul(np.real(P).copy(), waves), axis=1)
     own = own[:, :half] + own[:, half:]
     cross = 2 * np.sum(waves[..., :half] * np.matmul(np.imag(P).copy(), waves[..., half:]), axis=1)
-    variance = 1 - w * S * np.concatenate([own + cross, own - cross], axis=1)
-    return w * S * np.sum(amplitudes**2, axis=-1) + np.maximum(variance, 0.0)
+    resolved = w * S * np.concatenate([own + cross, own - cross], axis=1)
+    return w * S * np.sum(amplitudes**2, axis=-1), np.minimum(resolved, 1.0)

@@ -77,8 +77,9 @@ def spectrum(values) -> np.ndarray:
 
 
 def takes(values, rows: int) -> np.ndarray:
-    """Return the take of each row, 0 unless given : (M,) int64."""
-    numbers = require_array("takes", np.zeros(rows, np.int64) if values is None else values, "index", (rows,))
+    """Return the take of each row, 0 unless given : (M,) int64. One take stays one where rows are left out."""
+    one = values is None or (isinstance(values, np.ndarray) and not np.any(values))
+    numbers = require_array("takes", np.zeros(rows, np.int64) if one else values, "index", (rows,))
     if np.any(numbers < 0):
         raise InputError("takes must be counted from 0", "give one number for each row", key="takes")
     return frozen_array(numbers, np.int64)

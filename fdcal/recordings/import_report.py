@@ -102,7 +102,7 @@ def _snr_lines(taken: Pressures) -> list[str]:
 
 def _count_lines(measurement: Measurement) -> list[str]:
     """Return a warning where the microphones are too few for any calibration, or for an exact one."""
-    count, needed = measurement.count, min_microphones(measurement.array_dimension)
+    count, needed = measurement.count, min_microphones(measurement.dimension)
     if count < needed:
         return [f"warning: {count} microphones are too few to be found: use {needed} or more, {MANY} in a room"]
     return []

@@ -73,11 +73,29 @@ def highest_frequency(problem: Problem) -> float:
 
 
 def min_microphones(dimension: int) -> int:
-    """Return the number of microphones below which no array of D = `dimension` coordinates can be found.
+    """Return the number of microphones below which no array is found in a field of two or three dimensions.
 
-    A field of the lowest order has D + 1 functions; as many equations again must be left for the positions.
+    A field of the lowest order has `dimension` + 1 functions. In the plane as many equations again must be left for the
+    positions; in space several takes can do with fewer microphones (`takes_needed`).
     """
-    return 2 * dimension + 2
+    return 6 if dimension == 2 else 4
+
+
+def takes_needed(problem: Problem) -> int:
+    """Return how many takes determine the positions of an array in space; 1 where one does.
+
+    A row has one real equation for each microphone beyond the functions of a field of the lowest order: a standing wave
+    is real up to its phase. Where there are none, the direct sound of a take has N - 1 phase differences at each
+    frequency, all of one wave from an unknown direction, which leaves N - D equations a take.
+    """
+    N, D = problem.pressures.shape[1], problem.dimension
+    return 1 if N > D + 1 else -(-unknown_coordinates(problem) // max(1, N - D))
+
+
+def unknown_coordinates(problem: Problem) -> int:
+    """Return the number of coordinates to be found; without given positions the rigid motions do not count."""
+    D = problem.array_dimension
+    return D * len(problem.free) - (0 if len(problem.known) else D * (D + 1) // 2)
 
 
 def require_measured(problem: Problem, count: int) -> None:
@@ -107,11 +125,12 @@ def require_modes(problem: Problem, count: int) -> None:
     """Raise InputError unless `count` modes were measured and are enough for the unknown coordinates."""
     require_measured(problem, count)
     microphones, D = problem.pressures.shape[1], problem.array_dimension
-    enough = min_microphones(D)
+    enough = min_microphones(problem.dimension)
     if microphones < enough:
         raise InputError(f"{microphones} microphones are too few to find", f"use {enough} or more", key="pressures")
     unknowns = D * len(problem.free)
-    equations = 2 * (microphones - problem.dimension - 1)  # real ones a mode, less those that its field takes up
+    # Real equations of a row: those that its field does not take up, or the phases of the direct sound.
+    equations = max(1, 2 * (microphones - problem.dimension - 1))
     min_modes = REQUIREMENTS.min_modes_2d if problem.dimension == 2 else REQUIREMENTS.min_modes_3d
     needed = max(min_modes, -(-unknowns // equations) + 1)
     if count < needed:
@@ -130,13 +149,16 @@ def check_solvable(problem: Problem, modes: int, names: Sequence[str]) -> None:
         if np.array_equal(place, other):
             message = f'known microphones "{names[a]}" and "{names[b]}" have the same given position {place.tolist()} m'
             raise InputError(message, "correct known_positions", key="known_positions")
-    # Real equations and unknowns: a standing wave is real up to its phase; D + 1 of its numbers are free.
-    (measured, N), D = problem.pressures.shape, problem.array_dimension
-    unknowns = D * len(problem.free) - (0 if len(problem.known) else D * (D + 1) // 2)
-    each = N - D - 1
-    if each <= 0:
-        message = f"{N} microphones are too few: a field of the lowest order has {D + 1} functions"
-        raise InputError(message, f"use {min_microphones(D)} microphones or more", key="pressures")
+    (measured, N), unknowns, D = problem.pressures.shape, unknown_coordinates(problem), problem.array_dimension
+    takes, needed = len(np.unique(problem.takes)), takes_needed(problem)
+    if N < min_microphones(problem.dimension):
+        message = f"{N} microphones are too few: a field of the lowest order has {problem.dimension + 1} functions"
+        raise InputError(message, f"use {min_microphones(problem.dimension)} microphones or more", key="pressures")
+    if takes < needed:
+        message = f"{N} microphones are too few with {takes} take{'s' * (takes > 1)}"
+        remedy = f"record {needed} takes, the source at another place in each, or use {problem.dimension + 2} or more"
+        raise InputError(message, f"{remedy} microphones", key="pressures")
+    each = max(1, N - D - 1)
     needed, used = -(-unknowns // each), min(modes, measured)
     if used < needed:
         raise InputError(

@@ -172,7 +172,8 @@ def _spread(
         newton = newton + (state.settings.sound_speed_sigma or 0.0) ** 2 * np.outer(x, x)
     index = np.delete(np.arange(newton.shape[0]).reshape(shape), held, axis=0).ravel()
     influences = []
-    for parts in (slopes, _grouped(slopes)):
+    by_take = np.argsort(problem.takes[used_modes(problem, state)], kind="stable")  # neighbours are of one take
+    for parts in (slopes, _grouped(slopes[by_take])):
         moves = np.zeros((len(parts), newton.shape[0]))
         moves[:, index] = -(_about_zero(parts) @ inverse)[:, : len(index)]
         influences.append(moves @ gauge.T)
