@@ -192,7 +192,7 @@ def with_directions(problem: Problem, state: State, used, updates: int) -> State
         model = replace(model, directions=np.ones((len(k), Q)))
     learned, seen = np.array(model.directions), corrected(problem, state, used)
     field, count = field_of(problem, replace(state, model=model), used), ASSUMED.direction_count[problem.dimension]
-    learned[used] = learned_powers(state.positions, seen, field, updates, count, problem.takes[used])
+    learned[used] = learned_powers(state.positions, seen, field, problem.takes[used], updates, count)
     return replace(state, model=replace(model, directions=frozen_array(learned, float)))
 
 

@@ -118,8 +118,8 @@ class AssumptionRules:
         the array is moved onto the given positions
     carrying_sigma, carrying_tail : metres, error of each coordinate of given positions that carry the scale, and the
         degrees of freedom of their prior, which is then nearly Gaussian
-    direction_count : observations that the field's power from a direction is that from all; in space there are more
-        directions
+    direction_count : observations that the directions of a row are those of its take; resonances of a plate differ more
+        than the frequencies of a room
     first_updates, direction_updates, turned_updates : steps of expectation and maximisation of the directions' power
         before the first step, after every step, and after the array was turned as a whole
     turned : move of a microphone with the array as a whole, times the greatest k, below which the directions are kept
@@ -151,7 +151,7 @@ class AssumptionRules:
     known_outlier: float = 3.0
     carrying_sigma: float = 1e-3
     carrying_tail: float = 1e6
-    direction_count: Mapping[int, float] = field(default_factory=lambda: MappingProxyType({2: 1.0, 3: 0.1}))
+    direction_count: Mapping[int, float] = field(default_factory=lambda: MappingProxyType({2: 0.3, 3: 3.0}))
     first_updates: int = 10
     direction_updates: int = 3
     turned_updates: int = 60
