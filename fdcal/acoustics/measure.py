@@ -82,10 +82,10 @@ def each_take(scene: Scene, progress=None) -> list[tuple[Scene, Callable[[float]
         positions_of(scene)  # refuses an impossible place by its number
     scenes = scene.takes()
 
-    def part(number: int) -> Callable[[float], None]:
-        return lambda done: progress((number + done) / len(scenes))
+    def part(report: Callable[[float], None], number: int) -> Callable[[float], None]:
+        return lambda done: report((number + done) / len(scenes))
 
-    return [(take, None if progress is None else part(number)) for number, take in enumerate(scenes)]
+    return [(take, None if progress is None else part(progress, number)) for number, take in enumerate(scenes)]
 
 
 def sound_field(scene: Scene, recordings: np.ndarray | None = None, progress=None) -> ModalPressures:

@@ -92,15 +92,24 @@ def upper_frame(
 
 
 def room_and_source(
-    scene: Scene, marker_radius: float, theme: Theme
+    scene: Scene, marker_radius: float, theme: Theme, take: int | None = None
 ) -> tuple[tuple[Lines, ...], tuple[Label, ...], tuple[Mesh, ...]]:
-    """Return the walls, the grid on the floor and the source of a scene that is no measured room."""
+    """Return the walls, the grid on the floor and the source of a scene that is no measured room.
+
+    Of several places of the source each is marked with its take; where one take is chosen, the others are drawn small.
+    """
     room_lines, meshes = _room(scene, marker_radius, theme)
-    place = glyphs.lift(np.array([scene.emitter.position], float), layer_height(Layer.SOURCE, marker_radius))
-    meshes += strokes("source", glyphs.stars(place, 2 * marker_radius, arms=4), marker_radius, TRUE, 0.4)
-    x, y, z = place[0].tolist()
-    label = Label("source/name", "source", (x, y - 3 * marker_radius, z), theme.foreground, "top-center")
-    return room_lines, (label,), meshes
+    places = glyphs.lift(np.array(scene.emitter.places, float), layer_height(Layer.SOURCE, marker_radius))
+    labels = []
+    for number, place in enumerate(places):
+        several, chosen = len(places) > 1, take in (None, number)
+        name, text = (f"source/{number}", f"source, take {number}") if several else ("source", "source")
+        arms, width, colour = (2.0, 0.4, theme.foreground) if chosen else (1.2, 0.25, theme.quiet)
+        star = glyphs.stars(place[None], arms * marker_radius, arms=4)
+        meshes += strokes(name, star, marker_radius, TRUE, width)
+        x, y, z = place.tolist()
+        labels.append(Label(f"{name}/name", text, (x, y - 3 * marker_radius, z), colour, "top-center"))
+    return room_lines, tuple(labels), meshes
 
 
 def _room(scene: Scene, marker_radius: float, theme: Theme) -> tuple[tuple[Lines, ...], tuple[Mesh, ...]]:
@@ -110,7 +119,7 @@ def _room(scene: Scene, marker_radius: float, theme: Theme) -> tuple[tuple[Lines
     edges = glyphs.loop(vertices, layer_height(Layer.WALLS, marker_radius))
     grid = glyphs.floor_grid(vertices, 1.0 if extent > 3.0 else 0.2, layer_height(Layer.GRID, marker_radius))
     if scene.room.dimension == 3:
-        feet = np.concatenate([glyphs.lift(vertices, height), np.array([scene.emitter.position], float)])
+        feet = np.concatenate([glyphs.lift(vertices, height), np.array(scene.emitter.places, float)])
         box = np.concatenate([glyphs.loop(vertices, height), glyphs.stems(feet, 0.0)])
         meshes, before = (), (lines("room/box", box, theme.grid, 2.0),)
     else:

@@ -250,15 +250,16 @@ class Source:
     @property
     def places(self) -> tuple[Point, ...]:
         """All places of the source, one for each take, metres."""
-        return self.positions if self.position is None else (self.position,)  # one at least, as `_check_places` says
+        return self.positions if self.position is None else (self.position,)
 
     @property
     def place(self) -> Point:
         """The only place of the source, metres; InputError where it has several."""
-        if len(self.places) > 1:
+        if self.position is None and len(self.positions) != 1:
             problem = f"the source has {len(self.places)} places, and one is simulated at a time"
             raise InputError(problem, "use Source.each()", key="source.positions")
-        return self.places[0]
+        (place,) = self.places
+        return place
 
     @property
     def keys(self) -> tuple[str, ...]:
