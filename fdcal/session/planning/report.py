@@ -66,13 +66,13 @@ def takes_lines(cases: Sequence[TakesCase], own: int = 1) -> list[str]:
     one = next(case.rms for case in cases if case.takes == 1)
 
     def row(words: str, name: str) -> str:
-        return f"{words}: " + ", ".join(f"{case.takes} {_mm(getattr(case, name))}" for case in several)
+        return f"{words}: " + ", ".join(f"{case.takes} places {_mm(getattr(case, name))}" for case in several)
 
     mine = next(case for case in cases if case.takes == max(own, 2))
     times = "twice" if mine.takes == 2 else f"{mine.takes} times"
     return [
-        row(f"places of the source, each recorded as long as one ({_mm(one)} rms)", "rms"),
-        row("the same recording time in all, divided among so many places", "shared"),
+        row(f"more places of the source, each recorded as long as one ({_mm(one)} rms)", "rms"),
+        row("the same recording time in all, divided among the places", "shared"),
         f"one place, recorded {times} as long: {_mm(mine.longer)}",
     ]
 

@@ -62,7 +62,7 @@ class MapGridWorker:
         if panels is None:
             return None
         n, f, takes = request.microphone, run.measurement.frequencies, run.measurement.takes
-        several = run.measurement.take_count > 1
+        several = run.measurement.take_count > 1 and request.take is None
         captions = [
             f"{mode}: {f[mode - 1]:.1f} Hz" + (f", take {takes[mode - 1]}" if several else "") for mode in panels.modes
         ]
@@ -76,5 +76,5 @@ class MapGridWorker:
         return mosaic(
             [*panels.maps, panels.total], captions, panels.search, marks,
             DARK if request.style.dark else LIGHT,
-            log=request.style.log, shared=request.style.shared, columns=2 if len(panels.modes) < 6 else 3,
+            log=request.style.log, shared=request.style.shared, columns=2 if several or len(panels.modes) < 6 else 3,
         )  # fmt: skip
