@@ -1,8 +1,15 @@
 """Which frequencies of a recording to use: modes that stand out, and between them those of the highest SNR.
 
 The method does not need eigenfrequencies: any frequency at which there is no source inside the array will do. In a
-damped room few modes stand out, and the frequencies between them carry as much information; but two that are closer
-than the frequency resolution are not independent.
+damped room few modes stand out, and the frequencies between them carry as much information; but two that are close
+carry the same. With e(t) the energy of the response at time t and v its noise or, where that is less, what a model of
+the field cannot explain,
+
+    T_eq = (sum e)^2 / sum e^2     the pressure decorrelates over a bandwidth of 1 / T_eq
+    T    = sum e / (e + v)         the time in which the response stands out
+
+Samples 1 / T apart hold all that there is in the band, as those of any response of length T do. The late part of a
+response is weak, so T is about 4 T_eq where a room decays evenly, and more where the direct sound is strong.
 """
 
 from __future__ import annotations
@@ -12,8 +19,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..model.validation import InputError
-
-DEFAULT_COUNT = 57  # frequencies, where nothing is known of the microphones
 
 
 @dataclass(frozen=True)
@@ -38,8 +43,94 @@ class SelectionThresholds:
 THRESHOLDS = SelectionThresholds()
 
 
+@dataclass(frozen=True)
+class RowLimits:
+    """How many rows are taken, and how close.
+
+    Attributes
+    ----------
+    most : int
+        Rows of all takes together, by default: 32 microphones at so many take some 5 s of one processor.
+    usual_count : int
+        Microphones up to which that holds; of more, whose rows take longer by the square, fewer are taken.
+    least_of_array, least_of_take : int
+        Rows that the default leaves however many microphones or takes there are.
+    unexplained : float
+        Power relative to that of the response that no model of the field explains.
+    """
+
+    most: int = 400
+    usual_count: int = 64
+    least_of_array: int = 112
+    least_of_take: int = 20
+    unexplained: float = 1e-3
+
+
+ROWS = RowLimits()
+
+
+def default_most(microphones: int, takes: int = 1) -> int:
+    """Return how many rows of each take are used at most unless their number is given.
+
+    The limit is one of computing time alone. Takes share it, since rows of another take say more than closer ones.
+
+    Examples
+    --------
+    >>> default_most(32), default_most(32, takes=8), default_most(128)
+    (400, 50, 112)
+    """
+    every = max(ROWS.least_of_array, int(ROWS.most * min(1.0, (ROWS.usual_count / microphones) ** 2)))
+    return max(ROWS.least_of_take, every // takes)
+
+
+@dataclass(frozen=True)
+class Spacing:
+    """How close the frequencies of a recording are worth taking, Hz.
+
+    Attributes
+    ----------
+    step : float
+        Least distance of two frequencies.
+    decorrelation : float
+        Bandwidth over which the pressures decorrelate, 1 / T_eq; frequencies that are closer are not independent.
+    """
+
+    step: float
+    decorrelation: float
+
+
+def spacing_of(energy: np.ndarray, noise: np.ndarray, interval: float) -> Spacing:
+    """Return the spacing of frequencies of a response.
+
+    Parameters
+    ----------
+    energy : (T,) float64
+        Of the response and the noise over time, windows included.
+    noise : (T,) float64
+        Its expected part that is noise.
+    interval : float
+        Of the times, s.
+
+    Examples
+    --------
+    >>> t = np.arange(0, 1, 1e-3)
+    >>> spacing = spacing_of(np.exp(-2 * 14 * t), 0 * t, 1e-3)  # falls by 60 dB in 0.5 s
+    >>> round(spacing.decorrelation), round(spacing.step, 1)
+    (14, 3.7)
+    """
+    e = np.maximum(energy - noise, 0.0)
+    if not e.max(initial=0.0) > 0:
+        return Spacing(*(2 * (1 / max(interval * len(energy), 1e-9),)))
+    v = np.maximum(noise, ROWS.unexplained * np.sum(e**2) / np.sum(e))
+    return Spacing(1 / (interval * np.sum(e / (e + v))), float(np.sum(e**2) / np.sum(e) ** 2 / interval))
+
+
+class NothingAboveNoise(InputError):
+    """A recording without any frequency at which the sound rises above the noise."""
+
+
 def choose_frequencies(
-    frequencies: np.ndarray, power: np.ndarray, noise: np.ndarray, resolution: float, most: int = DEFAULT_COUNT
+    frequencies: np.ndarray, power: np.ndarray, noise: np.ndarray, resolution: float, most: int = ROWS.most
 ) -> np.ndarray:
     """Return the indices of the frequencies to use.
 
@@ -64,8 +155,8 @@ def choose_frequencies(
 
     Raises
     ------
-    InputError
-        No frequency rises above the noise.
+    NothingAboveNoise
+        No frequency does.
     """
     from scipy.signal import find_peaks
 
@@ -74,7 +165,7 @@ def choose_frequencies(
     snr = 10 * np.log10(np.maximum(power - noise, 1e-300) / floor)
     usable = snr >= THRESHOLDS.min_snr
     if not np.any(usable):
-        raise InputError(
+        raise NothingAboveNoise(
             f"no frequency between {frequencies[0]:g} and {frequencies[-1]:g} Hz is {THRESHOLDS.min_snr:g} dB above the"
             " noise",
             "record at a higher level, or choose another band: <frequencies> LO:HI",

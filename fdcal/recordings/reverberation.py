@@ -216,6 +216,31 @@ def segment_levels(recording: Recording, band: tuple[float, float]) -> np.ndarra
     return total / len(reduced)
 
 
+def whitened_levels(recording: Recording, band: tuple[float, float]) -> np.ndarray:
+    """Return the power in half-overlapping segments, each frequency of the band relative to its own quiet quarter.
+
+    Returns
+    -------
+    (2 segments,) float64
+        Mean over a few channels and over the frequencies of the band; of the order of 1 where there is noise only.
+    """
+    reduced, fs = _reduced(recording, _measured_channels(recording), 16 * band[1])
+    length = max(8, reduced.shape[1] // SETTINGS.segments)
+    starts = np.linspace(0, reduced.shape[1] - length, 2 * SETTINGS.segments).astype(int)
+    padded = fast_length(SPECTRUM.padding * length)
+    f = np.arange(padded // 2 + 1) * fs / padded
+    inside = (f >= band[0]) & (f <= band[1])
+    inside[np.argmin(np.abs(f - band[1]))] = True
+    edge = np.clip(np.arange(1, length + 1) / (length / 8), 0, 1)
+    taper = np.sin(np.pi / 2 * np.minimum(edge, edge[::-1])) ** 2
+    power = np.zeros((len(starts), int(inside.sum())))
+    for row in reduced:
+        for at, start in enumerate(starts):
+            power[at] += np.abs(rfft(row[start : start + length] * taper, padded)[inside]) ** 2
+    quiet = np.percentile(power, 25, axis=0)
+    return np.mean(power / np.maximum(quiet, 1e-12 * power.max()), axis=1)
+
+
 def _reduced(recording: Recording, channels: np.ndarray, least: float) -> tuple[np.ndarray, float]:
     """Return channels (n, t) averaged over neighbouring samples, at a rate of at least `least` Hz if possible."""
     factor = max(1, int(recording.sample_rate / least))
