@@ -165,6 +165,7 @@ def files_options(command):
 
 def input_of(
     source: str | Sequence[str],
+    /,
     search: list[float] | None = None,
     radius: float | None = None,
     excluded: tuple[str, ...] = (),

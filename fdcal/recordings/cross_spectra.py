@@ -91,16 +91,13 @@ class RoomSettings:
 
     Attributes
     ----------
-    trend : float
-        Bandwidth over which the mean power is taken that the room varies about, Hz.
     lags : int, int
         Bins apart at which neighbours are compared that no longer share a window.
     oversampling : float
-        Rows per 1 / T_eq: that of an even decay in `frequency_selection`, and twice as many again, since rows share
-        the field of the room but not the noise.
+        Rows per 1 / T_eq: 5, as of an even decay in `frequency_selection`, and half as many again, since close rows
+        share the field of the room but not the noise.
     """
 
-    trend: float = 100.0
     lags: tuple[int, int] = (2, 4)
     oversampling: float = 7.6
 
@@ -235,7 +232,7 @@ def channel_powers(recording: Recording, band, length: int, starts) -> tuple[np.
 
 
 def room_spacing(powers: np.ndarray, window: float) -> frequency_selection.Spacing:
-    """Return how close frequencies are worth taking, from the power of each channel over frequency.
+    """Return how close frequencies are worth taking, from the power of the channels over frequency.
 
     The field of a room that decays evenly decorrelates as |r|^2 = 1 / (1 + (x / h)^2) over a distance of x Hz, and so
     does its power; 1 / T_eq is pi h. What the window's bandwidth hides is taken to be as wide as that.
@@ -248,11 +245,8 @@ def room_spacing(powers: np.ndarray, window: float) -> frequency_selection.Spaci
         Bandwidth of the window, Hz.
     """
     step = window / 2
-    width = min(powers.shape[1], 2 * int(ROOM.trend / step / 2) + 1)
-    kernel = np.hanning(width + 2)[1:-1]
-    ones = np.convolve(np.ones(powers.shape[1]), kernel, mode="same")
-    trend = np.array([np.convolve(row, kernel, mode="same") for row in powers]) / ones
-    varying = powers / np.maximum(trend, 1e-300) - 1
+    relative = powers / np.maximum(powers.mean(axis=0), 1e-300)  # the source's spectrum is common to all channels
+    varying = relative - relative.mean(axis=1, keepdims=True)
     low, high = ROOM.lags
     lags = np.arange(low, max(low + 1, powers.shape[1] // 2))
     alike = np.array([np.mean(varying[:, lag:] * varying[:, :-lag]) for lag in lags])

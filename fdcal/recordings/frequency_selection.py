@@ -1,4 +1,4 @@
-"""Which frequencies of a recording to use: modes that stand out, and between them those of the highest SNR.
+"""Which frequencies of a recording to use: modes that stand out, and those between them, as close as is worth it.
 
 The method does not need eigenfrequencies: any frequency at which there is no source inside the array will do. In a
 damped room few modes stand out, and the frequencies between them carry as much information; but two that are close
@@ -9,7 +9,7 @@ the field cannot explain,
     T    = sum e / (e + v)         the time in which the response stands out
 
 Samples 1 / T apart hold all that there is in the band, as those of any response of length T do. The late part of a
-response is weak, so T is about 4 T_eq where a room decays evenly, and more where the direct sound is strong.
+response is weak, so T is about 5 T_eq where a room decays evenly, and more where the direct sound is strong.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class RowLimits:
     usual_count: int = 64
     least_of_array: int = 112
     least_of_take: int = 20
-    unexplained: float = 1e-3
+    unexplained: float = 1e-4
 
 
 ROWS = RowLimits()
@@ -116,13 +116,18 @@ def spacing_of(energy: np.ndarray, noise: np.ndarray, interval: float) -> Spacin
     >>> t = np.arange(0, 1, 1e-3)
     >>> spacing = spacing_of(np.exp(-2 * 14 * t), 0 * t, 1e-3)  # falls by 60 dB in 0.5 s
     >>> round(spacing.decorrelation), round(spacing.step, 1)
-    (14, 3.7)
+    (14, 2.8)
     """
     e = np.maximum(energy - noise, 0.0)
     if not e.max(initial=0.0) > 0:
         return Spacing(*(2 * (1 / max(interval * len(energy), 1e-9),)))
     v = np.maximum(noise, ROWS.unexplained * np.sum(e**2) / np.sum(e))
     return Spacing(1 / (interval * np.sum(e / (e + v))), float(np.sum(e**2) / np.sum(e) ** 2 / interval))
+
+
+def spacing_of_decay(rate: float) -> Spacing:
+    """Return the spacing of frequencies of a response that decays evenly, at `rate` nepers per second."""
+    return Spacing(2 * rate / float(np.log(2 / ROWS.unexplained)), rate)
 
 
 class NothingAboveNoise(InputError):
@@ -134,8 +139,8 @@ def choose_frequencies(
 ) -> np.ndarray:
     """Return the indices of the frequencies to use.
 
-    Peaks come first, in the order of their signal-to-noise ratio, then all others in that order. Where there are more
-    than `most`, the best one in each of `most` equal parts of the band is kept.
+    As many as fit at the resolution; among them peaks count twice, and the others by their signal-to-noise ratio. Where
+    there are more than `most`, the best one in each of `most` equal parts of the band is kept.
 
     Parameters
     ----------
@@ -174,8 +179,9 @@ def choose_frequencies(
     peaks = find_peaks(decibels, prominence=THRESHOLDS.prominence)[0]
     is_peak = np.zeros(len(snr), bool)
     is_peak[peaks] = True
-    order = np.lexsort((-snr, ~is_peak))
-    chosen = _apart(frequencies, order[usable[order]], resolution)
+    worth = 1 + is_peak + np.clip(snr / THRESHOLDS.dynamic_range, 0, 1) / 2
+    chosen = _apart(frequencies, np.where(usable, worth, 0.0), resolution)
+    chosen = chosen[np.argsort(-worth[chosen], kind="stable")]
     return chosen[spread_over_band(frequencies[chosen], (frequencies[0], frequencies[-1]), most)]
 
 
@@ -202,14 +208,18 @@ def spread_over_band(frequencies: np.ndarray, band: tuple[float, float], most: i
     return firsts[np.argsort(frequencies[firsts])]
 
 
-def _apart(frequencies: np.ndarray, order: np.ndarray, resolution: float) -> np.ndarray:
-    """Return those indices, in the order of preference, that are at least `resolution` from every earlier one kept."""
+def _apart(frequencies: np.ndarray, worth: np.ndarray, resolution: float) -> np.ndarray:
+    """Return the indices, at least `resolution` apart, whose `worth` (B,) is greatest in all; none where it is 0."""
     step = frequencies[1] - frequencies[0] if len(frequencies) > 1 else 1.0
     reach = max(1, int(np.ceil(resolution / step * (1 - 1e-9))))
-    taken = np.zeros(len(frequencies), bool)
-    kept = []
-    for index in order:
-        if not taken[index]:
-            kept.append(index)
-            taken[max(0, index - reach + 1) : index + reach] = True
-    return np.array(kept, dtype=np.int64)
+    best = np.zeros(len(worth) + reach)  # of the indices up to this one; the first `reach` are none
+    for n, value in enumerate(worth.tolist()):
+        best[n + reach] = max(best[n + reach - 1], best[n] + value)
+    kept, n = [], len(worth) - 1
+    while n >= 0:
+        if best[n + reach] > best[n + reach - 1]:
+            kept.append(n)
+            n -= reach
+        else:
+            n -= 1
+    return np.array(kept[::-1], dtype=np.int64)

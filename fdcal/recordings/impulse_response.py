@@ -25,6 +25,7 @@ from .recording import Recording, channel_groups, read_samples
 from .reverberation import SETTINGS, Decay, estimate_decay, extend_to_last_mode, segment_levels, whitened_levels
 
 RISE = 10.0  # factor of power by which the level may differ in what is noise
+GRID = 6  # points of the spectrum per least distance of two frequencies
 MAX_SAMPLES = 20_000_000  # of an impulse response: longer recordings are of a stationary source
 
 
@@ -98,8 +99,8 @@ def impulse_response_pressures(
     used = recording
     if decay.tail is not None and decay.noisy:
         used = replace(recording, samples=min(recording.samples, int(decay.tail * recording.sample_rate) + 1))
-    spacing = _spacing(used, band, s, noise)
-    grid, power = mean_power(used, band, s)
+    spacing = _spacing(used, band, s, noise, decay.rate)
+    grid, power = mean_power(used, band, s, spacing.step / GRID)
     gain = used.sample_rate * -np.expm1(-2 * s * used.duration) / (2 * s) if s > 0 else used.samples
     density = np.zeros(len(grid)) if noise is None else noise(grid) * gain
     chosen = frequency_selection.choose_frequencies(grid, power, density, spacing.step, most)
@@ -115,9 +116,16 @@ def impulse_response_pressures(
 
 
 def _spacing(
-    recording: Recording, band: tuple[float, float], s: float, noise: Callable[[np.ndarray], np.ndarray] | None
+    recording: Recording,
+    band: tuple[float, float],
+    s: float,
+    noise: Callable[[np.ndarray], np.ndarray] | None,
+    rate: float,
 ) -> frequency_selection.Spacing:
-    """Return how close frequencies are worth taking, from the energy of a few channels over time in the band."""
+    """Return how close frequencies are worth taking, from the energy of a few channels over time in the band.
+
+    A sweep lasts longer than the response of the room, whose decay then counts.
+    """
     samples, fs = recording.samples, recording.sample_rate
     padded = fast_length(SPECTRUM.padding * samples)
     first, last = int(np.ceil(band[0] * padded / fs)), int(np.floor(band[1] * padded / fs))
@@ -132,7 +140,9 @@ def _spacing(
         energy += np.abs(np.fft.ifft(spectrum)[: len(times)]) ** 2 / len(channels)
     share = 0.0 if noise is None else np.mean(taper**2 * noise(bins * fs / padded)) * interval * fs
     found = frequency_selection.spacing_of(energy, share * np.exp(-2 * s * times), interval)
-    return replace(found, step=max(found.step, 1 / recording.duration))
+    even = frequency_selection.spacing_of_decay(rate + s)
+    step = max(found.step, even.step, 1 / recording.duration)
+    return replace(found, step=step, decorrelation=max(found.decorrelation, even.decorrelation))
 
 
 def _complete_pressures(recording: Recording, band: tuple[float, float], sound_speed: float, most: int) -> Pressures:
@@ -140,7 +150,8 @@ def _complete_pressures(recording: Recording, band: tuple[float, float], sound_s
 
     All frequencies of the band that are independent of one another are taken, evenly spaced.
     """
-    spacing = _spacing(recording, band, 0.0, None)
+    spacing = _spacing(recording, band, 0.0, None, 0.0)
+    spacing = replace(spacing, step=1 / recording.duration)
     step = max(spacing.step, (band[1] - band[0]) / most)
     f = np.arange(band[0], band[1], step)
     pressures = laplace_transform(read_samples(recording, 0, recording.samples), recording.sample_rate, 0.0, f)
@@ -180,10 +191,13 @@ def require_quiet_end(recording: Recording, band: tuple[float, float]) -> None:
         )
 
 
-def mean_power(recording: Recording, band: tuple[float, float], s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return frequencies (B,), Hz, and the power (B,) of the weighted recordings there, mean over the microphones."""
+def mean_power(recording: Recording, band: tuple[float, float], s: float, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return frequencies (B,), Hz, and the power (B,) of the weighted recordings there, mean over the microphones.
+
+    The frequencies are at most `step` Hz apart.
+    """
     samples, fs = recording.samples, recording.sample_rate
-    padded = fast_length(SPECTRUM.padding * samples)
+    padded = fast_length(int(max(SPECTRUM.padding * samples, fs / step)))
     first, last = int(np.ceil(band[0] * padded / fs)), int(np.floor(band[1] * padded / fs))
     if last - first < 2:
         raise InputError(
