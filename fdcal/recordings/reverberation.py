@@ -222,7 +222,7 @@ def whitened_levels(recording: Recording, band: tuple[float, float]) -> np.ndarr
     Returns
     -------
     (2 segments,) float64
-        Mean over a few channels and over the frequencies of the band; of the order of 1 where there is noise only.
+        Mean over a few channels, geometric mean over the frequencies of the band; about 1 where there is noise only.
     """
     reduced, fs = _reduced(recording, _measured_channels(recording), 16 * band[1])
     length = max(8, reduced.shape[1] // SETTINGS.segments)
@@ -237,8 +237,9 @@ def whitened_levels(recording: Recording, band: tuple[float, float]) -> np.ndarr
     for row in reduced:
         for at, start in enumerate(starts):
             power[at] += np.abs(rfft(row[start : start + length] * taper, padded)[inside]) ** 2
+    least = 1e-12 * max(power.max(), 1e-300)
     quiet = np.percentile(power, 25, axis=0)
-    return np.mean(power / np.maximum(quiet, 1e-12 * power.max()), axis=1)
+    return np.exp(np.mean(np.log(np.maximum(power, least) / np.maximum(quiet, least)), axis=1))
 
 
 def _reduced(recording: Recording, channels: np.ndarray, least: float) -> tuple[np.ndarray, float]:

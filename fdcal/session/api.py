@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
 def load(
     source: str | PathLike[str] | Sequence[str | PathLike[str]],
+    /,
     *,
     exclude: Sequence[str | int] = (),
     positions: Any = None,
