@@ -162,9 +162,9 @@ def _complete_pressures(recording: Recording, band: tuple[float, float], sound_s
 def require_quiet_end(recording: Recording, band: tuple[float, float]) -> None:
     """Check that the sound does not rise again before the end, as a response does that wraps round.
 
-    A response that wraps round rises at all frequencies. The rumble of a building has most of the noise in a few Hz,
-    and so few degrees of freedom that its level varies by 10 dB from one segment to the next; so the rise must also
-    stand where each frequency counts by its own noise.
+    A response that wraps round rises at all frequencies. The rumble of a building has most of the power of the noise
+    in a few Hz, and so few degrees of freedom that its level varies by 10 dB from one segment to the next. So the level
+    must also rise above the lowest frequencies, where each of them counts by its own noise.
 
     Raises
     ------
