@@ -34,10 +34,10 @@ if TYPE_CHECKING:
 
 def load(
     source: str | PathLike[str] | Sequence[str | PathLike[str]],
-    /,
     *,
     exclude: Sequence[str | int] = (),
     positions: Any = None,
+    sources: int | str | None = None,
     progress: Progress | None = None,
     **options: Any,
 ) -> Measurement:
@@ -55,6 +55,8 @@ def load(
     positions : path or (N, D) array_like, optional
         Positions of all microphones to compare with, metres: an array, or a file of Acoular (.xml) or a table (.csv).
         They are never given to a solver.
+    sources : int or str, optional
+        Of a file of recordings with several sources: the number of one, from 0 as by default, or "all", each a take.
     progress : callable, optional
         Called with the fraction done, 0 to 1, and a note while a scene is simulated.
     **options
@@ -77,12 +79,14 @@ def load(
     >>> measurement.count, measurement.known.tolist()
     (16, [0, 5, 7])
     """
-    sources = [source] if isinstance(source, (str, PathLike)) else source
-    if not isinstance(sources, (list, tuple)) or not all(isinstance(one, (str, PathLike)) for one in sources):
+    paths = [source] if isinstance(source, (str, PathLike)) else source
+    if not isinstance(paths, (list, tuple)) or not all(isinstance(one, (str, PathLike)) for one in paths):
         problem = f"load takes the path of a file, several paths or the name of a scene, not {type(source).__name__}"
         raise InputError(problem, "give it as text", key="source")
     require_callable("progress", progress)
-    texts, excluded = [str(one) for one in sources], microphone_names("exclude", exclude)
+    texts, excluded = [str(one) for one in paths], microphone_names("exclude", exclude)
+    if sources is not None:
+        options["source"] = sources
     with one_blas_thread():
         measurement = load_input(texts, progress, excluded, _import_options(texts, options)).measurement
     return measurement if positions is None else _compared(measurement, positions, len(set(excluded)))

@@ -260,8 +260,8 @@ def test_every_source_of_a_folder_is_a_take(tmp_path):
     for n in range(COUNT):
         np.save(path / f"ir_{n}.npy", every[:, n])
     options = {"sound_speed": SPEED, "frequencies": "50:350"}
-    single = [fdcal.load(path, source=s, most=30, **options) for s in range(3)]
-    together = fdcal.load(path, source="all", most=90, **options)
+    single = [fdcal.load(path, sources=s, most=30, **options) for s in range(3)]
+    together = fdcal.load(path, sources="all", most=90, **options)
     same(together, fdcal.Measurement.from_takes(single))
     assert np.allclose(together.positions, places(COUNT))
 
