@@ -254,7 +254,7 @@ def room_spacing(powers: np.ndarray, window: float) -> frequency_selection.Spaci
     below = np.flatnonzero(alike < near / 2)
     half = lags[below[0]] * step if near > 0 and len(below) else 0.0
     half = half if half > lags[min(1, len(lags) - 1)] * step else 0.0  # no wider than the window
-    decorrelation = max(np.pi * half, window)
+    decorrelation = max(float(np.pi * half), window)
     return frequency_selection.Spacing(max(decorrelation / ROOM.oversampling, window), decorrelation)
 
 
@@ -338,7 +338,7 @@ def eigenvectors(
         rank[more & (rank == k)] += 1
     noise = np.array([one[k:].mean() for one, k in zip(values, rank, strict=True)])
     row = np.concatenate([np.flatnonzero(rank > k) for k in range(rank.max())])
-    order = np.concatenate([np.full(np.sum(rank > k), k) for k in range(rank.max())])
+    order = np.concatenate([np.full(np.count_nonzero(rank > k), k) for k in range(rank.max())])
     power = np.maximum(values[row, order] - noise[row], 0)
     p = np.sqrt(power)[:, None] * vectors[row, :, order]
     return row, p, noise[row], power / count / np.maximum(noise[row], 1e-300)

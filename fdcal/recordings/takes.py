@@ -18,8 +18,6 @@ from . import formats
 from .import_options import ImportOptions, sound_speed_of
 from .recording import Recording
 
-ALL_SOURCES = "all"
-
 
 @dataclass(frozen=True)
 class TakeTolerances:
@@ -89,7 +87,7 @@ def _recordings(path: str | Path, options: ImportOptions) -> list[Recording]:
         if positions.shape[1] != 3:
             raise InputError(f"array = {options.array} has two coordinates", "give name,x,y,z", key="array")
         return [formats.render(path, tuple(names), positions, sound_speed_of(None, options)[0])]
-    if options.source != ALL_SOURCES:
+    if not isinstance(options.source, str):  # all of them otherwise, as `check_options` has seen
         return [formats.read(path, options.source)]
     found = [formats.read(path, number) for number in range(formats.source_count(path))]
     return [replace(one, path=f"{path}, source {n}") for n, one in enumerate(found)] if len(found) > 1 else found
