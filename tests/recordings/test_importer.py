@@ -96,7 +96,7 @@ def test_a_stationary_source_gives_the_pressures_of_its_impulse_responses():
     taken = stationary_pressures(recorded(recorded_samples, "stationary"), BAND, SPEED)
     assert len(taken.frequencies) > 40
     assert np.median(mismatch_db(taken.pressures, exact(taken.frequencies))) < -60
-    assert np.max(mismatch_db(taken.pressures, exact(taken.frequencies))) < -45
+    assert np.max(mismatch_db(taken.pressures, exact(taken.frequencies))) < -42
 
 
 def test_the_noise_estimated_beside_a_stationary_source_is_right():
@@ -178,7 +178,8 @@ def test_the_noise_estimated_in_a_sweep_is_right_with_its_reference_and_without(
     known = impulse_response_pressures(made, BAND, SPEED, noise=noise)
     for taken in (plain, known):
         assert np.all(np.abs(np.log(error_over_noise(taken))) < np.log(1.6))
-    assert len(plain.frequencies) == 57, "a long sweep ends only just before the recording does"
+    assert len(plain.frequencies) > 57, "a long sweep ends only just before the recording does"
+    assert plain.spacing.step > 0.5, "rows of the room, not of the sweep"
     assert len(known.frequencies) >= 38, "their distance is the width of a resonance"
     error = [np.median(mismatch_db(taken.pressures, exact(taken.frequencies))) for taken in (plain, known)]
     assert error[1] < error[0] - 6, "the reference compresses the sweep, and what follows is left out"
@@ -238,15 +239,19 @@ def test_silence_after_the_sound_changes_nothing():
     assert np.all(np.abs(np.log(error_over_noise(taken))) < np.log(1.6))
 
 
-def test_frequencies_keep_apart_and_prefer_peaks():
-    f = np.arange(20, 400, 0.25)
-    power = 1 + 50 * np.exp(-(((f - 100.0) / 0.6) ** 2)) + 50 * np.exp(-(((f - 103.0) / 0.6) ** 2))
-    chosen = f[frequency_selection.choose_frequencies(f, power, np.full(len(f), 1e-3), 2.5, 400)]
-    assert {100.0, 103.0} <= set(chosen)
-    assert np.all(np.diff(chosen) >= 2.5)
-    few = f[frequency_selection.choose_frequencies(f, power, np.full(len(f), 1e-3), 2.5, 12)]
+def test_frequencies_are_even_whatever_their_level():
+    """Peaks are maxima of the pressure, where the gradient is small: a choice by level makes small arrays smaller."""
+    f, flat = np.arange(20, 400, 0.25), np.full(1520, 1e-3)
+    power = 1 + 50 * np.exp(-(((f - 100.3) / 0.6) ** 2)) + 50 * np.exp(-(((f - 103.1) / 0.6) ** 2))
+    chosen = frequency_selection.choose_frequencies(f, power, flat, 2.5, 400)
+    assert np.array_equal(chosen, frequency_selection.choose_frequencies(f, np.ones(len(f)), flat, 2.5, 400))
+    assert np.all(np.diff(f[chosen]) >= 2.5) and len(chosen) > 0.8 * np.ptp(f) / 2.5
+    few = f[frequency_selection.choose_frequencies(f, power, flat, 2.5, 12)]
     assert len(few) == 12
     assert np.ptp(few) > 300, "spread over the band"
+    narrow = np.where(power > 10, power, 1e-6)  # two resonances above the noise
+    heard = f[frequency_selection.choose_frequencies(f, narrow, np.full(len(f), 1e-1), 2.5, 400)]
+    assert np.all(np.abs(heard - 101.7) < 2.5) and len(heard) == 2
     with pytest.raises(InputError, match="10 dB above the noise"):
         frequency_selection.choose_frequencies(f, power, 100 * power, 2.5)
 
