@@ -3,8 +3,8 @@
 The method does not need eigenfrequencies: any frequency at which there is no source inside the array will do. They are
 chosen without regard to the level. A peak of the level is a maximum of the pressure where the array stands, and there
 its gradient is small: an array much smaller than the wavelength, calibrated with peaks alone, comes out at 0.5 to 0.8
-of its size. Two frequencies that are close carry the same information. With e(t) the energy of the response at time t and v its noise or, where that is less, what a model of
-the field cannot explain,
+of its size. Two frequencies that are close carry the same information. With e(t) the energy of the response at time t
+and v its noise or, where that is less, what a model of the field cannot explain,
 
     T_eq = (sum e)^2 / sum e^2     the pressure decorrelates over a bandwidth of 1 / T_eq
     T    = sum e / (e + v)         the time in which the response stands out
@@ -183,7 +183,7 @@ def spread_over_band(frequencies: np.ndarray, band: tuple[float, float], most: i
         Hz.
     most : int
     apart : float
-        Least distance of two of them, and least width of a part, Hz.
+        Least width of a part, Hz; two frequencies are three quarters of it apart at least.
 
     Returns
     -------
@@ -198,6 +198,6 @@ def spread_over_band(frequencies: np.ndarray, band: tuple[float, float], most: i
     firsts = order[np.unique(part[order], return_index=True)[1]]
     kept = []
     for n in firsts.tolist():
-        if not kept or frequencies[n] - frequencies[kept[-1]] >= apart * (1 - 1e-9):
+        if not kept or frequencies[n] - frequencies[kept[-1]] >= 0.75 * apart:  # samples do not lie on the middles
             kept.append(n)
     return np.array(kept, np.int64)
