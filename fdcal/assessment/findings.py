@@ -182,6 +182,7 @@ class Judged:
 
 UNEVEN = 2.0  # noise of a healthy channel over that of the median channel
 UNEVEN_SHARE = 1e-4  # of the power
+UNEXPLAINED = 1e-4  # of the power: what no model of a room explains, however little noise there is
 RIVAL_DISTANCE = 1e-3  # metres within which two optima are one, or three sigmas where these are more
 RIVAL_COST = 8.0  # nats within which another optimum counts: its evidence is good to a few nats
 
@@ -322,7 +323,8 @@ def _uncertain_given(seen: Judged, limit: float) -> bool:
 
 
 def _beyond_given_noise(seen: Judged, limit: float) -> bool:
-    return bool(seen.given_noise) and seen.estimate.field.share > limit * (seen.given_noise or 0.0)
+    """Whether more is left than the noise given and what no model of a room explains."""
+    return bool(seen.given_noise) and seen.estimate.field.share > limit * (seen.given_noise or 0.0) + UNEXPLAINED
 
 
 # fmt: off
@@ -355,11 +357,11 @@ FINDINGS: tuple[Finding[Judged], ...] = (
     Finding("model_mismatch", _beyond_given_noise,
             lambda seen: f"the residual is {seen.estimate.field.share / (seen.given_noise or 1.0):.2g} times what the"
                          f" noise explains: {CAUSES}",
-            "", 2.0, "noise found over the noise given"),
+            "", 2.0, "noise found, less 0.0001 of the power that no model of a room explains, over the noise given"),
     Finding("model_mismatch", lambda seen, limit: seen.given_noise == 0 and seen.estimate.field.share > limit,
             lambda seen: f"{100 * seen.estimate.field.share:.1g} % of the power is left unexplained, though the"
                          f" measurement is said to be free of noise: {CAUSES}",
-            "", 1e-4, "share left unexplained of a measurement said to be free of noise"),
+            "", UNEXPLAINED, "share left unexplained of a measurement said to be free of noise"),
     Finding("sound_speed", _impossible_speed, _speed_words,
             "", 0.05, "relative difference of the sound speed implied: 5 % are 30 K in air"),
     Finding("scale_undetermined", _loose_scale,

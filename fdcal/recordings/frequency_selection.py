@@ -47,19 +47,19 @@ class RowLimits:
 
     Attributes
     ----------
-    most : int
-        Rows of all takes together, by default: 32 microphones at so many take some 5 s of one processor.
-    usual_count : int
-        Microphones up to which that holds; of more, whose rows take longer by the square, fewer are taken.
-    least_of_array, least_of_take : int
-        Rows that the default leaves however many microphones or takes there are.
+    most, usual_count : int
+        Rows of all takes together, by default, of so many microphones, which take some 5 s of one processor. A row takes
+        longer by the square of their number.
+    least_of_array, most_of_array, least_of_take : int
+        Rows that the default leaves however many microphones or takes there are, and however few.
     unexplained : float
         Power relative to that of the response that no model of the field explains.
     """
 
     most: int = 400
-    usual_count: int = 64
+    usual_count: int = 32
     least_of_array: int = 112
+    most_of_array: int = 1600
     least_of_take: int = 20
     unexplained: float = 1e-4
 
@@ -77,7 +77,8 @@ def default_most(microphones: int, takes: int = 1) -> int:
     >>> default_most(32), default_most(32, takes=8), default_most(128)
     (400, 50, 112)
     """
-    every = max(ROWS.least_of_array, int(ROWS.most * min(1.0, (ROWS.usual_count / microphones) ** 2)))
+    affordable = int(ROWS.most * (ROWS.usual_count / microphones) ** 2)
+    every = min(max(ROWS.least_of_array, affordable), ROWS.most_of_array)
     return max(ROWS.least_of_take, every // takes)
 
 

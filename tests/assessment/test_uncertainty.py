@@ -195,7 +195,7 @@ def test_the_disagreement_of_few_modes_is_estimated_without_bias(modes):
         gradients = found.spread.influences[0]
         np.testing.assert_allclose(gradients.sum(axis=0), 0, atol=1e-9)
         ratio.append(np.sum(gradients**2) / np.trace(found.spread.newton))
-    assert 0.2 < np.mean(ratio) < 1.5
+    assert 0.2 < np.mean(ratio) < 1.7
 
 
 def test_the_spread_of_the_search_is_weighted_by_likelihood(known):

@@ -236,7 +236,7 @@ def test_a_second_place_says_more_than_a_longer_recording(lesson_text):
     (one, snr), (longer, louder), (two, same), (halves, noisier) = errors
     assert (snr, louder, same, noisier) == (50, 53, 50, 47) and "3 dB stronger, 47 dB" in text
     assert len(measurement.frequencies) == 110 and "110 rows" in text and "55 frequencies" in text
-    assert one == pytest.approx(4.6, abs=0.1) and "4.6 mm" in text
-    assert longer == pytest.approx(4.3, abs=0.1) and "4.3 mm" in text and longer > 0.9 * one
-    assert two == pytest.approx(2.6, abs=0.1) and "2.6 mm" in text
-    assert halves == pytest.approx(3.0, abs=0.1) and "3.0 instead of 4.6 mm" in text
+    assert one == pytest.approx(4.5, abs=0.1) and "4.5 mm" in text
+    assert longer == pytest.approx(3.8, abs=0.1) and "3.8 mm" in text and longer > 0.8 * one
+    assert two == pytest.approx(2.8, abs=0.1) and "2.8 mm" in text
+    assert halves == pytest.approx(3.2, abs=0.1) and "3.2 instead of 4.5 mm" in text

@@ -180,7 +180,7 @@ class ConditionalRules:
     weight: Mapping[int, float] = field(default_factory=lambda: MappingProxyType({2: 0.3, 3: 0.1}))
     stretch_sigma: float = 0.05
     blind_stretch_sigma: float = 0.02
-    noise_share: float = 5e-4
+    noise_share: float = 2e-4
     max_products: float = 1e8
 
 
