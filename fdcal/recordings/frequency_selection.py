@@ -48,8 +48,8 @@ class RowLimits:
     Attributes
     ----------
     most, usual_count : int
-        Rows of all takes together, by default, of so many microphones, which take some 5 s of one processor. A row takes
-        longer by the square of their number.
+        Rows of all takes together, by default, of so many microphones, which take some 5 s of one processor. The time
+        of a row grows with the square of their number.
     least_of_array, most_of_array, least_of_take : int
         Rows that the default leaves however many microphones or takes there are, and however few.
     unexplained : float
