@@ -24,6 +24,7 @@ from . import file_commands, gallery_command, plan_command, plot_commands, study
 from . import parameter_types as types
 from .options import (
     OPTIONS,
+    files_options,
     force_option,
     input_of,
     modes_option,
@@ -199,7 +200,7 @@ def simulate(scene: str, output: str, force: bool):
 
 
 @commands.command()
-@click.argument("source", metavar="SCENE|FILE")
+@click.argument("sources", nargs=-1, required=True, metavar="SCENE|FILE...")
 @solver_option
 @click.option(
     "--start", type=click.Choice(["affine", "random"]), help="Positions to begin with.  [default: the solver's own]"
@@ -266,24 +267,30 @@ def simulate(scene: str, output: str, force: bool):
     "--positions", metavar="FILE.xml|csv", help="Positions to compare with instead: Acoular's XML, or name,x,y[,z]."
 )
 @output_option("RESULT.json", required=False)
+@files_options
 @search_option
 @radius_option
 @force_option
 def calibrate(
-    source, solver, start, known, noise, gains, gain_sigma, known_sigma, sound_speed_sigma, modes, seed, exclude,
-    estimate_sound_speed, distance, room, time_limit, check, positions, output, search, radius, force,
+    sources, solver, start, known, noise, gains, gain_sigma, known_sigma, sound_speed_sigma, modes, seed, exclude,
+    estimate_sound_speed, distance, room, time_limit, check, positions, output, files, split, number, search, radius,
+    force,
 ):  # fmt: skip
     """Find the microphones and assess the result.
+
+    Several files are takes: recordings, or measurements, of the same channels with the source at other places; files
+    of one channel each are the channels of one take.
 
     The exit code is 4 if the result cannot be trusted, and 5 if --check finds channels exchanged or a list that does
     not fit.
     """
-    path = output_path(output, ".json", force, source) if output else None
+    path = output_path(output, ".json", force, *sources) if output else None
     from ..session.calibrate import solve
     from ..session.sources import with_settings
     from . import report
 
-    inputs, solver = input_of(source, search, radius, exclude, positions), types.room_solver(room, solver)
+    inputs = input_of(sources, search, radius, exclude, positions, files=files, split=split, source=number)
+    solver = types.room_solver(room, solver)
     gain_sigma_db, phase_sigma_deg = gain_sigma or (None, None)
     inputs = with_settings(
         inputs, solver, modes, seed, start=start, known=known, noise=noise, room=room, gains=gains,

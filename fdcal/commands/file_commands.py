@@ -5,16 +5,17 @@ from __future__ import annotations
 import click
 
 from ..model.validation import InputError
-from .options import OPTIONS, force_option, output_option
+from .options import OPTIONS, files_options, force_option, output_option
 from .outputs import output_path
 from .parameter_types import RecordingKind
 
 
 @click.command("import")
-@click.argument("source", metavar="INPUT")
+@click.argument("sources", nargs=-1, required=True, metavar="INPUT...")
 @output_option("FILE.npz")
+@files_options
 @click.option("--frequencies", default="auto", show_default=True, metavar="auto|LO:HI", help="Band to choose from, Hz.")
-@click.option("--most", type=int, metavar="M", help="Greatest number of frequencies.  [default: 112; 90 in a plane]")
+@click.option("--most", type=int, metavar="M", help="Greatest number of rows of all takes.  [default: 400]")
 @click.option(
     "--kind",
     type=RecordingKind(["auto", "impulse", "stationary"]),
@@ -25,7 +26,6 @@ from .parameter_types import RecordingKind
 @click.option("--window", default="auto", show_default=True, metavar="auto|none|RATE", help="Exponential window, 1/s.")
 @click.option("--temperature", type=float, metavar="C", help="Of the air, degrees Celsius; gives the sound speed.")
 @click.option("--sound-speed", type=float, metavar="M/S", help="Instead of a temperature.")
-@click.option("--source", "number", type=int, metavar="I", help="Which of several sources, from 0.")
 @click.option("--dimension", type=click.Choice(["2", "3"]), default="3", show_default=True, help="Of the sound field.")
 @click.option("--plane", metavar="z=Z", help="Use the microphones in a plane only, by the positions in the file.")
 @click.option("--subset", metavar="N|I,J,...", help="Use N microphones drawn at random, or those in a list.")
@@ -39,20 +39,24 @@ from .parameter_types import RecordingKind
 @click.option("--array", metavar="FILE.csv", help="Positions to render a measured room at: name,x,y,z from its centre.")
 @click.option("--array-radius", type=float, metavar="R", help="Metres; determines the highest usable frequency.")
 @force_option
-def import_(source, output, number, dimension, force, **options):
+def import_(sources, output, files, number, dimension, force, **options):
     """Turn recordings or impulse responses into a measurement.
 
     INPUT is a WAV or FLAC file, a SOFA file, a folder of MeshRIR, an HDF5 file of Acoular, or an .npz file;
     or, with --array, the .mat file of a measured room: an impulse response with directions of arrival.
+
+    Several files are takes, of the same channels with the source at other places; files of one channel each are the
+    channels of one take.
     """
-    path = output_path(output, ".npz", force, source, options["reference"])
+    path = output_path(output, ".npz", force, *sources, options["reference"])
     from ..model.measurement_file import save_measurement
     from ..model.storage import write_atomically
     from ..recordings.import_options import ImportOptions
     from ..recordings.import_report import import_summary
     from ..recordings.importer import import_recording
 
-    measurement, report = import_recording(source, ImportOptions(source=number, dimension=int(dimension), **options))
+    asked = ImportOptions(source=number, files=files or "auto", dimension=int(dimension), **options)
+    measurement, report = import_recording(sources, asked)
     write_atomically(path, lambda file: save_measurement(measurement, file), force)
     print(import_summary(measurement, report, OPTIONS))
     print(path)

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from ..model.settings import ALL_MODES
 from ..model.validation import InputError
 from ..solvers import names
-from .parameter_types import numbers, search_domain
+from .parameter_types import duration, numbers, search_domain, source_number
 
 if TYPE_CHECKING:  # SciPy and the solvers, which a page loads while the browser opens
     from ..assessment.calibration import Calibration
@@ -31,8 +31,10 @@ OPTIONS = {
     "check": "--check",
     "dimension": "--dimension",
     "distance": "--distance I,J,METRES",
+    "channels": "--channels",
     "estimate_sound_speed": "--estimate-sound-speed",
     "exclude": "--exclude",
+    "files": "--channels",
     "force": "--force",
     "frame": "--frame",
     "frequencies": "--frequencies",
@@ -69,6 +71,7 @@ OPTIONS = {
     "sound_speed": "--sound-speed",
     "sound_speed_sigma": "--sound-speed-sigma",
     "source": "--source",
+    "split": "--split",
     "start": "--start",
     "step": "--step",
     "subset": "--subset",
@@ -147,30 +150,57 @@ def scene_of(text: str) -> CalibrationInput:
     return input_of(text)
 
 
+def files_options(command):
+    """Add the options of commands that read several recordings: --takes, --channels, --split and --source."""
+    for option in reversed((
+        click.option("--takes", "files", flag_value="takes", help="Several files are takes of the same channels."),
+        click.option("--channels", "files", flag_value="channels", help="Several files are channels of one take."),
+        click.option("--split", type=duration, metavar="TIME", help="Cut a long recording into takes, as 10s."),
+        click.option("--source", "number", type=source_number, metavar="I|all",
+                     help="Which of several sources, from 0; all: each is a take."),
+    )):  # fmt: skip
+        command = option(command)
+    return command
+
+
 def input_of(
-    source: str,
+    source: str | Sequence[str],
+    /,
     search: list[float] | None = None,
     radius: float | None = None,
     excluded: tuple[str, ...] = (),
     positions: str | None = None,
+    **recorded: Any,
 ) -> CalibrationInput:
-    """Return the measurement of a scene or a file.
+    """Return the measurement of a scene or of files.
 
     Parameters
     ----------
-    source : str
-        Scene, measurement or recording.
+    source : str or sequence of str
+        Scene, measurements or recordings.
     search, radius
         Values of --search and --radius.
     excluded : tuple of str
         Microphones to leave out.
     positions : str, optional
         File of the positions of all microphones, to compare with.
+    **recorded
+        Of recordings: fields of `fdcal.recordings.import_options.ImportOptions`; None leaves out one.
     """
-    from ..session.sources import compared_with_file, load_input
+    from ..session.sources import compared_with_file, is_recording, load_input
 
+    given, options = {key: value for key, value in recorded.items() if value is not None}, None
+    if given:
+        from ..recordings.import_options import ImportOptions
+
+        texts = [source] if isinstance(source, str) else source
+        other = next((text for text in texts if not is_recording(text)), None)
+        if other is not None:
+            key = next(iter(given))
+            raise InputError(f"{other} holds no recordings", f"leave out <{key}>", key=key, value=given[key])
+        options = ImportOptions(**given)
     with progress_bar("simulating") as progress:
-        inputs = load_input(source, progress, excluded)
+        inputs = load_input(source, progress, excluded, options)
     if positions is not None:
         inputs = compared_with_file(inputs, positions)
     measurement = inputs.measurement

@@ -16,7 +16,7 @@ from ..model.settings import KNOWN_ROOM_SOLVERS, Search
 from ..model.validation import LIMITS, InputError
 
 MIN_PIXELS, MAX_PIXELS = 64, 8192  # of one side of a picture
-UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "ms": 1e-3, "s": 1.0}
 NUMBER = r"([0-9.]+(?:e-?[0-9]+)?)"
 
 
@@ -131,6 +131,23 @@ def length(value: str) -> float:
     return _with_unit(value, rf"{NUMBER}\s*(mm|cm|m)", "a length with its unit, mm, cm or m, as 5mm")
 
 
+def duration(value: str) -> float:
+    """A time with its unit, such as "10s" or "500ms"; seconds."""
+    words = "a time with its unit, s or ms, as 10s"
+    seconds = _with_unit(value, rf"{NUMBER}\s*(ms|s)", words)
+    if not 0 < seconds < math.inf:
+        refuse(f'"{value}" must be {words}')
+    return seconds
+
+
+def source_number(value: str) -> int | str:
+    """The number of a source, from 0, or "all"."""
+    try:
+        return value if value == "all" else int(value)
+    except ValueError:
+        refuse(f'"{value}" is no number of a source; write one from 0, or all')
+
+
 def decibels(value: str) -> float:
     """A number of decibels with its unit, such as "1dB"."""
     return _with_unit(value, rf"{NUMBER}\s*(?i:(dB))", "decibels with their unit, as 1dB")
@@ -142,7 +159,7 @@ def percentage(value: str) -> float:
 
 
 def _with_unit(value: str, pattern: str, words: str) -> float:
-    """Return the number of a text, times its unit where that is a length; metres."""
+    """Return the number of a text, times its unit where it has one; metres or seconds."""
     match = re.fullmatch(pattern, value.strip())
     try:
         if match is None:

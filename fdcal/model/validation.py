@@ -332,7 +332,9 @@ def require_field_types(record: object, prefix: str = "") -> None:
         value, kinds = getattr(record, name), typing.get_args(hint) or (hint,)
         if value is None and type(None) in kinds:
             continue
-        if str in kinds and not isinstance(value, str):
+        if str in kinds and isinstance(value, str):
+            continue
+        if str in kinds and int not in kinds:
             problem = f"{prefix}{name} = {shown_literal(value)} is no text"
             raise InputError(problem, "give a text", key=prefix + name, value=value)
         if int in kinds:

@@ -12,7 +12,13 @@ under w and w',
 
     f_p = f + Re sum(j X' conj X) / (2 pi sum |X|^2).
 
+Several independent sources, or one that moves, make C a sum of such terms: any combination of their fields is a field,
+so the leading eigenvectors, times the roots of their eigenvalues less the noise, are as many rows of one frequency. A
+single source has a second eigenvalue, too: of the noise, up to (1 + sqrt(N / K))^2 v, and of a room that rings on
+beyond a segment, about 3.3 / (T d)^2 of the first one. A row must be well above both.
+
     w    Hann's window, whose transforms follow from those without a window at three neighbouring bins
+    d    rate at which the sound decays, nepers per second; 1 / d = T_eq of `fdcal.recordings.frequency_selection`
 """
 
 from __future__ import annotations
@@ -60,17 +66,56 @@ class SegmentSettings:
     independence: float = 0.95
 
 
+@dataclass(frozen=True)
+class RankSettings:
+    """When an eigenvector besides the dominant one is a row of its own.
+
+    Attributes
+    ----------
+    most : int
+        Rows of one frequency.
+    over_noise : float
+        Eigenvalue relative to the largest that noise alone has.
+    over_leakage : float
+        Relative to the one that a single source has by the window.
+    """
+
+    most: int = 8
+    over_noise: float = 2.0
+    over_leakage: float = 4.0
+
+
+@dataclass(frozen=True)
+class RoomSettings:
+    """How the bandwidth over which a pressure decorrelates is estimated from the power over frequency.
+
+    Attributes
+    ----------
+    lags : int, int
+        Bins apart at which neighbours are compared that no longer share a window.
+    oversampling : float
+        Rows per 1 / T_eq: 5, as of an even decay in `frequency_selection`, and half as many again, since close rows
+        share the field of the room but not the noise.
+    """
+
+    lags: tuple[int, int] = (2, 4)
+    oversampling: float = 7.6
+
+
+RANK = RankSettings()
+ROOM = RoomSettings()
 SEGMENTS = SegmentSettings()
+LEAKAGE = 3.3  # second eigenvalue over the first one, times (T d)^2: mean-square slope of w over that of w, over 4
 
 
 def stationary_pressures(
     recording: Recording,
     band: tuple[float, float],
     sound_speed: float,
-    most: int = frequency_selection.DEFAULT_COUNT,
+    most: int = frequency_selection.ROWS.most,
     reference: int | None = None,
 ) -> Pressures:
-    """Return the pressures of a recording of a stationary source.
+    """Return the pressures of a recording of a stationary source, or of several.
 
     Parameters
     ----------
@@ -80,9 +125,9 @@ def stationary_pressures(
     sound_speed : float
         m/s.
     most : int
-        Greatest number of frequencies.
+        Greatest number of rows.
     reference : int, optional
-        Channel against which cross-spectra are taken; without one, the dominant eigenvector is.
+        Channel against which cross-spectra are taken, one row a frequency; without one, eigenvectors are.
 
     Raises
     ------
@@ -91,28 +136,61 @@ def stationary_pressures(
     """
     recording = in_memory(decimate(recording, band[1]))
     length, starts = segments(recording, band)
-    grid, power = mean_power(recording, band, length, starts)
-    resolution = 2 * recording.sample_rate / length
+    grid, powers = channel_powers(recording, band, length, starts)
+    window = 2 * recording.sample_rate / length
+    spacing = room_spacing(powers, window)
+    power = powers.mean(axis=0)
     spare = max(20, min(2 * most, SEGMENTS.max_matrix // recording.count**2))  # some will prove too noisy
-    chosen = frequency_selection.choose_frequencies(grid, power, np.zeros(len(grid)), resolution, spare)
+    chosen = frequency_selection.choose_frequencies(grid, power, np.zeros(len(grid)), spacing.step, spare)
     number = np.round(grid[chosen] * length / recording.sample_rate).astype(int)
     C, seen = cross_spectra(recording, number, length, starts)
     independent = SEGMENTS.independence * len(starts)
-    p, noise, snr = dominant(C) if reference is None else against(C, reference)
+    if reference is None:
+        leakage = LEAKAGE * (recording.sample_rate / length / spacing.decorrelation) ** 2
+        row, p, noise, snr = eigenvectors(C, independent, leakage)
+    else:
+        row, (p, noise, snr) = np.arange(len(C)), against(C, reference)
     keep = np.flatnonzero(snr * independent >= 10 ** (frequency_selection.THRESHOLDS.min_snr / 10))
     if not len(keep):
-        raise InputError(
+        raise frequency_selection.NothingAboveNoise(
             f"{recording.path}: the microphones are not coherent at any frequency between {band[0]:g} and"
             f" {band[1]:g} Hz",
             "record one source only, louder than the noise",
         )
+    f = seen[row]
     keep = keep[np.argsort(-snr[keep], kind="stable")]
-    keep = keep[frequency_selection.spread_over_band(seen[keep], band, most)]
-    keep = keep[np.concatenate([[True], np.diff(seen[keep]) > 0.25 * resolution])]
+    rows = _within(row, keep, seen, band, most, 0.25 * window)
     how = f"{len(starts)} segments of {length / recording.sample_rate:.3g} s"
-    how += ", dominant eigenvector" if reference is None else f", against microphone {recording.names[reference]}"
-    k = 2 * np.pi * seen[keep] / sound_speed
-    return Pressures(seen[keep], k.astype(complex), p[keep], noise[keep] / independent, how)
+    how += ", eigenvectors" if reference is None else f", against microphone {recording.names[reference]}"
+    k = 2 * np.pi * f[rows] / sound_speed
+    return Pressures(f[rows], k.astype(complex), p[rows], noise[rows] / independent, how, spacing)
+
+
+def _within(row: np.ndarray, keep: np.ndarray, seen: np.ndarray, band, most: int, apart: float) -> np.ndarray:
+    """Return at most `most` of the rows `keep`, ascending in frequency.
+
+    Parameters
+    ----------
+    row : (R,) int64
+        Frequency of each row, an index into `seen`.
+    keep : (n,) int64
+        Rows in the order of preference.
+    seen : (M,) float64
+        Frequencies, Hz.
+    band : (float, float)
+    most : int
+    apart : float
+        Least distance of two frequencies, Hz.
+    """
+    counts = np.bincount(row[keep], minlength=len(seen))
+    order = row[keep][np.sort(np.unique(row[keep], return_index=True)[1])]  # frequencies by their best row
+    wanted = max(1, int(most * len(order) / len(keep)))
+    kept = order[frequency_selection.spread_over_band(seen[order], band, wanted)]
+    kept = kept[np.concatenate([[True], np.diff(seen[kept]) > apart])]
+    while counts[kept].sum() > most and len(kept) > 1:  # few frequencies with many rows
+        kept = np.delete(kept, np.argmax(counts[kept]))
+    chosen = keep[np.isin(row[keep], kept)]
+    return chosen[np.lexsort((np.arange(len(chosen)), seen[row[chosen]]))][:most]
 
 
 def segments(recording: Recording, band: tuple[float, float]) -> tuple[int, np.ndarray]:
@@ -138,14 +216,46 @@ def segments(recording: Recording, band: tuple[float, float]) -> tuple[int, np.n
     return length, starts
 
 
-def mean_power(recording: Recording, band, length: int, starts) -> tuple[np.ndarray, np.ndarray]:
-    """Return frequencies (B,), Hz, and the power (B,) there, mean over segments and microphones."""
+def min_duration(low: float) -> float:
+    """Return the least seconds of a recording from which a mean can be taken at `low` Hz."""
+    return 4 * max(SEGMENTS.min_duration, 8 / low)
+
+
+def channel_powers(recording: Recording, band, length: int, starts) -> tuple[np.ndarray, np.ndarray]:
+    """Return frequencies (B,), Hz, and the power (N, B) of each channel there, mean over segments."""
     fs = recording.sample_rate
     first, last = max(2, int(np.ceil(band[0] * length / fs))), int(np.floor(band[1] * length / fs))
-    total = np.zeros(last - first + 1)
+    total = np.zeros((recording.count, last - first + 1))
     for bare in _bare_spectra(recording, length, starts, first - 1, last + 1):
-        total += np.sum(np.abs(bare[:, 1:-1] / 2 - (bare[:, :-2] + bare[:, 2:]) / 4) ** 2, axis=0)
-    return np.arange(first, last + 1) * fs / length, total / len(starts) / recording.count
+        total += np.abs(bare[:, 1:-1] / 2 - (bare[:, :-2] + bare[:, 2:]) / 4) ** 2
+    return np.arange(first, last + 1) * fs / length, total / len(starts)
+
+
+def room_spacing(powers: np.ndarray, window: float) -> frequency_selection.Spacing:
+    """Return how close frequencies are worth taking, from the power of the channels over frequency.
+
+    The field of a room that decays evenly decorrelates as |r|^2 = 1 / (1 + (x / h)^2) over a distance of x Hz, and so
+    does its power; 1 / T_eq is pi h. What the window's bandwidth hides is taken to be as wide as that.
+
+    Parameters
+    ----------
+    powers : (N, B) float64
+        At frequencies half a `window` apart.
+    window : float
+        Bandwidth of the window, Hz.
+    """
+    step = window / 2
+    relative = powers / np.maximum(powers.mean(axis=0), 1e-300)  # the source's spectrum is common to all channels
+    varying = relative - relative.mean(axis=1, keepdims=True)
+    low, high = ROOM.lags
+    lags = np.arange(low, max(low + 1, powers.shape[1] // 2))
+    alike = np.array([np.mean(varying[:, lag:] * varying[:, :-lag]) for lag in lags])
+    near = float(alike[: high - low + 1].mean())
+    below = np.flatnonzero(alike < near / 2)
+    half = lags[below[0]] * step if near > 0 and len(below) else 0.0
+    half = half if half > lags[min(1, len(lags) - 1)] * step else 0.0  # no wider than the window
+    decorrelation = max(float(np.pi * half), window)
+    return frequency_selection.Spacing(max(decorrelation / ROOM.oversampling, window), decorrelation)
 
 
 def cross_spectra(recording: Recording, number, length: int, starts) -> tuple[np.ndarray, np.ndarray]:
@@ -193,16 +303,45 @@ def _bare_spectra(recording: Recording, length: int, starts, first: int, last: i
         yield bare
 
 
-def dominant(C: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the scaled dominant eigenvector (M, N), the noise power v of one segment (M,) and their ratio (M,).
+def eigenvectors(
+    C: np.ndarray, independent: float, leakage: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the rows that stand out from noise and leakage, at least one a frequency.
 
-    The power of the eigenvector is that of the source.
+    Parameters
+    ----------
+    C : (M, N, N) complex128
+    independent : float
+        Segments K of which each is a mean.
+    leakage : float
+        Second eigenvalue of a single source relative to the first one.
+
+    Returns
+    -------
+    row : (R,) int64
+        Frequency of each row, the dominant ones first.
+    p : (R, N) complex128
+        Eigenvectors, of the power of their source.
+    noise : (R,) float64
+        Noise power v of one segment.
+    snr : (R,) float64
+        Power over noise.
     """
     values, vectors = np.linalg.eigh(C)
+    values, vectors = np.maximum(values[:, ::-1], 0), vectors[:, :, ::-1]
     count = C.shape[1]
-    noise = np.maximum(values[:, :-1], 0).mean(axis=1)
-    power = np.maximum(values[:, -1] - noise, 0)
-    return np.sqrt(power)[:, None] * vectors[:, :, -1], noise, power / count / np.maximum(noise, 1e-300)
+    edge = RANK.over_noise * (1 + np.sqrt(count / independent)) ** 2
+    rank = np.ones(len(C), dtype=np.int64)
+    for k in range(1, min(RANK.most, count // 2)):
+        noise = values[:, k + 1 :].mean(axis=1)
+        more = (values[:, k] > edge * noise) & (values[:, k] > RANK.over_leakage * leakage * values[:, 0])
+        rank[more & (rank == k)] += 1
+    noise = np.array([one[k:].mean() for one, k in zip(values, rank, strict=True)])
+    row = np.concatenate([np.flatnonzero(rank > k) for k in range(rank.max())])
+    order = np.concatenate([np.full(np.count_nonzero(rank > k), k) for k in range(rank.max())])
+    power = np.maximum(values[row, order] - noise[row], 0)
+    p = np.sqrt(power)[:, None] * vectors[row, :, order]
+    return row, p, noise[row], power / count / np.maximum(noise[row], 1e-300)
 
 
 def against(C: np.ndarray, reference: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -1,9 +1,8 @@
-"""Which frequencies of a recording to choose from, and how many.
+"""Which frequencies of a recording to choose from.
 
 highest_frequency   the highest frequency that the array can interpolate (Eq. 9), for the radius that is given, or that
                     of the positions in the file, of the known microphones, or of the coherence between the channels
 frequency_band      the band from which frequencies are chosen
-default_count       how many are chosen
 """
 
 from __future__ import annotations
@@ -126,26 +125,6 @@ def _coherent_radius(recording: Recording, dimension: int, speed: float) -> floa
     loud = power >= power.max() * 10 ** (-SETTINGS.dynamic_range / 10)
     wavenumbers = 2 * np.pi * bins * recording.sample_rate / padded / speed
     return array_radius(spectra[loud], wavenumbers[loud], dimension)
-
-
-def default_count(coordinates: int) -> int:
-    """Return how many frequencies are chosen unless their number is given.
-
-    A channel has its position, a gain and a phase as unknowns. A frequency gives two real equations a channel, of
-    which the sound field itself takes a third on average over the band that the array interpolates.
-
-    Parameters
-    ----------
-    coordinates : int
-        D, of a microphone.
-
-    Examples
-    --------
-    >>> default_count(2), default_count(3)
-    (90, 112)
-    """
-    unknowns, equations = coordinates + 2, 2 * (1 - 1 / 3)
-    return round(LIMITS.overdetermination * unknowns / equations)
 
 
 def coordinate_count(recording: Recording, options: ImportOptions, known_positions: np.ndarray | None) -> int:

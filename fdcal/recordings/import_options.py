@@ -31,10 +31,8 @@ class ImportLimits:
         Radius of an array relative to that of its known microphones.
     coherent_radius_factor : float
         Radius of an array relative to the one of its coherence, on the safe side.
-    overdetermination : float
-        Real equations of the default number of frequencies relative to the unknowns.
     max_count : int
-        Number of frequencies.
+        Number of rows.
     """
 
     low: float = 20.0
@@ -49,7 +47,6 @@ class ImportLimits:
     max_celsius: float = 80.0
     known_radius_factor: float = 1.2
     coherent_radius_factor: float = 1.25
-    overdetermination: float = 30.0
     max_count: int = 2000
 
 
@@ -69,13 +66,18 @@ class ImportOptions:
     kind : str
         "auto", or one of `fdcal.recordings.recording.KINDS`.
     most : int or None
-        Greatest number of frequencies; `fdcal.recordings.frequency_range.default_count` unless given.
+        Greatest number of rows of all takes together; `fdcal.recordings.frequency_selection.default_most` unless given.
     temperature : float or None
         Degrees Celsius; gives the sound speed.
     sound_speed : float or None
         m/s, instead of a temperature.
-    source : int or None
-        Which of several sources in a file, from 0.
+    source : int, str or None
+        Which of several sources in a file, from 0; "all" makes each of them a take.
+    files : str
+        What several files are: "takes", of the same channels; "channels", of one take; "auto", channels if every file
+        has one, else takes.
+    split : float or None
+        Length of the takes into which a stationary recording is cut, s.
     dimension : int
         2 or 3, of the sound field.
     plane, subset, leave_out, known : str or None
@@ -97,7 +99,9 @@ class ImportOptions:
     most: int | None = None
     temperature: float | None = None
     sound_speed: float | None = None
-    source: int | None = None
+    source: int | str | None = None
+    files: str = "auto"
+    split: float | None = None
     dimension: int = 3
     plane: str | None = None
     subset: str | None = None
@@ -116,6 +120,8 @@ class ImportOptions:
 def check_options(options: ImportOptions) -> None:
     """Raise InputError for options that are out of range or contradict each other."""
     require_choice("kind", options.kind, ("auto", *KINDS))
+    require_choice("files", options.files, ("auto", "takes", "channels"))
+    _check_takes(options)
     if options.dimension not in (2, 3):
         raise InputError(f"dimension = {options.dimension} is unknown", "use one of 2, 3", key="dimension")
     if options.most is not None and not 1 <= options.most <= LIMITS.max_count:
@@ -149,6 +155,28 @@ def check_options(options: ImportOptions) -> None:
             "a reference signal and a reference microphone exclude each other",
             "give one of <reference> and <reference_microphone>",
             key="reference",
+        )
+
+
+def _check_takes(options: ImportOptions) -> None:
+    """Raise InputError where sources, parts or a reference contradict each other."""
+    if isinstance(options.source, str) and options.source != "all":
+        raise InputError(
+            f'source = "{options.source}" is no source',
+            "use a number from 0, or all",
+            key="source",
+            value=options.source,
+        )
+    if options.split is None:
+        return
+    require_positive("split", options.split, "s")
+    if options.kind == "impulse" or options.reference is not None or options.array is not None:
+        what = "kind impulse" if options.kind == "impulse" else "a reference" if options.reference else "an array"
+        raise InputError(
+            f"split = {options.split:.3g} s cuts a stationary recording, and {what} is given",
+            "leave out <split>, or record each take on its own",
+            key="split",
+            value=options.split,
         )
 
 

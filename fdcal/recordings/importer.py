@@ -1,8 +1,8 @@
-"""From a file with recordings to a measurement: what `fdcal import` does, without its command line."""
+"""From files with recordings to a measurement: what `fdcal import` does, without its command line."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,15 +10,17 @@ import numpy as np
 
 from ..model.measurement import Measurement
 from ..model.validation import InputError
-from . import channel_selection, formats, frequency_selection
-from .channel_health import inspect_channels, require_usable_channels
-from .cross_spectra import stationary_pressures
-from .frequency_range import coordinate_count, default_count, frequency_band, highest_frequency
-from .import_options import ImportOptions, check_options, sound_speed_of
+from . import channel_selection, formats
+from .channel_health import ChannelHealth, inspect_channels, require_usable_channels
+from .cross_spectra import min_duration, stationary_pressures
+from .frequency_range import coordinate_count, frequency_band, highest_frequency
+from .frequency_selection import NothingAboveNoise, default_most
+from .import_options import LIMITS, ImportOptions, check_options, sound_speed_of
 from .import_report import ImportReport
 from .impulse_response import MAX_SAMPLES, Pressures, impulse_response_pressures, require_quiet_end
 from .recording import Recording
 from .reverberation import segment_levels
+from .takes import read_takes, split
 
 DECAYED_DB = 20.0  # by how much the level of an impulse response falls towards its end
 MAX_WINDOW_NEPERS = 50.0  # by how much an exponential window may attenuate the end of a recording
@@ -27,32 +29,82 @@ DEFAULTS = ImportOptions()
 Noise = Callable[[np.ndarray], np.ndarray]
 
 
-def import_recording(path: str | Path, options: ImportOptions = DEFAULTS) -> tuple[Measurement, ImportReport]:
-    """Return the measurement in a file or folder, and a report on how it was taken.
+def import_recording(
+    path: str | Path | Sequence[str | Path], options: ImportOptions = DEFAULTS
+) -> tuple[Measurement, ImportReport]:
+    """Return the measurement in files or folders, and a report on how it was taken.
 
     Parameters
     ----------
-    path : str or Path
+    path : str or Path, or a sequence of them
+        Several are takes of the same channels, or the channels of one take; see `ImportOptions.files`.
     options : ImportOptions
 
     Raises
     ------
     InputError, StorageError
-        The recording cannot be used, or cannot be read.
+        A recording cannot be used, or cannot be read, or the files do not belong together.
     """
     check_options(options)
-    return measurement_of_recording(_read(path, options), options)
+    paths = [path] if isinstance(path, (str, Path)) else list(path)
+    return measurement_of_takes(read_takes(paths, options), options)
 
 
 def measurement_of_recording(
     recording: Recording, options: ImportOptions = DEFAULTS
 ) -> tuple[Measurement, ImportReport]:
     """Return the measurement of a recording, and a report on how it was taken; see `import_recording`."""
+    return measurement_of_takes([recording], options)
+
+
+def measurement_of_takes(
+    recordings: Sequence[Recording], options: ImportOptions = DEFAULTS
+) -> tuple[Measurement, ImportReport]:
+    """Return the measurement of recordings of the same channels, each a take, and a report on how it was taken."""
     check_options(options)
-    recording, left_out = _selected(recording, options)
-    if recording.count < 2:
-        raise InputError(f"{recording.path} gives one channel, and an array needs two microphones at least")
-    recording = _flattened(recording, options)
+    recordings, left_out = _selected(recordings, options)
+    if recordings[0].count < 2:
+        raise InputError(
+            f"{recordings[0].path} gives one channel, and an array needs two microphones at least",
+            "give the files of all channels",
+        )
+    takes = [_flattened(one, options) for one in recordings]
+    if options.split is not None:
+        takes = [part for one in takes for part in _split(one, options.split, options)]
+    most = options.most or default_most(takes[0].count, len(takes))
+    if options.most is not None and len(takes) > 1:
+        most = max(1, options.most // len(takes))
+    options, done, skipped = replace(options, most=most), [], []
+    for one in takes:
+        try:
+            done.append(_measurement_of_take(one, options, left_out))
+        except NothingAboveNoise as error:
+            skipped.append(one.path)
+            if options.split is None or len(skipped) == len(takes):  # of parts, some may be pauses
+                raise error
+    if len(done) == 1:
+        return done[0][0], replace(done[0][1], skipped=tuple(skipped))
+    report = replace(done[0][1], takes=tuple(one for _, one in done), skipped=tuple(skipped))
+    return Measurement.from_takes([one for one, _ in done]), report
+
+
+def _split(recording: Recording, seconds: float, options: ImportOptions) -> list[Recording]:
+    """Return the parts of a recording of a stationary source."""
+    if recording.kind == "impulse":
+        problem = f"split = {seconds:.3g} s cuts a stationary recording, and {recording.path} holds impulse responses"
+        raise InputError(problem, "leave out <split>", key="split", value=seconds)
+    own = options.frequencies.partition(":")[0]
+    try:
+        low = float(own)
+    except ValueError:  # of the automatic band, or a mistake that is reported with it
+        low = LIMITS.low
+    return split(recording, seconds, min_duration(low if low > 0 else LIMITS.low))
+
+
+def _measurement_of_take(
+    recording: Recording, options: ImportOptions, left_out: dict[str, str]
+) -> tuple[Measurement, ImportReport]:
+    """Return the measurement of one take, and a report on it."""
     known, known_positions = np.zeros(0, int), None
     if options.known is not None:
         known, known_positions = channel_selection.known_microphones(recording, options.known)
@@ -60,42 +112,41 @@ def measurement_of_recording(
     found = highest_frequency(recording, options, known_positions, speed)
     band = frequency_band(recording, options, found, speed)
     recording, kind, noise = _classified(recording, options, band)
-    most = options.most or default_count(coordinate_count(recording, options, known_positions))
-    pressures = _pressures(recording, kind, replace(options, most=most), band, speed, noise)
+    pressures = _pressures(recording, kind, options, band, speed, noise)
     measurement = _measurement(recording, options, known, known_positions, pressures, speed)
     return measurement, ImportReport(recording, kind, left_out, pressures, speed, speed_from, found.limit, found.words)
 
 
-def _read(path: str | Path, options: ImportOptions) -> Recording:
-    """Return the recording in a file, or what an array would record in the measured room of a file."""
-    if options.array is None:
-        return formats.read(path, options.source)
-    from .formats.table import read_positions
+def _selected(recordings: Sequence[Recording], options: ImportOptions) -> tuple[list[Recording], dict[str, str]]:
+    """Return the channels that are wanted, all of them usable in every take, and why each of those left out is."""
+    parts = [part.strip() for part in (options.leave_out or "").split(",")]
+    listed = [name for name in parts if name not in ("", "bad")]
+    left_out = dict.fromkeys(listed, "as asked")
+    chosen = [_chosen(one, options, listed) for one in recordings]
+    health = [inspect_channels(one) for one in chosen]
+    if "bad" not in parts:
+        for one, state in zip(chosen, health, strict=True):
+            require_usable_channels(one, state)
+        return chosen, left_out
+    for one, state in zip(chosen, health, strict=True):
+        left_out |= _faults(one, state)
+    bad = np.unique(np.concatenate([state.bad for state in health]))
+    return [channel_selection.exclude_channels(one, "bad", bad) for one in chosen], left_out
 
-    names, positions = read_positions(options.array)
-    if positions.shape[1] != 3:
-        raise InputError(f"array = {options.array} has two coordinates", "give name,x,y,z", key="array")
-    return formats.render(path, tuple(names), positions, sound_speed_of(None, options)[0])
 
-
-def _selected(recording: Recording, options: ImportOptions) -> tuple[Recording, dict[str, str]]:
-    """Return the channels that are wanted, all of them usable, and why each of those left out is."""
+def _chosen(recording: Recording, options: ImportOptions, listed: list[str]) -> Recording:
+    """Return the channels in the plane or subset that is asked for, without those listed."""
     if options.plane is not None:
         recording = channel_selection.select_plane(recording, options.plane)
     if options.subset is not None:
         recording = channel_selection.select_subset(recording, options.subset, options.seed)
-    parts = [part.strip() for part in (options.leave_out or "").split(",")]
-    listed = [name for name in parts if name not in ("", "bad")]
-    left_out = dict.fromkeys(listed, "as asked")
     if listed:  # before the samples are read, since these channels may hold what cannot be read
         recording = channel_selection.exclude_channels(recording, ",".join(listed), np.zeros(0, int))
-    health = inspect_channels(recording)
-    if "bad" in parts:
-        left_out |= {recording.names[n]: health.fault(n, recording.names) for n in health.bad}
-        recording = channel_selection.exclude_channels(recording, "bad", health.bad)
-    else:
-        require_usable_channels(recording, health)
-    return recording, left_out
+    return recording
+
+
+def _faults(recording: Recording, health: ChannelHealth) -> dict[str, str]:
+    return {recording.names[n]: health.fault(n, recording.names) for n in health.bad}
 
 
 def _flattened(recording: Recording, options: ImportOptions) -> Recording:
@@ -124,7 +175,7 @@ def _classified(
         return responses, "impulse", noise
     if options.reference_microphone is not None:
         return recording, "stationary", None
-    kind = recording.kind if options.kind == "auto" else options.kind
+    kind = recording.kind if options.kind == "auto" or options.split is not None else options.kind
     kind = kind or ("impulse" if _decays(recording, band) else "stationary")
     if kind == "impulse" and recording.samples <= MAX_SAMPLES and not recording.modelled:
         require_quiet_end(recording, band)
@@ -147,7 +198,7 @@ def _pressures(
     speed: float,
     noise: Noise | None,
 ) -> Pressures:
-    most = options.most or frequency_selection.DEFAULT_COUNT
+    most = options.most or default_most(recording.count)
     if kind == "stationary":
         return stationary_pressures(recording, band, speed, most, _reference_channel(recording, options))
     return impulse_response_pressures(recording, band, speed, _window_rate(recording, options), most, noise)
@@ -215,6 +266,7 @@ def _measurement(
         array_dimension=min(axes, options.dimension),
         wavenumbers=taken.wavenumbers,
         noise_power=taken.noise_power,
+        takes=np.zeros(len(taken.frequencies), np.int64) if np.any(np.diff(taken.frequencies) == 0) else None,
         names=recording.names,
         positions=recording.positions,
         known=known,

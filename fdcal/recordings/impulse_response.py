@@ -22,9 +22,10 @@ from ..acoustics.wavenumbers import wavenumber_continuous
 from ..model.validation import InputError
 from . import frequency_selection
 from .recording import Recording, channel_groups, read_samples
-from .reverberation import SETTINGS, Decay, estimate_decay, extend_to_last_mode, segment_levels
+from .reverberation import SETTINGS, Decay, estimate_decay, extend_to_last_mode, segment_levels, whitened_levels
 
 RISE = 10.0  # factor of power by which the level may differ in what is noise
+GRID = 6  # points of the spectrum per least distance of two frequencies
 MAX_SAMPLES = 20_000_000  # of an impulse response: longer recordings are of a stationary source
 
 
@@ -43,6 +44,8 @@ class Pressures:
         In the unit of abs(pressures)**2; None where it cannot be estimated.
     how : str
         The method, in words.
+    spacing : Spacing
+        Of the frequencies.
     """
 
     frequencies: np.ndarray
@@ -50,6 +53,7 @@ class Pressures:
     pressures: np.ndarray
     noise_power: np.ndarray | None
     how: str
+    spacing: frequency_selection.Spacing
 
 
 def impulse_response_pressures(
@@ -57,7 +61,7 @@ def impulse_response_pressures(
     band: tuple[float, float],
     sound_speed: float,
     window: float | None = None,
-    most: int = frequency_selection.DEFAULT_COUNT,
+    most: int = frequency_selection.ROWS.most,
     noise: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> Pressures:
     """Return the pressures of an impulse response; what follows once the sound is below the noise is left out.
@@ -95,11 +99,11 @@ def impulse_response_pressures(
     used = recording
     if decay.tail is not None and decay.noisy:
         used = replace(recording, samples=min(recording.samples, int(decay.tail * recording.sample_rate) + 1))
-    resolution = max(1 / used.duration, min(decay.rate + s, SPECTRUM.decay / used.duration) / np.pi)
-    grid, power = mean_power(used, band, s)
+    spacing = _spacing(used, band, s, noise, decay.rate)
+    grid, power = mean_power(used, band, s, spacing.step / GRID)
     gain = used.sample_rate * -np.expm1(-2 * s * used.duration) / (2 * s) if s > 0 else used.samples
     density = np.zeros(len(grid)) if noise is None else noise(grid) * gain
-    chosen = frequency_selection.choose_frequencies(grid, power, density, resolution, most)
+    chosen = frequency_selection.choose_frequencies(grid, power, density, spacing.step, most)
     f = grid[chosen]
     pressures = np.empty((len(f), used.count), dtype=complex)
     for channels, samples in channel_groups(used):
@@ -108,7 +112,37 @@ def impulse_response_pressures(
     if used is not recording:
         how += f" after {used.duration:.3g} s, where the rest is left out"
     k = wavenumber_continuous(f, s, sound_speed)
-    return Pressures(f, k, pressures, None if noise is None else density[chosen], how)
+    return Pressures(f, k, pressures, None if noise is None else density[chosen], how, spacing)
+
+
+def _spacing(
+    recording: Recording,
+    band: tuple[float, float],
+    s: float,
+    noise: Callable[[np.ndarray], np.ndarray] | None,
+    rate: float,
+) -> frequency_selection.Spacing:
+    """Return how close frequencies are worth taking, from the energy of a few channels over time in the band.
+
+    A sweep lasts longer than the response of the room, whose decay then counts.
+    """
+    samples, fs = recording.samples, recording.sample_rate
+    padded = fast_length(SPECTRUM.padding * samples)
+    first, last = int(np.ceil(band[0] * padded / fs)), int(np.floor(band[1] * padded / fs))
+    bins = np.arange(first, max(last, first + 1) + 1)
+    taper = np.hanning(len(bins) + 2)[1:-1]  # so that the direct sound does not spread over the times after it
+    interval = padded / fs / len(bins)
+    times = interval * np.arange(int(recording.duration / interval))
+    channels = np.unique(np.linspace(0, recording.count - 1, SETTINGS.channels).astype(int))
+    weight, energy = np.exp(-s / fs * np.arange(samples)), np.zeros(len(times))
+    for row in read_samples(recording, 0, samples, channels):
+        spectrum = taper * rfft(row * weight, padded)[bins]
+        energy += np.abs(np.fft.ifft(spectrum)[: len(times)]) ** 2 / len(channels)
+    share = 0.0 if noise is None else np.mean(taper**2 * noise(bins * fs / padded)) * interval * fs
+    found = frequency_selection.spacing_of(energy, share * np.exp(-2 * s * times), interval)
+    even = frequency_selection.spacing_of_decay(rate + s)
+    step = max(found.step, even.step, 1 / recording.duration)
+    return replace(found, step=step, decorrelation=max(found.decorrelation, even.decorrelation))
 
 
 def _complete_pressures(recording: Recording, band: tuple[float, float], sound_speed: float, most: int) -> Pressures:
@@ -116,15 +150,21 @@ def _complete_pressures(recording: Recording, band: tuple[float, float], sound_s
 
     All frequencies of the band that are independent of one another are taken, evenly spaced.
     """
-    step = max(1 / recording.duration, (band[1] - band[0]) / most)
+    spacing = _spacing(recording, band, 0.0, None, 0.0)
+    spacing = replace(spacing, step=1 / recording.duration)
+    step = max(spacing.step, (band[1] - band[0]) / most)
     f = np.arange(band[0], band[1], step)
     pressures = laplace_transform(read_samples(recording, 0, recording.samples), recording.sample_rate, 0.0, f)
     how = "rendering at the positions given: no window is needed, and there is no noise but that of the response"
-    return Pressures(f, wavenumber_continuous(f, 0.0, sound_speed), pressures, None, how)
+    return Pressures(f, wavenumber_continuous(f, 0.0, sound_speed), pressures, None, how, spacing)
 
 
 def require_quiet_end(recording: Recording, band: tuple[float, float]) -> None:
     """Check that the sound does not rise again before the end, as a response does that wraps round.
+
+    A response that wraps round rises at all frequencies. The rumble of a building has most of the power of the noise
+    in a few Hz, and so few degrees of freedom that its level varies by 10 dB from one segment to the next. So the level
+    must also rise above the lowest frequencies, where each of them counts by its own noise.
 
     Raises
     ------
@@ -136,7 +176,12 @@ def require_quiet_end(recording: Recording, band: tuple[float, float]) -> None:
     end, lowest = float(level[last:].mean()), float(level[min(top, last) :].min())
     if top >= last:  # the direct sound stands at the end, and what follows it at the beginning
         end, lowest = float(level[0]), float(level.min())
-    if end > max(RISE * lowest, SETTINGS.min_power * level.max()):
+    rises = end > max(RISE * lowest, SETTINGS.min_power * level.max())
+    if rises and top < last:
+        even = whitened_levels(recording, band)
+        count = len(even) // SETTINGS.segments
+        rises = bool(even[-2 * count :].max() > RISE * even[min(top * count, len(even) - 2) :].min())
+    if rises:
         raise InputError(
             f"{recording.path}: the sound has decayed and rises again by {10 * np.log10(end / max(lowest, 1e-300)):.0f}"
             f" dB before the end of {recording.duration:.3g} s: the response wraps round, as after a circular"
@@ -146,10 +191,13 @@ def require_quiet_end(recording: Recording, band: tuple[float, float]) -> None:
         )
 
 
-def mean_power(recording: Recording, band: tuple[float, float], s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return frequencies (B,), Hz, and the power (B,) of the weighted recordings there, mean over the microphones."""
+def mean_power(recording: Recording, band: tuple[float, float], s: float, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return frequencies (B,), Hz, and the power (B,) of the weighted recordings there, mean over the microphones.
+
+    The frequencies are at most `step` Hz apart.
+    """
     samples, fs = recording.samples, recording.sample_rate
-    padded = fast_length(SPECTRUM.padding * samples)
+    padded = fast_length(int(max(SPECTRUM.padding * samples, fs / step)))
     first, last = int(np.ceil(band[0] * padded / fs)), int(np.floor(band[1] * padded / fs))
     if last - first < 2:
         raise InputError(

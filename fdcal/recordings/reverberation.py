@@ -216,6 +216,37 @@ def segment_levels(recording: Recording, band: tuple[float, float]) -> np.ndarra
     return total / len(reduced)
 
 
+def whitened_levels(recording: Recording, band: tuple[float, float]) -> np.ndarray:
+    """Return the power in half-overlapping segments, each frequency of the band relative to its own quiet quarter.
+
+    Frequencies with less than three periods in a segment are left out, down to a third of the band.
+
+    Returns
+    -------
+    (2 segments,) float64
+        Mean over a few channels, geometric mean over the frequencies of the band; about 1 where there is noise only.
+    """
+    reduced, fs = _reduced(recording, _measured_channels(recording), 16 * band[1])
+    samples = reduced.shape[1]
+    length = max(8, samples // SETTINGS.segments)
+    low = max(band[0], min(3 * fs / length, band[1] / 3))
+    starts = np.linspace(0, samples - length, 2 * SETTINGS.segments).astype(int)
+    whole, padded = fast_length(SPECTRUM.padding * samples), fast_length(SPECTRUM.padding * length)
+    above = np.sin(np.pi / 2 * np.clip(2 * np.arange(whole // 2 + 1) * fs / whole / low - 1, 0, 1)) ** 2
+    f = np.arange(padded // 2 + 1) * fs / padded
+    inside = (f >= low) & (f <= max(band[1], low + fs / length))
+    edge = np.clip(np.arange(1, length + 1) / (length / 8), 0, 1)
+    taper = np.sin(np.pi / 2 * np.minimum(edge, edge[::-1])) ** 2
+    power = np.zeros((len(starts), int(inside.sum())))
+    for row in reduced:
+        kept = irfft(rfft(row, whole) * above, whole)
+        for at, start in enumerate(starts):
+            power[at] += np.abs(rfft(kept[start : start + length] * taper, padded)[inside]) ** 2
+    least = 1e-12 * max(power.max(), 1e-300)
+    quiet = np.percentile(power, 25, axis=0)
+    return np.exp(np.mean(np.log(np.maximum(power, least) / np.maximum(quiet, least)), axis=1))
+
+
 def _reduced(recording: Recording, channels: np.ndarray, least: float) -> tuple[np.ndarray, float]:
     """Return channels (n, t) averaged over neighbouring samples, at a rate of at least `least` Hz if possible."""
     factor = max(1, int(recording.sample_rate / least))

@@ -33,10 +33,11 @@ if TYPE_CHECKING:
 
 
 def load(
-    source: str | PathLike[str],
+    source: str | PathLike[str] | Sequence[str | PathLike[str]],
     *,
     exclude: Sequence[str | int] = (),
     positions: Any = None,
+    sources: int | str | None = None,
     progress: Progress | None = None,
     **options: Any,
 ) -> Measurement:
@@ -44,20 +45,23 @@ def load(
 
     Parameters
     ----------
-    source : str or path
+    source : str or path, or a sequence of them
         A measurement (.npz), recordings of any kind that `fdcal import` reads (WAV, FLAC, SOFA, HDF5 of Acoular, a
         folder of MeshRIR), or a scene: its .toml file, or the name of one that comes with fdcal. A scene is simulated,
-        or read from the cache.
+        or read from the cache. Several files are takes: recordings of the same microphones with the source at other
+        places; files of one channel each are the channels of one take.
     exclude : sequence of str or int
         Names or numbers of microphones to leave out.
     positions : path or (N, D) array_like, optional
         Positions of all microphones to compare with, metres: an array, or a file of Acoular (.xml) or a table (.csv).
         They are never given to a solver.
+    sources : int or str, optional
+        Of a file of recordings with several sources: the number of one, from 0 as by default, or "all", each a take.
     progress : callable, optional
         Called with the fraction done, 0 to 1, and a note while a scene is simulated.
     **options
         Of recordings alone: fields of `fdcal.recordings.import_options.ImportOptions`, such as `known="corners"`,
-        `temperature=21.5` or `frequencies="30:300"`.
+        `temperature=21.5`, `frequencies="30:300"`, `split=10.0` (s) or `files="channels"`.
 
     Returns
     -------
@@ -75,21 +79,25 @@ def load(
     >>> measurement.count, measurement.known.tolist()
     (16, [0, 5, 7])
     """
-    if not isinstance(source, (str, PathLike)):
-        problem = f"load takes the path of a file or the name of a scene, not {type(source).__name__}"
+    paths = [source] if isinstance(source, (str, PathLike)) else source
+    if not isinstance(paths, (list, tuple)) or not all(isinstance(one, (str, PathLike)) for one in paths):
+        problem = f"load takes the path of a file, several paths or the name of a scene, not {type(source).__name__}"
         raise InputError(problem, "give it as text", key="source")
     require_callable("progress", progress)
-    text, excluded = str(source), microphone_names("exclude", exclude)
+    texts, excluded = [str(one) for one in paths], microphone_names("exclude", exclude)
+    if sources is not None:
+        options["source"] = sources
     with one_blas_thread():
-        measurement = load_input(text, progress, excluded, _import_options(text, options)).measurement
+        measurement = load_input(texts, progress, excluded, _import_options(texts, options)).measurement
     return measurement if positions is None else _compared(measurement, positions, len(set(excluded)))
 
 
-def _import_options(text: str, options: dict):
+def _import_options(texts: Sequence[str], options: dict):
     if not options:
         return None
-    if not is_recording(text):
-        raise InputError(f"{text} holds no recordings, which {', '.join(options)} is for", "leave it out")
+    other = next((text for text in texts if not is_recording(text)), None)
+    if other is not None:
+        raise InputError(f"{other} holds no recordings, which {', '.join(options)} is for", "leave it out")
     from ..recordings.import_options import ImportOptions  # brings the signal library, which only recordings need
 
     unknown = set(options) - {field.name for field in fields(ImportOptions)}

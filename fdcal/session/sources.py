@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -77,17 +77,17 @@ class CalibrationInput:
 
 
 def load_input(
-    text: str,
+    text: str | Sequence[str],
     progress: Progress | None = None,
     excluded: tuple[str, ...] = (),
     options: ImportOptions | None = None,
 ) -> CalibrationInput:
-    """Return the measurement of an .npz file, of recordings, or of a scene.
+    """Return the measurement of .npz files, of recordings, or of a scene.
 
     Parameters
     ----------
-    text : str
-        The path of a file or folder, or the name of a scene.
+    text : str or sequence of str
+        The path of a file or folder, or the name of a scene. Several are recordings, or measurements, each a take.
     progress : callable, optional
         Called with the fraction done, 0 to 1, and a note while a scene is simulated.
     excluded : tuple of str
@@ -100,6 +100,12 @@ def load_input(
     InputError, StorageError
         The source cannot be used, or cannot be read.
     """
+    texts = [text] if isinstance(text, str) else list(text)
+    if not texts:
+        raise InputError("no file is given", "give one or several", key="source")
+    if len(texts) != 1:
+        return replace(measurement_input(_of_takes(texts, excluded, options), _name_of(texts)), excluded=excluded)
+    text = texts[0]
     if is_recording(text):
         from ..recordings import importer  # brings the signal library, which a measurement does not need
 
@@ -113,6 +119,29 @@ def load_input(
         inputs = replace(inputs, measurement=_without(inputs.measurement, excluded), excluded=excluded)
         return with_mode_number(inputs) if excluded else inputs
     return replace(measurement_input(measurement, Path(text).stem), excluded=excluded)
+
+
+def _of_takes(texts: Sequence[str], excluded: tuple[str, ...], options: ImportOptions | None) -> Measurement:
+    """Return the measurement of several files: of recordings, or of measurements that become takes."""
+    recorded = [is_recording(text) for text in texts]
+    if all(recorded):
+        from ..recordings import importer
+
+        return _without(importer.import_recording(texts, options or importer.DEFAULTS)[0], excluded)
+    other = next((text for text, one in zip(texts, recorded, strict=True) if not one), texts[0])
+    if any(recorded):
+        problem = f"{other} holds no recordings, and other files do"
+        raise InputError(problem, "give recordings only, or measurements only", key="source", value=other)
+    scene = next((text for text in texts if not text.lower().endswith(".npz")), None)
+    if scene is not None:
+        problem = f"{scene} is no recording and no measurement,, and stands among several files"
+        raise InputError(problem, "give one scene, or files of takes", key="source", value=scene)
+    return Measurement.from_takes([load_measurement(text, excluded) for text in texts])
+
+
+def _name_of(texts: Sequence[str]) -> str:
+    others = len(texts) - 1
+    return f"{Path(texts[0]).stem} and {others} other {'file' if others == 1 else 'files'}"
 
 
 def measurement_input(

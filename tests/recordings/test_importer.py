@@ -96,7 +96,7 @@ def test_a_stationary_source_gives_the_pressures_of_its_impulse_responses():
     taken = stationary_pressures(recorded(recorded_samples, "stationary"), BAND, SPEED)
     assert len(taken.frequencies) > 40
     assert np.median(mismatch_db(taken.pressures, exact(taken.frequencies))) < -60
-    assert np.max(mismatch_db(taken.pressures, exact(taken.frequencies))) < -45
+    assert np.max(mismatch_db(taken.pressures, exact(taken.frequencies))) < -42
 
 
 def test_the_noise_estimated_beside_a_stationary_source_is_right():
@@ -178,7 +178,8 @@ def test_the_noise_estimated_in_a_sweep_is_right_with_its_reference_and_without(
     known = impulse_response_pressures(made, BAND, SPEED, noise=noise)
     for taken in (plain, known):
         assert np.all(np.abs(np.log(error_over_noise(taken))) < np.log(1.6))
-    assert len(plain.frequencies) == 57, "a long sweep ends only just before the recording does"
+    assert len(plain.frequencies) > 57, "a long sweep ends only just before the recording does"
+    assert plain.spacing.step > 0.5, "rows of the room, not of the sweep"
     assert len(known.frequencies) >= 38, "their distance is the width of a resonance"
     error = [np.median(mismatch_db(taken.pressures, exact(taken.frequencies))) for taken in (plain, known)]
     assert error[1] < error[0] - 6, "the reference compresses the sweep, and what follows is left out"

@@ -16,7 +16,9 @@ from fdcal.commands.cli import main
 from fdcal.model.microphones import MicrophonePositions
 from fdcal.model.validation import InputError, StorageError
 from fdcal.recordings import formats
+from fdcal.recordings.import_options import ImportOptions
 from fdcal.recordings.recording import read_samples
+from fdcal.recordings.takes import read_takes
 
 RATE, N, T = 8000.0, 5, 60
 SAMPLES = np.random.default_rng(0).uniform(-0.5, 0.5, (N, T))
@@ -101,6 +103,17 @@ def test_every_convention_is_read_and_its_positions_are_filled_in(convention, mo
     assert np.allclose(read_samples(back, 0, T), SAMPLES)
     assert path.read_bytes() == before
     assert capfd.readouterr() == ("", ""), "the library has nothing to tell"
+
+
+@pytest.mark.parametrize("convention", EMITTERS)
+def test_every_source_is_a_take_when_all_are_asked_for(convention, tmp_path):
+    path = written(tmp_path / "a.sofa", convention, emitters=3)
+    takes = read_takes([path], ImportOptions(source="all"))
+    assert [one.path for one in takes] == [f"{path}, source {n}" for n in range(3)]
+    for number, one in enumerate(takes):
+        assert np.allclose(read_samples(one, 0, T), SAMPLES * (number + 1))
+    single = written(tmp_path / "b.sofa", "GeneralFIR")
+    assert len(read_takes([single], ImportOptions(source="all"))) == 1
 
 
 @pytest.mark.parametrize("convention", EMITTERS)

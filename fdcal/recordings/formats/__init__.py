@@ -1,8 +1,9 @@
 """File formats: every module here that can read recordings or write positions is a format.
 
-A format has `SUFFIXES`, and `SEVERAL` if a file of it may hold several sources, and
+A format has `SUFFIXES`, and
 
     read(path, source) -> Recording         if it holds recordings; `source` selects one of several, or is None
+    source_count(path) -> int               if a file may hold several sources
     recognises(path) -> bool                optional: where the suffix alone does not identify the format
     render(path, names, positions, speed)   -> Recording of an array in the field of a measured room
     write(path, placed, original)           if it can hold positions; see `fdcal.model.microphones.MicrophonePositions`
@@ -77,7 +78,7 @@ def read(path: str | Path, source: int | None = None) -> Recording:
             raise InputError(
                 f"{path} has no format that can be read", f"give {', '.join(suffixes('read'))} or a folder"
             )
-        if source and not getattr(module, "SEVERAL", False):
+        if source and not hasattr(module, "source_count"):
             raise InputError(
                 f"source = {source} does not exist",
                 f"{path} holds one source only, number 0",
@@ -99,6 +100,13 @@ def read(path: str | Path, source: int | None = None) -> Recording:
         raise
     except OSError as error:
         raise StorageError(f"cannot read {path}: {error.strerror or error}") from error
+
+
+def source_count(path: str | Path) -> int:
+    """Return the number of sources in a file or folder; 1 where nothing can read it, which `read` then reports."""
+    path = Path(path)
+    module = reader_of(path) if path.exists() else None
+    return module.source_count(path) if module is not None and hasattr(module, "source_count") else 1
 
 
 def render(path: str | Path, names: tuple[str, ...], positions: np.ndarray, sound_speed: float) -> Recording:

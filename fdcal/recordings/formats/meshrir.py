@@ -17,7 +17,6 @@ from ...model.validation import InputError, StorageError
 from ..recording import Recording
 
 SUFFIXES = ()
-SEVERAL = True
 SAMPLE_RATE = 48_000.0  # Hz, of the whole data set; no file contains it
 
 
@@ -58,6 +57,11 @@ def read(path: Path, source: int | None = None) -> Recording:
         return values
 
     return Recording(str(path), "response", SAMPLE_RATE, len(places), samples, block, positions=places)
+
+
+def source_count(path: Path) -> int:
+    """Return the number of sources of a folder."""
+    return len(_positions(path / "pos_src.npy"))
 
 
 def _positions(path: Path) -> np.ndarray:

@@ -21,11 +21,11 @@ from .sofa_fields import (
     number_of,
     open_sofa,
     receiver_positions,
+    sources_of,
     values_of,
 )
 
 SUFFIXES = (".sofa",)
-SEVERAL = True
 
 
 def read(path: Path, source: int | None = None) -> Recording:
@@ -60,6 +60,13 @@ def read(path: Path, source: int | None = None) -> Recording:
 
     positions = positions[pairs[:, 0], pairs[:, 1]]
     return Recording(str(path), "impulse", rate, len(pairs), samples, block, positions=positions, sound_speed=speed)
+
+
+def source_count(path: Path) -> int:
+    """Return the number of sources: places of the source, times its emitters."""
+    with open_sofa(path) as file:
+        _, shape, _ = impulse_responses(file, path)
+        return len(np.unique(sources_of(file, path, shape["M"]))) * shape["E"]
 
 
 def _sound_speed(file, path: Path) -> float | None:

@@ -4,6 +4,7 @@ open_sofa             the file; any error of its reader becomes an InputError
 values_of             a variable, complete and finite
 impulse_responses     Data.IR and the order of its axes
 receiver_positions    where each receiver stood in each measurement
+sources_of            which measurements are of the same source
 measurements_of       the measurements and the emitter of one source
 delays_of             whole samples by which each response begins late
 """
@@ -128,17 +129,23 @@ def each_of(values: np.ndarray, path: Path, name: str, count: int) -> np.ndarray
     return np.broadcast_to(values, (count, *values.shape[1:])) if len(values) == 1 else values
 
 
-def measurements_of(file, path: Path, measurements: int, emitters: int, wanted: int | None) -> tuple[np.ndarray, int]:
-    """Return the measurements of one source, and its emitter; sources are counted in the order of the file."""
+def sources_of(file, path: Path, measurements: int) -> np.ndarray:
+    """Return the place of the source of each measurement : (M,) int64; places count in the order of the file."""
     places = each_of(cartesian(file, path, "SourcePosition"), path, "SourcePosition", measurements)
     firsts: list[int] = []
-    member = np.zeros(measurements, int)
+    member = np.zeros(measurements, np.int64)
     for m in range(measurements):
         near = [g for g, f in enumerate(firsts) if np.linalg.norm(places[m] - places[f]) < TOLERANCES.same_position]
         member[m] = near[0] if near else len(firsts)
         if not near:
             firsts.append(m)
-    count = len(firsts) * emitters
+    return member
+
+
+def measurements_of(file, path: Path, measurements: int, emitters: int, wanted: int | None) -> tuple[np.ndarray, int]:
+    """Return the measurements of one source, and its emitter; sources are counted in the order of the file."""
+    member = sources_of(file, path, measurements)
+    count = (int(member.max()) + 1) * emitters
     wanted = 0 if wanted is None else wanted
     if not 0 <= wanted < count:
         raise InputError(

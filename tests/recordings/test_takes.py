@@ -1,0 +1,329 @@
+"""Several files, sources or parts of a recording: takes of one array, or the channels of one take."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+from recorded import CENTRE, FS, ROOM, SPEED, mismatch_db, noisy, places
+from scipy.signal import butter, fftconvolve, resample_poly, sosfilt
+
+import fdcal
+from fdcal.commands.cli import main
+from fdcal.model.gauge import align
+from fdcal.model.measurement_file import save_measurement
+from fdcal.model.validation import InputError
+from fdcal.recordings import takes as takes_module
+from fdcal.recordings.cross_spectra import room_spacing, stationary_pressures
+from fdcal.recordings.frequency_selection import default_most
+from fdcal.recordings.import_options import ImportOptions
+from fdcal.recordings.import_report import import_summary
+from fdcal.recordings.importer import import_recording
+from fdcal.recordings.impulse_response import require_quiet_end
+from fdcal.recordings.recording import recording_of
+from fdcal.recordings.reverberation import segment_levels
+
+COUNT = 16
+SOURCES = ((4.3, 3.4, 0.8), (0.6, 3.2, 2.3), (4.4, 0.5, 2.5))  # m
+ASKED = ImportOptions(sound_speed=SPEED, array_radius=0.5)
+
+
+@cache
+def responses(source: int) -> np.ndarray:
+    """Impulse responses (COUNT, 2400) of one place of the source."""
+    import pyroomacoustics
+
+    pyroomacoustics.constants.set("c", SPEED)
+    room = pyroomacoustics.ShoeBox(ROOM, fs=FS, materials=pyroomacoustics.Material(0.45), max_order=22)
+    room.add_source(SOURCES[source])
+    room.add_microphone_array((places(COUNT) + CENTRE).T)
+    room.compute_rir()
+    rows = [np.asarray(row[0], dtype=float) for row in room.rir]
+    return np.array([np.pad(row, (0, max(0, 2400 - len(row))))[:2400] for row in rows])
+
+
+def playing(source: int, seconds: float, seed: int) -> np.ndarray:
+    """What the array records of noise (COUNT, T) of unit power."""
+    signal = np.random.default_rng(seed).standard_normal(int(seconds * FS) + 2399)
+    heard = np.array([fftconvolve(signal, h, mode="valid") for h in responses(source)])
+    return heard / np.sqrt(np.mean(heard**2))
+
+
+def write(path: Path, samples: np.ndarray, rate: int = FS) -> Path:
+    soundfile.write(path, 0.9 * np.atleast_2d(samples).T / np.abs(samples).max(), rate, subtype="FLOAT")
+    return path
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """Responses to three sources, the channels of the first one on their own, and a source that is carried round."""
+    path = tmp_path_factory.mktemp("takes")
+    for s in range(3):
+        write(path / f"take{s}.wav", noisy(responses(s), 50, seed=s))
+    samples = soundfile.read(path / "take0.wav")[0].T
+    (path / "single").mkdir()
+    for n, row in enumerate(samples):
+        soundfile.write(path / "single" / f"mic{n:02d}.wav", row, FS, subtype="FLOAT")
+    write(path / "still.wav", noisy(playing(0, 24, 5), 40))
+    write(path / "carried.wav", noisy(np.concatenate([playing(s, 12, s) for s in range(3)], axis=1), 40))
+    return path
+
+
+def run(*arguments, code: int = 0) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main([str(argument) for argument in arguments])
+    assert (ended.value.code or 0) == code
+
+
+def same(one: fdcal.Measurement, other: fdcal.Measurement) -> None:
+    for key in ("frequencies", "pressures", "wavenumbers", "noise_power", "takes"):
+        assert np.array_equal(getattr(one, key), getattr(other, key)), key
+
+
+def rms(positions: np.ndarray) -> float:
+    truth = places(COUNT)
+    return float(np.sqrt(np.mean(np.sum((align(positions, truth) - truth) ** 2, axis=1))))
+
+
+def test_files_of_the_same_channels_are_takes(folder, tmp_path, monkeypatch, capsys):
+    files = [folder / f"take{s}.wav" for s in range(3)]
+    single = [fdcal.load(file, sound_speed=SPEED, array_radius=0.5, most=40) for file in files]
+    together = fdcal.load(files, sound_speed=SPEED, array_radius=0.5, most=120)
+    assert together.take_count == 3
+    same(together, fdcal.Measurement.from_takes(single))
+    monkeypatch.chdir(tmp_path)
+    run("import", *files, "-o", "m.npz", "--sound-speed", SPEED, "--array-radius", "0.5", "--most", 120)
+    printed = capsys.readouterr().out
+    assert f"takes        3 of {COUNT} channels" in printed
+    assert f"{len(together.frequencies)} in all" in printed
+    assert "take 2" in printed and "take2.wav: 0.6 s" in printed
+    same(fdcal.load("m.npz"), together)
+
+
+def test_files_of_one_channel_are_the_channels_of_one_take(folder):
+    files = sorted((folder / "single").iterdir())
+    options = {"sound_speed": SPEED, "array_radius": 0.5}
+    joined, whole = fdcal.load(files, **options), fdcal.load(folder / "take0.wav", **options)
+    assert joined.names == tuple(f"mic{n:02d}" for n in range(COUNT))
+    assert joined.take_count == 1
+    same(joined, whole)
+
+
+def test_files_of_several_channels_can_be_channels_of_one_take(folder, tmp_path):
+    samples = soundfile.read(folder / "take0.wav")[0].T
+    for name, rows in (("left", samples[:6]), ("right", samples[6:, :-20])):
+        soundfile.write(tmp_path / f"{name}.wav", rows.T, FS, subtype="FLOAT")
+    files = [tmp_path / "left.wav", tmp_path / "right.wav"]
+    with pytest.raises(InputError, match=r"6 channels and .* 10 channels.*channels for one take"):
+        fdcal.load(files)
+    joined = fdcal.load(files, files="channels", sound_speed=SPEED, array_radius=0.5)
+    assert joined.names[5:7] == ("left.5", "right.0")
+    assert joined.count == COUNT
+
+
+def test_the_order_of_files_does_not_matter_for_the_positions(folder):
+    files = [folder / f"take{s}.wav" for s in range(3)]
+    found = []
+    for order in (files, files[::-1]):
+        measurement = fdcal.load(order, sound_speed=SPEED, array_radius=0.5)
+        found.append(fdcal.calibrate(measurement, known="none"))
+    moved = align(found[1].positions, found[0].positions)
+    assert np.sqrt(np.mean(np.sum((moved - found[0].positions) ** 2, axis=1))) < 0.1 * np.mean(found[0].uncertainty)
+
+
+def test_measurements_of_several_files_are_takes(folder, tmp_path):
+    options = {"sound_speed": SPEED, "array_radius": 0.5, "most": 40}
+    single = [fdcal.load(folder / f"take{s}.wav", **options) for s in range(2)]
+    for s, one in enumerate(single):
+        save_measurement(one, tmp_path / f"{s}.npz")
+    same(fdcal.load([tmp_path / "0.npz", tmp_path / "1.npz"]), fdcal.Measurement.from_takes(single))
+    with pytest.raises(InputError, match="holds no recordings"):
+        fdcal.load([tmp_path / "0.npz", folder / "take1.wav"])
+    with pytest.raises(InputError, match="no recording and no measurement"):
+        fdcal.load(["tiny", str(tmp_path / "0.npz")])
+
+
+def test_a_long_recording_is_cut_into_takes(folder):
+    parts = fdcal.load(folder / "still.wav", split=8.0, sound_speed=SPEED, array_radius=0.5)
+    whole = fdcal.load(folder / "still.wav", sound_speed=SPEED, array_radius=0.5)
+    assert parts.take_count == 3 and whole.take_count == 1
+    found = [fdcal.calibrate(one, known="none") for one in (parts, whole)]
+    moved = align(found[0].positions, found[1].positions)
+    apart = np.linalg.norm(moved - found[1].positions, axis=1)
+    sigma = np.sqrt(found[0].uncertainty ** 2 + found[1].uncertainty ** 2)
+    assert np.sqrt(np.mean((apart / sigma) ** 2)) < 2
+
+
+def test_a_source_that_is_carried_round_says_more_in_parts(folder):
+    parts, report = import_recording(folder / "carried.wav", ImportOptions(sound_speed=SPEED, split=12.0))
+    assert parts.take_count == 3
+    assert "24 to 36 s" in import_summary(parts, report)
+    whole = fdcal.load(folder / "carried.wav", sound_speed=SPEED)
+    errors = [rms(fdcal.calibrate(one, known="none").positions) for one in (parts, whole)]
+    assert errors[0] < errors[1]
+
+
+def test_a_short_remainder_is_joined_and_a_pause_is_left_out(tmp_path):
+    rng = np.random.default_rng(3)
+    recording = recording_of("long.wav", None, FS, rng.standard_normal((2, 10 * FS)))
+    lengths = [[part.samples / FS for part in takes_module.split(recording, s, 2.0)] for s in (4.0, 3.0, 3.9)]
+    assert lengths == [[4, 4, 2], [3, 3, 4], [3.9, 3.9, 2.2]]
+    quiet = 1e-3 * rng.standard_normal((COUNT, 8 * FS))
+    samples = np.concatenate([playing(0, 8, 1), quiet, playing(1, 8, 2)], axis=1)
+    path = write(tmp_path / "pause.wav", samples + 1e-3 * rng.standard_normal(samples.shape))
+    measurement, report = import_recording(path, ImportOptions(sound_speed=SPEED, array_radius=0.5, split=8.0))
+    assert measurement.take_count == 2
+    assert "skipped" in import_summary(measurement, report) and "8 to 16 s" in report.skipped[0]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["still.wav", "--split", "200ms"], "split = 0.2 s is too short"),
+        (["still.wav", "--split", "20s"], "in one part; use 16 s or less"),
+        (["still.wav", "--split", "8"], "a time with its unit"),
+        (["still.wav", "--split", "8s", "--kind", "impulse"], "leave out --split"),
+        (["still.wav", "--source", "every"], "from 0, or all"),
+        (["take0.wav", "take0.wav"], "given twice"),
+        (["take0.wav", "single/mic00.wav"], "16 channels and"),
+        (["take0.wav", "single/mic00.wav", "--takes"], "give takes of one array, or --channels"),
+        (["single/mic00.wav"], "give the files of all channels"),
+        (["single/mic00.wav", "single/mic01.wav", "--takes"], "gives one channel"),
+        (["take0.wav", "slow.wav"], "convert one of them"),
+        (["single/mic00.wav", "short.wav"], "not channels of one take"),
+    ],
+)
+def test_files_that_do_not_fit_are_refused_in_one_line(options, words, folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write(tmp_path / "slow.wav", noisy(responses(1), 50), FS // 2)
+    write(tmp_path / "short.wav", noisy(responses(1), 50)[0, :1800])
+    before = sorted(tmp_path.iterdir())
+    paths = [
+        one if one.startswith("--") or not one.endswith(".wav") or (tmp_path / one).exists() else str(folder / one)
+        for one in options
+    ]
+    run("import", *paths, "-o", "m.npz", code=2)
+    out, err = capsys.readouterr()
+    assert words in err
+    assert err.count("\n") == 1 and out == ""
+    assert sorted(tmp_path.iterdir()) == before, "nothing is left half-written"
+
+
+def test_a_calibration_takes_several_files(folder, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    table = ["name,x,y,z", *(f"{n},{x!r},{y!r},{z!r}" for n, (x, y, z) in enumerate(places(COUNT).tolist()))]
+    Path("places.csv").write_text("\n".join(table) + "\n")
+    files = [folder / f"take{s}.wav" for s in range(3)]
+    with pytest.raises(SystemExit) as ended:
+        main(["calibrate", *map(str, files), "--positions", "places.csv", "--check", "-o", "r.json"])
+    printed = capsys.readouterr()
+    assert ended.value.code in (None, 0, 4), printed.err
+    assert printed.out.startswith("take0 and 2 other files: 16 of 16 microphones")
+    assert Path("r.json").exists()
+    run("calibrate", "tiny", "--split", "5s", code=2)
+    assert "tiny holds no recordings; leave out --split" in capsys.readouterr().err
+
+
+def test_a_reference_serves_every_take(tmp_path):
+    signal = np.random.default_rng(8).standard_normal(4 * FS)
+    write(tmp_path / "played.wav", signal)
+    for s in range(2):
+        heard = np.array([fftconvolve(np.pad(signal, (0, FS)), h)[: 5 * FS] for h in responses(s)])
+        write(tmp_path / f"{s}.wav", noisy(heard, 40, seed=s))
+    files, options = [tmp_path / "0.wav", tmp_path / "1.wav"], {"sound_speed": SPEED, "array_radius": 0.5}
+    reference = str(tmp_path / "played.wav")
+    single = [fdcal.load(one, reference=reference, most=60, **options) for one in files]
+    same(fdcal.load(files, reference=reference, most=120, **options), fdcal.Measurement.from_takes(single))
+
+
+def test_a_channel_that_is_faulty_in_one_take_is_left_out_of_all(folder, tmp_path):
+    samples = soundfile.read(folder / "take1.wav")[0].T
+    samples[3] = 0
+    soundfile.write(tmp_path / "faulty.wav", samples.T, FS, subtype="FLOAT")
+    files = [folder / "take0.wav", tmp_path / "faulty.wav"]
+    with pytest.raises(InputError, match="channel 3 is silent"):
+        import_recording(files, ASKED)
+    measurement, report = import_recording(files, ImportOptions(leave_out="bad", sound_speed=SPEED, array_radius=0.5))
+    assert measurement.count == COUNT - 1 and "3" not in measurement.names
+    assert report.left_out == {"3": "silent"}
+
+
+def test_every_source_of_a_folder_is_a_take(tmp_path):
+    path = tmp_path / "mesh"
+    path.mkdir()
+    np.save(path / "pos_mic.npy", places(COUNT))
+    np.save(path / "pos_src.npy", np.array(SOURCES))
+    every = np.array([resample_poly(noisy(responses(s), 50, seed=s), 12, 1, axis=1) for s in range(3)])  # at 48 kHz
+    for n in range(COUNT):
+        np.save(path / f"ir_{n}.npy", every[:, n])
+    options = {"sound_speed": SPEED, "frequencies": "50:350"}
+    single = [fdcal.load(path, sources=s, most=30, **options) for s in range(3)]
+    together = fdcal.load(path, sources="all", most=90, **options)
+    same(together, fdcal.Measurement.from_takes(single))
+    assert np.allclose(together.positions, places(COUNT))
+
+
+@pytest.mark.parametrize("sources", [1, 2])
+def test_each_independent_source_gives_a_row(sources):
+    samples = sum(level * playing(s, 30, 20 + s) for s, level in zip(range(sources), (1.0, 0.5), strict=False))
+    recorded = recording_of("room.wav", "stationary", FS, noisy(samples, 40))
+    taken = stationary_pressures(recorded, (40.0, 380.0), SPEED)
+    f, rows = np.unique(taken.frequencies, return_counts=True)
+    assert rows.max() <= sources
+    assert np.mean(rows == sources) > 0.9
+    h = np.exp(-2j * np.pi * f[:, None] * np.arange(2400) / FS)
+    fields = np.stack([h @ responses(s).T for s in range(sources)], axis=1)  # (M, S, N)
+    errors = []
+    for frequency, p in zip(taken.frequencies, taken.pressures, strict=True):
+        span = fields[np.searchsorted(f, frequency)].T
+        errors.append(mismatch_db(p[None], (span @ np.linalg.lstsq(span, p, rcond=None)[0])[None])[0])
+    assert np.median(errors) < -30, "every row is a field of the sources"
+
+
+def test_rows_of_several_sources_are_said_and_stored(tmp_path):
+    samples = playing(0, 30, 20) + playing(1, 30, 21)
+    measurement, report = import_recording(write(tmp_path / "two.wav", noisy(samples, 40)), ASKED)
+    assert "up to 2 eigenvalues above noise and leakage" in import_summary(measurement, report)
+    assert measurement.take_count == 1
+    save_measurement(measurement, tmp_path / "m.npz")
+    same(fdcal.load(tmp_path / "m.npz"), measurement)
+
+
+@pytest.mark.parametrize("seconds", [0.2, 0.5, 1.0])
+def test_the_bandwidth_of_a_room_is_found_whatever_its_source_emits(seconds):
+    """Powers of an even decay: noise of the right envelope in every channel, times a spectrum with narrow peaks."""
+    rng, rate, step = np.random.default_rng(0), 6.9 / seconds, 0.3
+    t = np.arange(0, 4 * seconds, 1e-3)
+    h = rng.standard_normal((24, len(t))) * np.exp(-rate * t)
+    f = np.arange(20, 480, step)
+    powers = np.abs(h @ np.exp(-2j * np.pi * np.outer(t, f))) ** 2
+    powers *= np.exp(3 * rng.standard_normal(len(f)))
+    spacing = room_spacing(powers, 2 * step)
+    assert spacing.decorrelation == pytest.approx(rate, rel=0.35)
+
+
+def test_takes_share_the_computing_time():
+    assert default_most(32) == 400 and default_most(32, 4) == 100
+    assert default_most(200) < default_most(64)
+
+
+def test_the_rumble_of_a_building_is_not_taken_for_a_response_that_wraps_round(tmp_path):
+    samples = np.pad(responses(0), ((0, 0), (0, 2400)))
+    level, band = np.abs(samples).max(), (20.0, 320.0)
+    samples = samples + 1e-4 * level * np.random.default_rng(4).standard_normal(samples.shape)
+    low = butter(4, (20, 40), "bandpass", fs=FS, output="sos")
+    rises = []
+    for seed in range(12):
+        rumble = sosfilt(low, np.random.default_rng(seed).standard_normal(3 * FS))[-samples.shape[1] :]
+        heard = recording_of("a", "impulse", FS, samples + 5e-4 * level * rumble / np.std(rumble))
+        power = segment_levels(heard, band)
+        rises.append(power[-2:].mean() > 10 * power.min())
+        require_quiet_end(heard, band)
+        wrapped = heard.block(0, heard.samples, np.arange(COUNT)).copy()
+        wrapped[:, -120:] += 0.1 * samples[:, :120]
+        with pytest.raises(InputError, match="wraps round"):
+            require_quiet_end(recording_of("a", "impulse", FS, wrapped), band)
+    assert any(rises), "the level of so few Hz varies by more than 10 dB"
