@@ -70,15 +70,18 @@ def placed(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     return np.array(kept) + CENTRE, sources[rng.permutation(SOURCES)]
 
 
-def responses(places, source, reverberation: float, order: int) -> np.ndarray:
-    """Return impulse responses (N, T) of a shoebox by image sources up to an order."""
+def responses(places, source, reverberation: float, order: int, size=ROOM, facing=None) -> np.ndarray:
+    """Return impulse responses (N, T) of a shoebox by image sources up to an order.
+
+    The source is a cardioid's that faces a direction (3,), or radiates equally in all directions.
+    """
     import pyroomacoustics
 
     pyroomacoustics.constants.set("c", SPEED)
-    absorption, enough = pyroomacoustics.inverse_sabine(reverberation, ROOM, c=SPEED)
+    absorption, enough = pyroomacoustics.inverse_sabine(reverberation, size, c=SPEED)
     material = pyroomacoustics.Material(absorption)
-    room = pyroomacoustics.ShoeBox(ROOM, fs=RATE, materials=material, max_order=min(order, enough))
-    room.add_source(source)
+    room = pyroomacoustics.ShoeBox(size, fs=RATE, materials=material, max_order=min(order, enough))
+    room.add_source(source, directivity=None if facing is None else _cardioid(facing))
     room.add_microphone_array(places.T)
     room.compute_rir()
     rows = [np.asarray(row[0], float) for row in room.rir]
@@ -86,6 +89,14 @@ def responses(places, source, reverberation: float, order: int) -> np.ndarray:
     for row, h in zip(out, rows, strict=True):
         row[: len(h)] = h
     return out
+
+
+def _cardioid(facing):
+    """A cardioid whose axis is a direction (3,)."""
+    from pyroomacoustics.directivities import Cardioid, DirectionVector
+
+    azimuth, colatitude = np.arctan2(facing[1], facing[0]), np.arccos(facing[2] / np.linalg.norm(facing))
+    return Cardioid(DirectionVector(azimuth, colatitude, degrees=False))
 
 
 def record(reverberation: float, seed: int) -> dict[str, Recorded]:
