@@ -10,9 +10,9 @@ dead        small arrays in a room of 6 x 5 x 2.8 m, 0.2 to 0.5 s: impulses of a
             below the peak
 
 Image sources by pyroomacoustics, 8 kHz. FDCAL_BENCH_FAMILIES names some of the three, separated by commas;
-FDCAL_BENCH_DRAWS sets the draws of array, source and noise in a line, of takes for the measured array. Each line has the
-RMS error after the best rigid motion (with positions given: without any motion) as mean and worst of the draws, the
-size of the array found over the true one, the sigma claimed, the RMS of error over claim, rows, the seconds of the
+FDCAL_BENCH_DRAWS sets the draws of array, source and noise in a line, of takes for the measured array. Each line has
+the RMS error after the best rigid motion (with positions given: without any motion) as mean and worst of the draws,
+the size of the array found over the true one, the sigma claimed, the RMS of error over claim, rows, the seconds of the
 processor from file to positions, and the verdicts.
 """
 
@@ -46,11 +46,12 @@ NOMINAL_RADIUS = 0.05  # m; the seventh is at the centre
 CONDITIONS, ALL_TAKES = ("000", "050", "100"), 12
 
 LIVING, LIVING_T60, RECORDED = (5.0, 4.0, 2.6), 0.4, 60.0  # m; s; s of all takes together
+LIVING_ARRAYS = (("16 in a ball", 16, False), ("32 in a ball", 32, False), ("32 in a plane, 4 given", 32, True))
 SNR_DB, BAND = 30.0, (20.0, 500.0)  # of noise and speech; Hz
 DEAD, PEAK_DB = (6.0, 5.0, 2.8), 60.0  # m; of an impulse
 DEAD_ARRAYS = ((7, 0.05, 0.5), (8, 0.1, 0.35), (12, 0.2, 0.2), (16, 0.3, 0.35))  # microphones; radius, m; T60, s
 GIVEN = 4  # microphones of the plane
-HEAD = f"{'':<44} {'mean':>6} {'worst':>6} mm  {'size':>5} {'claim':>6} mm {'error/claim':>11} {'rows':>5} {'s':>5}  verdicts"
+HEAD = " " * 44 + f" {'mean':>6} {'worst':>6} mm  {'size':>5} {'claim':>6} mm error/claim  rows     s  verdicts"
 
 
 @dataclass(frozen=True)
@@ -82,8 +83,9 @@ def calibrated(case: Case) -> Found:
         folder, options = Path(temporary), dict(case.options)
         if case.given:
             lines = [",".join([str(n), *map(repr, case.truth[n].tolist())]) for n in range(case.given)]
-            options["known"] = folder / "known.csv"
-            options["known"].write_text("\n".join(["name,x,y,z"[: 4 + 2 * case.truth.shape[1]], *lines]) + "\n")
+            table = folder / "known.csv"
+            table.write_text("\n".join(["name,x,y,z"[: 4 + 2 * case.truth.shape[1]], *lines]) + "\n")
+            options["known"] = str(table)
         files, start = case.takes(folder), time.process_time()
         try:
             measurement = fdcal.load(files, **options)
@@ -128,7 +130,7 @@ def living() -> Iterator[Case]:
             for takes in (1, 4):
                 for seed in range(DRAWS):
                     rng = np.random.default_rng([seed, 24, count])
-                    places = ball(rng, count, 0.4, 0.08, flat=bool(plane)) + (2.2, 1.9, 1.3)
+                    places = ball(rng, count, 0.4, 0.08, flat=plane) + (2.2, 1.9, 1.3)
                     sources = [placed_source(rng, places, LIVING) for _ in range(4)][:takes]
                     name = f"living room, {kind}, {words}, {takes} x {RECORDED / takes:.0f} s"
 
