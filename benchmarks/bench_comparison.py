@@ -1,9 +1,9 @@
 """fdcal beside a diffuse field's coherence, arrival times and a tape measure, on the same recordings of four rooms.
 
 32 microphones in a ball of 0.4 m, blind, in a room of 9 x 7 x 4 m by image sources (pyroomacoustics); eight positions
-of one source, which plays noise or an impulse; 8 kHz. fdcal and the coherence hear the first
-position or all, the arrival times need all of them. Prints a table in Markdown: RMS position errors of each draw after the best
-rigid motion, in millimetres, and the seconds of the processor.
+of one source, which plays noise or an impulse; 8 kHz. fdcal and the coherence hear the first position or all, the
+arrival times need all of them. Prints a table in Markdown: RMS position errors of each draw after the best rigid
+motion, in millimetres, and the seconds of the processor.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from itertools import groupby
+from itertools import chain, groupby
 from pathlib import Path
 
 import numpy as np
@@ -41,15 +41,11 @@ from .bench_comparison import RATE, SPEED, responses
 ALONE = True
 DRAWS = int(os.environ.get("FDCAL_BENCH_DRAWS", "3"))
 DATA = Path(os.environ.get("FDCAL_REAL_DATA", Path(__file__).parents[2] / "shared" / "data")) / "frl_array"
-NOMINAL = np.deg2rad([(0, 0), (180, 0), (-90, 45), (90, 45), (-90, -45), (90, -45)])  # azimuth, elevation
-NOMINAL_RADIUS = 0.05  # m; the seventh is at the centre
+NOMINAL = Path(__file__).parents[1] / "examples" / "frl_array" / "nominal.csv"
 CONDITIONS, ALL_TAKES = ("000", "050", "100"), 12
 
-LIVING, LIVING_T60, RECORDED = (5.0, 4.0, 2.6), 0.4, 60.0  # m; s; s of all takes together
-LIVING_ARRAYS = (("16 in a ball", 16, False), ("32 in a ball", 32, False), ("32 in a plane, 4 given", 32, True))
-SNR_DB, BAND = 30.0, (20.0, 500.0)  # of noise and speech; Hz
-DEAD, PEAK_DB = (6.0, 5.0, 2.8), 60.0  # m; of an impulse
-DEAD_ARRAYS = ((7, 0.05, 0.5), (8, 0.1, 0.35), (12, 0.2, 0.2), (16, 0.3, 0.35))  # microphones; radius, m; T60, s
+RECORDED, SNR_DB, BAND = 60.0, 30.0, (20.0, 500.0)  # of noise and speech: s of all takes together; dB in a band, Hz
+PEAK_DB = 60.0  # of an impulse
 GIVEN = 4  # microphones of the plane
 HEAD = " " * 44 + f" {'mean':>6} {'worst':>6} mm  {'size':>5} {'claim':>6} mm error/claim  rows     s  verdicts"
 
@@ -107,9 +103,7 @@ def _rms(values) -> float:
 
 def measured() -> Iterator[Case]:
     """The measured array: takes of one, four and all places of the loudspeaker, evenly round the array."""
-    cosine = np.cos(NOMINAL[:, 1])
-    sphere = np.c_[np.cos(NOMINAL[:, 0]) * cosine, np.sin(NOMINAL[:, 0]) * cosine, np.sin(NOMINAL[:, 1])]
-    truth = np.r_[NOMINAL_RADIUS * sphere, np.zeros((1, 3))]
+    truth = np.loadtxt(NOMINAL, delimiter=",", skiprows=1)[:, 1:]
     for condition in CONDITIONS:
         files = sorted((DATA / condition).glob("*.wav"))
         for count in (1, 4, ALL_TAKES):
@@ -119,86 +113,73 @@ def measured() -> Iterator[Case]:
                 yield Case(f"frl_array {condition}, {_takes(count)}", lambda _, chosen=chosen: chosen, truth)
 
 
-def living() -> Iterator[Case]:
-    """The living room."""
-    for kind in ("noise", "speech"):
-        for words, count, plane in (
-            ("16 in a ball", 16, 0),
-            ("32 in a ball", 32, 0),
-            ("32 in a plane, 4 given", 32, 1),
-        ):
-            for takes in (1, 4):
-                for seed in range(DRAWS):
-                    rng = np.random.default_rng([seed, 24, count])
-                    places = ball(rng, count, 0.4, 0.08, flat=plane) + (2.2, 1.9, 1.3)
-                    sources = [placed_source(rng, places, LIVING) for _ in range(4)][:takes]
-                    name = f"living room, {kind}, {words}, {takes} x {RECORDED / takes:.0f} s"
+@dataclass(frozen=True)
+class Simulated:
+    """A family of cases: room, m; reverberation, s; sound; microphones, in a ball, m, or at one height in it."""
 
-                    def write(folder, places=places, sources=sources, kind=kind, seed=seed):
-                        return [
-                            write_played(folder / f"{n}.wav", places, one, kind, RECORDED / len(sources), [seed, n])
-                            for n, one in enumerate(sources)
-                        ]
+    name: str
+    room: tuple[float, float, float]
+    reverberation: float
+    kind: str
+    count: int
+    radius: float
+    flat: bool = False
 
-                    truth = places[:, :2] if plane else places
-                    yield Case(name, write, truth, GIVEN if plane else 0, {"sound_speed": SPEED})
-
-
-def dead() -> Iterator[Case]:
-    """Small arrays in dead rooms."""
-    for count, radius, reverberation in DEAD_ARRAYS:
+    def cases(self) -> Iterator[Case]:
+        """One take and four of each draw."""
         for takes in (1, 4):
             for seed in range(DRAWS):
-                rng = np.random.default_rng([seed, 25, count])
-                places = ball(rng, count, radius, 0.4 * radius) + (2.6, 2.2, 1.2)
-                sources = [placed_source(rng, places, DEAD) for _ in range(4)][:takes]
+                rng = np.random.default_rng([seed, 24, self.count])
+                places = self.array(rng) + np.array(self.room) * (0.44, 0.47, 0.5)
+                sources = [self.source(rng, places) for _ in range(4)][:takes]
+                options = {"sound_speed": SPEED, "kind": "impulse" if self.kind == "impulse" else "stationary"}
 
-                def write(folder, places=places, sources=sources, t60=reverberation, seed=seed):
-                    return [
-                        write_impulse(folder / f"{n}.wav", places, one, t60, [seed, n]) for n, one in enumerate(sources)
-                    ]
+                def write(folder, places=places, sources=sources, seed=seed):
+                    return [self.write(folder / f"{n}.wav", places, x, len(sources), [seed, n]) for n, x in
+                            enumerate(sources)]  # fmt: skip
 
-                name = f"dead room {reverberation:g} s, {count} in {100 * radius:.0f} cm, {_takes(takes)}"
-                yield Case(name, write, places, options={"sound_speed": SPEED})
+                truth, given = (places[:, :2], GIVEN) if self.flat else (places, 0)
+                yield Case(f"{self.name}, {_takes(takes)}", write, truth, given, options)
+
+    def array(self, rng) -> np.ndarray:
+        """Microphones that keep apart (N, 3), metres; the first four are far out."""
+        kept: list[np.ndarray] = []
+        while len(kept) < self.count:
+            x = rng.uniform(-self.radius, self.radius, 3) * (1, 1, not self.flat)
+            apart = self.radius * 0.65 / np.cbrt(self.count)
+            if np.linalg.norm(x) < self.radius and all(np.linalg.norm(x - y) > apart for y in kept):
+                kept.append(x)
+        places = np.array(kept)
+        far = [int(np.argmax(places @ (np.cos(a), np.sin(a), 0))) for a in np.pi / 2 * np.arange(GIVEN) + np.pi / 4]
+        return places[list(dict.fromkeys([*far, *range(self.count)]))]
+
+    def source(self, rng, places: np.ndarray) -> np.ndarray:
+        """A place 0.3 m from the walls and 1.2 m from the middle of the array (3,), metres."""
+        while True:
+            place = rng.uniform(0.3, np.array(self.room) - 0.3)
+            if np.linalg.norm(place - places.mean(axis=0)) > 1.2:
+                return place
+
+    def write(self, path: Path, places, source, takes: int, seed: list[int]) -> Path:
+        """Write what the array records of a source: a cardioid that faces it plays an impulse, a point the others."""
+        rng, facing = np.random.default_rng(seed), places.mean(axis=0) - source
+        impulse = self.kind == "impulse"
+        h = responses(places, source, self.reverberation, 80, self.room, facing if impulse else None)
+        sound, floor = h, np.abs(h).max() * 10 ** (-PEAK_DB / 20)
+        if not impulse:
+            played = rng.standard_normal(int(RATE * RECORDED / takes) + h.shape[1])
+            played = speech_like(played, rng) if self.kind == "speech" else played
+            sound = oaconvolve(played[None], h, axes=1)[:, h.shape[1] : len(played)]
+            f, spectrum = rfftfreq(sound.shape[1], 1 / RATE), rfft(sound, axis=1)
+            band = (f > BAND[0]) & (f < BAND[1])
+            floor = np.sqrt(np.mean(np.abs(spectrum[:, band]) ** 2) / sound.shape[1]) * 10 ** (-SNR_DB / 20)
+        samples = sound + floor * rng.standard_normal(sound.shape)
+        soundfile.write(path, 0.5 * samples.T / np.abs(samples).max(), RATE, subtype="FLOAT")
+        return path
 
 
 def _takes(count: int) -> str:
     return "1 take" if count == 1 else f"{count} takes"
-
-
-def ball(rng, count: int, radius: float, apart: float, flat: bool = False) -> np.ndarray:
-    """Microphones in a ball, or at one height in it, `apart` at least (N, 3), metres; the first ones are far out."""
-    kept: list[np.ndarray] = []
-    while len(kept) < count:
-        x = rng.uniform(-radius, radius, 3) * (1, 1, not flat)
-        if np.linalg.norm(x) < radius and all(np.linalg.norm(x - y) > apart for y in kept):
-            kept.append(x)
-    places = np.array(kept)
-    first = [int(np.argmax(places @ (np.cos(a), np.sin(a), 0))) for a in np.pi / 2 * np.arange(GIVEN) + np.pi / 4]
-    order = list(dict.fromkeys(first))
-    return places[order + [n for n in range(count) if n not in order]]
-
-
-def placed_source(rng, places: np.ndarray, room) -> np.ndarray:
-    """A place 0.3 m from the walls and 1.2 m from the middle of the array (3,), metres."""
-    while True:
-        place = rng.uniform(0.3, np.array(room) - 0.3)
-        if np.linalg.norm(place - places.mean(axis=0)) > 1.2:
-            return place
-
-
-def write_played(path: Path, places, source, kind: str, seconds: float, seed: list[int]) -> Path:
-    """Write what the array records of noise or of a sound like speech."""
-    rng = np.random.default_rng(seed)
-    h = responses(places, source, LIVING_T60, 80, LIVING)
-    played = rng.standard_normal(int(RATE * seconds) + h.shape[1])
-    if kind == "speech":
-        played = speech_like(played, rng)
-    sound = oaconvolve(played[None], h, axes=1)[:, h.shape[1] : len(played)]
-    f, spectrum = rfftfreq(sound.shape[1], 1 / RATE), rfft(sound, axis=1)
-    band = (f > BAND[0]) & (f < BAND[1])
-    floor = np.sqrt(np.mean(np.abs(spectrum[:, band]) ** 2) / sound.shape[1] * 10 ** (-SNR_DB / 10))
-    return _written(path, sound + floor * rng.standard_normal(sound.shape))
 
 
 def speech_like(noise: np.ndarray, rng) -> np.ndarray:
@@ -211,19 +192,19 @@ def speech_like(noise: np.ndarray, rng) -> np.ndarray:
     return voice * np.maximum(syllables / syllables.std() + 0.5, 0) * (phrases / phrases.std() > -0.5)
 
 
-def write_impulse(path: Path, places, source, reverberation: float, seed: list[int]) -> Path:
-    """Write impulse responses of a source with a cardioid's directivity that faces the array."""
-    h = responses(places, source, reverberation, 80, DEAD, facing=places.mean(axis=0) - source)
-    floor = np.abs(h).max() * 10 ** (-PEAK_DB / 20)
-    return _written(path, h + floor * np.random.default_rng(seed).standard_normal(h.shape))
-
-
-def _written(path: Path, samples: np.ndarray) -> Path:
-    soundfile.write(path, 0.5 * samples.T / np.abs(samples).max(), RATE, subtype="FLOAT")
-    return path
-
-
-FAMILIES = {"frl": measured, "living": living, "dead": dead}
+LIVING, DEAD = (5.0, 4.0, 2.6), (6.0, 5.0, 2.8)  # m
+FAMILIES: dict[str, Callable[[], Iterator[Case]]] = {
+    "frl": measured,
+    "living": lambda: chain.from_iterable(
+        Simulated(f"living room, {kind}, {count} in a {words}", LIVING, 0.4, kind, count, 0.4, flat).cases()
+        for kind in ("noise", "speech")
+        for count, words, flat in ((16, "ball", False), (32, "ball", False), (32, "plane", True))
+    ),
+    "dead": lambda: chain.from_iterable(
+        Simulated(f"dead room {t60:g} s, {count} in {100 * radius:.0f} cm", DEAD, t60, "impulse", count, radius).cases()
+        for count, radius, t60 in ((7, 0.05, 0.5), (8, 0.1, 0.35), (12, 0.2, 0.2), (16, 0.3, 0.35))
+    ),
+}
 
 
 def run() -> Iterator[str]:
