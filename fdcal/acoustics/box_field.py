@@ -79,13 +79,13 @@ def modal_pressures(room: Room, source: Source, positions, sensing: Sensing, pro
     power = np.empty(len(grid))
     for start in range(0, len(grid), 64):
         block = slice(start, start + 64)
-        p = point_source_pressures(room, source.position, positions, wavenumber_continuous(grid[block], s, c), ROUGH)
+        p = point_source_pressures(room, source.place, positions, wavenumber_continuous(grid[block], s, c), ROUGH)
         power[block] = mode_power(p)
         if progress is not None:
             progress(min(1.0, (start + 64) / len(grid)))
     frequencies = pick_peaks(power, sensing.lowest, step, sensing.prominence_db, sensing.resolution)
     wavenumbers = wavenumber_continuous(frequencies, s, c)
-    pressures = point_source_pressures(room, source.position, positions, wavenumbers)
+    pressures = point_source_pressures(room, source.place, positions, wavenumbers)
     return ModalPressures(frequencies, wavenumbers, pressures, np.stack([grid, power]))
 
 

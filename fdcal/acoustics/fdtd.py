@@ -92,7 +92,7 @@ def simulate(room: Room, source: Source, receivers: np.ndarray, progress: Progre
     samples = round(source.duration * fs)
     _check_length(source, samples, len(receivers))
     signal = pulse(source)
-    start = cells_at(grid, [source.position], room.cell_size, "source.position")[0]
+    start = cells_at(grid, [source.place], room.cell_size, "source.position")[0]
     ends = cells_at(grid, receivers, room.cell_size, "microphone")
     recordings = np.zeros((len(ends), samples))
     state = np.zeros((2, grid.mask.shape[0] + 2, padded_width(grid)))

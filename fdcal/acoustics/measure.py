@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from ..model.measurement import Measurement
 from ..model.problem import mode_power
 from ..model.scene import Scene
 from ..model.sdm_response import SdmResponse, load_sdm_response
+from ..model.validation import InputError
 from .modal import ModalPressures
 
 
@@ -67,13 +69,30 @@ def measure(scene: Scene, recordings: np.ndarray | None = None, progress=None) -
     InputError
         For anything that the scene does not allow.
     """
-    return measured(scene, sound_field(scene, recordings, progress))
+    takes = each_take(scene, progress)
+    if recordings is not None and len(takes) > 1:
+        problem = f"the source has {len(takes)} places, and the recordings are of one"
+        raise InputError(problem, "measure each of scene.takes()", key="source.positions")
+    return measured(scene, [sound_field(take, recordings, done) for take, done in takes])
+
+
+def each_take(scene: Scene, progress=None) -> list[tuple[Scene, Callable[[float], None] | None]]:
+    """Return the scene of each take, and what is to be called with the fraction of its simulation that is done."""
+    if scene.source is not None and scene.source.positions:
+        positions_of(scene)  # refuses an impossible place by its number
+    scenes = scene.takes()
+
+    def part(report: Callable[[float], None], number: int) -> Callable[[float], None]:
+        return lambda done: report((number + done) / len(scenes))
+
+    return [(take, None if progress is None else part(progress, number)) for number, take in enumerate(scenes)]
 
 
 def sound_field(scene: Scene, recordings: np.ndarray | None = None, progress=None) -> ModalPressures:
     """Return the pressures at the modes that are picked, without noise and faults; parameters as of `measure`.
 
-    It depends on the room, the source, the array and the picking alone, so that many measurements may share it.
+    Of a scene with one place of the source. It depends on the room, the source, the array and the picking alone, so
+    that many measurements may share it.
     """
     require_measurable(scene)
     if scene.room.dimension == 3:
@@ -81,16 +100,24 @@ def sound_field(scene: Scene, recordings: np.ndarray | None = None, progress=Non
     return _from_recordings(scene, positions_of(scene), recordings, progress)
 
 
-def measured(scene: Scene, modes: ModalPressures) -> Measurement:
-    """Return what the microphones of a scene measure of its `sound_field`: with noise and the faults of channels."""
+def measured(scene: Scene, fields: Sequence[ModalPressures]) -> Measurement:
+    """Return what the microphones of a scene measure of its `sound_field`, one for each place of the source.
+
+    With noise, drawn for each take, and the faults of the channels, which all takes share.
+    """
+    takes = [_measured(scene, modes, number) for number, modes in enumerate(fields)]
+    return takes[0] if len(takes) == 1 else Measurement.from_takes(takes)
+
+
+def _measured(scene: Scene, modes: ModalPressures, take: int) -> Measurement:
     positions, clean = positions_of(scene), modes.pressures
     noise_power = mode_power(clean) * 10 ** (-scene.measurement.snr_db / 10)
-    rng = np.random.default_rng([scene.seed, 1])
+    rng = _noise_rng(scene, 1, take)
     noise = rng.normal(scale=math.sqrt(0.5), size=(2, *clean.shape))  # of unit power, the same draw at any SNR
     speed_factor = 1 + scene.measurement.sound_speed_error
     return Measurement(
         frequencies=modes.frequencies,
-        pressures=_with_faults(scene, clean) + np.sqrt(noise_power)[:, None] * (noise[0] + 1j * noise[1]),
+        pressures=_with_faults(scene, clean, take) + np.sqrt(noise_power)[:, None] * (noise[0] + 1j * noise[1]),
         sound_speed=speed_factor * scene.room.sound_speed,
         dimension=scene.room.dimension,
         array_dimension=positions.shape[1],
@@ -103,11 +130,16 @@ def measured(scene: Scene, modes: ModalPressures) -> Measurement:
     )
 
 
-def _with_faults(scene: Scene, pressures: np.ndarray) -> np.ndarray:
+def _noise_rng(scene: Scene, stream: int, take: int) -> np.random.Generator:
+    """Return the generator of a take's noise; that of the first take is that of a scene with one place."""
+    return np.random.default_rng([scene.seed, stream, *([take] if take else [])])
+
+
+def _with_faults(scene: Scene, pressures: np.ndarray, take: int) -> np.ndarray:
     """Return the pressures as the scene's faulty channels record them."""
     faulty = pressures * scene.faults.gains(pressures.shape[1], scene.seed)
     dead = list(scene.faults.dead)
-    noise = np.random.default_rng([scene.seed, 3]).normal(scale=math.sqrt(0.5), size=(2, len(pressures), len(dead)))
+    noise = _noise_rng(scene, 3, take).normal(scale=math.sqrt(0.5), size=(2, len(pressures), len(dead)))
     faulty[:, dead] = np.sqrt(DEAD_SHARE * mode_power(pressures))[:, None] * (noise[0] + 1j * noise[1])
     return faulty
 

@@ -18,7 +18,7 @@ from ..model.measurement import Measurement
 from ..model.measurement_file import load_measurement, save_measurement
 from ..model.scene import Scene
 from ..model.storage import cache_key, load_cached, load_or_make
-from .measure import measure, require_measurable
+from .measure import each_take, measured, require_measurable, sound_field
 
 
 def cached_recordings(scene: Scene, progress=None) -> np.ndarray:
@@ -27,7 +27,7 @@ def cached_recordings(scene: Scene, progress=None) -> np.ndarray:
     Parameters
     ----------
     scene : Scene
-        Of two dimensions.
+        Of two dimensions, with one place of the source.
     progress : callable(float), optional
         Called with the fraction that is done.
 
@@ -41,7 +41,7 @@ def cached_recordings(scene: Scene, progress=None) -> np.ndarray:
         As `fdcal.acoustics.fdtd.simulate` does.
     """
     positions = positions_of(scene)
-    key = cache_key("recordings", dataclasses.asdict(scene.room), dataclasses.asdict(scene.emitter), positions.tolist())
+    key = cache_key("recordings", dataclasses.asdict(scene.room), scene.emitter.table(), positions.tolist())
 
     def make() -> np.ndarray:
         from .fdtd import simulate
@@ -71,8 +71,11 @@ def cached_measurement(scene: Scene, progress=None) -> Measurement:
         save_measurement(measurement, file)
 
     def make() -> Measurement:
-        recordings = cached_recordings(scene, progress) if scene.room.dimension == 2 else None
-        return measure(scene, recordings, progress)
+        fields = []
+        for scene_of_take, done in each_take(scene, progress):
+            recordings = cached_recordings(scene_of_take, done) if scene.room.dimension == 2 else None
+            fields.append(sound_field(scene_of_take, recordings, done))
+        return measured(scene, fields)
 
     return load_or_make(_measurement_name(scene), make, load_measurement, write)
 
@@ -86,6 +89,7 @@ def _measurement_name(scene: Scene) -> str:
     table = dataclasses.asdict(scene)
     for name in ("name", "title", "solver"):  # these do not affect what is measured
         del table[name]
+    table["source"] = scene.source and scene.source.table()
     if scene.faults == Faults():
         del table["faults"]
     if scene.room.response is not None:  # the file may change, and its path does not matter

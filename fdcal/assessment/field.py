@@ -218,10 +218,13 @@ def field_map(
 ) -> FieldMap:
     """Return the field between microphones at `positions` (N, D), metres, at some of the measured frequencies.
 
-    `wanted` are frequencies, Hz, None for the lowest, the middle and the highest; `step` is that of the lattice,
-    metres, by default a sixtieth of the longest side; `speed` of sound, m/s, takes the place of the measurement's.
+    Of several takes it is the field of the first. `wanted` are frequencies, Hz, None for the lowest, the middle and the
+    highest; `step` is that of the lattice, metres, by default a sixtieth of the longest side; `speed` of sound, m/s,
+    takes the place of the measurement's.
     """
     x = np.asarray(positions, float)
+    if measurement.take_count > 1:  # equal frequencies of other takes are other fields
+        measurement = measurement.of_take(int(measurement.takes.min()))
     modes = _nearest(measurement.frequencies, wanted)
     axes, inside = _lattice(x, step)
     pressure = np.full((len(modes), *inside.shape), complex(np.nan, np.nan))

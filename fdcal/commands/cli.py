@@ -196,7 +196,8 @@ def simulate(scene: str, output: str, force: bool):
 
     write_atomically(path, lambda file: save_measurement(measurement, file), force)
     f = measurement.frequencies
-    print(f"{path}: {len(f)} modes, {f[0]:.1f} to {f[-1]:.1f} Hz, at {measurement.count} microphones")
+    rows = f"{len(f)} modes" if measurement.take_count == 1 else f"{len(f)} rows of {measurement.take_count} takes"
+    print(f"{path}: {rows}, {f[0]:.1f} to {f[-1]:.1f} Hz, at {measurement.count} microphones")
 
 
 @commands.command()

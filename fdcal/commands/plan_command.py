@@ -10,7 +10,7 @@ from .options import force_option, output_option, progress_bar
 from .outputs import output_path
 
 SUFFIXES = [".html", ".json", ".png"]
-MOST_TRIALS = 10_000
+MOST_TRIALS, MOST_TAKES = 10_000, 100
 MOST_WORKERS = 64
 BOUND_ONLY = (
     "a bound only, which calibrations exceed, some by far: add --trials 20, of some seconds each, to learn whether this"
@@ -40,6 +40,14 @@ BOUND_ONLY = (
 @click.option(
     "--accuracy", type=types.length, default="10mm", show_default=True, metavar="LENGTH", help="That is wanted."
 )
+@click.option(
+    "--takes",
+    type=click.IntRange(1, MOST_TAKES),
+    default=1,
+    show_default=True,
+    metavar="N",
+    help="Places of the source, recorded equally long from each.",
+)
 @click.option("--trials", type=click.IntRange(0, MOST_TRIALS), default=0, metavar="T", help="Simulated calibrations.")
 @click.option(
     "--solver", type=click.Choice(["robust", "joint"]), default="robust", show_default=True, help="Of the trials."
@@ -63,6 +71,7 @@ def plan(
     known_sigma,
     gain_sigma,
     accuracy,
+    takes,
     trials,
     solver,
     workers,
@@ -95,6 +104,7 @@ def plan(
         gain_sigma_db=gain_sigma or 0.0,
         accuracy=accuracy,
         seed=seed,
+        takes=takes,
         solver=solver,
     )
     simulated = None

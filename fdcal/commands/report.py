@@ -25,9 +25,10 @@ def summary(inputs: CalibrationInput, result: Calibration) -> str:
     """Return a calibration in seven lines, and more of an uncertain sound speed, of its channels or of a known room."""
     count, f = inputs.measurement.count, result.frequencies
     free = count - len(inputs.given)
+    takes = inputs.measurement.take_count
     lines = [
         f"{inputs.name}: {free} of {count} microphones sought by {result.solver}, seed {result.seed}",
-        f"modes   {len(f)}, {f[0]:.1f} to {f[-1]:.1f} Hz",
+        f"modes   {len(f)}{f' rows of {takes} takes' if takes > 1 else ''}, {f[0]:.1f} to {f[-1]:.1f} Hz",
         f"run     {result.sweeps} sweeps in {result.elapsed:.1f} s, {_end(result)}",
         f"error   {_error(result, inputs.given, inputs.compared_with)}",
     ]

@@ -29,7 +29,6 @@ from .kernels import cosines_and_sines, pair_covariance, pair_powers
 from .likelihood import FieldModel
 from .waves import plane_waves, wave_directions
 
-
 ISOTROPY = 0.03  # observations of a diffuse field, over those of the take; 0.01 to 0.3 give the same errors to 10 %
 
 

@@ -74,6 +74,7 @@ def static_picture(
     dark: bool = False,
     floor: Floor | None = None,
     lecture: bool = False,
+    take: int | None = None,
 ) -> Picture:
     """Return what stays the same while a solver runs.
 
@@ -84,6 +85,7 @@ def static_picture(
     dark : whether the background is
     floor : a map in relief, on which the microphones stand, or None; `with_floor` draws it
     lecture : whether texts, marks and contrast suit a projector
+    take : whose place of the source is prominent; None for all places alike
     """
     theme = theme_of(dark, lecture)
     focus, z_range = focus_of(measurement), z_range_of(scene, measurement)
@@ -100,7 +102,7 @@ def static_picture(
         vertices = scene.room.vertices
         (x0, y0), (x1, y1) = vertices.min(axis=0).tolist(), vertices.max(axis=0).tolist()
         bounds = (x0, y0, x1, y1)
-        room_lines, room_labels, meshes = room_and_source(scene, radius, theme)
+        room_lines, room_labels, meshes = room_and_source(scene, radius, theme, take)
         drawn, labels = room_lines + drawn, labels + room_labels
     if measurement.positions is not None:
         circle, stems = true_microphones(drape(measurement.positions, floor, radius), z_range, radius, theme)

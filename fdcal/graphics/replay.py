@@ -136,12 +136,16 @@ def _static_data(scene: Scene | None, measurement: Measurement) -> dict:
         "heights": z_range_of(scene, measurement),
         "maps": None,
         "outline": None,
-        "source": None,
+        "sources": [],
         "tall": 0.0,
     }
     if scene is not None and scene.source is not None:
         outline = np.asarray(scene.room.vertices, float).tolist()
-        data |= {"outline": outline, "source": list(scene.source.position), "tall": wall_height(scene)}
+        data |= {
+            "outline": outline,
+            "sources": [list(place) for place in scene.source.places],
+            "tall": wall_height(scene),
+        }
     return data
 
 

@@ -17,6 +17,8 @@ from .theme import Theme
 Box = tuple[float, float, float, float]
 
 PLANE_WALLS = 0.12  # height of the walls of a plane room, of its longer side
+LEAST_SOURCE = 0.012  # quarter of the mark of one of several sources, of the room's longer side: seen in the whole room
+QUIET_SOURCE = 0.5  # size of the marks of the sources that are not of the chosen take, of those that are
 EMPTY_MARGIN = 0.1  # m around the microphones where there is no search domain
 
 
@@ -92,15 +94,29 @@ def upper_frame(
 
 
 def room_and_source(
-    scene: Scene, marker_radius: float, theme: Theme
+    scene: Scene, marker_radius: float, theme: Theme, take: int | None = None
 ) -> tuple[tuple[Lines, ...], tuple[Label, ...], tuple[Mesh, ...]]:
-    """Return the walls, the grid on the floor and the source of a scene that is no measured room."""
+    """Return the walls, the grid on the floor and the source of a scene that is no measured room.
+
+    Of several places of the source each is marked with its take; where one take is chosen, the others are drawn small.
+    """
     room_lines, meshes = _room(scene, marker_radius, theme)
-    place = glyphs.lift(np.array([scene.emitter.position], float), layer_height(Layer.SOURCE, marker_radius))
-    meshes += strokes("source", glyphs.stars(place, 2 * marker_radius, arms=4), marker_radius, TRUE, 0.4)
-    x, y, z = place[0].tolist()
-    label = Label("source/name", "source", (x, y - 3 * marker_radius, z), theme.foreground, "top-center")
-    return room_lines, (label,), meshes
+    places = glyphs.lift(np.array(scene.emitter.places, float), layer_height(Layer.SOURCE, marker_radius))
+    several = len(places) > 1
+    extent = float(np.ptp(scene.room.vertices, axis=0).max())
+    radius = max(marker_radius, LEAST_SOURCE * extent) if several else marker_radius
+    labels = []
+    for number, place in enumerate(places):
+        chosen = take in (None, number)
+        size, colour = (radius, theme.foreground) if chosen else (QUIET_SOURCE * radius, theme.quiet)
+        name, text = (f"source/{number}", f"take {number}") if several else ("source", "source")
+        meshes += strokes(name, glyphs.stars(place[None], 2 * size, arms=4), size, TRUE, 0.4)
+        if several and scene.room.dimension == 3:
+            room_lines += (lines(f"{name}/stem", glyphs.stems(place[None], 0.0), colour, 2.0 if chosen else 1.0),)
+        x, y, z = place.tolist()
+        text = f"source, {text}" if several and chosen else text
+        labels.append(Label(f"{name}/name", text, (x, y - 3 * size, z), colour, "top-center"))
+    return room_lines, tuple(labels), meshes
 
 
 def _room(scene: Scene, marker_radius: float, theme: Theme) -> tuple[tuple[Lines, ...], tuple[Mesh, ...]]:
@@ -110,7 +126,8 @@ def _room(scene: Scene, marker_radius: float, theme: Theme) -> tuple[tuple[Lines
     edges = glyphs.loop(vertices, layer_height(Layer.WALLS, marker_radius))
     grid = glyphs.floor_grid(vertices, 1.0 if extent > 3.0 else 0.2, layer_height(Layer.GRID, marker_radius))
     if scene.room.dimension == 3:
-        feet = np.concatenate([glyphs.lift(vertices, height), np.array([scene.emitter.position], float)])
+        sources = np.array(scene.emitter.places, float)
+        feet = np.concatenate([glyphs.lift(vertices, height), sources[: len(sources) == 1]])
         box = np.concatenate([glyphs.loop(vertices, height), glyphs.stems(feet, 0.0)])
         meshes, before = (), (lines("room/box", box, theme.grid, 2.0),)
     else:

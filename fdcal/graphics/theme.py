@@ -26,6 +26,12 @@ class Theme:
     text: float = 1.0
     marks: float = 1.0
 
+    @property
+    def quiet(self) -> Colour:
+        """Of texts that give way to others of the same kind: between foreground and background, still legible."""
+        red, green, blue = (round(0.62 * a + 0.38 * b) for a, b in zip(self.foreground, self.background, strict=True))
+        return red, green, blue
+
 
 LIGHT = Theme(background=(255, 255, 255), foreground=(40, 44, 52), grid=(222, 225, 230))
 DARK = Theme(background=(26, 27, 30), foreground=(222, 225, 230), grid=(58, 61, 68))

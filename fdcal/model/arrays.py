@@ -108,16 +108,16 @@ def _check_walls(positions: np.ndarray, scene: Scene) -> None:
 
 
 def _check_source(positions: np.ndarray, scene: Scene) -> None:
-    place = f"source.position = {list(scene.emitter.position)} m lies"
-    cell = snap(np.array(scene.emitter.position), scene.room.cell_size)
-    if not in_polygon(cell, scene.room.vertices):
-        raise InputError(f"{place} outside the room or in a wall", "move it inside the room", key="source.position")
-    if encloses(positions, cell):
-        raise InputError(
-            f"{place} inside the array, where the field must have no source",
-            "move it outside the convex hull of the microphones",
-            key="source.position",
-        )
+    for key, position in zip(scene.emitter.keys, scene.emitter.places, strict=True):
+        place, cell = f"{key} = {list(position)} m lies", snap(np.array(position), scene.room.cell_size)
+        if not in_polygon(cell, scene.room.vertices):
+            raise InputError(f"{place} outside the room or in a wall", "move it inside the room", key=key)
+        if encloses(positions, cell):
+            raise InputError(
+                f"{place} inside the array, where the field must have no source",
+                "move it outside the convex hull of the microphones",
+                key=key,
+            )
 
 
 def _check_gauge(positions: np.ndarray, scene: Scene) -> None:

@@ -45,7 +45,7 @@ def positions_3d(scene: Scene) -> np.ndarray:
 
 def _check_room(scene: Scene, positions: np.ndarray) -> None:
     """Raise InputError for a microphone or a source outside the room, or a source inside the array."""
-    size, source = np.array(scene.room.size), np.array(scene.emitter.position)
+    size = np.array(scene.room.size)
     outside = np.flatnonzero(np.any((positions <= 0) | (positions >= size), axis=1))
     if len(outside):
         raise InputError(
@@ -53,18 +53,19 @@ def _check_room(scene: Scene, positions: np.ndarray) -> None:
             "change array.center, the array or room.size",
             key="array.center",
         )
-    _check_source(source, positions, size)
+    for key, place in zip(scene.emitter.keys, scene.emitter.places, strict=True):
+        _check_source(key, np.array(place), positions, size)
 
 
-def _check_source(source: np.ndarray, positions: np.ndarray, size: np.ndarray) -> None:
-    place = f"source.position = {source.tolist()} m lies"
+def _check_source(key: str, source: np.ndarray, positions: np.ndarray, size: np.ndarray) -> None:
+    place = f"{key} = {source.tolist()} m lies"
     if np.any((source < 0) | (source > size)):
-        raise InputError(f"{place} outside the room", "move it inside", key="source.position", value=source.tolist())
+        raise InputError(f"{place} outside the room", "move it inside", key=key, value=source.tolist())
     if encloses_3d(positions, source):
         raise InputError(
             f"{place} inside the array, where the field must have no source",
             "move it outside the convex hull of the microphones",
-            key="source.position",
+            key=key,
             value=source.tolist(),
         )
 

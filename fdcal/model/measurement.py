@@ -49,9 +49,9 @@ class Measurement(MeasurementSources):
         Metres; the true positions unless given.
     search : Search, optional
         Lattice of candidates and expansion radius.
-    spectrum : (2, F) float64, optional
+    spectrum : (2, F) or (1 + T, F) float64, optional
         The spectrum that the frequencies were picked from, for display alone: Hz, ascending, and the mean power of all
-        microphones, in any one unit.
+        microphones, in any one unit; of several takes one row of power for each, or one for all.
     takes : (M,) int64, optional
         The take of each row, counted from 0; one take unless given. A take is one recording of all microphones with
         the source at one place: the channels and the positions are common to all takes, the sound field is not.
@@ -119,7 +119,7 @@ class Measurement(MeasurementSources):
         if positions is not None:
             positions = checks.real("positions", positions, (self.count, self.array_dimension), "m")
         put("positions", positions)
-        put("spectrum", None if spectrum is None else checks.spectrum(spectrum))
+        put("spectrum", None if spectrum is None else checks.spectrum(spectrum, self.takes))
         indices, places = checks.known(known, known_positions, self.positions, self.count, self.array_dimension)
         put("known", indices)
         put("known_positions", places)
@@ -148,9 +148,9 @@ class Measurement(MeasurementSources):
 
     def of_take(self, take: int) -> Measurement:
         """Return the rows of one take. Raises InputError where there is no such take."""
-        chosen = self.takes == take
+        chosen, numbers = self.takes == take, np.unique(self.takes)
         if not np.any(chosen):
-            listed = ", ".join(map(str, np.unique(self.takes)[:20]))
+            listed = ", ".join(map(str, numbers[:20]))
             raise InputError(f"there is no take {take}", f"use one of {listed}", key="take", value=take)
         return replace(
             self,
@@ -158,8 +158,15 @@ class Measurement(MeasurementSources):
             pressures=self.pressures[chosen],
             wavenumbers=self.wavenumbers[chosen],
             noise_power=None if self.noise_power is None else self.noise_power[chosen],
+            spectrum=self._spectrum_of(int(np.searchsorted(numbers, take))),
             takes=self.takes[chosen],
         )
+
+    def _spectrum_of(self, number: int) -> np.ndarray | None:
+        """Return the spectrum of one take : (2, F) float64, or None; that of all where each has none of its own."""
+        if self.spectrum is None or len(self.spectrum) == 2:
+            return self.spectrum
+        return self.spectrum[[0, 1 + number]]
 
     @property
     def blind(self) -> bool:

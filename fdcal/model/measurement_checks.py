@@ -67,10 +67,14 @@ def names(values: Sequence[str] | np.ndarray | None, count: int) -> tuple[str, .
     return found
 
 
-def spectrum(values) -> np.ndarray:
-    """Return frequencies and mean power : (2, F) float64."""
-    array = require_array("spectrum", values, "real", (2, None), "Hz and mean power")
-    if array.shape[1] < 2 or np.any(np.diff(array[0]) <= 0) or np.any(array[1] < 0):
+def spectrum(values, takes) -> np.ndarray:
+    """Return frequencies and the mean power, of all takes or of each : (2 or 1 + T, F) float64."""
+    rows = (2, 1 + len(np.unique(takes)))
+    array = require_array("spectrum", values, "real", (None, None), "Hz and mean power")
+    if len(array) not in rows:
+        problem, remedy = f"spectrum has {len(array)} rows", f"give frequencies and power: {rows[-1]}, or 2 rows"
+        raise InputError(problem, remedy, key="spectrum")
+    if array.shape[1] < 2 or np.any(np.diff(array[0]) <= 0) or np.any(array[1:] < 0):
         problem = "spectrum must hold ascending frequencies and powers that are not negative"
         raise InputError(problem, "leave it out", key="spectrum")
     return array

@@ -105,7 +105,7 @@ class MeasurementSources:
         Returns
         -------
         Measurement
-            Rows by frequency, then by take. It has noise only if all of them have.
+            Rows by frequency, then by take. It has noise, or a spectrum, only if all of them have.
 
         Raises
         ------
@@ -154,6 +154,7 @@ class MeasurementSources:
             known=known.known,
             known_positions=known.known_positions,
             search=each[0].search,
+            spectrum=_joined_spectrum(each),
             takes=takes[order],
         )
 
@@ -190,3 +191,14 @@ class MeasurementSources:
         4
         """
         return fdcal.extension("measurement_of_pyfar")(data, coordinates, **options)
+
+
+def _joined_spectrum(each: Sequence[fdcal.Measurement]) -> np.ndarray | None:
+    """Return the spectra of all takes over the frequencies of the finest : (1 + T, F) float64; None if one lacks it."""
+    spectra = [one.spectrum for one in each if one.spectrum is not None]
+    if len(spectra) < len(each) or any(
+        len(spectrum) != 1 + one.take_count for spectrum, one in zip(spectra, each, strict=True)
+    ):
+        return None
+    f = max((spectrum[0] for spectrum in spectra), key=len)
+    return np.stack([f, *(np.interp(f, spectrum[0], power) for spectrum in spectra for power in spectrum[1:])])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import typing
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -169,50 +169,110 @@ class Source:
     """The one source, outside the array: a zero-mean pulse of flat spectrum from `low` to `high`.
 
     With three coordinates it emits all frequencies equally: its field has a closed form, and only `duration` matters.
+    It has one place, or several, one after the other: the recording from each place is a take.
 
     Attributes
     ----------
-    position : tuple of float
-        Metres.
+    position : tuple of float or None
+        Its one place, metres; None where `positions` is given.
+    positions : tuple of points
+        Its places, one for each take, metres; none where `position` is given.
     low, high : float or None
         Band of the pulse, Hz; 20 and 3000 unless given. None with three coordinates.
     sample_rate : float or None
         fs, Hz; 28590 unless given. None with three coordinates.
     duration : float
-        Duration of the recording, s.
+        Duration of the recording, of each take, s.
     """
 
-    position: Point
+    position: Point | None = None
     low: float | None = None
     high: float | None = None
     sample_rate: float | None = None
     duration: float = 4.0
+    positions: tuple[Point, ...] = ()
 
     DEFAULTS: typing.ClassVar = Band(low=20.0, high=3000.0, sample_rate=28590.0)
 
     @classmethod
     def optional(cls, table: dict) -> tuple[str, ...]:
         """Return the keys that a scene file may leave out."""
-        return cls.DEFAULTS._fields if is_no_pair(table.get("position")) else ()
+        places = table.get("positions")
+        first = places[0] if isinstance(places, list) and places else table.get("position")
+        other = "position" if "positions" in table else "positions"
+        return other, *(cls.DEFAULTS._fields if is_no_pair(first) else ())
 
     def __post_init__(self):
-        require_point("source.position", self.position, (2, 3))
+        self._check_places()
         require_positive("source.duration", self.duration, "s")
+        pulsed = self.dimension == 2
         for key, default in self.DEFAULTS._asdict().items():
             value = getattr(self, key)
-            if len(self.position) == 3 and value is not None:
+            if not pulsed and value is not None:
                 raise InputError(
-                    f"source.{key} = {value:g} Hz has no meaning with a source.position of three coordinates, where no"
-                    " pulse is simulated",
+                    f"source.{key} = {value:g} Hz has no meaning with a source of three coordinates, where no pulse is"
+                    " simulated",
                     "remove it",
                     key=f"source.{key}",
                     value=value,
                 )
-            if len(self.position) == 2:
+            if pulsed:
                 object.__setattr__(self, key, default if value is None else value)
                 require_positive(f"source.{key}", getattr(self, key), "Hz")
-        if len(self.position) == 2:
+        if pulsed:
             self._check_band(self.band)
+
+    def _check_places(self):
+        """Raise InputError unless there is one place, or a list of different ones of as many coordinates."""
+        if self.position is None and not self.positions:
+            remedy = "add it, or a list of source.positions, one for each take"
+            raise InputError("source.position is missing", remedy, key="source.position")
+        if self.position is not None:
+            if self.positions:
+                problem = "source.position and source.positions are both given"
+                raise InputError(problem, "keep one of them", key="source.positions")
+            require_point("source.position", self.position, (2, 3))
+            return
+        if len(self.positions) > LIMITS.takes:
+            problem = f"source.positions has {len(self.positions)} places"
+            raise InputError(problem, f"use at most {LIMITS.takes}", key="source.positions")
+        for number, (key, place) in enumerate(zip(self.keys, self.positions, strict=True)):
+            require_point(key, place, (len(self.positions[0]),) if number else (2, 3))
+            if place in self.positions[:number]:
+                problem = f"{key} = {list(place)} m is given twice"
+                raise InputError(problem, "move it: each take needs a place of its own", key=key, value=place)
+
+    @property
+    def dimension(self) -> int:
+        """Number of coordinates of its places, 2 or 3."""
+        return len(next(iter(self.places)))
+
+    @property
+    def places(self) -> tuple[Point, ...]:
+        """All places of the source, one for each take, metres."""
+        return self.positions if self.position is None else (self.position,)
+
+    @property
+    def place(self) -> Point:
+        """The only place of the source, metres; InputError where it has several."""
+        if self.position is None and len(self.positions) != 1:
+            problem = f"the source has {len(self.places)} places, and one is simulated at a time"
+            raise InputError(problem, "use Source.each()", key="source.positions")
+        (place,) = self.places
+        return place
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """What messages call its places: "source.position", or "source.positions[1]" and so on."""
+        return tuple(f"source.positions[{i + 1}]" for i in range(len(self.positions))) or ("source.position",)
+
+    def each(self) -> tuple[Source, ...]:
+        """Return one source for each place, as if it were the only one."""
+        return tuple(replace(self, position=place, positions=()) for place in self.places)
+
+    def table(self) -> dict:
+        """Return the values as a dictionary, without `positions` where there are none: the key of a cache."""
+        return {key: value for key, value in asdict(self).items() if key != "positions" or value}
 
     @staticmethod
     def _check_band(band: Band):
@@ -230,7 +290,7 @@ class Source:
         """Band and sampling rate of the simulated pulse; InputError with three coordinates, where there is none."""
         if self.low is None or self.high is None or self.sample_rate is None:
             raise InputError(
-                f"source.position = {list(self.position)} has three coordinates, so that no pulse is simulated",
+                f"source.position = {list(self.places[0])} has three coordinates, so that no pulse is simulated",
                 "give two coordinates, in a room of two dimensions",
                 key="source.position",
             )

@@ -1,7 +1,7 @@
 """A scene: every physical constant of a run.
 
     room            outline, walls, sound speed, grid cell
-    source          position, band, sampling rate, duration
+    source          position or, one for each take, positions; band, sampling rate, duration
     array           geometry of the microphones
     gauge           the known microphones that fix translation, rotation and mirror
     search          lattice of candidate positions, expansion radius R of Eq. 3
@@ -82,6 +82,12 @@ class Scene:
             raise InputError("source is missing", "add it to the scene", key="source")
         return self.source
 
+    def takes(self) -> tuple[Scene, ...]:
+        """Return the scene of each take: with the source at one of its places, as if that were the only one."""
+        if self.source is None or len(self.source.places) == 1:
+            return (self,)
+        return tuple(replace(self, source=source) for source in self.source.each())
+
     def __post_init__(self):
         if self.seed < 0:
             raise InputError(f"seed = {self.seed} is negative", "use 0 or more", key="seed", value=self.seed)
@@ -109,12 +115,12 @@ class Scene:
                 problem = "source has no meaning in a measured room, whose response contains the sound of its own"
                 raise InputError(problem, "remove it", key="source")
             return
-        position = self.emitter.position
+        key, position = self.emitter.keys[0], self.emitter.places[0]
         if len(position) != D:
             raise InputError(
-                f"source.position = {list(position)} has {len(position)} numbers and the room has {D} lengths",
+                f"{key} = {list(position)} has {len(position)} numbers and the room has {D} lengths",
                 "give as many coordinates",
-                key="source.position",
+                key=key,
                 value=position,
             )
 
@@ -161,6 +167,8 @@ def no_rectangle(scene: Scene) -> str:
     """Return why solver "room" cannot be used for the room of `scene`; "" if it can."""
     if scene.room.size is None:
         return "is no rectangle with room.size"
+    if scene.source is not None and len(scene.source.places) > 1:
+        return f"has a source at {len(scene.source.places)} places, and the solver seeks one"
     return 'has walls = "pressure-release"' if scene.room.walls == "pressure-release" else ""
 
 

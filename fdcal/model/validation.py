@@ -36,6 +36,7 @@ class Limits:
     usual_pairs : pairs of microphones times modes, 64 microphones at 64 frequencies
     candidates : candidate positions of a search; the tables of the solvers take 1 to 2 GB for so many
     coordinate : largest coordinate, metres
+    takes : places of the source in a scene
     decibels : largest signal-to-noise ratio, and its negative the smallest, dB
     sound_speed_error : largest relative error of the sound speed, dimensionless
     weakest, strongest : pressures whose squares can be summed without leaving the range of float64, any unit
@@ -59,6 +60,7 @@ class Limits:
     usual_pairs: float = 64.0**3
     candidates: int = 500_000
     coordinate: float = 1e9
+    takes: int = 100
     decibels: float = 300.0
     sound_speed_error: float = 0.5
     weakest: float = 1e-100

@@ -174,7 +174,7 @@ def _within(row: np.ndarray, keep: np.ndarray, seen: np.ndarray, band, most: int
     row : (R,) int64
         Frequency of each row, an index into `seen`.
     keep : (n,) int64
-        Rows in the order of preference.
+        Rows that rise above the noise, those of one frequency in the order of preference.
     seen : (M,) float64
         Frequencies, Hz.
     band : (float, float)
@@ -183,10 +183,10 @@ def _within(row: np.ndarray, keep: np.ndarray, seen: np.ndarray, band, most: int
         Least distance of two frequencies, Hz.
     """
     counts = np.bincount(row[keep], minlength=len(seen))
-    order = row[keep][np.sort(np.unique(row[keep], return_index=True)[1])]  # frequencies by their best row
-    wanted = max(1, int(most * len(order) / len(keep)))
-    kept = order[frequency_selection.spread_over_band(seen[order], band, wanted)]
-    kept = kept[np.concatenate([[True], np.diff(seen[kept]) > apart])]
+    heard = np.flatnonzero(counts)
+    heard = heard[np.argsort(seen[heard], kind="stable")]
+    wanted = max(1, int(most * len(heard) / len(keep)))
+    kept = heard[frequency_selection.spread_over_band(seen[heard], band, wanted, apart)]
     while counts[kept].sum() > most and len(kept) > 1:  # few frequencies with many rows
         kept = np.delete(kept, np.argmax(counts[kept]))
     chosen = keep[np.isin(row[keep], kept)]

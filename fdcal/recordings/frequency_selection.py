@@ -1,9 +1,10 @@
-"""Which frequencies of a recording to use: modes that stand out, and those between them, as close as is worth it.
+"""Which frequencies of a recording to use: evenly over the band, as close as is worth it.
 
-The method does not need eigenfrequencies: any frequency at which there is no source inside the array will do. In a
-damped room few modes stand out, and the frequencies between them carry as much information; but two that are close
-carry the same. With e(t) the energy of the response at time t and v its noise or, where that is less, what a model of
-the field cannot explain,
+The method does not need eigenfrequencies: any frequency at which there is no source inside the array will do. They are
+chosen without regard to the level. A peak of the level is a maximum of the pressure where the array stands, and there
+its gradient is small: an array much smaller than the wavelength, calibrated with peaks alone, comes out at 0.5 to 0.8
+of its size. Two frequencies that are close carry the same information. With e(t) the energy of the response at time t
+and v its noise or, where that is less, what a model of the field cannot explain,
 
     T_eq = (sum e)^2 / sum e^2     the pressure decorrelates over a bandwidth of 1 / T_eq
     T    = sum e / (e + v)         the time in which the response stands out
@@ -27,15 +28,12 @@ class SelectionThresholds:
 
     Attributes
     ----------
-    prominence : float
-        Of a peak in the spectrum that counts as a mode.
     min_snr : float
         Of a frequency that is used.
     dynamic_range : float
         Below the strongest frequency.
     """
 
-    prominence: float = 1.0
     min_snr: float = 10.0
     dynamic_range: float = 60.0
 
@@ -137,10 +135,7 @@ class NothingAboveNoise(InputError):
 def choose_frequencies(
     frequencies: np.ndarray, power: np.ndarray, noise: np.ndarray, resolution: float, most: int = ROWS.most
 ) -> np.ndarray:
-    """Return the indices of the frequencies to use.
-
-    As many as fit at the resolution; among them peaks count twice, and the others by their signal-to-noise ratio. Where
-    there are more than `most`, the best one in each of `most` equal parts of the band is kept.
+    """Return the indices of the frequencies to use: in equal parts of the band the one nearest to the middle.
 
     Parameters
     ----------
@@ -163,9 +158,6 @@ def choose_frequencies(
     NothingAboveNoise
         No frequency does.
     """
-    from scipy.signal import find_peaks
-
-    decibels = 10 * np.log10(np.maximum(power, 1e-300))
     floor = np.maximum(noise, power.max() * 10 ** (-THRESHOLDS.dynamic_range / 10))
     snr = 10 * np.log10(np.maximum(power - noise, 1e-300) / floor)
     usable = snr >= THRESHOLDS.min_snr
@@ -176,50 +168,36 @@ def choose_frequencies(
             "record at a higher level, or choose another band: <frequencies> LO:HI",
             key="frequencies",
         )
-    peaks = find_peaks(decibels, prominence=THRESHOLDS.prominence)[0]
-    is_peak = np.zeros(len(snr), bool)
-    is_peak[peaks] = True
-    worth = 1 + is_peak + np.clip(snr / THRESHOLDS.dynamic_range, 0, 1) / 2
-    chosen = _apart(frequencies, np.where(usable, worth, 0.0), resolution)
-    chosen = chosen[np.argsort(-worth[chosen], kind="stable")]
-    return chosen[spread_over_band(frequencies[chosen], (frequencies[0], frequencies[-1]), most)]
+    at = np.flatnonzero(usable)
+    return at[spread_over_band(frequencies[at], (frequencies[0], frequencies[-1]), most, resolution)]
 
 
-def spread_over_band(frequencies: np.ndarray, band: tuple[float, float], most: int) -> np.ndarray:
-    """Return the indices of at most `most` frequencies, the first one in each of `most` equal parts of the band.
+def spread_over_band(frequencies: np.ndarray, band: tuple[float, float], most: int, apart: float) -> np.ndarray:
+    """Return the indices of at most `most` frequencies, the one nearest to the middle of each of equal parts of a band.
 
     Parameters
     ----------
     frequencies : (B,) float64
-        Hz, in the order of preference.
+        Hz, ascending.
     band : (float, float)
         Hz.
     most : int
+    apart : float
+        Least width of a part, Hz; two frequencies are three quarters of it apart at least.
 
     Returns
     -------
     (M,) int64
-        Ascending in frequency; all of them if they are not more than `most`.
+        Ascending.
     """
-    firsts = np.arange(len(frequencies))
-    if len(frequencies) > most:
-        parts = np.clip((frequencies - band[0]) / (band[1] - band[0]) * most, 0, most - 1).astype(int)
-        firsts = np.unique(parts, return_index=True)[1]
-    return firsts[np.argsort(frequencies[firsts])]
-
-
-def _apart(frequencies: np.ndarray, worth: np.ndarray, resolution: float) -> np.ndarray:
-    """Return the indices, at least `resolution` apart, whose `worth` (B,) is greatest in all; none where it is 0."""
-    step = frequencies[1] - frequencies[0] if len(frequencies) > 1 else 1.0
-    reach = max(1, int(np.ceil(resolution / step * (1 - 1e-9))))
-    best = np.zeros(len(worth) + reach)  # of the indices up to this one; the first `reach` are none
-    for n, value in enumerate(worth.tolist()):
-        best[n + reach] = max(best[n + reach - 1], best[n] + value)
-    kept, n = [], len(worth) - 1
-    while n >= 0:
-        if best[n + reach] > best[n + reach - 1]:
+    count = max(1, min(most, int((band[1] - band[0]) / apart * (1 + 1e-9)) + 1))
+    width = (band[1] - band[0]) / max(1, count - 1)
+    part = np.round((frequencies - band[0]) / width).astype(int) if count > 1 else np.zeros(len(frequencies), int)
+    away = np.abs(frequencies - band[0] - part * width)
+    order = np.lexsort((away, part))
+    firsts = order[np.unique(part[order], return_index=True)[1]]
+    kept = []
+    for n in firsts.tolist():
+        if not kept or frequencies[n] - frequencies[kept[-1]] >= 0.75 * apart:  # samples do not lie on the middles
             kept.append(n)
-            n -= reach
-        else:
-            n -= 1
-    return np.array(kept[::-1], dtype=np.int64)
+    return np.array(kept, np.int64)

@@ -47,7 +47,7 @@ class SessionPicture:
         start = np.asarray(run.session.view.history[0].positions)
         self._measurement = with_display_domain(run.measurement, start)
         self.places = start
-        self._static: dict[tuple[bool, bool], Picture] = {}  # by whether the page is dark, and for a projector
+        self._static: dict[tuple, Picture] = {}  # by whether the page is dark, and for a projector, and by the take
         self._faded: tuple[Floor, Floor] | None = None  # a map, and the same with another opacity
         self._faded_volume: tuple[Volume, float, bool, Volume] | None = None  # likewise, on a dark page or not
 
@@ -82,7 +82,7 @@ class SessionPicture:
         if choices.plan.shown:
             return self._drawn_plan(choices, planned)
         self.places = positions = view.state.positions
-        static = self._static_picture(choices.style.dark, choices.lecture, floor)
+        static = self._static_picture(choices, floor)
         picture = with_floor(with_estimate(static, self._measurement, positions, microphone, floor), floor)
         picture = with_volume(picture, volume)
         if choices.trails:
@@ -101,7 +101,7 @@ class SessionPicture:
         plan, measurement = choices.plan, self._measurement
         positions, known = plan.placed(measurement.positions), np.array(plan.known, int)
         array = replace(measurement, positions=positions, known=known, known_positions=positions[known])
-        picture = static_picture(self._run.known_scene, array, choices.style.dark, lecture=choices.lecture)
+        picture = static_picture(self._run.known_scene, array, choices.style.dark, None, choices.lecture, choices.take)
         axes = np.zeros((0, 2, 2)) if planned is None else planned.axes
         self.places = positions
         return with_bound(picture, positions, axes)
@@ -126,14 +126,15 @@ class SessionPicture:
         names = set() if found.channels is None else {fault.name for fault in found.channels.faults}
         return [n for n, name in enumerate(self._measurement.names) if name in names]
 
-    def _static_picture(self, dark: bool, lecture: bool, floor: Floor | None) -> Picture:
+    def _static_picture(self, choices: Choices, floor: Floor | None) -> Picture:
         """Return what does not move; over a relief it follows the heights of the map."""
         scene, measurement = self._run.known_scene, self._measurement
+        dark, lecture, take = key = choices.style.dark, choices.lecture, choices.take
         if floor is not None and floor.heights is not None:
-            return static_picture(scene, measurement, dark, floor, lecture)
-        if (dark, lecture) not in self._static:
-            self._static[dark, lecture] = static_picture(scene, measurement, dark, lecture=lecture)
-        return self._static[dark, lecture]
+            return static_picture(scene, measurement, dark, floor, lecture, take)
+        if key not in self._static:
+            self._static[key] = static_picture(scene, measurement, dark, None, lecture, take)
+        return self._static[key]
 
     def faded(self, floor: Floor, opacity: float) -> Floor:
         """Return a map with an opacity, 0 to 1; the same object for the same arguments as last time."""

@@ -222,13 +222,14 @@ class Viewer:
         wanted = CostMapRequest(
             revision=self._revision,
             microphone=state.moved if following and state.moved >= 0 else self._selected,
-            modes=map_modes(self.run, state, choices.modes, order_offset),
+            modes=map_modes(self.run, state, choices.modes, order_offset, choices.take),
             order_offset=order_offset,
             custom_modes=choices.modes is not None,
             style=replace(choices.style, opacity=1.0),  # another opacity needs no other map
             follow=following,
             state=state,
             lineage=view.history.lineage,
+            take=choices.take,
         )
         drawn, reason = self.maps.newest(wanted, view.running, now)
         return self.side_panel.sweep.map_for(wanted, drawn, reason)

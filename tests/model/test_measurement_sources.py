@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pyfar
 import pytest
@@ -111,3 +113,18 @@ def test_heights_are_refused_for_an_array_in_the_plane():
         with_positions(flat, placed)
     level = MicrophonePositions(tuple("01234"), np.column_stack([POSITIONS[:, :2], np.full(5, 1.2)]))
     np.testing.assert_array_equal(with_positions(flat, level).positions, POSITIONS[:, :2])
+
+
+def test_joined_takes_keep_their_spectra():
+    f = [np.linspace(90, 220, count) for count in (14, 27)]
+    plain = fdcal.Measurement.from_arrays(FREQUENCIES, PRESSURES, sound_speed=343.0)
+    spectra = [np.stack([axis, level * axis]) for axis, level in zip(f, (1, 2), strict=True)]
+    each = [dataclasses.replace(plain, spectrum=spectrum) for spectrum in spectra]
+    joined = fdcal.Measurement.from_takes(each)
+    assert joined.spectrum.shape == (3, 27), "over the frequencies of the finest"
+    for number, level in enumerate((1, 2)):
+        axis, power = joined.of_take(number).spectrum
+        np.testing.assert_allclose(power, level * axis)
+    assert fdcal.Measurement.from_takes([each[0], plain]).spectrum is None
+    with pytest.raises(fdcal.InputError, match="spectrum has 4 rows"):
+        dataclasses.replace(joined, spectrum=np.ones((4, 5)) * np.arange(5))

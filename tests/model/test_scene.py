@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from fdcal.acoustics.measure import measure
+from fdcal.acoustics.measurement_cache import cached_measurement, load_cached_measurement
 from fdcal.model.arrays import positions_of
 from fdcal.model.measured_room import response_path
 from fdcal.model.scene import no_rectangle
@@ -19,7 +20,16 @@ from fdcal.model.validation import InputError, StorageError
 
 def test_the_scenes_that_come_with_fdcal():
     arrays = ["array1_circle", "array2_faults", "array2_random"]
-    assert scene_names() == [*arrays, "ball3d", "fig1_square", "listening_lab", "lshape", "plane3d", "tiny"]
+    assert scene_names() == [
+        *arrays,
+        "ball3d",
+        "fig1_square",
+        "listening_lab",
+        "lshape",
+        "plane3d",
+        "tiny",
+        "two_places",
+    ]
 
 
 @pytest.mark.parametrize("name", ["array1_circle", "array2_random", "fig1_square", "lshape", "tiny"])
@@ -356,3 +366,78 @@ def written_room(tmp_path):
         return path
 
     return write
+
+
+TWO_PLACES = "[[1.58, 1.1], [0.1, 1.1]]"
+
+
+def of_places(edited, places=TWO_PLACES, **others):
+    return load_scene(edited({"source.position": None, "source.positions": places} | others))
+
+
+def test_each_place_of_the_source_is_a_take(edited):
+    scene = of_places(edited, **{"measurement.snr_db": "30.0"})
+    takes = scene.takes()
+    assert [take.source.place for take in takes] == list(scene.source.places) == [(1.58, 1.1), (0.1, 1.1)]
+    measurement, alone = measure(scene), [measure(take) for take in takes]
+    assert measurement.take_count == 2 and len(measurement.frequencies) == sum(len(one.frequencies) for one in alone)
+    for number, one in enumerate(alone):
+        take = measurement.of_take(number)
+        np.testing.assert_array_equal(take.frequencies, one.frequencies)
+        np.testing.assert_array_equal(take.noise_power, one.noise_power)
+        np.testing.assert_array_equal(take.spectrum, one.spectrum)
+    np.testing.assert_array_equal(measurement.of_take(0).pressures, alone[0].pressures)
+    assert not np.array_equal(measurement.of_take(1).pressures, alone[1].pressures), "its noise is drawn for itself"
+    quiet = measure(of_places(edited))
+    np.testing.assert_array_equal(quiet.of_take(1).pressures, measure(of_places(edited).takes()[1]).pressures)
+
+
+def test_the_channels_are_those_of_all_takes(edited):
+    faults = {"faults.gain_db": "2.0", "faults.dead": "[4]"}
+    plain, faulty = measure(of_places(edited)), measure(of_places(edited, **faults))
+    gains = faulty.pressures / plain.pressures
+    healthy = np.arange(16) != 4
+    np.testing.assert_allclose(gains[:, healthy], np.broadcast_to(gains[0, healthy], gains[:, healthy].shape))
+    dead = [faulty.of_take(take).pressures[:, 4] for take in (0, 1)]
+    assert not np.array_equal(dead[0][:5], dead[1][:5])
+
+
+def test_a_scene_with_one_place_is_the_same_with_either_key(edited):
+    one = measure(of_places(edited, "[[1.58, 1.1]]", **{"measurement.snr_db": "20.0"}))
+    same = measure(load_scene(edited({"measurement.snr_db": "20.0"})))
+    np.testing.assert_array_equal(one.pressures, same.pressures)
+    assert one.take_count == 1
+
+
+def test_the_cached_measurement_depends_on_every_place(edited, monkeypatch, tmp_path):
+    monkeypatch.setenv("FDCAL_CACHE", str(tmp_path / "cache"))
+    two, other = (of_places(edited, f"[[1.58, 1.1], {place}]") for place in ("[0.1, 1.1]", "[0.1, 0.3]"))
+    measured = cached_measurement(two)
+    np.testing.assert_array_equal(cached_measurement(two).pressures, measure(two).pressures)
+    assert load_cached_measurement(other) is None and load_cached_measurement(two.takes()[0]) is None
+    np.testing.assert_array_equal(measured.pressures, load_cached_measurement(two).pressures)
+
+
+@pytest.mark.parametrize(
+    ("places", "words"),
+    [
+        ("[]", ["source.position is missing", "source.positions"]),
+        ("[1.58, 1.1]", ["source.positions = 1.58 must be a list"]),
+        ("[[1.58, 1.1], [0.1]]", ["source.positions[2] = [0.1] has 1 numbers", "give two"]),
+        ("[[1.58, 1.1], [0.1, 1.1, 0.5]]", ["source.positions[2]", "has 3 numbers", "give two"]),
+        ("[[1.58, 1.1], [1.58, 1.1]]", ["source.positions[2]", "given twice", "move it"]),
+        ("[[1.58, 1.1], [0.7, 0.6]]", ["source.positions[2]", "inside the array"]),
+        ("[[1.58, 1.1], [2.7, 0.6]]", ["source.positions[2]", "outside the room"]),
+        ("[[1.58, 1.1], [1e300, 0.6]]", ["source.positions[2]", "too far away"]),
+        (str([[0.1, 0.001 * n] for n in range(101)]), ["source.positions has 101 places", "at most 100"]),
+    ],
+)
+def test_a_bad_list_of_places_is_refused_in_one_line(edited, places, words):
+    with pytest.raises(InputError) as refused:
+        measure(of_places(edited, places))
+    assert all(word in str(refused.value) for word in words) and "\n" not in str(refused.value)
+
+
+def test_position_and_positions_exclude_each_other(edited):
+    with pytest.raises(InputError, match="both given; keep one"):
+        load_scene(edited({"source.positions": TWO_PLACES}))

@@ -95,8 +95,8 @@ def test_a_stationary_source_gives_the_pressures_of_its_impulse_responses():
     recorded_samples, _ = stationary_source(30, 60)
     taken = stationary_pressures(recorded(recorded_samples, "stationary"), BAND, SPEED)
     assert len(taken.frequencies) > 40
-    assert np.median(mismatch_db(taken.pressures, exact(taken.frequencies))) < -60
-    assert np.max(mismatch_db(taken.pressures, exact(taken.frequencies))) < -42
+    assert np.median(mismatch_db(taken.pressures, exact(taken.frequencies))) < -58
+    assert np.max(mismatch_db(taken.pressures, exact(taken.frequencies))) < -38, "dips of the level, too"
 
 
 def test_the_noise_estimated_beside_a_stationary_source_is_right():
@@ -106,7 +106,7 @@ def test_the_noise_estimated_beside_a_stationary_source_is_right():
         truth = exact(taken.frequencies)
         factor = np.sum(truth.conj() * taken.pressures, axis=1) / np.sum(np.abs(truth) ** 2, axis=1)
         error = np.mean(np.abs(taken.pressures - factor[:, None] * truth) ** 2, axis=1)
-        assert 0.5 < np.mean(error / taken.noise_power) < 2
+        assert 0.45 < np.mean(error / taken.noise_power) < 2
         assert np.median(mismatch_db(taken.pressures, truth)) < -25, "averaging helps"
 
 
@@ -139,7 +139,7 @@ def test_a_narrow_resonance_keeps_its_own_frequency():
     rng = np.random.default_rng(0)
     ring = fftconvolve(rng.standard_normal(len(t)), np.exp((2j * np.pi * f - 0.5) * t[: 8 * FS]))[: len(t)].real
     recorded_samples = np.outer(rng.standard_normal(6), ring) + 0.01 * rng.standard_normal((6, len(t)))
-    taken = stationary_pressures(recorded(recorded_samples, "stationary"), (80.0, 120.0), SPEED, most=3)
+    taken = stationary_pressures(recorded(recorded_samples, "stationary"), (80.0, 120.0), SPEED)
     assert np.min(np.abs(taken.frequencies - f)) < 0.05
     assert np.allclose(taken.wavenumbers, 2 * np.pi * taken.frequencies / SPEED)
 
@@ -239,15 +239,19 @@ def test_silence_after_the_sound_changes_nothing():
     assert np.all(np.abs(np.log(error_over_noise(taken))) < np.log(1.6))
 
 
-def test_frequencies_keep_apart_and_prefer_peaks():
-    f = np.arange(20, 400, 0.25)
-    power = 1 + 50 * np.exp(-(((f - 100.0) / 0.6) ** 2)) + 50 * np.exp(-(((f - 103.0) / 0.6) ** 2))
-    chosen = f[frequency_selection.choose_frequencies(f, power, np.full(len(f), 1e-3), 2.5, 400)]
-    assert {100.0, 103.0} <= set(chosen)
-    assert np.all(np.diff(chosen) >= 2.5)
-    few = f[frequency_selection.choose_frequencies(f, power, np.full(len(f), 1e-3), 2.5, 12)]
+def test_frequencies_are_even_whatever_their_level():
+    """Peaks are maxima of the pressure, where the gradient is small: a choice by level makes small arrays smaller."""
+    f, flat = np.arange(20, 400, 0.25), np.full(1520, 1e-3)
+    power = 1 + 50 * np.exp(-(((f - 100.3) / 0.6) ** 2)) + 50 * np.exp(-(((f - 103.1) / 0.6) ** 2))
+    chosen = frequency_selection.choose_frequencies(f, power, flat, 2.5, 400)
+    assert np.array_equal(chosen, frequency_selection.choose_frequencies(f, np.ones(len(f)), flat, 2.5, 400))
+    assert np.all(np.diff(f[chosen]) >= 2.5) and len(chosen) > 0.8 * np.ptp(f) / 2.5
+    few = f[frequency_selection.choose_frequencies(f, power, flat, 2.5, 12)]
     assert len(few) == 12
     assert np.ptp(few) > 300, "spread over the band"
+    narrow = np.where(power > 10, power, 1e-6)  # two resonances above the noise
+    heard = f[frequency_selection.choose_frequencies(f, narrow, np.full(len(f), 1e-1), 2.5, 400)]
+    assert np.all(np.abs(heard - 101.7) < 2.5) and len(heard) == 2
     with pytest.raises(InputError, match="10 dB above the noise"):
         frequency_selection.choose_frequencies(f, power, 100 * power, 2.5)
 
@@ -518,7 +522,7 @@ def test_a_table_of_a_spreadsheet_with_commas_as_decimal_signs(folder, tmp_path)
     assert np.array_equal(places, also)
 
 
-@pytest.mark.parametrize(("count", "warned"), [(7, True), (8, False)])
+@pytest.mark.parametrize(("count", "warned"), [(3, True), (5, False)])
 def test_too_few_microphones_are_said_at_the_import(tmp_path, count, warned):
     np.savez(tmp_path / "few.npz", recordings=noisy(responses(), 40)[:count], sample_rate=FS, kind="response")
     measurement, report = import_recording(tmp_path / "few.npz", ImportOptions(sound_speed=SPEED, array_radius=0.5))

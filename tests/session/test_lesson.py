@@ -53,10 +53,12 @@ def test_every_built_in_lesson_can_be_loaded(name):
     assert any(step.question for step in lesson.steps), "a lesson asks something"
 
 
-def test_there_are_five_that_the_paper_gives_rise_to_and_two_on_measurements():
+def test_there_are_five_that_the_paper_gives_rise_to_and_three_on_measurements():
     titles = [load_lesson(name).title for name in lesson_names()]
-    assert [title[0] for title in titles] == list("1234567")
-    for word, title in zip(("minima", "joint", "soon", "freezes", "corner", "noise", "channel"), titles, strict=True):
+    assert [title[0] for title in titles] == list("12345678")
+    for word, title in zip(
+        ("minima", "joint", "soon", "freezes", "corner", "noise", "channel", "place"), titles, strict=True
+    ):
         assert word in title.lower()
 
 

@@ -83,7 +83,7 @@ def test_a_coarse_volume_comes_first_and_a_fine_one_refines_it(worker, snapshot)
     truth = snapshot.run.measurement.positions[MICROPHONE]
     assert np.linalg.norm(place - truth) < 0.05
     assert np.linalg.norm(np.subtract(coarse.volume.minima[0], place)) < 0.05
-    assert fine.volume.text in caption(fine) and "dB" in fine.volume.text
+    assert fine.volume.text in caption(fine, snapshot.run.measurement) and "dB" in fine.volume.text
 
 
 def test_the_slice_goes_through_the_estimate_until_it_is_moved(worker, snapshot):

@@ -92,9 +92,11 @@ function room(pen, project) {
     const foot = data.outline.map(p => project([p[0], p[1], 0])), head = data.outline.map(p => project([p[0], p[1], data.tall]));
     stroke(pen, foot, ink, 2, true);
     if (!flat) { stroke(pen, head, faint, 1.2, true); foot.forEach((p, i) => stroke(pen, [p, head[i]], faint, 1.2)); }
-    const s = project([...data.source, 0].slice(0, 3));
-    stroke(pen, [[s[0] - 7, s[1]], [s[0] + 7, s[1]]], ink, 2); stroke(pen, [[s[0], s[1] - 7], [s[0], s[1] + 7]], ink, 2);
-    pen.fillStyle = ink; pen.fillText("source", s[0] + 9, s[1] - 5);
+    data.sources.forEach((place, take) => {
+      const s = project([...place, 0].slice(0, 3));
+      stroke(pen, [[s[0] - 7, s[1]], [s[0] + 7, s[1]]], ink, 2); stroke(pen, [[s[0], s[1] - 7], [s[0], s[1] + 7]], ink, 2);
+      pen.fillStyle = ink; pen.fillText(data.sources.length > 1 ? "source, take " + take : "source", s[0] + 9, s[1] - 5);
+    });
   }
   stroke(pen, [[x0, y0, z0], [x1, y0, z0], [x1, y1, z0], [x0, y1, z0]].map(project), ink, 1.2, true);
   if (z1 > z0 && !flat) stroke(pen, [[x0, y0, z1], [x1, y0, z1], [x1, y1, z1], [x0, y1, z1]].map(project), faint, 1, true);

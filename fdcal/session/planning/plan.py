@@ -11,7 +11,7 @@ from ...model.gauge import fixes_gauge
 from ...model.validation import InputError
 from ..blas_threads import one_blas_thread
 from .advice import Advice, advise
-from .bounds import request_information
+from .bounds import TakesCase, request_information, takes_cases
 from .fields import field_of, places_in_room, wavenumbers_of
 from .request import ASSUMED, LIMITS, PlanRequest
 from .trials import Trials
@@ -48,6 +48,7 @@ class Plan:
     degeneracies : what the pressures determine badly, in words
     advice : what would improve the result; empty unless asked for
     trials : simulated calibrations; None unless asked for
+    takes : what more places of the source bring
     """
 
     request: PlanRequest
@@ -59,6 +60,7 @@ class Plan:
     degeneracies: tuple[str, ...]
     advice: Advice | None = None
     trials: Trials | None = None
+    takes: tuple[TakesCase, ...] = ()
 
 
 def make_plan(request: PlanRequest, with_advice: bool = True, trials: Trials | None = None) -> Plan:
@@ -91,6 +93,7 @@ def make_plan(request: PlanRequest, with_advice: bool = True, trials: Trials | N
             degeneracies=(*degeneracies(request, bound), *note),
             advice=advise(request, information, trials and trials.margin) if with_advice else None,
             trials=trials,
+            takes=takes_cases(request),
         )
 
 
@@ -114,7 +117,7 @@ def room_information(request: PlanRequest) -> Information:
         found = field_information(request.layout.positions, pressures, k, request.noise_share, request.dimension)
         matrices.append(found.matrix)
     mean = Information(request.layout.positions, np.mean(matrices, axis=0))
-    return mean.scaled(len(request.frequencies) / len(used))
+    return mean.scaled(request.takes * len(request.frequencies) / len(used))
 
 
 def _cases(request: PlanRequest, information: Information) -> tuple[Case, ...]:
@@ -144,9 +147,10 @@ def degeneracies(request: PlanRequest, bound: Bound) -> tuple[str, ...]:
         axis = np.linalg.eigh(bound.shapes[-1])[1][:, -1]
         along = ", ".join(f"{value:.2g}" for value in axis)
         found.append(f"a stretch along ({along}) is determined to {100 * bound.deformations[-1]:.2g} % only")
-    if len(request.frequencies) * 2 < x.size:
+    if request.takes * len(request.frequencies) * 2 < x.size:
         count = len(request.frequencies)
-        found.append(f"{count} frequencies for {x.size} coordinates are few: use a wider band")
+        takes = f" in each of {request.takes} takes" if request.takes > 1 else ""
+        found.append(f"{count} frequencies{takes} for {x.size} coordinates are few: use a wider band")
     return tuple(found)
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ...assessment.bound import Bound
 from .accuracy_advice import AccuracyAdvice
 from .advice import Advice
+from .bounds import TakesCase
 from .fields import is_moved, places_in_room
 from .plan import Plan
 from .request import PlanRequest
@@ -25,7 +28,7 @@ def plan_lines(plan: Plan) -> list[str]:
     field = "a diffuse field" if request.room is None else f"a room of {'x'.join(f'{v:g}' for v in request.room)} m"
     lines = [
         f"{len(request.layout.names)} microphones ({request.layout.name}) in {field},"
-        f" reverberation time {request.reverberation_time:g} s, {request.snr_db:g} dB",
+        f" reverberation time {request.reverberation_time:g} s, {request.snr_db:g} dB{_takes(request)}",
         f"frequencies: {plan.modes} independent ones from {low:.0f} to {high:.0f} Hz;"
         f" the array interpolates up to {plan.f_max:.0f} Hz{_left_out(request)}",
         f"least error (Cramer-Rao bound): {_mm(bound.rms)} rms, {_mm(bound.sigma[bound.free].max())} at the worst"
@@ -35,6 +38,7 @@ def plan_lines(plan: Plan) -> list[str]:
         lines.append(f"in this room, mean of some source positions: {_mm(plan.room_bound.rms)} rms{_moved(request)}")
     lines += [f"{case.name}: {_mm(case.rms)} rms, {_mm(case.worst)} at the worst" for case in plan.cases]
     lines += list(plan.degeneracies)
+    lines += takes_lines(plan.takes, request.takes)
     if plan.trials is not None:
         lines[1:1] = [_judgement(plan.trials), *trial_lines(plan.trials)]
     else:
@@ -47,6 +51,30 @@ def plan_lines(plan: Plan) -> list[str]:
     if plan.advice is not None:
         lines += advice_lines(plan, plan.advice)
     return lines
+
+
+def _takes(request: PlanRequest) -> str:
+    """Return in words how many places the source has; "" for one."""
+    return f", the source at {request.takes} places, recorded equally long from each" if request.takes > 1 else ""
+
+
+def takes_lines(cases: Sequence[TakesCase], own: int = 1) -> list[str]:
+    """Return what more places of the source bring to the least error, a line for each way to record them."""
+    several = [case for case in cases if case.takes > 1]
+    if not several:
+        return []
+    one = next(case.rms for case in cases if case.takes == 1)
+
+    def row(words: str, name: str) -> str:
+        return f"{words}: " + ", ".join(f"{case.takes} places {_mm(getattr(case, name))}" for case in several)
+
+    mine = next(case for case in cases if case.takes == max(own, 2))
+    times = "twice" if mine.takes == 2 else f"{mine.takes} times"
+    return [
+        row(f"more places of the source, each recorded as long as one ({_mm(one)} rms)", "rms"),
+        row("the same recording time in all, divided among the places", "shared"),
+        f"one place, recorded {times} as long: {_mm(mine.longer)}",
+    ]
 
 
 def _moved(request: PlanRequest) -> str:
@@ -80,10 +108,11 @@ def _judgement(trials: Trials) -> str:
 def bound_lines(request: PlanRequest, bound: Bound) -> list[str]:
     """Return the least error and the frequencies of a request, a line each."""
     f, sigma = request.frequencies, bound.sigma[bound.free]
+    each = f" in each of {request.takes} takes" if request.takes > 1 else ""
     return [
         f"least error (one sigma): median {_mm(float(np.median(sigma)))}, worst {_mm(float(sigma.max()))},"
         f" rms {_mm(bound.rms)}",
-        f"{len(f)} independent frequencies from {f[0]:.0f} to {f[-1]:.0f} Hz; highest usable frequency"
+        f"{len(f)} independent frequencies{each} from {f[0]:.0f} to {f[-1]:.0f} Hz; highest usable frequency"
         f" {request.f_max:.0f} Hz",
     ]
 
@@ -163,6 +192,11 @@ def plan_dict(plan: Plan) -> dict:
         "band_hz": list(request.limits),
         "f_max_hz": plan.f_max,
         "modes": plan.modes,
+        "takes": request.takes,
+        "takes_rms_m": [
+            {"takes": case.takes, "same_each": case.rms, "same_in_all": case.shared, "one_place_longer": case.longer}
+            for case in plan.takes
+        ],
         "known": [request.layout.names[n] for n in request.known],
         "known_sigma_m": request.known_sigma,
         "gain_sigma_db": request.gain_sigma_db,

@@ -18,7 +18,7 @@ from ...model.validation import (
     require_positive,
 )
 from .layout import Layout
-from .request_checks import require_given, require_layout, require_modes, require_room
+from .request_checks import require_given, require_layout, require_modes, require_room, require_takes
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,7 @@ class PlanLimits:
     sources : source positions in a room that the bound is averaged over
     place : centre of an array in a room where its own coordinates do not lie inside, relative to the room's lengths
     most_microphones : of a plan
+    most_takes : likewise
     most_snr_db : dB
     wide : width of an array from which a refusal asks for its unit, metres
     """
@@ -48,6 +49,7 @@ class PlanLimits:
     sources: int = 4
     place: tuple[float, float, float] = (0.43, 0.46, 0.45)
     most_microphones: int = 300
+    most_takes: int = 100
     most_snr_db: float = 120.0
     wide: float = 5.0
 
@@ -99,6 +101,7 @@ class PlanRequest:
     accuracy : float, metres, that is wanted
     seed : int, of sources, noise and gains
     modes : int, the lowest so many independent frequencies of the band; all of them unless given
+    takes : int, places of the source, each recorded by itself at `snr_db`; every take has all frequencies
     solver : str, of the trials, one of SOLVERS; "robust" models all that a plan assumes of gains and given positions
 
     Raises
@@ -119,6 +122,7 @@ class PlanRequest:
     accuracy: float = 0.01
     seed: int = 0
     modes: int | None = None
+    takes: int = 1
     solver: str = "robust"
 
     def __post_init__(self):
@@ -135,6 +139,7 @@ class PlanRequest:
         require_not_negative("gain_sigma_db", self.gain_sigma_db, "dB")
         require_integer("seed", self.seed)
         require_modes(self.modes, LEAST_FREQUENCIES)
+        require_takes(self.takes, LIMITS.most_takes)
         require_choice("solver", self.solver, SOLVERS)
         if len(self.frequencies) < LEAST_FREQUENCIES:
             low, high = self.limits

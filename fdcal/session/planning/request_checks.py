@@ -50,3 +50,10 @@ def require_modes(modes: int | None, least: int) -> None:
     """Raise InputError unless a number of frequencies is enough for a calibration."""
     if modes is not None:
         require_integer("modes", modes, least)
+
+
+def require_takes(takes: int, most: int) -> None:
+    """Raise InputError unless a number of takes is possible."""
+    require_integer("takes", takes, 1)
+    if takes > most:
+        raise InputError(f"takes = {takes} are too many", f"give <takes> from 1 to {most}", key="takes", value=takes)

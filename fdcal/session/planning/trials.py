@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -172,7 +172,10 @@ def run_trial(request: PlanRequest, trial: int) -> Outcome:
 
 
 def draw_measurement(request: PlanRequest, trial: int) -> Measurement:
-    """Return what the microphones measure of a random source, with noise, gains and errors of the given positions."""
+    """Return what the microphones measure of random sources, with noise, gains and errors of the given positions.
+
+    Each take is the field of another source, with noise of its own; the microphones and their gains are those of all.
+    """
     rng = np.random.default_rng([request.seed, 7, trial])
     frequencies, x = request.spaced(MOST_FREQUENCIES), request.layout.positions
     clean = field_of(request, frequencies, rng)
@@ -180,7 +183,7 @@ def draw_measurement(request: PlanRequest, trial: int) -> Measurement:
     gain = 10 ** (request.gain_sigma_db / 20 * rng.normal(size=len(x)))
     parts = rng.normal(scale=np.sqrt(noise / 2), size=(2, *clean.shape))
     known = np.array(request.known, int)
-    return Measurement(
+    first = Measurement(
         frequencies=frequencies,
         pressures=clean * gain + parts[0] + 1j * parts[1],
         sound_speed=request.sound_speed,
@@ -193,6 +196,11 @@ def draw_measurement(request: PlanRequest, trial: int) -> Measurement:
         known=known,
         known_positions=x[known] + request.known_sigma * rng.normal(size=(len(known), x.shape[1])),
     )
+    takes = [first]
+    while len(takes) < request.takes:
+        other, parts = field_of(request, frequencies, rng), rng.normal(scale=np.sqrt(noise / 2), size=parts.shape)
+        takes.append(replace(first, pressures=other * gain + parts[0] + 1j * parts[1]))
+    return first if request.takes == 1 else Measurement.from_takes(takes)
 
 
 def _calibrate(measurement: Measurement, request: PlanRequest, trial: int) -> Calibration | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -24,7 +25,7 @@ from .definition import Study, scene_at
 from .provenance import code_version
 
 KEPT_FIELDS = 6  # sound fields that a process keeps: a few megabytes
-_fields: dict[str, ModalPressures] = {}
+_fields: dict[str, tuple[ModalPressures, ...]] = {}
 
 
 def run_task(study: Study, number: int) -> dict[str, Any]:
@@ -43,7 +44,7 @@ def run_task(study: Study, number: int) -> dict[str, Any]:
     began = time.process_time()
     try:
         scene = _with_source(study, scene_at(study, point, seed), seed)
-        measurement = measured(scene, _sound_field(scene))
+        measurement = measured(scene, _sound_fields(scene))
         simulated = time.process_time()
         inputs = CalibrationInput(scene.name, scene, measurement, scene.solver, seed, time_limit=study.time_limit)
         found = solve(inputs)
@@ -62,13 +63,13 @@ def run_task(study: Study, number: int) -> dict[str, Any]:
     }
 
 
-def _sound_field(scene: Scene) -> ModalPressures:
-    """Return the sound field of a scene: computed once for the points of a draw that differ in noise or solver."""
+def _sound_fields(scene: Scene) -> tuple[ModalPressures, ...]:
+    """Return the sound field of each take of a scene, computed once for points that differ in noise or solver."""
     sensing = asdict(replace(scene.measurement, snr_db=0.0, sound_speed_error=0.0))
-    key = cache_key("field", asdict(scene.room), asdict(scene.emitter), positions_of(scene).tolist(), sensing)
+    key = cache_key("field", asdict(scene.room), scene.emitter.table(), positions_of(scene).tolist(), sensing)
     if key not in _fields:
-        recordings = cached_recordings(scene) if scene.room.dimension == 2 else None
-        _fields[key] = sound_field(scene, recordings)
+        flat = scene.room.dimension == 2
+        _fields[key] = tuple(sound_field(t, cached_recordings(t) if flat else None) for t in scene.takes())
         for old in list(_fields)[:-KEPT_FIELDS]:
             _fields.pop(old, None)
     return _fields[key]
@@ -80,19 +81,25 @@ def _with_source(study: Study, scene: Scene, seed: int) -> Scene:
         return scene
     if scene.source is None or scene.room.size is None:
         raise InputError("drawn.source needs a rectangular room with a source", "remove it", key="drawn.source")
-    rng = np.random.default_rng([seed, 5])
-    least = study.drawn.least_distance
-    place = random_source(scene.room.size, positions_of(scene), least, rng, lambda at: _allowed(_moved(scene, at)))
-    if place is not None:
-        return _moved(scene, place)
+    rng, microphones = np.random.default_rng([seed, 5]), positions_of(scene)
+    size, least = scene.room.size, study.drawn.least_distance
+    places = [
+        random_source(size, microphones, least, rng, lambda at: _allowed(_moved(scene, [at])))
+        for _ in scene.source.places
+    ]
+    drawn = [place for place in places if place is not None]
+    if len(drawn) == len(places):
+        return _moved(scene, drawn)
     remedy = "make the room larger, or drawn.least_distance smaller"
     raise InputError("no place of the room is far enough from the array", remedy, key="drawn.least_distance")
 
 
-def _moved(scene: Scene, place: np.ndarray) -> Scene:
-    """Return the scene with its source at another place."""
+def _moved(scene: Scene, places: Sequence[np.ndarray]) -> Scene:
+    """Return the scene with its source at other places."""
     assert scene.source is not None
-    return replace(scene, source=replace(scene.source, position=tuple(place.tolist())))
+    points = tuple(tuple(place.tolist()) for place in places)
+    source = replace(scene.source, position=points[0] if len(points) == 1 else None)
+    return replace(scene, source=replace(source, positions=points if len(points) > 1 else ()))
 
 
 def _allowed(scene: Scene) -> bool:

@@ -444,6 +444,10 @@ def _require_room(problem: Problem, settings: SolverSettings) -> tuple[float, ..
     if size is None:
         remedy = "give <room> LxW, or LxWxH for a field of three dimensions"
         raise InputError('solver "room" needs the size of the room', remedy, key="room")
+    takes = np.unique(problem.takes)
+    if len(takes) > 1:
+        remedy = f"use measurement.of_take({takes[0]}), or another solver"
+        raise InputError(f'solver "room" seeks one source, and there are {len(takes)} takes', remedy, key="takes")
 
     text = "x".join(f"{length:g}" for length in size)
 

@@ -84,7 +84,7 @@ def cost_map(
     if style.basins:
         floor, note = basins_floor(run, request, total, search, height)
         return CostMap(request, floor, panels, *figures, note=note)
-    label = f"{map_label(run, request)}, {modes_label(request.modes)}"
+    label = f"{map_label(run, request)}, {modes_label(run.measurement, request.modes)}"
     if run.measurement.array_dimension == 3:
         label += f" at z = {request.state.positions[n, 2]:.2f} m"
     floor = cost_floor(

@@ -17,7 +17,7 @@ from ...model.settings import Search
 from ...session.worker import LatestWorker
 from ..gui.html import error_message
 from .cost_map import CostMap, cost_map
-from .map_panels import ModePanels, fine_panels, shown_modes
+from .map_panels import ModePanels, fine_panels, row_label, shown_modes
 from .map_request import CostMapRequest
 from .prepare import PreparedRun
 from .volume_maps import VolumeMaps
@@ -131,8 +131,7 @@ class CostMapWorker:
         run, mode = self._run, request.modes[-1]
         state = request.state
         shape = mode_shape(run.problem, state.positions, mode, state.order_offset, state.channels)
-        frequency = run.measurement.frequencies[mode - 1]
-        label = f"pressure of mode {mode}, {frequency:.1f} Hz (normalised to a peak of 1)"
+        label = f"pressure of {row_label(run.measurement, mode)} (normalised to a peak of 1)"
         height = z_range_of(run.known_scene, run.measurement)[0]
         return CostMap(request, field_floor(shape, self._search(), label, height), None, 0, 0.0, 0.0)
 

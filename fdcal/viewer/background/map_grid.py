@@ -8,6 +8,7 @@ from ...graphics.panels import Marks, mosaic
 from ...graphics.theme import DARK, LIGHT
 from ...session.worker import LatestWorker
 from .cost_maps import CostMap
+from .map_panels import row_word
 from .prepare import PreparedRun
 
 INTERVAL = 0.2  # s at least between two images
@@ -60,9 +61,14 @@ class MapGridWorker:
         request, panels, run = drawn.request, drawn.panels, self._run
         if panels is None:
             return None
-        n, f = request.microphone, run.measurement.frequencies
-        captions = [f"{mode}: {f[mode - 1]:.1f} Hz" for mode in panels.modes]
-        captions.append(f"sum of {len(request.modes)}" if len(request.modes) > 1 else "sum (one mode)")
+        n, f, takes = request.microphone, run.measurement.frequencies, run.measurement.takes
+        several = run.measurement.take_count > 1 and request.take is None
+        captions = [
+            f"{mode}: {f[mode - 1]:.1f} Hz" + (f", take {takes[mode - 1]}" if several else "") for mode in panels.modes
+        ]
+        captions.append(
+            f"sum of {len(request.modes)}" if len(request.modes) > 1 else f"sum (one {row_word(run.measurement)})"
+        )
         positions = np.asarray(request.state.positions)
         truth = run.measurement.aligned_truth(positions)
         true = None if truth is None else tuple(truth[n][:2])
@@ -70,5 +76,5 @@ class MapGridWorker:
         return mosaic(
             [*panels.maps, panels.total], captions, panels.search, marks,
             DARK if request.style.dark else LIGHT,
-            log=request.style.log, shared=request.style.shared, columns=2 if len(panels.modes) < 6 else 3,
+            log=request.style.log, shared=request.style.shared, columns=2 if several or len(panels.modes) < 6 else 3,
         )  # fmt: skip

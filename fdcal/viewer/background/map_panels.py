@@ -10,6 +10,7 @@ import numpy as np
 from ...cost.expansion import expansion_of
 from ...cost.maps import cost_maps, power_shares, refined
 from ...graphics.heatmap import cost_label
+from ...model.measurement import Measurement
 from ...model.settings import Search
 from ...model.validation import InputError
 from ...solvers.interface import RunState
@@ -46,16 +47,44 @@ def map_label(run: PreparedRun, request: CostMapRequest) -> str:
     return cost_label(run.scene.solver.weights).replace("cost", "cost of the solver")
 
 
-def modes_label(modes: tuple[int, ...]) -> str:
+def row_word(measurement: Measurement) -> str:
+    """Return what the page calls a row of a measurement: a mode, or, of several takes, a row."""
+    return "row" if measurement.take_count > 1 else "mode"
+
+
+def row_label(measurement: Measurement, mode: int) -> str:
+    """Return which row a map is of: "mode 38, 211.5 Hz", or, of several takes, "row 38, take 1, 211.5 Hz"."""
+    take = f", take {measurement.takes[mode - 1]}" if measurement.take_count > 1 else ""
+    return f"{row_word(measurement)} {mode}{take}, {measurement.frequencies[mode - 1]:.1f} Hz"
+
+
+def count_label(measurement: Measurement, modes: tuple[int, ...]) -> str:
+    """Return how many rows are summed: "20 modes", or, of several takes, "20 rows of take 1", "40 rows of 2 takes"."""
+    count, takes = len(modes), np.unique(measurement.takes[np.asarray(modes) - 1])
+    text = f"{count} {row_word(measurement)}{'s' if count > 1 else ''}"
+    if measurement.take_count == 1:
+        return text
+    return f"{text} of {f'take {takes[0]}' if len(takes) == 1 else f'{len(takes)} takes'}"
+
+
+def modes_label(measurement: Measurement, modes: tuple[int, ...]) -> str:
     """Return which modes a map is of, ascending: "mode 38", "modes 1 to 20", "4 modes from 2 to 9"."""
     first, last, count = modes[0], modes[-1], len(modes)
+    if measurement.take_count > 1:
+        return count_label(measurement, modes) if count > 1 else f"row {first}, take {measurement.takes[first - 1]}"
     if count == 1:
         return f"mode {first}"
     return f"modes {first} to {last}" if last - first + 1 == count else f"{count} modes from {first} to {last}"
 
 
-def map_modes(run: PreparedRun, state: RunState, chosen: tuple[int, ...] | None, order_offset: int | None):
-    """Return the modes of a map, counted from 1 : tuple of int.
+def map_modes(
+    run: PreparedRun,
+    state: RunState,
+    chosen: tuple[int, ...] | None,
+    order_offset: int | None,
+    take: int | None = None,
+) -> tuple[int, ...]:
+    """Return the modes of a map, counted from 1.
 
     Parameters
     ----------
@@ -63,12 +92,21 @@ def map_modes(run: PreparedRun, state: RunState, chosen: tuple[int, ...] | None,
     state : of the solver
     chosen : by the user; None for the modes in use, of Eq. 7 those that the microphones can carry, if there are any
     order_offset : of the map of Eq. 7; None for what the solver minimises
+    take : whose rows alone are shown, the lowest where none of its rows is chosen; None for those of all takes
     """
     if chosen is not None:
-        return chosen
-    used = tuple(range(state.first, state.last + 1))
-    carried = set(carried_modes(run, order_offset, state.last))
+        return of_take(run, chosen, take)
+    used = of_take(run, tuple(range(state.first, state.last + 1)), take)
+    carried = set(carried_modes(run, order_offset, max(state.last, used[-1])))
     return tuple(mode for mode in used if mode in carried) or used
+
+
+def of_take(run: PreparedRun, modes: tuple[int, ...], take: int | None) -> tuple[int, ...]:
+    """Return those of some modes that belong to a take, its lowest where none does; all for None."""
+    if take is None:
+        return modes
+    takes = run.problem.takes
+    return tuple(mode for mode in modes if takes[mode - 1] == take) or (int(np.argmax(takes == take)) + 1,)
 
 
 def carried_modes(run: PreparedRun, order_offset: int | None, last: int) -> tuple[int, ...]:

@@ -58,6 +58,7 @@ class CostMapRequest:
     follow : whether any microphone will do, as long as the solver has moved it lately
     state : of the solver
     lineage : of the history that the state belongs to
+    take : whose rows the map is of; None for those of all takes
     """
 
     revision: int
@@ -69,6 +70,7 @@ class CostMapRequest:
     follow: bool = field(compare=False)
     state: RunState = field(compare=False)
     lineage: object = field(compare=False)
+    take: int | None = None
 
     def stands_for(self, wanted: CostMapRequest, running: bool) -> bool:
         """Whether this map may be shown in place of `wanted`: while running, the map of an older state may."""
@@ -80,6 +82,7 @@ class CostMapRequest:
                 one.modes if one.custom_modes else None,
                 one.order_offset,
                 one.style,
+                one.take,
             )
             for one in (self, wanted)
         )

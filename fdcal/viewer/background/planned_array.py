@@ -10,10 +10,10 @@ from ...assessment.bound import position_bound
 from ...assessment.uncertainty import confidence_factor, ellipse_axes
 from ...model.scene import Scene
 from ...session.blas_threads import one_blas_thread
-from ...session.planning.bounds import request_information
+from ...session.planning.bounds import request_information, takes_cases
 from ...session.planning.layout import Layout
 from ...session.planning.plan import degeneracies
-from ...session.planning.report import bound_lines
+from ...session.planning.report import bound_lines, takes_lines
 from ...session.planning.request import PlanRequest
 from ...session.worker import LatestWorker
 from ..gui.html import error_message
@@ -66,6 +66,7 @@ def plan_request(run: PreparedRun, choices: PlanChoices) -> PlanRequest:
         gain_sigma_db=choices.gain_sigma_db,
         sound_speed=measurement.sound_speed,
         modes=choices.frequencies,
+        takes=choices.takes,
     )
 
 
@@ -82,11 +83,12 @@ def planned_array(run: PreparedRun, choices: PlanChoices) -> PlannedArray:
         request = plan_request(run, choices)
         with one_blas_thread():
             bound = position_bound(request_information(request), request.prior)
+            takes = takes_lines(takes_cases(request), request.takes)
     except ValueError as error:  # an InputError, too
         return PlannedArray(choices, np.zeros((0, 2, 2)), error=error_message(error))
     covariance = np.where(bound.free[:, None, None], bound.covariance, 0.0)
     axes = ellipse_axes(covariance, confidence_factor(0.95, covariance.shape[-1]))
-    lines = (*bound_lines(request, bound), *(degeneracies(request, bound) or (DETERMINED,)))
+    lines = (*bound_lines(request, bound), *takes, *(degeneracies(request, bound) or (DETERMINED,)))
     return PlannedArray(choices, axes, lines, request.most_modes)
 
 

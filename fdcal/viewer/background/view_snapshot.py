@@ -60,11 +60,12 @@ def map_request(snapshot: ViewSnapshot) -> CostMapRequest:
     return CostMapRequest(
         revision=0,
         microphone=snapshot.microphone,
-        modes=map_modes(snapshot.run, state, choices.modes, order_offset),
+        modes=map_modes(snapshot.run, state, choices.modes, order_offset, choices.take),
         order_offset=order_offset,
         custom_modes=choices.modes is not None,
         style=choices.style,
         follow=False,
         state=state,
         lineage=snapshot.view.history.lineage,
+        take=choices.take,
     )

@@ -13,6 +13,7 @@ from typing import Any
 import viser
 
 from ...session.request import OpenRequest
+from ..background.map_panels import row_word
 from ..background.prepare import PreparedRun
 from .choices import Choices, initial_choices
 
@@ -35,6 +36,7 @@ class Binding:
     Attributes
     ----------
     choices : Choices
+    row : what the page calls a row of the measurement: "mode", or "row" where there are several takes
     sent : dict, what `send` has sent last, by its key
     touches : int, how many times a user has changed or pressed anything
     """
@@ -50,6 +52,7 @@ class Binding:
     ):
         self.gui, self.run, self.session, self.measurement = gui, run, run.session, run.measurement
         self.modes, self.weights, self.open = modes, run.scene.solver.weights, open_other
+        self.row = row_word(run.measurement)
         self.choices, self._wake = initial_choices(run, modes, before), wake
         self.sent: dict[str, object] = {}
         self.touches = 0

@@ -72,6 +72,7 @@ class Choices:
     rate : steps per second that the user has chosen; None before that
     cut : the line along which the cost is drawn; None for no line
     plan : PlanChoices
+    take : whose rows and spectrum are shown; None for those of all takes
     """
 
     microphone: int
@@ -94,6 +95,7 @@ class Choices:
     rate: int | None = None
     cut: Line | None = None
     plan: PlanChoices = field(default_factory=PlanChoices)
+    take: int | None = None
 
     def steps_per_second(self, moves_all: bool) -> int:
         """Return how many steps the solver takes per second, MAX_RATE for no limit.
@@ -118,7 +120,7 @@ class Choices:
     def to_save(self) -> dict[str, Any]:
         """Return the values that an OpenRequest needs to restore these choices."""
         keys = ("microphone", "modes", "order_offset", "opacity", "relief_height", "slice_axis", "slice_position")
-        keys += ("ellipse_scale", *SWITCHES)
+        keys += ("ellipse_scale", "take", *SWITCHES)
         return {key: getattr(self.style if hasattr(self.style, key) else self, key) for key in keys}
 
 
@@ -142,8 +144,8 @@ def initial_choices(run: PreparedRun, modes: int, before: Choices | None) -> Cho
     if before is not None:
         kept = {name: getattr(before, name) for name in KEPT}
         choices = replace(choices, style=_style_elsewhere(before, measurement), **kept)
-    wanted = run.opening.choices.items()
-    choices = choices.with_values({key: _checked(key, value, measurement.count, modes) for key, value in wanted})
+    wanted, takes = run.opening.choices.items(), set(measurement.takes.tolist())
+    choices = choices.with_values({key: _checked(key, value, measurement.count, modes, takes) for key, value in wanted})
     if choices.style.volume and not has_volume(measurement):  # a file of an array in a plane
         choices = replace(choices, style=replace(choices.style, volume=False))
     return choices
@@ -160,7 +162,7 @@ def has_volume(measurement: Measurement) -> bool:
     return measurement.array_dimension == 3 and measurement.search is not None
 
 
-def _checked(key: str, value: Any, count: int, modes: int) -> Any:
+def _checked(key: str, value: Any, count: int, modes: int, takes: set[int]) -> Any:
     """Return a value of a request's choices, which may come from a file."""
     if key in SWITCHES and isinstance(value, bool):
         return value
@@ -172,8 +174,10 @@ def _checked(key: str, value: Any, count: int, modes: int) -> Any:
         return value
     if key == "order_offset" and isinstance(value, int) and 0 <= value <= MAX_ORDER_OFFSET:
         return value
-    if key in ("modes", "slice_position") and value is None:
+    if key in ("modes", "slice_position", "take") and value is None:
         return None
+    if key == "take" and isinstance(value, int) and not isinstance(value, bool) and value in takes:
+        return value
     if key == "ellipse_scale" and value in ELLIPSE_SCALES.values() and not isinstance(value, bool):
         return value
     if key == "slice_axis" and value in SLICES.values():
@@ -185,7 +189,8 @@ def _checked(key: str, value: Any, count: int, modes: int) -> Any:
             return tuple(sorted(set(value)))
     raise InputError(
         f"choices.{key} = {value!r} is not possible",
-        f"use microphone (0 to {count - 1}), modes (from 1 to {modes}), order_offset (0 to {MAX_ORDER_OFFSET}),"
+        f"use microphone (0 to {count - 1}), take (0 to {max(takes)}), modes (from 1 to {modes}),"
+        f" order_offset (0 to {MAX_ORDER_OFFSET}),"
         f" opacity (0.1 to 1), relief_height (0.05 to 1), slice_axis ({', '.join(SLICES.values())}), slice_position"
         f" (metres), ellipse_scale ({', '.join(map(str, ELLIPSE_SCALES.values()))}) or, true or false,"
         f" {', '.join(SWITCHES)}",

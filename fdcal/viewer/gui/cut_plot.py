@@ -7,7 +7,9 @@ import numpy as np
 from matplotlib.colors import to_hex
 from viser import uplot
 
+from ...model.measurement import Measurement
 from ..background.cuts import MAX_MODES, Cut
+from ..background.map_panels import count_label, row_word
 from .html import CARD
 from .plots import BLUE, GREY, RED, dots
 
@@ -49,15 +51,16 @@ def cut_limits(cut: Cut) -> tuple[float, float]:
     return max(low, high - SPAN), high
 
 
-def cut_caption(cut: Cut) -> str:
+def cut_caption(cut: Cut, measurement: Measurement) -> str:
     """Return what the plot shows, as HTML."""
     request, count = cut.request, len(cut.request.modes)
-    single = f"mode {cut.modes[0]}" if count == 1 else f"modes {', '.join(map(str, cut.modes))}"
+    word, numbers = row_word(measurement), ", ".join(map(str, cut.modes))
+    single = f"{word} {cut.modes[0]}" if count == 1 else f"{word}s {numbers}"
     marks = [f"<span style='color: {RED}'>&#9679;</span> estimate"] if cut.estimate is not None else []
     marks += [f"<span style='color: {GREY}'>&#9675;</span> true position"] if cut.truth is not None else []
     lowest = float(cut.distance[int(cut.total.argmin())])
     return (
-        f"<div style='{CARD}'>microphone {request.microphone}: <b style='color: {BLUE}'>sum of {count}"
-        f" mode{'s' if count > 1 else ''}</b>, lowest {lowest:.3f} m from A. Thin, from dark to light: {single}."
-        f" {' '.join(marks)}</div>"
+        f"<div style='{CARD}'>microphone {request.microphone}: <b style='color: {BLUE}'>sum of"
+        f" {count_label(measurement, request.modes)}</b>, lowest {lowest:.3f} m from A. Thin, from dark to light:"
+        f" {single}. {' '.join(marks)}</div>"
     )

@@ -83,6 +83,9 @@ def state_word(view: SessionView) -> str:
 def modes_text(measurement: Measurement, first: int, last: int) -> str:
     """Return a range of modes and their frequencies, as in "modes 1 to 3, 100.0 to 180.0 Hz"."""
     f = measurement.frequencies
+    if measurement.take_count > 1:
+        numbers = f"row {first}" if first == last else f"rows {first} to {last}"
+        return f"{numbers} of {measurement.take_count} takes, {f[first - 1]:.1f} to {f[last - 1]:.1f} Hz"
     if first == last:
         return f"mode {first}, {f[last - 1]:.1f} Hz"
     return f"modes {first} to {last}, {f[first - 1]:.1f} to {f[last - 1]:.1f} Hz"

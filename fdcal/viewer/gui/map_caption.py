@@ -7,7 +7,9 @@ import numpy as np
 from ...acoustics.fourier_bessel import max_order
 from ...cost.reference_cost import decibels
 from ...graphics.colour_bar import format_number
+from ...model.measurement import Measurement
 from ..background.cost_maps import CostMap
+from ..background.map_panels import count_label, modes_label, of_take, row_word
 from ..background.prepare import PreparedRun
 from . import html
 
@@ -20,18 +22,20 @@ def orders_text(run: PreparedRun, drawn: CostMap | None) -> str:
     orders = max_order(k, run.problem.search.radius, drawn.request.order_offset)
     low, high = int(orders.min()), int(orders.max())
     text = f"order L = {low if low == high else f'{low} to {high}'}, ceil(k R) + {drawn.request.order_offset}"
-    last = drawn.request.state.last
-    if drawn.request.custom_modes or drawn.request.modes[-1] == last:
+    last, word = drawn.request.state.last, row_word(run.measurement)
+    used = of_take(run, tuple(range(1, last + 1)), drawn.request.take)
+    if drawn.request.custom_modes or drawn.request.modes[-1] == used[-1]:
         return text
-    return f"{text}; higher modes, up to {last}, have too many functions for {run.measurement.count} microphones"
+    return f"{text}; higher {word}s, up to {last}, have too many functions for {run.measurement.count} microphones"
 
 
-def caption(drawn: CostMap | None, orders: str = "") -> str:
+def caption(drawn: CostMap | None, measurement: Measurement, orders: str = "") -> str:
     """Return what a map shows: its local minima, the cost at the estimated position, the lowest cost.
 
     Parameters
     ----------
     drawn : CostMap or None
+    measurement : Measurement, whose modes or, of several takes, rows are summed
     orders : of the modes, in words
 
     Returns
@@ -46,8 +50,8 @@ def caption(drawn: CostMap | None, orders: str = "") -> str:
         text = "Snapshot of the field reconstructed at the estimated positions (Eq. 6)"
         return f"<div style='{html.CARD}'>{text}</div>"
     minima = "no local minimum" if not count else "1 local minimum" if count == 1 else f"{count} local minima"
-    modes = len(request.modes)
-    what = f"sum of {modes} modes" if modes > 1 else f"mode {request.modes[0]} alone"
+    several, modes = len(request.modes) > 1, request.modes
+    what = f"sum of {count_label(measurement, modes)}" if several else f"{modes_label(measurement, modes)} alone"
     if request.order_offset is None:
         here, lowest = format_number(drawn.cost_here, 4), format_number(drawn.lowest, 4)
     else:

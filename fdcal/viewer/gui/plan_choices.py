@@ -19,6 +19,7 @@ class PlanChoices:
     known : numbers of the microphones whose positions are given
     gain_sigma_db : spread of the channels' gains, dB; 0 for equal channels
     moved : number, x and y, metres, of each microphone that was dragged
+    takes : places of the source, recorded equally long from each
     """
 
     shown: bool = False
@@ -27,6 +28,7 @@ class PlanChoices:
     known: tuple[int, ...] = ()
     gain_sigma_db: float = 0.0
     moved: tuple[tuple[int, float, float], ...] = ()
+    takes: int = 1
 
     def with_moved(self, microphone: int, place) -> PlanChoices:
         """Return the choices with a microphone at another place, (2,), metres."""

@@ -5,17 +5,20 @@ from __future__ import annotations
 import numpy as np
 from viser import uplot
 
+from ...model.measurement import Measurement
+from ..background.map_panels import count_label, modes_label
 from .html import CARD
 from .plots import BLUE, RED, dots
 
 HIDDEN = -1e3  # local minima, where the curve has no point yet: below the plot
 
 
-def caption(microphone: int, modes: tuple[int, ...], minima: int, layer: bool = False) -> str:
+def caption(measurement: Measurement, microphone: int, modes: tuple[int, ...], minima: int, layer: bool = False) -> str:
     """Return what a map of a sweep shows, as HTML.
 
     Parameters
     ----------
+    measurement : Measurement
     microphone : counted from 0
     modes : ascending, counted from 1
     minima : number of local minima of the map
@@ -23,7 +26,8 @@ def caption(microphone: int, modes: tuple[int, ...], minima: int, layer: bool = 
     """
     found = "no local minimum" if not minima else "1 local minimum" if minima == 1 else f"{minima} local minima"
     where = " in the layer at its height" if layer else ""
-    what = f"mode {modes[0]} alone" if len(modes) == 1 else f"sum of {len(modes)} modes, {modes[0]} to {modes[-1]}"
+    what = f"sum of {count_label(measurement, modes)}, {modes[0]} to {modes[-1]}"
+    what = what if len(modes) > 1 else f"{modes_label(measurement, modes)} alone"
     return f"<div style='{CARD}'>microphone {microphone}, {what}: <b>{found}</b>{where}</div>"
 
 

@@ -74,7 +74,7 @@ class CutPanel:
             return
         if now - self._updated < INTERVAL:
             return
-        modes = map_modes(binding.run, view.state, choices.modes, choices.order_offset)
+        modes = map_modes(binding.run, view.state, choices.modes, choices.order_offset, choices.take)
         wanted = CutRequest(revision, microphone, modes, choices.order_offset, choices.cut, view.state)
         cut, error = self.worker.newest(wanted)
         if error is not None:
@@ -83,7 +83,7 @@ class CutPanel:
             self._shown, self._updated = cut, now
             self._plot.show(cut_columns(cut), limits=cut_limits(cut))
             self._plot.visible = True
-            binding.send("cut", cut_caption(cut), self.text, "content")
+            binding.send("cut", cut_caption(cut, binding.measurement), self.text, "content")
 
     def _clear(self) -> None:
         if self._shown is not None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ...cost.reference_cost import ORDER_OFFSET
 from ...model import mode_ranges
 from ...model.validation import InputError
@@ -20,10 +22,16 @@ LINEAR, LOG = "Linear", "Logarithmic"
 EQ7, OBJECTIVE = "Cost, Eq. 7", "Solver's objective"
 QUANTITIES: tuple[str, ...] = (EQ7, OBJECTIVE)
 SCALES: tuple[str, ...] = (LOG, LINEAR)
+ALL_TAKES = "All takes"
 NO_SEARCH = (
     "No map: the file has no search domain, and the positions could not be estimated to make one. Add search_origin,"
     " search_size, search_step and radius (metres) to the file of the measurement."
 )
+
+
+def take_label(take: int | None) -> str:
+    """Return what the list of takes calls one of them, or all."""
+    return ALL_TAKES if take is None else f"Take {take}"
 
 
 class MapTab:
@@ -34,6 +42,7 @@ class MapTab:
         self._possible = binding.run.problem.search is not None
         self.kinds = kinds_of(binding.measurement)
         self._add_microphone()
+        self._add_take()
         self._add_modes()
         self._add_quantity()
         self._add_style()
@@ -52,17 +61,34 @@ class MapTab:
         )
         self.follow.visible = not binding.run.solver.TRAITS.moves_all
 
+    def _add_take(self) -> None:
+        """Add the list of takes, where there are several."""
+        self.take = None
+        if self._binding.measurement.take_count > 1:
+            self.take = self._binding.gui.add_dropdown(
+                "Take", (ALL_TAKES, *self._takes), initial_value=take_label(self._binding.choices.take),
+                hint="Whose rows the maps sum and whose spectrum is shown; a take is one place of the source",
+            )  # fmt: skip
+
+    @property
+    def _takes(self) -> dict[str, int]:
+        """The takes by their labels."""
+        return {take_label(take): take for take in np.unique(self._binding.measurement.takes).tolist()}
+
     def _add_modes(self) -> None:
-        binding, modes = self._binding, self._binding.choices.modes
+        binding, modes, row = self._binding, self._binding.choices.modes, self._binding.row
         self.which = binding.gui.add_dropdown(
-            "Modes shown", (SAME_AS_SOLVER, CUSTOM), initial_value=SAME_AS_SOLVER if modes is None else CUSTOM,
+            f"{row.title()}s shown", (SAME_AS_SOLVER, CUSTOM),
+            initial_value=SAME_AS_SOLVER if modes is None else CUSTOM,
             hint="Of the map; the solver keeps its own",
         )  # fmt: skip
         modes = modes or (1,)
         self.upto = binding.gui.add_slider(
-            "Up to mode", 1, binding.modes, 1, modes[-1], hint="From mode 1 to this one; the tab Sweep plays this"
+            f"Up to {row}", 1, binding.modes, 1, modes[-1], hint=f"From {row} 1 to this one; the tab Sweep plays this"
         )
-        self.text = binding.gui.add_text("Mode numbers", mode_ranges.to_text(modes), hint="For example 1-3, 5")
+        self.text = binding.gui.add_text(
+            f"{row.title()} numbers", mode_ranges.to_text(modes), hint="For example 1-3, 5"
+        )
 
     def _add_quantity(self) -> None:
         gui, choices = self._binding.gui, self._binding.choices
@@ -110,6 +136,8 @@ class MapTab:
         binding = self._binding
         binding.on(self.microphone, self.choose_microphone)
         binding.on(self.follow, lambda value: self.follow_solver(bool(value)))
+        if self.take is not None:
+            binding.on(self.take, self.choose_take)
         binding.on(self.which, lambda value: self.choose_modes(self._in_use() if value == CUSTOM else None))
         binding.on(self.upto, lambda value: self.choose_modes(range(1, bounded(value, 1, binding.modes, 1) + 1)))
         binding.on(self.text, self._read)
@@ -138,6 +166,13 @@ class MapTab:
         """Show the map of a microphone that was chosen outside of the tab."""
         self.choose_microphone(number)
         self.microphone.value = self._binding.choices.microphone
+
+    def choose_take(self, value) -> None:
+        """Show the maps and the spectrum of a take, by its label; of all takes for any other text."""
+        take = self._takes.get(str(value))
+        self._binding.choose(take=take)
+        if self.take is not None and self.take.value != take_label(take):
+            self.take.value = take_label(take)
 
     def follow_solver(self, follow: bool) -> None:
         """Show the microphone that the last step moved, or stay with the present one."""
@@ -238,5 +273,9 @@ class MapTab:
         binding.sent["map"] = key
         reason = reason or (NO_SEARCH if not self._possible else "computing the map ..." if choices.shown else "no map")
         scale = "" if drawn and drawn.areas else colour_bar(drawn.bar if drawn else None, reason)
-        text = html.complaint(choices.modes_error) + scale + caption(drawn, orders_text(binding.run, drawn))
+        text = (
+            html.complaint(choices.modes_error)
+            + scale
+            + caption(drawn, binding.measurement, orders_text(binding.run, drawn))
+        )
         binding.send("caption of the map", text, self.caption, "content")

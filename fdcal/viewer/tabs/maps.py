@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...model.measurement import Measurement
 from ..background.cost_maps import CostMap
 from ..background.map_grid import MapGridWorker
+from ..background.map_panels import count_label, row_word
 from ..gui.binding import Binding
 from ..gui.html import CARD
 
@@ -21,7 +23,7 @@ class MapsTab:
 
     def __init__(self, binding: Binding):
         self._binding, self._shown, gui = binding, None, binding.gui
-        self.caption = gui.add_html(caption(None))
+        self.caption = gui.add_html(caption(None, binding.measurement))
         self.shared = gui.add_checkbox(
             "Same scale", binding.choices.style.shared, hint="One scale for all maps instead of one for each"
         )
@@ -39,16 +41,17 @@ class MapsTab:
         self.image.visible = image is not None
         if image is not None:
             self.image.image = image
-        self._binding.send("caption", caption(drawn), self.caption, "content")
+        self._binding.send("caption", caption(drawn, self._binding.measurement), self.caption, "content")
 
 
-def caption(drawn: CostMap | None) -> str:
+def caption(drawn: CostMap | None, measurement: Measurement) -> str:
     """Return what the maps show, as HTML."""
     if drawn is None or drawn.panels is None:
         return f"<div style='{CARD} opacity: 0.65'>no maps</div>"
-    request, modes = drawn.request, len(drawn.request.modes)
+    request, word = drawn.request, row_word(measurement)
     scale = "one scale for all maps" if request.style.shared else "each map with its own scale"
+    summed = count_label(measurement, request.modes)
     return (
-        f"<div style='{CARD}'>Cost of moving <b>microphone {request.microphone}</b>, mode by mode and summed"
-        f" ({modes} mode{'s' if modes > 1 else ''}); {scale}, {'logarithmic' if request.style.log else 'linear'}</div>"
+        f"<div style='{CARD}'>Cost of moving <b>microphone {request.microphone}</b>, {word} by {word} and summed"
+        f" ({summed}); {scale}, {'logarithmic' if request.style.log else 'linear'}</div>"
     )

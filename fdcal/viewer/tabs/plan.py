@@ -28,11 +28,13 @@ class Ranges:
     snr_db : dB
     least_frequencies : number of frequencies
     gain_sigma_db : dB
+    takes : places of the source
     """
 
     snr_db: tuple[int, int] = (1, 60)
     least_frequencies: int = 3
     gain_sigma_db: tuple[float, float] = (0.0, 6.0)
+    takes: tuple[int, int] = (1, 16)
 
 
 RANGES = Ranges()
@@ -66,6 +68,13 @@ class PlanTab:
         self.gain = gui.add_slider(
             "Gain sigma (dB)", *RANGES.gain_sigma_db, 0.1, plan.gain_sigma_db, hint="Spread of the channels' gains"
         )
+        self.takes = gui.add_slider(
+            "Places of the source",
+            *RANGES.takes,
+            1,
+            plan.takes,
+            hint="Takes: one recording of the same length from each",
+        )
         self.reset = gui.add_button("Original positions", icon=viser.Icon.ARROW_BACK_UP, disabled=True)
         self.summary = gui.add_html("")
 
@@ -76,6 +85,7 @@ class PlanTab:
         binding.on(self.frequencies, self._limit)
         binding.on(self.known, lambda value: self._choose(known=first_known(binding, value)))
         binding.on(self.gain, lambda value: self._choose(gain_sigma_db=bounded_number(value, low, high, 0.0)))
+        binding.on(self.takes, lambda value: self._choose(takes=bounded(value, *RANGES.takes, 1)))
         binding.on(self.reset, lambda _: self._choose(moved=()))
 
     def _choose(self, **changes) -> None:
@@ -118,7 +128,8 @@ def initial_plan(binding: Binding) -> PlanChoices:
     run = binding.run
     noise = run.scene.measurement.snr_db
     snr = float(bounded(noise, *RANGES.snr_db, 30)) if np.isfinite(noise) else PlanChoices().snr_db
-    return PlanChoices(snr_db=snr, known=tuple(run.measurement.known.tolist()))
+    takes = int(bounded(run.measurement.take_count, *RANGES.takes, 1))
+    return PlanChoices(snr_db=snr, known=tuple(run.measurement.known.tolist()), takes=takes)
 
 
 def first_known(binding: Binding, value) -> tuple[int, ...]:

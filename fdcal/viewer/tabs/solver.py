@@ -16,7 +16,7 @@ from ..server.client_values import bounded, one_of
 
 MAX_SEED = 2**31 - 1
 STARTS = ("affine", "random")
-KEPT_BY_SOLVER = ("microphone", "follow", "shown", "modes")  # choices that a change of the solver keeps
+KEPT_BY_SOLVER = ("microphone", "follow", "shown", "modes", "take")  # choices that a change of the solver keeps
 
 
 def default_start(solver: str) -> str:
@@ -55,10 +55,12 @@ class SolverTab:
 
     def _add_modes(self) -> None:
         binding, state = self._binding, self._binding.session.view.state
-        self.first = binding.gui.add_slider("First mode", 1, binding.modes, 1, state.first)
-        self.last = binding.gui.add_slider("Last mode", 1, binding.modes, 1, state.last)
+        self.first = binding.gui.add_slider(f"First {binding.row}", 1, binding.modes, 1, state.first)
+        self.last = binding.gui.add_slider(f"Last {binding.row}", 1, binding.modes, 1, state.last)
         self.automatic = binding.gui.add_checkbox(
-            "Add modes automatically", state.automatic, hint="Add the next mode when the present stage has converged"
+            f"Add {binding.row}s automatically",
+            state.automatic,
+            hint=f"Add the next {binding.row} when the present stage has converged",
         )
         self.automatic.visible = binding.run.solver.TRAITS.adds_modes
 

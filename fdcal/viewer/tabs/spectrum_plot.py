@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,26 @@ MIN_POWER = 1e-8  # of the greatest power, drawn for anything below
 HIDDEN = -1e3  # dB, where a curve has nothing to show: below the plot, for uPlot cannot draw a NaN
 
 
+@dataclass(frozen=True)
+class TakeCurve:
+    """What the plot shows of one take, or of all.
+
+    Attributes
+    ----------
+    rows : (K,) int, its modes, counted from 1
+    f, peaks : (K,) float64, their frequencies, Hz, and levels, dB
+    x, curve : (P,) float64, the curve through all peaks, Hz and dB
+    at : (K,) int, which of its points are the peaks
+    """
+
+    rows: np.ndarray
+    f: np.ndarray
+    peaks: np.ndarray
+    x: np.ndarray
+    curve: np.ndarray
+    at: np.ndarray
+
+
 class SpectrumPlot:
     """Owns the plot.
 
@@ -29,38 +50,39 @@ class SpectrumPlot:
     """
 
     def __init__(self, gui: viser.GuiApi, measurement: Measurement, modes: int):
-        self._f = measurement.frequencies[:modes]
-        self._spectrum, self._peaks = spectrum_levels(measurement, modes)
-        self.has_spectrum = self._spectrum is not None
-        self._x, self._curve, self._at = self._curve_through_peaks()
+        self._measurement, self._modes = measurement, modes
+        self.has_spectrum = measurement.spectrum is not None
+        self._curves: dict[int | None, TakeCurve] = {}
         self.handle = self._make(gui)
 
-    def show(self, used: tuple[int, ...], limit: float) -> None:
-        """Mark the modes `used` in the map, counted from 1, and the frequency `limit`, Hz."""
-        self.handle.data = self.columns(used, limit)
+    def show(self, used: tuple[int, ...], limit: float, take: int | None = None) -> None:
+        """Mark the modes `used` in the map, counted from 1, and the frequency `limit`, Hz, in a take or in all."""
+        self.handle.data = self.columns(used, limit, take)
 
-    def _curve_through_peaks(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the curve, (P,) Hz and (P,) dB, and (modes,) which of its points are the peaks."""
-        if self._spectrum is None:
-            stems = np.repeat(self._peaks, 3)
-            stems[0::3] = stems[2::3] = HIDDEN
-            return np.repeat(self._f, 3), stems, np.arange(1, len(stems), 3)
-        x = np.concatenate([self._spectrum[0], self._f])
-        order = np.argsort(x, kind="stable")
-        at = np.argsort(order, kind="stable")[self._spectrum.shape[1] :]
-        return x[order], np.concatenate([self._spectrum[1], self._peaks])[order], at
+    def _curve_of(self, take: int | None) -> TakeCurve:
+        """Return the curve of a take; None for that of all."""
+        if take not in self._curves:
+            rows = np.arange(1, self._modes + 1)
+            if take is None:
+                self._curves[take] = _curve_through_peaks(self._measurement, rows)
+            else:
+                rows = rows[self._measurement.takes[: self._modes] == take]
+                self._curves[take] = _curve_through_peaks(self._measurement.of_take(take), rows)
+        return self._curves[take]
 
     def _make(self, gui: viser.GuiApi) -> viser.GuiUplotHandle:
         title = "Mean power at the microphones" if self.has_spectrum else "Mean power of the modes"
-        edge = 0.02 * float(self._x[-1] - self._x[0]) + (0.0 if self.has_spectrum else 1.0)
-        lowest = 10 * float(np.floor((self._peaks.min() - BELOW) / 10))
+        whole, takes = self._curve_of(None), np.unique(self._measurement.takes[: self._modes]).tolist()
+        edge = 0.02 * float(whole.x[-1] - whole.x[0]) + (0.0 if self.has_spectrum else 1.0)
+        least = min(self._curve_of(take).peaks.min() for take in (None, *(takes if len(takes) > 1 else ())))
+        lowest = 10 * float(np.floor((least - BELOW) / 10))
         return gui.add_uplot(
             data=self.columns((), np.inf),
             series=self._series(),
             title=title,
             legend={"show": False},
             scales={
-                "x": uplot.Scale(time=False, range=(float(self._x[0]) - edge, float(self._x[-1]) + edge)),
+                "x": uplot.Scale(time=False, range=(float(whole.x[0]) - edge, float(whole.x[-1]) + edge)),
                 "y": uplot.Scale(range=(lowest, ABOVE)),
             },
             axes=(
@@ -81,31 +103,46 @@ class SpectrumPlot:
             uplot.Series(label="f_max", stroke=RED, width=1.5, dash=(6, 4), points={"show": False}),
         )
 
-    def columns(self, used: tuple[int, ...], limit: float) -> tuple[np.ndarray, ...]:
+    def columns(self, used: tuple[int, ...], limit: float, take: int | None = None) -> tuple[np.ndarray, ...]:
         """Return the columns of the plot.
 
         Parameters
         ----------
         used : modes in the map, counted from 1
         limit : f_max, Hz
+        take : whose modes and spectrum are drawn; None for those of all takes
 
         Returns
         -------
         tuple of (P,) float64
             Frequency (Hz), curve, dots of modes not in the map, dots of modes in the map, line of f_max (dB).
         """
-        inside = np.isin(np.arange(1, len(self._f) + 1), used)
-        columns = [self._x, self._curve]
+        drawn = self._curve_of(take)
+        inside = np.isin(drawn.rows, used)
+        columns = [drawn.x, drawn.curve]
         for chosen in (~inside, inside):
-            columns.append(np.full(len(self._x), HIDDEN))
-            columns[-1][self._at[chosen]] = self._peaks[chosen]
-        columns.append(np.full(len(self._x), HIDDEN))
-        if not self._x[0] < limit < self._x[-1]:
+            columns.append(np.full(len(drawn.x), HIDDEN))
+            columns[-1][drawn.at[chosen]] = drawn.peaks[chosen]
+        columns.append(np.full(len(drawn.x), HIDDEN))
+        if not drawn.x[0] < limit < drawn.x[-1]:
             return tuple(columns)
-        at = int(np.searchsorted(self._x, limit))
-        height = float(np.interp(limit, self._x, self._curve)) if self.has_spectrum else HIDDEN
+        at = int(np.searchsorted(drawn.x, limit))
+        height = float(np.interp(limit, drawn.x, drawn.curve)) if self.has_spectrum else HIDDEN
         line = ([limit] * 3, [height] * 3, [HIDDEN] * 3, [HIDDEN] * 3, [HIDDEN, ABOVE, HIDDEN])
         return tuple(np.insert(column, at, more) for column, more in zip(columns, line, strict=True))
+
+
+def _curve_through_peaks(measurement: Measurement, rows: np.ndarray) -> TakeCurve:
+    """Return the curve of a measurement, or of one take of it, whose modes are called `rows`."""
+    f, (spectrum, peaks) = measurement.frequencies[: len(rows)], spectrum_levels(measurement, len(rows))
+    if spectrum is None:
+        stems = np.repeat(peaks, 3)
+        stems[0::3] = stems[2::3] = HIDDEN
+        return TakeCurve(rows, f, peaks, np.repeat(f, 3), stems, np.arange(1, len(stems), 3))
+    x = np.concatenate([spectrum[0], f])
+    order = np.argsort(x, kind="stable")
+    at = np.argsort(order, kind="stable")[spectrum.shape[1] :]
+    return TakeCurve(rows, f, peaks, x[order], np.concatenate([spectrum[1], peaks])[order], at)
 
 
 def spectrum_levels(measurement: Measurement, modes: int) -> tuple[np.ndarray | None, np.ndarray]:
@@ -125,7 +162,7 @@ def spectrum_levels(measurement: Measurement, modes: int) -> tuple[np.ndarray | 
     if measurement.spectrum is None:
         power = mode_power(measurement.pressures[:modes])
         return None, 10 * np.log10(np.maximum(power / power.max(), MIN_POWER))
-    at, power = measurement.spectrum
+    at, power = measurement.spectrum[0], measurement.spectrum[1:].mean(axis=0)  # over all takes
     decibels = 10 * np.log10(np.maximum(power / max(power.max(), 1e-300), MIN_POWER))
     starts = np.unique(np.linspace(0, len(at) - 1, min(len(at), MAX_POINTS)).astype(int))
     spectrum = np.stack([at[starts], np.maximum.reduceat(decibels, starts)])

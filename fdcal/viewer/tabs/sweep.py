@@ -9,7 +9,7 @@ import viser
 
 from ...session.history import SessionView
 from ..background.cost_map import CostMap
-from ..background.map_panels import ModePanels, carried_modes, map_modes
+from ..background.map_panels import ModePanels, carried_modes, map_modes, of_take
 from ..background.map_request import CostMapRequest
 from ..background.mode_sweep import Sweep, SweepRequest, SweepWorker, first_of
 from ..gui import html
@@ -27,7 +27,7 @@ RATE, MAX_RATE = 4, 20  # modes per second
 INTERVAL = 0.25  # s between two updates of the curve
 NOT_ASKED, NEXT = -2, -1  # in place of the number of a state whose sweep is wanted: of none, of the present one
 ADVICE = (
-    "Play adds one mode after the other to the map and counts its local minima; the sum keeps the one that all share."
+    "Play adds one {} after the other to the map and counts its local minima; the sum keeps the one that all share."
 )
 
 
@@ -52,21 +52,34 @@ class SweepTab:
         self._panels: ModePanels | None = None  # maps of single modes, drawn last
         self._add_controls()
         self._plot = Plot(
-            binding.gui, "Local minima of the sum", curve_series(), "modes summed", height=140, whole=True, legend=False
+            binding.gui,
+            "Local minima of the sum",
+            curve_series(),
+            f"{binding.row}s summed",
+            height=140,
+            whole=True,
+            legend=False,
         )
         self._listen()
 
     def _add_controls(self) -> None:
-        gui, modes = self._binding.gui, self._binding.modes
-        self.play = gui.add_button("Play", icon=viser.Icon.PLAYER_PLAY, hint="Add one mode after the other to the map")
-        self.summed = gui.add_slider("Modes summed", 1, modes, 1, modes, hint="How many modes the map is the sum of")
+        gui, modes, row = self._binding.gui, self._binding.modes, self._binding.row
+        self.play = gui.add_button(
+            "Play", icon=viser.Icon.PLAYER_PLAY, hint=f"Add one {row} after the other to the map"
+        )
+        self.summed = gui.add_slider(
+            f"{row.title()}s summed", 1, modes, 1, modes, hint=f"How many {row}s the map is the sum of"
+        )
         with gui.add_folder("Order and speed", expand_by_default=False):
             self.order = gui.add_dropdown(
-                "Order", ORDERS, initial_value=UP, hint="Modes 1, 2, 3 and so on, or from the highest mode down"
+                "Order",
+                ORDERS,
+                initial_value=UP,
+                hint=f"{row.title()}s 1, 2, 3 and so on, or from the highest {row} down",
             )
-            self.highest = gui.add_slider("Highest mode", 1, modes, 1, modes, hint="Of the whole sum")
-            self.rate = gui.add_slider("Modes per second", 1, MAX_RATE, 1, RATE)
-        self.text = gui.add_html(html.remark(ADVICE))
+            self.highest = gui.add_slider(f"Highest {row}", 1, modes, 1, modes, hint="Of the whole sum")
+            self.rate = gui.add_slider(f"{row.title()}s per second", 1, MAX_RATE, 1, RATE)
+        self.text = gui.add_html(html.remark(ADVICE.format(row)))
 
     def _listen(self) -> None:
         binding = self._binding
@@ -140,12 +153,14 @@ class SweepTab:
 
     def _usable(self) -> tuple[int, ...]:
         """Return the modes that can be summed, ascending."""
-        return carried_modes(self._binding.run, self._binding.choices.map_order, self._binding.modes) or (1,)
+        binding, choices = self._binding, self._binding.choices
+        return of_take(binding.run, carried_modes(binding.run, choices.map_order, binding.modes) or (1,), choices.take)
 
     def _sequence(self) -> tuple[int, ...]:
         """Return the modes in the order in which they are added."""
         highest = bounded(self.highest.value, 1, self._binding.modes, self._binding.modes)
-        modes = tuple(mode for mode in self._usable() if mode <= highest) or (1,)
+        usable = self._usable()
+        modes = tuple(mode for mode in usable if mode <= highest) or usable[:1]
         return modes[::-1] if one_of(self.order.value, ORDERS, UP) == DOWN else modes
 
     def _summed_now(self, sequence: tuple[int, ...]) -> int:
@@ -155,7 +170,9 @@ class SweepTab:
     def _shown_now(self, sequence: tuple[int, ...]) -> int:
         """Return how many modes of the sweep the map shows, the solver's where the user has chosen none; or 0."""
         run, choices = self._binding.run, self._binding.choices
-        return first_of(sequence, map_modes(run, run.session.view.state, choices.modes, choices.map_order))
+        return first_of(
+            sequence, map_modes(run, run.session.view.state, choices.modes, choices.map_order, choices.take)
+        )
 
     # Below: the main loop alone.
 
@@ -244,6 +261,8 @@ class SweepTab:
         summed = 0 if sweep is None else self._summed_now(sweep.modes)
         frame = None if sweep is None else sweep.frame(summed)
         if sweep is None or frame is None:
-            return html.remark(ADVICE)
+            return html.remark(ADVICE.format(self._binding.row))
         layer = self._binding.measurement.array_dimension == 3
-        return caption(sweep.request.microphone, sweep.of_first(summed), frame.map.minima, layer)
+        return caption(
+            self._binding.measurement, sweep.request.microphone, sweep.of_first(summed), frame.map.minima, layer
+        )

@@ -289,3 +289,58 @@ def test_positions_in_centimetres_are_suspected(tmp_path):
     for band in (None, (50.0, 400.0)):
         with pytest.raises(InputError, match="in metres, not in centimetres"):
             PlanRequest(read_layout(str(table)), band=band)
+
+
+def test_takes_are_independent_so_that_the_bound_falls_with_the_root_of_their_number():
+    one, four = (make_plan(request_of("ball 12 0.3", takes=takes), with_advice=False) for takes in (1, 4))
+    assert four.bound.rms == pytest.approx(one.bound.rms / 2)
+    assert four.takes == one.takes and [case.takes for case in one.takes] == [1, 2, 4, 8]
+    first, *several = one.takes
+    assert first.rms == first.shared == first.longer
+    for case in several:
+        assert case.rms == pytest.approx(first.rms / np.sqrt(case.takes))
+        assert case.rms < case.shared < first.rms, "divided time costs noise, and still another field is worth more"
+        assert case.rms < case.longer < first.rms, "the same time at one place"
+
+
+def test_a_longer_recording_brings_ever_less_where_noise_is_low_and_another_place_as_much_as_before():
+    gains = []
+    for snr in (15, 30, 45):
+        first, two, *_ = make_plan(request_of("ball 12 0.3", snr_db=snr), with_advice=False).takes
+        gains.append((first.rms / two.longer, first.rms / two.rms))
+    longer, places = np.array(gains).T
+    assert np.all(np.diff(longer) < 0) and longer[-1] < 1.25
+    np.testing.assert_allclose(places, np.sqrt(2))
+
+
+def test_a_plan_says_what_more_places_of_the_source_bring():
+    plan = make_plan(request_of("ball 12 0.3", takes=3), with_advice=False)
+    lines = plan_lines(plan)
+    assert lines[0].endswith("the source at 3 places, recorded equally long from each")
+    (same,) = [line for line in lines if line.startswith("more places")]
+    assert "each recorded as long as one" in same and f"3 places {1e3 * plan.takes[2].rms:.3g} mm" in same
+    assert any(line.startswith("the same recording time in all") for line in lines)
+    assert f"one place, recorded 3 times as long: {1e3 * plan.takes[2].longer:.3g} mm" in lines
+    table = plan_dict(plan)
+    assert table["takes"] == 3 and [row["takes"] for row in table["takes_rms_m"]] == [1, 2, 3, 4, 8]
+
+
+def test_trials_of_several_takes_have_a_source_for_each():
+    one, three = (
+        draw_measurement(request_of("ball 12 0.3", takes=takes, gain_sigma_db=1.0, known=(0, 1), known_sigma=0.01), 4)
+        for takes in (1, 3)
+    )
+    assert three.take_count == 3 and three.count == one.count
+    for name in ("frequencies", "pressures", "noise_power", "known_positions"):
+        np.testing.assert_array_equal(getattr(three.of_take(0), name), getattr(one, name))
+    fields = [three.of_take(take).pressures for take in range(3)]
+    for a, b in ((0, 1), (0, 2), (1, 2)):
+        likeness = abs(np.vdot(fields[a], fields[b])) / np.linalg.norm(fields[a]) / np.linalg.norm(fields[b])
+        assert likeness < 0.3, "independent"
+
+
+@pytest.mark.parametrize("takes", [0, -1, 101, 2.5])
+def test_a_number_of_takes_that_is_impossible_is_refused(takes):
+    with pytest.raises(InputError) as refused:
+        request_of(takes=takes)
+    assert refused.value.key == "takes"
