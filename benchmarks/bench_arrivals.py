@@ -1,7 +1,7 @@
 """The measured array by times of arrival: how far its nominal places can be trusted.
 
-frl_array (see bench_real). Three sounds are cut out of each response: the direct one, and the reflections from the floor
-and the ceiling, which come first. Each is a plane wave that passes the six equal microphones on the sphere; its delays
+frl_array (see bench_real). Three sounds are cut out of each response: the direct one and the reflections from floor
+and ceiling, which come first. Each is a plane wave that passes the six equal microphones on the sphere; its delays
 there, by the slope of phase over frequency, give positions and directions by robust least squares, up to a rotation.
 Nothing of the model of a sound field is used, and no position of a loudspeaker.
 """
