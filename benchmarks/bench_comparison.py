@@ -1,9 +1,9 @@
 """fdcal beside a diffuse field's coherence, arrival times and a tape measure, on the same recordings of four rooms.
 
 32 microphones in a ball of 0.4 m, blind, in a room of 9 x 7 x 4 m by image sources (pyroomacoustics); eight positions
-of one source, which plays noise or an impulse; 8 kHz. fdcal hears the first position only, the coherence the first or
-all, the arrival times need all of them. Prints a table in Markdown: RMS position errors of each draw after the best
-rigid motion, in millimetres, and the seconds of the processor.
+of one source, which plays noise or an impulse; 8 kHz. fdcal and the coherence hear the first position or all, the
+arrival times need all of them. Prints a table in Markdown: RMS position errors of each draw after the best rigid
+motion, in millimetres, and the seconds of the processor.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ ALONE = True
 ROOM, CENTRE = (9.0, 7.0, 4.0), (4.1, 3.3, 1.7)  # m
 RATE, SPEED = 8000, 343.0  # Hz, m/s
 REVERBERATION = (0.2, 0.5, 1.0, 2.0)  # s, by Sabine's formula
-ORDER, ORDER_OTHERS = 80, 40  # of reflections, of the first source and of the others
+ORDER, ORDER_OTHERS = 60, 40  # of reflections, of the first source and of the others
 COUNT, RADIUS, APART = 32, 0.4, 0.08  # microphones; m; m
 SOURCES, SOURCE_SIGMA = 8, 0.05  # positions of the source; m, how well they are measured
 TAPE = 0.005  # m, of each coordinate
@@ -46,7 +46,7 @@ BAND = (50.0, 2000.0)  # Hz, of the coherence
 SEGMENT = {"noise": 512, "impulse": 128}  # samples, of the coherence
 TAIL = 0.005  # s after the direct sound, where the coherence of a response begins
 DRAWS = 2
-METHODS = ("fdcal", "coherence, 1 source", "coherence, 8 sources", "arrival times", "tape measure")
+METHODS = ("fdcal", "fdcal, 8 takes", "coherence, 1 source", "coherence, 8 sources", "arrival times", "tape measure")
 
 
 @dataclass(frozen=True)
@@ -70,15 +70,18 @@ def placed(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     return np.array(kept) + CENTRE, sources[rng.permutation(SOURCES)]
 
 
-def responses(places, source, reverberation: float, order: int) -> np.ndarray:
-    """Return impulse responses (N, T) of a shoebox by image sources up to an order."""
+def responses(places, source, reverberation: float, order: int, size=ROOM, facing=None) -> np.ndarray:
+    """Return impulse responses (N, T) of a shoebox by image sources up to an order.
+
+    The source is a cardioid's that faces a direction (3,), or radiates equally in all directions.
+    """
     import pyroomacoustics
 
     pyroomacoustics.constants.set("c", SPEED)
-    absorption, enough = pyroomacoustics.inverse_sabine(reverberation, ROOM, c=SPEED)
+    absorption, enough = pyroomacoustics.inverse_sabine(reverberation, size, c=SPEED)
     material = pyroomacoustics.Material(absorption)
-    room = pyroomacoustics.ShoeBox(ROOM, fs=RATE, materials=material, max_order=min(order, enough))
-    room.add_source(source)
+    room = pyroomacoustics.ShoeBox(size, fs=RATE, materials=material, max_order=min(order, enough))
+    room.add_source(source, directivity=None if facing is None else _cardioid(facing))
     room.add_microphone_array(places.T)
     room.compute_rir()
     rows = [np.asarray(row[0], float) for row in room.rir]
@@ -86,6 +89,14 @@ def responses(places, source, reverberation: float, order: int) -> np.ndarray:
     for row, h in zip(out, rows, strict=True):
         row[: len(h)] = h
     return out
+
+
+def _cardioid(facing):
+    """A cardioid whose axis is a direction (3,)."""
+    from pyroomacoustics.directivities import Cardioid, DirectionVector
+
+    azimuth, colatitude = np.arctan2(facing[1], facing[0]), np.arccos(facing[2] / np.linalg.norm(facing))
+    return Cardioid(DirectionVector(azimuth, colatitude, degrees=False))
 
 
 def record(reverberation: float, seed: int) -> dict[str, Recorded]:
@@ -104,14 +115,14 @@ def record(reverberation: float, seed: int) -> dict[str, Recorded]:
     return {"noise": Recorded(places, sources, noise), "impulse": Recorded(places, sources, impulse)}
 
 
-def by_fdcal(recorded: Recorded, kind: str) -> tuple[np.ndarray, str]:
-    """Positions (N, 3) from a WAV file of the first source, and the verdict."""
-    samples = recorded.recordings[0]
+def by_fdcal(recorded: Recorded, kind: str, sources: int) -> tuple[np.ndarray, str]:
+    """Positions (N, 3) from WAV files of the first sources, one each, and the verdict."""
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "recording.wav"
-        soundfile.write(path, 0.5 * samples.T / np.abs(samples).max(), RATE, subtype="FLOAT")
+        paths = [Path(folder) / f"source{s}.wav" for s in range(sources)]
+        for path, samples in zip(paths, recorded.recordings, strict=False):
+            soundfile.write(path, 0.5 * samples.T / np.abs(samples).max(), RATE, subtype="FLOAT")
         kinds = {"noise": "stationary", "impulse": "impulse"}
-        measurement = fdcal.load(path, kind=kinds[kind], sound_speed=SPEED)
+        measurement = fdcal.load(paths, kind=kinds[kind], sound_speed=SPEED)
     found = fdcal.calibrate(measurement, known="none")
     return np.asarray(found.positions), str(found.verdict)
 
@@ -144,22 +155,23 @@ def error_mm(found: np.ndarray, truth: np.ndarray) -> float:
     return 1e3 * float(np.sqrt(np.mean(np.sum((align(found, truth) - truth) ** 2, axis=1))))
 
 
-def errors(recorded: Recorded, kind: str, seed: int) -> tuple[list[float], list[float], str]:
-    """Return the error of each of METHODS, millimetres, the seconds it took, and fdcal's verdict."""
-    rng, verdict, truth = np.random.default_rng([seed, 16]), "refused", recorded.places
+def errors(recorded: Recorded, kind: str, seed: int) -> tuple[list[float], list[float], list[str]]:
+    """Return the error of each of METHODS, millimetres, the seconds it took, and fdcal's verdicts, of 1 and 8 takes."""
+    rng, verdicts, truth = np.random.default_rng([seed, 16]), [], recorded.places
 
-    def fdcal_positions():
-        nonlocal verdict
+    def fdcal_positions(sources: int):
         try:
-            found, verdict = by_fdcal(recorded, kind)
+            found, verdict = by_fdcal(recorded, kind, sources)
         except InputError as error:
             print(f"    fdcal refused: {error}")
-            return np.full(truth.shape, np.nan)
+            found, verdict = np.full(truth.shape, np.nan), "refused"
+        verdicts.append(verdict)
         return found
 
     found, seconds = [], []
     for method in (
-        fdcal_positions,
+        lambda: fdcal_positions(1),
+        lambda: fdcal_positions(SOURCES),
         lambda: by_coherence(recorded, kind, 1),
         lambda: by_coherence(recorded, kind, SOURCES),
         lambda: by_arrivals(recorded, kind, rng),
@@ -169,11 +181,11 @@ def errors(recorded: Recorded, kind: str, seed: int) -> tuple[list[float], list[
         positions = method()
         seconds.append(time.process_time() - start)
         found.append(error_mm(positions, truth) if np.isfinite(positions).all() else np.nan)
-    return found, seconds, verdict
+    return found, seconds, verdicts
 
 
 def run() -> Iterator[str]:
-    yield "| reverberation | source | " + " | ".join((*METHODS, "verdict of fdcal")) + " |"
+    yield "| reverberation | source | " + " | ".join((*METHODS, "verdicts of fdcal, 1 and 8 takes")) + " |"
     yield "|---" * (len(METHODS) + 3) + "|"
     taken = []
     for reverberation in REVERBERATION:
@@ -182,6 +194,6 @@ def run() -> Iterator[str]:
             results = [errors(one[kind], kind, seed) for seed, one in enumerate(drawn)]
             taken += [seconds for _, seconds, _ in results]
             cells = [" / ".join(f"{found[n]:.1f}" for found, _, _ in results) for n in range(len(METHODS))]
-            verdicts = " / ".join(f"`{verdict}`" for _, _, verdict in results)
+            verdicts = "; ".join(" / ".join(f"`{both[n]}`" for _, _, both in results) for n in range(2))
             yield f"| {reverberation:g} s | {kind} | " + " | ".join((*cells, verdicts)) + " |"
     yield "| all | seconds | " + " | ".join(f"{s:.1f}" for s in np.mean(taken, axis=0)) + " | |"

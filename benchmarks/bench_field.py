@@ -29,6 +29,7 @@ SOLVER = os.environ.get("FDCAL_BENCH_SOLVER", "")
 RIGHT = {  # part of the cases of a family that have to come out right
     "clean2d": 0.95,
     "clean3d": 0.85,
+    "clean3d_takes": 0.85,
     "fem2d": 0.95,
     "big2d": 0.8,
     "blindcircle": 0.75,

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import re
+import shutil
 import tomllib
 
 import click
+import numpy as np
 import pytest
+import soundfile
 from documents import ALL, DOCS, PAGES, ROOT, blocks, name_of, run_fdcal, run_python, shows, text_of
 from PIL import Image
 
@@ -17,6 +20,7 @@ from fdcal.assessment.findings import FINDINGS, ROOM_FINDINGS
 from fdcal.assessment.result_file import FaultRow, GivenRow, Keys
 from fdcal.commands.cli import commands
 from fdcal.model.arrays import positions_of
+from fdcal.model.gauge import align
 from fdcal.model.measurement_file import OPTIONAL, REQUIRED, SEARCH
 from fdcal.model.scene_file import load_scene, scene_names
 from fdcal.recordings import formats
@@ -33,6 +37,7 @@ DEPENDENCIES = text_of(DOCS / "reference" / "dependencies.md")
 PICTURES = sorted((DOCS / "pictures").iterdir())
 # Pages whose lines of the shell run as they stand, with what other pages made before.
 TUTORIAL, CHANNELS = DOCS / "tutorials" / "first-recording.md", DOCS / "how-to" / "check-channels.md"
+MEASURED = DOCS / "tutorials" / "measured-array.md"
 
 
 def options(name: str) -> set[str]:
@@ -64,7 +69,9 @@ def run_page(page, namespace: dict, skip: str = "") -> None:
 
 
 @pytest.mark.parametrize(
-    "page", [page for page in PAGES if "```python" in text_of(page) and page not in (TUTORIAL, CHANNELS)], ids=name_of
+    "page",
+    [page for page in PAGES if "```python" in text_of(page) and page not in (TUTORIAL, CHANNELS, MEASURED)],
+    ids=name_of,
 )
 def test_the_python_code_of_a_page_runs_and_prints_what_it_shows(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -101,6 +108,29 @@ def test_the_tutorial_runs_from_beginning_to_end_and_then_the_check_of_its_chann
     for block in blocks(text_of(CHANNELS)):
         if block.language == "python":
             assert shows(block.output, run_python(block.code, name_of(CHANNELS), {}))
+
+
+def test_the_page_of_the_measured_array_finds_it_as_exactly_as_it_says(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(ROOT / "examples" / "frl_array", tmp_path / "examples" / "frl_array")
+    run_page(MEASURED, {})
+    found = fdcal.Calibration.load("result.json")
+    nominal = np.loadtxt("examples/frl_array/nominal.csv", delimiter=",", skiprows=1)[:, 1:]
+    said = figure(r"about ([\d.]+) mm on average", " ".join(text_of(MEASURED).split()))
+    errors = np.linalg.norm(align(np.asarray(found.positions), nominal) - nominal, axis=1)
+    assert 1e3 * errors.mean() == pytest.approx(said, abs=1.5)
+    assert found.verdict != "good"
+
+
+def test_the_microphones_of_the_measured_array_are_as_far_apart_as_its_page_says():
+    samples, rate = soundfile.read(ROOT / "examples" / "frl_array" / "source000.flac")
+    front, back = np.fft.rfft(samples[:, :2].T[:, : np.argmax(np.abs(samples[:, 0])) + rate // 1000], 4096)
+    f = np.fft.rfftfreq(4096, 1 / rate)
+    band = (f > 300) & (f < 1500)
+    phase, weight = np.unwrap(np.angle(front * back.conj())[band]), np.abs(front * back)[band]
+    delay = np.sum(weight * phase * f[band]) / np.sum(weight * f[band] ** 2) / (2 * np.pi)
+    said = figure(r"(\d+) mm apart by the direct sound", " ".join(text_of(MEASURED).split()))
+    assert 1e3 * 343.2 * delay == pytest.approx(said, abs=2)
 
 
 @pytest.mark.parametrize("page", ALL, ids=name_of)

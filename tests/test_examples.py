@@ -34,6 +34,7 @@ EXPECTED = {
     "04_landscape_of_one_microphone": (r"mode all: minimum ([\d.]+) m", 0.05),
     "05_check_channel_order": (r"channels (3) and 12 are exchanged", 3.0),
     "06_scene_of_your_own": (r"12 modes: good +mean error +([\d.]+) mm", 5.0),
+    "07_measured_array": (r"4 takes, \d+ rows; verdict \w+\nRMS distance to the nominal places ([\d.]+) mm", 6.0),
 }
 WRITTEN = {
     "01_paper_array": {"array.png", "array.json"},
@@ -42,6 +43,7 @@ WRITTEN = {
     "04_landscape_of_one_microphone": {"landscape.png"},
     "05_check_channel_order": {"geometry.xml"},
     "06_scene_of_your_own": set(),
+    "07_measured_array": {"array.xml"},
 }
 
 

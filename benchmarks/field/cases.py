@@ -13,7 +13,7 @@ from .constants import SOUND_SPEED
 from .faults import FAULTS, Recording
 from .finite_elements import SHAPES, SolvedRoom, solved_room
 from .geometries import geometry, spread_known
-from .placement import Placement, place
+from .placement import Placement, moved_sources, place
 from .rectangle import rectangle_field
 from .scatterer import scattered_field
 from .spec import Spec
@@ -50,10 +50,20 @@ def build(spec: Spec, folder: Path) -> Case:
         raise NoCaseError("no room for the array and its source")
     reflection = rng.uniform(*spec.reflection, (3, 2))
     highest = spec.highest if spec.beyond else min(spec.highest, BELOW_LIMIT * frequency_limit(spec, array))
-    if room is None:
+    takes = None
+    if room is not None:
+        frequencies, wavenumbers, pressures = _in_shape(spec, placed, room, highest)
+    elif spec.takes == 1:
         frequencies, wavenumbers, pressures = _in_box(spec, placed, reflection, highest, rng)
     else:
-        frequencies, wavenumbers, pressures = _in_shape(spec, placed, room, highest)
+        placements = moved_sources(spec, placed, np.random.default_rng([78, spec.seed]))
+        if len(placements) < spec.takes:
+            raise NoCaseError("no room for the sources of all takes")
+        every = [_in_box(spec, one, reflection, highest, rng) for one in placements]
+        takes = np.repeat(np.arange(len(every)), [len(f) for f, _, _ in every])
+        frequencies, wavenumbers, pressures = map(np.concatenate, zip(*every, strict=True))
+        order = np.argsort(frequencies, kind="stable")
+        takes, frequencies, wavenumbers, pressures = (a[order] for a in (takes, frequencies, wavenumbers, pressures))
     if not len(frequencies):
         raise NoCaseError("the mean power has no peak")
     truth = placed.points[:, : array.shape[1]]
@@ -62,7 +72,10 @@ def build(spec: Spec, folder: Path) -> Case:
     recording = Recording(frequencies, pressures, power, known, truth[known].copy(), wavenumbers)
     if spec.fault is not None:
         recording = FAULTS[spec.fault[0]](recording, spec.fault[1], rng)
-    return Case(spec, _table(spec, recording, array.shape[1], rng), truth, known, recording.named)
+    table = _table(spec, recording, array.shape[1], rng)
+    if takes is not None:
+        table["takes"] = takes
+    return Case(spec, table, truth, known, recording.named)
 
 
 def frequency_limit(spec: Spec, array: np.ndarray) -> float:

@@ -323,6 +323,12 @@ def clean3d(n):
     return out
 
 
+@family(40)
+def clean3d_takes(n):
+    """The arrays and rooms of `clean3d`, with the source at four places."""
+    return [dict(table, takes=4) for table in clean3d(n)]
+
+
 @family(16)
 def fault3d(n):
     """Faults in space."""

@@ -44,6 +44,17 @@ def place(spec: Spec, array: np.ndarray, rng, shape=None) -> Placement | None:
     return None
 
 
+def moved_sources(spec: Spec, placed: Placement, rng) -> list[Placement]:
+    """Return a placement for each take: that of the first, and sources of the same kind elsewhere in a drawn box."""
+    every = [placed]
+    for _ in range(TRIES * spec.takes):
+        if len(every) == spec.takes:
+            break
+        moved = _with_source(spec, _moved(placed, rng.uniform(0.15, placed.size - 0.15)), rng)
+        every += [] if moved is None else [moved]
+    return every
+
+
 def _drawn(spec: Spec, array, half, rng) -> Placement:
     margin = half + WALL
     drawn = spec.size_of_room or [rng.uniform(*limits) for limits in RANGES[spec.dimension]]

@@ -28,6 +28,7 @@ class Spec:
     known_mode : "all", "minimal" or "none", given to the solver
     neighbours : whether the given ones are neighbours
     fault : name and size of what is wrong, see `faults`, or None
+    takes : recordings of the array, with the source at as many places
     source : "far", "near" (0.3 m), "inside" or "two"
     scatterer : radius, metres, and admittance of a cylinder inside the array, or None
     scatterer_offset : from the array's middle, as a part of its radius
@@ -54,6 +55,7 @@ class Spec:
     known_mode: str = "all"
     neighbours: bool = False
     fault: tuple[str, float] | None = None
+    takes: int = 1
     source: str = "far"
     scatterer: tuple[float, float] | None = None
     scatterer_offset: float = 0.0

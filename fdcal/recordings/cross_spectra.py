@@ -183,10 +183,10 @@ def _within(row: np.ndarray, keep: np.ndarray, seen: np.ndarray, band, most: int
         Least distance of two frequencies, Hz.
     """
     counts = np.bincount(row[keep], minlength=len(seen))
-    loud = np.flatnonzero(counts)
-    loud = loud[np.argsort(seen[loud], kind="stable")]
-    wanted = max(1, int(most * len(loud) / len(keep)))
-    kept = loud[frequency_selection.spread_over_band(seen[loud], band, wanted, apart)]
+    used = np.flatnonzero(counts)
+    used = used[np.argsort(seen[used], kind="stable")]
+    wanted = max(1, int(most * len(used) / len(keep)))
+    kept = used[frequency_selection.spread_over_band(seen[used], band, wanted, apart)]
     while counts[kept].sum() > most and len(kept) > 1:  # few frequencies with many rows
         kept = np.delete(kept, np.argmax(counts[kept]))
     chosen = keep[np.isin(row[keep], kept)]

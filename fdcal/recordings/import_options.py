@@ -18,6 +18,8 @@ class ImportLimits:
         Default band, Hz, of an array of unknown or large radius.
     phase : float
         Largest k R of the default band of a small array, radians, which the solvers resolve.
+    least_phase : float
+        Least k R of the default band, radians. Below it the pressures differ by less than the responses of channels do.
     min_periods : float
         Periods of the lowest frequency in a recording, by default.
     max_frequency : float
@@ -38,6 +40,7 @@ class ImportLimits:
     low: float = 20.0
     high: float = 500.0
     phase: float = 7.0
+    least_phase: float = 0.13
     min_periods: float = 4.0
     max_frequency: float = 0.45
     celsius: float = 20.0

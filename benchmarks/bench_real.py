@@ -1,0 +1,232 @@
+"""From WAV files to positions: a measured array, and simulations of what a person records in a room.
+
+frl         ../shared/data/frl_array, or frl_array in the folder FDCAL_REAL_DATA: seven microphones on a sphere of 5 cm
+            and at its centre, impulse responses in a laboratory with 0, 50 and 100 % of absorbing panels; error to the
+            nominal places
+living      a living room of 5 x 4 x 2.6 m, 0.4 s: 16 and 32 microphones in a ball of 0.4 m, none given, and 32 in a
+            plane, four given; noise and a sound with the spectrum and pauses of speech, 60 s in one take or in four,
+            sensor noise 30 dB below it in the band from 20 to 500 Hz
+dead        small arrays in a room of 6 x 5 x 2.8 m, 0.2 to 0.5 s: impulses of a cardioid source, sensor noise 60 dB
+            below the peak
+
+Image sources by pyroomacoustics, 8 kHz. FDCAL_BENCH_FAMILIES names some of the three, separated by commas;
+FDCAL_BENCH_DRAWS sets the draws of array, source and noise in a line, of takes for the measured array. Each line has
+the RMS error after the best rigid motion (with positions given: without any motion) as mean and worst of the draws,
+the size of the array found over the true one, the sigma claimed, the RMS of error over claim, rows, the seconds of the
+processor from file to positions, and the verdicts.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from itertools import chain, groupby
+from pathlib import Path
+
+import numpy as np
+import soundfile
+from scipy.fft import irfft, rfft, rfftfreq
+from scipy.signal import oaconvolve
+
+import fdcal
+from fdcal.model.gauge import align
+from fdcal.model.validation import InputError
+
+from .bench_comparison import RATE, SPEED, responses
+
+ALONE = True
+DRAWS = int(os.environ.get("FDCAL_BENCH_DRAWS", "3"))
+DATA = Path(os.environ.get("FDCAL_REAL_DATA", Path(__file__).parents[2] / "shared" / "data")) / "frl_array"
+NOMINAL = Path(__file__).parents[1] / "examples" / "frl_array" / "nominal.csv"
+CONDITIONS, ALL_TAKES = ("000", "050", "100"), 12
+
+RECORDED, SNR_DB, BAND = 60.0, 30.0, (20.0, 500.0)  # of noise and speech: s of all takes together; dB in a band, Hz
+PEAK_DB = 60.0  # of an impulse
+GIVEN = 4  # microphones of the plane
+HEAD = " " * 44 + f" {'mean':>6} {'worst':>6} mm  {'size':>5} {'claim':>6} mm error/claim  rows     s  verdicts"
+
+
+@dataclass(frozen=True)
+class Case:
+    """Takes of one array: their files, the true positions (N, 3) or (N, 2), metres, and options of `fdcal.load`."""
+
+    name: str
+    takes: Callable[[Path], list[Path]]
+    truth: np.ndarray
+    given: int = 0
+    options: dict = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Found:
+    """RMS error and claim, metres, size over the true one, rows, seconds and verdict; NaN where refused."""
+
+    error: float = np.nan
+    claim: float = np.nan
+    size: float = np.nan
+    rows: int = 0
+    seconds: float = np.nan
+    verdict: str = "refused"
+
+
+def calibrated(case: Case) -> Found:
+    """Import and calibrate a case."""
+    with tempfile.TemporaryDirectory() as temporary:
+        folder, options = Path(temporary), dict(case.options)
+        if case.given:
+            lines = [",".join([str(n), *map(repr, case.truth[n].tolist())]) for n in range(case.given)]
+            table = folder / "known.csv"
+            table.write_text("\n".join(["name,x,y,z"[: 4 + 2 * case.truth.shape[1]], *lines]) + "\n")
+            options["known"] = str(table)
+        files, start = case.takes(folder), time.process_time()
+        try:
+            measurement = fdcal.load(files, **options)
+            found = fdcal.calibrate(measurement, known="all" if case.given else "none")
+        except InputError as error:
+            print(f"    {case.name}: {error}")
+            return Found()
+        seconds = time.process_time() - start
+    x, free = np.asarray(found.positions), slice(case.given, None)
+    errors = np.linalg.norm((x if case.given else align(x, case.truth)) - case.truth, axis=1)[free]
+    sigma = np.full(len(errors), np.nan) if found.uncertainty is None else found.uncertainty[free]
+    size = np.linalg.norm(x - x.mean(axis=0)) / np.linalg.norm(case.truth - case.truth.mean(axis=0))
+    return Found(_rms(errors), _rms(sigma), float(size), len(measurement.frequencies), seconds, str(found.verdict))
+
+
+def _rms(values) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def measured() -> Iterator[Case]:
+    """The measured array: takes of one, four and all places of the loudspeaker, evenly round the array."""
+    truth = np.loadtxt(NOMINAL, delimiter=",", skiprows=1)[:, 1:]
+    for condition in CONDITIONS:
+        files = sorted((DATA / condition).glob("*.wav"))
+        for count in (1, 4, ALL_TAKES):
+            apart = ALL_TAKES // count
+            for first in np.unique(np.linspace(0, apart, min(DRAWS, apart), endpoint=False).astype(int)):
+                chosen = files[first::apart]
+                yield Case(f"frl_array {condition}, {_takes(count)}", lambda _, chosen=chosen: chosen, truth)
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """A family of cases: room, m; reverberation, s; sound; microphones, in a ball, m, or at one height in it."""
+
+    name: str
+    room: tuple[float, float, float]
+    reverberation: float
+    kind: str
+    count: int
+    radius: float
+    flat: bool = False
+
+    def cases(self) -> Iterator[Case]:
+        """One take and four of each draw."""
+        for takes in (1, 4):
+            for seed in range(DRAWS):
+                rng = np.random.default_rng([seed, 24, self.count])
+                places = self.array(rng) + np.array(self.room) * (0.44, 0.47, 0.5)
+                sources = [self.source(rng, places) for _ in range(4)][:takes]
+                options = {"sound_speed": SPEED, "kind": "impulse" if self.kind == "impulse" else "stationary"}
+
+                def write(folder, places=places, sources=sources, seed=seed):
+                    return [self.write(folder / f"{n}.wav", places, x, len(sources), [seed, n]) for n, x in
+                            enumerate(sources)]  # fmt: skip
+
+                truth, given = (places[:, :2], GIVEN) if self.flat else (places, 0)
+                yield Case(f"{self.name}, {_takes(takes)}", write, truth, given, options)
+
+    def array(self, rng) -> np.ndarray:
+        """Microphones that keep apart (N, 3), metres; the first four are far out."""
+        kept: list[np.ndarray] = []
+        while len(kept) < self.count:
+            x = rng.uniform(-self.radius, self.radius, 3) * (1, 1, not self.flat)
+            apart = self.radius * 0.65 / np.cbrt(self.count)
+            if np.linalg.norm(x) < self.radius and all(np.linalg.norm(x - y) > apart for y in kept):
+                kept.append(x)
+        places = np.array(kept)
+        far = [int(np.argmax(places @ (np.cos(a), np.sin(a), 0))) for a in np.pi / 2 * np.arange(GIVEN) + np.pi / 4]
+        return places[list(dict.fromkeys([*far, *range(self.count)]))]
+
+    def source(self, rng, places: np.ndarray) -> np.ndarray:
+        """A place 0.3 m from the walls and 1.2 m from the middle of the array (3,), metres."""
+        while True:
+            place = rng.uniform(0.3, np.array(self.room) - 0.3)
+            if np.linalg.norm(place - places.mean(axis=0)) > 1.2:
+                return place
+
+    def write(self, path: Path, places, source, takes: int, seed: list[int]) -> Path:
+        """Write what the array records of a source: a cardioid that faces it plays an impulse, a point the others."""
+        rng, facing = np.random.default_rng(seed), places.mean(axis=0) - source
+        impulse = self.kind == "impulse"
+        h = responses(places, source, self.reverberation, 80, self.room, facing if impulse else None)
+        sound, floor = h, np.abs(h).max() * 10 ** (-PEAK_DB / 20)
+        if not impulse:
+            played = rng.standard_normal(int(RATE * RECORDED / takes) + h.shape[1])
+            played = speech_like(played, rng) if self.kind == "speech" else played
+            sound = oaconvolve(played[None], h, axes=1)[:, h.shape[1] : len(played)]
+            f, spectrum = rfftfreq(sound.shape[1], 1 / RATE), rfft(sound, axis=1)
+            band = (f > BAND[0]) & (f < BAND[1])
+            floor = np.sqrt(np.mean(np.abs(spectrum[:, band]) ** 2) / sound.shape[1]) * 10 ** (-SNR_DB / 20)
+        samples = sound + floor * rng.standard_normal(sound.shape)
+        soundfile.write(path, 0.5 * samples.T / np.abs(samples).max(), RATE, subtype="FLOAT")
+        return path
+
+
+def _takes(count: int) -> str:
+    return "1 take" if count == 1 else f"{count} takes"
+
+
+def speech_like(noise: np.ndarray, rng) -> np.ndarray:
+    """`noise` (T,) that falls by 9 dB per octave above 200 Hz and below 80 Hz, in syllables and pauses."""
+    f = np.maximum(rfftfreq(len(noise), 1 / RATE), 1e-3)
+    voice = irfft(rfft(noise) / (1 + (f / 200) ** 1.5) / (1 + (80 / f) ** 1.5), len(noise))
+    syllables, phrases = (
+        irfft(rfft(rng.standard_normal(len(noise))) * (f < highest), len(noise)) for highest in (4.0, 0.5)
+    )
+    return voice * np.maximum(syllables / syllables.std() + 0.5, 0) * (phrases / phrases.std() > -0.5)
+
+
+LIVING, DEAD = (5.0, 4.0, 2.6), (6.0, 5.0, 2.8)  # m
+FAMILIES: dict[str, Callable[[], Iterator[Case]]] = {
+    "frl": measured,
+    "living": lambda: chain.from_iterable(
+        Simulated(f"living room, {kind}, {count} in a {words}", LIVING, 0.4, kind, count, 0.4, flat).cases()
+        for kind in ("noise", "speech")
+        for count, words, flat in ((16, "ball", False), (32, "ball", False), (32, "plane", True))
+    ),
+    "dead": lambda: chain.from_iterable(
+        Simulated(f"dead room {t60:g} s, {count} in {100 * radius:.0f} cm", DEAD, t60, "impulse", count, radius).cases()
+        for count, radius, t60 in ((7, 0.05, 0.5), (8, 0.1, 0.35), (12, 0.2, 0.2), (16, 0.3, 0.35))
+    ),
+}
+
+
+def run() -> Iterator[str]:
+    wanted = [name for name in os.environ.get("FDCAL_BENCH_FAMILIES", "").split(",") if name] or list(FAMILIES)
+    yield HEAD
+    for family in wanted:
+        if family == "frl" and not DATA.is_dir():
+            yield f"frl_array: skipped, {DATA} is absent; FDCAL_REAL_DATA names the folder that it is in"
+            continue
+        for name, cases in groupby(FAMILIES[family](), key=lambda case: case.name):
+            yield line(name, [calibrated(case) for case in cases])
+
+
+def line(name: str, found: list[Found]) -> str:
+    """One line of the table."""
+    errors, claims = np.array([one.error for one in found]), np.array([one.claim for one in found])
+    if not np.isfinite(errors).any():
+        return f"{name:<44} refused"
+    verdicts = ", ".join(f"{code} {n}" for code, n in Counter(one.verdict for one in found).most_common())
+    mean = [float(np.nanmean([getattr(one, key) for one in found])) for key in ("size", "rows", "seconds")]
+    return (
+        f"{name:<44} {1e3 * np.nanmean(errors):6.1f} {1e3 * np.nanmax(errors):6.1f}     {mean[0]:5.2f}"
+        f" {1e3 * np.nanmean(claims):6.1f}    {np.sqrt(np.nanmean((errors / claims) ** 2)):11.2f} {mean[1]:5.0f}"
+        f" {mean[2]:5.1f}  {verdicts}"
+    )

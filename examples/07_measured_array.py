@@ -1,0 +1,21 @@
+"""Find seven real microphones from four takes: recordings with the loudspeaker at four places.
+
+Impulse responses of a laboratory, from R3VIVAL (CC BY 4.0, see frl_array/LICENSE.md), on a sphere of 5 cm radius.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+import fdcal
+
+folder = Path(__file__).parent / "frl_array"
+takes = sorted(folder.glob("source*.flac"))
+measurement = fdcal.load(takes, positions=folder / "nominal.csv", temperature=20.0)
+found = fdcal.calibrate(measurement, known="none")
+
+print(f"{measurement.take_count} takes, {len(measurement.frequencies)} rows; verdict {found.verdict}")
+print(f"RMS distance to the nominal places {1000 * found.rms_error:.1f} mm")
+size, nominal = (np.linalg.norm(x - x.mean(axis=0)) for x in (found.positions, measurement.positions))
+print(f"size {size / nominal:.2f} of the nominal one")
+found.export("array.xml", force=True)  # for Acoular
