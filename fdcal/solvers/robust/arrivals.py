@@ -1,10 +1,11 @@
 """Arrival times of the direct sound as one more term of the cost; the source of each take is anywhere.
 
     r_tn = c tau_tn - b_t - g(x_n - x_0, u_t, q_t)
-    g    = (|x_n - y_t| - |x_0 - y_t|) = (q z^2 - 2 u . z) / (1 + s),   s = sqrt(1 - 2 q u . z + q^2 z^2),   z = x_n - x_0
+    g    = |x_n - y_t| - |x_0 - y_t| = (q z^2 - 2 u . z) / (1 + s),   s = sqrt(1 - 2 q u . z + q^2 z^2)
 
-y_t is the place of the source, u_t the direction to it from the middle x_0 of the array, q_t one over its distance: a
-plane wave is q = 0, where nothing is singular. From g (2 + q g) = q z^2 - 2 u . z follow the derivatives
+y_t is the place of the source, u_t the direction to it from the middle x_0 of the array, z = x_n - x_0, q_t one over
+the distance of the source: a plane wave is q = 0, where nothing is singular. From g (2 + q g) = q z^2 - 2 u . z follow
+the derivatives
 
     dg / du = -z / s,    dg / dq = (z^2 - g^2) / (2 s),    dg / dz = (q z - u) / s
 
