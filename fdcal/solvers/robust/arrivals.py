@@ -39,9 +39,14 @@ class ArrivalRules:
     damping, min_damping : of the first step, and at least
     nearest : metres, from the middle of the array to the source
     min_curvature : of a residual's cost, over its weight: that of an outlier is negative
+    subsets : of microphones, to which a plane wave is fitted to begin with
     starts : times one over the radius of the array: inverse distances from which the fit begins
     prior_count : observations that the stated sigma is worth
+    outlier : times a robust scatter, residuals that are left out of sigma
     min_sigma : least sigma over the stated one
+    min_spread : metres, least error of the positions before the arrivals count
+    held : 1/m^2, stiffness of a microphone whose position is exact
+    rounds : of positions and sigma before the arrivals count
     change : factor by which sigma changes at once, at most
     """
 
@@ -51,9 +56,14 @@ class ArrivalRules:
     min_damping: float = 1e-9
     nearest: float = 0.1
     min_curvature: float = 0.1
+    subsets: int = 40
     starts: tuple[float, ...] = (0.0, 0.6)
     prior_count: float = 4.0
+    outlier: float = 4.0
     min_sigma: float = 0.2
+    min_spread: float = 5e-3
+    held: float = 1e16
+    rounds: int = 15
     change: float = 4.0
 
 
@@ -139,8 +149,10 @@ class Arrivals:
     def scatter(self, positions: np.ndarray, log_speed: float = 0.0) -> np.ndarray:
         """Return a robust standard deviation (T,) of the residuals at positions (N, D), metres."""
         paths, z = self.paths * np.exp(log_speed), self._padded(positions - positions.mean(axis=0))
-        wide = replace(self, sigma=np.maximum(self.stated, np.abs(z).max()))
-        for _ in range(3):  # a sigma that is far too large hides outliers
+        u, b = self._plane_waves(paths, z)
+        r = np.where(self.used, paths + u @ z.T - b[:, None], np.nan)
+        wide = replace(self, sigma=np.hypot(self.stated, 1.4826 * np.nanmedian(np.abs(r), axis=1)))
+        for _ in range(2):  # now with the curvature of the front
             r = wide._residuals(paths, z, wide._sources(paths, z))[0]
             middle = np.array([np.median(np.abs(row[use])) for row, use in zip(r, self.used, strict=True)])
             wide = replace(wide, sigma=np.hypot(self.stated, 1.4826 * middle))
@@ -195,15 +207,14 @@ class Arrivals:
         """Directions (T, dimension) and emissions (T,), metres, by least squares that weigh outliers down."""
         A = np.column_stack([z, np.ones(len(z))])
         flat = np.linalg.svd(z, full_matrices=False)[2][-1]  # the direction of which a plane array shows least
-        weight = np.where(self.used, 1.0, 0.0)
-        fit = np.zeros((len(paths), A.shape[1]))
-        for _ in range(5):
-            weighted = weight[:, :, None] * A
-            inverse = np.linalg.pinv(np.swapaxes(weighted, 1, 2) @ A, rcond=1e-6, hermitian=True)
-            fit = np.einsum("tkl,tnl,tn->tk", inverse, weighted, paths)
+        fit = self._consensus(paths, A)
+        for _ in range(3):
             r = np.where(self.used, paths - fit @ A.T, np.nan)
             scale = np.maximum(1.4826 * np.nanmedian(np.abs(r), axis=1), self.stated)[:, None]
             weight = np.where(self.used, 1 / (NU + (r / scale) ** 2), 0.0)
+            weighted = weight[:, :, None] * A
+            inverse = np.linalg.pinv(np.swapaxes(weighted, 1, 2) @ A, rcond=1e-6, hermitian=True)
+            fit = np.einsum("tkl,tnl,tn->tk", inverse, weighted, paths)
         u = -fit[:, :-1]
         normal = u @ flat
         u = u - normal[:, None] * flat
@@ -211,6 +222,24 @@ class Arrivals:
         rest = np.sqrt(np.maximum(1 - size**2, 0.0)) * np.where(normal < 0, -1.0, 1.0)
         u = u / np.maximum(size, 1.0)[:, None] + rest[:, None] * flat
         return u / np.linalg.norm(u, axis=1, keepdims=True), fit[:, -1]
+
+    def _consensus(self, paths, A) -> np.ndarray:
+        """Fit (T, K) of paths by A (N, K) of the least median residual, over small subsets of the microphones.
+
+        P. Rousseeuw, "Least Median of Squares Regression", J. Am. Stat. Assoc. 79, 1984: up to half may be outliers.
+        """
+        order = np.random.default_rng(0).random((RULES.subsets, *paths.shape)) + ~self.used  # the used ones first
+        chosen = np.argsort(order, axis=-1)[..., : A.shape[1] + 1]
+        few = A[chosen]
+        H = np.swapaxes(few, -1, -2) @ few
+        H += 1e-9 * np.trace(H, axis1=-2, axis2=-1)[..., None, None] * np.eye(A.shape[1])
+        right = (
+            np.swapaxes(few, -1, -2) @ np.take_along_axis(np.broadcast_to(paths, order.shape), chosen, -1)[..., None]
+        )
+        fits = np.linalg.solve(H, right)[..., 0]
+        size = np.where(self.used, np.abs(paths - fits @ A.T), np.inf)
+        middle = np.sort(size, axis=-1)[:, np.arange(len(paths)), np.sum(self.used, axis=1) // 2]
+        return fits[np.argmin(middle, axis=0), np.arange(len(paths))]
 
     def _fitted(self, paths, z, source: Source) -> tuple[Source, np.ndarray]:
         """The source of each take at the nearest minimum, and its cost (T,), by damped Gauss-Newton steps."""
@@ -297,15 +326,42 @@ def hyper_cost(arrivals: Arrivals) -> float:
     return float(RULES.prior_count * np.sum(np.log(ratio) + (1 / ratio**2 - 1) / 2))
 
 
+def near_positions(arrivals: Arrivals, positions: np.ndarray, spread: float, held) -> tuple[np.ndarray, np.ndarray]:
+    """Return the positions (N, D) that fit the arrivals best, and the sigma (T,) of these, metres.
+
+    positions, spread : where the array is, (N, D), and one sigma of a coordinate, metres; held : (A,) int64, those that
+    do not move. Times of several takes that agree with one array are right, wherever the array was thought to be.
+    """
+    x, stiffness = np.array(positions), np.full(positions.shape, 1 / max(spread, RULES.min_spread) ** 2)
+    stiffness[held] = RULES.held
+    stiffness = stiffness.ravel()
+    arrivals = replace(arrivals, sigma=arrivals.scatter(x))
+    covariance = np.zeros((x.size + 1,) * 2)
+    for _ in range(RULES.rounds):
+        terms = arrivals.terms(x)
+        covariance[:-1, :-1] = np.linalg.inv(terms.matrix[:-1, :-1] + np.diag(stiffness))
+        pull = terms.gradient[:, :-1].sum(axis=0) + stiffness * (x - positions).ravel()
+        x = x - (covariance[:-1, :-1] @ pull).reshape(x.shape)
+        arrivals = replace(arrivals, sigma=updated_sigma(arrivals, arrivals.terms(x), covariance))
+    return x, arrivals.sigma
+
+
 def updated_sigma(arrivals: Arrivals, terms: ArrivalTerms, covariance: np.ndarray) -> np.ndarray:
     """Return the sigma (T,), metres, of the arrivals by empirical Bayes (MacKay).
 
-    covariance : (N D + 1, N D + 1) float64, of positions and log sound speed after a step. The squares of the residuals
-    over how many of them the positions are not free to fit; the stated sigma counts as `RULES.prior_count` of them.
+    The squares of the residuals over how many of them the positions are not free to fit; the stated sigma counts as
+    `RULES.prior_count` of them. Outliers are left out: the scale of a Student t distribution breaks down where a share
+    1 / (1 + NU) of all are outliers.
+
+    covariance : (N D + 1, N D + 1) float64, of positions and log sound speed after a step
     """
-    fitted = np.einsum("tnf,fg,tng->t", terms.slopes, covariance, terms.slopes)
-    determined = np.clip(terms.count - fitted, 0.0, terms.count)
-    squares = np.sum(terms.weight * terms.residual**2, axis=1) * arrivals.sigma**2
+    r, used = np.abs(terms.residual), arrivals.used
+    middle = np.array([np.median(row[use]) for row, use in zip(r, used, strict=True)])
+    inside = used & (r <= RULES.outlier * np.maximum(1.4826 * middle, arrivals.stated)[:, None])
+    part = np.sum(inside, axis=1) / np.sum(used, axis=1)
+    fitted = np.einsum("tnf,fg,tng,tn->t", terms.slopes, covariance, terms.slopes, inside)
+    determined = np.clip(part * terms.count - fitted, 0.0, terms.count)
+    squares = np.sum(inside * terms.weight * r**2, axis=1) * arrivals.sigma**2
     fresh = (squares + RULES.prior_count * arrivals.stated**2) / (determined + RULES.prior_count)
     fresh = np.clip(np.sqrt(fresh), arrivals.sigma / RULES.change, RULES.change * arrivals.sigma)
     return np.maximum(fresh, RULES.min_sigma * arrivals.stated)

@@ -111,11 +111,13 @@ def with_spreads(problem: Problem, state: State, trial: ChannelStep) -> State:
 
 
 def with_arrivals(problem: Problem, state: State) -> State:
-    """Return `state` with arrivals that count, if there are any: with the scatter that they have at its positions."""
+    """Return `state` with arrivals that count, if there are any, at positions near by that fit these best."""
     arrivals = direct_sound.arrivals_of(problem, None, state.model.filters)
     if arrivals is None:
         return state
-    return _with_sigma_of(problem, state, arrivals.scatter(state.positions, state.model.log_speed))
+    held = objective_of(problem, state, slice(0)).priors.held
+    x, sigma = direct_sound.near_positions(arrivals, state.positions, state.model.spread, held)
+    return _with_sigma_of(problem, replace(state, positions=frozen_array(x, float)), sigma)
 
 
 def with_arrival_sigma(problem: Problem, state: State, trial: ChannelStep) -> State:
