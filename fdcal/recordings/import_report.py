@@ -89,7 +89,7 @@ def import_summary(measurement: Measurement, report: ImportReport, wording: Mapp
         f"sound speed  {report.speed:.1f} m/s {report.speed_from}",
         f"known        {len(measurement.known)} of {measurement.count} microphones",
     ]
-    if measurement.arrivals is not None:
+    if measurement.arrivals is not None and measurement.arrival_sigma is not None:
         found, sigma = np.isfinite(measurement.arrivals), np.median(measurement.arrival_sigma)
         scatter = f"{1e3 * measurement.sound_speed * sigma:.1f} mm"
         lines += [f"arrivals     direct sound at {np.sum(found)} of {found.size} microphones, to about {scatter}"]
