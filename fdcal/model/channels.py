@@ -53,6 +53,9 @@ def exclude_microphones(table: dict, chosen: Sequence[str]) -> dict:
     changed = dict(table, pressures=pressures[:, kept], names=tuple(names[n] for n in kept))
     if table.get("positions") is not None:
         changed["positions"] = np.asarray(table["positions"])[kept]
+    arrivals = table.get("arrivals")
+    if arrivals is not None and np.ndim(arrivals) == 2 and np.shape(arrivals)[1] == count:
+        changed["arrivals"] = np.asarray(arrivals)[:, kept]
     if table.get("known") is not None:
         known = np.asarray(table["known"])
         stays = np.isin(known, kept)

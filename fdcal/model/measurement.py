@@ -55,6 +55,11 @@ class Measurement(MeasurementSources):
     takes : (M,) int64, optional
         The take of each row, counted from 0; one take unless given. A take is one recording of all microphones with
         the source at one place: the channels and the positions are common to all takes, the sound field is not.
+    arrivals : (T, N) float64, optional
+        When the direct sound arrives at each microphone in each take, seconds; row t belongs to take t, and its origin
+        is arbitrary. NaN where the direct sound does not stand out.
+    arrival_sigma : (T,) float64 or float, optional
+        One sigma of an arrival of each take, seconds, as far as it is known; 0.3 mm over the sound speed unless given.
 
     Raises
     ------
@@ -83,6 +88,8 @@ class Measurement(MeasurementSources):
     search: Search | None
     spectrum: np.ndarray | None
     takes: np.ndarray
+    arrivals: np.ndarray | None
+    arrival_sigma: np.ndarray | None
 
     def __init__(
         self,
@@ -100,6 +107,8 @@ class Measurement(MeasurementSources):
         search: Search | None = None,
         spectrum=None,
         takes=None,
+        arrivals=None,
+        arrival_sigma=None,
     ):
         def put(name: str, value: object) -> None:
             object.__setattr__(self, name, value)
@@ -116,6 +125,9 @@ class Measurement(MeasurementSources):
         put("noise_power", noise_power)
         put("takes", checks.takes(takes, len(self.frequencies)))
         put("names", checks.names(names, self.count))
+        times, sigma = checks.arrivals(arrivals, arrival_sigma, self.takes, self.count, self.sound_speed)
+        put("arrivals", times)
+        put("arrival_sigma", sigma)
         if positions is not None:
             positions = checks.real("positions", positions, (self.count, self.array_dimension), "m")
         put("positions", positions)
@@ -160,7 +172,15 @@ class Measurement(MeasurementSources):
             noise_power=None if self.noise_power is None else self.noise_power[chosen],
             spectrum=self._spectrum_of(int(np.searchsorted(numbers, take))),
             takes=self.takes[chosen],
+            arrivals=None if self.arrivals is None else self._arrivals_of(take),
+            arrival_sigma=None if self.arrival_sigma is None else self.arrival_sigma[: take + 1],
         )
+
+    def _arrivals_of(self, take: int) -> np.ndarray:
+        """Return the arrivals (take + 1, N) of one take, seconds, in a table without those before it."""
+        assert self.arrivals is not None
+        others = np.arange(take + 1) != take
+        return np.where(others[:, None], np.nan, self.arrivals[: take + 1])
 
     def _spectrum_of(self, number: int) -> np.ndarray | None:
         """Return the spectrum of one take : (2, F) float64, or None; that of all where each has none of its own."""
@@ -242,6 +262,8 @@ class Measurement(MeasurementSources):
             array_dimension=self.array_dimension,
             frame=minimal_frame(self.known, self.known_positions) if known == "minimal" else None,
             takes=self.takes,
+            arrivals=self.arrivals,
+            arrival_sigma=self.arrival_sigma,
         )
 
     def _unit_modes(self) -> tuple[np.ndarray, np.ndarray | None]:

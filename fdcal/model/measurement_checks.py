@@ -11,6 +11,16 @@ import numpy as np
 from .settings import Search
 from .validation import LIMITS, InputError, frozen_array, require_array, require_choice, require_positive
 
+
+@dataclass(frozen=True)
+class ArrivalLimits:
+    """Of arrival times: the latest, seconds, and one sigma unless it is given, metres over the sound speed."""
+
+    latest: float = 1e4
+    sigma: float = 3e-4
+
+
+ARRIVALS = ArrivalLimits()
 ROUNDING = 1e-9  # relative to a wavenumber: an imaginary part this small may have either sign
 
 
@@ -87,6 +97,38 @@ def takes(values, rows: int) -> np.ndarray:
     if np.any(numbers < 0):
         raise InputError("takes must be counted from 0", "give one number for each row", key="takes")
     return frozen_array(numbers, np.int64)
+
+
+def arrivals(times, sigma, takes, count: int, speed: float) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Return the arrivals (T, N) and their standard deviations (T,), seconds; None and None without any.
+
+    times, sigma : as they are given; takes : (M,) int64; count : number of microphones N; speed : m/s
+    """
+    rows = int(takes.max(initial=0)) + 1
+    if times is None:
+        if sigma is not None:
+            raise InputError("arrival_sigma belongs to arrivals, which are missing", "add them", key="arrival_sigma")
+        return None, None
+    try:
+        array = np.asarray(times)
+        missing = np.isnan(array)
+        array = np.where(missing, 0.0, array)
+        rows = max(rows, len(array))  # a take may have arrivals alone
+    except (TypeError, ValueError):  # texts, or rows of different lengths: `require_array` says which
+        array, missing = times, np.zeros((rows, count), bool)
+    array = require_array("arrivals", array, "real", (rows, count), "s, one row for each take")
+    latest = float(np.abs(array).max(initial=0.0))
+    if latest > ARRIVALS.latest:
+        problem = f"an arrival of {latest:.3g} s is too late"
+        raise InputError(problem, f"use times within {ARRIVALS.latest:g} s of 0", key="arrivals")
+    sigma = ARRIVALS.sigma / speed if sigma is None else sigma
+    if np.ndim(sigma) == 0:
+        require_positive("arrival_sigma", np.asarray(sigma).item(), "s")
+        sigma = np.full(rows, float(sigma))
+    deviation = require_array("arrival_sigma", sigma, "real", (rows,), "s, one for each take")
+    if np.any(deviation <= 0):
+        raise InputError("arrival_sigma must be above zero", "give one for each take, s", key="arrival_sigma")
+    return frozen_array(np.where(missing, np.nan, array), float), deviation
 
 
 def known(indices, places, truth: np.ndarray | None, count: int, D: int) -> tuple[np.ndarray, np.ndarray]:

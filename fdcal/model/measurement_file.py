@@ -30,6 +30,8 @@ OPTIONAL = (
     "known_positions",
     "spectrum",
     "takes",
+    "arrivals",
+    "arrival_sigma",
 )
 
 
@@ -63,8 +65,8 @@ def load_measurement(path, excluded: Sequence[str] = (), called: str = "") -> Me
 
     Keys: `frequencies` (M,) Hz, `pressures` (M, N) complex, `sound_speed` m/s, `dimension`; optionally
     `array_dimension`, `wavenumbers` (M,) complex rad/m, `noise_power` (M,), `names` (N,), `positions` (N, D) m,
-    `known` (A,) with `known_positions` (A, D) m, `takes` (M,) the take of each row, from 0, and all or none of
-    `search_origin`, `search_size`, `search_step`, `radius`, m.
+    `known` (A,) with `known_positions` (A, D) m, `takes` (M,) the take of each row, from 0, `arrivals`
+    (T, N) s with `arrival_sigma` (T,) s, and all or none of `search_origin`, `search_size`, `search_step`, `radius`, m.
 
     Parameters
     ----------

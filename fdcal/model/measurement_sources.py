@@ -10,6 +10,7 @@ import numpy as np
 import fdcal
 
 from .channels import microphone_index
+from .measurement_checks import ARRIVALS
 from .validation import InputError, require_choice
 
 
@@ -136,7 +137,7 @@ class MeasurementSources:
             if len(one.known) and not same:
                 problem = f"measurement {number} gives other known positions than another take"
                 raise InputError(problem, "give them once, or alike", key="known")
-        firsts = np.cumsum([0, *(int(one.takes.max()) + 1 for one in each)])
+        firsts = np.cumsum([0, *(_take_rows(one) for one in each)])
         f = np.concatenate([one.frequencies for one in each])
         takes = np.concatenate([one.takes + first for one, first in zip(each, firsts, strict=False)])
         order = np.lexsort((takes, f))
@@ -156,6 +157,7 @@ class MeasurementSources:
             search=each[0].search,
             spectrum=_joined_spectrum(each),
             takes=takes[order],
+            **_joined_arrivals(each),
         )
 
     @classmethod
@@ -202,3 +204,22 @@ def _joined_spectrum(each: Sequence[fdcal.Measurement]) -> np.ndarray | None:
         return None
     f = max((spectrum[0] for spectrum in spectra), key=len)
     return np.stack([f, *(np.interp(f, spectrum[0], power) for spectrum in spectra for power in spectrum[1:])])
+
+
+def _take_rows(measurement: fdcal.Measurement) -> int:
+    """Number of takes, counted to the last that has a row or arrivals."""
+    own = 0 if measurement.arrivals is None else len(measurement.arrivals)
+    return max(int(measurement.takes.max()) + 1, own)
+
+
+def _joined_arrivals(each: Sequence[fdcal.Measurement]) -> dict[str, np.ndarray]:
+    """Arrivals of all takes, and their sigma, as arguments of a measurement; NaN for those without."""
+    if all(one.arrivals is None for one in each):
+        return {}
+    times, sigma = [], []
+    for one in each:
+        rows = _take_rows(one)
+        none = np.full((rows, one.count), np.nan), np.full(rows, ARRIVALS.sigma / one.sound_speed)
+        times.append(none[0] if one.arrivals is None else one.arrivals)
+        sigma.append(none[1] if one.arrival_sigma is None else one.arrival_sigma)
+    return {"arrivals": np.concatenate(times), "arrival_sigma": np.concatenate(sigma)}

@@ -55,6 +55,10 @@ class Problem:
         The minimal gauge; no microphone is `known` then.
     takes : (M,) int64
         The take of each row; one unless given. Rows of one take share the directions from which the sound comes.
+    arrivals : (T, N) float64 or None
+        Arrivals of the direct sound, seconds, row t of take t, its origin arbitrary; NaN where there is none.
+    arrival_sigma : (T,) float64 or None
+        One sigma of an arrival of each take, seconds; with `arrivals`.
     """
 
     pressures: np.ndarray
@@ -69,6 +73,8 @@ class Problem:
     array_dimension: int
     frame: GaugeFrame | None = None
     takes: np.ndarray = field(default_factory=lambda: np.zeros(0, np.int64))
+    arrivals: np.ndarray | None = None
+    arrival_sigma: np.ndarray | None = None
 
     def __post_init__(self):
         if len(self.takes) != len(self.frequencies):

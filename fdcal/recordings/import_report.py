@@ -89,6 +89,10 @@ def import_summary(measurement: Measurement, report: ImportReport, wording: Mapp
         f"sound speed  {report.speed:.1f} m/s {report.speed_from}",
         f"known        {len(measurement.known)} of {measurement.count} microphones",
     ]
+    if measurement.arrivals is not None and measurement.arrival_sigma is not None:
+        found, sigma = np.isfinite(measurement.arrivals), np.median(measurement.arrival_sigma)
+        scatter = f"{1e3 * measurement.sound_speed * sigma:.1f} mm"
+        lines += [f"arrivals     direct sound at {np.sum(found)} of {found.size} microphones, to about {scatter}"]
     if not report.takes:
         lines += [f"modelled     {recording.modelled}"] if recording.modelled else _snr_lines(taken)
     return "\n".join([*lines, f"highest usable frequency  {limit}", *_count_lines(measurement)])

@@ -11,6 +11,7 @@ import numpy as np
 from ..model.measurement import Measurement
 from ..model.validation import InputError
 from . import channel_selection, formats
+from .arrivals import with_arrivals
 from .channel_health import ChannelHealth, inspect_channels, require_usable_channels
 from .cross_spectra import min_duration, stationary_pressures
 from .frequency_range import coordinate_count, frequency_band, highest_frequency
@@ -23,6 +24,7 @@ from .reverberation import segment_levels
 from .takes import read_takes, split
 
 DECAYED_DB = 20.0  # by how much the level of an impulse response falls towards its end
+ARRIVAL_BAND = 0.4  # of the sampling rate: the highest frequency of an onset
 MAX_WINDOW_NEPERS = 50.0  # by how much an exponential window may attenuate the end of a recording
 DEFAULTS = ImportOptions()
 
@@ -111,9 +113,12 @@ def _measurement_of_take(
     speed, speed_from = sound_speed_of(recording.sound_speed, options)
     found = highest_frequency(recording, options, known_positions, speed)
     band = frequency_band(recording, options, found, speed)
-    recording, kind, noise = _classified(recording, options, band)
+    taken = recording
+    recording, kind, noise = _classified(taken, options, band)
     pressures = _pressures(recording, kind, options, band, speed, noise)
     measurement = _measurement(recording, options, known, known_positions, pressures, speed)
+    if kind == "impulse":
+        measurement = with_arrivals(measurement, recording if options.reference is None else _responses(taken, options))
     return measurement, ImportReport(recording, kind, left_out, pressures, speed, speed_from, found.limit, found.words)
 
 
@@ -180,6 +185,14 @@ def _classified(
     if kind == "impulse" and recording.samples <= MAX_SAMPLES and not recording.modelled:
         require_quiet_end(recording, band)
     return recording, kind, None
+
+
+def _responses(recording: Recording, options: ImportOptions) -> Recording:
+    """Return the impulse responses in the whole band of the reference: an onset is as sharp as the band is wide."""
+    from .deconvolution import deconvolve
+
+    low, high = LIMITS.low, ARRIVAL_BAND * recording.sample_rate
+    return deconvolve(recording, formats.read(str(options.reference)), (low, high))[0]
 
 
 def _decays(recording: Recording, band: tuple[float, float]) -> bool:

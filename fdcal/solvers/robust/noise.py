@@ -13,8 +13,10 @@ from ...cost.waves import directions_needed
 from ...model.problem import Problem
 from ...model.validation import frozen_array
 from ..estimate import stretch_sigma
+from . import arrivals as direct_sound
 from .objective import (
     Objective,
+    arrival_index,
     corrected,
     field_of,
     field_wavenumbers,
@@ -24,6 +26,7 @@ from .objective import (
     objective_of,
     speed_is_free,
     spring,
+    state_arrivals,
     unknowns_of,
     used_modes,
     wavenumbers,
@@ -107,6 +110,36 @@ def with_spreads(problem: Problem, state: State, trial: ChannelStep) -> State:
     return replace(state, model=replace(model, gain_sigma=sigmas[0], phase_sigma=sigmas[1], known_sigma=sigma))
 
 
+def with_arrivals(problem: Problem, state: State) -> State:
+    """Return `state` with arrivals that count, if there are any, at positions near by that fit these best."""
+    arrivals = direct_sound.arrivals_of(problem, None, state.model.filters)
+    if arrivals is None:
+        return state
+    held = objective_of(problem, state, slice(0)).priors.held
+    x, sigma = direct_sound.near_positions(arrivals, state.positions, state.model.spread, held)
+    return _with_sigma_of(problem, replace(state, positions=frozen_array(x, float)), sigma)
+
+
+def with_arrival_sigma(problem: Problem, state: State, trial: ChannelStep) -> State:
+    """Return `state` with the sigma of the arrivals of each take by empirical Bayes after a step."""
+    arrivals = state_arrivals(problem, state)
+    if arrivals is None or trial.matrix is None or trial.free.ndim != 1:
+        return state
+    H, index = trial.matrix, arrival_index(trial.unknowns)
+    covariance = np.zeros((trial.unknowns.vector.size,) * 2)
+    covariance[np.ix_(trial.free, trial.free)] = np.linalg.inv(H + 1e-12 * np.diag(np.diag(H)))
+    terms = arrivals.terms(state.positions, state.model.log_speed)
+    return _with_sigma_of(problem, state, direct_sound.updated_sigma(arrivals, terms, covariance[np.ix_(index, index)]))
+
+
+def _with_sigma_of(problem: Problem, state: State, sigma) -> State:
+    """`state` with a sigma for each take that has enough arrivals."""
+    assert problem.arrivals is not None and problem.arrival_sigma is not None
+    every = problem.sound_speed * np.array(problem.arrival_sigma)
+    every[direct_sound.counted(problem, state.model.filters)] = sigma
+    return replace(state, model=replace(state.model, arrival_sigma=frozen_array(every, float)))
+
+
 def _updated_sigma(sigma: float, deviation, variance, components: int, floor: float) -> float:
     """Spread of a prior: squared deviations over how many the data determine.
 
@@ -126,6 +159,13 @@ def same_spreads(before: Model, after: Model) -> bool:
     )
 
 
+def same_arrivals(before: Model, after: Model) -> bool:
+    """Return whether the sigmas of the arrivals have hardly changed."""
+    if before.arrival_sigma is None or after.arrival_sigma is None:
+        return before.arrival_sigma is after.arrival_sigma
+    return bool(np.all(np.abs(np.log(after.arrival_sigma / before.arrival_sigma)) < ASSUMED.same_spread))
+
+
 def score(problem: Problem, state: State, goal: Objective, trial: ChannelStep) -> float:
     """Return -log evidence at the end of a restart, by Laplace's approximation, up to a constant.
 
@@ -140,6 +180,8 @@ def score(problem: Problem, state: State, goal: Objective, trial: ChannelStep) -
     if trial.unknowns.gains:
         cost += N * (np.log(priors.gain_sigma) + np.log(priors.phase_sigma))
         cost += np.sum((state.model.filters != 0) * np.log([OUTLIERS.delay_sigma, OUTLIERS.corner_sigma]))
+    if goal.arrivals is not None:
+        cost += direct_sound.hyper_cost(goal.arrivals)
     if speed_is_free(problem, state):
         cost += np.log(state.settings.sound_speed_sigma or 1.0)
     return float(cost)

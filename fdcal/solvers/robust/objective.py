@@ -25,6 +25,7 @@ from ...cost.likelihood import Conditional, FieldModel, Terms, likelihood_terms,
 from ...model.problem import Problem, mode_power
 from ...model.settings import SolverSettings
 from ...model.validation import frozen_array
+from .arrivals import Arrivals, arrivals_of
 from .rules import ASSUMED, CONDITIONAL, FINAL, OUTLIERS, STAGES
 from .state import DIRECTIONAL, UNDAMPED, Model, State
 
@@ -133,12 +134,13 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class Objective:
-    """Pressures (M, N) of the modes in use, what is assumed of their field at `log_speed`, and the priors."""
+    """Pressures (M, N) of the modes in use, what is assumed of their field at `log_speed`, priors, and arrivals."""
 
     pressures: np.ndarray
     field: FieldModel
     priors: Priors
     log_speed: float = 0.0
+    arrivals: Arrivals | None = None
 
     def evaluate(self, unknowns: Unknowns, derivatives: bool = True) -> Evaluation:
         """Return the cost with priors and, if wanted, its derivatives."""
@@ -156,6 +158,8 @@ class Objective:
         """Return `evaluate` for the `terms` of the likelihood at the unknowns."""
         gradient, matrix = _with_speed(unknowns, terms) if derivatives else (np.zeros(0), np.zeros((0, 0)))
         cost = terms.cost + _add_priors(unknowns, self.priors, gradient, matrix)
+        if self.arrivals is not None:
+            cost += _add_arrivals(unknowns, self.arrivals, gradient, matrix)
         return Evaluation(cost, gradient, matrix, terms)
 
     def finite_cost(self, unknowns: Unknowns) -> float:
@@ -205,6 +209,22 @@ def _add_priors(unknowns: Unknowns, priors: Priors, gradient, matrix) -> float:
         cost += e**2 / 2
         add(-1, e / priors.speed_sigma, 1 / priors.speed_sigma**2)
     return float(cost)
+
+
+def _add_arrivals(unknowns: Unknowns, arrivals: Arrivals, gradient, matrix) -> float:
+    """Cost of the arrivals; gradient and matrix, where they are not empty, are added to in place."""
+    terms = arrivals.terms(unknowns.positions, unknowns.log_speed, len(gradient) > 0)
+    if len(gradient):
+        index = arrival_index(unknowns)
+        gradient[index] += terms.gradient.sum(axis=0)
+        matrix[np.ix_(index, index)] += terms.matrix
+    return terms.cost
+
+
+def arrival_index(unknowns: Unknowns) -> np.ndarray:
+    """Return which of the unknowns arrivals depend on, coordinates and sound speed : (N D + 1,) int64."""
+    size, (N, D) = unknowns.vector.size, unknowns.positions.shape
+    return np.append(np.arange(size - 1).reshape(N, -1)[:, :D].ravel(), size - 1)
 
 
 def in_unit_power(problem: Problem) -> Problem:
@@ -346,4 +366,12 @@ def objective_of(problem: Problem, state: State, used) -> Objective:
     tail = ASSUMED.carrying_tail if given_carry_scale(problem) else NU
     held = held_positions(problem, state)
     priors = Priors(model.gain_sigma, model.phase_sigma, *held, known_sigma, state.offsets, speed or 0.0, tail)
-    return Objective(problem.pressures[used], field_of(problem, state, used), priors, model.log_speed)
+    arrivals = state_arrivals(problem, state)
+    return Objective(problem.pressures[used], field_of(problem, state, used), priors, model.log_speed, arrivals)
+
+
+def state_arrivals(problem: Problem, state: State) -> Arrivals | None:
+    """Return the arrivals with the sigma that the state assumes; None where they do not count yet."""
+    if state.model.arrival_sigma is None:
+        return None
+    return arrivals_of(problem, state.model.arrival_sigma, state.model.filters)

@@ -34,6 +34,7 @@ from .objective import (
     Evaluation,
     Objective,
     Unknowns,
+    arrival_index,
     given_carry_scale,
     in_unit_power,
     objective_of,
@@ -116,7 +117,7 @@ def estimate_at(problem: Problem, settings: SolverSettings, positions, modes: sl
     """
     first, last, _ = modes.indices(len(problem.pressures))
     matched = replace(settings, modes=last, gains="fixed", known_sigma=0.0)
-    problem = in_unit_power(problem)
+    problem = replace(in_unit_power(problem), arrivals=None, arrival_sigma=None)  # which the solver has not used
     begun = begin(State, problem, matched, 0, positions)
     state = replace(begun, first=first + 1, last=last, progress=replace(begun.progress, stage=FINAL))
     state = noise.with_noise(problem, state, rough=False)
@@ -166,6 +167,7 @@ def _spread(
     shape, held = state.positions.shape, goal.priors.held
     slopes = np.asarray(evaluated.terms.slopes).reshape(len(goal.pressures), -1)
     slopes = np.column_stack([slopes, slopes @ here.by_speed()])[:, free]
+    timed = _arrival_slopes(here, goal)[:, free]
     gauge = _gauge(problem, state.positions)
     newton = gauge @ position_covariance(inverse, shape, held) @ gauge.T
     if not len(problem.known):  # sound speed and size of a blind array are one
@@ -175,6 +177,7 @@ def _spread(
     influences = []
     by_take = np.argsort(problem.takes[used_modes(problem, state)], kind="stable")  # neighbours are of one take
     for parts in (slopes, _grouped(slopes[by_take])):
+        parts = np.concatenate([parts, timed])
         moves = np.zeros((len(parts), newton.shape[0]))
         moves[:, index] = -(_about_zero(parts) @ inverse)[:, : len(index)]
         influences.append(moves @ gauge.T)
@@ -183,6 +186,16 @@ def _spread(
     sigma = np.sqrt(np.diag(position_covariance(own, shape, held))).reshape(shape)
     shift = (gauge @ _shift(problem, state, here, goal, free).ravel()).reshape(shape)
     return PositionSpread(newton, tuple(influences), step, sigma, shift)
+
+
+def _arrival_slopes(here: Unknowns, goal: Objective) -> np.ndarray:
+    """Gradient (T, N P + 1) of the arrivals of each take by all unknowns."""
+    if goal.arrivals is None:
+        return np.zeros((0, here.vector.size))
+    terms = goal.arrivals.terms(here.positions, here.log_speed)
+    slopes = np.zeros((len(terms.gradient), here.vector.size))
+    slopes[:, arrival_index(here)] = terms.gradient
+    return slopes
 
 
 def _shift(problem: Problem, state: State, here: Unknowns, goal: Objective, free) -> np.ndarray:

@@ -68,6 +68,8 @@ def begin_stage(problem: Problem, state: State, stage: int) -> State:
     """Return `state` at the beginning of a stage of the schedule."""
     damping = STEPS.deformation_damping if STAGES[stage].degree else STEPS.damping
     progress = replace(state.progress, stage=stage, steps=0, damping=damping)
+    if not STAGES[stage].degree and state.model.arrival_sigma is None:
+        state = noise.with_arrivals(problem, state)
     return replace(state, stage=state.stage + 1, progress=progress, shape=state.positions)
 
 

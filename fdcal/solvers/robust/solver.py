@@ -93,6 +93,9 @@ def step(problem: Problem, state: State) -> State:
         if here.gains:
             moved = noise.centred(noise.with_spreads(problem, moved, trial))
             ended = ended and noise.same_spreads(state.model, moved.model)
+        if moved.model.arrival_sigma is not None:
+            moved = noise.with_arrival_sigma(problem, moved, trial)
+            ended = ended and noise.same_arrivals(state.model, moved.model)
         if moved.model.kernel in DIRECTIONAL:
             ended = ended and progress.steps > 0 and state.cost - moved.cost < ASSUMED.learned
     if not ended and trial.terms is not None and moved.progress.steps < stage.max_steps:

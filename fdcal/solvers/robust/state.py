@@ -39,6 +39,7 @@ class Model:
     log_speed : logarithm of the sound speed over that of the measurement
     directions : (M, Q) float64, power of the field by direction, mean 1; of the directional kernels only
     conditional : kernel of the conditional likelihood that the last stage minimises; "" for that of a random field
+    arrival_sigma : (T,) float64, metres, one sigma of the arrivals of each take; None before they count
     """
 
     power: np.ndarray
@@ -57,6 +58,7 @@ class Model:
     directions: np.ndarray | None = None
     conditional: Literal["", "diffuse", "series"] = ""
     deflation: float = 1.0
+    arrival_sigma: np.ndarray | None = None
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,367 @@
+"""Arrival times of the direct sound as one more term of the cost; the source of each take is anywhere.
+
+    r_tn = c tau_tn - b_t - g(x_n - x_0, u_t, q_t)
+    g    = |x_n - y_t| - |x_0 - y_t| = (q z^2 - 2 u . z) / (1 + s),   s = sqrt(1 - 2 q u . z + q^2 z^2)
+
+y_t is the place of the source, u_t the direction to it from the middle x_0 of the array, z = x_n - x_0, q_t one over
+the distance of the source: a plane wave is q = 0, where nothing is singular. From g (2 + q g) = q z^2 - 2 u . z follow
+the derivatives
+
+    dg / du = -z / s,    dg / dq = (z^2 - g^2) / (2 s),    dg / dz = (q z - u) / s
+
+The residuals have a Student t distribution of NU degrees of freedom, since a time may be that of a reflection. u_t, q_t
+and the time of emission b_t are profiled out for each take: at their optimum the gradient by the positions is that at
+fixed u, q and b, and the Gauss-Newton matrix is the Schur complement (Golub and Pereyra, "The Differentiation of
+Pseudo-Inverses and Nonlinear Least Squares Problems Whose Variables Separate", SIAM J. Numer. Anal. 10(2), 1973).
+
+A constant delay of a channel is not told from its position: 1 mm of sound is 3 microseconds, less than the converters
+of one device differ by. A channel whose delay is among the unknowns (`State.model.filters`) has no arrivals.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...model.problem import Problem
+
+NU = 3.0  # degrees of freedom of a residual
+
+
+@dataclass(frozen=True)
+class ArrivalRules:
+    """Numbers of the fit of a source to the arrivals of a take.
+
+    Attributes
+    ----------
+    steps, decrease : Levenberg-Marquardt steps at most, and nats that another promises when it ends
+    damping, min_damping : of the first step, and at least
+    nearest : metres, from the middle of the array to the source
+    min_curvature : of a residual's cost, over its weight: that of an outlier is negative
+    subsets : of microphones, to which a plane wave is fitted to begin with
+    starts : times one over the radius of the array: inverse distances from which the fit begins
+    prior_count : observations that the stated sigma is worth
+    outlier : times a robust scatter, residuals that are left out of sigma
+    min_sigma : least sigma over the stated one
+    min_spread : metres, least error of the positions before the arrivals count
+    held : 1/m^2, stiffness of a microphone whose position is exact
+    rounds : of positions and sigma before the arrivals count
+    change : factor by which sigma changes at once, at most
+    """
+
+    steps: int = 40
+    decrease: float = 1e-9
+    damping: float = 1e-3
+    min_damping: float = 1e-9
+    nearest: float = 0.1
+    min_curvature: float = 0.1
+    subsets: int = 40
+    starts: tuple[float, ...] = (0.0, 0.6)
+    prior_count: float = 4.0
+    outlier: float = 4.0
+    min_sigma: float = 0.2
+    min_spread: float = 5e-3
+    held: float = 1e16
+    rounds: int = 15
+    change: float = 4.0
+
+
+RULES = ArrivalRules()
+
+
+@dataclass(frozen=True)
+class Source:
+    """Direction u (T, dimension), inverse distance q (T,), 1/m, and path b (T,), m, of the source of each take."""
+
+    direction: np.ndarray
+    inverse: np.ndarray
+    emission: np.ndarray
+
+
+@dataclass(frozen=True)
+class ArrivalTerms:
+    """The term at some positions.
+
+    Attributes
+    ----------
+    cost : nats
+    gradient : (T, N D + 1) float64, of each take, by the positions and the logarithm of the sound speed
+    matrix : (N D + 1, N D + 1) float64, Gauss-Newton matrix of all takes
+    residual, weight : (T, N) float64, metres and 1/m^2; 0 where there is no arrival
+    slopes : (T, N, N D + 1) float64, of the weighted residuals, sources profiled out: matrix = sum slopes^T slopes
+    count : (T,) float64, arrivals beyond those that fix the source
+    """
+
+    cost: float
+    gradient: np.ndarray
+    matrix: np.ndarray
+    residual: np.ndarray
+    weight: np.ndarray
+    slopes: np.ndarray
+    count: np.ndarray
+
+
+@dataclass(frozen=True)
+class Arrivals:
+    """Arrivals of the takes that have enough of them.
+
+    Attributes
+    ----------
+    paths : (T, N) float64, metres, times by the sound speed of the measurement; 0 where there is none
+    used : (T, N) bool
+    sigma, stated : (T,) float64, metres, of an arrival, assumed and as measured
+    dimension : of the space of the sources
+    """
+
+    paths: np.ndarray
+    used: np.ndarray
+    sigma: np.ndarray
+    stated: np.ndarray
+    dimension: int
+
+    def terms(self, positions: np.ndarray, log_speed: float = 0.0, derivatives: bool = True) -> ArrivalTerms:
+        """Return the term at positions (N, D), metres; without derivatives its cost alone."""
+        (N, D), T = positions.shape, len(self.paths)
+        z = self._padded(positions - positions.mean(axis=0))
+        paths = self.paths * np.exp(log_speed)
+        source = self._sources(paths, z)
+        r, g, s = self._residuals(paths, z, source)
+        cost = float(np.sum(self._costs(r)) + np.sum(self._count() * np.log(self.sigma / self.stated)))
+        w = self._weights(r)
+        if not derivatives:
+            return ArrivalTerms(cost, np.zeros((0, 0)), np.zeros((0, 0)), r, w, np.zeros((0, 0, 0)), self._count())
+        along = (source.direction[:, None] - source.inverse[:, None, None] * z) / s[..., None]  # dr / dx
+        root = np.sqrt(w)
+        slopes = np.zeros((T, N, N * D + 1))
+        each = np.arange(N)[:, None]
+        slopes[:, each, each * D + np.arange(D)] = along[..., :D]
+        slopes[..., -1] = np.where(self.used, paths, 0.0)
+        slopes *= root[..., None]
+        gradient = np.einsum("tn,tnf->tf", root * r, slopes)
+        J = self._jacobian(z, source, g, s) * root[..., None]
+        J[..., -2] *= ~self._at_bound(J[..., -2], root * r, source.inverse)[:, None]
+        Q = _bases(J)
+        slopes = slopes - Q @ (np.swapaxes(Q, 1, 2) @ slopes)
+        flat = slopes.reshape(T * N, -1)
+        return ArrivalTerms(cost, gradient, flat.T @ flat, r, w, slopes, self._count())
+
+    def scatter(self, positions: np.ndarray, log_speed: float = 0.0) -> np.ndarray:
+        """Return a robust standard deviation (T,) of the residuals at positions (N, D), metres."""
+        paths, z = self.paths * np.exp(log_speed), self._padded(positions - positions.mean(axis=0))
+        u, b = self._plane_waves(paths, z)
+        r = np.where(self.used, paths + u @ z.T - b[:, None], np.nan)
+        wide = replace(self, sigma=np.hypot(self.stated, 1.4826 * np.nanmedian(np.abs(r), axis=1)))
+        for _ in range(2):  # now with the curvature of the front
+            r = wide._residuals(paths, z, wide._sources(paths, z))[0]
+            middle = np.array([np.median(np.abs(row[use])) for row, use in zip(r, self.used, strict=True)])
+            wide = replace(wide, sigma=np.hypot(self.stated, 1.4826 * middle))
+        return wide.sigma
+
+    def _count(self) -> np.ndarray:
+        """Arrivals of each take beyond the unknowns of its source."""
+        return np.sum(self.used, axis=1) - (self.dimension + 1.0)
+
+    def _padded(self, z) -> np.ndarray:
+        return np.pad(z, ((0, 0), (0, self.dimension - z.shape[1])))
+
+    def _costs(self, r) -> np.ndarray:
+        terms = np.log1p(r**2 / (NU * self.sigma[:, None] ** 2))
+        return (NU + 1) / 2 * np.sum(np.where(self.used, terms, 0.0), axis=1)
+
+    def _weights(self, r) -> np.ndarray:
+        return np.where(self.used, (NU + 1) / (NU * self.sigma[:, None] ** 2 + r**2), 0.0)
+
+    def _residuals(self, paths, z, source: Source) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Residuals r, path differences g, both metres, and s : (T, N) each."""
+        q, b = source.inverse[:, None], source.direction @ z.T
+        a = np.sum(z**2, axis=1)
+        s = np.sqrt(np.maximum(1 - 2 * q * b + q**2 * a, 1e-12))
+        g = (q * a - 2 * b) / (1 + s)
+        return np.where(self.used, paths - source.emission[:, None] - g, 0.0), g, s
+
+    def _jacobian(self, z, source: Source, g, s) -> np.ndarray:
+        """Derivative (T, N, K) of the residuals by the tangents of u, by q and by b."""
+        across = np.einsum("tki,nk->tni", _tangents(source.direction), z) / s[..., None]
+        bend = -(np.sum(z**2, axis=1) - g**2) / (2 * s)
+        return np.where(self.used[..., None], np.dstack([across, bend, -np.ones_like(bend)]), 0.0)
+
+    def _at_bound(self, slope, r, inverse) -> np.ndarray:
+        """Which sources are as far, or as near, as they may be, and would be farther, or nearer : (T,) bool."""
+        gradient = np.sum(slope * r, axis=1)
+        return ((inverse <= 0) & (gradient > 0)) | ((inverse >= 1 / RULES.nearest) & (gradient < 0))
+
+    def _sources(self, paths, z) -> Source:
+        """The likeliest source of each take, from several distances."""
+        radius = float(np.sqrt(np.mean(np.sum(z**2, axis=1)))) or 1.0
+        direction, emission = self._plane_waves(paths, z)
+        (T, _), starts = paths.shape, np.array(RULES.starts)
+        take = np.tile(np.arange(T), len(starts))
+        every = replace(self, used=self.used[take], sigma=self.sigma[take], stated=self.stated[take])
+        inverse = np.minimum(np.repeat(starts, T) / radius, 1 / RULES.nearest)
+        found, cost = every._fitted(paths[take], z, Source(direction[take], inverse, emission[take]))
+        best = np.argmin(cost.reshape(-1, T) + 1e-9 * np.arange(len(starts))[:, None], axis=0) * T + np.arange(T)
+        return Source(found.direction[best], found.inverse[best], found.emission[best])
+
+    def _plane_waves(self, paths, z) -> tuple[np.ndarray, np.ndarray]:
+        """Directions (T, dimension) and emissions (T,), metres, by least squares that weigh outliers down."""
+        A = np.column_stack([z, np.ones(len(z))])
+        flat = np.linalg.svd(z, full_matrices=False)[2][-1]  # the direction of which a plane array shows least
+        fit = self._consensus(paths, A)
+        for _ in range(3):
+            r = np.where(self.used, paths - fit @ A.T, np.nan)
+            scale = np.maximum(1.4826 * np.nanmedian(np.abs(r), axis=1), self.stated)[:, None]
+            weight = np.where(self.used, 1 / (NU + (r / scale) ** 2), 0.0)
+            weighted = weight[:, :, None] * A
+            inverse = np.linalg.pinv(np.swapaxes(weighted, 1, 2) @ A, rcond=1e-6, hermitian=True)
+            fit = np.einsum("tkl,tnl,tn->tk", inverse, weighted, paths)
+        u = -fit[:, :-1]
+        normal = u @ flat
+        u = u - normal[:, None] * flat
+        size = np.linalg.norm(u, axis=1)
+        rest = np.sqrt(np.maximum(1 - size**2, 0.0)) * np.where(normal < 0, -1.0, 1.0)
+        u = u / np.maximum(size, 1.0)[:, None] + rest[:, None] * flat
+        return u / np.linalg.norm(u, axis=1, keepdims=True), fit[:, -1]
+
+    def _consensus(self, paths, A) -> np.ndarray:
+        """Fit (T, K) of paths by A (N, K) of the least median residual, over small subsets of the microphones.
+
+        P. Rousseeuw, "Least Median of Squares Regression", J. Am. Stat. Assoc. 79, 1984: up to half may be outliers.
+        """
+        order = np.random.default_rng(0).random((RULES.subsets, *paths.shape)) + ~self.used  # the used ones first
+        chosen = np.argsort(order, axis=-1)[..., : A.shape[1] + 1]
+        few = A[chosen]
+        H = np.swapaxes(few, -1, -2) @ few
+        H += 1e-9 * np.trace(H, axis1=-2, axis2=-1)[..., None, None] * np.eye(A.shape[1])
+        right = (
+            np.swapaxes(few, -1, -2) @ np.take_along_axis(np.broadcast_to(paths, order.shape), chosen, -1)[..., None]
+        )
+        fits = np.linalg.solve(H, right)[..., 0]
+        size = np.where(self.used, np.abs(paths - fits @ A.T), np.inf)
+        middle = np.sort(size, axis=-1)[:, np.arange(len(paths)), np.sum(self.used, axis=1) // 2]
+        return fits[np.argmin(middle, axis=0), np.arange(len(paths))]
+
+    def _fitted(self, paths, z, source: Source) -> tuple[Source, np.ndarray]:
+        """The source of each take at the nearest minimum, and its cost (T,), by damped Gauss-Newton steps."""
+        damping = np.full(len(paths), RULES.damping)
+        r, g, s = self._residuals(paths, z, source)
+        cost = self._costs(r)
+        for _ in range(RULES.steps):
+            w = self._weights(r)
+            J = self._jacobian(z, source, g, s)
+            J[..., -2] *= ~self._at_bound(w * J[..., -2], r, source.inverse)[:, None]
+            slope = np.einsum("tnk,tn->tk", J, w * r)
+            curved = np.maximum(w - 2 * (w * r) ** 2 / (NU + 1), RULES.min_curvature * w)
+            H = np.swapaxes(J, 1, 2) @ (curved[..., None] * J)
+            size = np.einsum("tkk->tk", H)
+            size = np.maximum(size, 1e-12 * size.max(axis=1, keepdims=True))
+            H[:, np.arange(H.shape[1]), np.arange(H.shape[1])] = size * (1 + damping[:, None])
+            step = -np.linalg.solve(H, slope[..., None])[..., 0]
+            promised = -np.sum(step * slope, axis=1)
+            if np.all(promised < RULES.decrease):
+                break
+            u = source.direction + np.einsum("tki,ti->tk", _tangents(source.direction), step[:, :-2])
+            tried = Source(
+                u / np.linalg.norm(u, axis=1, keepdims=True),
+                np.clip(source.inverse + step[:, -2], 0.0, 1 / RULES.nearest),
+                source.emission + step[:, -1],
+            )
+            r_tried, g_tried, s_tried = self._residuals(paths, z, tried)
+            there = self._costs(r_tried)
+            better = there <= cost
+            source = Source(
+                np.where(better[:, None], tried.direction, source.direction),
+                np.where(better, tried.inverse, source.inverse),
+                np.where(better, tried.emission, source.emission),
+            )
+            r, g, s = (np.where(better[:, None], new, old) for new, old in ((r_tried, r), (g_tried, g), (s_tried, s)))
+            cost = np.where(better, there, cost)
+            damping = np.where(better, np.maximum(damping / 10, RULES.min_damping), np.minimum(6 * damping, 1e6))
+        return source, cost
+
+
+def _tangents(u) -> np.ndarray:
+    """Orthonormal bases (T, dimension, dimension - 1) across unit vectors (T, dimension), by reflection."""
+    v = np.array(u)
+    v[:, 0] += np.where(u[:, 0] < 0, -1.0, 1.0)
+    reflected = np.eye(u.shape[1]) - 2 * v[:, :, None] * v[:, None] / np.sum(v**2, axis=1)[:, None, None]
+    return reflected[:, :, 1:]
+
+
+def _bases(J) -> np.ndarray:
+    """Orthonormal bases (T, N, K) of the columns of matrices (T, N, K); columns of what is undetermined are 0."""
+    U, values, _ = np.linalg.svd(J / np.maximum(np.linalg.norm(J, axis=1, keepdims=True), 1e-300), full_matrices=False)
+    return U * (values > 1e-7)[:, None]
+
+
+def arrivals_of(problem: Problem, sigma: np.ndarray | None, filters: np.ndarray) -> Arrivals | None:
+    """Return the arrivals of a problem; None without any.
+
+    sigma : (T,) float64, metres, of every take of the problem; as stated unless given; filters : (N, 2), of the
+    channels, as of `State`; one that has a delay says nothing
+    """
+    if problem.arrivals is None or problem.arrival_sigma is None:
+        return None
+    enough = counted(problem, filters)
+    if not np.any(enough):
+        return None
+    paths = problem.sound_speed * problem.arrivals[enough]
+    used = np.isfinite(paths) & (filters[:, 0] == 0)
+    middle = np.array([np.median(row[use]) for row, use in zip(paths, used, strict=True)])
+    stated = problem.sound_speed * problem.arrival_sigma
+    own = stated if sigma is None else sigma
+    return Arrivals(np.where(used, paths - middle[:, None], 0.0), used, own[enough], stated[enough], problem.dimension)
+
+
+def counted(problem: Problem, filters: np.ndarray) -> np.ndarray:
+    """Return which takes have more arrivals than fix their source : (T,) bool."""
+    assert problem.arrivals is not None
+    used = np.isfinite(problem.arrivals) & (filters[:, 0] == 0)
+    return np.sum(used, axis=1) > problem.dimension + 1
+
+
+def hyper_cost(arrivals: Arrivals) -> float:
+    """Return -log density of the sigmas, up to a constant: the stated one is worth `RULES.prior_count` arrivals."""
+    ratio = arrivals.sigma / arrivals.stated
+    return float(RULES.prior_count * np.sum(np.log(ratio) + (1 / ratio**2 - 1) / 2))
+
+
+def near_positions(arrivals: Arrivals, positions: np.ndarray, spread: float, held) -> tuple[np.ndarray, np.ndarray]:
+    """Return the positions (N, D) that fit the arrivals best, and the sigma (T,) of these, metres.
+
+    positions, spread : where the array is, (N, D), and one sigma of a coordinate, metres; held : (A,) int64, those that
+    do not move. Times of several takes that agree with one array are right, wherever the array was thought to be.
+    """
+    x, stiffness = np.array(positions), np.full(positions.shape, 1 / max(spread, RULES.min_spread) ** 2)
+    stiffness[held] = RULES.held
+    stiffness = stiffness.ravel()
+    arrivals = replace(arrivals, sigma=arrivals.scatter(x))
+    covariance = np.zeros((x.size + 1,) * 2)
+    for _ in range(RULES.rounds):
+        terms = arrivals.terms(x)
+        covariance[:-1, :-1] = np.linalg.inv(terms.matrix[:-1, :-1] + np.diag(stiffness))
+        pull = terms.gradient[:, :-1].sum(axis=0) + stiffness * (x - positions).ravel()
+        x = x - (covariance[:-1, :-1] @ pull).reshape(x.shape)
+        arrivals = replace(arrivals, sigma=updated_sigma(arrivals, arrivals.terms(x), covariance))
+    return x, arrivals.sigma
+
+
+def updated_sigma(arrivals: Arrivals, terms: ArrivalTerms, covariance: np.ndarray) -> np.ndarray:
+    """Return the sigma (T,), metres, of the arrivals by empirical Bayes (MacKay).
+
+    The squares of the residuals over how many of them the positions are not free to fit; the stated sigma counts as
+    `RULES.prior_count` of them. Outliers are left out: the scale of a Student t distribution breaks down where a share
+    1 / (1 + NU) of all are outliers.
+
+    covariance : (N D + 1, N D + 1) float64, of positions and log sound speed after a step
+    """
+    r, used = np.abs(terms.residual), arrivals.used
+    middle = np.array([np.median(row[use]) for row, use in zip(r, used, strict=True)])
+    inside = used & (r <= RULES.outlier * np.maximum(1.4826 * middle, arrivals.stated)[:, None])
+    part = np.sum(inside, axis=1) / np.sum(used, axis=1)
+    fitted = np.einsum("tnf,fg,tng,tn->t", terms.slopes, covariance, terms.slopes, inside)
+    determined = np.clip(part * terms.count - fitted, 0.0, terms.count)
+    squares = np.sum(inside * terms.weight * r**2, axis=1) * arrivals.sigma**2
+    fresh = (squares + RULES.prior_count * arrivals.stated**2) / (determined + RULES.prior_count)
+    fresh = np.clip(np.sqrt(fresh), arrivals.sigma / RULES.change, RULES.change * arrivals.sigma)
+    return np.maximum(fresh, RULES.min_sigma * arrivals.stated)

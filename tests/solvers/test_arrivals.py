@@ -1,0 +1,185 @@
+"""Arrival times of the direct sound in the likelihood: laws of the term alone, then of a calibration with it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fields import measured
+from solving import rms_of_shape, saved_and_read, solved
+
+from fdcal.model.gauge import align
+from fdcal.model.measurement import Measurement
+from fdcal.model.settings import SolverSettings
+from fdcal.solvers.robust import solver
+from fdcal.solvers.robust.arrivals import Arrivals, arrivals_of, updated_sigma
+
+DISTANCES = np.array([1.0, 1.5, 2.5, 5.0, 1e4])  # m, of the sources
+
+
+def heard(positions, dimension, sigma=5e-3, scatter=1e-3, takes=5, seed=0):
+    """Arrivals of sources at several distances, one of them an outlier and one missing, and the sources."""
+    rng, (N, D) = np.random.default_rng(seed), positions.shape
+    sources = rng.normal(size=(takes, dimension))
+    sources *= (np.resize(DISTANCES, takes) / np.linalg.norm(sources, axis=1))[:, None]
+    x = np.pad(positions, ((0, 0), (0, dimension - D)))
+    paths = np.linalg.norm(x[None] - sources[:, None], axis=2) + scatter * rng.normal(size=(takes, N))
+    paths -= np.median(paths, axis=1, keepdims=True)
+    used = np.ones((takes, N), bool)
+    if scatter:
+        paths[1, 3] += 0.3
+        used[2, 5], paths[2, 5] = False, 0.0
+    return Arrivals(paths, used, np.full(takes, sigma), np.full(takes, 1e-3), dimension)
+
+
+def array(count=12, axes=3, seed=1):
+    return 0.2 * np.random.default_rng(seed).normal(size=(count, axes))
+
+
+@pytest.mark.parametrize(("axes", "dimension"), [(3, 3), (2, 3), (2, 2)])
+def test_gradient_is_that_of_differences(axes, dimension):
+    x = array(axes=axes)
+    arrivals = heard(x, dimension)
+    y, log_speed, h = x + 4e-3 * np.random.default_rng(2).normal(size=x.shape), 0.01, 1e-6
+    expected = np.zeros(x.size + 1)
+    for i in range(x.size + 1):
+        step = h * (np.arange(x.size + 1) == i)
+        up, down = (
+            arrivals.terms(y + sign * step[:-1].reshape(x.shape), log_speed + sign * step[-1], False).cost
+            for sign in (1, -1)
+        )
+        expected[i] = (up - down) / (2 * h)
+    found = arrivals.terms(y, log_speed)
+    assert np.allclose(found.gradient.sum(axis=0), expected, atol=1e-4 * np.abs(expected).max())
+    assert np.linalg.eigvalsh(found.matrix).min() > -1e-6 * np.linalg.eigvalsh(found.matrix).max()
+
+
+def test_an_array_that_is_moved_turned_and_mirrored_costs_the_same():
+    x, rng = array(), np.random.default_rng(3)
+    arrivals = heard(x, 3)
+    y = x + 4e-3 * rng.normal(size=x.shape)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0] @ np.diag([1, 1, -1])
+    one, other = arrivals.terms(y), arrivals.terms(y @ turn.T + [3.0, -2.0, 1.0])
+    assert other.cost == pytest.approx(one.cost, rel=1e-7)
+    slopes = one.gradient[:, :-1].sum(axis=0).reshape(x.shape) @ turn.T
+    assert np.allclose(other.gradient[:, :-1].sum(axis=0).reshape(x.shape), slopes, atol=1e-4 * np.abs(slopes).max())
+
+
+def test_an_outlier_has_no_weight():
+    x = array()
+    terms = heard(x, 3, sigma=1e-3).terms(x)
+    assert terms.weight[1, 3] < 1e-3 * np.median(terms.weight)
+    assert np.all(terms.weight[2, 5] == 0)
+    assert np.abs(terms.residual[1, 3]) == pytest.approx(0.3, abs=5e-3)
+
+
+def test_exact_times_of_five_takes_fix_the_array_without_any_field():
+    x = array()
+    arrivals = heard(x, 3, sigma=1e-3, scatter=0.0)
+    y = x + 5e-3 * np.random.default_rng(4).normal(size=x.shape)
+    y = fitted(replace(arrivals, sigma=np.full(5, 5e-3)), y)
+    y = fitted(arrivals, y)
+    assert np.abs(align(y, x) - x).max() < 1e-5
+
+
+def fitted(arrivals, positions, steps=60):
+    """Return the positions at the minimum of the arrivals alone, by damped steps."""
+    y, damping = positions, 1e-3
+    here = arrivals.terms(y)
+    for _ in range(steps):
+        H, g = here.matrix[:-1, :-1], here.gradient.sum(axis=0)[:-1]
+        move = -np.linalg.lstsq(H + damping * np.diag(np.diag(H)), g, rcond=1e-12)[0]
+        tried = arrivals.terms(y + move.reshape(y.shape))
+        better = tried.cost < here.cost
+        y, here = (y + move.reshape(y.shape), tried) if better else (y, here)
+        damping = max(damping / 10, 1e-10) if better else 6 * damping
+    return y
+
+
+def test_one_take_fixes_one_direction():
+    """Of coordinates along the direction to a source that is far, and of no others."""
+    x = array()
+    arrivals = heard(x, 3, takes=5)
+    far = Arrivals(arrivals.paths[4:], arrivals.used[4:], arrivals.sigma[4:], arrivals.stated[4:], 3)
+    assert np.linalg.matrix_rank(far.terms(x).matrix[:-1, :-1], tol=1e-3) <= len(x) - 1
+
+
+def test_scatter_and_sigma_are_those_of_the_times():
+    x = array(count=40)
+    arrivals = heard(x, 3, scatter=3e-3)
+    assert np.allclose(arrivals.scatter(x), np.hypot(1e-3, 3e-3), rtol=0.4)
+    sigma, none = arrivals.sigma, np.zeros((x.size + 1,) * 2)
+    for _ in range(20):
+        now = replace(arrivals, sigma=sigma)
+        sigma = updated_sigma(now, now.terms(x), none)
+    assert np.all((sigma > 1.5e-3) & (sigma < 4e-3))
+    wrong = replace(arrivals, paths=arrivals.paths + np.random.default_rng(5).uniform(0, 1, arrivals.paths.shape))
+    assert np.all(wrong.scatter(x) > 0.05)
+
+
+def test_a_take_with_too_few_arrivals_or_a_channel_with_a_delay_says_nothing():
+    problem = takes_of(2).problem(known="none")
+    filters = np.zeros((20, 2))
+    filters[4, 0] = 0.1
+    found = arrivals_of(problem, None, filters)
+    assert found is not None and not found.used[:, 4].any() and found.used[:, 5].all()
+    times = np.array(problem.arrivals)
+    times[1, 3:] = np.nan
+    found = arrivals_of(replace(problem, arrivals=times), None, 0 * filters)
+    assert found is not None and len(found.paths) == 1
+    assert arrivals_of(replace(problem, arrivals=0 * times + np.nan), None, 0 * filters) is None
+
+
+SOURCES = ((5.47, 4.53), (0.61, 4.38), (0.52, 0.83), (5.23, 0.47))  # m, in a rigid room of 6 x 5 m
+
+
+def takes_of(count: int, snr_db: float = 15.0) -> Measurement:
+    """Takes of 20 microphones in a plane field with noise, with arrivals that are right to 1 mm."""
+    rng = np.random.default_rng(6)
+    x = np.array([2.0, 1.7]) + 1.2 * rng.uniform(size=(20, 2))
+    each = []
+    for seed, source in enumerate(SOURCES[:count]):
+        one = measured(x, (), snr_db=snr_db, seed=seed, source=source, modes=24)
+        times = (np.linalg.norm(x - np.array(source), axis=1) + 1e-3 * rng.normal(size=20)) / 343.0
+        each.append(replace(one, search=None, arrivals=times[None], arrival_sigma=1e-3 / 343.0))
+    return Measurement.from_takes(each)
+
+
+def without(measurement: Measurement) -> Measurement:
+    return replace(measurement, arrivals=None, arrival_sigma=None)
+
+
+@pytest.fixture(scope="module")
+def four():
+    return takes_of(4)
+
+
+def test_arrivals_of_several_takes_make_an_array_exact(four):
+    before, after = (rms_of_shape(solved(one).estimate.positions, four.positions) for one in (without(four), four))
+    assert after < min(4e-3, 0.3 * before)
+
+
+def test_wrong_times_change_nothing(four):
+    rng = np.random.default_rng(7)
+    wrong = replace(four, arrivals=rng.uniform(0, 8e-3, four.arrivals.shape))
+    plain, found = solved(without(four)).estimate.positions, solved(wrong).estimate.positions
+    assert rms_of_shape(found, plain) < 0.2 * rms_of_shape(plain, four.positions)
+
+
+def test_a_quarter_of_times_of_reflections_does_no_harm(four):
+    late = 3e-3 * (np.random.default_rng(8).random(four.arrivals.shape) < 0.25)
+    found = solved(replace(four, arrivals=four.arrivals + late)).estimate.positions
+    assert rms_of_shape(found, four.positions) < 5e-3
+
+
+def test_the_origin_of_a_take_is_arbitrary(four):
+    shifted = replace(four, arrivals=four.arrivals + np.array([0.0, 1.0, -0.2, 30.0])[:, None])
+    assert rms_of_shape(solved(shifted).estimate.positions, solved(four).estimate.positions) < 1e-5
+
+
+def test_the_sigmas_of_the_arrivals_survive_a_session(four):
+    problem = four.problem(known="none")
+    state = solver.init(problem, SolverSettings(modes=len(four.frequencies)), 0)
+    while state.model.arrival_sigma is None:
+        state = solver.step(problem, state)
+    read = saved_and_read(problem, state)
+    assert np.array_equal(read.model.arrival_sigma, state.model.arrival_sigma)
