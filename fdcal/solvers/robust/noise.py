@@ -96,7 +96,7 @@ def with_spreads(problem: Problem, state: State, trial: ChannelStep) -> State:
     floor = ASSUMED.min_sigma if state.progress.stage == FINAL else ASSUMED.negligible_spread
     stated, sigmas = (state.settings.gain_sigma_db, state.settings.phase_sigma_deg), []
     for column, sigma in enumerate((model.gain_sigma, model.phase_sigma)):
-        expected = ASSUMED.prior_gain * np.sqrt(ASSUMED.prior_count)
+        expected = ASSUMED.prior_gain
         e = np.append(state.gains[:, column] - state.offsets[:, column], expected)
         fresh = _updated_sigma(sigma, e, np.append(variance[:, D + column], 0.0), 1, floor)
         sigmas.append(fresh if stated[column] is None else sigma)

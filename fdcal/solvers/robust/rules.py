@@ -1,4 +1,8 @@
-"""The schedule of the likelihood solver, and every number that decides beside it."""
+"""The schedule of the likelihood solver, and every number that decides beside it.
+
+Where an ablation on the field suite was made (482 cases, or the families that a number serves), what gets worse without
+the number stands at it. The others were not ablated alone.
+"""
 
 from __future__ import annotations
 
@@ -15,13 +19,15 @@ class Stage:
     ----------
     name : for display
     degree : of the polynomials by which the array may deform as a whole; 0 lets every microphone move for itself
-    modes : at most so many modes, evenly taken; 0 for all
+    modes : at most so many modes, evenly taken; 0 for all. With degree 3 twice and all modes a wrong array is good, and
+        noisy ones take twice the time.
     lowest : with given positions the lowest ones instead: they hold the scale
     gains : whether channel gains are free
     learns : whether the power of the field and the noise of the channels are estimated again after every step
     max_steps : at most
     tolerance : metres, a stage ends when nothing moves further
-    negligible : nats, or when the cost falls by no more
+    negligible : nats, or when the cost falls by no more. Without tolerances, with one damping and with equal bounds on
+        steps as many arrays are right, and array 1 takes 1.3 to 1.9 times the time.
     """
 
     name: str
@@ -78,7 +84,8 @@ class ScheduleRules:
     same_place : distance of every microphone in one optimum from its place in another, over the shortest wavelength,
         within which the two agree
     low_noise, low_noise_channel : share of the power, of the array and of one channel: a restart that leaves no more
-        unexplained of a measurement without noise is the last, since in a wrong basin none does so
+        unexplained of a measurement without noise is the last, since in a wrong basin none does so; without the second
+        a run ends in a wrong basin, 1.1 m off
     reported_noise : the same over the reported noise, where channels are matched and positions exact
     tolerance_noise, tolerance_near_noise : change of the logarithm of the noise after which a round is the last; the
         second with the near-field kernel, of which less noise hardly moves anything
@@ -102,20 +109,24 @@ class AssumptionRules:
 
     Attributes
     ----------
-    min_share : least share of noise in the power that each kernel can show
+    min_share : least share of noise in the power that each kernel can show; with 1e-10 for all, the covariance without
+        noise depends on the frame, with 1e-8 such an array is not found to the last digit
     near_share : share of noise by dimension of the field, at or below which a source near the array counts
-    near_deflation : residual of the near-field kernel over the noise that is assumed with it
+    near_deflation : residual of the near-field kernel over the noise that is assumed with it; without it an array with
+        an error of 3.4 mm and a claim of 0.9 mm is good
     damped : (Im k R)^2 over the noise from which the imaginary part of k counts
     noise_modes : modes, evenly taken, to estimate the noise from, at most
-    believed : factor within which the reported noise is believed
-    gain_sigma, phase_sigma : nepers and radians, spreads of the channels to begin with
+    believed : factor within which the reported noise is believed; if it always is, an array of 2.6 mm is lost; if it
+        never is, the error of one in space grows from 16 to 20 mm
+    gain_sigma, phase_sigma : nepers and radians, spreads of the channels to begin with; with 0.05 an array of 4.5 mm is
+        lost
     min_sigma, max_sigma : least and greatest spread of gains and phases, nepers and radians
-    prior_gain, prior_count : nepers or radians, expected spread of gains and phases, and channels that this is worth
+    prior_gain : nepers or radians, expected spread of gains and phases, worth one channel
     same_spread, negligible_spread : change of the logarithm of a spread, and spread, that do not count
     known_sigma : metres, one sigma of a given coordinate to begin with, and at most
     given_sigma, known_count : metres, expected error of a given coordinate, and positions that this is worth
     known_outlier : distance of a given position over the median of all of them, or their sigma, that leaves it out when
-        the array is moved onto the given positions
+        the array is moved onto the given positions; without it 1 of 32 arrays with wrong given positions is lost
     carrying_sigma, carrying_tail : metres, error of each coordinate of given positions that carry the scale, and the
         degrees of freedom of their prior, which is then nearly Gaussian
     direction_count : observations that the directions of a row are those of its take; resonances of a plate differ more
@@ -142,7 +153,6 @@ class AssumptionRules:
     min_sigma: float = 1e-4
     max_sigma: float = 0.6
     prior_gain: float = 1e-3
-    prior_count: float = 1.0
     same_spread: float = 0.2
     negligible_spread: float = 1e-3
     known_sigma: float = 3e-3
@@ -173,7 +183,10 @@ class ConditionalRules:
     blind_stretch_sigma : the same without given positions, where nothing else shows that there is no such field
     noise_share : noise as a part of the mean power up to which it is minimised: with more, what the noise does to the
         positions is more than what the room does, and the sharper likelihood is better
-    max_products : products M N^3 at most
+    max_products : products M N^3 at most, a cap of time
+
+    With equal weights of 0.2, `stretch_sigma` for blind arrays, any noise and any number of products 5 of 23 blind
+    circles are lost. With a `noise_share` of 5e-4 an array in a simulated room at 30 dB ends at 28 instead of 4 mm.
     """
 
     power: float = 50.0
@@ -193,15 +206,17 @@ class OutlierRules:
     modes : of a search for other places
     spacing : distance of candidates over the shortest wavelength
     finer : factor on that spacing in a search near where the channel is
-    candidates : at most
-    moved : channels examined at once
+    candidates : at most, a cap of memory
+    moved : channels examined at once, a cap of time: of all, searches take 2.7 times as long
     suspicious : channel noise over that of the others from which a channel is examined
     gain_sigma, max_gain : nepers and radians, of the prior of a gross gain, and its greatest value
     nats : by which a place must be likelier than the channel as it is, with its own noise
-    gross : absolute log gain from which a gain is gross, as that of an inverted channel
+    gross : absolute log gain from which a gain is gross, as that of an inverted channel; without it the error of a
+        blind circle grows from 18 to 25 mm
     delay_sigma, max_delay, delays : metres, spread of a delay times the sound speed, the greatest, and their number
     corner_sigma, max_corner, corners : rad/m, of a high-pass corner times 2 pi / c, likewise
-    filtered : suspicious channels at most that may have a filter
+    filtered : suspicious channels at most that may have a filter; without it six healthy channels get one, and an array
+        with an error of 5.4 mm and a claim of 1.1 mm is good
     filter_nats : by which a filter must be likelier than a place and a gain alone
     coherent : share of the power that it must explain
     """
@@ -234,7 +249,7 @@ class GivenRules:
     Attributes
     ----------
     sigma, sigma_spread, max_sigma : metres, nepers, metres: log-normal prior of one sigma of a given coordinate, and
-        its greatest value
+        its greatest value; with a spread of 1 the error of an array in space grows from 11 to 18 mm
     wrong : probability that a given position is wrong, that two are exchanged, or that the sound speed is wrong
     decades : greatest distance of a wrong position over the least one
     sizes : range of relative errors of the sound speed
