@@ -46,7 +46,7 @@ class StateReader:
             "filters": (count, 2), "places": problem.known_positions.shape, "contradicted": problem.known.shape,
         }  # fmt: skip
         self._ranges = {"moved": (-1, count - 1), "turn": (0, max(len(problem.free) - 1, 0))}
-        self._ranges |= {"first": (1, modes), "last": (1, modes), "restart": (-1, LARGEST_COUNT)}  # -1: at positions given
+        self._ranges |= {"first": (1, modes), "last": (1, modes), "restart": (-1, LARGEST_COUNT)}
 
     def require_fields(self, key: str, table: Any, Record: type) -> None:
         """Raise InputError unless `table` has the fields of a dataclass."""

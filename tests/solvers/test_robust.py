@@ -181,7 +181,7 @@ def test_the_directions_of_the_field_hold_the_shape_of_a_blind_circle(monkeypatc
         return np.mean(errors)
 
     learned = mean_error()
-    monkeypatch.setattr(noise, "ASSUMED", replace(ASSUMED, direction_count={2: 1e6}))  # an isotropic field
+    monkeypatch.setattr(noise, "ASSUMED", replace(ASSUMED, direction_count={2: 1e6}))  # one spectrum for all rows
     assert learned < 0.9 * mean_error() and learned < 0.005
 
 
