@@ -116,10 +116,12 @@ def test_the_page_of_the_measured_array_finds_it_as_exactly_as_it_says(tmp_path,
     run_page(MEASURED, {})
     found = fdcal.Calibration.load("result.json")
     nominal = np.loadtxt("examples/frl_array/nominal.csv", delimiter=",", skiprows=1)[:, 1:]
-    said = figure(r"about ([\d.]+) mm on average", " ".join(text_of(MEASURED).split()))
+    said = figure(r"error.*? ([\d.]+) mm on average", " ".join(text_of(MEASURED).split()))
     errors = np.linalg.norm(align(np.asarray(found.positions), nominal) - nominal, axis=1)
     assert 1e3 * errors.mean() == pytest.approx(said, abs=1.5)
-    assert found.verdict != "good"
+    assert found.verdict == "good"
+    claimed = figure(r"one sigma is ([\d.]+) mm", " ".join(text_of(MEASURED).split()))
+    assert 1e3 * np.sqrt(np.mean(found.uncertainty[np.arange(6)] ** 2)) == pytest.approx(claimed, abs=1)
 
 
 def test_the_microphones_of_the_measured_array_are_as_far_apart_as_its_page_says():

@@ -130,7 +130,9 @@ class ChannelFault:
         words = {
             "noisy": f"noise {value:.0f} dB over the others'",
             "delayed": f"delayed by {1e3 * value:.2g} ms",
-            "high_pass": f"high-pass at {value:.3g} Hz",
+            "high_pass": f"high-pass at {value:.3g} Hz"
+            if value > 0
+            else f"more bass than the others, as if theirs were a high-pass at {-value:.3g} Hz",
             "gain": f"phase {value:.0f} degrees" if self.unit == "degrees" else f"gain {value:+.1f} dB",
             "misplaced": f"{1e3 * value:.3g} mm from the position given",
             "exchanged": f"exchanged with microphone {self.partner}",

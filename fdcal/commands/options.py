@@ -32,6 +32,7 @@ OPTIONS = {
     "dimension": "--dimension",
     "distance": "--distance I,J,METRES",
     "channels": "--channels",
+    "takes": "--takes",
     "estimate_sound_speed": "--estimate-sound-speed",
     "exclude": "--exclude",
     "files": "--channels",

@@ -159,7 +159,23 @@ class Measurement(MeasurementSources):
         return len(np.unique(self.takes))
 
     def of_take(self, take: int) -> Measurement:
-        """Return the rows of one take. Raises InputError where there is no such take."""
+        """Return the rows of one take.
+
+        Parameters
+        ----------
+        take : int
+            Its number, one of `takes`.
+
+        Returns
+        -------
+        Measurement
+            Of these rows alone, with the same microphones.
+
+        Raises
+        ------
+        InputError
+            If there is no such take.
+        """
         chosen, numbers = self.takes == take, np.unique(self.takes)
         if not np.any(chosen):
             listed = ", ".join(map(str, numbers[:20]))

@@ -178,7 +178,7 @@ def require_order(frequencies: np.ndarray, repeated: bool) -> None:
     steps = np.diff(frequencies)
     if np.any(frequencies <= 0) or np.any(steps < 0) or (not repeated and np.any(steps == 0)):
         problem = "frequencies must be above zero and ascending" + ("" if repeated else ", each once")
-        remedy = "sort them (and the pressures)" + ("" if repeated else "; of several takes give <takes>, too")
+        remedy = "sort them (and the pressures)" + ("" if repeated else "; of several takes give 'takes', too")
         raise InputError(problem, remedy, key="frequencies")
 
 

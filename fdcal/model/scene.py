@@ -83,7 +83,13 @@ class Scene:
         return self.source
 
     def takes(self) -> tuple[Scene, ...]:
-        """Return the scene of each take: with the source at one of its places, as if that were the only one."""
+        """Return the scene of each take: with the source at one of its places, as if that were the only one.
+
+        Returns
+        -------
+        tuple of Scene
+            One for each place of the source, in their order; the scene itself where there is one place.
+        """
         if self.source is None or len(self.source.places) == 1:
             return (self,)
         return tuple(replace(self, source=source) for source in self.source.each())

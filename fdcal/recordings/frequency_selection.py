@@ -121,7 +121,7 @@ def spacing_of(energy: np.ndarray, noise: np.ndarray, interval: float) -> Spacin
     if not e.max(initial=0.0) > 0:
         return Spacing(*(2 * (1 / max(interval * len(energy), 1e-9),)))
     v = np.maximum(noise, ROWS.unexplained * np.sum(e**2) / np.sum(e))
-    return Spacing(1 / (interval * np.sum(e / (e + v))), float(np.sum(e**2) / np.sum(e) ** 2 / interval))
+    return Spacing(float(1 / (interval * np.sum(e / (e + v)))), float(np.sum(e**2) / np.sum(e) ** 2 / interval))
 
 
 def spacing_of_decay(rate: float) -> Spacing:

@@ -15,7 +15,7 @@ import fdcal
 from fdcal.acoustics.fourier_bessel import array_f_max
 from fdcal.assessment.assess import assess, judged
 from fdcal.assessment.channels import FaultyChannel
-from fdcal.assessment.findings import FINDINGS, ROOM_FINDINGS, JudgedRoom
+from fdcal.assessment.findings import FINDINGS, ROOM_FINDINGS, UNEXPLAINED, JudgedRoom
 from fdcal.model.gauge import align
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
@@ -159,7 +159,7 @@ ROWS: list[tuple[str, str, Callable[[Estimate], Estimate]]] = [
     ),
     ("undersampled", "Eq. 9", lambda e: with_frequencies(e, 10.0)),
     ("not_converged", "still moved", lambda e: replace(e, converged=False)),
-    ("model_mismatch", "times what the noise explains", lambda e: with_given_noise(e, e.field.share / 3)),
+    ("model_mismatch", "times what the noise explains", lambda e: with_given_noise(with_share(e, 0.01), 0.003)),
     ("model_mismatch", "free of noise", lambda e: with_given_noise(with_share(e, 0.01), 0.0)),
     ("sound_speed", "would be 403 m/s, not 343 m/s", lambda e: replace(e, log_speed=0.16)),
     ("scale_undetermined", "its size is hardly determined", lambda e: with_stretching(e, 0.1)),
@@ -211,7 +211,7 @@ def test_an_earlier_row_hides_a_later_one(estimate, blind, row):
         (2, lambda e, limit, by: with_contradiction(e, 0.02, limit * by)),
         (6, lambda e, limit, by: with_agreement(e, limit / by)),
         (8, lambda e, limit, by: with_step(e, limit * by)),
-        (9, lambda e, limit, by: with_given_noise(e, e.field.share / limit / by)),
+        (9, lambda e, limit, by: with_given_noise(with_share(e, limit * by * 0.01 + UNEXPLAINED), 0.01)),
         (10, lambda e, limit, by: with_given_noise(with_share(e, limit * by), 0.0)),
         (11, lambda e, limit, by: replace(e, log_speed=np.log1p(limit * by))),
     ],

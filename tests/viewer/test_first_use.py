@@ -38,9 +38,9 @@ def test_an_error_of_a_changed_scene_names_controls_of_the_page(controls):
     assert session.opened == []
 
 
-def test_the_legend_of_a_map_names_its_modes():
-    assert modes_label((38,)) == "mode 38" and modes_label((1, 2, 3)) == "modes 1 to 3"
-    assert modes_label((2, 5, 9)) == "3 modes from 2 to 9"
+def test_the_legend_of_a_map_names_its_modes(measurement):
+    assert modes_label(measurement, (38,)) == "mode 38" and modes_label(measurement, (1, 2, 3)) == "modes 1 to 3"
+    assert modes_label(measurement, (2, 5, 9)) == "3 modes from 2 to 9"
 
 
 def test_the_errors_now_are_seen_beside_their_mean_over_the_run(server, measurement):
