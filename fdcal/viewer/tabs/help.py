@@ -14,7 +14,8 @@ from ..hotkeys import KEYS
 
 NUMBERS = {
     "Error (mm)": "distance from an estimated position to the true one, mean and largest over all microphones; of an"
-    " array without known microphones after the best rotation, translation and reflection",
+    " array without known microphones after the best rotation, translation and reflection. Where the positions to"
+    " compare with are nominal, those of a plan, it is called deviation",
     "Cost (dB)": "the part of the pressures that no sound field explains (Eq. 7 of the paper), over all modes of the"
     " measurement and relative to their power; it falls as the positions improve, with any solver",
     "Step, sweep, stage": "one move of the solver; each microphone moved once; one set of active modes",
