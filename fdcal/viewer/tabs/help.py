@@ -37,7 +37,7 @@ MARKS = (
     " contain the true position with a probability of 95 %. The map is dark where the cost is low: in dark areas the"
     " prediction matches what was recorded. Marks differ in shape as well as colour."
 )
-MORE = "The documentation, docs/ of the project, and <code>fdcal --help</code>."
+MORE = "The documentation, docs/ of the project, and the command <code>fdcal</code>, which lists all commands."
 
 
 def text() -> str:
