@@ -14,10 +14,12 @@ import numpy as np
 from ..model.arrays import positions_of
 from ..model.faults import Faults
 from ..model.measured_room import response_digest
+from ..model.measured_scene import MeasuredScene
 from ..model.measurement import Measurement
 from ..model.measurement_file import load_measurement, save_measurement
 from ..model.scene import Scene
 from ..model.storage import cache_key, load_cached, load_or_make
+from ..model.validation import InputError
 from .measure import each_take, measured, require_measurable, sound_field
 
 
@@ -54,6 +56,8 @@ def cached_recordings(scene: Scene, progress=None) -> np.ndarray:
 def cached_measurement(scene: Scene, progress=None) -> Measurement:
     """Return what `measure` returns for the scene: from the cache, or computed and stored there.
 
+    That of a measured scene is read from its file.
+
     Parameters
     ----------
     scene : Scene
@@ -65,6 +69,8 @@ def cached_measurement(scene: Scene, progress=None) -> Measurement:
     InputError
         As `measure` does.
     """
+    if isinstance(scene, MeasuredScene):
+        return _recorded(scene)
     require_measurable(scene)
 
     def write(file, measurement: Measurement) -> None:
@@ -82,7 +88,15 @@ def cached_measurement(scene: Scene, progress=None) -> Measurement:
 
 def load_cached_measurement(scene: Scene) -> Measurement | None:
     """Return the measurement of the scene if it is in the cache, else None."""
+    if isinstance(scene, MeasuredScene):
+        return _recorded(scene)
     return load_cached(_measurement_name(scene), load_measurement)
+
+
+def _recorded(scene: MeasuredScene) -> Measurement:
+    if not scene.file:
+        raise InputError(f"{scene.name} is a measurement, which cannot be simulated", "open its file", key="scene")
+    return load_measurement(scene.file)
 
 
 def _measurement_name(scene: Scene) -> str:

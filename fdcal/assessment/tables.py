@@ -14,20 +14,22 @@ from ..model.validation import InputError
 from .calibration import CHANNEL_NUMBERS, Calibration
 
 
-def position_table(measurement: Measurement, positions, sigma=None) -> str:
+def position_table(measurement: Measurement, positions, sigma=None, by: slice | np.ndarray = slice(None)) -> str:
     """Return positions (N, D) as CSV; lengths in metres, unknown values empty, numbers to full precision.
 
     Columns: name, known (yes or no), x_m, y_m[, z_m], true_x_m, true_y_m[, true_z_m], error_m, uncertainty_m, which is
     `sigma` (N,). Without any known microphone the error is that after the best rigid motion or mirror image of the
-    whole array, in a column called error_once_aligned_m.
+    whole array, which the microphones `by` determine, in a column called error_once_aligned_m. Nominal positions have
+    columns nominal_x_m and so on.
     """
-    truth, errors, axes = measurement.positions, measurement.errors(positions), "xyz"[: measurement.array_dimension]
+    truth, errors, axes = measurement.positions, measurement.errors(positions, by), "xyz"[: measurement.array_dimension]
     unknown = np.full((measurement.count, len(axes) + 1), None)
     true = unknown if truth is None or errors is None else np.column_stack([truth, errors])
     numbers = np.column_stack([np.asarray(positions, float), true, unknown[:, 0] if sigma is None else sigma])
     known = ["yes" if n in measurement.known else "no" for n in range(measurement.count)]
     aligned = "_once_aligned" if measurement.blind and truth is not None else ""
-    head = [*(f"{axis}_m" for axis in axes), *(f"true_{axis}_m" for axis in axes), f"error{aligned}_m", "uncertainty_m"]
+    compared = [f"{measurement.reference}_{axis}_m" for axis in axes]
+    head = [*(f"{axis}_m" for axis in axes), *compared, f"error{aligned}_m", "uncertainty_m"]
     return _csv(["name", "known", *head], zip(measurement.names, known, *numbers.T.tolist(), strict=True))
 
 

@@ -143,12 +143,14 @@ radius_option = click.option("--radius", type=float, metavar="R", help="Radius R
 
 def scene_of(text: str) -> CalibrationInput:
     """Return the simulated measurement of a scene; InputError for a measurement."""
-    if text.lower().endswith(".npz"):
+    inputs = None if text.lower().endswith(".npz") else input_of(text)
+    if inputs is None or inputs.scene is None:
         from ..model.scene_file import scene_names
 
-        remedy = f"give a scene: a .toml file or one of {', '.join(scene_names())}"
+        names = ", ".join(name for name in scene_names() if name != text)
+        remedy = f"give a scene that is simulated: a .toml file or one of {names}"
         raise InputError(f"{text} is a measurement", remedy, key="scene", value=text)
-    return input_of(text)
+    return inputs
 
 
 def files_options(command):

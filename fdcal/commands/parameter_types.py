@@ -187,11 +187,13 @@ class RoomOrScene(click.ParamType):
     def convert(self, value, param, ctx) -> tuple[float, ...]:
         if value[:1].isdigit():
             return room_size(value)
+        from ..model.measured_scene import MeasuredScene
         from ..model.scene_file import load_scene
 
-        size = load_scene(value).room.size
-        if size is None:
-            self.fail(f"the room of {value} is no rectangle; give its lengths, as 7x6x2.7", param, ctx)
+        scene = load_scene(value)
+        size = scene.room.size
+        if size is None or isinstance(scene, MeasuredScene):
+            self.fail(f"the room of {value} is unknown or no rectangle; give its lengths, as 7x6x2.7", param, ctx)
         return tuple(size)
 
 

@@ -201,7 +201,7 @@ def replay(source, solver, modes, seed, microphone, output, search, radius, forc
         microphone_number(microphone, inputs.measurement.count)
     with progress_bar("calibrating") as progress:
         states = recorded(states_of(inputs, progress))
-    title = inputs.name if inputs.scene is None else inputs.scene.title
+    title = inputs.title or inputs.name if inputs.scene is None else inputs.scene.title
     source = with_search_domain(inputs.measurement, states[-1].positions)
     measurement = source if inputs.scene is None else as_given(inputs.scene, source)
     problem = source.problem(inputs.settings.weights, inputs.settings.known)

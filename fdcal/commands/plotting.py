@@ -50,7 +50,7 @@ def error_title(measurement: Measurement, result: Calibration) -> str:
     compared = result.compared_with(measurement, given)
     if compared.errors is None:
         return "true positions unknown"
-    return errors_in_words(compared.errors[result.counted(given)], result.aligned)
+    return errors_in_words(compared.errors[result.counted(given)], result.aligned, measurement.nominal)
 
 
 def counted_microphones(inputs: CalibrationInput, state) -> np.ndarray:
@@ -125,7 +125,7 @@ def place_of_basin(measurement: Measurement, positions: np.ndarray, n: int) -> t
     """Return the true position of a microphone and its name, or its position (D,), metres, where that is unknown."""
     if measurement.positions is None:
         return positions[n], "estimate"
-    return measurement.positions[n], "true position"
+    return measurement.positions[n], f"{measurement.reference} position"
 
 
 def floor_of(cost: np.ndarray, search: Search, basin: tuple[np.ndarray, str] | None) -> Floor:

@@ -30,7 +30,7 @@ def summary(inputs: CalibrationInput, result: Calibration) -> str:
         f"{inputs.name}: {free} of {count} microphones sought by {result.solver}, seed {result.seed}",
         f"modes   {len(f)}{f' rows of {takes} takes' if takes > 1 else ''}, {f[0]:.1f} to {f[-1]:.1f} Hz",
         f"run     {result.sweeps} sweeps in {result.elapsed:.1f} s, {_end(result)}",
-        f"error   {_error(result, inputs.given, inputs.compared_with)}",
+        f"error   {_error(result, inputs)}",
     ]
     if result.cost_db is not None:
         lines.insert(
@@ -61,15 +61,10 @@ def _end(result: Calibration) -> str:
     return "stopped before it converged"
 
 
-def _error(result: Calibration, given, truth: str) -> str:
-    """Return the errors over the microphones sought whose channels are sound, in words.
-
-    Parameters
-    ----------
-    result : Calibration
-    given : as of `Calibration.counted`
-    truth : what the positions were compared with
-    """
+def _error(result: Calibration, inputs: CalibrationInput) -> str:
+    """Return the errors over the microphones sought whose channels are sound, in words."""
+    given, nominal = inputs.given, inputs.measurement.nominal
+    truth = inputs.compared_with or ("the nominal positions" if nominal else "the truth")
     if result.mean_error is None or result.max_error is None:
         return f"unknown, since the true positions are{_sigma(result, result.counted(given))}"
     mean, largest, counted = result.mean_error, result.max_error, result.counted(given)
@@ -77,7 +72,10 @@ def _error(result: Calibration, given, truth: str) -> str:
     sought = " sought" if len(given) and not np.isin(counted, given).any() else ""
     over = f"{'the' if healthy or sought else 'all'} {len(counted)}{healthy} microphones{sought}"
     text = f"mean {length_text(mean)}, largest {length_text(largest)} over {over}"
-    text += f", moved as a whole onto {truth}" if result.aligned else ""
+    if result.aligned:
+        text += f", moved as a whole onto {truth}"
+    elif nominal:
+        text += f", against {truth}"
     text += ", in the nearest of the room's symmetries" if result.room is not None else ""
     return text + _sigma(result, counted)
 

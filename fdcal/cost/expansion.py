@@ -105,13 +105,19 @@ def require_modes(problem: Problem, order_offset: int, count: int) -> None:
     formula = "2L + 1" if problem.dimension == 2 else "(L + 1)(L + 2) / 2"
     formula = "(L + 1)^2" if problem.array_dimension == 3 else formula
     raise InputError(
-        f"mode {usable + 1} at {problem.frequencies[usable]:.4g} Hz has order L = ceil(k R) + solver.order_offset ="
-        f" {L} with search.radius = {R:g} m and solver.order_offset = {order_offset}, that is {formula} ="
+        f"{_row(problem)} {usable + 1} at {problem.frequencies[usable]:.4g} Hz has order"
+        f" L = ceil(k R) + solver.order_offset = {L} with search.radius = {R:g} m and solver.order_offset ="
+        f" {order_offset}, that is {formula} ="
         f" {functions(problem, L)} functions for {problem.pressures.shape[1]} microphones",
         f"{'' if usable else 'use '}{', '.join(remedies)}, or more microphones",
         key="modes",
         value=count,
     )
+
+
+def _row(problem: Problem) -> str:
+    """Return what a row of the pressures is called: a mode, or, of several takes, a row."""
+    return "row" if len(np.unique(problem.takes)) > 1 else "mode"
 
 
 def require_carried(problem: Problem, modes: Sequence[int], order_offset: int) -> None:
@@ -120,9 +126,9 @@ def require_carried(problem: Problem, modes: Sequence[int], order_offset: int) -
     for mode in sorted(set(modes) - set(carried.tolist())):
         L = int(max_order(problem.wavenumbers[mode - 1], search_domain(problem).radius, order_offset))
         raise InputError(
-            f"mode {mode} at {problem.frequencies[mode - 1]:.4g} Hz has order {L}, that is {functions(problem, L)}"
-            f" functions for {problem.pressures.shape[1]} microphones",
-            "use a lower order or lower modes",
+            f"{_row(problem)} {mode} at {problem.frequencies[mode - 1]:.4g} Hz has order {L}, that is"
+            f" {functions(problem, L)} functions for {problem.pressures.shape[1]} microphones",
+            f"use a lower order or lower {_row(problem)}s",
             key="order_offset",
             value=order_offset,
         )

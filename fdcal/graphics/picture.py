@@ -38,6 +38,7 @@ from .primitives import Floor, Label, Picture
 from .surroundings import focus_of, frame, room_and_source, upper_frame, z_range_of
 from .theme import theme_of
 
+NOMINAL = (("microphones/true", "nominal"), ("microphones/error", "deviation"))  # words of the legend
 PLANE_MARKER, SPACE_MARKER = 0.0125, 0.016  # radius of a marker, of the longer side of the search domain
 
 
@@ -109,7 +110,8 @@ def static_picture(
         meshes, drawn = meshes + circle, drawn + stems
     if len(measurement.known):
         meshes += known_microphones(drape(measurement.known_positions, floor, radius), base, radius)
-    return Picture(theme, focus, bounds, radius, drawn, meshes, labels, z_range=z_range)
+    captions = NOMINAL if measurement.nominal else ()
+    return Picture(theme, focus, bounds, radius, drawn, meshes, labels, captions=captions, z_range=z_range)
 
 
 def with_floor(picture: Picture, floor: Floor | None) -> Picture:
@@ -138,7 +140,12 @@ def _loop_on(floor: Floor, corners: np.ndarray, marker_radius: float) -> np.ndar
 
 
 def with_estimate(
-    picture: Picture, measurement: Measurement, positions, microphone: int | None = None, floor: Floor | None = None
+    picture: Picture,
+    measurement: Measurement,
+    positions,
+    microphone: int | None = None,
+    floor: Floor | None = None,
+    by: np.ndarray | slice = slice(None),
 ) -> Picture:
     """Return the picture with the estimated positions and the selected microphone.
 
@@ -153,8 +160,9 @@ def with_estimate(
     positions : (N, D) float64, metres
     microphone : the selected one, counted from 0, or None
     floor : a map in relief, on which the microphones stand, or None
+    by : numbers of the microphones that determine how a blind array is moved
     """
-    truth = measurement.aligned_truth(positions)
+    truth = measurement.aligned_truth(positions, by)
     radius, known = picture.marker_radius, measurement.known
     crossed = _seen_elsewhere(measurement.known_positions, known, np.asarray(positions, float), radius)
     lined = crossed if truth is None else crossed | _seen_elsewhere(truth[known], known, np.asarray(positions), radius)

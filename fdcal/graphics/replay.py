@@ -129,6 +129,8 @@ def _static_data(scene: Scene | None, measurement: Measurement) -> dict:
         "names": list(measurement.names),
         "known": measurement.known.tolist(),
         "given": np.round(np.asarray(measurement.known_positions, float), 6).tolist(),
+        "reference": measurement.reference,
+        "row": "row" if measurement.take_count > 1 else "mode",
         "aligned": bool(measurement.blind),  # each state is moved as a whole to the true positions
         "dimension": measurement.array_dimension,
         "frequencies": np.round(measurement.frequencies, 3).tolist(),

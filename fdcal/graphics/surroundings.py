@@ -17,7 +17,7 @@ from .theme import Theme
 Box = tuple[float, float, float, float]
 
 PLANE_WALLS = 0.12  # height of the walls of a plane room, of its longer side
-LEAST_SOURCE = 0.012  # quarter of the mark of one of several sources, of the room's longer side: seen in the whole room
+LEAST_SOURCE = 0.012  # quarter of the mark of a source in space, of the room's longer side: seen in the whole room
 QUIET_SOURCE = 0.5  # size of the marks of the sources that are not of the chosen take, of those that are
 EMPTY_MARGIN = 0.1  # m around the microphones where there is no search domain
 
@@ -104,7 +104,8 @@ def room_and_source(
     places = glyphs.lift(np.array(scene.emitter.places, float), layer_height(Layer.SOURCE, marker_radius))
     several = len(places) > 1
     extent = float(np.ptp(scene.room.vertices, axis=0).max())
-    radius = max(marker_radius, LEAST_SOURCE * extent) if several else marker_radius
+    seen_whole = several or scene.room.dimension == 3  # in a room that is far larger than the array
+    radius = max(marker_radius, LEAST_SOURCE * extent) if seen_whole else marker_radius
     labels = []
     for number, place in enumerate(places):
         chosen = take in (None, number)

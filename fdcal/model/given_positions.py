@@ -97,7 +97,11 @@ def with_positions(measurement: Measurement, placed: MicrophonePositions, exclud
             key="positions",
         )
     return replace(
-        measurement, positions=positions[:, :D], known=measurement.known, known_positions=measurement.known_positions
+        measurement,
+        positions=positions[:, :D],
+        known=measurement.known,
+        known_positions=measurement.known_positions,
+        nominal=False,
     )
 
 

@@ -1,31 +1,94 @@
-"""A placeholder scene of a measurement, whose room is unknown.
+"""The scene of a measurement, whose room is unknown.
 
-The page and session files work with a scene. Of a placeholder they show title, solver, seed and gauge alone.
+The page and session files work with a scene. Of a measured one they show title, remark, solver, seed and gauge alone;
+its room, source and array are placeholders, which nothing simulates.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from .array_layout import Array, Gauge
 from .measurement import Measurement
+from .measurement_file import load_measurement
 from .room import Room, Source
 from .scene import Scene
 from .sensing import Sensing
 from .settings import Search, SolverSettings
+from .validation import InputError, shown_literal
 
 CELLS = 50  # steps along the search domain of a placeholder
 MARGIN = 1.0  # metres around the known positions of the array
+KEYS = ("name", "title", "measurement", "remark")  # of the file of a scene that is a measurement
 
 
 @dataclass(frozen=True)
 class MeasuredScene(Scene):
-    """A scene whose title, solver, seed and gauge are real; room, source and array are placeholders."""
+    """A scene whose title, solver, seed and gauge are real; room, source and array are placeholders.
+
+    Attributes
+    ----------
+    file : str
+        Path of the measurement; "" where whoever opens the scene has the measurement.
+    remark : str
+        What was measured, by whom, and under which licence: shown below the scene's name.
+    """
+
+    file: str = ""
+    remark: str = ""
+
+    @staticmethod
+    def optional(table: dict) -> tuple[str, ...]:
+        """Return the keys that the table of a measured scene may leave out."""
+        return (*Scene.optional(table), "file", "remark")
 
 
-def placeholder_scene(measurement: Measurement, name: str, solver: SolverSettings, seed: int = 0) -> MeasuredScene:
+def load_measured_scene(table: Mapping[str, Any]) -> MeasuredScene:
+    """Return the scene of a measurement that comes as a file.
+
+    Parameters
+    ----------
+    table : mapping
+        `name`, `title`, `measurement`, the path of an .npz file, and `remark`, which may be missing.
+
+    Raises
+    ------
+    InputError
+        For another key, or a value that is no text.
+    StorageError
+        The measurement cannot be read.
+    """
+    for key, value in table.items():
+        if key not in KEYS:
+            problem = f"{key} has no meaning in a scene that is a measurement, of which nothing is simulated"
+            raise InputError(problem, "remove it", key=key)
+        if not isinstance(value, str):
+            raise InputError(f"{key} = {shown_literal(value)} must be a text", "write it in quotes", key=key)
+    measurement = load_measurement(table["measurement"])
+    return placeholder_scene(
+        measurement,
+        table["name"],
+        SolverSettings(),
+        title=table["title"],
+        file=table["measurement"],
+        remark=table.get("remark", ""),
+    )
+
+
+def placeholder_scene(
+    measurement: Measurement,
+    name: str,
+    solver: SolverSettings,
+    seed: int = 0,
+    *,
+    title: str = "",
+    file: str = "",
+    remark: str = "",
+) -> MeasuredScene:
     """Return a scene for a measurement that has none.
 
     Parameters
@@ -35,6 +98,10 @@ def placeholder_scene(measurement: Measurement, name: str, solver: SolverSetting
         Name of its file.
     solver : SolverSettings
     seed : int
+    title : str
+        The name and "as measured" unless given.
+    file, remark : str
+        As of `MeasuredScene`.
     """
     D, d = measurement.dimension, measurement.array_dimension
     places = measurement.positions if measurement.positions is not None else measurement.known_positions
@@ -46,7 +113,7 @@ def placeholder_scene(measurement: Measurement, name: str, solver: SolverSetting
     c = measurement.sound_speed
     return MeasuredScene(
         name=name,
-        title=f"{name}, as measured",
+        title=title or f"{name}, as measured",
         room=Room(size=(9.0, 8.0, 7.0), sound_speed=c) if boxed else Room(outline=_rows(corners), sound_speed=c),
         source=Source(position=(0.1,) * 3 if boxed else tuple((low + 0.1).tolist())),
         array=_array(measurement, boxed, d),
@@ -55,6 +122,8 @@ def placeholder_scene(measurement: Measurement, name: str, solver: SolverSetting
         measurement=Sensing(wavenumber="continuous"),
         solver=solver,
         seed=seed,
+        file=file,
+        remark=remark,
     )
 
 

@@ -60,6 +60,8 @@ class Measurement(MeasurementSources):
         is arbitrary. NaN where the direct sound does not stand out.
     arrival_sigma : (T,) float64 or float, optional
         One sigma of an arrival of each take, seconds, as far as it is known; 0.3 mm over the sound speed unless given.
+    nominal : bool, optional
+        Whether `positions` are nominal, those of the plan of the array, rather than true.
 
     Raises
     ------
@@ -90,6 +92,7 @@ class Measurement(MeasurementSources):
     takes: np.ndarray
     arrivals: np.ndarray | None
     arrival_sigma: np.ndarray | None
+    nominal: bool
 
     def __init__(
         self,
@@ -109,6 +112,7 @@ class Measurement(MeasurementSources):
         takes=None,
         arrivals=None,
         arrival_sigma=None,
+        nominal=False,
     ):
         def put(name: str, value: object) -> None:
             object.__setattr__(self, name, value)
@@ -131,6 +135,7 @@ class Measurement(MeasurementSources):
         if positions is not None:
             positions = checks.real("positions", positions, (self.count, self.array_dimension), "m")
         put("positions", positions)
+        put("nominal", checks.flag("nominal", nominal))
         put("spectrum", None if spectrum is None else checks.spectrum(spectrum, self.takes))
         indices, places = checks.known(known, known_positions, self.positions, self.count, self.array_dimension)
         put("known", indices)
@@ -205,17 +210,24 @@ class Measurement(MeasurementSources):
         return self.spectrum[[0, 1 + number]]
 
     @property
+    def reference(self) -> str:
+        """What `positions` are, in a word: "true" or "nominal"."""
+        return "nominal" if self.nominal else "true"
+
+    @property
     def blind(self) -> bool:
         """Whether no microphone is known: translation, rotation and mirror image of the array are undetermined."""
         return not len(self.known)
 
-    def aligned_truth(self, positions) -> np.ndarray | None:
+    def aligned_truth(self, positions, by: slice | np.ndarray = slice(None)) -> np.ndarray | None:
         """Return the true positions as they compare with estimated ones.
 
         Parameters
         ----------
         positions : (N, D) float64
             Estimated positions, metres.
+        by : slice or index array
+            Microphones that determine the motion of a blind array; all unless given.
 
         Returns
         -------
@@ -223,22 +235,24 @@ class Measurement(MeasurementSources):
             Metres; None if they are not known. Of a blind array they are aligned with `positions` by the best rigid
             motion of the whole, a mirror image allowed.
         """
-        return align(self.positions, positions) if self.blind and self.positions is not None else self.positions
+        return align(self.positions, positions, by) if self.blind and self.positions is not None else self.positions
 
-    def errors(self, positions) -> np.ndarray | None:
+    def errors(self, positions, by: slice | np.ndarray = slice(None)) -> np.ndarray | None:
         """Return the distance of each position from the true one, as of `aligned_truth`.
 
         Parameters
         ----------
         positions : (N, D) array_like
             Metres.
+        by : slice or index array
+            As of `aligned_truth`.
 
         Returns
         -------
         (N,) float64 or None
             Metres; None where the true positions are unknown.
         """
-        truth = self.aligned_truth(positions)
+        truth = self.aligned_truth(positions, by)
         return None if truth is None else position_errors(positions, truth)
 
     def problem(self, weights: str = "unit", known: str = "all") -> Problem:

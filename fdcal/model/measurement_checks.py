@@ -38,6 +38,13 @@ def dimension(key: str, value, choices: Iterable[int]) -> int:
     return number
 
 
+def flag(key: str, value) -> bool:
+    """Return what is true or false, as a bool or an array of one."""
+    if not isinstance(value, (bool, np.bool_, np.ndarray)) or np.shape(value) != () or np.asarray(value).dtype != bool:
+        raise InputError(f"{key} is neither true nor false", "give True or False", key=key)
+    return bool(value)
+
+
 def real(key: str, values, shape: tuple[int | None, ...], unit: str) -> np.ndarray:
     """Return real numbers of the given shape : float64."""
     return require_array(key, values, "real", shape, unit)

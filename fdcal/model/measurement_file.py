@@ -32,6 +32,7 @@ OPTIONAL = (
     "takes",
     "arrivals",
     "arrival_sigma",
+    "nominal",
 )
 
 
@@ -49,6 +50,7 @@ def save_measurement(measurement: Measurement, file, others: Mapping[str, np.nda
     table["names"] = np.array(measurement.names)
     if measurement.take_count == 1 and np.all(np.diff(measurement.frequencies) > 0):
         table["takes"] = None
+    table["nominal"] = measurement.nominal or None
     if measurement.search is not None:
         s = measurement.search
         table |= dict(zip(SEARCH, (s.origin, s.size, s.step, s.radius), strict=True))
@@ -66,7 +68,8 @@ def load_measurement(path, excluded: Sequence[str] = (), called: str = "") -> Me
     Keys: `frequencies` (M,) Hz, `pressures` (M, N) complex, `sound_speed` m/s, `dimension`; optionally
     `array_dimension`, `wavenumbers` (M,) complex rad/m, `noise_power` (M,), `names` (N,), `positions` (N, D) m,
     `known` (A,) with `known_positions` (A, D) m, `takes` (M,) the take of each row, from 0, `arrivals`
-    (T, N) s with `arrival_sigma` (T,) s, and all or none of `search_origin`, `search_size`, `search_step`, `radius`, m.
+    (T, N) s with `arrival_sigma` (T,) s, `nominal`, whether the positions are nominal, and all or none of
+    `search_origin`, `search_size`, `search_step`, `radius`, m.
 
     Parameters
     ----------

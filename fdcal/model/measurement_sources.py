@@ -131,7 +131,7 @@ class MeasurementSources:
                     problem = f"measurement {number} has other {key} than the first: {getattr(one, key)!r}"
                     raise InputError(problem[:300], "import all takes alike", key=key)
         known = next((one for one in each if len(one.known)), each[0])
-        placed = next((one.positions for one in each if one.positions is not None), None)
+        placed = next((one for one in each if one.positions is not None), None)
         for number, one in enumerate(each, 1):
             same = np.array_equal(one.known, known.known) and np.allclose(one.known_positions, known.known_positions)
             if len(one.known) and not same:
@@ -151,7 +151,8 @@ class MeasurementSources:
             wavenumbers=np.concatenate([one.wavenumbers for one in each])[order],
             noise_power=np.concatenate(noise)[order] if len(noise) == len(each) else None,
             names=each[0].names,
-            positions=placed,
+            positions=None if placed is None else placed.positions,
+            nominal=placed is not None and placed.nominal,
             known=known.known,
             known_positions=known.known_positions,
             search=each[0].search,

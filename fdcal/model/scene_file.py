@@ -7,6 +7,7 @@ from pathlib import Path
 
 from .from_table import build
 from .measured_room import is_response_file
+from .measured_scene import load_measured_scene
 from .reading import parse_toml, read_bytes
 from .scene import Scene
 from .validation import InputError, shown
@@ -54,20 +55,29 @@ def load_scene(path: str | Path) -> Scene:
     >>> load_scene("tiny").room.size
     (1.68, 1.2)
     """
-    return build(Scene, scene_table(path))
+    table = scene_table(path)
+    return load_measured_scene(table) if isinstance(table.get("measurement"), str) else build(Scene, table)
 
 
 def scene_table(path: str | Path) -> dict:
-    """Return the table of a scene's file, of `load_scene`'s argument, as `fdcal.model.from_table.build` takes it."""
+    """Return the table of a scene's file, of `load_scene`'s argument, as `fdcal.model.from_table.build` takes it.
+
+    In place of the table `measurement` that of a measured scene has the path of its measurement.
+    """
     path = _file_of(Path(path))
     table = parse_toml(read_bytes(path, what="scene"), path)
     table = {"name": path.stem, "title": path.stem, **table}
-    return _with_response_beside(table, path.resolve().parent)
+    return _with_files_beside(table, path.resolve().parent)
 
 
-def _with_response_beside(table: dict, folder: Path) -> dict:
-    """Return the table of a scene with the path of a measured room's file, which is relative to the scene's folder."""
-    room = table.get("room")
+def _with_files_beside(table: dict, folder: Path) -> dict:
+    """Return the table of a scene with the paths of a measurement and of a measured room's file.
+
+    In the file they are relative to the scene's folder.
+    """
+    room, measurement = table.get("room"), table.get("measurement")
+    if isinstance(measurement, str):
+        table = {**table, "measurement": str(folder / measurement)}
     text = room.get("response") if isinstance(room, dict) else room
     if not isinstance(text, str) or not is_response_file(text):
         return table

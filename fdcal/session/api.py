@@ -145,10 +145,15 @@ def simulate(scene: Scene | str | PathLike[str], *, progress: Progress | None = 
     >>> fdcal.simulate(replace(scene, gauge=replace(scene.gauge, known=(1, 5, 7)))).known.tolist()
     [1, 5, 7]
     """
+    from ..model.measured_scene import MeasuredScene
     from ..model.scene_file import load_scene
 
+    chosen = scene if isinstance(scene, Scene) else load_scene(str(scene))
+    if isinstance(chosen, MeasuredScene):
+        remedy = f'take the measurement itself: fdcal.load("{chosen.name}")'
+        raise InputError(f"{chosen.name} is a measurement, which nothing simulates", remedy, key="scene")
     with one_blas_thread():
-        return scene_input(scene if isinstance(scene, Scene) else load_scene(str(scene)), progress).measurement
+        return scene_input(chosen, progress).measurement
 
 
 def calibrate(

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..model.from_table import build
+from ..model.measured_scene import MeasuredScene
 from ..model.measurement import Measurement
 from ..model.scene import Scene
 from ..model.settings import ALL_MODES
@@ -101,6 +102,8 @@ def edited(scene: Scene, changes: Mapping[str, Any]) -> Scene:
         For unknown keys and impossible values, as `load_scene`.
     """
     table = table_of(scene)
+    if isinstance(scene, MeasuredScene):
+        _require_editable(changes)
     for key, value in changes.items():
         *path, last = key.split(".")
         inner = table
@@ -112,7 +115,15 @@ def edited(scene: Scene, changes: Mapping[str, Any]) -> Scene:
         inner.pop(last, None)
         if value is not None:
             inner[last] = plain(value)
-    return build(Scene, table)
+    return build(type(scene), table)
+
+
+def _require_editable(changes: Mapping[str, Any]) -> None:
+    """Raise InputError for a change of what is measured."""
+    for key, value in changes.items():
+        if key.split(".")[0] not in ("solver", "seed", "title"):
+            problem = f"{key} cannot be changed: the scene is a measurement"
+            raise InputError(problem, "change solver or seed, or take a scene that is simulated", key=key, value=value)
 
 
 def plain(value: Any) -> Any:

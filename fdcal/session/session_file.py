@@ -59,12 +59,15 @@ def write(opening: OpenRequest) -> bytes:
     """
     if opening.measurement is None:
         raise ValueError("a session that is written has a measurement")
+    scene = opening.scene
+    if isinstance(scene, MeasuredScene):
+        scene = dataclasses.replace(scene, file="")  # the measurement itself is in the session
     kept = kept_states(opening.states, opening.index)
     table, arrays = write_states([opening.states[i] for i in kept])
     content = {
         "fdcal_session": VERSION,
-        "scene": _finite(table_of(opening.scene)),
-        "measured": isinstance(opening.scene, MeasuredScene),  # the scene is a placeholder
+        "scene": _finite(table_of(scene)),
+        "measured": isinstance(scene, MeasuredScene),  # the scene is a placeholder
         "start_seed": opening.seed,
         "index": kept.index(len(opening.states) - 1 if opening.index is None else opening.index),
         "choices": plain(opening.choices),
@@ -153,6 +156,8 @@ def _table(text: bytes) -> dict:
 
 def _opening(table: dict, packed: bytes) -> OpenRequest:
     scene = build(MeasuredScene if table.get("measured") is True else Scene, _infinite(table["scene"]))
+    if isinstance(scene, MeasuredScene):
+        scene = dataclasses.replace(scene, file="")  # a session reads no other file
     try:
         with zipfile.ZipFile(io.BytesIO(packed)) as archive:
             _require_small(archive, ARRAYS)

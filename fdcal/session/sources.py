@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..model.channels import exclude_microphones
+from ..model.measured_scene import MeasuredScene
 from ..model.measurement import Measurement
 from ..model.measurement_file import load_measurement
 from ..model.settings import ALL_MODES, SolverSettings
@@ -34,7 +35,7 @@ class CalibrationInput:
     name : str
         Of the scene or the file.
     scene : Scene or None
-        None where the measurement was read from a file.
+        None where the measurement was read from a file, that of a measured scene, too.
     measurement : Measurement
         Without the `excluded` microphones.
     settings : SolverSettings
@@ -51,9 +52,11 @@ class CalibrationInput:
     all_modes : bool
         Whether the number of modes was left to the measurement, the array and the solver.
     compared_with : str
-        What the positions of the measurement are called where errors are reported.
+        What the positions of the measurement are called where errors are reported; true or nominal unless given.
     remark : str
         On how these positions belong to the channels; "" where there is none.
+    title : str
+        Of a scene that is a measurement; the name unless given.
     """
 
     name: str
@@ -66,8 +69,9 @@ class CalibrationInput:
     distance: tuple[str, str, float] | None = None
     time_limit: float | None = None
     all_modes: bool = False
-    compared_with: str = "the truth"
+    compared_with: str = ""
     remark: str = ""
+    title: str = ""
 
     @property
     def given(self) -> tuple[int, ...]:
@@ -197,7 +201,7 @@ def compared_with_file(inputs: CalibrationInput, path: str) -> CalibrationInput:
 
 
 def scene_input(scene: Scene, progress: Progress | None = None) -> CalibrationInput:
-    """Return the measurement of a scene, simulated or from the cache.
+    """Return the measurement of a scene, simulated or from the cache; of a measured one, from its file.
 
     Raises
     ------
@@ -206,6 +210,8 @@ def scene_input(scene: Scene, progress: Progress | None = None) -> CalibrationIn
     from ..acoustics.measurement_cache import cached_measurement  # brings the simulation, which only scenes need
 
     measurement = cached_measurement(scene, progress)
+    if isinstance(scene, MeasuredScene):
+        return replace(measurement_input(measurement, scene.name), title=scene.title)
     return with_mode_number(CalibrationInput(scene.name, scene, measurement, scene.solver, scene.seed))
 
 
@@ -232,6 +238,8 @@ def check_scene(scene: Scene) -> None:
     ------
     InputError
     """
+    if isinstance(scene, MeasuredScene):
+        return
     from ..acoustics.fdtd_grid import make_grid
     from ..acoustics.measure import require_measurable
     from ..model.arrays import positions_of

@@ -99,7 +99,7 @@ class RunBar:
         found : the verdict on the state, or None
         """
         done = view.state.finished and not view.running
-        self.show_status(view, fault, note, sought)
+        self.show_status(view, fault, note, sought, found is not None and found.verdict == "good")
         self._send("verdict", verdict_html(found), self.verdict, "content")
         self._send("has verdict", found is not None, self.verdict, "visible")
         self._send("last index", max(view.count - 1, 1), self.time, "max")
@@ -117,7 +117,9 @@ class RunBar:
         """`Binding.send` under a key of this bar."""
         self._binding.send(f"{self._name}: {key}", value, handle, name)
 
-    def show_status(self, view: SessionView, fault: str = "", note: str = "", sought=None) -> None:
+    def show_status(
+        self, view: SessionView, fault: str = "", note: str = "", sought=None, trusted: bool = False
+    ) -> None:
         """Bring the status lines up to date.
 
         Parameters
@@ -126,7 +128,8 @@ class RunBar:
         fault : of the page
         note : on work in the background
         sought : (K,) int64, microphones whose errors count; those of the run unless given
+        trusted : whether the verdict on the state is good
         """
         sought = self._binding.run.sought if sought is None else sought
-        text = html.status(view, self._binding.measurement, fault, note, sought)
+        text = html.status(view, self._binding.measurement, fault, note, sought, trusted)
         self._send("status", text, self.status, "content")

@@ -83,7 +83,8 @@ class SessionPicture:
             return self._drawn_plan(choices, planned)
         self.places = positions = view.state.positions
         static = self._static_picture(choices, floor)
-        picture = with_floor(with_estimate(static, self._measurement, positions, microphone, floor), floor)
+        by = slice(None) if uncertainty is None else self._sought(uncertainty)
+        picture = with_floor(with_estimate(static, self._measurement, positions, microphone, floor, by), floor)
         picture = with_volume(picture, volume)
         if choices.trails:
             past = view.history[max(view.index + 1 - TRAIL_STATES, 0) : view.index + 1]

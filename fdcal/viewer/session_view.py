@@ -181,16 +181,17 @@ class Viewer:
         planned = self.side_panel.plan.planned
         drawn_ids = (id(part) for part in (floor, volume, uncertainty, marked, planned))
         key = self._revision, choices, self._selected, *drawn_ids
+        sought = self._verdict.sought(view, found)
         if key != self._key:
             picture = self._picture.draw(view, choices, self._selected, floor, uncertainty, marked, volume, planned)
             sigma = None if uncertainty is None else uncertainty.sigma
-            self.snapshot = ViewSnapshot(self.run, picture, view, choices, self._selected, sigma, volume)
+            self.snapshot = ViewSnapshot(self.run, picture, view, choices, self._selected, sigma, volume, sought)
             self.nodes.show(picture)
             self.canvas.show_picture(picture)
             self._picker.show(self._picture.places, picture.floor)
             self._line_handles.show(choices.cut, floor)
             self._key = key
-        sought, note = self._verdict.sought(view, found), self.run.warmup.text if self.run.warmup else ""
+        note = self.run.warmup.text if self.run.warmup else ""
         self.main_panel.run_bar.announce(self.side_panel.sweep.note)
         self.main_panel.show(view, self._selected, drawn, reason, self._fault, note, found, sought)
         self.main_panel.view.show(view, self.picture)

@@ -79,6 +79,6 @@ class SidePanel:
         self.sweep.show(view, revision, microphone, now)
         self.cut.show(view, revision, microphone, drawn, now)
         self.modes.show(view, now)
-        self.microphones.show(view, microphone, uncertainty, now)
+        self.microphones.show(view, microphone, uncertainty, now, slice(None) if sought is None else sought)
         self.comparison.show(runs, now)
         self.plan.show()

@@ -46,7 +46,7 @@ def brute_force(problem, positions, offset):
     return 10 * np.log10(left / power)
 
 
-@pytest.mark.parametrize("name", scene_names())
+@pytest.mark.parametrize("name", [name for name in scene_names() if name != "frl_array"])  # whose truth is unknown
 def test_from_the_truth_moving_any_microphone_raises_it(name):
     measurement = noise_free(name)
     truth, reference_cost = np.array(measurement.positions), ReferenceCost(measurement.problem())

@@ -12,6 +12,7 @@ from fdcal.acoustics.measure import measure
 from fdcal.acoustics.measurement_cache import cached_measurement, load_cached_measurement
 from fdcal.model.arrays import positions_of
 from fdcal.model.measured_room import response_path
+from fdcal.model.measured_scene import MeasuredScene
 from fdcal.model.scene import no_rectangle
 from fdcal.model.scene_file import load_scene, scene_folder, scene_names
 from fdcal.model.settings import Search
@@ -24,6 +25,7 @@ def test_the_scenes_that_come_with_fdcal():
         *arrays,
         "ball3d",
         "fig1_square",
+        "frl_array",
         "listening_lab",
         "lshape",
         "plane3d",
@@ -288,6 +290,30 @@ def test_a_layer_of_the_search_domain_is_the_lattice_at_one_height():
 def test_a_measurement_is_no_scene(tmp_path):
     with pytest.raises(InputError, match="is a measurement; give a scene"):
         load_scene(tmp_path / "mine.npz")
+
+
+def test_a_measurement_becomes_a_scene_by_a_file_that_names_it(tmp_path):
+    scene, path = load_scene("frl_array"), tmp_path / "mine.toml"
+    assert isinstance(scene, MeasuredScene) and scene.title == "Measured: 7 microphones in a laboratory"
+    assert "CC BY 4.0" in scene.remark and "nominal" in scene.remark
+    path.write_text('measurement = "hall.npz"')
+    with pytest.raises(StorageError, match=r"hall\.npz"):
+        load_scene(path)
+    shutil.copy(scene.file, tmp_path / "hall.npz")
+    assert load_scene(path).file == str(tmp_path / "hall.npz") and load_scene(path).title == "mine"
+    path.write_text('measurement = "hall.npz"\nseed = 1\n')
+    with pytest.raises(InputError, match="seed has no meaning in a scene that is a measurement"):
+        load_scene(path)
+    path.write_text('measurement = "hall.npz"\nremark = 1\n')
+    with pytest.raises(InputError, match="remark = 1 must be a text"):
+        load_scene(path)
+
+
+def test_the_measurements_that_come_with_fdcal_are_small_and_have_a_notice():
+    files = list(scene_folder().glob("*.npz"))
+    assert files and sum(file.stat().st_size for file in files) < 300_000
+    notice = (scene_folder() / "LICENSE.md").read_text()
+    assert all(file.name in notice for file in files) and "CC BY 4.0" in notice
 
 
 def test_noise_of_older_scenes_is_still_read(edited):

@@ -120,12 +120,15 @@ def test_a_race_that_cannot_begin_gives_the_reason(owner):
     assert "modes" in made.error and made.button_label == "Start"
 
 
-def test_curves_of_all_share_one_axis_and_hold_between_points():
+def test_curves_of_all_share_one_axis_and_hold_between_points(owner):
+    made, _ = owner
     runner = races.RunSummary(
         "joint", None, "", 2, 0.5, 1.0, 1.0, np.array([0.0, 0.5]), np.array([4.0, 1.0]), np.array([-3.0, -9.0])
     )
     other = dataclasses.replace(runner, name="descent", times=np.array([0.0, 2.0]), costs=np.array([-3.0, -5.0]))
-    axis, *curves = racetab.curve_columns((runner, other))["Cost (Eq. 7, all modes; dB re the power)"]
+    axis, *curves = racetab.curve_columns((runner, other), made.run.measurement)[
+        "Cost (Eq. 7, all modes; dB re the power)"
+    ]
     np.testing.assert_array_equal(axis, [0.0, 0.5, 2.0])
     np.testing.assert_array_equal(curves[0], [-3, -9, -9])
     np.testing.assert_array_equal(curves[1], [-3, -3, -5])

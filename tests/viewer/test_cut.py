@@ -118,7 +118,7 @@ def test_the_plot_of_a_cut_through_the_estimate_has_the_cost_of_the_status_line(
     set_by_client(cut.lines, "x")
     turn_until(lambda: cut._shown is not None and cut._shown.request.modes == binding.choices.modes)
     columns, made = cut._plot.data, cut._shown
-    assert len(columns) == len(cut_series()) and all(len(column) == POINTS for column in columns)
+    assert len(columns) == len(cut_series(viewer.run.measurement)) and all(len(column) == POINTS for column in columns)
     assert all(np.isfinite(column).all() for column in columns)
     here = np.asarray(binding.session.view.state.positions)[binding.choices.microphone]
     assert made.estimate == pytest.approx(here[0] - binding.choices.cut[0][0])

@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 from fdcal import solvers
+from fdcal.assessment.tables import position_table
 from fdcal.commands.options import open_request_of
+from fdcal.graphics.legend import legend_of
 from fdcal.graphics.picture import static_picture, with_estimate
+from fdcal.graphics.units import error_summary
 from fdcal.model.measured_scene import MeasuredScene, placeholder_scene
 from fdcal.model.measurement import Measurement
 from fdcal.model.measurement_file import save_measurement
@@ -17,7 +20,10 @@ from fdcal.model.scene_file import load_scene
 from fdcal.model.settings import ALL_MODES, SolverSettings
 from fdcal.session.estimated_domain import with_estimated_domain
 from fdcal.session.sources import scene_input
+from fdcal.viewer.background.map_panels import map_modes
 from fdcal.viewer.background.prepare import PreparationProgress, prepare_run
+from fdcal.viewer.gui import html
+from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.tabs import comparison as comparison_tab
 from fdcal.viewer.tabs import map as map_tab
 
@@ -43,6 +49,52 @@ def test_a_measurement_is_shown_without_walls(scored, tiny, tmp_path):
         assert any(solid.name == "microphones/true" for solid in picture.meshes) == scored
     finally:
         work.session.close(2.0)
+
+
+@pytest.fixture(scope="module")
+def array():
+    """The page of the measured array that comes with fdcal."""
+    work = prepare_run(open_request_of("frl_array"), PreparationProgress())
+    yield work
+    work.session.close(2.0)
+
+
+def test_the_measured_array_has_maps_at_once_and_a_list_of_takes(array, server):
+    """Seven microphones carry no mode with the usual order."""
+    assert array.known_scene is None and array.measurement.take_count == 4
+    places = np.asarray(array.session.view.state.positions)
+    low = np.array(array.measurement.search.origin)
+    assert ((low < places) & (places < low + array.measurement.search.size)).all(), "the map is where the array is"
+    binding = Binding(server.gui, array, len(array.measurement.frequencies))
+    tab = map_tab.MapTab(binding)
+    try:
+        assert tab.take.options == ("All takes", "Take 0", "Take 1", "Take 2", "Take 3")
+        assert binding.choices.order_offset == array.reference_cost.order_offset == tab.order.value == 0
+        rows = map_modes(array, array.session.view.state, None, binding.choices.map_order, 1)
+        assert len(rows) > 50 and {int(array.measurement.takes[row - 1]) for row in rows} == {1}
+    finally:
+        server.gui.reset()
+
+
+def test_what_is_nominal_is_not_called_true_nor_its_distance_an_error(array):
+    view, measurement = array.session.view, array.measurement
+    text = html.status(view, measurement)
+    assert "Deviation" in text and "from nominal, after alignment" in text and "Error" not in text
+    assert "rows 1–1143 of 4 takes, 82–1224 Hz" in text and "all modes" not in text
+    picture = with_estimate(static_picture(None, measurement), measurement, view.state.positions)
+    assert {"nominal", "deviation"} <= {entry.text for entry in legend_of(picture)}
+    assert "mean deviation" in error_summary(measurement, view.state.positions)
+    assert "nominal_x_m" in position_table(measurement, view.state.positions).splitlines()[0]
+
+
+def test_errors_after_alignment_are_those_of_the_microphones_that_align(array):
+    """As `fdcal calibrate` has it: by the microphones whose channels are sound."""
+    measurement, healthy = array.measurement, np.array([1, 2, 3, 4, 5])
+    positions = np.array(measurement.positions)
+    positions[0] += 0.05
+    assert measurement.errors(positions, healthy)[healthy] == pytest.approx(0, abs=1e-9)
+    assert measurement.errors(positions)[healthy].min() > 1e-3
+    assert "<b>0 mm</b>" in html.error_text(measurement, positions, healthy)
 
 
 def test_another_solver_keeps_the_measured_scene(tiny):

@@ -261,7 +261,9 @@ def test_the_status_names_the_path_of_the_log(tmp_path, monkeypatch, capsys):
         except ValueError:
             log.exception("the solver stopped")
         view = SimpleNamespace(state=state, error="it broke", running=False, cost=-40.0)
-        measurement = SimpleNamespace(frequencies=[100.0], take_count=1, positions=None, errors=lambda positions: None)
+        measurement = SimpleNamespace(
+            frequencies=[100.0], take_count=1, positions=None, errors=lambda *_: None, nominal=False
+        )
         html = words.status(view, measurement)
         assert "&lt;b&gt;/view.log" in html and "<b>/" not in html and "it broke" in html
     assert "ValueError: the matrix is singular" in (tmp_path / "<b>" / "view.log").read_text(encoding="utf-8")

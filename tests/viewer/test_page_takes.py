@@ -48,7 +48,7 @@ def test_rows_are_named_by_their_take_where_there_are_several(takes, measurement
     assert row_label(takes, 4) == "row 4, take 1, 140.0 Hz" and row_label(measurement, 2) == "mode 2, 140.0 Hz"
     assert count_label(takes, (1, 3)) == "2 rows of take 0" and count_label(takes, (1, 2)) == "2 rows of 2 takes"
     assert modes_label(takes, (4,)) == "row 4, take 1" and modes_label(measurement, (1, 2)) == "modes 1 to 2"
-    assert html.modes_text(takes, 1, 12) == "rows 1 to 12 of 2 takes, 100.0 to 300.0 Hz"
+    assert html.modes_text(takes, 1, 12) == "rows 1–12 of 2 takes, 100–300 Hz"
     assert "row 12, take 1, <b>300.0 Hz" in modes.caption(takes, (1, 12), 400, None)
 
 

@@ -67,6 +67,33 @@ def test_a_seed_without_effect_is_hidden(controls):
     assert panel.solver.seed.visible and panel.solver.start.visible
 
 
+def test_a_measured_array_is_among_the_scenes_and_opens_without_anything_to_edit(controls):
+    panel, session = controls
+    tab = panel.scene
+    set_by_client(tab.name, "frl_array")
+    edited = (
+        tab.microphones,
+        tab.radius,
+        tab.walls,
+        tab.absorption,
+        tab.noise,
+        tab.snr,
+        tab.speed,
+        tab.known,
+        tab.seed,
+    )
+    assert not any(handle.visible for handle in edited)
+    assert tab.title.visible and "7 microphones in a laboratory" in tab.title.content
+    for words in ("nominal positions", "CC BY 4.0", "cannot be edited"):
+        assert words in tab.message.content
+    assert tab.apply.visible and tab.apply.label == "Open"
+    set_by_client(tab.apply, True)
+    (opening,) = session.opened
+    assert opening.scene == load_scene("frl_array") and opening.measurement is None
+    set_by_client(tab.name, "tiny")
+    assert tab.apply.label == "Apply" and tab.radius.visible and not tab.title.visible
+
+
 def test_a_measurement_has_no_simulation_settings(server, work):
     measured = placeholder_scene(work.measurement, "hall", work.scene.solver)
     opened = []

@@ -86,7 +86,7 @@ function drawMinima(pen, project, r) {
   });
 }
 
-const rangeText = indices => indices.length > 1 ? `modes ${maps.modes[indices[0]]} to ${maps.modes[indices.at(-1)]}` : `mode ${maps.modes[indices[0]]}`;
+const rangeText = indices => indices.length > 1 ? `${data.row}s ${maps.modes[indices[0]]} to ${maps.modes[indices.at(-1)]}` : `${data.row} ${maps.modes[indices[0]]}`;
 
 // Caption and colour bar, in decibels relative to the power of the pressures of these modes.
 function colourBar(pen, w) {

@@ -194,18 +194,20 @@ const frequency = mode => data.frequencies[mode - 1].toFixed(1);
 const distance = (t, n) => Math.hypot(...placeOf(t, n).map((v, i) => v - truthOf(n)[i]));
 const coordinates = n => placeOf(at, n).slice(0, D).map(v => v.toFixed(3)).join(", ") + " m";
 
+const off = data.reference == "true" ? "error" : "deviation from nominal";
+
 function showTexts() {
   const one = first[at] == last[at];
   $("now").textContent = `step ${step[at]}, sweep ${sweep[at]}, stage ${stage[at] + 1}; ` + (one ?
-    `mode ${first[at]}, ${frequency(first[at])} Hz` : `modes ${first[at]} to ${last[at]}, ${frequency(first[at])} to ${frequency(last[at])} Hz`);
-  $("errors").textContent = mean ? `error: mean ${mm(mean[at])}, largest ${mm(largest[at])}${data.aligned ? ", after alignment" : ""}` : "true positions unknown";
+    `${data.row} ${first[at]}, ${frequency(first[at])} Hz` : `${data.row}s ${first[at]} to ${last[at]}, ${frequency(first[at])} to ${frequency(last[at])} Hz`);
+  $("errors").textContent = mean ? `${off}: mean ${mm(mean[at])}, largest ${mm(largest[at])}${data.aligned ? ", after alignment" : ""}` : "true positions unknown";
   $("cost").textContent = [cost && `cost ${cost[at].toFixed(1)} dB`, seconds && `${seconds[at].toPrecision(2)} s of processor time`].filter(Boolean).join(", ");
   if (selected >= 0) $("selected").textContent = `microphone ${data.names[selected]}${known.has(selected) ? " (known)" : ""} at ${coordinates(selected)}` +
-    (truth ? `, error ${mm(distance(at, selected))}` : "");
+    (truth ? `, ${off} ${mm(distance(at, selected))}` : "");
   else $("selected").textContent = "Click or tap a microphone to follow it.";
   const free = [...Array(N).keys()].filter(n => !known.has(n));
   if (truth) free.sort((m, n) => distance(at, n) - distance(at, m) || m - n);
-  $("tablehead").textContent = truth ? "Microphones, largest error first" : "Microphones";
+  $("tablehead").textContent = truth ? `Microphones, largest ${data.reference == "true" ? "error" : "deviation"} first` : "Microphones";
   $("table").replaceChildren(...free.slice(0, 12).map(n => {
     const row = document.createElement("tr");
     for (const text of [data.names[n], coordinates(n), truth ? mm(distance(at, n)) : ""]) row.insertCell().textContent = text;

@@ -7,9 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from ...acoustics.measurement_cache import cached_measurement
 from ...model.array_layout import Array
 from ...model.arrays import positions_of
 from ...model.geometries import ball, box, circle, rectangle
+from ...model.measured_scene import MeasuredScene
 from ...model.scene import Scene
 from ...model.scene_file import load_scene, scene_names
 from ...model.validation import InputError, frozen_array
@@ -63,10 +65,20 @@ def read_layout(text: str, seed: int = 0) -> Layout:
         return Layout(text, tuple(map(str, range(len(positions)))), frozen_array(positions, float))
     if text in scene_names() or text.lower().endswith(".toml"):
         scene = load_scene(text)
+        if isinstance(scene, MeasuredScene):
+            return _of_measurement(scene)
         positions = positions_of(scene)
         return Layout(scene.name, tuple(map(str, range(len(positions)))), positions, scene)
     remedy = f"give a .csv or .xml file of positions, a scene ({', '.join(scene_names())}), or a geometry as {EXAMPLES}"
     raise InputError(f'"{text}" names no array', remedy, key="layout", value=text)
+
+
+def _of_measurement(scene: MeasuredScene) -> Layout:
+    measurement = cached_measurement(scene)
+    if measurement.positions is None:
+        problem = f"{scene.name} is a measurement without positions"
+        raise InputError(problem, "give a table of them, or another scene", key="layout", value=scene.name)
+    return Layout(scene.name, measurement.names, measurement.positions)
 
 
 def _flattened(positions: np.ndarray) -> np.ndarray:

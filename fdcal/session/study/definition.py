@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from ...model.from_table import build
+from ...model.measured_scene import MeasuredScene
 from ...model.reading import parse_toml, read_bytes
 from ...model.scene import Scene
 from ...model.scene_file import load_scene, scene_table
@@ -195,7 +196,10 @@ def _with_scenes_beside(study: Study, folder: Path) -> Study:
 
 
 def _table_of(scene: str) -> dict:
-    load_scene(scene)  # refuses what is no scene, with its words
+    loaded = load_scene(scene)  # refuses what is no scene, with its words
+    if isinstance(loaded, MeasuredScene):
+        problem = f"{loaded.name} is a measurement, and a study simulates"
+        raise InputError(problem, "give a scene that is simulated", key="scene", value=scene)
     return scene_table(scene)
 
 

@@ -115,5 +115,5 @@ def place_of_basin(run: PreparedRun, request: CostMapRequest) -> tuple[np.ndarra
     """Return the place whose basin matters most, and its name: the true position if known, or the estimate."""
     positions = np.asarray(request.state.positions)
     truth = run.measurement.aligned_truth(positions)
-    places, name = (positions, "estimate") if truth is None else (truth, "true position")
+    places, name = (positions, "estimate") if truth is None else (truth, f"{run.measurement.reference} position")
     return places[request.microphone], name

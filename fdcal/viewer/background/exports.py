@@ -48,7 +48,7 @@ def _picture(snapshot: ViewSnapshot) -> bytes:
 
 
 def _errors(snapshot: ViewSnapshot) -> str:
-    return error_summary(snapshot.run.measurement, snapshot.view.state.positions, snapshot.run.sought)
+    return error_summary(snapshot.run.measurement, snapshot.view.state.positions, snapshot.counted)
 
 
 def _panels(snapshot: ViewSnapshot, count: int) -> LandscapePanels:
@@ -95,7 +95,7 @@ def _map(snapshot: ViewSnapshot) -> bytes:
 
 def _table(snapshot: ViewSnapshot) -> bytes:
     positions = snapshot.view.state.positions
-    return position_table(snapshot.run.measurement, positions, snapshot.sigma).encode()
+    return position_table(snapshot.run.measurement, positions, snapshot.sigma, snapshot.counted).encode()
 
 
 def _points(snapshot: ViewSnapshot) -> bytes:

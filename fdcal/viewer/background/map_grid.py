@@ -6,9 +6,9 @@ import numpy as np
 
 from ...graphics.panels import Marks, mosaic
 from ...graphics.theme import DARK, LIGHT
+from ...graphics.units import row_word
 from ...session.worker import LatestWorker
 from .cost_maps import CostMap
-from .map_panels import row_word
 from .prepare import PreparedRun
 
 INTERVAL = 0.2  # s at least between two images

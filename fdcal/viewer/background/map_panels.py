@@ -10,6 +10,7 @@ import numpy as np
 from ...cost.expansion import expansion_of
 from ...cost.maps import cost_maps, power_shares, refined
 from ...graphics.heatmap import cost_label
+from ...graphics.units import row_word
 from ...model.measurement import Measurement
 from ...model.settings import Search
 from ...model.validation import InputError
@@ -45,11 +46,6 @@ def map_label(run: PreparedRun, request: CostMapRequest) -> str:
     if run.solver.TRAITS.uses_likelihood:
         return "negative log-likelihood of the solver"
     return cost_label(run.scene.solver.weights).replace("cost", "cost of the solver")
-
-
-def row_word(measurement: Measurement) -> str:
-    """Return what the page calls a row of a measurement: a mode, or, of several takes, a row."""
-    return "row" if measurement.take_count > 1 else "mode"
 
 
 def row_label(measurement: Measurement, mode: int) -> str:

@@ -30,6 +30,7 @@ class ViewSnapshot:
     microphone : int, the selected one, counted from 0
     sigma : (N,) float64, metres, one standard deviation of each position, or None
     volume : the cost in space that the picture shows, or None
+    sought : numbers of the microphones whose errors count; those of the run unless given
     """
 
     run: PreparedRun
@@ -39,6 +40,12 @@ class ViewSnapshot:
     microphone: int
     sigma: np.ndarray | None
     volume: Volume | None = None
+    sought: np.ndarray | None = None
+
+    @property
+    def counted(self) -> np.ndarray:
+        """Numbers of the microphones whose errors count, and by which a blind array is aligned."""
+        return self.run.sought if self.sought is None else self.sought
 
     @property
     def caption(self) -> str:

@@ -12,8 +12,8 @@ from typing import Any
 
 import viser
 
+from ...graphics.units import row_word
 from ...session.request import OpenRequest
-from ..background.map_panels import row_word
 from ..background.prepare import PreparedRun
 from .choices import Choices, initial_choices
 

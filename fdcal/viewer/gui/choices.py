@@ -56,7 +56,7 @@ class Choices:
     follow : whether the map is that of the microphone which the last step moved
     shown : whether a map is shown
     modes : of the map, counted from 1; None for those that the solver uses
-    order_offset : of the map, added to ceil(k R) in the order of every mode
+    order_offset : of the map, added to ceil(k R) in the order of every mode; that of the cost in the status at first
     objective : whether the map shows what the solver minimises, in place of Eq. 7
     style : MapStyle
     trails : whether the path of each estimate is drawn
@@ -140,7 +140,8 @@ def initial_choices(run: PreparedRun, modes: int, before: Choices | None) -> Cho
     """
     measurement = run.measurement
     free = [n for n in range(measurement.count) if n not in measurement.known]
-    choices = Choices(microphone=free[0] if free else 0, seed=run.session.view.state.seed)
+    offset = ORDER_OFFSET if run.reference_cost is None else run.reference_cost.order_offset
+    choices = Choices(microphone=free[0] if free else 0, order_offset=offset, seed=run.session.view.state.seed)
     if before is not None:
         kept = {name: getattr(before, name) for name in KEPT}
         choices = replace(choices, style=_style_elsewhere(before, measurement), **kept)

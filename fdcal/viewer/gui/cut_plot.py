@@ -7,9 +7,10 @@ import numpy as np
 from matplotlib.colors import to_hex
 from viser import uplot
 
+from ...graphics.units import row_word
 from ...model.measurement import Measurement
 from ..background.cuts import MAX_MODES, Cut
-from ..background.map_panels import count_label, row_word
+from ..background.map_panels import count_label
 from .html import CARD
 from .plots import BLUE, GREY, RED, dots
 
@@ -18,16 +19,16 @@ SPAN, STEP = 80.0, 10.0  # dB that the plot shows at most below its highest cost
 COLOURS = tuple(to_hex(colour) for colour in matplotlib.colormaps["plasma"](np.linspace(0.15, 0.85, MAX_MODES)))
 
 
-def cut_series() -> tuple[uplot.Series, ...]:
+def cut_series(measurement: Measurement) -> tuple[uplot.Series, ...]:
     """Return the series of the plot: distance, single modes, their sum, the estimate and the true position."""
-    thin = [uplot.Series(label=f"mode {i}", stroke=colour, width=1, points={"show": False})
+    thin = [uplot.Series(label=f"{row_word(measurement)} {i}", stroke=colour, width=1, points={"show": False})
             for i, colour in enumerate(COLOURS)]  # fmt: skip
     return (
         uplot.Series(label="m"),
         *thin,
         uplot.Series(label="sum", stroke=BLUE, width=3, points={"show": False}),
         uplot.Series(label="estimate", stroke=RED, width=0, points=dots(9, RED, RED)),
-        uplot.Series(label="true", stroke=GREY, width=0, points=dots(13, GREY, "transparent")),
+        uplot.Series(label=measurement.reference, stroke=GREY, width=0, points=dots(13, GREY, "transparent")),
     )
 
 
@@ -57,7 +58,11 @@ def cut_caption(cut: Cut, measurement: Measurement) -> str:
     word, numbers = row_word(measurement), ", ".join(map(str, cut.modes))
     single = f"{word} {cut.modes[0]}" if count == 1 else f"{word}s {numbers}"
     marks = [f"<span style='color: {RED}'>&#9679;</span> estimate"] if cut.estimate is not None else []
-    marks += [f"<span style='color: {GREY}'>&#9675;</span> true position"] if cut.truth is not None else []
+    marks += (
+        [f"<span style='color: {GREY}'>&#9675;</span> {measurement.reference} position"]
+        if cut.truth is not None
+        else []
+    )
     lowest = float(cut.distance[int(cut.total.argmin())])
     return (
         f"<div style='{CARD}'>microphone {request.microphone}: <b style='color: {BLUE}'>sum of"

@@ -7,7 +7,7 @@ from html import escape
 
 import numpy as np
 
-from ...graphics.units import ALL
+from ...graphics.units import ALL, row_word
 from ...model.lengths import length_text
 from ...model.measurement import Measurement
 from ...model.validation import InputError
@@ -69,48 +69,66 @@ def waiting(title: str, text: str) -> str:
     return f"<div style='{CARD}'><b>{escape(title)}</b><br>{escape(text)}</div>"
 
 
-def state_word(view: SessionView) -> str:
-    """Return what the solver is doing."""
+def state_word(view: SessionView, trusted: bool = False) -> str:
+    """Return what the solver is doing, or how it ended: of a `trusted` result, in the sense of the verdict."""
     if view.error:
         return "Stopped by an error"
     if view.running:
         return "Running"
     if view.state.finished:
-        return "Converged" if view.state.converged else "Stopped before it converged"
+        return "Converged" if view.state.converged else "Ended" if trusted else "Stopped before it converged"
     return "Paused"
 
 
 def modes_text(measurement: Measurement, first: int, last: int) -> str:
-    """Return a range of modes and their frequencies, as in "modes 1 to 3, 100.0 to 180.0 Hz"."""
+    """Return a range of modes and their frequencies, as in "modes 1 to 3, 100.0 to 180.0 Hz".
+
+    Of several takes it is longer, and is written so that it fits into one line of the status.
+    """
     f = measurement.frequencies
     if measurement.take_count > 1:
-        numbers = f"row {first}" if first == last else f"rows {first} to {last}"
-        return f"{numbers} of {measurement.take_count} takes, {f[first - 1]:.1f} to {f[last - 1]:.1f} Hz"
+        numbers = f"row {first}" if first == last else f"rows {first}–{last}"
+        band = f"{f[first - 1]:.1f}" if first == last else f"{f[first - 1]:.0f}–{f[last - 1]:.0f}"
+        return f"{numbers} of {measurement.take_count} takes, {band} Hz"
     if first == last:
         return f"mode {first}, {f[last - 1]:.1f} Hz"
     return f"modes {first} to {last}, {f[first - 1]:.1f} to {f[last - 1]:.1f} Hz"
 
 
 def error_text(measurement: Measurement, positions: np.ndarray, sought: np.ndarray | slice = ALL) -> str:
-    """Return the mean and largest error of (N, D) positions, in metres, over the microphones `sought`."""
-    errors = measurement.errors(positions)
+    """Return the mean and largest error of (N, D) positions, in metres, over the microphones `sought`.
+
+    What the positions are compared with stands in a line of its own where they are moved as a whole, or are nominal.
+    """
+    errors = measurement.errors(positions, sought)
     if errors is None:
         return "unknown (no true positions)"
-    aligned, errors = ", after alignment" if measurement.blind else "", errors[sought]
+    errors = errors[sought]
+    words = ["from nominal"] if measurement.nominal else []
+    words += ["after alignment"] if measurement.blind else []
+    below = f"<br><span style='opacity: 0.65'>{', '.join(words)}</span>" if words else ""
     if len(errors) == 1:
-        return f"<b>{length_text(errors[0])}</b>{aligned}"
-    return f"mean <b>{length_text(errors.mean())}</b>, largest {length_text(errors.max())}{aligned}"
+        return f"<b>{length_text(errors[0])}</b>{below}"
+    return f"mean <b>{length_text(errors.mean())}</b>, largest {length_text(errors.max())}{below}"
 
 
-def cost_text(cost: float, corrected: bool = False) -> str:
-    """Return a cost of `fdcal.cost.reference_cost`, dB, and what it is, with gains `corrected`; "unknown" for NaN."""
-    gains = ", gains corrected" if corrected else ""
+def cost_text(cost: float, corrected: bool = False, row: str = "mode") -> str:
+    """Return a cost of `fdcal.cost.reference_cost`, dB, and what it is, with gains `corrected`; "unknown" for NaN.
+
+    It is that of all modes, or of all rows of several takes, as `row` says.
+    """
     number = "unknown" if math.isnan(cost) else f"{cost:.1f} dB"
-    return f"{number} <span style='opacity: 0.65'>(Eq. 7, all modes{gains})</span>"
+    what = "Eq. 7, gains corrected" if corrected else f"Eq. 7, all {row}s"
+    return f"{number} <span style='opacity: 0.65'>({what})</span>"
 
 
 def status(
-    view: SessionView, measurement: Measurement, fault: str = "", note: str = "", sought: np.ndarray | slice = ALL
+    view: SessionView,
+    measurement: Measurement,
+    fault: str = "",
+    note: str = "",
+    sought: np.ndarray | slice = ALL,
+    trusted: bool = False,
 ) -> str:
     """Return the lines at the top of the main panel.
 
@@ -121,6 +139,7 @@ def status(
     fault : an exception of the page itself, as text
     note : on work in the background
     sought : numbers of the microphones whose errors count, all unless given
+    trusted : whether the verdict on the state is good
 
     Returns
     -------
@@ -131,8 +150,8 @@ def status(
     rows = {
         "Progress": f"step {state.step}, sweep {state.sweep}, stage {state.stage + 1}",
         "In use": escape(modes_text(measurement, state.first, state.last)),
-        "Error": error_text(measurement, state.positions, sought),
-        "Cost": cost_text(view.cost, state.channels is not None),
+        "Deviation" if measurement.nominal else "Error": error_text(measurement, state.positions, sought),
+        "Cost": cost_text(view.cost, state.channels is not None, row_word(measurement)),
     }
     cells = "".join(
         f"<tr><td style='opacity: 0.65; padding-right: 0.9em; vertical-align: top'>{name}</td><td>{text}</td></tr>"
@@ -144,8 +163,10 @@ def status(
         f"<div style='color: {RED}; overflow-wrap: anywhere'>{escape(f'{text}; details in {log_location()}')}</div>"
         for text in errors
     )
+    word = state_word(view, trusted)
+    note = note or ("The step left is small beside one sigma." if word == "Ended" else "")
     lines += f"<div style='opacity: 0.65'>{escape(note)}</div>" if note else ""
-    head = f"<div style='font-size: 1.15em; font-weight: 600'>{state_word(view)}</div>"
+    head = f"<div style='font-size: 1.15em; font-weight: 600'>{word}</div>"
     return (
         f"<div style='{CARD} padding-bottom: 0.4em'>{head}{lines}<table style='border-spacing: 0'>{cells}</table></div>"
     )

@@ -7,9 +7,10 @@ import numpy as np
 from ...acoustics.fourier_bessel import max_order
 from ...cost.reference_cost import decibels
 from ...graphics.colour_bar import format_number
+from ...graphics.units import row_word
 from ...model.measurement import Measurement
 from ..background.cost_maps import CostMap
-from ..background.map_panels import count_label, modes_label, of_take, row_word
+from ..background.map_panels import count_label, modes_label, of_take
 from ..background.prepare import PreparedRun
 from . import html
 

@@ -12,7 +12,9 @@ from viser import uplot
 from ... import solvers
 from ...graphics.legend import COMPARED, compared_entry
 from ...graphics.markers import solver_mark
+from ...graphics.units import cost_title
 from ...model.lengths import length_text
+from ...model.measurement import Measurement
 from ..background.comparison import ComparisonSetup, ComparisonWorker, RunSummary
 from ..gui import html
 from ..gui.binding import Binding
@@ -93,7 +95,12 @@ class ComparisonTab:
         remark = remark_on_start(self.setup)
         binding.send("far start", remark, self.far, "content")
         binding.send("has far start", bool(remark) and not summaries, self.far, "visible")
-        binding.send("comparison table", html.complaint(worker.error) + table(summaries), self.table, "content")
+        binding.send(
+            "comparison table",
+            html.complaint(worker.error) + table(summaries, binding.measurement.nominal),
+            self.table,
+            "content",
+        )
         if summaries is not self._shown and now - self._updated >= INTERVAL:
             self._updated, self._shown = now, summaries
             self._show_curves(summaries)
@@ -107,12 +114,12 @@ class ComparisonTab:
             self._names, self._plots = names, []
         if not ready:
             return
-        columns = curve_columns(summaries)
+        columns = curve_columns(summaries, self._binding.measurement)
         if not self._plots:
             with self._folder:
                 self._plots = [self._plot(title, names) for title in columns]
         for plot, data in zip(self._plots, columns.values(), strict=True):
-            plot.show(data, decades_of(*data[1:]) if "error" in plot.title else None)
+            plot.show(data, decades_of(*data[1:]) if "(mm)" in plot.title else None)
 
     def _plot(self, title: str, names: tuple[str, ...]) -> Plot:
         marks = {name: solver_mark(name) for name in names}
@@ -135,7 +142,7 @@ def remark_on_start(setup: ComparisonSetup) -> str:
     )
 
 
-def curve_columns(summaries: tuple[RunSummary, ...]) -> dict[str, tuple[np.ndarray, ...]]:
+def curve_columns(summaries: tuple[RunSummary, ...], measurement: Measurement) -> dict[str, tuple[np.ndarray, ...]]:
     """Return the columns of the plots, by title: processor time (s), and a curve for each run.
 
     All curves share one axis, with each time at which one of them has a point; between its points a curve is constant.
@@ -143,6 +150,7 @@ def curve_columns(summaries: tuple[RunSummary, ...]) -> dict[str, tuple[np.ndarr
     Parameters
     ----------
     summaries : of runs with at least one point each
+    measurement : that they are of
 
     Returns
     -------
@@ -151,21 +159,25 @@ def curve_columns(summaries: tuple[RunSummary, ...]) -> dict[str, tuple[np.ndarr
     """
     axis = np.unique(np.concatenate([summary.times for summary in summaries]))
     errors = [summary.mean_errors for summary in summaries if summary.mean_errors is not None]
-    curves = {"Mean position error (mm)": [np.maximum(error, MIN_ERROR) for error in errors]} if errors else {}
-    curves["Cost (Eq. 7, all modes; dB re the power)"] = [summary.costs for summary in summaries]
+    title = "Mean deviation from nominal (mm)" if measurement.nominal else "Mean position error (mm)"
+    curves = {title: [np.maximum(error, MIN_ERROR) for error in errors]} if errors else {}
+    curves[cost_title(measurement)] = [summary.costs for summary in summaries]
     held = [np.maximum(np.searchsorted(run.times, axis, side="right") - 1, 0) for run in summaries]
     return {
         title: (axis, *(values[at] for values, at in zip(runs, held, strict=True))) for title, runs in curves.items()
     }
 
 
-def table(summaries: tuple[RunSummary, ...]) -> str:
-    """Return time, steps, error and cost of each run as HTML, with its line in the plots and its mark in the scene."""
-    rows = [_row(summary) for summary in summaries]
+def table(summaries: tuple[RunSummary, ...], nominal: bool = False) -> str:
+    """Return time, steps, error and cost of each run as HTML, with its line in the plots and its mark in the scene.
+
+    The error is a deviation where the positions to compare with are nominal.
+    """
+    rows = [_row(summary, "deviation" if nominal else "error") for summary in summaries]
     return f"<div style='{html.CARD} line-height: 1.25; font-size: 0.76em'>{''.join(rows)}</div>" if rows else ""
 
 
-def _row(summary: RunSummary) -> str:
+def _row(summary: RunSummary, error: str) -> str:
     mark = solver_mark(summary.name)
     style = f"stroke='{mark.colour}' stroke-width='3' stroke-dasharray='{','.join(map(str, mark.dash))}'"
     line = f"<svg width='30' height='10'><line x1='0' y1='5' x2='30' y2='5' {style}/></svg>"
@@ -173,7 +185,7 @@ def _row(summary: RunSummary) -> str:
     figures = [f"{summary.seconds:.2f} s"]
     if summary.mean_error is not None:
         mean, largest = (length_text(1e-3 * length) for length in (summary.mean_error, summary.largest_error or 0.0))
-        figures.append(f"error {mean}, largest {largest}")
+        figures.append(f"{error} {mean}, largest {largest}")
     if summary.cost is not None:
         figures.append(f"{summary.cost:.1f} dB")
     return (

@@ -13,6 +13,7 @@ import numpy as np
 import viser
 from viser import uplot
 
+from ...graphics.units import cost_title
 from ...model.measurement import Measurement
 from ...session.history import SessionView
 from ..gui.plots import BLUE, GREY, ORANGE, RED, Plot, decades_of
@@ -20,7 +21,6 @@ from ..gui.plots import BLUE, GREY, ORANGE, RED, Plot, decades_of
 MAX_POINTS = 600  # of a plot, which is sent whole each time
 INTERVAL = 0.25  # s between two updates
 MIN_ERROR = 1e-6  # m, drawn for anything below: logarithms have no zero
-COST_TITLE = "Cost (Eq. 7, all modes; dB re the power)"
 TICK, HIDDEN = 0.92, 2.0  # lower end of a stage's tick, and a height above the plot
 SCALES = {"stage": uplot.Scale(range=(0.0, 1.0)), "number": uplot.Scale(range=(0.0, 1e4))}
 # The lines of the stages have no value in the legend, and the number of a stage has no point in the plot.
@@ -49,9 +49,10 @@ class CurvesTab:
         self.error: Plot | None = None
         if measurement.positions is not None:
             series = _series(("mean", RED, 2.0), ("largest", ORANGE, 1.25))
-            title = "Position error (mm, after alignment)" if measurement.blind else "Position error (mm)"
+            aligned = ", aligned" if measurement.blind else ""
+            title = f"{'Deviation from nominal' if measurement.nominal else 'Position error'} (mm{aligned})"
             self.error = Plot(gui, title, series, "sweeps", SCALES, whole=True)
-        self.cost = Plot(gui, COST_TITLE, _series(("cost", BLUE, 2.0)), "sweeps", SCALES, whole=True)
+        self.cost = Plot(gui, cost_title(measurement), _series(("cost", BLUE, 2.0)), "sweeps", SCALES, whole=True)
         gui.add_html(REMARK)
 
     def show(self, view: SessionView, now: float, sought: np.ndarray | None = None) -> None:
@@ -92,7 +93,7 @@ class CurvesTab:
         return True
 
     def _row(self, state) -> tuple:
-        errors = self._measurement.errors(state.positions)
+        errors = self._measurement.errors(state.positions, self._sought)
         errors = np.zeros(1) if errors is None else errors[self._sought]
         all_at_once = state.step == state.sweep  # each step of the solver moves all microphones
         return (

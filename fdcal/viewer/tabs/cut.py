@@ -38,7 +38,7 @@ class CutPanel:
         self.lines = gui.add_button_group(
             "Cut", LINES, hint="Through the estimate along x, along y, or towards the lowest cost of the map"
         )
-        self._plot = Plot(gui, TITLE, cut_series(), "distance from A (m)", height=230, legend=False)
+        self._plot = Plot(gui, TITLE, cut_series(binding.measurement), "distance from A (m)", height=230, legend=False)
         self.text = gui.add_html(html.remark(ADVICE))
         binding.on(self.lines, self.place)
 

@@ -14,7 +14,8 @@ from ..hotkeys import KEYS
 
 NUMBERS = {
     "Error (mm)": "distance from an estimated position to the true one, mean and largest over all microphones; of an"
-    " array without known microphones after the best rotation, translation and reflection",
+    " array without known microphones after the best rotation, translation and reflection. Where the positions to"
+    " compare with are nominal, those of a plan, it is called deviation",
     "Cost (dB)": "the part of the pressures that no sound field explains (Eq. 7 of the paper), over all modes of the"
     " measurement and relative to their power; it falls as the positions improve, with any solver",
     "Step, sweep, stage": "one move of the solver; each microphone moved once; one set of active modes",
@@ -36,7 +37,7 @@ MARKS = (
     " contain the true position with a probability of 95 %. The map is dark where the cost is low: in dark areas the"
     " prediction matches what was recorded. Marks differ in shape as well as colour."
 )
-MORE = "The documentation, docs/ of the project, and <code>fdcal --help</code>."
+MORE = "The documentation, docs/ of the project, and the command <code>fdcal</code>, which lists all commands."
 
 
 def text() -> str:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...graphics.units import row_word
 from ...model.measurement import Measurement
 from ..background.cost_maps import CostMap
 from ..background.map_grid import MapGridWorker
-from ..background.map_panels import count_label, row_word
+from ..background.map_panels import count_label
 from ..gui.binding import Binding
 from ..gui.html import CARD
 

@@ -9,6 +9,7 @@ import numpy as np
 import viser
 from viser import uplot
 
+from ...graphics.units import ALL
 from ...model.gauge import position_errors
 from ...model.lengths import mm_text
 from ...model.measurement import Measurement
@@ -36,7 +37,14 @@ class MicrophonesTab:
         self.channels = binding.gui.add_html("")
         self.given = binding.gui.add_html("")
 
-    def show(self, view: SessionView, microphone: int, uncertainty: PositionUncertainty | None, now: float) -> None:
+    def show(
+        self,
+        view: SessionView,
+        microphone: int,
+        uncertainty: PositionUncertainty | None,
+        now: float,
+        sought: np.ndarray | slice = ALL,
+    ) -> None:
         """Bring the tab up to date; called by the main loop.
 
         Parameters
@@ -45,6 +53,7 @@ class MicrophonesTab:
         microphone : int, whose map is shown, counted from 0
         uncertainty : PositionUncertainty or None
         now : time, s
+        sought : numbers of the microphones by which a blind array is aligned
         """
         self.error_by_distance.show(view, now)
         key = id(view.state), microphone, id(uncertainty)
@@ -52,7 +61,7 @@ class MicrophonesTab:
             return
         self._key, self._updated = key, now
         sigma = None if uncertainty is None else uncertainty.sigma
-        text = table(self._binding.measurement, np.asarray(view.state.positions), sigma, microphone)
+        text = table(self._binding.measurement, np.asarray(view.state.positions), sigma, microphone, sought)
         self._binding.send("table", text, self.table, "content")
         self._binding.send("channels", channel_table(self._binding.measurement, uncertainty), self.channels, "content")
         self._binding.send("given", given_table(uncertainty), self.given, "content")
@@ -111,7 +120,13 @@ def _drawable(values: np.ndarray) -> np.ndarray:
     return np.clip(np.nan_to_num(values, nan=MAX_ERROR), MIN_ERROR, MAX_ERROR)
 
 
-def table(measurement: Measurement, positions: np.ndarray, sigma: np.ndarray | None, selected: int) -> str:
+def table(
+    measurement: Measurement,
+    positions: np.ndarray,
+    sigma: np.ndarray | None,
+    selected: int,
+    sought: np.ndarray | slice = ALL,
+) -> str:
     """Return a table of the microphones, those with the largest errors first and the known ones last.
 
     Parameters
@@ -120,13 +135,14 @@ def table(measurement: Measurement, positions: np.ndarray, sigma: np.ndarray | N
     positions : (N, D) float64, metres, estimated
     sigma : (N,) float64, metres, one standard deviation of each, or None
     selected : int, the microphone of the map, counted from 0
+    sought : numbers of the microphones by which a blind array is aligned; all unless given
 
     Returns
     -------
     str
         HTML, MAX_ROWS rows at most.
     """
-    errors, known = measurement.errors(positions), set(measurement.known.tolist())
+    errors, known = measurement.errors(positions, sought), set(measurement.known.tolist())
     order = errors if errors is not None else sigma if sigma is not None else np.zeros(len(positions))
     rows = []
     for n in sorted(range(len(positions)), key=lambda n: (n in known, -float(order[n]), n))[:MAX_ROWS]:
@@ -136,7 +152,11 @@ def table(measurement: Measurement, positions: np.ndarray, sigma: np.ndarray | N
         spread = "" if sigma is None or n in known else mm_text(float(sigma[n]))
         style = SELECTED if n == selected else ""
         rows.append(f"<tr{style}><td>{name}</td><td>{position}</td>{error}<td>{spread}</td></tr>")
-    columns = ["mic<br>", "position<br>(m)", *(["error<br>(mm)"] if errors is not None else [])]
+    columns = [
+        "mic<br>",
+        "position<br>(m)",
+        *([f"{'off nominal' if measurement.nominal else 'error'}<br>(mm)"] if errors is not None else []),
+    ]
     head = "".join(f"<th>{text}</th>" for text in (*columns, "&plusmn; &sigma;<br>(mm)"))
     more = len(positions) - MAX_ROWS
     below = f"<div style='opacity: 0.65'>and {more} more with smaller errors</div>" if more > 0 else ""

@@ -6,9 +6,10 @@ import numpy as np
 import viser
 
 from ...acoustics.fourier_bessel import array_f_max, max_order
+from ...graphics.units import row_word
 from ...model.measurement import Measurement
 from ...session.history import SessionView
-from ..background.map_panels import map_modes, of_take, row_label, row_word
+from ..background.map_panels import map_modes, of_take, row_label
 from ..gui import html
 from ..gui.binding import Binding
 from ..gui.choices import FLOOR
@@ -146,7 +147,8 @@ def caption(measurement: Measurement, used: tuple[int, ...], limit: float, order
     f, count = float(measurement.frequencies[used[-1] - 1]), measurement.count
     highest = f"<b>{limit:.0f} Hz</b>" if np.isfinite(limit) else "undefined, all estimates coincide"
     name, _, hertz = row_label(measurement, used[-1]).rpartition(", ")
-    lines = [f"highest in the map: {name}, <b>{hertz}</b>"]
+    what = "highest" if measurement.take_count > 1 else "highest in the map"
+    lines = [f"{what}: {name}, <b>{hertz}</b>"]
     lines += [f"f<sub>max</sub> of the estimates (Eq. 9): {highest}"]
     if order is not None:
         lines += [f"order L = <b>{order}</b>: {2 * order + 1} functions for {count} microphones"]

@@ -14,7 +14,7 @@ from ..gui.binding import Binding
 from ..gui.plan_choices import PlanChoices
 from ..server.client_values import bounded, bounded_number
 
-MEASURED = "This is a measurement; open a scene to plan its array."
+MEASURED = "This is a measurement; open a scene that is simulated to plan its array."
 HINT = "Ellipses of the least error that is possible, before anything is measured; drag microphones to see it change"
 DRAGGED = "The scene shows the plan, not the solver. Dragged microphones change the plan only."
 

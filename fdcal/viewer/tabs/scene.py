@@ -19,7 +19,11 @@ from ..gui import html
 from ..gui.binding import Binding
 from ..server.client_values import bounded, bounded_number, one_of
 
-MEASURED = "This is a measurement; there are no simulation settings. Choose a scene to simulate one."
+MEASURED = (
+    "This is a measurement: room, array and noise are as recorded and cannot be edited. Choose another scene to"
+    " simulate one."
+)
+OPEN, APPLY = ("Open", "Open this measurement and restart"), ("Apply", "Simulate this scene and restart")
 
 
 @dataclass(frozen=True)
@@ -62,7 +66,7 @@ class SceneTab:
         self._add_array()
         self._add_room()
         self._add_measurement()
-        self.apply = binding.gui.add_button("Apply", icon=viser.Icon.CHECK, hint="Simulate this scene and restart")
+        self.apply = binding.gui.add_button(APPLY[0], icon=viser.Icon.CHECK, hint=APPLY[1])
         self.message = binding.gui.add_html("")
         self._show_scene(self._scene)
         self._listen()
@@ -71,6 +75,7 @@ class SceneTab:
         gui, own = self._binding.gui, self._own_name
         names = (*scene_names(), *([own] if own else []))
         self.name = gui.add_dropdown("Scene", names, initial_value=own or self._scene.name)
+        self.title = gui.add_html("")
         low, high = RANGES.microphones
         self.microphones = gui.add_slider("Microphones", low, high, 1, low)
         self.radius = gui.add_number(
@@ -116,13 +121,15 @@ class SceneTab:
         """Set the controls to the scene's parameters; hide them for a measurement, which has none."""
         self._scene, measured = scene, isinstance(scene, MeasuredScene)
         has_walls = not measured and scene.room.response is None
+        self.title.content, self.title.visible = html.remark(scene.title), measured
         for handle in (
             self.microphones, self.radius, self.absorption, self.noise, self.snr, self.speed, self.known, self.seed,
-            self.apply,
         ):  # fmt: skip
             handle.visible = not measured
         self.walls.visible = has_walls
-        remark = MEASURED if measured else "" if has_walls else MEASURED_AND_MODELLED
+        self.apply.visible = not isinstance(scene, MeasuredScene) or bool(scene.file)
+        self.apply.label, self.apply.hint = OPEN if measured else APPLY
+        remark = _remark(scene)
         self.message.content = html.remark(remark) if remark else ""
         if not measured:
             self._show_parameters(parameters_of(scene))
@@ -213,7 +220,11 @@ class SceneTab:
 
     def press(self) -> None:
         """Open the changed scene, or say in one line why it is refused."""
-        if isinstance(self._scene, MeasuredScene) or not self._check_radius():  # a client can press what is hidden
+        if isinstance(self._scene, MeasuredScene):
+            if self._scene.file:  # a client can press what is hidden
+                self._binding.open(OpenRequest(self._scene, fewer_modes=True))
+            return
+        if not self._check_radius():
             return
         try:
             scene = with_parameters(self._scene, self.parameters)
@@ -230,7 +241,14 @@ def _own_name(scene: Scene) -> str | None:
     if scene.name not in scene_names():
         return scene.name
     # A measurement whose file has the name of a scene is another thing.
-    return f"{scene.name} (measured)" if isinstance(scene, MeasuredScene) else None
+    return f"{scene.name} (measured)" if isinstance(scene, MeasuredScene) and not scene.file else None
+
+
+def _remark(scene: Scene) -> str:
+    """Return what is said of a measured scene, or of one in a measured room; "" for any other."""
+    if isinstance(scene, MeasuredScene):
+        return f"{scene.remark} {MEASURED}".strip()
+    return "" if scene.room.response is None else MEASURED_AND_MODELLED
 
 
 def _unless_same(value: float, old: float, rounding: float) -> float:

@@ -31,7 +31,7 @@ class SolverTab:
         self._binding = binding
         with binding.gui.add_folder("Solver"):
             self._add_method()
-        with binding.gui.add_folder("Modes in use"):
+        with binding.gui.add_folder(f"{binding.row.capitalize()}s in use"):
             self._add_modes()
         self._show_relevant()
         self._listen()

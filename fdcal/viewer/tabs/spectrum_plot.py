@@ -9,6 +9,7 @@ import numpy as np
 import viser
 from viser import uplot
 
+from ...graphics.units import row_word
 from ...model.measurement import Measurement
 from ...model.problem import mode_power
 from ..gui.plots import BLUE, ORANGE, RED, dots
@@ -71,7 +72,7 @@ class SpectrumPlot:
         return self._curves[take]
 
     def _make(self, gui: viser.GuiApi) -> viser.GuiUplotHandle:
-        title = "Mean power at the microphones" if self.has_spectrum else "Mean power of the modes"
+        what = "at the microphones" if self.has_spectrum else f"of the {row_word(self._measurement)}s"
         whole, takes = self._curve_of(None), np.unique(self._measurement.takes[: self._modes]).tolist()
         edge = 0.02 * float(whole.x[-1] - whole.x[0]) + (0.0 if self.has_spectrum else 1.0)
         least = min(self._curve_of(take).peaks.min() for take in (None, *(takes if len(takes) > 1 else ())))
@@ -79,7 +80,7 @@ class SpectrumPlot:
         return gui.add_uplot(
             data=self.columns((), np.inf),
             series=self._series(),
-            title=title,
+            title=f"Mean power {what}",
             legend={"show": False},
             scales={
                 "x": uplot.Scale(time=False, range=(float(whole.x[0]) - edge, float(whole.x[-1]) + edge)),

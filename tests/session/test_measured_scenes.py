@@ -1,0 +1,87 @@
+"""A scene that is a measurement: opened by its name like any other, simulated by nothing."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fdcal
+from fdcal import solvers
+from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.commands.report import summary
+from fdcal.model.measurement_file import load_measurement, save_measurement
+from fdcal.model.scene_file import load_scene
+from fdcal.model.validation import InputError
+from fdcal.session import session_file
+from fdcal.session.calibrate import solve
+from fdcal.session.planning.layout import read_layout
+from fdcal.session.request import OpenRequest, edited
+from fdcal.session.sources import load_input
+
+ROOT = Path(__file__).parents[2]
+NAME = "frl_array"
+
+
+@pytest.fixture(scope="module")
+def measurement():
+    return fdcal.load(NAME)
+
+
+def test_it_is_the_import_of_the_recordings_in_the_examples(measurement):
+    """If the import has changed: write scenes/frl_array.npz again, as scenes/LICENSE.md says."""
+    folder = ROOT / "examples" / NAME
+    made = fdcal.load(sorted(folder.glob("*.flac")), positions=folder / "nominal.csv", temperature=20.0)
+    assert measurement.take_count == 4 and measurement.blind and measurement.nominal and not made.nominal
+    for key in ("frequencies", "pressures", "takes", "positions", "arrivals", "noise_power"):
+        np.testing.assert_allclose(getattr(measurement, key), getattr(made, key), rtol=1e-6, err_msg=key)
+
+
+def test_it_is_calibrated_by_its_name_to_the_figure_of_its_page():
+    inputs = load_input(NAME)
+    assert inputs.scene is None, "nothing of it is simulated"
+    result = solve(inputs)
+    tutorial = " ".join((ROOT / "docs" / "tutorials" / "measured-array.md").read_text().split())
+    said = float(re.search(r"rotation and translation: ([\d.]+) mm on average", tutorial)[1])
+    assert 1e3 * result.mean_error == pytest.approx(said, abs=0.5) and result.verdict == "good"
+    (line,) = [line for line in summary(inputs, result).splitlines() if line.startswith("error")]
+    assert f"mean {1e3 * result.mean_error:.3g} mm" in line and "moved as a whole onto the nominal positions" in line
+
+
+def test_nothing_simulates_it():
+    with pytest.raises(InputError, match=r'fdcal.load\("frl_array"\)'):
+        fdcal.simulate(NAME)
+    layout = read_layout(NAME)
+    assert layout.scene is None and len(layout.positions) == 7, "a plan takes its array, not its room"
+
+
+def test_a_session_has_the_measurement_and_no_path(measurement, tmp_path):
+    scene = load_scene(NAME)
+    joint = solvers.load("joint")
+    scene = edited(scene, {"solver.name": "joint", "solver.modes": 20})
+    state = joint.init(measurement.problem(scene.solver.weights), scene.solver, 0)
+    path = tmp_path / "session.zip"
+    path.write_bytes(session_file.write(OpenRequest(scene, measurement=measurement, states=(state,))))
+    with zipfile.ZipFile(path) as archive:
+        text = archive.read(session_file.TABLE).decode()
+    assert str(Path(scene.file).parent) not in text
+    again = session_file.read(path)
+    assert again.scene.title == scene.title and again.scene.remark == scene.remark and again.scene.file == ""
+    assert again.measurement.nominal and again.measurement.take_count == 4
+    with pytest.raises(InputError, match="is a measurement, which cannot be simulated"):
+        cached_measurement(again.scene)
+
+
+def test_nominal_positions_survive_saving_and_are_replaced_by_a_list(measurement, tmp_path):
+    path = tmp_path / "one.npz"
+    save_measurement(measurement, path)
+    assert load_measurement(path).nominal and dataclasses.replace(measurement, sound_speed=340.0).nominal
+    assert fdcal.Measurement.from_takes([measurement.of_take(0), measurement.of_take(1)]).nominal
+    table = ROOT / "examples" / NAME / "nominal.csv"
+    assert not fdcal.load(path, positions=table).nominal
+    with pytest.raises(InputError, match="nominal is neither true nor false"):
+        dataclasses.replace(measurement, nominal=1)
