@@ -34,7 +34,7 @@ import numpy as np
 from scipy.special import j0, j1
 
 from ..acoustics.bessel import bessel
-from ..acoustics.sinc import complex_sinc, sinc
+from ..acoustics.sinc import complex_sinc, cosine_and_sine, sinc
 from .batches import blocks
 from .waves import circular_waves, expansion_about, plane_waves, wave_directions
 
@@ -152,10 +152,8 @@ def _waves_of(places: bytes, wavenumbers: bytes, axes: int, Q: int, dimension: i
     x, k, half = np.frombuffer(places).reshape(-1, axes), np.frombuffer(wavenumbers), Q // 2
     along = x @ wave_directions(dimension, Q)[0][:axes, :half]
     waves = np.empty((len(k), len(x), Q))
-    for m in blocks(len(k), len(x) * Q):
-        phase = np.multiply.outer(k[m], along)
-        np.cos(phase, out=waves[m, :, :half])
-        np.sin(phase, out=waves[m, :, half:])
+    for m in blocks(len(k), 2 * len(x) * Q):
+        waves[m, :, :half], waves[m, :, half:] = cosine_and_sine(np.multiply.outer(k[m], along))
     waves.setflags(write=False)
     return waves
 
