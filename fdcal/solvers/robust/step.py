@@ -187,6 +187,17 @@ def remaining_step(unknowns: Unknowns, objective: Objective, here: Evaluation, f
     return whole.reshape(shape)
 
 
+def sigmas_moved(before: Unknowns, trial: ChannelStep, healthy: np.ndarray) -> float:
+    """Return the RMS move of the coordinates of the healthy microphones (N,) bool in a step, over their sigmas."""
+    if trial.matrix is None or trial.free.ndim != 1:
+        return np.inf
+    variance = np.full(before.vector.size, np.inf)  # of what is not free
+    variance[trial.free] = np.diag(scaled_inverse(trial.matrix))
+    variance = variance[:-1].reshape(len(healthy), -1)[healthy, : before.positions.shape[1]]
+    move = (trial.unknowns.positions - before.positions)[healthy]
+    return float(np.sqrt(np.mean(move**2 / variance))) if np.any(healthy) else 0.0
+
+
 def is_converged(problem: Problem, state: State) -> bool:
     """Return whether no healthy channel is farther from the minimum than a small part of its sigma."""
     goal, here = objective_of(problem, state, used_modes(problem, state)), unknowns_of(state)
