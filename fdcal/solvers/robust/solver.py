@@ -86,8 +86,8 @@ def step(problem: Problem, state: State) -> State:
         cost=trial.cost if np.isfinite(trial.cost) else state.cost,
         progress=replace(progress, steps=progress.steps + 1, damping=trial.damping),
     )
-    directional = state.model.kernel in DIRECTIONAL
-    settled = directional and sigmas_moved(here, trial, noise.healthy(state.model)) < STEPS.settled_sigmas
+    directional, healthy = state.model.kernel in DIRECTIONAL, noise.healthy(state.model)
+    settled = directional and problem.dimension == 3 and sigmas_moved(here, trial, healthy) < STEPS.settled_sigmas
     ended = settled or trial.moved < stage.tolerance or trial.fall < stage.negligible
     if stage.learns and trial.terms is not None:
         moved = noise.with_power(moved, used, goal.field, trial.terms)
