@@ -54,8 +54,11 @@ def hermitian_inverses(C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Raises numpy.linalg.LinAlgError where one is not positive definite.
     """
     if C.shape[1] <= FEW:
-        G = np.linalg.cholesky(C)
-        return np.linalg.inv(C), 2 * np.log(np.real(np.diagonal(G, axis1=1, axis2=2))).sum(axis=1)
+        try:
+            G = np.linalg.cholesky(C)
+            return np.linalg.inv(C), 2 * np.log(np.real(np.diagonal(G, axis1=1, axis2=2))).sum(axis=1)
+        except np.linalg.LinAlgError:
+            pass  # below the mode is found
     factor, invert = get_lapack_funcs(("potrf", "potri"), (C,))
     diagonals = np.empty(C.shape[:2])
     for m, A in enumerate(C):  # the transpose of a row-major matrix is column-major: no copies
