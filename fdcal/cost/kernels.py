@@ -85,7 +85,8 @@ def _pairs(N: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     first, second = np.tril_indices(N, -1)
     pair = np.full((N, N), len(first))
     pair[first, second] = pair[second, first] = np.arange(len(first))
-    return tuple(frozen_array(one, np.int64) for one in (first, second, pair.ravel()))
+    first, second, pair = (frozen_array(one, np.int64) for one in (first, second, pair.ravel()))
+    return first, second, pair
 
 
 def series_kernel(x, about, wavenumbers, dimension: int, near: bool = False, slope: bool = True):
