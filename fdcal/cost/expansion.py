@@ -21,8 +21,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
-from scipy.special import factorial, factorial2, jv, sph_harm_y_all, spherical_jn
+from scipy.special import factorial, factorial2, sph_harm_y_all
 
+from ..acoustics.bessel import bessel
 from ..acoustics.fourier_bessel import max_order
 from ..acoustics.spherical_harmonics import degrees
 from ..model.problem import Problem
@@ -198,10 +199,9 @@ class FieldExpansion:
     def _functions(self, r: np.ndarray, k: np.ndarray, order: int) -> np.ndarray:
         """Return g_l(k r) : (C, B, L + 1)."""
         l = np.arange(order + 1)  # noqa: E741
-        z = np.maximum(r, 1e-3)[:, None, None] * k[:, None]  # below it g_l is 1 to rounding errors
-        if self._dimension == 2:
-            return jv(l, z) * factorial(l) * (2 / z) ** l
-        return spherical_jn(l, z) * factorial2(2 * l + 1) / z**l
+        z = np.multiply.outer(np.maximum(r, 1e-3), k)  # below it g_l is 1 to rounding errors
+        J, z = np.moveaxis(bessel(z, order, spherical=self._dimension == 3), 0, -1), z[..., None]
+        return J * (factorial(l) * (2 / z) ** l if self._dimension == 2 else factorial2(2 * l + 1) / z**l)
 
     def _angular(self, offsets: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the degree l of each column (K,), and the other factor (C, K) of the rows."""

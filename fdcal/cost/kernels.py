@@ -34,8 +34,9 @@ import numpy as np
 from scipy.special import j0, j1
 
 from ..acoustics.bessel import bessel
-from ..acoustics.sinc import complex_sinc, sinc
-from .batches import blocks
+from ..acoustics.sinc import complex_sinc, cosine_and_sine, sinc
+from ..model.validation import frozen_array
+from .batches import as_columns, blocks
 from .waves import circular_waves, expansion_about, plane_waves, wave_directions
 
 SMALL = 1e-6  # argument below which J_1(z) / z is 1/2
@@ -66,20 +67,26 @@ def diffuse_kernel(distance, wavenumbers, dimension: int, slope: bool = True):
 def diffuse_matrices(x, wavenumbers, dimension: int, slope: bool):
     """Diffuse kernel K (M, N, N) float64 at x (N, D), metres, and S (M, N, N), D_a = S (x_i - x_j)_a, or None."""
     N, M = len(x), len(wavenumbers)
-    pairs = np.tril_indices(N, -1)
-    distance = np.linalg.norm(x[pairs[0]] - x[pairs[1]], axis=1)
+    first, second, pair = _pairs(N)
+    distance = np.linalg.norm(x[first] - x[second], axis=1)
     if not np.all(np.isfinite(distance)):
         raise np.linalg.LinAlgError("positions are not finite")
-    kappa, over = diffuse_kernel(distance, wavenumbers, dimension, slope)
-    lower, upper = pairs[0] * N + pairs[1], pairs[1] * N + pairs[0]
-    K = np.empty((M, N * N))
-    K[:, lower] = K[:, upper] = kappa
-    K[:, :: N + 1] = 1.0
-    if not slope:
-        return K.reshape(M, N, N), None
-    S = np.zeros((M, N * N))
-    S[:, lower] = S[:, upper] = over
-    return K.reshape(M, N, N), S.reshape(M, N, N)
+    kappa, over = diffuse_kernel(np.append(distance, 0.0), wavenumbers, dimension, slope)
+    K = np.take(kappa, pair, axis=1).reshape(M, N, N)
+    if over is None:
+        return K, None
+    over[:, -1] = 0.0  # of the diagonal
+    return K, np.take(over, pair, axis=1).reshape(M, N, N)
+
+
+@lru_cache(maxsize=8)
+def _pairs(N: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """First and second microphone of each pair (P,), and the pair of every element of a matrix (N N,); diagonal: P."""
+    first, second = np.tril_indices(N, -1)
+    pair = np.full((N, N), len(first))
+    pair[first, second] = pair[second, first] = np.arange(len(first))
+    first, second, pair = (frozen_array(one, np.int64) for one in (first, second, pair.ravel()))
+    return first, second, pair
 
 
 def series_kernel(x, about, wavenumbers, dimension: int, near: bool = False, slope: bool = True):
@@ -113,21 +120,66 @@ def plane_wave_kernel(
     modes : those of which the covariance is wanted
     """
     x, k, powers = np.asarray(x, float) - np.mean(about, axis=0), np.asarray(wavenumbers), powers[modes]
-    every = cosines_and_sines(x, k, powers.shape[1], dimension)[modes] if np.isrealobj(k) else None
+    every = cosines_and_sines(x, k, powers.shape[1], dimension)[modes] if np.isrealobj(k) and not slope else None
     k, (N, axes), (M, Q) = k[modes], x.shape, powers.shape
     K, D = np.empty((M, N, N), complex), np.empty((axes, M, N, N), complex) if slope else None
-    if every is None:
-        for m in blocks(M, 2 * N * max(N, Q)):
+    for m in blocks(M, (1 if np.isrealobj(k) else 2) * N * max(N, Q)):
+        if every is None:
             _products(*plane_waves(x, k[m], powers[m], slope, dimension), K[m], None if D is None else D[:, m])
-        return K, D
-    u = wave_directions(dimension, Q)[0]
-    for m in blocks(M, N * max(N, Q)):
-        a, b = pair_powers(powers[m], dimension)
-        pair_covariance(every[m], a, b, K[m])
-        for derivative, towards in zip(() if D is None else D, u, strict=False):  # a plane array has no third axis
-            along = k[m, None] * towards[: Q // 2]
-            _pair_slope(every[m], a * along, b * along, derivative[m])
+        else:
+            pair_covariance(every[m], *pair_powers(powers[m], dimension), K[m])
     return K, D
+
+
+def plane_wave_covariance(x, about, wavenumbers, powers, dimension: int, modes: slice):
+    """Return the covariance of `plane_wave_kernel`, and a function that makes of its slope D what the likelihood needs.
+
+    That function takes vectors u (M, N) complex128 and Hermitian matrices P (M, N, N), and returns sum_j D_a,ij u_j
+    (D, M, N) complex128 and Re sum_j D_a,ij conj(P_ij) (D, M, N). With the waves themselves,
+
+        D_a = dW_a W^H,   dW_a,iq = -j k u_a,q W_iq,   sum_j D_a,ij conj(P_ij) = sum_q dW_a,iq conj((P W)_iq)
+
+    so that D, an (N, N) product for each axis, is not needed.
+    """
+    x, k, powers = np.asarray(x, float) - np.mean(about, axis=0), np.asarray(wavenumbers), powers[modes]
+    towards = wave_directions(dimension, powers.shape[1])[0][: x.shape[1]]
+    if np.isrealobj(k):
+        waves, (a, b) = cosines_and_sines(x, k, powers.shape[1], dimension)[modes], pair_powers(powers, dimension)
+        K = np.empty((len(waves), len(x), len(x)), complex)
+        pair_covariance(waves, a, b, K)
+        return K, lambda u, P: _pair_slopes(waves, a, b, k[modes], towards[:, : a.shape[1]], u, P)
+    W = plane_waves(x, k[modes], powers, False, dimension)[0]
+    return W.swapaxes(1, 2) @ np.conj(W), lambda u, P: _wave_slopes(W, k[modes], towards, u, P)
+
+
+def _wave_slopes(W, k, towards, u, P) -> tuple[np.ndarray, np.ndarray]:
+    """The slopes of `plane_wave_covariance` by waves W (M, Q, N) and directions `towards` (D, Q)."""
+    factor = -1j * k[:, None, None]
+    alpha = np.conj(W) @ u[..., None]
+    g = W.swapaxes(1, 2) @ (alpha * towards.T) * factor
+    across = np.conj(W) @ P  # conj(P W), P = P^H
+    traced = (W * across).swapaxes(1, 2) @ towards.T.astype(complex) * factor
+    return np.moveaxis(g, 2, 0), np.moveaxis(np.real(traced), 2, 0)
+
+
+def _pair_slopes(waves, a, b, k, towards, u, P) -> tuple[np.ndarray, np.ndarray]:
+    """The same by waves (M, N, Q) in opposite pairs and directions `towards` (D, Q / 2)."""
+    half = a.shape[1]
+    along = np.matmul(waves.swapaxes(1, 2), as_columns(u, waves.dtype))  # W^T u
+    c, s = along[:, :half].view(complex)[..., 0], along[:, half:].view(complex)[..., 0]
+    parts = np.concatenate([a * s - 1j * b * c, -a * c - 1j * b * s], axis=1)
+    both = np.concatenate([towards, towards], axis=1).T
+    factors = np.ascontiguousarray(parts[..., None] * both).view(float)  # (M, Q, 2 D)
+    g = np.matmul(waves, factors).view(complex) * k[:, None, None]
+    R, X = np.matmul(np.real(P).copy(), waves), np.matmul(np.imag(P).copy(), waves)
+    R = waves[..., :half] * R[..., half:] - waves[..., half:] * R[..., :half]
+    R *= a[:, None]
+    X *= waves
+    X = X[..., :half] + X[..., half:]
+    X *= b[:, None]
+    R -= X
+    traced = np.matmul(R, towards.T) * k[:, None, None]
+    return np.moveaxis(g, 2, 0), np.moveaxis(traced, 2, 0)
 
 
 def _products(W, dW, K, D) -> None:
@@ -152,10 +204,8 @@ def _waves_of(places: bytes, wavenumbers: bytes, axes: int, Q: int, dimension: i
     x, k, half = np.frombuffer(places).reshape(-1, axes), np.frombuffer(wavenumbers), Q // 2
     along = x @ wave_directions(dimension, Q)[0][:axes, :half]
     waves = np.empty((len(k), len(x), Q))
-    for m in blocks(len(k), len(x) * Q):
-        phase = np.multiply.outer(k[m], along)
-        np.cos(phase, out=waves[m, :, :half])
-        np.sin(phase, out=waves[m, :, half:])
+    for m in blocks(len(k), 2 * len(x) * Q):
+        waves[m, :, :half], waves[m, :, half:] = cosine_and_sine(np.multiply.outer(k[m], along))
     waves.setflags(write=False)
     return waves
 
@@ -174,15 +224,6 @@ def pair_covariance(waves, a, b, out) -> None:
     out.real = np.matmul(weighted, weighted.swapaxes(1, 2))
     crossed = np.matmul(waves[..., :half] * b[:, None], waves[..., half:].swapaxes(1, 2))
     out.imag = crossed - crossed.swapaxes(1, 2)
-
-
-def _pair_slope(waves, a, b, out) -> None:
-    """Derivative of K (M, N, N) by one coordinate of the first microphone; a and b times that coordinate of k u."""
-    half = a.shape[1]
-    crossed = np.matmul(waves[..., :half] * a[:, None], waves[..., half:].swapaxes(1, 2))
-    out.real = crossed - crossed.swapaxes(1, 2)
-    both = np.concatenate([b, b], axis=1)
-    out.imag = -np.matmul(waves * both[:, None], waves.swapaxes(1, 2))
 
 
 def _isotropic(x, k, D) -> np.ndarray:

@@ -57,7 +57,7 @@ from .batches import (
     weighted_curvature,
     whole_curvature,
 )
-from .kernels import cosines_and_sines, diffuse_matrices, plane_wave_kernel, series_kernel
+from .kernels import cosines_and_sines, diffuse_matrices, plane_wave_covariance, plane_wave_kernel, series_kernel
 from .waves import circular_waves, expansion_about, plane_waves
 
 MIN_FIELD_SHARE = 1e-3  # least power of the field over that of the pressures, so that C is never pure noise
@@ -165,12 +165,21 @@ def likelihood_terms(positions, pressures, field: FieldModel, channels=None, der
     q = np.asarray(pressures, complex) * np.exp(-log_gain)
     waves = few_waves(x, field)
     rule = _dense_rule(x, q, field) if waves is None else _low_rank_rule(waves[0], q, field)
-    random = _summed(rule, q, by_parameter, len(x) * (len(x) if waves is None else 2 * waves[1]), derivatives)
+    random = _summed(rule, q, by_parameter, _largest(x, field, waves), derivatives)
     random = replace(random, costs=random.costs + np.sum(2 * np.real(log_gain), axis=1))
     if field.conditional is not None:
         rule = _conditional_rule(x, q, log_gain, field, field.conditional)
         random = _joined(_summed(rule, q, by_parameter, len(x) ** 2, derivatives), random, field.conditional.weight)
     return replace(random, cost=float(random.costs.sum()))
+
+
+def _largest(x, field: FieldModel, waves) -> int:
+    """Return how many numbers the largest array of one mode has; `waves` as of `few_waves`."""
+    if waves is not None:
+        return 2 * len(x) * waves[1]
+    if field.directions is None:
+        return len(x) ** 2
+    return len(x) * max(len(x), field.directions.shape[1]) * (2 if np.iscomplexobj(field.wavenumbers) else 1)
 
 
 def log_response(channels, wavenumbers) -> tuple[np.ndarray, list[np.ndarray]]:
@@ -323,16 +332,29 @@ def _dense_rule(x, q, field: FieldModel) -> Rule:
     diagonal = np.arange(len(x))
 
     def rule(m: slice, derivatives: bool) -> _Block:
-        C, D = field_covariance(x, field, m, derivatives)
+        C, sloped = _sloped_covariance(x, field, m, derivatives)
         C *= field.power[m, None, None]
         C[:, diagonal, diagonal] += np.multiply.outer(field.noise[m], field.channel_noise)
         P, log_det = hermitian_inverses(C)
         u, d = applied(P, q[m]), np.ascontiguousarray(np.real(P[:, diagonal, diagonal]))
         costs = log_det + np.sum(np.real(np.conj(q[m]) * u), axis=1)
-        slopes = lambda: _dense_slopes(x, u, P, D, field.power[m])  # noqa: E731
+
+        def slopes():
+            g, logs = sloped(u, P)
+            return g * field.power[m, None], logs * field.power[m, None]
+
         return _Block(costs, u, d, 1.0, lambda n, i: P[n, i], None, slopes)
 
     return rule
+
+
+def _sloped_covariance(x, field: FieldModel, m: slice, derivatives: bool):
+    """Return the covariance, and the function that makes of its slope what `plane_wave_covariance` says."""
+    if field.directions is not None:
+        about = x if field.about is None else field.about
+        return plane_wave_covariance(x, about, field.wavenumbers, field.directions, field.dimension, m)
+    C, D = field_covariance(x, field, m, derivatives)
+    return C, lambda u, P: _dense_slopes(x, u, P, D)
 
 
 def _conditional_rule(x, q, log_gain, field: FieldModel, assumed: Conditional) -> Rule:
@@ -352,22 +374,22 @@ def _conditional_rule(x, q, log_gain, field: FieldModel, assumed: Conditional) -
         costs = np.sum(np.real(np.conj(q[m]) * u) - d * seen[m], axis=1)
 
         def slopes():
-            return _dense_slopes(x, u, (B * seen[m, None, :]) @ B, D, power[m])
+            g, logs = _dense_slopes(x, u, (B * seen[m, None, :]) @ B, D)
+            return g * power[m, None], logs * power[m, None]
 
         return _Block(costs, u, d, 1.0, lambda n, i: B[n, i], None, slopes, seen[m] * d)
 
     return rule
 
 
-def _dense_slopes(x, u, traced, D, power) -> tuple[np.ndarray, np.ndarray]:
-    """Return s D_a u (D, M, N) complex128 and s Re tr(A dK) (D, M, N), A the Hermitian matrices `traced` (M, N, N)."""
-    s = power[:, None]
+def _dense_slopes(x, u, traced, D) -> tuple[np.ndarray, np.ndarray]:
+    """Return D_a u (D, M, N) complex128 and Re tr(A dK) (D, M, N), A the Hermitian matrices `traced` (M, N, N)."""
     if D.ndim == 4:
-        g = np.array([s * applied(slope, u) for slope in D])
-        return g, np.array([s * np.einsum("mij,mij->mi", slope, np.conj(traced)).real for slope in D])
+        g = np.array([applied(slope, u) for slope in D])
+        return g, np.array([np.einsum("mij,mij->mi", slope, np.conj(traced)).real for slope in D])
     moments = np.ascontiguousarray(np.concatenate([u[..., None], u[..., None] * x], axis=-1))  # D_a = S (x_i - x_j)_a
-    Su = np.matmul(D, moments.view(float)).view(complex) * s[..., None]
-    rows = np.matmul(np.real(traced) * D, np.column_stack([np.ones(len(x)), x])) * s[..., None]
+    Su = np.matmul(D, moments.view(float)).view(complex)
+    rows = np.matmul(np.real(traced) * D, np.column_stack([np.ones(len(x)), x]))
     return np.moveaxis(x * Su[..., :1] - Su[..., 1:], 2, 0), np.moveaxis(x * rows[..., :1] - rows[..., 1:], 2, 0)
 
 

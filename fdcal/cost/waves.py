@@ -18,6 +18,7 @@ from scipy.special import hankel1, spherical_jn, spherical_yn
 
 from ..acoustics.bessel import bessel
 from ..acoustics.fourier_bessel import max_order
+from ..acoustics.sinc import cosine_and_sine
 from ..model.validation import frozen_array
 
 EXTRA_ORDERS = 8  # beyond ceil(k R) about the centre of mass: the rest of W W^H is below 1e-9
@@ -159,11 +160,13 @@ def plane_waves(x, k, powers, slope: bool, dimension: int = 2) -> tuple[np.ndarr
     """
     u, w = wave_directions(dimension, powers.shape[1])
     half, W = len(w) // 2, np.empty((len(k), len(w), len(x)), complex)
-    np.exp(np.multiply.outer(-1j * k, u[: x.shape[1], :half].T @ x.T), out=W[:, :half])
+    along = u[: x.shape[1], :half].T @ x.T
+    W[:, :half].real, W[:, :half].imag = cosine_and_sine(np.multiply.outer(-np.real(k), along))
+    np.conj(W[:, :half], out=W[:, half:])
     if np.iscomplexobj(k):
-        np.divide(1.0, W[:, :half], out=W[:, half:])
-    else:
-        np.conj(W[:, :half], out=W[:, half:])
+        growth = np.exp(np.multiply.outer(np.imag(k), along))
+        W[:, :half] *= growth
+        W[:, half:] /= growth
     W *= np.sqrt(w * powers)[..., None]
     if not slope:
         return W, None

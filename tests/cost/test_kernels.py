@@ -10,6 +10,7 @@ from fdcal.cost.kernels import (
     diffuse_correlation,
     diffuse_kernel,
     diffuse_matrices,
+    plane_wave_covariance,
     plane_wave_kernel,
     series_kernel,
 )
@@ -126,6 +127,24 @@ def test_the_covariance_of_plane_waves_is_theirs_and_its_slope_the_limit_of_diff
     some = plane_wave_kernel(x, about, k, powers, True, dimension, slice(1, 3))
     np.testing.assert_allclose(some[0], found[1:], rtol=1e-12)
     np.testing.assert_allclose(some[1], slope[:, 1:], rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.2])
+@pytest.mark.parametrize(("dimension", "D"), ARRAYS)
+def test_products_with_the_slope_of_plane_waves_need_no_slope(dimension, D, damping):
+    """Those of some modes, with any vectors and Hermitian matrices."""
+    x, about, k, rng = array(D), array(D, seed=1), K - 1j * damping if damping else K, np.random.default_rng(2)
+    powers, modes = lopsided(x, dimension), slice(1, 3)
+    u = rng.normal(size=(2, len(x), 2)).view(complex)[..., 0]
+    P = rng.normal(size=(2, len(x), len(x), 2)).view(complex)[..., 0]
+    P = P + np.conj(P.swapaxes(1, 2))
+    matrices, slope = plane_wave_kernel(x, about, k, powers, True, dimension, modes)
+    found, products = plane_wave_covariance(x, about, k, powers, dimension, modes)
+    g, traced = products(u, P)
+    np.testing.assert_allclose(found, matrices, rtol=1e-10, atol=1e-12)
+    np.testing.assert_allclose(g, np.einsum("amij,mj->ami", slope, u), rtol=1e-9, atol=1e-10 * np.abs(g).max())
+    expected = np.einsum("amij,mij->ami", slope, np.conj(P)).real
+    np.testing.assert_allclose(traced, expected, rtol=1e-9, atol=1e-10 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize(("dimension", "D"), ARRAYS)

@@ -21,10 +21,12 @@ of one device differ by. A channel whose delay is among the unknowns (`State.mod
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
 from ...model.problem import Problem
+from ...model.validation import frozen_array
 
 NU = 3.0  # degrees of freedom of a residual
 
@@ -91,6 +93,7 @@ class ArrivalTerms:
     residual, weight : (T, N) float64, metres and 1/m^2; 0 where there is no arrival
     slopes : (T, N, N D + 1) float64, of the weighted residuals, sources profiled out: matrix = sum slopes^T slopes
     count : (T,) float64, arrivals beyond those that fix the source
+    source : Source, the likeliest
     """
 
     cost: float
@@ -100,6 +103,7 @@ class ArrivalTerms:
     weight: np.ndarray
     slopes: np.ndarray
     count: np.ndarray
+    source: Source
 
 
 @dataclass(frozen=True)
@@ -112,6 +116,8 @@ class Arrivals:
     used : (T, N) bool
     sigma, stated : (T,) float64, metres, of an arrival, assumed and as measured
     dimension : of the space of the sources
+    start : Source, from which the fit begins: positions near by have one near by; None to begin without one, far
+        slower
     """
 
     paths: np.ndarray
@@ -119,18 +125,20 @@ class Arrivals:
     sigma: np.ndarray
     stated: np.ndarray
     dimension: int
+    start: Source | None = None
 
     def terms(self, positions: np.ndarray, log_speed: float = 0.0, derivatives: bool = True) -> ArrivalTerms:
         """Return the term at positions (N, D), metres; without derivatives its cost alone."""
         (N, D), T = positions.shape, len(self.paths)
         z = self._padded(positions - positions.mean(axis=0))
         paths = self.paths * np.exp(log_speed)
-        source = self._sources(paths, z)
+        source = self._sources(paths, z) if self.start is None else self._fitted(paths, z, self.start)[0]
         r, g, s = self._residuals(paths, z, source)
         cost = float(np.sum(self._costs(r)) + np.sum(self._count() * np.log(self.sigma / self.stated)))
         w = self._weights(r)
         if not derivatives:
-            return ArrivalTerms(cost, np.zeros((0, 0)), np.zeros((0, 0)), r, w, np.zeros((0, 0, 0)), self._count())
+            empty = np.zeros((0, 0))
+            return ArrivalTerms(cost, empty, empty, r, w, np.zeros((0, 0, 0)), self._count(), source)
         along = (source.direction[:, None] - source.inverse[:, None, None] * z) / s[..., None]  # dr / dx
         root = np.sqrt(w)
         slopes = np.zeros((T, N, N * D + 1))
@@ -139,56 +147,61 @@ class Arrivals:
         slopes[..., -1] = np.where(self.used, paths, 0.0)
         slopes *= root[..., None]
         gradient = np.einsum("tn,tnf->tf", root * r, slopes)
-        J = self._jacobian(z, source, g, s) * root[..., None]
+        J = self._jacobian(z, source, g, s) * root[..., None]  # the weight is 0 without an arrival
         J[..., -2] *= ~self._at_bound(J[..., -2], root * r, source.inverse)[:, None]
         Q = _bases(J)
         slopes = slopes - Q @ (np.swapaxes(Q, 1, 2) @ slopes)
         flat = slopes.reshape(T * N, -1)
-        return ArrivalTerms(cost, gradient, flat.T @ flat, r, w, slopes, self._count())
+        return ArrivalTerms(cost, gradient, flat.T @ flat, r, w, slopes, self._count(), source)
 
     def scatter(self, positions: np.ndarray, log_speed: float = 0.0) -> np.ndarray:
         """Return a robust standard deviation (T,) of the residuals at positions (N, D), metres."""
         paths, z = self.paths * np.exp(log_speed), self._padded(positions - positions.mean(axis=0))
         u, b = self._plane_waves(paths, z)
-        r = np.where(self.used, paths + u @ z.T - b[:, None], np.nan)
-        wide = replace(self, sigma=np.hypot(self.stated, 1.4826 * np.nanmedian(np.abs(r), axis=1)))
+        wide = replace(self, sigma=np.hypot(self.stated, 1.4826 * self._median(paths + u @ z.T - b[:, None])))
         for _ in range(2):  # now with the curvature of the front
             r = wide._residuals(paths, z, wide._sources(paths, z))[0]
-            middle = np.array([np.median(np.abs(row[use])) for row, use in zip(r, self.used, strict=True)])
-            wide = replace(wide, sigma=np.hypot(self.stated, 1.4826 * middle))
+            wide = replace(wide, sigma=np.hypot(self.stated, 1.4826 * self._median(r)))
         return wide.sigma
 
     def _count(self) -> np.ndarray:
         """Arrivals of each take beyond the unknowns of its source."""
         return np.sum(self.used, axis=1) - (self.dimension + 1.0)
 
+    def _median(self, r) -> np.ndarray:
+        """Median (T,) of the absolute values of (T, N) where there are arrivals."""
+        size, count = np.sort(np.where(self.used, np.abs(r), np.inf), axis=1), self.used.sum(axis=1)
+        take = np.arange(len(r))
+        return (size[take, (count - 1) // 2] + size[take, count // 2]) / 2
+
     def _padded(self, z) -> np.ndarray:
         return np.pad(z, ((0, 0), (0, self.dimension - z.shape[1])))
 
     def _costs(self, r) -> np.ndarray:
-        terms = np.log1p(r**2 / (NU * self.sigma[:, None] ** 2))
-        return (NU + 1) / 2 * np.sum(np.where(self.used, terms, 0.0), axis=1)
+        return (NU + 1) / 2 * np.log1p(r**2 / (NU * self.sigma[:, None] ** 2)).sum(axis=1)
 
     def _weights(self, r) -> np.ndarray:
-        return np.where(self.used, (NU + 1) / (NU * self.sigma[:, None] ** 2 + r**2), 0.0)
+        return self.used * ((NU + 1) / (NU * self.sigma[:, None] ** 2 + r**2))
 
     def _residuals(self, paths, z, source: Source) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Residuals r, path differences g, both metres, and s : (T, N) each."""
+        """Residuals r, 0 where there is no arrival, path differences g, both metres, and s : (T, N) each."""
         q, b = source.inverse[:, None], source.direction @ z.T
-        a = np.sum(z**2, axis=1)
-        s = np.sqrt(np.maximum(1 - 2 * q * b + q**2 * a, 1e-12))
-        g = (q * a - 2 * b) / (1 + s)
-        return np.where(self.used, paths - source.emission[:, None] - g, 0.0), g, s
+        a = q * (z**2).sum(axis=1)
+        s = np.sqrt(np.maximum(1 + q * (a - 2 * b), 1e-12))
+        g = (a - 2 * b) / (1 + s)
+        return self.used * (paths - source.emission[:, None] - g), g, s
 
     def _jacobian(self, z, source: Source, g, s) -> np.ndarray:
-        """Derivative (T, N, K) of the residuals by the tangents of u, by q and by b."""
-        across = np.einsum("tki,nk->tni", _tangents(source.direction), z) / s[..., None]
-        bend = -(np.sum(z**2, axis=1) - g**2) / (2 * s)
-        return np.where(self.used[..., None], np.dstack([across, bend, -np.ones_like(bend)]), 0.0)
+        """Derivative (T, N, K) of the residuals by the tangents of u, by q and by b, of all microphones."""
+        J = np.empty((*s.shape, z.shape[1] + 1))
+        np.divide(z @ _tangents(source.direction), s[..., None], out=J[..., :-2])
+        np.divide(g**2 - (z**2).sum(axis=1), 2 * s, out=J[..., -2])
+        J[..., -1] = -1.0
+        return J
 
     def _at_bound(self, slope, r, inverse) -> np.ndarray:
         """Which sources are as far, or as near, as they may be, and would be farther, or nearer : (T,) bool."""
-        gradient = np.sum(slope * r, axis=1)
+        gradient = (slope * r).sum(axis=1)
         return ((inverse <= 0) & (gradient > 0)) | ((inverse >= 1 / RULES.nearest) & (gradient < 0))
 
     def _sources(self, paths, z) -> Source:
@@ -209,9 +222,9 @@ class Arrivals:
         flat = np.linalg.svd(z, full_matrices=False)[2][-1]  # the direction of which a plane array shows least
         fit = self._consensus(paths, A)
         for _ in range(3):
-            r = np.where(self.used, paths - fit @ A.T, np.nan)
-            scale = np.maximum(1.4826 * np.nanmedian(np.abs(r), axis=1), self.stated)[:, None]
-            weight = np.where(self.used, 1 / (NU + (r / scale) ** 2), 0.0)
+            r = paths - fit @ A.T
+            scale = np.maximum(1.4826 * self._median(r), self.stated)[:, None]
+            weight = self.used / (NU + (r / scale) ** 2)
             weighted = weight[:, :, None] * A
             inverse = np.linalg.pinv(np.swapaxes(weighted, 1, 2) @ A, rcond=1e-6, hermitian=True)
             fit = np.einsum("tkl,tnl,tn->tk", inverse, weighted, paths)
@@ -228,14 +241,11 @@ class Arrivals:
 
         P. Rousseeuw, "Least Median of Squares Regression", J. Am. Stat. Assoc. 79, 1984: up to half may be outliers.
         """
-        order = np.random.default_rng(0).random((RULES.subsets, *paths.shape)) + ~self.used  # the used ones first
-        chosen = np.argsort(order, axis=-1)[..., : A.shape[1] + 1]
+        chosen = _subsets(self.used.tobytes(), *paths.shape)[..., : A.shape[1] + 1]
         few = A[chosen]
         H = np.swapaxes(few, -1, -2) @ few
         H += 1e-9 * np.trace(H, axis1=-2, axis2=-1)[..., None, None] * np.eye(A.shape[1])
-        right = (
-            np.swapaxes(few, -1, -2) @ np.take_along_axis(np.broadcast_to(paths, order.shape), chosen, -1)[..., None]
-        )
+        right = np.swapaxes(few, -1, -2) @ paths[np.arange(len(paths))[:, None], chosen][..., None]
         fits = np.linalg.solve(H, right)[..., 0]
         size = np.where(self.used, np.abs(paths - fits @ A.T), np.inf)
         middle = np.sort(size, axis=-1)[:, np.arange(len(paths)), np.sum(self.used, axis=1) // 2]
@@ -243,49 +253,63 @@ class Arrivals:
 
     def _fitted(self, paths, z, source: Source) -> tuple[Source, np.ndarray]:
         """The source of each take at the nearest minimum, and its cost (T,), by damped Gauss-Newton steps."""
-        damping = np.full(len(paths), RULES.damping)
+        damping, diagonal = np.full(len(paths), RULES.damping), np.arange(z.shape[1] + 1)
         r, g, s = self._residuals(paths, z, source)
         cost = self._costs(r)
         for _ in range(RULES.steps):
-            w = self._weights(r)
-            J = self._jacobian(z, source, g, s)
-            J[..., -2] *= ~self._at_bound(w * J[..., -2], r, source.inverse)[:, None]
-            slope = np.einsum("tnk,tn->tk", J, w * r)
-            curved = np.maximum(w - 2 * (w * r) ** 2 / (NU + 1), RULES.min_curvature * w)
-            H = np.swapaxes(J, 1, 2) @ (curved[..., None] * J)
-            size = np.einsum("tkk->tk", H)
+            w, J = self._weights(r), self._jacobian(z, source, g, s)
+            wr = w * r
+            J[..., -2] *= ~self._at_bound(J[..., -2], wr, source.inverse)[:, None]
+            slope = (wr[:, None] @ J)[:, 0]
+            curved = np.maximum(w - 2 / (NU + 1) * wr**2, RULES.min_curvature * w)
+            H = (J * curved[..., None]).swapaxes(1, 2) @ J
+            size = H[:, diagonal, diagonal]
             size = np.maximum(size, 1e-12 * size.max(axis=1, keepdims=True))
-            H[:, np.arange(H.shape[1]), np.arange(H.shape[1])] = size * (1 + damping[:, None])
+            H[:, diagonal, diagonal] = size * (1 + damping[:, None])
             step = -np.linalg.solve(H, slope[..., None])[..., 0]
-            promised = -np.sum(step * slope, axis=1)
-            if np.all(promised < RULES.decrease):
+            if np.all(-(step * slope).sum(axis=1) < RULES.decrease):
                 break
-            u = source.direction + np.einsum("tki,ti->tk", _tangents(source.direction), step[:, :-2])
+            u = source.direction + (_tangents(source.direction) @ step[:, :-2, None])[..., 0]
             tried = Source(
-                u / np.linalg.norm(u, axis=1, keepdims=True),
+                u / np.sqrt((u**2).sum(axis=1, keepdims=True)),
                 np.clip(source.inverse + step[:, -2], 0.0, 1 / RULES.nearest),
                 source.emission + step[:, -1],
             )
-            r_tried, g_tried, s_tried = self._residuals(paths, z, tried)
-            there = self._costs(r_tried)
+            tried_r, tried_g, tried_s = self._residuals(paths, z, tried)
+            there = self._costs(tried_r)
             better = there <= cost
-            source = Source(
-                np.where(better[:, None], tried.direction, source.direction),
-                np.where(better, tried.inverse, source.inverse),
-                np.where(better, tried.emission, source.emission),
-            )
-            r, g, s = (np.where(better[:, None], new, old) for new, old in ((r_tried, r), (g_tried, g), (s_tried, s)))
-            cost = np.where(better, there, cost)
+            if np.all(better):
+                source, r, g, s, cost = tried, tried_r, tried_g, tried_s, there
+            else:
+                source = Source(
+                    np.where(better[:, None], tried.direction, source.direction),
+                    np.where(better, tried.inverse, source.inverse),
+                    np.where(better, tried.emission, source.emission),
+                )
+                r, g, s = (
+                    np.where(better[:, None], new, old) for new, old in ((tried_r, r), (tried_g, g), (tried_s, s))
+                )
+                cost = np.where(better, there, cost)
             damping = np.where(better, np.maximum(damping / 10, RULES.min_damping), np.minimum(6 * damping, 1e6))
         return source, cost
+
+
+@lru_cache(maxsize=4)
+def _subsets(used: bytes, takes: int, microphones: int) -> np.ndarray:
+    """Orders of the microphones (`RULES.subsets`, T, N) int64, drawn, those that have an arrival first."""
+    missing = ~np.frombuffer(used, bool).reshape(takes, microphones)
+    return frozen_array(
+        np.argsort(np.random.default_rng(0).random((RULES.subsets, *missing.shape)) + missing), np.int64
+    )
 
 
 def _tangents(u) -> np.ndarray:
     """Orthonormal bases (T, dimension, dimension - 1) across unit vectors (T, dimension), by reflection."""
     v = np.array(u)
     v[:, 0] += np.where(u[:, 0] < 0, -1.0, 1.0)
-    reflected = np.eye(u.shape[1]) - 2 * v[:, :, None] * v[:, None] / np.sum(v**2, axis=1)[:, None, None]
-    return reflected[:, :, 1:]
+    reflected = v[:, :, None] * (-2 / (v**2).sum(axis=1)[:, None, None] * v[:, None, 1:])
+    reflected[:, np.arange(1, u.shape[1]), np.arange(u.shape[1] - 1)] += 1.0
+    return reflected
 
 
 def _bases(J) -> np.ndarray:
@@ -342,7 +366,8 @@ def near_positions(arrivals: Arrivals, positions: np.ndarray, spread: float, hel
         covariance[:-1, :-1] = np.linalg.inv(terms.matrix[:-1, :-1] + np.diag(stiffness))
         pull = terms.gradient[:, :-1].sum(axis=0) + stiffness * (x - positions).ravel()
         x = x - (covariance[:-1, :-1] @ pull).reshape(x.shape)
-        arrivals = replace(arrivals, sigma=updated_sigma(arrivals, arrivals.terms(x), covariance))
+        there = replace(arrivals, start=terms.source).terms(x)
+        arrivals = replace(arrivals, sigma=updated_sigma(arrivals, there, covariance))
     return x, arrivals.sigma
 
 
@@ -356,8 +381,7 @@ def updated_sigma(arrivals: Arrivals, terms: ArrivalTerms, covariance: np.ndarra
     covariance : (N D + 1, N D + 1) float64, of positions and log sound speed after a step
     """
     r, used = np.abs(terms.residual), arrivals.used
-    middle = np.array([np.median(row[use]) for row, use in zip(r, used, strict=True)])
-    inside = used & (r <= RULES.outlier * np.maximum(1.4826 * middle, arrivals.stated)[:, None])
+    inside = used & (r <= RULES.outlier * np.maximum(1.4826 * arrivals._median(r), arrivals.stated)[:, None])
     part = np.sum(inside, axis=1) / np.sum(used, axis=1)
     fitted = np.einsum("tnf,fg,tng,tn->t", terms.slopes, covariance, terms.slopes, inside)
     determined = np.clip(part * terms.count - fitted, 0.0, terms.count)

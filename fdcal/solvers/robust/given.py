@@ -25,6 +25,7 @@ from itertools import combinations
 import numpy as np
 from scipy.special import chdtrc
 
+from ...cost.likelihood import Terms
 from ...model.gauge import align, fixes_gauge, rigid_motions
 from ...model.problem import Problem
 from ...model.validation import frozen_array
@@ -62,19 +63,19 @@ def resolved(problem: Problem, state: State) -> State:
     return state if best.scale or as_before else assumed
 
 
-def contradicted(problem: Problem, state: State) -> GivenHypothesis | None:
+def contradicted(problem: Problem, state: State, terms: tuple[Terms, Terms]) -> GivenHypothesis | None:
     """Return the likeliest hypothesis where the positions assumed do not fit the pressures, at the end of a run.
 
     Where positions are exact the search has left them as they are, whatever they do to the array. Here they are let go.
 
-    problem : with modes of unit power
+    problem : with modes of unit power; terms : as of `free_array`, at `state`
     """
     if len(problem.known) <= problem.array_dimension or given_carry_scale(problem):
         return None
     exact = state.model.known_sigma == 0
     try:
         noisy = exact and bool(np.any(state.model.channel_noise[problem.known] > OUTLIERS.suspicious))
-        if not noisy and _agree(problem, state, free_array(problem, state, 0)):
+        if not noisy and _agree(problem, state, free_array(problem, state, 0, terms)):
             return None
         free = _let_go(problem, state) if exact else state
         if exact:
@@ -212,10 +213,11 @@ class FreeArray:
     covariance: np.ndarray
 
 
-def free_array(problem: Problem, state: State, steps: int) -> FreeArray:
+def free_array(problem: Problem, state: State, steps: int, terms: tuple[Terms, Terms] | None = None) -> FreeArray:
     """Return the minimum without given positions, near `state`, after `steps` at most.
 
-    With 0 it is that of the quadratic at `state`. Raises numpy.linalg.LinAlgError where a covariance is singular.
+    With 0 it is that of the quadratic at `state`, of which the `terms` may be known already, and those with a weaker
+    field. Raises numpy.linalg.LinAlgError where a covariance is singular.
     """
     goal = objective_of(problem, state, used_modes(problem, state))
     goal, here = replace(goal, priors=goal.priors.without_given()), unknowns_of(state)
@@ -225,12 +227,15 @@ def free_array(problem: Problem, state: State, steps: int) -> FreeArray:
         here, damping = trial.unknowns, trial.damping
         if trial.fall < GIVEN.negligible:
             break
-    factor = 1.0 if goal.field.conditional is not None else GIVEN.weaker_field
-    weaker = replace(goal, field=replace(goal.field, power=factor * goal.field.power))
-    g, H = reduced(here, weaker.evaluate(here), free, True)
-    inverse, count = scaled_inverse(H), here.positions.size
+    if terms is None:
+        factor = 1.0 if goal.field.conditional is not None else GIVEN.weaker_field
+        weaker = replace(goal, field=replace(goal.field, power=factor * goal.field.power)).evaluate(here)
+        own = weaker if steps else goal.evaluate(here)
+    else:
+        own, weaker = (goal.with_priors(here, one) for one in terms)
+    inverse, count = scaled_inverse(reduced(here, weaker, free, True)[1]), here.positions.size
     if not steps:
-        g, H = reduced(here, goal.evaluate(here), free, True)
+        g, H = reduced(here, own, free, True)
         step = -(scaled_inverse(H) @ g)[:count].reshape(here.positions.shape)
         here = replace(here, positions=here.positions + step)
     motions = np.linalg.qr(rigid_motions(here.positions))[0]

@@ -128,7 +128,7 @@ def with_arrival_sigma(problem: Problem, state: State, trial: ChannelStep) -> St
     H, index = trial.matrix, arrival_index(trial.unknowns)
     covariance = np.zeros((trial.unknowns.vector.size,) * 2)
     covariance[np.ix_(trial.free, trial.free)] = np.linalg.inv(H + 1e-12 * np.diag(np.diag(H)))
-    terms = arrivals.terms(state.positions, state.model.log_speed)
+    terms = replace(arrivals, start=trial.source).terms(state.positions, state.model.log_speed)
     return _with_sigma_of(problem, state, direct_sound.updated_sigma(arrivals, terms, covariance[np.ix_(index, index)]))
 
 

@@ -25,7 +25,7 @@ from ...cost.likelihood import Conditional, FieldModel, Terms, likelihood_terms,
 from ...model.problem import Problem, mode_power
 from ...model.settings import SolverSettings
 from ...model.validation import frozen_array
-from .arrivals import Arrivals, arrivals_of
+from .arrivals import Arrivals, ArrivalTerms, Source, arrivals_of
 from .rules import ASSUMED, CONDITIONAL, FINAL, OUTLIERS, STAGES
 from .state import DIRECTIONAL, UNDAMPED, Model, State
 
@@ -123,13 +123,14 @@ def spring(square, sigma: float, components: int, freedom: float = NU):
 class Evaluation:
     """The cost with priors, its gradient (F,) and Gauss-Newton matrix (F, F), and the `Terms` of the likelihood alone.
 
-    Gradient and matrix are empty where the cost alone was wanted.
+    Gradient and matrix are empty where the cost alone was wanted. `source` is that of the arrivals, None without any.
     """
 
     cost: float
     gradient: np.ndarray
     matrix: np.ndarray
     terms: Terms
+    source: Source | None = None
 
 
 @dataclass(frozen=True)
@@ -157,10 +158,17 @@ class Objective:
     def with_priors(self, unknowns: Unknowns, terms: Terms, derivatives: bool = True) -> Evaluation:
         """Return `evaluate` for the `terms` of the likelihood at the unknowns."""
         gradient, matrix = _with_speed(unknowns, terms) if derivatives else (np.zeros(0), np.zeros((0, 0)))
-        cost = terms.cost + _add_priors(unknowns, self.priors, gradient, matrix)
+        cost, source = terms.cost + _add_priors(unknowns, self.priors, gradient, matrix), None
         if self.arrivals is not None:
-            cost += _add_arrivals(unknowns, self.arrivals, gradient, matrix)
-        return Evaluation(cost, gradient, matrix, terms)
+            of_arrivals = _add_arrivals(unknowns, self.arrivals, gradient, matrix)
+            cost, source = cost + of_arrivals.cost, of_arrivals.source
+        return Evaluation(cost, gradient, matrix, terms, source)
+
+    def beside(self, source: Source | None) -> Objective:
+        """Return the same objective for unknowns beside those whose arrivals have this source."""
+        if self.arrivals is None or source is None:
+            return self
+        return replace(self, arrivals=replace(self.arrivals, start=source))
 
     def finite_cost(self, unknowns: Unknowns) -> float:
         """Return the cost; infinity where a covariance is singular, as of two microphones at one place."""
@@ -211,14 +219,14 @@ def _add_priors(unknowns: Unknowns, priors: Priors, gradient, matrix) -> float:
     return float(cost)
 
 
-def _add_arrivals(unknowns: Unknowns, arrivals: Arrivals, gradient, matrix) -> float:
-    """Cost of the arrivals; gradient and matrix, where they are not empty, are added to in place."""
+def _add_arrivals(unknowns: Unknowns, arrivals: Arrivals, gradient, matrix) -> ArrivalTerms:
+    """Terms of the arrivals; gradient and matrix, where they are not empty, are added to in place."""
     terms = arrivals.terms(unknowns.positions, unknowns.log_speed, len(gradient) > 0)
     if len(gradient):
         index = arrival_index(unknowns)
         gradient[index] += terms.gradient.sum(axis=0)
         matrix[np.ix_(index, index)] += terms.matrix
-    return terms.cost
+    return terms
 
 
 def arrival_index(unknowns: Unknowns) -> np.ndarray:

@@ -102,7 +102,7 @@ def result(problem: Problem, state: State) -> Estimate:
         ),
         field=FieldEstimate(model.share, model.power[state.modes], undeflated, weakened.terms),
         spread=_spread(problem, state, goal, here, evaluated, free, inverse),
-        given=_given(problem, state, goal, here, evaluated.terms),
+        given=_given(problem, state, goal, here, evaluated.terms, weakened.terms),
         log_speed=model.log_speed,
         log_speed_sigma=float(sigma[-1]) if len(problem.known) else stated,
         tried=_tried(problem, state),
@@ -263,7 +263,9 @@ def _tried(problem: Problem, state: State) -> tuple[TriedOptimum, ...]:
     )
 
 
-def _given(problem: Problem, state: State, goal: Objective, here: Unknowns, at_goal: Terms) -> GivenEstimate:
+def _given(
+    problem: Problem, state: State, goal: Objective, here: Unknowns, at_goal: Terms, weakened: Terms
+) -> GivenEstimate:
     sigma = goal.priors.known_sigma or given.EXACT_SIGMA
     every = replace(goal.priors, known=problem.known, places=problem.known_positions, known_sigma=sigma)
 
@@ -281,7 +283,7 @@ def _given(problem: Problem, state: State, goal: Objective, here: Unknowns, at_g
         stiffness,
         given_carry_scale(problem),
         probability,
-        given.contradicted(problem, state),
+        given.contradicted(problem, state, (at_goal, weakened)),
     )
 
 

@@ -61,6 +61,10 @@ class StepRules:
     max_step : longest move of a microphone in one step, over the shortest wavelength
     deformation_damping, damping : of the first step of a stage
     converged_sigmas : largest Newton step left of a run that has converged, over one sigma of the coordinate
+    settled_sigmas : RMS move in one step over one sigma of the coordinates, at which a stage ends that learns the
+        directions of a field in space: their power changes long after it moves the positions. Four takes of 32
+        microphones end 0.1 to 0.5 mm from where all steps would lead, at an error of 3 to 4 mm, with 0.1 0.3 to 0.7 mm.
+        In the plane directions cost little, and an array whose size is hardly determined then goes from 14 to 17 mm
     min_eigenvalue : of the scaled Gauss-Newton matrix, dimensionless; directions with less are as good as undetermined
     """
 
@@ -68,6 +72,7 @@ class StepRules:
     deformation_damping: float = 1e-3
     damping: float = 1e-6
     converged_sigmas: float = 0.2
+    settled_sigmas: float = 0.05
     min_eigenvalue: float = 1e-13
 
 

@@ -35,7 +35,7 @@ from .result import result
 from .rules import ASSUMED, FREE, STAGES, STEPS
 from .schedule import Turn, begin, begin_stage, following
 from .state import DIRECTIONAL, State
-from .step import channel_step, free_directions, is_converged, polynomial_deformations
+from .step import channel_step, free_directions, is_converged, polynomial_deformations, sigmas_moved
 
 __all__ = ["TRAITS", "State", "init", "landscape", "result", "step", "usable_modes", "use_modes"]
 
@@ -86,7 +86,9 @@ def step(problem: Problem, state: State) -> State:
         cost=trial.cost if np.isfinite(trial.cost) else state.cost,
         progress=replace(progress, steps=progress.steps + 1, damping=trial.damping),
     )
-    ended = trial.moved < stage.tolerance or trial.fall < stage.negligible
+    directional, healthy = state.model.kernel in DIRECTIONAL, noise.healthy(state.model)
+    settled = directional and problem.dimension == 3 and sigmas_moved(here, trial, healthy) < STEPS.settled_sigmas
+    ended = settled or trial.moved < stage.tolerance or trial.fall < stage.negligible
     if stage.learns and trial.terms is not None:
         moved = noise.with_power(moved, used, goal.field, trial.terms)
         moved = noise.with_directions(problem, moved, used, ASSUMED.direction_updates)
@@ -96,8 +98,8 @@ def step(problem: Problem, state: State) -> State:
         if moved.model.arrival_sigma is not None:
             moved = noise.with_arrival_sigma(problem, moved, trial)
             ended = ended and noise.same_arrivals(state.model, moved.model)
-        if moved.model.kernel in DIRECTIONAL:
-            ended = ended and progress.steps > 0 and state.cost - moved.cost < ASSUMED.learned
+        if directional:
+            ended = ended and progress.steps > 0 and (settled or state.cost - moved.cost < ASSUMED.learned)
     if not ended and trial.terms is not None and moved.progress.steps < stage.max_steps:
         return moved
     after = following(Turn(problem, stage.name, moved, goal, trial, ended and trial.terms is not None))

@@ -17,6 +17,7 @@ from ...cost.likelihood import Terms
 from ...model.gauge import align, rigid_motions
 from ...model.problem import Problem
 from ..levenberg_marquardt import DAMPING, NewtonTerms, damped_step
+from .arrivals import Source
 from .objective import Evaluation, Objective, Priors, Unknowns, objective_of, speed_is_free, unknowns_of, used_modes
 from .rules import OUTLIERS, STEPS
 from .state import State
@@ -38,6 +39,7 @@ class ChannelStep:
     terms : Terms at the point from which the step was taken; None where a covariance is singular
     free : see `free_directions`
     matrix : (F, F) float64, Gauss-Newton matrix in the free directions; None with `terms`
+    source : Source of the arrivals there; None without any
     """
 
     unknowns: Unknowns
@@ -48,6 +50,7 @@ class ChannelStep:
     free: np.ndarray
     terms: Terms | None = None
     matrix: np.ndarray | None = None
+    source: Source | None = None
 
 
 def free_directions(unknowns: Unknowns, held, deformations=None, speed: bool = False) -> np.ndarray:
@@ -124,17 +127,18 @@ def channel_step(
     if not free.shape[-1]:
         return ChannelStep(unknowns, here.cost, 0.0, DAMPING.first, 0.0, free, here.terms, np.zeros((0, 0)))
     g, H = reduced(unknowns, here, free, blind)
-    before = unknowns.vector
+    before, near = unknowns.vector, objective.beside(here.source)
     step = damped_step(
         before,
         NewtonTerms(here.cost, g, H),
-        lambda tried: objective.evaluate(unknowns.at(tried), False).cost,
+        lambda tried: near.evaluate(unknowns.at(tried), False).cost,
         lambda y: before + (free @ y if free.ndim == 2 else np.bincount(free, y, before.size)),
         lambda tried: float(np.abs(unknowns.at(tried).positions - unknowns.positions).max()),
         damping,
         max_step,
     )
-    return ChannelStep(unknowns.at(step.unknowns), step.cost, step.fall, step.damping, step.moved, free, here.terms, H)
+    moved = unknowns.at(step.unknowns)
+    return ChannelStep(moved, step.cost, step.fall, step.damping, step.moved, free, here.terms, H, here.source)
 
 
 def reduced(unknowns: Unknowns, here: Evaluation, free: np.ndarray, blind: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -185,6 +189,17 @@ def remaining_step(unknowns: Unknowns, objective: Objective, here: Evaluation, f
     index, whole = free_coordinates(shape, held), np.zeros(unknowns.positions.size)
     whole[index] = -(inverse @ here.gradient[free])[: len(index)]
     return whole.reshape(shape)
+
+
+def sigmas_moved(before: Unknowns, trial: ChannelStep, healthy: np.ndarray) -> float:
+    """Return the RMS move of the coordinates of the healthy microphones (N,) bool in a step, over their sigmas."""
+    if trial.matrix is None or trial.free.ndim != 1:
+        return np.inf
+    variance = np.full(before.vector.size, np.inf)  # of what is not free
+    variance[trial.free] = np.diag(scaled_inverse(trial.matrix))
+    variance = variance[:-1].reshape(len(healthy), -1)[healthy, : before.positions.shape[1]]
+    move = (trial.unknowns.positions - before.positions)[healthy]
+    return float(np.sqrt(np.mean(move**2 / variance))) if np.any(healthy) else 0.0
 
 
 def is_converged(problem: Problem, state: State) -> bool:
