@@ -122,6 +122,8 @@ class AssumptionRules:
         lost
     min_sigma, max_sigma : least and greatest spread of gains and phases, nepers and radians
     prior_gain : nepers or radians, expected spread of gains and phases, worth one channel
+    prior_filter, max_filter : metres, of delays, and rad/m, of corners: expected spread, worth one channel, and greatest
+    filter_nats : evidence for such a spread from which those of all channels are sought
     same_spread, negligible_spread : change of the logarithm of a spread, and spread, that do not count
     known_sigma : metres, one sigma of a given coordinate to begin with, and at most
     given_sigma, known_count : metres, expected error of a given coordinate, and positions that this is worth
@@ -153,6 +155,9 @@ class AssumptionRules:
     min_sigma: float = 1e-4
     max_sigma: float = 0.6
     prior_gain: float = 1e-3
+    prior_filter: tuple[float, float] = (2e-4, 2e-3)
+    max_filter: tuple[float, float] = (0.2, 2.0)
+    filter_nats: float = 3.0
     same_spread: float = 0.2
     negligible_spread: float = 1e-3
     known_sigma: float = 3e-3
