@@ -381,7 +381,9 @@ def objective_of(problem: Problem, state: State, used) -> Objective:
     tail = ASSUMED.carrying_tail if given_carry_scale(problem) else NU
     held = held_positions(problem, state)
     spreads = model.delay_sigma, model.corner_sigma
-    priors = Priors(model.gain_sigma, model.phase_sigma, *held, known_sigma, state.offsets, speed or 0.0, tail, *spreads)
+    priors = Priors(
+        model.gain_sigma, model.phase_sigma, *held, known_sigma, state.offsets, speed or 0.0, tail, *spreads
+    )
     arrivals = state_arrivals(problem, state)
     return Objective(problem.pressures[used], field_of(problem, state, used), priors, model.log_speed, arrivals)
 

@@ -122,7 +122,8 @@ class AssumptionRules:
         lost
     min_sigma, max_sigma : least and greatest spread of gains and phases, nepers and radians
     prior_gain : nepers or radians, expected spread of gains and phases, worth one channel
-    prior_filter, max_filter : metres, of delays, and rad/m, of corners: expected spread, worth one channel, and greatest
+    prior_filter, max_filter : metres, of delays, and rad/m, of corners: expected spread, worth one channel, and the
+        greatest
     filter_nats : evidence for such a spread from which those of all channels are sought
     same_spread, negligible_spread : change of the logarithm of a spread, and spread, that do not count
     known_sigma : metres, one sigma of a given coordinate to begin with, and at most
