@@ -220,7 +220,7 @@ class OutlierRules:
     gross : absolute log gain from which a gain is gross, as that of an inverted channel; without it the error of a
         blind circle grows from 18 to 25 mm
     delay_sigma, max_delay, delays : metres, spread of a delay times the sound speed, the greatest, and their number
-    corner_sigma, max_corner, corners : rad/m, of a high-pass corner times 2 pi / c, likewise
+    corner_sigma : rad/m, spread of a high-pass corner times 2 pi / c
     filtered : suspicious channels at most that may have a filter; without it six healthy channels get one, and an array
         with an error of 5.4 mm and a claim of 1.1 mm is good
     filter_nats : by which a filter must be likelier than a place and a gain alone
@@ -241,8 +241,6 @@ class OutlierRules:
     max_delay: float = 0.7
     delays: int = 41
     corner_sigma: float = 2.0
-    max_corner: float = 2.0
-    corners: int = 17
     filtered: int = 3
     filter_nats: float = 8.0
     coherent: float = 0.75
