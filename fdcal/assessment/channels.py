@@ -127,7 +127,10 @@ def _filtered(estimate: Estimate) -> dict[int, FaultyChannel]:
     c = estimate.problem.sound_speed * np.exp(estimate.log_speed)
     units = np.array([1 / c, c / (2 * np.pi)])
     value, sigma = estimate.channels.filters * units, estimate.channels.filter_sigma * units
-    beyond = np.abs(value) > np.maximum(LIMITS.filter_sigmas * sigma, [LIMITS.min_delay, LIMITS.min_corner])
+    value = value - np.median(value, axis=0)
+    scatter = np.median(np.abs(value), axis=0) / LIMITS.median_of_normal
+    limits = np.maximum(LIMITS.gain_sigmas * scatter, [LIMITS.min_delay, LIMITS.min_corner])
+    beyond = np.abs(value) > np.maximum(LIMITS.filter_sigmas * sigma, limits)
     found = {int(n): FaultyChannel(int(n), "high_pass", float(value[n, 1]), "Hz") for n in np.flatnonzero(beyond[:, 1])}
     delayed = {int(n): FaultyChannel(int(n), "delayed", float(value[n, 0]), "s") for n in np.flatnonzero(beyond[:, 0])}
     return found | delayed

@@ -35,20 +35,24 @@ def array(count=12, axes=3, seed=1):
     return 0.2 * np.random.default_rng(seed).normal(size=(count, axes))
 
 
+@pytest.mark.parametrize("delayed", [False, True])
 @pytest.mark.parametrize(("axes", "dimension"), [(3, 3), (2, 3), (2, 2)])
-def test_gradient_is_that_of_differences(axes, dimension):
+def test_gradient_is_that_of_differences(axes, dimension, delayed):
+    """By the coordinates, the delays of the channels where there are any, and the sound speed."""
     x = array(axes=axes)
     arrivals = heard(x, dimension)
     y, log_speed, h = x + 4e-3 * np.random.default_rng(2).normal(size=x.shape), 0.01, 1e-6
-    expected = np.zeros(x.size + 1)
-    for i in range(x.size + 1):
-        step = h * (np.arange(x.size + 1) == i)
-        up, down = (
-            arrivals.terms(y + sign * step[:-1].reshape(x.shape), log_speed + sign * step[-1], False).cost
-            for sign in (1, -1)
-        )
-        expected[i] = (up - down) / (2 * h)
-    found = arrivals.terms(y, log_speed)
+    delays = 1e-3 * np.random.default_rng(5).normal(size=len(x)) * delayed
+    expected = np.zeros(x.size + delayed * len(x) + 1)
+
+    def cost(step) -> float:
+        later = delays + step[x.size : -1] if delayed else None
+        return arrivals.terms(y + step[: x.size].reshape(x.shape), log_speed + step[-1], False, later).cost
+
+    for i in range(len(expected)):
+        step = h * (np.arange(len(expected)) == i)
+        expected[i] = (cost(step) - cost(-step)) / (2 * h)
+    found = arrivals.terms(y, log_speed, True, delays if delayed else None)
     assert np.allclose(found.gradient.sum(axis=0), expected, atol=1e-4 * np.abs(expected).max())
     assert np.linalg.eigvalsh(found.matrix).min() > -1e-6 * np.linalg.eigvalsh(found.matrix).max()
 
@@ -116,17 +120,21 @@ def test_scatter_and_sigma_are_those_of_the_times():
     assert np.all(wrong.scatter(x) > 0.05)
 
 
-def test_a_take_with_too_few_arrivals_or_a_channel_with_a_delay_says_nothing():
+def test_a_take_with_too_few_arrivals_says_nothing():
     problem = takes_of(2).problem(known="none")
-    filters = np.zeros((20, 2))
-    filters[4, 0] = 0.1
-    found = arrivals_of(problem, None, filters)
-    assert found is not None and not found.used[:, 4].any() and found.used[:, 5].all()
     times = np.array(problem.arrivals)
     times[1, 3:] = np.nan
-    found = arrivals_of(replace(problem, arrivals=times), None, 0 * filters)
+    found = arrivals_of(replace(problem, arrivals=times), None)
     assert found is not None and len(found.paths) == 1
-    assert arrivals_of(replace(problem, arrivals=0 * times + np.nan), None, 0 * filters) is None
+    assert arrivals_of(replace(problem, arrivals=0 * times + np.nan), None) is None
+
+
+def test_times_that_channels_delay_cost_nothing_at_these_delays():
+    x = array()
+    arrivals, delays = heard(x, 3, scatter=0.0), 0.02 * np.random.default_rng(3).normal(size=12)
+    late = replace(arrivals, paths=arrivals.paths + delays)
+    assert late.terms(x, 0.0, False, delays).cost == pytest.approx(arrivals.terms(x, 0.0, False).cost, abs=1e-9)
+    assert late.terms(x, 0.0, False).cost > 10
 
 
 SOURCES = ((5.47, 4.53), (0.61, 4.38), (0.52, 0.83), (5.23, 0.47))  # m, in a rigid room of 6 x 5 m

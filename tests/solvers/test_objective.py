@@ -47,14 +47,15 @@ def slopes(goal: Objective, here: Unknowns, step: float = 1e-6) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("filters", "gains"),
-    [(True, True), (False, True), (False, False)],
-    ids=["filters", "gains", "positions"],
+    ("filters", "gains", "spreads"),
+    [(True, True, {}), (True, True, {"delay_sigma": 0.1, "corner_sigma": 0.3}), (False, True, {}), (False, False, {})],
+    ids=["faulty filters", "filters of all", "gains", "positions"],
 )
 @pytest.mark.parametrize("log_speed", [0.0, 0.03])
-def test_the_gradient_is_that_of_the_cost(filters, gains, log_speed):
+def test_the_gradient_is_that_of_the_cost(filters, gains, spreads, log_speed):
     """By positions, gains, delays, corners and the sound speed, at another speed than the wavenumbers' own, too."""
     here, goal = unknowns(filters, gains, log_speed), objective(log_speed=0.01)
+    goal = replace(goal, priors=replace(goal.priors, **spreads))
     gradient = goal.evaluate(here).gradient
     np.testing.assert_allclose(gradient, slopes(goal, here), atol=2e-6 * np.abs(gradient).max())
     assert abs(gradient[-1]) > 1e-3 * np.abs(gradient).max(), "the sound speed counts"

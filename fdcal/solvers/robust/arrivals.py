@@ -14,8 +14,7 @@ and the time of emission b_t are profiled out for each take: at their optimum th
 fixed u, q and b, and the Gauss-Newton matrix is the Schur complement (Golub and Pereyra, "The Differentiation of
 Pseudo-Inverses and Nonlinear Least Squares Problems Whose Variables Separate", SIAM J. Numer. Anal. 10(2), 1973).
 
-A constant delay of a channel is not told from its position: 1 mm of sound is 3 microseconds, less than the converters
-of one device differ by. A channel whose delay is among the unknowns (`State.model.filters`) has no arrivals.
+A delay d_n of a channel is taken off c tau_tn. One take does not tell it from the position of the microphone.
 """
 
 from __future__ import annotations
@@ -88,10 +87,11 @@ class ArrivalTerms:
     Attributes
     ----------
     cost : nats
-    gradient : (T, N D + 1) float64, of each take, by the positions and the logarithm of the sound speed
-    matrix : (N D + 1, N D + 1) float64, Gauss-Newton matrix of all takes
+    gradient : (T, F) float64, of each take, by the N D coordinates, the N delays, if there are any, and the logarithm
+        of the sound speed
+    matrix : (F, F) float64, Gauss-Newton matrix of all takes
     residual, weight : (T, N) float64, metres and 1/m^2; 0 where there is no arrival
-    slopes : (T, N, N D + 1) float64, of the weighted residuals, sources profiled out: matrix = sum slopes^T slopes
+    slopes : (T, N, F) float64, of the weighted residuals, sources profiled out: matrix = sum slopes^T slopes
     count : (T,) float64, arrivals beyond those that fix the source
     source : Source, the likeliest
     """
@@ -127,11 +127,12 @@ class Arrivals:
     dimension: int
     start: Source | None = None
 
-    def terms(self, positions: np.ndarray, log_speed: float = 0.0, derivatives: bool = True) -> ArrivalTerms:
-        """Return the term at positions (N, D), metres; without derivatives its cost alone."""
+    def terms(self, positions, log_speed: float = 0.0, derivatives: bool = True, delays=None) -> ArrivalTerms:
+        """Return the term at positions (N, D) and delays (N,), metres; without derivatives its cost alone."""
         (N, D), T = positions.shape, len(self.paths)
         z = self._padded(positions - positions.mean(axis=0))
-        paths = self.paths * np.exp(log_speed)
+        arrived = self.paths * np.exp(log_speed)
+        paths = arrived if delays is None else arrived - delays
         source = self._sources(paths, z) if self.start is None else self._fitted(paths, z, self.start)[0]
         r, g, s = self._residuals(paths, z, source)
         cost = float(np.sum(self._costs(r)) + np.sum(self._count() * np.log(self.sigma / self.stated)))
@@ -141,10 +142,12 @@ class Arrivals:
             return ArrivalTerms(cost, empty, empty, r, w, np.zeros((0, 0, 0)), self._count(), source)
         along = (source.direction[:, None] - source.inverse[:, None, None] * z) / s[..., None]  # dr / dx
         root = np.sqrt(w)
-        slopes = np.zeros((T, N, N * D + 1))
+        slopes = np.zeros((T, N, N * D + (0 if delays is None else N) + 1))
         each = np.arange(N)[:, None]
         slopes[:, each, each * D + np.arange(D)] = along[..., :D]
-        slopes[..., -1] = np.where(self.used, paths, 0.0)
+        if delays is not None:
+            slopes[:, each[:, 0], N * D + each[:, 0]] = -1.0
+        slopes[..., -1] = np.where(self.used, arrived, 0.0)
         slopes *= root[..., None]
         gradient = np.einsum("tn,tnf->tf", root * r, slopes)
         J = self._jacobian(z, source, g, s) * root[..., None]  # the weight is 0 without an arrival
@@ -318,30 +321,28 @@ def _bases(J) -> np.ndarray:
     return U * (values > 1e-7)[:, None]
 
 
-def arrivals_of(problem: Problem, sigma: np.ndarray | None, filters: np.ndarray) -> Arrivals | None:
+def arrivals_of(problem: Problem, sigma: np.ndarray | None) -> Arrivals | None:
     """Return the arrivals of a problem; None without any.
 
-    sigma : (T,) float64, metres, of every take of the problem; as stated unless given; filters : (N, 2), of the
-    channels, as of `State`; one that has a delay says nothing
+    sigma : (T,) float64, metres, of every take of the problem; as stated unless given
     """
     if problem.arrivals is None or problem.arrival_sigma is None:
         return None
-    enough = counted(problem, filters)
+    enough = counted(problem)
     if not np.any(enough):
         return None
     paths = problem.sound_speed * problem.arrivals[enough]
-    used = np.isfinite(paths) & (filters[:, 0] == 0)
+    used = np.isfinite(paths)
     middle = np.array([np.median(row[use]) for row, use in zip(paths, used, strict=True)])
     stated = problem.sound_speed * problem.arrival_sigma
     own = stated if sigma is None else sigma
     return Arrivals(np.where(used, paths - middle[:, None], 0.0), used, own[enough], stated[enough], problem.dimension)
 
 
-def counted(problem: Problem, filters: np.ndarray) -> np.ndarray:
+def counted(problem: Problem) -> np.ndarray:
     """Return which takes have more arrivals than fix their source : (T,) bool."""
     assert problem.arrivals is not None
-    used = np.isfinite(problem.arrivals) & (filters[:, 0] == 0)
-    return np.sum(used, axis=1) > problem.dimension + 1
+    return np.sum(np.isfinite(problem.arrivals), axis=1) > problem.dimension + 1
 
 
 def hyper_cost(arrivals: Arrivals) -> float:
@@ -378,7 +379,7 @@ def updated_sigma(arrivals: Arrivals, terms: ArrivalTerms, covariance: np.ndarra
     `RULES.prior_count` of them. Outliers are left out: the scale of a Student t distribution breaks down where a share
     1 / (1 + NU) of all are outliers.
 
-    covariance : (N D + 1, N D + 1) float64, of positions and log sound speed after a step
+    covariance : (F, F) float64, of what the arrivals depend on, after a step
     """
     r, used = np.abs(terms.residual), arrivals.used
     inside = used & (r <= RULES.outlier * np.maximum(1.4826 * arrivals._median(r), arrivals.stated)[:, None])

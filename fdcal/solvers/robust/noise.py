@@ -21,6 +21,7 @@ from .objective import (
     field_of,
     field_wavenumbers,
     first_known_sigma,
+    gains_are_free,
     given_carry_scale,
     held_positions,
     objective_of,
@@ -78,10 +79,13 @@ def given_noise(problem: Problem, state: State) -> np.ndarray | None:
 
 
 def centred(state: State) -> State:
-    """Return `state` with gains whose median is 1: what is common to all is the field's."""
+    """Return `state` with gains whose median is 1, and delays of median 0: what is common to all is the field's."""
     shift = np.median(state.gains - state.offsets, axis=0)
     louder = np.exp(2 * shift[0])
-    model = replace(state.model, power=state.model.power * louder, noise=state.model.noise * louder)
+    filters = state.model.filters
+    if state.model.delay_sigma > 0:
+        filters = frozen_array(filters - [np.median(filters[:, 0]), 0.0], float)
+    model = replace(state.model, power=state.model.power * louder, noise=state.model.noise * louder, filters=filters)
     return replace(state, gains=state.gains - shift, model=model)
 
 
@@ -100,6 +104,13 @@ def with_spreads(problem: Problem, state: State, trial: ChannelStep) -> State:
         e = np.append(state.gains[:, column] - state.offsets[:, column], expected)
         fresh = _updated_sigma(sigma, e, np.append(variance[:, D + column], 0.0), 1, floor)
         sigmas.append(fresh if stated[column] is None else sigma)
+    filters = []
+    for column, sigma in enumerate((model.delay_sigma, model.corner_sigma)):
+        expected = ASSUMED.prior_filter[column]
+        if sigma > 0:
+            e, v = np.append(model.filters[:, column], expected), np.append(variance[:, D + 2 + column], 0.0)
+            sigma = _updated_sigma(sigma, e, v, 1, expected, ASSUMED.max_filter[column])
+        filters.append(sigma)
     (known, places), sigma = held_positions(problem, state), model.known_sigma
     if len(known) and sigma > 0 and not given_carry_scale(problem):
         e = np.linalg.norm(state.positions[known] - places, axis=1)
@@ -107,12 +118,50 @@ def with_spreads(problem: Problem, state: State, trial: ChannelStep) -> State:
         v = np.append(variance[known, :D].mean(axis=1), np.zeros(ASSUMED.known_count))
         at_most = max(first_known_sigma(problem, state.settings), sigma)  # greater by a hypothesis alone (`given`)
         sigma = min(_updated_sigma(sigma, e, v, D, 1e-5), at_most)
-    return replace(state, model=replace(model, gain_sigma=sigmas[0], phase_sigma=sigmas[1], known_sigma=sigma))
+    spreads = dict(zip(("gain_sigma", "phase_sigma", "delay_sigma", "corner_sigma"), sigmas + filters, strict=True))
+    return replace(state, model=replace(model, known_sigma=sigma, **spreads))
+
+
+def with_filters(problem: Problem, state: State) -> State:
+    """Return `state` with delays and corners of all channels free if the channels differ in either.
+
+    With the curvature S of the cost by them, all else at its minimum, and the gradient z along its eigenvectors,
+
+        evidence(sigma) = sum z^2 / (S + sigma^-2) / 2 - log(1 + sigma^2 S) / 2    over sigma = 0, by Laplace.
+
+    Over a narrow band, or with few microphones, a delay is a phase or a place: S is small, and there is no evidence.
+    """
+    if not gains_are_free(state) or state.model.delay_sigma > 0:
+        return state
+    goal, here = objective_of(problem, state, used_modes(problem, state)), unknowns_of(state)
+    D, channels = state.positions.shape[1], np.hstack([state.gains, state.model.filters])
+    here = replace(here, channels=channels, filters=True)
+    free = free_directions(here, goal.priors.held, None, speed_is_free(problem, state))
+    kind = np.where(free < here.vector.size - 1, free % (D + 4) - (D + 2), -1)
+    try:
+        gradient, matrix = reduced(here, goal.evaluate(here), free, not len(problem.known))
+        found = [_likeliest_spread(gradient, matrix, kind < 0, kind == c, c) for c in (0, 1)]
+    except np.linalg.LinAlgError:
+        return state
+    if max(evidence for evidence, _ in found) < ASSUMED.filter_nats:
+        return state
+    return replace(state, model=replace(state.model, delay_sigma=found[0][1], corner_sigma=found[1][1]))
+
+
+def _likeliest_spread(gradient, matrix, rest, filters, c: int) -> tuple[float, float]:
+    """Evidence for a spread of filters, nats over none, and the likeliest one; rest, filters : (F,) bool."""
+    across = matrix[np.ix_(filters, rest)] @ scaled_inverse(matrix[np.ix_(rest, rest)])
+    values, vectors = np.linalg.eigh(matrix[np.ix_(filters, filters)] - across @ matrix[np.ix_(rest, filters)])
+    z2, values = (vectors.T @ (gradient[filters] - across @ gradient[rest])) ** 2, np.maximum(values, 0.0)[:, None]
+    sigma = np.geomspace(ASSUMED.prior_filter[c], ASSUMED.max_filter[c], 33)
+    evidence = np.sum(z2[:, None] / (values + sigma**-2.0) - np.log1p(values * sigma**2), axis=0) / 2
+    best = int(np.argmax(evidence))
+    return float(evidence[best]), float(sigma[best])
 
 
 def with_arrivals(problem: Problem, state: State) -> State:
     """Return `state` with arrivals that count, if there are any, at positions near by that fit these best."""
-    arrivals = direct_sound.arrivals_of(problem, None, state.model.filters)
+    arrivals = direct_sound.arrivals_of(problem, None)
     if arrivals is None:
         return state
     held = objective_of(problem, state, slice(0)).priors.held
@@ -128,7 +177,8 @@ def with_arrival_sigma(problem: Problem, state: State, trial: ChannelStep) -> St
     H, index = trial.matrix, arrival_index(trial.unknowns)
     covariance = np.zeros((trial.unknowns.vector.size,) * 2)
     covariance[np.ix_(trial.free, trial.free)] = np.linalg.inv(H + 1e-12 * np.diag(np.diag(H)))
-    terms = replace(arrivals, start=trial.source).terms(state.positions, state.model.log_speed)
+    begun = replace(arrivals, start=trial.source)
+    terms = begun.terms(state.positions, state.model.log_speed, True, trial.unknowns.delays)
     return _with_sigma_of(problem, state, direct_sound.updated_sigma(arrivals, terms, covariance[np.ix_(index, index)]))
 
 
@@ -136,11 +186,13 @@ def _with_sigma_of(problem: Problem, state: State, sigma) -> State:
     """`state` with a sigma for each take that has enough arrivals."""
     assert problem.arrivals is not None and problem.arrival_sigma is not None
     every = problem.sound_speed * np.array(problem.arrival_sigma)
-    every[direct_sound.counted(problem, state.model.filters)] = sigma
+    every[direct_sound.counted(problem)] = sigma
     return replace(state, model=replace(state.model, arrival_sigma=frozen_array(every, float)))
 
 
-def _updated_sigma(sigma: float, deviation, variance, components: int, floor: float) -> float:
+def _updated_sigma(
+    sigma: float, deviation, variance, components: int, floor: float, most: float = ASSUMED.max_sigma
+) -> float:
     """Spread of a prior: squared deviations over how many the data determine.
 
     deviation : (K,) root of the sum of squares of the components; variance : (K,) posterior, per component
@@ -148,15 +200,16 @@ def _updated_sigma(sigma: float, deviation, variance, components: int, floor: fl
     weight = spring(deviation**2, sigma, components) * sigma**2
     determined = components * np.clip(1 - weight * variance / sigma**2, 0.0, 1.0)
     fresh = np.sqrt(np.sum(weight * deviation**2) / max(float(determined.sum()), 1e-3))
-    return float(np.clip(np.clip(fresh, sigma / 4, 4 * sigma), floor, ASSUMED.max_sigma))
+    return float(np.clip(np.clip(fresh, sigma / 4, 4 * sigma), floor, most))
 
 
 def same_spreads(before: Model, after: Model) -> bool:
     """Return whether the spreads of gain and phase have hardly changed."""
-    pairs = (before.gain_sigma, after.gain_sigma), (before.phase_sigma, after.phase_sigma)
-    return all(
-        abs(np.log(new / old)) < ASSUMED.same_spread or max(old, new) < ASSUMED.negligible_spread for old, new in pairs
-    )
+    least = ASSUMED.negligible_spread
+    pairs = [(before.gain_sigma, after.gain_sigma, least), (before.phase_sigma, after.phase_sigma, least)]
+    pairs.append((before.delay_sigma, after.delay_sigma, ASSUMED.prior_filter[0]))
+    pairs.append((before.corner_sigma, after.corner_sigma, ASSUMED.prior_filter[1]))
+    return all(max(old, new) < least or abs(np.log(new / old)) < ASSUMED.same_spread for old, new, least in pairs)
 
 
 def same_arrivals(before: Model, after: Model) -> bool:
@@ -179,7 +232,10 @@ def score(problem: Problem, state: State, goal: Objective, trial: ChannelStep) -
         cost += len(problem.known) * D * np.log(priors.known_sigma)
     if trial.unknowns.gains:
         cost += N * (np.log(priors.gain_sigma) + np.log(priors.phase_sigma))
-        cost += np.sum((state.model.filters != 0) * np.log([OUTLIERS.delay_sigma, OUTLIERS.corner_sigma]))
+        if priors.delay_sigma > 0:
+            cost += N * (np.log(priors.delay_sigma) + np.log(priors.corner_sigma))
+        else:
+            cost += np.sum((state.model.filters != 0) * np.log([OUTLIERS.delay_sigma, OUTLIERS.corner_sigma]))
     if goal.arrivals is not None:
         cost += direct_sound.hyper_cost(goal.arrivals)
     if speed_is_free(problem, state):

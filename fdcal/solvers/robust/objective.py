@@ -43,12 +43,19 @@ class Unknowns:
     channels : (N, 2) or (N, 4) float64, log gain, nepers, phase, radians, delay, metres, corner, rad/m
     log_speed : logarithm of the sound speed over that of the measurement
     gains : whether the channels are among the unknowns
+    filters : whether the delays and corners of all channels are free, else those that are not 0
     """
 
     positions: np.ndarray
     channels: np.ndarray
     log_speed: float = 0.0
     gains: bool = True
+    filters: bool = False
+
+    @property
+    def delays(self) -> np.ndarray | None:
+        """Delay of each channel (N,), metres; None where they are not among the unknowns."""
+        return self.channels[:, 2] if self.gains and self.channels.shape[1] > 2 else None
 
     @property
     def vector(self) -> np.ndarray:
@@ -61,7 +68,7 @@ class Unknowns:
         D = self.positions.shape[1]
         each = vector[:-1].reshape(len(self.positions), -1)
         channels = each[:, D:] if self.gains else self.channels
-        return Unknowns(each[:, :D], channels, float(vector[-1]), self.gains)
+        return replace(self, positions=each[:, :D], channels=channels, log_speed=float(vector[-1]))
 
     def by_speed(self) -> np.ndarray:
         """Return the direction (N P,) of the microphones' parameters that a faster sound is equal to."""
@@ -86,6 +93,7 @@ class Priors:
         grossly different (inverted polarity)
     speed_sigma : of the logarithm of the sound speed; 0 for one that is fixed
     known_tail : degrees of freedom of the prior of the given positions; of many a wrong one is not outvoted
+    delay_sigma, corner_sigma : metres and rad/m; 0 for those of a faulty channel alone, which may be anything
     """
 
     gain_sigma: float
@@ -96,6 +104,8 @@ class Priors:
     offsets: np.ndarray
     speed_sigma: float = 0.0
     known_tail: float = NU
+    delay_sigma: float = 0.0
+    corner_sigma: float = 0.0
 
     @property
     def held(self) -> np.ndarray:
@@ -199,14 +209,16 @@ def _add_priors(unknowns: Unknowns, priors: Priors, gradient, matrix) -> float:
             matrix[index, index] += stiffness
 
     if unknowns.gains:
-        for column, sigma in enumerate((priors.gain_sigma, priors.phase_sigma)):
-            e = channels[:, column] - priors.offsets[:, column]
-            cost += (NU + 1) / 2 * np.sum(np.log1p(e**2 / (NU * sigma**2)))
-            add(P * every + D + column, spring(e**2, sigma, 1) * e, spring(e**2, sigma, 1))
-        for column, sigma in enumerate((OUTLIERS.delay_sigma, OUTLIERS.corner_sigma)[: channels.shape[1] - 2], 2):
-            e = channels[:, column] / sigma
-            cost += np.sum(e**2) / 2
-            add(P * every + D + column, e / sigma, 1 / sigma**2)
+        spreads = (priors.gain_sigma, priors.phase_sigma, priors.delay_sigma, priors.corner_sigma)
+        for column, sigma in enumerate(spreads[: channels.shape[1]]):
+            e = channels[:, column] - (priors.offsets[:, column] if column < 2 else 0.0)
+            if sigma > 0:
+                cost += (NU + 1) / 2 * np.sum(np.log1p(e**2 / (NU * sigma**2)))
+                add(P * every + D + column, spring(e**2, sigma, 1) * e, spring(e**2, sigma, 1))
+            else:
+                wide = (OUTLIERS.delay_sigma, OUTLIERS.corner_sigma)[column - 2]
+                cost += np.sum((e / wide) ** 2) / 2
+                add(P * every + D + column, e / wide**2, 1 / wide**2)
     if len(known) and priors.known_sigma > 0:
         of_known, e, w = priors.of_known(unknowns.positions)
         cost += of_known
@@ -221,7 +233,7 @@ def _add_priors(unknowns: Unknowns, priors: Priors, gradient, matrix) -> float:
 
 def _add_arrivals(unknowns: Unknowns, arrivals: Arrivals, gradient, matrix) -> ArrivalTerms:
     """Terms of the arrivals; gradient and matrix, where they are not empty, are added to in place."""
-    terms = arrivals.terms(unknowns.positions, unknowns.log_speed, len(gradient) > 0)
+    terms = arrivals.terms(unknowns.positions, unknowns.log_speed, len(gradient) > 0, unknowns.delays)
     if len(gradient):
         index = arrival_index(unknowns)
         gradient[index] += terms.gradient.sum(axis=0)
@@ -230,9 +242,11 @@ def _add_arrivals(unknowns: Unknowns, arrivals: Arrivals, gradient, matrix) -> A
 
 
 def arrival_index(unknowns: Unknowns) -> np.ndarray:
-    """Return which of the unknowns arrivals depend on, coordinates and sound speed : (N D + 1,) int64."""
+    """Return which of the unknowns arrivals depend on : int64, coordinates, delays if there are any, sound speed."""
     size, (N, D) = unknowns.vector.size, unknowns.positions.shape
-    return np.append(np.arange(size - 1).reshape(N, -1)[:, :D].ravel(), size - 1)
+    index = np.arange(size - 1).reshape(N, -1)
+    delays = index[0, :0] if unknowns.delays is None else index[:, D + 2]
+    return np.concatenate([index[:, :D].ravel(), delays, [size - 1]])
 
 
 def in_unit_power(problem: Problem) -> Problem:
@@ -295,9 +309,10 @@ def speed_is_free(problem: Problem, state: State) -> bool:
 
 def unknowns_of(state: State) -> Unknowns:
     """Return what a step of the present stage moves."""
-    filters = state.model.filters
-    channels = np.hstack([state.gains, filters]) if np.any(filters) else state.gains
-    return Unknowns(state.positions, channels, state.model.log_speed, gains_are_free(state))
+    model, gains = state.model, gains_are_free(state)
+    sought = model.delay_sigma > 0
+    channels = np.hstack([state.gains, model.filters]) if sought or np.any(model.filters) else state.gains
+    return Unknowns(state.positions, channels, model.log_speed, gains, sought)
 
 
 def with_unknowns(state: State, moved: Unknowns) -> State:
@@ -373,7 +388,10 @@ def objective_of(problem: Problem, state: State, used) -> Objective:
     speed = state.settings.sound_speed_sigma if speed_is_free(problem, state) else None
     tail = ASSUMED.carrying_tail if given_carry_scale(problem) else NU
     held = held_positions(problem, state)
-    priors = Priors(model.gain_sigma, model.phase_sigma, *held, known_sigma, state.offsets, speed or 0.0, tail)
+    spreads = model.delay_sigma, model.corner_sigma
+    priors = Priors(
+        model.gain_sigma, model.phase_sigma, *held, known_sigma, state.offsets, speed or 0.0, tail, *spreads
+    )
     arrivals = state_arrivals(problem, state)
     return Objective(problem.pressures[used], field_of(problem, state, used), priors, model.log_speed, arrivals)
 
@@ -382,4 +400,4 @@ def state_arrivals(problem: Problem, state: State) -> Arrivals | None:
     """Return the arrivals with the sigma that the state assumes; None where they do not count yet."""
     if state.model.arrival_sigma is None:
         return None
-    return arrivals_of(problem, state.model.arrival_sigma, state.model.filters)
+    return arrivals_of(problem, state.model.arrival_sigma)

@@ -6,7 +6,8 @@ complex gain g in between,
     cost(x) = sum_m log V_m + |q_mn - g e_m|^2 / V_m + prior(g),    g by weighted least squares
 
 so a channel of inverted polarity, and one in a wrong basin, both find their places. A single channel may also have a
-delay or a high-pass, where that explains it much better.
+delay of more than a period, where that explains it much better; smaller ones, and high-passes, are found by the steps
+(`noise.with_filters`).
 """
 
 from __future__ import annotations
@@ -73,10 +74,9 @@ def relocated(problem: Problem, state: State, local: bool = False) -> tuple[Stat
 
 
 def _filter_grid() -> list[np.ndarray]:
-    """Filters to try: none, then delays or corners : list of (2,)."""
+    """Filters to try: none, then delays : list of (2,). A corner is found by the steps, if it is any channel's."""
     delays = np.linspace(-OUTLIERS.max_delay, OUTLIERS.max_delay, OUTLIERS.delays)
-    corners = np.linspace(-OUTLIERS.max_corner, OUTLIERS.max_corner, OUTLIERS.corners)
-    grid = [np.zeros(2)] + [np.array([d, 0.0]) for d in delays if d] + [np.array([0.0, one]) for one in corners if one]
+    grid = [np.zeros(2)] + [np.array([d, 0.0]) for d in delays if d]
     return [np.where(np.abs(one) < 1e-9, 0.0, one) for one in grid]
 
 

@@ -192,7 +192,7 @@ def _arrival_slopes(here: Unknowns, goal: Objective) -> np.ndarray:
     """Gradient (T, N P + 1) of the arrivals of each take by all unknowns."""
     if goal.arrivals is None:
         return np.zeros((0, here.vector.size))
-    terms = goal.arrivals.terms(here.positions, here.log_speed)
+    terms = goal.arrivals.terms(here.positions, here.log_speed, True, here.delays)
     slopes = np.zeros((len(terms.gradient), here.vector.size))
     slopes[:, arrival_index(here)] = terms.gradient
     return slopes

@@ -127,6 +127,9 @@ class AssumptionRules:
         lost
     min_sigma, max_sigma : least and greatest spread of gains and phases, nepers and radians
     prior_gain : nepers or radians, expected spread of gains and phases, worth one channel
+    prior_filter, max_filter : metres, of delays, and rad/m, of corners: expected spread, worth one channel, and the
+        greatest
+    filter_nats : evidence for such a spread from which those of all channels are sought
     same_spread, negligible_spread : change of the logarithm of a spread, and spread, that do not count
     known_sigma : metres, one sigma of a given coordinate to begin with, and at most
     given_sigma, known_count : metres, expected error of a given coordinate, and positions that this is worth
@@ -158,6 +161,9 @@ class AssumptionRules:
     min_sigma: float = 1e-4
     max_sigma: float = 0.6
     prior_gain: float = 1e-3
+    prior_filter: tuple[float, float] = (2e-4, 2e-3)
+    max_filter: tuple[float, float] = (0.2, 2.0)
+    filter_nats: float = 3.0
     same_spread: float = 0.2
     negligible_spread: float = 1e-3
     known_sigma: float = 3e-3
@@ -219,7 +225,7 @@ class OutlierRules:
     gross : absolute log gain from which a gain is gross, as that of an inverted channel; without it the error of a
         blind circle grows from 18 to 25 mm
     delay_sigma, max_delay, delays : metres, spread of a delay times the sound speed, the greatest, and their number
-    corner_sigma, max_corner, corners : rad/m, of a high-pass corner times 2 pi / c, likewise
+    corner_sigma : rad/m, spread of a high-pass corner times 2 pi / c
     filtered : suspicious channels at most that may have a filter; without it six healthy channels get one, and an array
         with an error of 5.4 mm and a claim of 1.1 mm is good
     filter_nats : by which a filter must be likelier than a place and a gain alone
@@ -240,8 +246,6 @@ class OutlierRules:
     max_delay: float = 0.7
     delays: int = 41
     corner_sigma: float = 2.0
-    max_corner: float = 2.0
-    corners: int = 17
     filtered: int = 3
     filter_nats: float = 8.0
     coherent: float = 0.75

@@ -220,6 +220,7 @@ def refined(problem: Problem, state: State) -> State:
     begun = begin_stage(problem, fresh, FINAL)
     updates = ASSUMED.first_updates if begun.model.directions is None else 0
     begun = noise.with_directions(problem, begun, used_modes(problem, begun), updates)
+    begun = noise.with_filters(problem, begun)
     return begun if begun.progress.rounds else noise.with_conditional(problem, begun)
 
 
@@ -333,7 +334,7 @@ def _next_deformation(turn: Turn) -> State:
 def _next_round(turn: Turn) -> State:
     state = turn.searched[0]
     ahead = replace(state, progress=replace(state.progress, rounds=state.progress.rounds + 1))
-    return begin_stage(turn.problem, ahead, state.progress.stage)
+    return begin_stage(turn.problem, noise.with_filters(turn.problem, ahead), state.progress.stage)
 
 
 def _next_final(turn: Turn) -> State:

@@ -30,12 +30,14 @@ class Model:
     deflation : of the noise that is assumed, by which the residual is larger
     spread : metres, error of the positions that, with the noise, explains the residual
     gain_sigma, phase_sigma : nepers and radians
+    delay_sigma, corner_sigma : spread of the delays, metres, and of the corners, rad/m, of all channels; 0 where only
+        those of a faulty channel are sought
     known_sigma : metres; 0 for exact given positions, which never move
     kernel : "diffuse", "series", "near", "directional", or "damped_directional" of complex wavenumbers
     places : (A, D) float64, metres, of the microphones whose position is given; two that were exchanged put right
     contradicted : (A,) bool, which of them hold nothing, since the pressures contradict them
     filters : (N, 2) float64, delay, metres, times the sound speed, and high-pass corner, rad/m, times 2 pi / c, of each
-        channel; 0 for one without, and not free then
+        channel
     log_speed : logarithm of the sound speed over that of the measurement
     directions : (M, Q) float64, power of the field by direction, mean 1; of the directional kernels only
     conditional : kernel of the conditional likelihood that the last stage minimises; "" for that of a random field
@@ -59,6 +61,8 @@ class Model:
     conditional: Literal["", "diffuse", "series"] = ""
     deflation: float = 1.0
     arrival_sigma: np.ndarray | None = None
+    delay_sigma: float = 0.0
+    corner_sigma: float = 0.0
 
 
 @dataclass(frozen=True)

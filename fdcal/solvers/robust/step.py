@@ -58,7 +58,7 @@ def free_directions(unknowns: Unknowns, held, deformations=None, speed: bool = F
 
     held : microphones whose coordinates never move, (A,) int64; deformations : (N D, F) float64 or None, directions of
     the positions, of which those that are left may move; speed : whether the sound speed is free. Delays and corners
-    are free where they are not 0.
+    are free where `Unknowns.filters` says so.
 
     Returns (N P + 1, F) float64, or, where every microphone moves for itself, the indices (F,) int64 of the unknowns.
     """
@@ -68,7 +68,8 @@ def free_directions(unknowns: Unknowns, held, deformations=None, speed: bool = F
     freed = []
     if unknowns.gains:
         freed.append(index[:, D : D + 2].T.ravel())
-        freed.append(index[:, D + 2 :][unknowns.channels[:, 2:] != 0])
+        filters = unknowns.channels[:, 2:]
+        freed.append(index[:, D + 2 :][(filters != 0) | unknowns.filters])
     rest = np.concatenate([*freed, [size - 1] if speed else []]).astype(np.int64)
     if deformations is None:
         return np.concatenate([np.delete(index[:, :D], held, axis=0).ravel(), rest])
@@ -144,8 +145,8 @@ def channel_step(
 def reduced(unknowns: Unknowns, here: Evaluation, free: np.ndarray, blind: bool) -> tuple[np.ndarray, np.ndarray]:
     """Return the gradient (F,) and the Gauss-Newton matrix (F, F) in the free directions.
 
-    A `blind` array, which no given position holds, is held as a whole, and so is the gain that all channels share: the
-    power of the field takes it up.
+    A `blind` array, which no given position holds, is held as a whole, and so are gain and delay that all channels
+    share: the field takes them up.
     """
     x = unknowns.positions
     N, D = x.shape
@@ -158,6 +159,8 @@ def reduced(unknowns: Unknowns, here: Evaluation, free: np.ndarray, blind: bool)
         H[np.ix_(placed, placed)] += np.mean(diagonal[:, :D]) * (motions @ motions.T)
     for column in (D, D + 1) if unknowns.gains else ():
         H[np.ix_(index[:, column], index[:, column])] += np.mean(diagonal[:, D : D + 2]) / N
+    if unknowns.gains and unknowns.filters:
+        H[np.ix_(index[:, D + 2], index[:, D + 2])] += np.mean(diagonal[:, D + 2]) / N
     if free.ndim == 1:
         return g[free], H[np.ix_(free, free)]
     return free.T @ g, free.T @ H @ free
