@@ -255,16 +255,13 @@ class GivenRules:
     sizes : range of relative errors of the sound speed
     inaccurate : that sigma over the expected one from which all given positions are inaccurate
     agree : probability of the disagreement found from which the given positions are taken as they are
-    close : metres, an error of a given position that no tape shows
     examined : given positions of which every subset and pair is examined; of more, those that fit worst
-    max_wrong : given positions at most that may be wrong where there are more
     subsets : at most, on which an array is laid
     weaker_field : factor on the power of the field for the covariance, as of the verdict: rooms are less isotropic
         than their model
-    steps, max_step, negligible : of the search for the array without given positions: steps at most, metres moved in
-        one at most, nats after which it ends
+    steps, negligible : of the search for the array without given positions: steps at most, and nats after which it
+        ends
     nats : by which another hypothesis must be likelier than exact positions as they are given
-    rounds : of this search where the noise is not known without exact positions either
     """
 
     sigma: float = 3e-3
@@ -275,16 +272,12 @@ class GivenRules:
     sizes: float = 0.1
     inaccurate: float = 2.0
     agree: float = 0.2
-    close: float = 1e-3
     examined: int = 7
-    max_wrong: int = 12
     subsets: int = 40
     weaker_field: float = 4.0
     steps: int = 8
-    max_step: float = 0.1
     negligible: float = 0.05
     nats: float = 3.0
-    rounds: int = 2
 
 
 STEPS = StepRules()
