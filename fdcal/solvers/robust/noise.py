@@ -92,13 +92,10 @@ def with_spreads(problem: Problem, state: State, trial: ChannelStep) -> State:
     variance = np.zeros(trial.unknowns.vector.size)
     variance[trial.free] = np.diag(np.linalg.inv(H + 1e-12 * np.diag(np.diag(H))))
     variance = variance[:-1].reshape(N, -1)
-    # The last stage can lower a spread, hardly raise it.
-    floor = ASSUMED.min_sigma if state.progress.stage == FINAL else ASSUMED.negligible_spread
     stated, sigmas = (state.settings.gain_sigma_db, state.settings.phase_sigma_deg), []
     for column, sigma in enumerate((model.gain_sigma, model.phase_sigma)):
-        expected = ASSUMED.prior_gain
-        e = np.append(state.gains[:, column] - state.offsets[:, column], expected)
-        fresh = _updated_sigma(sigma, e, np.append(variance[:, D + column], 0.0), 1, floor)
+        e = state.gains[:, column] - state.offsets[:, column]
+        fresh = _updated_sigma(sigma, e, variance[:, D + column], 1, ASSUMED.min_sigma)
         sigmas.append(fresh if stated[column] is None else sigma)
     (known, places), sigma = held_positions(problem, state), model.known_sigma
     if len(known) and sigma > 0 and not given_carry_scale(problem):
@@ -148,15 +145,13 @@ def _updated_sigma(sigma: float, deviation, variance, components: int, floor: fl
     weight = spring(deviation**2, sigma, components) * sigma**2
     determined = components * np.clip(1 - weight * variance / sigma**2, 0.0, 1.0)
     fresh = np.sqrt(np.sum(weight * deviation**2) / max(float(determined.sum()), 1e-3))
-    return float(np.clip(np.clip(fresh, sigma / 4, 4 * sigma), floor, ASSUMED.max_sigma))
+    return max(float(np.clip(fresh, sigma / 4, 4 * sigma)), floor)
 
 
 def same_spreads(before: Model, after: Model) -> bool:
     """Return whether the spreads of gain and phase have hardly changed."""
     pairs = (before.gain_sigma, after.gain_sigma), (before.phase_sigma, after.phase_sigma)
-    return all(
-        abs(np.log(new / old)) < ASSUMED.same_spread or max(old, new) < ASSUMED.negligible_spread for old, new in pairs
-    )
+    return all(abs(np.log(new / old)) < ASSUMED.same_spread for old, new in pairs)
 
 
 def same_arrivals(before: Model, after: Model) -> bool:
@@ -236,16 +231,6 @@ def with_directions(problem: Problem, state: State, used, updates: int) -> State
     field, count = field_of(problem, replace(state, model=model), used), ASSUMED.direction_count[problem.dimension]
     learned[used] = learned_powers(state.positions, seen, field, problem.takes[used], updates, count)
     return replace(state, model=replace(model, directions=frozen_array(learned, float)))
-
-
-def with_turned_directions(problem: Problem, state: State, before) -> State:
-    """Return `state`, which was moved as a whole from the positions `before` (N, D), with directions learned again."""
-    farthest = float(np.abs(state.positions - before).max())
-    shape = replace(state, shape=state.positions)
-    if farthest * float(np.real(problem.wavenumbers).max()) < ASSUMED.turned:
-        return with_directions(problem, shape, used_modes(problem, state), ASSUMED.direction_updates)
-    cleared = replace(shape, model=replace(state.model, directions=None))
-    return with_directions(problem, cleared, used_modes(problem, cleared), ASSUMED.turned_updates)
 
 
 def with_conditional(problem: Problem, state: State) -> State:

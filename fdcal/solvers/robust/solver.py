@@ -34,7 +34,7 @@ from .objective import (
 from .result import result
 from .rules import ASSUMED, FREE, STAGES, STEPS
 from .schedule import Turn, begin, begin_stage, following
-from .state import DIRECTIONAL, State
+from .state import State
 from .step import channel_step, free_directions, is_converged, polynomial_deformations
 
 __all__ = ["TRAITS", "State", "init", "landscape", "result", "step", "usable_modes", "use_modes"]
@@ -96,8 +96,6 @@ def step(problem: Problem, state: State) -> State:
         if moved.model.arrival_sigma is not None:
             moved = noise.with_arrival_sigma(problem, moved, trial)
             ended = ended and noise.same_arrivals(state.model, moved.model)
-        if moved.model.kernel in DIRECTIONAL:
-            ended = ended and progress.steps > 0 and state.cost - moved.cost < ASSUMED.learned
     if not ended and trial.terms is not None and moved.progress.steps < stage.max_steps:
         return moved
     after = following(Turn(problem, stage.name, moved, goal, trial, ended and trial.terms is not None))
