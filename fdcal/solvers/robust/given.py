@@ -49,8 +49,6 @@ def resolved(problem: Problem, state: State) -> State:
     exact = state.model.known_sigma == 0
     if exact or len(problem.known) <= problem.array_dimension or given_carry_scale(problem):
         return state
-    if state.model.kernel == "near" and _close(problem, state):
-        return state
     try:
         if _agree(problem, state, free_array(problem, state, 0)):
             return state
@@ -111,19 +109,17 @@ def _let_go(problem: Problem, state: State) -> State:
     model = replace(state.model, contradicted=np.ones(len(problem.known), bool), kernel=kernel, conditional="")
     state = replace(state, model=replace(model, directions=None), shape=state.positions)
     used = used_modes(problem, state)
-    for _ in range(GIVEN.rounds):
-        state, damping = relocated(problem, state)[0], STEPS.damping
-        for _ in range(GIVEN.steps):
-            goal, here = objective_of(problem, state, used), unknowns_of(state)
-            trial = channel_step(here, goal, free_directions(here, goal.priors.held), damping, GIVEN.max_step, True)
-            if trial.terms is None:
-                break
-            state = noise.with_power(with_unknowns(state, trial.unknowns), used, goal.field, trial.terms)
-            damping = trial.damping
-            if trial.fall < GIVEN.negligible:
-                break
-        state = noise.with_noise(problem, replace(state, shape=state.positions), rough=False)
-    return state
+    state, damping = relocated(problem, state)[0], STEPS.damping
+    for _ in range(GIVEN.steps):
+        goal, here = objective_of(problem, state, used), unknowns_of(state)
+        trial = channel_step(here, goal, free_directions(here, goal.priors.held), damping, True)
+        if trial.terms is None:
+            break
+        state = noise.with_power(with_unknowns(state, trial.unknowns), used, goal.field, trial.terms)
+        damping = trial.damping
+        if trial.fall < GIVEN.negligible:
+            break
+    return noise.with_noise(problem, replace(state, shape=state.positions), rough=False)
 
 
 def _sized(state: State) -> bool:
@@ -134,13 +130,6 @@ def _sized(state: State) -> bool:
 def likely(problem: Problem, state: State, found: FreeArray) -> list[Hypothesis]:
     """Return the hypotheses on the given positions, the likeliest first."""
     return hypotheses(found, problem.known, problem.known_positions, state.settings.known_sigma, _sized(state))
-
-
-def _close(problem: Problem, state: State) -> bool:
-    """Whether no given position is far from an array that, without noise, does not bend to it."""
-    known, places = held_positions(problem, state)
-    moved = align(state.positions[known], places)
-    return bool(np.linalg.norm(moved - places, axis=1).max(initial=0.0) < GIVEN.close)
 
 
 def _agree(problem: Problem, state: State, found: FreeArray) -> bool:
@@ -223,7 +212,7 @@ def free_array(problem: Problem, state: State, steps: int, terms: tuple[Terms, T
     goal, here = replace(goal, priors=goal.priors.without_given()), unknowns_of(state)
     free, damping = free_directions(here, goal.priors.held, None, goal.priors.speed_sigma > 0), STEPS.damping
     for _ in range(steps):
-        trial = channel_step(here, goal, free, damping, GIVEN.max_step, True)
+        trial = channel_step(here, goal, free, damping, True)
         here, damping = trial.unknowns, trial.damping
         if trial.fall < GIVEN.negligible:
             break
@@ -291,7 +280,7 @@ def _subsets(found: FreeArray, known, places) -> list[np.ndarray]:
         wrong = [one for count in range(A - D + 1) for one in combinations(range(A), count)]
         return [~np.isin(np.arange(A), one) for one in wrong]
     worst = np.argsort(-_away(found, known, places))
-    return [~np.isin(np.arange(A), worst[:count]) for count in range(min(A - D, GIVEN.max_wrong) + 1)]
+    return [~np.isin(np.arange(A), worst[:count]) for count in range(A - D + 1)]
 
 
 def _exchanges(found: FreeArray, known, places) -> list[np.ndarray]:

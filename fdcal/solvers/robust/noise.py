@@ -96,13 +96,10 @@ def with_spreads(problem: Problem, state: State, trial: ChannelStep) -> State:
     variance = np.zeros(trial.unknowns.vector.size)
     variance[trial.free] = np.diag(np.linalg.inv(H + 1e-12 * np.diag(np.diag(H))))
     variance = variance[:-1].reshape(N, -1)
-    # The last stage can lower a spread, hardly raise it.
-    floor = ASSUMED.min_sigma if state.progress.stage == FINAL else ASSUMED.negligible_spread
     stated, sigmas = (state.settings.gain_sigma_db, state.settings.phase_sigma_deg), []
     for column, sigma in enumerate((model.gain_sigma, model.phase_sigma)):
-        expected = ASSUMED.prior_gain
-        e = np.append(state.gains[:, column] - state.offsets[:, column], expected)
-        fresh = _updated_sigma(sigma, e, np.append(variance[:, D + column], 0.0), 1, floor)
+        e = state.gains[:, column] - state.offsets[:, column]
+        fresh = _updated_sigma(sigma, e, variance[:, D + column], 1, ASSUMED.min_sigma)
         sigmas.append(fresh if stated[column] is None else sigma)
     filters = []
     for column, sigma in enumerate((model.delay_sigma, model.corner_sigma)):
@@ -190,9 +187,7 @@ def _with_sigma_of(problem: Problem, state: State, sigma) -> State:
     return replace(state, model=replace(state.model, arrival_sigma=frozen_array(every, float)))
 
 
-def _updated_sigma(
-    sigma: float, deviation, variance, components: int, floor: float, most: float = ASSUMED.max_sigma
-) -> float:
+def _updated_sigma(sigma: float, deviation, variance, components: int, floor: float, most: float = np.inf) -> float:
     """Spread of a prior: squared deviations over how many the data determine.
 
     deviation : (K,) root of the sum of squares of the components; variance : (K,) posterior, per component
@@ -205,11 +200,11 @@ def _updated_sigma(
 
 def same_spreads(before: Model, after: Model) -> bool:
     """Return whether the spreads of gain and phase have hardly changed."""
-    least = ASSUMED.negligible_spread
-    pairs = [(before.gain_sigma, after.gain_sigma, least), (before.phase_sigma, after.phase_sigma, least)]
-    pairs.append((before.delay_sigma, after.delay_sigma, ASSUMED.prior_filter[0]))
-    pairs.append((before.corner_sigma, after.corner_sigma, ASSUMED.prior_filter[1]))
-    return all(max(old, new) < least or abs(np.log(new / old)) < ASSUMED.same_spread for old, new, least in pairs)
+    pairs = [(before.gain_sigma, after.gain_sigma), (before.phase_sigma, after.phase_sigma)]
+    for column, least in enumerate(ASSUMED.prior_filter):
+        old, new = ((one.delay_sigma, one.corner_sigma)[column] for one in (before, after))
+        pairs.append((max(old, least), max(new, least)))
+    return all(abs(np.log(new / old)) < ASSUMED.same_spread for old, new in pairs)
 
 
 def same_arrivals(before: Model, after: Model) -> bool:
@@ -292,16 +287,6 @@ def with_directions(problem: Problem, state: State, used, updates: int) -> State
     field, count = field_of(problem, replace(state, model=model), used), ASSUMED.direction_count[problem.dimension]
     learned[used] = learned_powers(state.positions, seen, field, problem.takes[used], updates, count)
     return replace(state, model=replace(model, directions=frozen_array(learned, float)))
-
-
-def with_turned_directions(problem: Problem, state: State, before) -> State:
-    """Return `state`, which was moved as a whole from the positions `before` (N, D), with directions learned again."""
-    farthest = float(np.abs(state.positions - before).max())
-    shape = replace(state, shape=state.positions)
-    if farthest * float(np.real(problem.wavenumbers).max()) < ASSUMED.turned:
-        return with_directions(problem, shape, used_modes(problem, state), ASSUMED.direction_updates)
-    cleared = replace(shape, model=replace(state.model, directions=None))
-    return with_directions(problem, cleared, used_modes(problem, cleared), ASSUMED.turned_updates)
 
 
 def with_conditional(problem: Problem, state: State) -> State:

@@ -26,7 +26,7 @@ from ...model.problem import Problem, mode_power
 from ...model.settings import SolverSettings
 from ...model.validation import frozen_array
 from .arrivals import Arrivals, ArrivalTerms, Source, arrivals_of
-from .rules import ASSUMED, CONDITIONAL, FINAL, OUTLIERS, STAGES
+from .rules import ASSUMED, CONDITIONAL, FINAL, GIVEN, OUTLIERS, STAGES
 from .state import DIRECTIONAL, UNDAMPED, Model, State
 
 NU = 3.0  # degrees of freedom of the priors
@@ -282,7 +282,7 @@ def first_known_sigma(problem: Problem, settings: SolverSettings) -> float:
     """Return one sigma of a given coordinate to begin with, and at most, metres; 0 for exact positions."""
     if settings.known_sigma is not None:
         return settings.known_sigma if settings.known_sigma > EXACT else 0.0
-    return ASSUMED.carrying_sigma if given_carry_scale(problem) else ASSUMED.known_sigma
+    return ASSUMED.carrying_sigma if given_carry_scale(problem) else GIVEN.sigma
 
 
 def given_carry_scale(problem: Problem) -> bool:

@@ -31,14 +31,14 @@ from .state import State
 def relocated(problem: Problem, state: State, local: bool = False) -> tuple[State, bool]:
     """Return `state` with suspicious channels where, and how, they fit best, and whether any was changed.
 
-    local : only with a filter, and near where they are, on a finer lattice
+    local : only with a filter, and near where they are
     """
     used, model, gains = used_modes(problem, state, OUTLIERS.modes), state.model, gains_are_free(state)
     p, k, power = problem.pressures[used], np.real(wavenumbers(problem, state)[used]), model.power[used]
     x, g, off, cut, tau = (
         np.array(v) for v in (state.positions, state.gains, state.offsets, model.filters, model.channel_noise)
     )
-    spacing = OUTLIERS.spacing * 2 * np.pi / float(k.max()) / (OUTLIERS.finer if local else 1)
+    spacing = OUTLIERS.spacing * 2 * np.pi / float(k.max())
     noise = model.noise[used] + power * (k * spacing / 2) ** 2 / problem.dimension  # a candidate is near the place only
     suspects = [n for n in np.argsort(-tau)[: OUTLIERS.moved] if tau[n] > OUTLIERS.suspicious]
     filters = gains and len(suspects) <= OUTLIERS.filtered
@@ -48,7 +48,7 @@ def relocated(problem: Problem, state: State, local: bool = False) -> tuple[Stat
     for n in suspects if sought else ():
         check_deadline()
         others = np.delete(np.arange(len(x)), n)
-        about = x[n] + spacing * OUTLIERS.finer * np.array([[-1.0], [1.0]]) if local else x[tau < OUTLIERS.suspicious]
+        about = x[n] + spacing * np.array([[-1.0], [1.0]]) if local else x[tau < OUTLIERS.suspicious]
         stays = model.known_sigma == 0 and n in held_positions(problem, state)[0]  # whatever its channel does
         candidates = x[n : n + 1] if stays else np.vstack([x[n], _lattice(about, spacing)])
         e, V = _predicted(x[others], q[:, others], candidates, k, power, noise, tau[others], problem.dimension)
@@ -58,7 +58,7 @@ def relocated(problem: Problem, state: State, local: bool = False) -> tuple[Stat
             np.real(log_response(np.hstack([g, cut]), k)[0][:, n])
         )
         found = min((_best(p[:, n], e, V, k, one) for one in sought), key=lambda one: one[0])
-        if found[0] < noisy - OUTLIERS.nats:
+        if found[0] < noisy:
             _, best, value, cut[n] = found
             x[n], tau[n] = candidates[best], 1.0
             off[n] = (value.real, value.imag) if abs(value) > OUTLIERS.gross else 0.0

@@ -316,7 +316,7 @@ def _descend(unknowns: Unknowns, goal: Objective, blind: bool, steps: int) -> tu
     damping, fall = STEPS.damping, 0.0
     free = free_directions(unknowns, goal.priors.held, None, goal.priors.speed_sigma > 0)
     for _ in range(steps):
-        trial = channel_step(unknowns, goal, free, damping, GIVEN.max_step, blind)
+        trial = channel_step(unknowns, goal, free, damping, blind)
         if trial.terms is None:
             break
         unknowns, damping, fall = trial.unknowns, trial.damping, fall + trial.fall

@@ -66,8 +66,7 @@ def begin(
 
 def begin_stage(problem: Problem, state: State, stage: int) -> State:
     """Return `state` at the beginning of a stage of the schedule."""
-    damping = STEPS.deformation_damping if STAGES[stage].degree else STEPS.damping
-    progress = replace(state.progress, stage=stage, steps=0, damping=damping)
+    progress = replace(state.progress, stage=stage, steps=0, damping=STEPS.damping)
     if not STAGES[stage].degree and state.model.arrival_sigma is None:
         state = noise.with_arrivals(problem, state)
     return replace(state, stage=state.stage + 1, progress=progress, shape=state.positions)
@@ -218,18 +217,18 @@ def refined(problem: Problem, state: State) -> State:
         other = noise.with_noise(problem, other, ASSUMED.near_deflation, rough=False)
         fresh = other if noise.misfit(problem, other) < noise.misfit(problem, fresh) else fresh
     begun = begin_stage(problem, fresh, FINAL)
-    updates = ASSUMED.first_updates if begun.model.directions is None else 0
+    updates = ASSUMED.direction_updates if begun.model.directions is None else 0
     begun = noise.with_directions(problem, begun, used_modes(problem, begun), updates)
     begun = noise.with_filters(problem, begun)
     return begun if begun.progress.rounds else noise.with_conditional(problem, begun)
 
 
 def finished(problem: Problem, state: State) -> State:
-    """Return the end of a run: the array in its frame, the directions of the field turned with it."""
+    """Return the end of a run: the array in its frame, and the directions of the field there."""
     framed = state.positions if problem.frame is None else move_to_frame(state.positions, problem.frame)
     positions = given.anchored(problem, state) if problem.frame is None else frozen_array(framed, float)
-    ended = replace(state, positions=positions, finished=True)
-    return noise.with_turned_directions(problem, ended, state.positions)
+    ended = replace(state, positions=positions, shape=positions, finished=True)
+    return noise.with_directions(problem, ended, used_modes(problem, ended), ASSUMED.direction_updates)
 
 
 @dataclass(frozen=True)
@@ -261,9 +260,7 @@ class Turn:
 
     @cached_property
     def searched(self) -> tuple[State, bool]:
-        """The state of `estimated` with outliers moved in the first rounds, and whether any was."""
-        if self.state.progress.rounds > SCHEDULE.searches:
-            return self.estimated, False
+        """The state of `estimated` with outliers moved, and whether any was."""
         return relocated(self.problem, self.estimated)
 
 
@@ -348,10 +345,9 @@ def _next_final(turn: Turn) -> State:
         model = replace(model, kernel="damped_directional")
     again = refined(problem, given.resolved(problem, replace(state, model=model, progress=ahead)))
     a, b = state.model, again.model
-    limit = SCHEDULE.tolerance_near_noise if b.kernel == "near" else SCHEDULE.tolerance_noise
     change = abs(np.log(float(np.median(b.noise)) / float(np.median(a.noise))))
-    other = a.kernel != b.kernel or bool(change > limit) or not given.same_given(state, again)
-    return again if other and again.progress.rounds < SCHEDULE.final_rounds else finished(problem, state)
+    other = a.kernel != b.kernel or bool(change > SCHEDULE.tolerance_noise) or not given.same_given(state, again)
+    return again if other and again.progress.rounds < SCHEDULE.rounds else finished(problem, state)
 
 
 def _ended(turn: Turn, state: State) -> Turn:

@@ -78,7 +78,7 @@ def step(problem: Problem, state: State) -> State:
     max_step = STEPS.max_step * 2 * np.pi / float(np.real(problem.wavenumbers[used]).max())
     # With the near-field kernel the pull of given positions is lost in rounding: nothing holds the array as a whole.
     blind = not len(problem.known) or (state.model.kernel == "near" and not len(held))
-    trial = channel_step(here, goal, free, progress.damping, max_step, blind)
+    trial = channel_step(here, goal, free, progress.damping, blind, max_step)
     moved = replace(
         with_unknowns(state, trial.unknowns),
         step=state.step + 1,

@@ -118,7 +118,7 @@ def interpolation(positions: np.ndarray, held: np.ndarray) -> np.ndarray:
 
 
 def channel_step(
-    unknowns: Unknowns, objective: Objective, free: np.ndarray, damping: float, max_step: float, blind: bool
+    unknowns: Unknowns, objective: Objective, free: np.ndarray, damping: float, blind: bool, max_step: float = np.inf
 ) -> ChannelStep:
     """Return one damped Gauss-Newton step; free, blind as of `reduced`, max_step in metres."""
     try:
