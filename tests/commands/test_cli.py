@@ -20,6 +20,7 @@ from running import FDCAL, done, fdcal
 
 from fdcal.assessment.result_file import load_result
 from fdcal.commands.cli import main
+from fdcal.cost.channel_correction import ChannelCorrection
 from fdcal.cost.reference_cost import ReferenceCost
 from fdcal.graphics.basin_map import PLACE
 from fdcal.model.measurement_file import load_measurement
@@ -93,7 +94,9 @@ def test_the_cost_is_that_of_the_page(calibrated, made):
     for solver in ("joint", "robust"):
         out, result = calibrated("--solver", solver)
         shown = float(re.search(r"^cost +(-[\d.]+) dB", out, re.MULTILINE)[1])
-        assert shown == pytest.approx(cost(np.array(result["positions"])), abs=0.2)
+        gains = 10 ** (np.array(result["channel_gain_db"]) / 20) * np.exp(1j * np.radians(result["channel_phase_deg"]))
+        channels = ChannelCorrection(gains, 10 ** (np.array(result["channel_noise_db"]) / 10))
+        assert shown == pytest.approx(cost(np.array(result["positions"]), channels), abs=0.2)
 
 
 @pytest.mark.parametrize(

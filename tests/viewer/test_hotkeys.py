@@ -128,7 +128,7 @@ def test_help_lists_every_key_and_mark():
     html = help.text()
     for key in KEYS:
         assert f"<b>{key.name}</b>" in html and key.label in html
-    for word in ("true", "estimate", "known", "lowest cost", "other minimum", "(mm)", "(Hz)", "--help"):
+    for word in ("true", "estimate", "known", "lowest cost", "other minimum", "(mm)", "(Hz)", "fdcal"):
         assert word in html
     for one, other in itertools.pairwise(["Keys", "Mouse", "Marks", "Numbers", "More"]):
         assert html.index(f">{one}<") < html.index(f">{other}<")
