@@ -3,13 +3,19 @@
 frl         ../shared/data/frl_array, or frl_array in the folder FDCAL_REAL_DATA: seven microphones on a sphere of 5 cm
             and at its centre, impulse responses in a laboratory with 0, 50 and 100 % of absorbing panels; error to the
             nominal places
+dirha       six microphones below a ceiling, LA and KA of SHINE-FBK/DIRHA_English_wsj (`Training_IRs`), impulse
+            responses of three places of a loudspeaker in a living room; true positions to centimetres
+ami         eight microphones in a circle of 0.1 m on a table, `data/AMI_WSJ20*` of fgnt/nara_wpe: 8 s of a speaker
 living      a living room of 5 x 4 x 2.6 m, 0.4 s: 16 and 32 microphones in a ball of 0.4 m, none given, and 32 in a
             plane, four given; noise and a sound with the spectrum and pauses of speech, 60 s in one take or in four,
             sensor noise 30 dB below it in the band from 20 to 500 Hz
 dead        small arrays in a room of 6 x 5 x 2.8 m, 0.2 to 0.5 s: impulses of a cardioid source, sensor noise 60 dB
             below the peak
 
-Image sources by pyroomacoustics, 8 kHz. FDCAL_BENCH_FAMILIES names some of the three, separated by commas;
+The folder FDCAL_REAL_DATA holds the measured arrays, each under the name of its repository; one that is absent is
+skipped. None but frl_array has a licence, so nothing of them is in this repository.
+
+Image sources by pyroomacoustics, 8 kHz. FDCAL_BENCH_FAMILIES names some of the families, separated by commas;
 FDCAL_BENCH_DRAWS sets the draws of array, source and noise in a line, of takes for the measured array. Each line has
 the RMS error after the best rigid motion (with positions given: without any motion) as mean and worst of the draws,
 the size of the array found over the true one, the sigma claimed, the RMS of error over claim, rows, the seconds of the
@@ -19,6 +25,7 @@ processor from file to positions, and the verdicts.
 from __future__ import annotations
 
 import os
+import re
 import tempfile
 import time
 from collections import Counter
@@ -29,6 +36,7 @@ from pathlib import Path
 
 import numpy as np
 import soundfile
+from scipy import io
 from scipy.fft import irfft, rfft, rfftfreq
 from scipy.signal import oaconvolve
 
@@ -40,7 +48,8 @@ from .bench_comparison import RATE, SPEED, responses
 
 ALONE = True
 DRAWS = int(os.environ.get("FDCAL_BENCH_DRAWS", "3"))
-DATA = Path(os.environ.get("FDCAL_REAL_DATA", Path(__file__).parents[2] / "shared" / "data")) / "frl_array"
+DATA = Path(os.environ.get("FDCAL_REAL_DATA", Path(__file__).parents[2] / "shared" / "data"))
+FRL, DIRHA, AMI = DATA / "frl_array", DATA / "DIRHA_English_wsj" / "Training_IRs", DATA / "nara_wpe" / "data"
 NOMINAL = Path(__file__).parents[1] / "examples" / "frl_array" / "nominal.csv"
 CONDITIONS, ALL_TAKES = ("000", "050", "100"), 12
 
@@ -105,12 +114,43 @@ def measured() -> Iterator[Case]:
     """The measured array: takes of one, four and all places of the loudspeaker, evenly round the array."""
     truth = np.loadtxt(NOMINAL, delimiter=",", skiprows=1)[:, 1:]
     for condition in CONDITIONS:
-        files = sorted((DATA / condition).glob("*.wav"))
+        files = sorted((FRL / condition).glob("*.wav"))
         for count in (1, 4, ALL_TAKES):
             apart = ALL_TAKES // count
             for first in np.unique(np.linspace(0, apart, min(DRAWS, apart), endpoint=False).astype(int)):
                 chosen = files[first::apart]
                 yield Case(f"frl_array {condition}, {_takes(count)}", lambda _, chosen=chosen: chosen, truth)
+
+
+def below_a_ceiling() -> Iterator[Case]:
+    """Each array of six below the ceiling: each place of the loudspeaker alone, and all three as takes."""
+    places = sorted(DIRHA.glob("T*"))
+    for array in ("LA", "KA"):
+        texts = [(places[0] / f"{array}{n}.txt").read_text() for n in range(1, 7)]
+        found = [re.search(r"xpos=([\d.]+),ypos=([\d.]+),zpos=([\d.]+)", text) for text in texts]
+        truth = np.array([[float(value) / 100 for value in one.groups()] for one in found if one])  # from cm
+        options = {"kind": "impulse", "array_radius": 0.3}
+        for chosen in (*([place] for place in places), places):
+
+            def write(folder, array=array, chosen=chosen):
+                return [_sampled(folder / f"{place.name}.wav", place, array) for place in chosen]
+
+            yield Case(f"DIRHA {array}, {_takes(len(chosen))}", write, truth, options=options)
+
+
+def _sampled(path: Path, place: Path, array: str) -> Path:
+    responses = [np.ravel(io.loadmat(place / f"{array}{n}.mat")["risp_imp"]) for n in range(1, 7)]
+    samples = np.stack([one[: min(map(len, responses))] for one in responses], axis=1)
+    soundfile.write(path, samples / np.abs(samples).max(), 48000, subtype="FLOAT")
+    return path
+
+
+def on_a_table() -> Iterator[Case]:
+    """The circle of eight with a person who speaks."""
+    files = sorted(AMI.glob("AMI_WSJ20-Array1-*.wav"))
+    angle = 2 * np.pi * np.arange(8) / 8
+    truth = 0.1 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    yield Case("AMI, 1 take", lambda _: files, truth, options={"kind": "stationary", "array_radius": 0.1})
 
 
 @dataclass(frozen=True)
@@ -195,6 +235,8 @@ def speech_like(noise: np.ndarray, rng) -> np.ndarray:
 LIVING, DEAD = (5.0, 4.0, 2.6), (6.0, 5.0, 2.8)  # m
 FAMILIES: dict[str, Callable[[], Iterator[Case]]] = {
     "frl": measured,
+    "dirha": below_a_ceiling,
+    "ami": on_a_table,
     "living": lambda: chain.from_iterable(
         Simulated(f"living room, {kind}, {count} in a {words}", LIVING, 0.4, kind, count, 0.4, flat).cases()
         for kind in ("noise", "speech")
@@ -211,8 +253,9 @@ def run() -> Iterator[str]:
     wanted = [name for name in os.environ.get("FDCAL_BENCH_FAMILIES", "").split(",") if name] or list(FAMILIES)
     yield HEAD
     for family in wanted:
-        if family == "frl" and not DATA.is_dir():
-            yield f"frl_array: skipped, {DATA} is absent; FDCAL_REAL_DATA names the folder that it is in"
+        needed = {"frl": FRL, "dirha": DIRHA, "ami": AMI}.get(family)
+        if needed and not needed.is_dir():
+            yield f"{family}: skipped, {needed} is absent; FDCAL_REAL_DATA names the folder of the measured arrays"
             continue
         for name, cases in groupby(FAMILIES[family](), key=lambda case: case.name):
             yield line(name, [calibrated(case) for case in cases])
