@@ -19,15 +19,8 @@ def bessel(z, top: int, spherical: bool = False) -> np.ndarray:
 
     J_l is normalised by J_0 + 2 (J_2 + J_4 + ...) = 1, the spherical j_l by j_0 or j_1, whichever is larger.
 
-    Parameters
-    ----------
-    z : float64 or complex128, any shape, dimensionless
-    top : int, the highest order
-    spherical : bool, whether the spherical functions are wanted
-
-    Returns
-    -------
-    (top + 1, ...) array of the type of `z`
+    `z`: float64 or complex128, any shape, dimensionless; `top`: the highest order; `spherical`: whether the spherical
+    functions are wanted. Returns (top + 1, ...) array of the type of `z`.
 
     Examples
     --------

@@ -49,28 +49,10 @@ MOST_STEPS = 100
 def modal_pressures(room: Room, source: Source, positions, sensing: Sensing, progress=None) -> ModalPressures:
     """Return the pressures of a source of flat spectrum at the peaks of their mean power.
 
-    Parameters
-    ----------
-    room : Room
-        With three lengths.
-    source : Source
-        Its `duration` sets the decay rate, s = 12 / duration, as for a recording of that length.
-    positions : (N, 3) float64
-        Metres.
-    sensing : Sensing
-        Band and peak picking.
-    progress : callable(float), optional
-        Called with the fraction that is done.
-
-    Returns
-    -------
-    ModalPressures
-        Pressures in 1/m.
-
-    Raises
-    ------
-    InputError
-        If lines would overlap, if there is no peak, or for a microphone too close to the source.
+    `room`: with three lengths; `source`: its `duration` sets the decay rate, s = 12 / duration, as for a recording of
+    that length; `positions` (N, 3) float64, metres; `sensing`: band and peak picking; `progress`: called with the
+    fraction that is done. Returns pressures in 1/m. Raises InputError if lines would overlap, if there is no peak, or
+    for a microphone too close to the source.
     """
     require_resolved(source, sensing)
     s, c = SPECTRUM.decay / source.duration, room.sound_speed
@@ -120,28 +102,10 @@ def require_affordable(source: Source, sensing: Sensing, microphones: int) -> No
 def point_source_pressures(room: Room, source, positions, wavenumbers, nepers: float = EXACT) -> np.ndarray:
     """Return the pressures of a point source of unit strength: p -> 1 / (4 pi d) at a small distance d.
 
-    Parameters
-    ----------
-    room : Room
-        With three lengths.
-    source : (3,) float64
-        Metres.
-    positions : (N, 3) float64
-        Metres.
-    wavenumbers : (M,) complex128
-        k, rad/m, each with an imaginary part below zero unless the walls absorb.
-    nepers : float
-        By how much the omitted terms have decayed.
-
-    Returns
-    -------
-    (M, N) complex128
-        1/m.
-
-    Raises
-    ------
-    InputError
-        For a microphone so close to the source that too many terms are needed.
+    `room`: with three lengths; `source` (3,) float64, metres; `positions` (N, 3) float64, metres; `wavenumbers` (M,)
+    complex128 k, rad/m, each with an imaginary part below zero unless the walls absorb.; `nepers`: by how much the
+    omitted terms have decayed. Returns (M, N) complex128, 1/m. Raises InputError for a microphone so close to the
+    source that too many terms are needed.
     """
     positions, source = np.asarray(positions, float), np.asarray(source, float)
     k = np.asarray(wavenumbers, complex)

@@ -24,31 +24,17 @@ import numpy as np
 
 @dataclass(frozen=True)
 class CoherenceRules:
-    """How a radius is sought.
+    """How a radius is sought."""
 
-    Attributes
-    ----------
-    smallest, largest : float
-        Radii, metres.
-    steps : int
-        Radii that are tried, in equal ratios.
-    noise : tuple of float
-        Shares of the power that may be incoherent.
-    scatter : float
-        Coherent power at high frequencies relative to that of independent channels.
-    phase : float
-        Largest k R at the lowest frequency; beyond it the array is incoherent throughout and its radius unknown.
-    fewest : int
-        Frequencies.
-    """
-
+    # smallest, largest: radii, metres
     smallest: float = 0.005
     largest: float = 30.0
-    steps: int = 400
-    noise: tuple[float, ...] = (0.0, 0.03, 0.1, 0.25, 0.5)
-    scatter: float = 1.0
+    steps: int = 400  # radii that are tried, in equal ratios
+    noise: tuple[float, ...] = (0.0, 0.03, 0.1, 0.25, 0.5)  # shares of the power that may be incoherent
+    scatter: float = 1.0  # coherent power at high frequencies relative to that of independent channels
+    # largest k R at the lowest frequency; beyond it the array is incoherent throughout and its radius unknown
     phase: float = 2.0
-    fewest: int = 6
+    fewest: int = 6  # frequencies
 
 
 RULES = CoherenceRules()
@@ -57,19 +43,8 @@ RULES = CoherenceRules()
 def array_radius(pressures: np.ndarray, wavenumbers: np.ndarray, dimension: int) -> float | None:
     """Return the radius of the disc or ball that is as coherent as an array.
 
-    Parameters
-    ----------
-    pressures : (M, N) complex128
-        Any unit, any gains.
-    wavenumbers : (M,) float64 or complex128
-        k, rad/m.
-    dimension : int
-        2 or 3, of the sound field.
-
-    Returns
-    -------
-    float or None
-        Metres; None where the frequencies are too few, or all too high, to tell.
+    `pressures` (M, N) complex128, any unit, any gains; `wavenumbers` (M,) float64 or complex128 k, rad/m.; `dimension`:
+    2 or 3, of the sound field. Returns metres; None where the frequencies are too few, or all too high, to tell.
 
     Examples
     --------
@@ -109,18 +84,12 @@ SINGLE_WAVE_REMEDY = "record in a room with echoes; without them arrival times g
 
 @dataclass(frozen=True)
 class SingleWaveRules:
-    """When a field counts as a single wave.
+    """When a field counts as a single wave."""
 
-    Attributes
-    ----------
-    coherent : power of the mean pressure over the mean power, below which the phases spread over the array
-    frequencies : fewest such frequencies
-    variance : of the power over the microphones, their median; of a room's field it is 0.2 and more
-    """
-
+    # power of the mean pressure over the mean power, below which the phases spread over the array
     coherent: float = 0.5
-    frequencies: int = 5
-    variance: float = 0.06
+    frequencies: int = 5  # fewest such frequencies
+    variance: float = 0.06  # of the power over the microphones, their median; of a room's field it is 0.2 and more
 
 
 SINGLE_WAVE_RULES = SingleWaveRules()
@@ -129,9 +98,7 @@ SINGLE_WAVE_RULES = SingleWaveRules()
 def is_single_wave(pressures) -> bool:
     """Return whether one wave alone explains the pressures.
 
-    Parameters
-    ----------
-    pressures : (M, N) complex128
+    `pressures` (M, N) complex128.
 
     Examples
     --------

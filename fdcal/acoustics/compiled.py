@@ -34,12 +34,7 @@ def compiled(function: Callable, **options) -> Callable:
 
     It runs without the interpreter's lock. A read-only array is of another type than a writable one.
 
-    Parameters
-    ----------
-    function : callable
-        Of numbers and arrays, in the subset of Python that numba compiles.
-    options
-        Of `numba.njit`.
+    `function`: of numbers and arrays, in the subset of Python that numba compiles; `options`: of `numba.njit`.
     """
     options = {"nogil": True, "error_model": "numpy", **options}
     try:

@@ -11,17 +11,9 @@ from .spherical_harmonics import spherical_bessel
 def dictionary(points, wavenumber: complex, order: int, centre, dimension: int) -> np.ndarray:
     """Return the rows of W at some points.
 
-    Parameters
-    ----------
-    points : (C, D) float64, metres; in a field of three dimensions D = 2 means a plane through `centre`
-    wavenumber : k, rad/m, real or complex
-    order : L
-    centre : (D,) float64, metres
-    dimension : 2 for `fourier_bessel` (Eq. 4), 3 for `spherical_bessel`
-
-    Returns
-    -------
-    (C, K) complex128
+    `points` (C, D) float64, metres; in a field of three dimensions D = 2 means a plane through `centre`; `wavenumber`:
+    k, rad/m, real or complex; `order`: L; `centre` (D,) float64, metres; `dimension`: 2 for `fourier_bessel` (Eq. 4), 3
+    for `spherical_bessel`. Returns (C, K) complex128.
     """
     functions = fourier_bessel if dimension == 2 else spherical_bessel
     return functions(np.asarray(points, float), complex(wavenumber), order, centre)

@@ -46,9 +46,7 @@ def pulse(source: Source) -> np.ndarray:
     A linear-phase band-pass whose gain falls to zero within `source.low` hertz on either side of the band. The mean,
     small already, is removed exactly: a rigid room would keep it, or it would grow.
 
-    Returns
-    -------
-    (P,) float64
+    Returns (P,) float64.
     """
     from scipy.signal import firwin, get_window  # takes a second to load, which a cached simulation does not need
 
@@ -65,27 +63,11 @@ def pulse(source: Source) -> np.ndarray:
 def simulate(room: Room, source: Source, receivers: np.ndarray, progress: Progress | None = None) -> np.ndarray:
     """Return the recordings of the source's pulse at the receivers.
 
-    Parameters
-    ----------
-    room : Room
-        Of two dimensions.
-    source : Source
-        Position, band, sampling rate and duration.
-    receivers : (N, 2) float64
-        Metres; each records the cell that contains it.
-    progress : callable(float), optional
-        Called with the fraction done, some 50 times; an exception that it raises ends the run.
-
-    Returns
-    -------
-    (N, T) float64
-        Any unit; T is duration times sample_rate, sample t at time t / sample_rate.
-
-    Raises
-    ------
-    InputError
-        If the CFL limit is broken, the source or a receiver is outside the room, or the recording is shorter than the
-        pulse or larger than 4 GB.
+    `room`: of two dimensions; `source`: position, band, sampling rate and duration; `receivers` (N, 2) float64, metres;
+    each records the cell that contains it; `progress`: called with the fraction done, some 50 times; an exception that
+    it raises ends the run. Returns (N, T) float64, any unit; T is duration times sample_rate, sample t at time t /
+    sample_rate. Raises InputError if the CFL limit is broken, the source or a receiver is outside the room, or the
+    recording is shorter than the pulse or larger than 4 GB.
     """
     fs = source.band.sample_rate
     grid = make_grid(room, fs)
@@ -119,16 +101,7 @@ def _check_length(source: Source, samples: int, receivers: int) -> None:
 def advance(grid: Grid, p_old: np.ndarray, p: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the last two fields after `steps` steps without a source.
 
-    Parameters
-    ----------
-    grid : Grid
-    p_old, p : (ny, nx) float64
-        Two successive fields, any unit.
-    steps : int
-
-    Returns
-    -------
-    two (ny, nx) float64 arrays, the newer last
+    `p_old`, `p` (ny, nx) float64, two successive fields, any unit. Returns two (ny, nx) float64 arrays, the newer last.
     """
     state = np.stack([padded(field * grid.mask, padded_width(grid)) for field in (p, p_old)])
     _run(grid, state, steps, ((0, 0), np.zeros(0)), (np.zeros((0, 2), int), np.zeros((0, 0))), None)

@@ -25,40 +25,19 @@ ON_AXIS = 1e-9  # metres: a wall whose ends differ less in a coordinate is paral
 
 @dataclass(frozen=True)
 class Grid:
-    """The coefficients of every cell.
+    """The coefficients of every cell."""
 
-    Attributes
-    ----------
-    mask : (ny, nx) bool
-        Cells inside the room; row j is at y = (j + 0.5) h.
-    courant : float
-        lam, dimensionless.
-    stiffness : (ny, nx) float64
-        K, dimensionless.
-    loss : (ny, nx) float64
-        b, dimensionless.
-    """
-
-    mask: np.ndarray
-    courant: float
-    stiffness: np.ndarray
-    loss: np.ndarray
+    mask: np.ndarray  # (ny, nx) bool, cells inside the room; row j is at y = (j + 0.5) h
+    courant: float  # lam, dimensionless
+    stiffness: np.ndarray  # (ny, nx) float64, K, dimensionless
+    loss: np.ndarray  # (ny, nx) float64 b, dimensionless.
 
 
 def make_grid(room: Room, sample_rate: float) -> Grid:
     """Return the coefficients of the scheme.
 
-    Parameters
-    ----------
-    room : Room
-        Of two dimensions.
-    sample_rate : float
-        fs, Hz.
-
-    Raises
-    ------
-    InputError
-        Above the stability limit, for a room of three dimensions, and as `cell_mask` does.
+    `room`: of two dimensions; `sample_rate`: fs, Hz. Raises InputError: above the stability limit, for a room of three
+    dimensions, and as `cell_mask` does.
     """
     if room.dimension != 2:
         raise InputError(
@@ -90,11 +69,8 @@ def make_grid(room: Room, sample_rate: float) -> Grid:
 def cell_mask(room: Room) -> np.ndarray:
     """Return the cells whose centre lies inside the room : (ny, nx) bool array, x along the rows.
 
-    Raises
-    ------
-    InputError
-        For a wall parallel to an axis that lies on no cell face, an outline left of or below the origin, and a room
-        of no cells or of several pieces.
+    Raises InputError for a wall parallel to an axis that lies on no cell face, an outline left of or below the origin,
+    and a room of no cells or of several pieces.
     """
     _check_walls(room)
     h = room.cell_size
@@ -146,24 +122,8 @@ def neighbour_sum(p: np.ndarray) -> np.ndarray:
 def cells_at(grid: Grid, points, cell: float, name: str) -> np.ndarray:
     """Return row and column of the cells that contain given points.
 
-    Parameters
-    ----------
-    grid : Grid
-    points : (N, 2) float64
-        Metres.
-    cell : float
-        h, metres.
-    name : str
-        What messages call the points.
-
-    Returns
-    -------
-    (N, 2) int64
-
-    Raises
-    ------
-    InputError
-        For a point outside the room.
+    `points` (N, 2) float64, metres; `cell`: h, metres; `name`: what messages call the points. Returns (N, 2) int64.
+    Raises InputError for a point outside the room.
     """
     points = np.asarray(points, dtype=float).reshape(-1, 2)
     cells = np.floor(points[:, ::-1] / cell + 1e-9).astype(np.int64)
@@ -189,13 +149,8 @@ def padded(values: np.ndarray, width: int) -> np.ndarray:
 def stencil_tables(grid: Grid, source, receivers) -> StencilTables:
     """Return the grid as the compiled loops use it, row by row with a border of one cell.
 
-    Parameters
-    ----------
-    grid : Grid
-    source : tuple
-        Its cell, (row, column), and the pulse (P,) float64.
-    receivers : tuple
-        Their cells (N, 2), and the recordings (N, T) float64 that are written.
+    `source`: its cell, (row, column), and the pulse (P,) float64; `receivers`: their cells (N, 2), and the recordings
+    (N, T) float64 that are written.
     """
     from .fdtd_kernels import StencilTables
 

@@ -148,63 +148,35 @@ def march_together(state, step, stop, strips, width, lam2, spans, span_start, sp
 
 
 class StencilTables(NamedTuple):
-    """The grid as the compiled loops use it. Cells are numbered along the rows of one padded field.
+    """The grid as the compiled loops use it. Cells are numbered along the rows of one padded field."""
 
-    Attributes
-    ----------
-    width : int
-        Cells of a padded row.
-    lam2 : float
-        lam^2.
-    spans : (rows + 1,) int64
-        First span of each row.
-    span_start, span_count : (S,) int64
-        Spans: runs of cells with four inner neighbours.
-    walls : (rows + 1,) int64
-        First wall cell of each row.
-    wall_cell : (W,) int64
-        The other cells inside.
-    wall_centre, wall_before, wall_around : (W,) float64
-        Their coefficients of p, of p_old and of the sum of the neighbours.
-    source : int
-        Cell of the source.
-    pulse : (P,) float64
-        Added to that cell, one sample a step.
-    ends : (rows + 1,) int64
-        First microphone of each row.
-    end_cell, end_number : (N,) int64
-        Cells of the microphones, ascending, and their rows in `recordings`.
-    recordings : (N, T) float64
-        Written at [:, step + 1].
-    """
-
-    width: int
-    lam2: float
-    spans: np.ndarray
+    width: int  # cells of a padded row
+    lam2: float  # lam^2
+    spans: np.ndarray  # (rows + 1,) int64, first span of each row
+    # span_start, span_count: (S,) int64, spans: runs of cells with four inner neighbours
     span_start: np.ndarray
     span_count: np.ndarray
-    walls: np.ndarray
-    wall_cell: np.ndarray
+    walls: np.ndarray  # (rows + 1,) int64, first wall cell of each row
+    wall_cell: np.ndarray  # (W,) int64, the other cells inside
+    # wall_centre, wall_before, wall_around: (W,) float64, their coefficients of p, of p_old and of the sum of the
+    # neighbours
     wall_centre: np.ndarray
     wall_before: np.ndarray
     wall_around: np.ndarray
-    source: int
-    pulse: np.ndarray
-    ends: np.ndarray
+    source: int  # cell of the source
+    pulse: np.ndarray  # (P,) float64, added to that cell, one sample a step
+    ends: np.ndarray  # (rows + 1,) int64, first microphone of each row
+    # end_cell, end_number: (N,) int64, cells of the microphones, ascending, and their rows in `recordings`
     end_cell: np.ndarray
     end_number: np.ndarray
-    recordings: np.ndarray
+    recordings: np.ndarray  # (N, T) float64, written at [:, step + 1]
 
 
 def march(state: np.ndarray, step: int, stop: int, tables: StencilTables) -> None:
     """Advance the grid from `step` to `stop`, with all threads if it is large enough and that is safe.
 
-    Parameters
-    ----------
-    state : (2, rows, width) float64
-        The fields at even and at odd steps, zero outside the room and in a border of one cell; changed in place.
-    step, stop : int
-    tables : StencilTables
+    `state` (2, rows, width) float64, the fields at even and at odd steps, zero outside the room and in a border of one
+    cell; changed in place.
     """
     rows, flat = state.shape[1] - 2, state.reshape(-1)
     strips = min(numba.get_num_threads(), rows // (2 * BLOCK))

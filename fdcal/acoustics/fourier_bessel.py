@@ -17,19 +17,9 @@ NO_EXTENT = 1e-9  # metres: an array of this radius has all its microphones in o
 def max_order(wavenumbers, radius: float, offset: int = 0) -> np.ndarray:
     """Return the order L = ceil(k R) + offset of the expansion (Eq. 3).
 
-    Parameters
-    ----------
-    wavenumbers : (M,) or scalar, float64 or complex128
-        k, rad/m; of a complex one the real part is used.
-    radius : float
-        R, metres.
-    offset : int
-        Added to the paper's rule. 0 is the paper's; its truncation error exceeds the effect of a centimetre in the
-        low modes, which 2 avoids.
-
-    Returns
-    -------
-    (M,) or scalar int64
+    `wavenumbers` (M,) or scalar, float64 or complex128 k, rad/m; of a complex one the real part is used.; `radius`: R,
+    metres; `offset`: added to the paper's rule. 0 is the paper's; its truncation error exceeds the effect of a
+    centimetre in the low modes, which 2 avoids. Returns (M,) or scalar int64.
     """
     return np.ceil(np.real(wavenumbers) * radius).astype(np.int64) + offset
 
@@ -40,17 +30,9 @@ def f_max(count: int, radius: float, sound_speed: float, dimension: int = 2, pla
     It is that of the order L = k R at which the functions are as many as the microphones: 2 L + 1 = N in a plane,
     that is f_max = (N - 1) c / (4 pi R); (L + 1)^2 = N in space; (L + 1)(L + 2) / 2 = N for a plane in space.
 
-    Parameters
-    ----------
-    count : N, number of microphones
-    radius : R of the array, metres
-    sound_speed : c, m/s
-    dimension : 2 or 3, of the sound field
-    planar : whether the microphones lie in a plane of a field of three dimensions
-
-    Returns
-    -------
-    float, Hz; infinite for a radius below 1 nm, as of microphones that all start in one place
+    `count`: N, number of microphones; `radius`: R of the array, metres; `sound_speed`: c, m/s; `dimension`: 2 or 3, of
+    the sound field; `planar`: whether the microphones lie in a plane of a field of three dimensions. Returns Hz;
+    infinite for a radius below 1 nm, as of microphones that all start in one place.
     """
     if radius < NO_EXTENT:
         return float("inf")
@@ -64,15 +46,7 @@ def f_max(count: int, radius: float, sound_speed: float, dimension: int = 2, pla
 def array_f_max(positions, sound_speed: float, dimension: int) -> float:
     """Return `f_max` of an array, R being its largest distance from the centre of mass.
 
-    Parameters
-    ----------
-    positions : (N, D) float64, metres
-    sound_speed : c, m/s
-    dimension : 2 or 3, of the sound field
-
-    Returns
-    -------
-    float, Hz
+    `positions` (N, D) float64, metres; `sound_speed`: c, m/s; `dimension`: 2 or 3, of the sound field.
     """
     positions = np.asarray(positions, float)
     radius = float(np.linalg.norm(positions - positions.mean(axis=0), axis=1).max())
@@ -82,20 +56,8 @@ def array_f_max(positions, sound_speed: float, dimension: int) -> float:
 def fourier_bessel(positions: np.ndarray, wavenumber: complex, order: int, centre) -> np.ndarray:
     """Return the dictionary W[n, l] = J_l(k r_n) exp(j l theta_n), l = -L..L (Eq. 4).
 
-    Parameters
-    ----------
-    positions : (N, 2) float64
-        Metres.
-    wavenumber : float or complex
-        k, rad/m.
-    order : int
-        L.
-    centre : (2,) float64
-        Origin of r and theta, metres.
-
-    Returns
-    -------
-    (N, 2L + 1) complex128
+    `positions` (N, 2) float64, metres; `wavenumber`: float or complex k, rad/m.; `order`: L; `centre` (2,) float64,
+    origin of r and theta, metres. Returns (N, 2L + 1) complex128.
 
     Examples
     --------

@@ -19,21 +19,9 @@ class LatticeDictionary:
     Every `centre` below is a point of the lattice. So the offsets of all candidates are multiples of the step, their
     squared lengths are integers, and J_l is needed at a few thousand radii only, once for all centres.
 
-    Attributes
-    ----------
-    search : Search
-    wavenumbers : (M,) complex128
-        k, rad/m.
-    orders : (M,) int64
-        L of each mode.
-    points : (C, 2) float64
-        Candidates, metres, x fastest.
-    shape : tuple of int
-        (ny, nx).
-    radial : (M, U, Lmax + 1) complex128
-        J_l at U radii; zero above the order of the mode.
-    row : (d2max + 1,) int32
-        Row of `radial` for each squared offset in steps, -1 where there is none.
+    `wavenumbers` (M,) complex128 k, rad/m.; `orders` (M,) int64, L of each mode; `points` (C, 2) float64, candidates,
+    metres, x fastest; `shape`: (ny, nx); `radial` (M, U, Lmax + 1) complex128, J_l at U radii; zero above the order of
+    the mode; `row` (d2max + 1,) int32, row of `radial` for each squared offset in steps, -1 where there is none.
     """
 
     def __init__(self, search: Search, wavenumbers: np.ndarray, orders: np.ndarray):
@@ -87,21 +75,9 @@ class LatticeDictionary:
     def microphones(self, positions, centre) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return exp(j theta) and the row of `radial` of given positions, and W of those that are off the lattice.
 
-        Parameters
-        ----------
-        positions : (N, 2) float64
-            Metres.
-        centre : (2,) float64
-            Metres.
-
-        Returns
-        -------
-        unit : (N,) complex128
-            1 off the lattice.
-        row : (N,) int32
-            -1 off the lattice.
-        others : (M, N_off, 2 Lmax + 1) complex128
-            W of the microphones that are off the lattice, in their order; zero beyond the order of the mode.
+        `positions` (N, 2) float64, metres; `centre` (2,) float64, metres. Returns `unit` (N,) complex128, 1 off the
+        lattice; `row` (N,) int32, -1 off the lattice; `others` (M, N_off, 2 Lmax + 1) complex128, W of the microphones
+        that are off the lattice, in their order; zero beyond the order of the mode.
         """
         steps = (np.asarray(positions) - self.nearest(centre)) / self.search.step
         offset = np.rint(steps).astype(np.int64)
@@ -124,17 +100,8 @@ class LatticeDictionary:
     def dictionary(self, positions, centre, modes) -> list[np.ndarray]:
         """Return W of given positions, on the lattice or off it.
 
-        Parameters
-        ----------
-        positions : (N, 2) float64
-            Metres.
-        centre : (2,) float64
-            Metres.
-        modes : sequence of int
-
-        Returns
-        -------
-        list of (N, 2L + 1) complex128, one for each of `modes`
+        `positions` (N, 2) float64, metres; `centre` (2,) float64, metres. Returns list of (N, 2L + 1) complex128, one
+        for each of `modes`.
         """
         unit, row, others = self.microphones(np.asarray(positions), centre)
         phase = unit[:, None] ** np.arange(self.radial.shape[2])
@@ -154,15 +121,7 @@ def bessel_orders(z: np.ndarray, order: int) -> np.ndarray:
 
     The recurrence J_{l-1} = (2 l / z) J_l - J_{l+1} is stable downwards, so that two library calls serve all orders.
 
-    Parameters
-    ----------
-    z : (U,) float64 or complex128
-    order : int
-        L.
-
-    Returns
-    -------
-    (U, L + 1) complex128
+    `z` (U,) float64 or complex128; `order`: L. Returns (U, L + 1) complex128.
     """
     z = np.asarray(z, dtype=complex)
     J = np.zeros((len(z), order + 2), dtype=complex)

@@ -22,12 +22,8 @@ from .modal import ModalPressures
 def require_measurable(scene: Scene) -> None:
     """Check what can be checked without simulating: the duration of the recording and the band.
 
-    Raises
-    ------
-    InputError
-        For a recording that is too short, or a band that is too high.
-    StorageError
-        The response of a measured room cannot be read.
+    Raises InputError for a recording that is too short, or a band that is too high; StorageError: the response of a
+    measured room cannot be read.
     """
     if scene.room.response is not None:
         from .plane_waves import require_rendered
@@ -49,25 +45,12 @@ def require_measurable(scene: Scene) -> None:
 def measure(scene: Scene, recordings: np.ndarray | None = None, progress=None) -> Measurement:
     """Return what the microphones of a scene measure: complex pressures of the modes, with noise.
 
-    Parameters
-    ----------
-    scene : Scene
-    recordings : (N, T) float64, optional
-        As `fdcal.acoustics.fdtd.simulate` returns them; simulated unless given. A room of three dimensions has none,
-        since its field has a closed form (`fdcal.acoustics.box_field`).
-    progress : callable(float), optional
-        Called with the fraction of the simulation that is done.
-
-    Returns
-    -------
-    Measurement
-        All modes that were picked, the true positions, the known microphones and the search domain. Its wavenumbers
-        are complex where the room rings (see `fdcal.acoustics.spectrum`). `noise_power` is zero without noise.
-
-    Raises
-    ------
-    InputError
-        For anything that the scene does not allow.
+    `recordings` (N, T) float64, as `fdcal.acoustics.fdtd.simulate` returns them; simulated unless given. A room of
+    three dimensions has none, since its field has a closed form (`fdcal.acoustics.box_field`); `progress`: called with
+    the fraction of the simulation that is done. Returns all modes that were picked, the true positions, the known
+    microphones and the search domain. Its wavenumbers are complex where the room rings (see
+    `fdcal.acoustics.spectrum`). `noise_power` is zero without noise. Raises InputError for anything that the scene does
+    not allow.
     """
     takes = each_take(scene, progress)
     if recordings is not None and len(takes) > 1:

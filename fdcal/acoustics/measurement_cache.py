@@ -26,21 +26,8 @@ from .measure import each_take, measured, require_measurable, sound_field
 def cached_recordings(scene: Scene, progress=None) -> np.ndarray:
     """Return what the scene's microphones record: from the cache, or simulated and stored there.
 
-    Parameters
-    ----------
-    scene : Scene
-        Of two dimensions, with one place of the source.
-    progress : callable(float), optional
-        Called with the fraction that is done.
-
-    Returns
-    -------
-    (N, T) float64
-
-    Raises
-    ------
-    InputError
-        As `fdcal.acoustics.fdtd.simulate` does.
+    `scene`: of two dimensions, with one place of the source; `progress`: called with the fraction that is done. Returns
+    (N, T) float64. Raises InputError: as `fdcal.acoustics.fdtd.simulate` does.
     """
     positions = positions_of(scene)
     key = cache_key("recordings", dataclasses.asdict(scene.room), scene.emitter.table(), positions.tolist())
@@ -58,16 +45,7 @@ def cached_measurement(scene: Scene, progress=None) -> Measurement:
 
     That of a measured scene is read from its file.
 
-    Parameters
-    ----------
-    scene : Scene
-    progress : callable(float), optional
-        Called with the fraction that is done.
-
-    Raises
-    ------
-    InputError
-        As `measure` does.
+    `progress`: called with the fraction that is done. Raises InputError: as `measure` does.
     """
     if isinstance(scene, MeasuredScene):
         return _recorded(scene)

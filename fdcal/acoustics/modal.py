@@ -8,21 +8,10 @@ import numpy as np
 
 
 class ModalPressures(NamedTuple):
-    """Pressures at the peaks of the spectrum.
+    """Pressures at the peaks of the spectrum."""
 
-    Attributes
-    ----------
-    frequencies : (M,) float64
-        Hz, ascending.
-    wavenumbers : (M,) complex128
-        k, rad/m.
-    pressures : (M, N) complex128
-        Any one unit; 1/m in closed form.
-    spectrum : (2, F) float64
-        The spectrum that the peaks were picked from: Hz and the mean power of the microphones.
-    """
-
-    frequencies: np.ndarray
-    wavenumbers: np.ndarray
-    pressures: np.ndarray
+    frequencies: np.ndarray  # (M,) float64, Hz, ascending
+    wavenumbers: np.ndarray  # (M,) complex128 k, rad/m.
+    pressures: np.ndarray  # (M, N) complex128, any one unit; 1/m in closed form
+    # (2, F) float64, the spectrum that the peaks were picked from: Hz and the mean power of the microphones
     spectrum: np.ndarray

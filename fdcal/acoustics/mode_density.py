@@ -26,18 +26,8 @@ def decay_rate(reverberation_time: float) -> float:
 def mode_count(size, frequencies, sound_speed: float) -> np.ndarray:
     """Return the mean number of modes below each frequency.
 
-    Parameters
-    ----------
-    size : (2,) or (3,) float
-        Lengths of the room, metres.
-    frequencies : (F,) float64
-        Hz.
-    sound_speed : float
-        m/s.
-
-    Returns
-    -------
-    (F,) float64
+    `size` (2,) or (3,) float, lengths of the room, metres; `frequencies` (F,) float64, Hz; `sound_speed`: m/s. Returns
+    (F,) float64.
     """
     ratio = np.asarray(frequencies, float) / sound_speed
     if len(size) == 2:
@@ -50,25 +40,9 @@ def mode_count(size, frequencies, sound_speed: float) -> np.ndarray:
 def independent_frequencies(low: float, high: float, reverberation_time: float, sound_speed: float, size=None):
     """Return frequencies that a source in the room excites independently.
 
-    Parameters
-    ----------
-    low, high : float
-        Band, Hz.
-    reverberation_time : float
-        T60, s.
-    sound_speed : float
-        m/s.
-    size : (2,) or (3,) float, optional
-        Lengths of the room, metres; without them resonances are taken to overlap everywhere.
-
-    Returns
-    -------
-    (M,) float64, Hz, ascending
-
-    Raises
-    ------
-    InputError
-        The band holds more than MOST_FREQUENCIES.
+    `low`, `high`: band, Hz; `reverberation_time`: t60, s; `sound_speed`: m/s; `size` (2,) or (3,) float, lengths of the
+    room, metres; without them resonances are taken to overlap everywhere. Returns (M,) float64, ascending. Raises
+    InputError: the band holds more than MOST_FREQUENCIES.
     """
     grid = np.linspace(low, high, 4000)
     count = (grid - low) * reverberation_time / RESONANCE_WIDTH

@@ -37,22 +37,9 @@ def plane_wave_pressures(
 ) -> np.ndarray:
     """Return the pressures of a field of plane waves.
 
-    Parameters
-    ----------
-    response : SdmResponse
-    positions : (N, 3) float64
-        Relative to the origin of the response, metres.
-    frequencies : (M,) float64
-        f, Hz.
-    sound_speed : float
-        c, m/s.
-    progress : callable(float), optional
-        Called with the fraction that is done.
-
-    Returns
-    -------
-    (M, N) complex128
-        In the unit of the amplitudes.
+    `positions` (N, 3) float64, relative to the origin of the response, metres; `frequencies` (M,) float64 f, Hz.;
+    `sound_speed`: c, m/s; `progress`: called with the fraction that is done. Returns (M, N) complex128, in the unit of
+    the amplitudes.
 
     Examples
     --------
@@ -79,19 +66,9 @@ def plane_wave_responses(response: SdmResponse, positions, sound_speed: float) -
     Each wave is delayed by Lagrange interpolation over TAPS samples: exact to 1e-6 up to a twentieth of the sampling
     rate, to 1 % up to MAX_FREQUENCY.
 
-    Parameters
-    ----------
-    response : SdmResponse
-    positions : (N, 3) float64
-        Relative to the origin of the response, metres.
-    sound_speed : float
-        c, m/s.
-
-    Returns
-    -------
-    (N, S) float64
-        They begin before the direct sound, at a time that is the same for all microphones and a whole number of
-        samples. S is the number of samples from there to the last wave at the last microphone.
+    `positions` (N, 3) float64, relative to the origin of the response, metres; `sound_speed`: c, m/s. Returns (N, S)
+    float64, they begin before the direct sound, at a time that is the same for all microphones and a whole number of
+    samples. S is the number of samples from there to the last wave at the last microphone.
     """
     fs, positions = response.sample_rate, np.asarray(positions, float)
     reach = math.ceil(float(np.linalg.norm(positions, axis=1).max()) / sound_speed * fs) + TAPS
@@ -141,27 +118,9 @@ def modal_pressures(
 ) -> ModalPressures:
     """Return the pressures of an array in a measured room, before noise.
 
-    Parameters
-    ----------
-    response : SdmResponse
-    positions : (N, 3) float64
-        Relative to the origin of the response, metres.
-    sensing : Sensing
-        Band and frequencies.
-    sound_speed : float
-        m/s.
-    progress : callable(float), optional
-        Called with the fraction that is done.
-
-    Returns
-    -------
-    ModalPressures
-        With real wavenumbers: the response is complete, so that nothing is weighted.
-
-    Raises
-    ------
-    InputError
-        As `require_rendered`, or if there is no peak.
+    `positions` (N, 3) float64, relative to the origin of the response, metres; `sensing`: band and frequencies;
+    `sound_speed`: m/s; `progress`: called with the fraction that is done. Returns with real wavenumbers: the response
+    is complete, so that nothing is weighted. Raises InputError: as `require_rendered`, or if there is no peak.
     """
     require_rendered(response, sensing)
     rows = plane_wave_responses(response, positions, sound_speed)

@@ -26,25 +26,17 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Truncation:
-    """Where the sums over modes end.
+    """Where the sums over modes end."""
 
-    Attributes
-    ----------
-    exact_from_2d, exact_from_3d : distance from the source from which the point-source model is exact, metres
-    exact_from_tau : the same distance in units of sqrt(tau)
-    decay : nepers by which the first omitted mode of the point-source model has decayed
-    smallest_difference : least abs(kappa^2 - k^2), which may vanish at a nominal resonance, 1/m^2
-    diffuse_range : highest wavenumber of a mode of the diffuse model, relative to the highest wavenumber measured
-    newton_steps : iterations for the eigenvalues between absorbing walls
-    """
-
+    # exact_from_2d, exact_from_3d: distance from the source from which the point-source model is exact, metres
     exact_from_2d: float = 0.7
     exact_from_3d: float = 1.0
-    exact_from_tau: float = 6.0
-    decay: float = 9.2
-    smallest_difference: float = 1e-12
+    exact_from_tau: float = 6.0  # the same distance in units of sqrt(tau)
+    decay: float = 9.2  # nepers by which the first omitted mode of the point-source model has decayed
+    smallest_difference: float = 1e-12  # least abs(kappa^2 - k^2), which may vanish at a nominal resonance, 1/m^2
+    # highest wavenumber of a mode of the diffuse model, relative to the highest wavenumber measured
     diffuse_range: float = 1.6
-    newton_steps: int = 8
+    newton_steps: int = 8  # iterations for the eigenvalues between absorbing walls
 
     def tau(self, dimension: int) -> float:
         """Return tau of the point-source model, m^2."""
@@ -56,21 +48,11 @@ TRUNCATION = Truncation()
 
 @dataclass(frozen=True)
 class DiffuseModel:
-    """The diffuse model of a rigid room.
+    """The diffuse model of a rigid room."""
 
-    Attributes
-    ----------
-    kappa : (E, D) float64
-        Wavenumber of every mode along each axis, rad/m.
-    gains : (E,) float64
-        A factor sqrt(2) for every axis along which the mode varies.
-    weights : (M, E) float64
-        w, of sum 1 for each frequency.
-    """
-
-    kappa: np.ndarray
-    gains: np.ndarray
-    weights: np.ndarray
+    kappa: np.ndarray  # (E, D) float64, wavenumber of every mode along each axis, rad/m
+    gains: np.ndarray  # (E,) float64, a factor sqrt(2) for every axis along which the mode varies
+    weights: np.ndarray  # (M, E) float64 w, of sum 1 for each frequency.
 
     def shapes(self, points) -> np.ndarray:
         """Return the mode shapes psi at `points` (C, D), metres : (C, E) float64."""
@@ -88,14 +70,8 @@ class DiffuseModel:
 def diffuse_model(size, wavenumbers, width: float) -> DiffuseModel:
     """Return the diffuse model of a room.
 
-    Parameters
-    ----------
-    size : (D,) float
-        Metres.
-    wavenumbers : (M,) float64 or complex128
-        k, rad/m.
-    width : float
-        Half the width of a resonance, rad/m; absorbing walls broaden it.
+    `size` (D,) float, metres; `wavenumbers` (M,) float64 or complex128 k, rad/m.; `width`: half the width of a
+    resonance, rad/m; absorbing walls broaden it.
     """
     k = np.asarray(wavenumbers, complex)
     top = TRUNCATION.diffuse_range * float(np.real(k).max())
@@ -117,37 +93,18 @@ def _numbers(size, top: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class PointSourceModel:
-    """The point-source model: the room's response at its wavenumbers.
+    """The point-source model: the room's response at its wavenumbers."""
 
-    Attributes
-    ----------
-    size : (D,) float
-        Metres.
-    kappa : D arrays (M, n_a) complex128
-        Wavenumbers of the modes along each axis, rad/m.
-    norms : D arrays (M, n_a) complex128
-        1 / square root of the mean of the eigenfunction's square.
-    response : (M, n_1, ..., n_D) complex128
-        D_me, one axis of the array for each axis of the room, m^2.
-    """
-
-    size: tuple[float, ...]
-    kappa: tuple[np.ndarray, ...]
+    size: tuple[float, ...]  # (D,) float, metres
+    kappa: tuple[np.ndarray, ...]  # D arrays (M, n_a) complex128, wavenumbers of the modes along each axis, rad/m
+    # D arrays (M, n_a) complex128, 1 / square root of the mean of the eigenfunction's square
     norms: tuple[np.ndarray, ...]
-    response: np.ndarray
+    response: np.ndarray  # (M, n_1, ..., n_D) complex128, D_me, one axis of the array for each axis of the room, m^2
 
     def shapes(self, points, slope: int | None = None) -> list[np.ndarray]:
         """Return the eigenfunctions along each axis; along axis `slope` their derivatives, 1/m.
 
-        Parameters
-        ----------
-        points : (C, D) float64
-            Metres.
-        slope : int, optional
-
-        Returns
-        -------
-        D arrays (M, C, n_a) complex128
+        `points` (C, D) float64, metres. Returns D arrays (M, C, n_a) complex128.
         """
         found = []
         for a, (kappa, norm, length) in enumerate(zip(self.kappa, self.norms, self.size, strict=True)):
@@ -160,16 +117,7 @@ class PointSourceModel:
     def excitation(self, source, slope: int | None = None) -> np.ndarray:
         """Return D_me psi_e(x_s) of a source at x_s, or its derivative along axis `slope`.
 
-        Parameters
-        ----------
-        source : (D,) float64
-            x_s, metres.
-        slope : int, optional
-
-        Returns
-        -------
-        (M, n_1, ..., n_D) complex128
-            m^2, derivatives m.
+        `source` (D,) float64 x_s, metres.. Returns (M, n_1, ..., n_D) complex128, m^2, derivatives m.
         """
         result = self.response
         for a, shape in enumerate(self.shapes(np.asarray(source)[None], slope)):
@@ -180,16 +128,8 @@ class PointSourceModel:
 def room_pressures(excitation: np.ndarray, shapes: list[np.ndarray]) -> np.ndarray:
     """Return the pressures of a source of unit amplitude in the point-source model.
 
-    Parameters
-    ----------
-    excitation : (M, n_1, ..., n_D) complex128
-        As `PointSourceModel.excitation` returns it.
-    shapes : D arrays (M, C, n_a) complex128
-        As `PointSourceModel.shapes` returns them for C points.
-
-    Returns
-    -------
-    (M, C) complex128
+    `excitation` (M, n_1, ..., n_D) complex128, as `PointSourceModel.excitation` returns it; `shapes`, D arrays (M, C,
+    n_a) complex128, as `PointSourceModel.shapes` returns them for C points. Returns (M, C) complex128.
     """
     M, C = shapes[0].shape[:2]
     result = shapes[0] @ excitation.reshape(M, excitation.shape[1], -1)  # (M, C, the other axes)
@@ -201,14 +141,8 @@ def room_pressures(excitation: np.ndarray, shapes: list[np.ndarray]) -> np.ndarr
 def point_source_model(size, wavenumbers, admittance: complex) -> PointSourceModel:
     """Return the point-source model of a room.
 
-    Parameters
-    ----------
-    size : (D,) float
-        Metres.
-    wavenumbers : (M,) complex128
-        k, rad/m.
-    admittance : complex
-        beta, dimensionless, the same on all walls.
+    `size` (D,) float, metres; `wavenumbers` (M,) complex128 k, rad/m.; `admittance`: complex beta, dimensionless, the
+    same on all walls..
     """
     k = np.asarray(wavenumbers, complex)
     tau = TRUNCATION.tau(len(size))

@@ -10,21 +10,11 @@ import numpy as np
 
 @dataclass(frozen=True)
 class RoomSymmetry:
-    """A symmetry of a room, which leaves all pressures in it unchanged.
+    """A symmetry of a room, which leaves all pressures in it unchanged."""
 
-    Attributes
-    ----------
-    size : (D,) float
-        Metres.
-    order : (D,) int
-        Axis that each coordinate is taken from.
-    flipped : (D,) bool
-        Whether a coordinate is counted from the far wall.
-    """
-
-    size: tuple[float, ...]
-    order: tuple[int, ...]
-    flipped: tuple[bool, ...]
+    size: tuple[float, ...]  # (D,) float, metres
+    order: tuple[int, ...]  # (D,) int, axis that each coordinate is taken from
+    flipped: tuple[bool, ...]  # (D,) bool, whether a coordinate is counted from the far wall
 
     def apply(self, points) -> np.ndarray:
         """Return `points` (..., D), metres, mirrored and with axes exchanged."""
@@ -51,11 +41,6 @@ def room_symmetries(size) -> list[RoomSymmetry]:
 def nearest_symmetry(points, to, size) -> RoomSymmetry:
     """Return the symmetry of a room that brings points nearest to others in the least-squares sense.
 
-    Parameters
-    ----------
-    points, to : (N, D) float64
-        Metres.
-    size : (D,) float
-        Of the room, metres.
+    `points`, `to` (N, D) float64, metres; `size` (D,) float, of the room, metres.
     """
     return min(room_symmetries(size), key=lambda image: float(np.sum((image.apply(points) - to) ** 2)))

@@ -26,14 +26,7 @@ def cosine_and_sine(z) -> tuple[np.ndarray, np.ndarray]:
 def sinc(z) -> tuple[np.ndarray, np.ndarray]:
     """Return sin(z) / z and its derivative over z.
 
-    Parameters
-    ----------
-    z : array of float64
-        Not negative, dimensionless.
-
-    Returns
-    -------
-    two float64 arrays of the shape of `z`
+    `z`, array of float64, not negative, dimensionless. Returns two float64 arrays of the shape of `z`.
     """
     z = np.asarray(z, float)
     half = np.tan(z / 2)
@@ -52,14 +45,8 @@ def sinc(z) -> tuple[np.ndarray, np.ndarray]:
 def complex_sinc(square) -> tuple[np.ndarray, np.ndarray]:
     """Return sin(z) / z and its derivative over z, of the square of a complex z.
 
-    Parameters
-    ----------
-    square : array of complex128
-        z^2, dimensionless. Both results are entire functions of it: it does not matter which root z is.
-
-    Returns
-    -------
-    two complex128 arrays of the shape of `square`
+    `square`: array of complex128 z^2, dimensionless. Both results are entire functions of it: it does not matter which
+    root z is.. Returns two complex128 arrays of the shape of `square`.
     """
     w = np.asarray(square, complex)
     small = np.abs(w) < SMALL**2

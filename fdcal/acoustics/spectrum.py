@@ -23,20 +23,14 @@ from .fft import fast_length, rfft
 
 @dataclass(frozen=True)
 class SpectrumRules:
-    """How spectra are computed and their peaks picked.
+    """How spectra are computed and their peaks picked."""
 
-    Attributes
-    ----------
-    decay : nepers from the start to the end of a recording; the remainder is exp(-12) = 6e-6
-    line_width : width at -6 dB of a line under the Blackman-Harris window, times the duration, dimensionless
-    range_db : dB; peaks further below the strongest may be side lobes (those of the window are at -92 dB)
-    padding : points of the spectrum per 1 / duration
-    """
-
-    decay: float = 12.0
+    decay: float = 12.0  # nepers from the start to the end of a recording; the remainder is exp(-12) = 6e-6
+    # width at -6 dB of a line under the Blackman-Harris window, times the duration, dimensionless
     line_width: float = 2.72
+    # dB; peaks further below the strongest may be side lobes (those of the window are at -92 dB)
     range_db: float = 60.0
-    padding: int = 2
+    padding: int = 2  # points of the spectrum per 1 / duration
 
 
 SPECTRUM = SpectrumRules()
@@ -46,22 +40,9 @@ BLOCK = 4096  # samples
 def window_rate(recordings: np.ndarray, fs: float) -> float:
     """Return the rate s of the exponential window that complements the decay of the room.
 
-    Parameters
-    ----------
-    recordings : (N, T) float64
-    fs : float
-        Sampling rate, Hz.
-
-    Returns
-    -------
-    float
-        s, 1/s, such that exp(-s t) times the recording has decayed by 12 nepers at its end: 12 / duration for a
-        room that does not decay, 0 for one that has decayed, or a value between.
-
-    Raises
-    ------
-    InputError
-        For silence or a number that is not finite.
+    `recordings` (N, T) float64; `fs`: sampling rate, Hz. Returns s, 1/s, such that exp(-s t) times the recording has
+    decayed by 12 nepers at its end: 12 / duration for a room that does not decay, 0 for one that has decayed, or a
+    value between. Raises InputError for silence or a number that is not finite.
     """
     recordings = np.asarray(recordings)
     level = np.sqrt(np.mean(np.square(recordings, dtype=float)))
@@ -77,20 +58,8 @@ def window_rate(recordings: np.ndarray, fs: float) -> float:
 def laplace_transform(recordings: np.ndarray, fs: float, s: float, frequencies: np.ndarray) -> np.ndarray:
     """Return the sum over t of recordings exp(-(s + 2 pi j f) t), at any frequencies.
 
-    Parameters
-    ----------
-    recordings : (N, T) float64
-        Sample i at time i / fs.
-    fs : float
-        Sampling rate, Hz.
-    s : float
-        Rate of the exponential window, 1/s.
-    frequencies : (M,) float64
-        Hz.
-
-    Returns
-    -------
-    (M, N) complex128
+    `recordings` (N, T) float64, sample i at time i / fs; `fs`: sampling rate, Hz; `s`: rate of the exponential window,
+    1/s; `frequencies` (M,) float64, Hz. Returns (M, N) complex128.
     """
     rates = (s + 2j * np.pi * np.asarray(frequencies, dtype=float)) / fs
     samples = recordings.shape[1]
@@ -112,27 +81,9 @@ def mean_power(
     The recording is weighted with a Blackman-Harris window raised to a power between 0 and 1: to 1 for a room that has
     not decayed, to 0 for one that has, whose sound is at the start.
 
-    Parameters
-    ----------
-    recordings : (N, T) float64
-    fs : float
-        Sampling rate, Hz.
-    lowest, highest : float
-        Band of the peaks, Hz.
-    resolution : float
-        Hz, of the peaks.
-
-    Returns
-    -------
-    lowest, step : float
-        First frequency and distance of the points, Hz.
-    power : (F,) float64
-        In the squared unit of the recordings.
-
-    Raises
-    ------
-    InputError
-        For silence, or a recording too short for the resolution.
+    `recordings` (N, T) float64; `fs`: sampling rate, Hz; `lowest`, `highest`: band of the peaks, Hz; `resolution`: Hz,
+    of the peaks. Returns `lowest, step` first frequency and distance of the points, Hz; `power` (F,) float64, in the
+    squared unit of the recordings. Raises InputError for silence, or a recording too short for the resolution.
     """
     from scipy.signal import get_window  # takes a second to load, which reading a cached measurement does not need
 
@@ -152,26 +103,9 @@ def mean_power(
 def pick_peaks(power: np.ndarray, lowest: float, step: float, prominence_db: float, resolution: float) -> np.ndarray:
     """Return the frequencies of the peaks of a power spectrum, interpolated between its points.
 
-    Parameters
-    ----------
-    power : (F,) float64
-        At `lowest`, `lowest` + `step`, ... Hz.
-    lowest, step : float
-        Hz.
-    prominence_db : float
-        Prominence of a peak, dB; 0 takes every frequency, `resolution` apart, instead of peaks.
-    resolution : float
-        Hz; of two peaks closer than this, the stronger is kept.
-
-    Returns
-    -------
-    (M,) float64
-        Hz, ascending.
-
-    Raises
-    ------
-    InputError
-        If there is no peak.
+    `power` (F,) float64, at `lowest`, `lowest` + `step`, ... Hz; `lowest`, `step`: Hz; `prominence_db`: prominence of a
+    peak, dB; 0 takes every frequency, `resolution` apart, instead of peaks; `resolution`: hz; of two peaks closer than
+    this, the stronger is kept. Returns (M,) float64, Hz, ascending. Raises InputError if there is no peak.
     """
     if prominence_db == 0:
         return np.arange(lowest, lowest + step * (len(power) - 0.5), resolution)
@@ -197,16 +131,8 @@ def pick_peaks(power: np.ndarray, lowest: float, step: float, prominence_db: flo
 def check_band(duration: float, fs: float, highest: float, resolution: float) -> None:
     """Check that a recording resolves the lines of a band and that its sampling rate suffices.
 
-    Parameters
-    ----------
-    duration : float
-        s.
-    fs, highest, resolution : float
-        Sampling rate, upper end of the band and distance of the lines, Hz.
-
-    Raises
-    ------
-    InputError
+    `duration`: s; `fs`, `highest`, `resolution`: sampling rate, upper end of the band and distance of the lines, Hz.
+    Raises InputError.
     """
     least = SPECTRUM.line_width / resolution
     if duration < least * (1 - 1e-9):

@@ -27,16 +27,7 @@ from scipy.special import sph_harm_y_all, spherical_jn
 def degrees(order: int, planar: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Return degree l and order m of every column of W, l ascending, then m.
 
-    Parameters
-    ----------
-    order : int
-        L.
-    planar : bool
-        Only the columns with l + m even.
-
-    Returns
-    -------
-    two (K,) int64 arrays, read-only
+    `order`: L; `planar`: only the columns with l + m even. Returns two (K,) int64 arrays, read-only.
     """
     l = np.repeat(np.arange(order + 1), 2 * np.arange(order + 1) + 1)  # noqa: E741
     m = np.arange(len(l)) - l * (l + 1)
@@ -50,21 +41,9 @@ def degrees(order: int, planar: bool = False) -> tuple[np.ndarray, np.ndarray]:
 def spherical_bessel(positions, wavenumber: complex, order: int, centre) -> np.ndarray:
     """Return the dictionary W[n, (l, m)] = sqrt(4 pi) j_l(k r_n) Y_lm(theta_n, phi_n), columns as in `degrees`.
 
-    Parameters
-    ----------
-    positions : (N, 3) or (N, 2) float64
-        Metres; (N, 2) in a plane through `centre`.
-    wavenumber : float or complex
-        k, rad/m.
-    order : int
-        L.
-    centre : (3,) or (2,) float64
-        Origin of r, metres.
-
-    Returns
-    -------
-    (N, K) complex128
-        K = (L + 1)^2, or (L + 1)(L + 2) / 2 in a plane.
+    `positions` (N, 3) or (N, 2) float64, metres; (N, 2) in a plane through `centre`; `wavenumber`: float or complex k,
+    rad/m.; `order`: L; `centre` (3,) or (2,) float64, origin of r, metres. Returns (N, K) complex128, K = (L + 1)^2, or
+    (L + 1)(L + 2) / 2 in a plane.
 
     Examples
     --------

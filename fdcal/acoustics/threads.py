@@ -25,13 +25,8 @@ def shut_down_threads() -> None:
 def parallel_map(function: Callable, items: Iterable, worth: bool = True) -> Iterator:
     """Return an iterator over the values of a function for all items, in their order, computed on all cores.
 
-    Parameters
-    ----------
-    function : callable
-        It must not call `parallel_map` itself, which would deadlock.
-    items : iterable
-    worth : bool
-        False for so little work that one core is faster.
+    `function`: it must not call `parallel_map` itself, which would deadlock; `worth`: false for so little work that one
+    core is faster.
     """
     items = list(items)
     try:

@@ -37,42 +37,21 @@ ARGUMENTS: Mapping[str, str] = MappingProxyType({})  # arguments are called as i
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
-    """The positions at the end of a run and what is known about their quality.
+    """The positions at the end of a run and what is known about their quality."""
 
-    Attributes
-    ----------
-    positions : (N, D) float64
-        Metres; of the corrected sound speed where it was estimated, exchanges undone.
-    problem : Problem
-        With the corrected sound speed likewise.
-    verdict, message : str
-        Code of the first finding, and what it means and what to do; arguments stand in angle brackets.
-    covariance : (N, D, D) float64
-        Metres^2, of each position at the minimum.
-    search_spread : (N,) float64
-        Metres, how far the optima of the search lie apart; 0 where all are one.
-    evidence : Evidence
-    room : KnownRoom or None
-        Of a solver that knows the room.
-    channels : Channels or None
-        Of a solver that finds the gains of the channels, or their noise.
-    sound_speed_sigma : float or None
-        One sigma of an uncertain sound speed, m/s.
-    wording : mapping
-        How `verdict_text` calls the arguments.
-    """
-
+    # (N, D) float64, metres; of the corrected sound speed where it was estimated, exchanges undone
     positions: np.ndarray
-    problem: Problem
+    problem: Problem  # with the corrected sound speed likewise
+    # verdict, message: code of the first finding, and what it means and what to do; arguments stand in angle brackets
     verdict: str
     message: str
-    covariance: np.ndarray
-    search_spread: np.ndarray
+    covariance: np.ndarray  # (N, D, D) float64, metres^2, of each position at the minimum
+    search_spread: np.ndarray  # (N,) float64, metres, how far the optima of the search lie apart; 0 where all are one
     evidence: Evidence
-    room: KnownRoom | None = None
-    channels: Channels | None = None
-    sound_speed_sigma: float | None = None
-    wording: Mapping[str, str] = field(default_factory=dict)
+    room: KnownRoom | None = None  # of a solver that knows the room
+    channels: Channels | None = None  # of a solver that finds the gains of the channels, or their noise
+    sound_speed_sigma: float | None = None  # one sigma of an uncertain sound speed, m/s
+    wording: Mapping[str, str] = field(default_factory=dict)  # how `verdict_text` calls the arguments
 
     @property
     def uncertainty(self) -> np.ndarray:

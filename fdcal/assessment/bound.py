@@ -42,16 +42,11 @@ LEAST_EIGENVALUE = 1e-13  # of the scaled information: directions with less are 
 
 @dataclass(frozen=True)
 class Information:
-    """Information of all modes on N microphones in D dimensions.
+    """Information of all modes on N microphones in D dimensions."""
 
-    Attributes
-    ----------
-    positions : (N, D) float64, metres, where it was computed
-    matrix : (N D + N + 1, N D + N + 1) float64
-        On coordinates (1/m), log gains (1/neper) and the logarithm of the sound speed, in this order.
-    """
-
-    positions: np.ndarray
+    positions: np.ndarray  # (N, D) float64, metres, where it was computed
+    # (N D + N + 1, N D + N + 1) float64, on coordinates (1/m), log gains (1/neper) and the logarithm of the sound
+    # speed, in this order
     matrix: np.ndarray
 
     def scaled(self, factor: float) -> Information:
@@ -61,41 +56,25 @@ class Information:
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known beside the pressures.
+    """What is known beside the pressures."""
 
-    Attributes
-    ----------
-    known : (A,) int, microphones whose positions are given
-    known_sigma : float, metres, one sigma of each of their coordinates; 0 for exact ones
-    gain_sigma : float, nepers, spread of the channels' gains; 0 for equal channels
-    sound_speed_sigma : float, relative
-    """
-
+    # (A,) int, microphones whose positions are given
     known: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
-    known_sigma: float = 0.0
-    gain_sigma: float = 0.0
-    sound_speed_sigma: float = 0.0
+    known_sigma: float = 0.0  # metres, one sigma of each of their coordinates; 0 for exact ones
+    gain_sigma: float = 0.0  # nepers, spread of the channels' gains; 0 for equal channels
+    sound_speed_sigma: float = 0.0  # relative
 
 
 @dataclass(frozen=True)
 class Bound:
-    """The least covariance of the positions.
+    """The least covariance of the positions."""
 
-    Attributes
-    ----------
-    covariance : (N, D, D) float64, metres^2
-    free : (N,) bool, microphones that are sought
-    deformations : (D (D + 1) / 2,) float64
-        One sigma of stretches and shears of the array as a whole, relative, ascending.
-    shapes : (D (D + 1) / 2, D, D) float64, the symmetric maps to which they belong, of unit norm
-    scale_sigma : float, one sigma of the size of the array, relative
-    """
-
-    covariance: np.ndarray
-    free: np.ndarray
+    covariance: np.ndarray  # (N, D, D) float64, metres^2
+    free: np.ndarray  # (N,) bool, microphones that are sought
+    # (D (D + 1) / 2,) float64, one sigma of stretches and shears of the array as a whole, relative, ascending
     deformations: np.ndarray
-    shapes: np.ndarray
-    scale_sigma: float
+    shapes: np.ndarray  # (D (D + 1) / 2, D, D) float64, the symmetric maps to which they belong, of unit norm
+    scale_sigma: float  # one sigma of the size of the array, relative
 
     @property
     def sigma(self) -> np.ndarray:

@@ -144,28 +144,18 @@ class ChannelFault:
 class GivenPosition:
     """A given position and the one found for its microphone.
 
-    Attributes
-    ----------
-    name : str
-        Of the microphone.
-    given, found : tuple of D float
-        Metres.
-    sigma : float
-        Metres, one sigma of the position found, the square root of the trace of its covariance.
-    wrong : bool
-        Whether the pressures contradict the position given.
-
     Examples
     --------
     >>> GivenPosition("7", (0.0, 0.0), (0.003, 0.004), 0.001, True).difference
     0.005
     """
 
-    name: str
+    name: str  # of the microphone
+    # given, found: metres
     given: tuple[float, ...]
     found: tuple[float, ...]
-    sigma: float
-    wrong: bool
+    sigma: float  # metres, one sigma of the position found, the square root of the trace of its covariance
+    wrong: bool  # whether the pressures contradict the position given
 
     @property
     def difference(self) -> float:

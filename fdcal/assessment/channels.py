@@ -22,48 +22,33 @@ from .calibration import DECIBELS_PER_NEPER, ChannelFault
 
 @dataclass(frozen=True)
 class ChannelLimits:
-    """Limits beyond which a channel or a given position is at fault.
+    """Limits beyond which a channel or a given position is at fault."""
 
-    Attributes
-    ----------
-    inverted : radians, phase
-    gain_sigmas : spreads of the gains, or phases, of all channels
-    median_of_normal : median absolute deviation of a normal distribution over its sigma
-    min_gain : nepers of the gain, or radians of the phase, that are never a fault
-    noise : noise of a channel over that of the median channel
-    min_noise : share of the power below which noise is no fault: the misfit of the field model may be a channel's
-    unpredicted : share of a channel's variance, or of its power, that the others do not predict
-    unpredicted_to_median : the same over that of the median channel
-    coherent : share of the power that a delay must explain
-    delay_gain : coherence at the best delay over that without delay
-    max_delay, delay_step : seconds, delays tried
-    filter_sigmas : sigmas of a delay, or of a corner frequency
-    min_delay, min_corner : seconds and hertz that are never a fault
-    misplaced_sigmas, misplaced : sigmas and metres, distance from a given position; the larger one counts
-    exchanged_sigmas, exchanged : sigmas and metres within which a channel is in another's place, likewise
-    exchanged_share : the same over the distance from its own given position
-    """
-
-    inverted: float = 2.5
-    gain_sigmas: float = 4.0
-    median_of_normal: float = 0.6745
-    min_gain: float = 0.12
-    noise: float = 12.0
+    inverted: float = 2.5  # radians, phase
+    gain_sigmas: float = 4.0  # spreads of the gains, or phases, of all channels
+    median_of_normal: float = 0.6745  # median absolute deviation of a normal distribution over its sigma
+    min_gain: float = 0.12  # nepers of the gain, or radians of the phase, that are never a fault
+    noise: float = 12.0  # noise of a channel over that of the median channel
+    # share of the power below which noise is no fault: the misfit of the field model may be a channel's
     min_noise: float = 1e-4
-    unpredicted: float = 0.5
-    unpredicted_to_median: float = 3.0
-    coherent: float = 0.5
-    delay_gain: float = 1.02
+    unpredicted: float = 0.5  # share of a channel's variance, or of its power, that the others do not predict
+    unpredicted_to_median: float = 3.0  # the same over that of the median channel
+    coherent: float = 0.5  # share of the power that a delay must explain
+    delay_gain: float = 1.02  # coherence at the best delay over that without delay
+    # max_delay, delay_step: seconds, delays tried
     max_delay: float = 2e-3
     delay_step: float = 1e-5
-    filter_sigmas: float = 4.0
+    filter_sigmas: float = 4.0  # sigmas of a delay, or of a corner frequency
+    # min_delay, min_corner: seconds and hertz that are never a fault
     min_delay: float = 2e-5
     min_corner: float = 3.0
+    # misplaced_sigmas, misplaced: sigmas and metres, distance from a given position; the larger one counts
     misplaced_sigmas: float = 3.0
     misplaced: float = 0.006
+    # exchanged_sigmas, exchanged: sigmas and metres within which a channel is in another's place, likewise
     exchanged_sigmas: float = 3.0
     exchanged: float = 0.005
-    exchanged_share: float = 0.3
+    exchanged_share: float = 0.3  # the same over the distance from its own given position
 
 
 LIMITS = ChannelLimits()
@@ -71,24 +56,16 @@ LIMITS = ChannelLimits()
 
 @dataclass(frozen=True)
 class FaultyChannel:
-    """A channel or a given position that stands out.
+    """A channel or a given position that stands out."""
 
-    Attributes
-    ----------
-    number : int, of the microphone, from 0
-    kind : str, as above
-    value : float, gain in decibels, phase in degrees, delay in seconds, distance from the given position in metres, or
-        noise in decibels over the median channel, or corner frequency in hertz over that of the others; nan for an
-        inverted channel
-    unit : str, of the value; "" without one
-    partner : int, the other microphone of an exchange, or -1
-    """
-
-    number: int
-    kind: str
+    number: int  # of the microphone, from 0
+    kind: str  # as above
+    # gain in decibels, phase in degrees, delay in seconds, distance from the given position in metres, or noise in
+    # decibels over the median channel, or corner frequency in hertz over that of the others; nan for an inverted
+    # channel
     value: float
-    unit: str
-    partner: int = -1
+    unit: str  # of the value; "" without one
+    partner: int = -1  # the other microphone of an exchange, or -1
 
 
 def faulty_channels(estimate: Estimate, covariance: np.ndarray) -> tuple[FaultyChannel, ...]:

@@ -43,26 +43,15 @@ EDGE = 1e-9  # of the array's extent: microphones on its hull are inside
 
 @dataclass(frozen=True)
 class Expansion:
-    """The field of one frequency.
+    """The field of one frequency."""
 
-    Attributes
-    ----------
-    wavenumber : complex, rad/m
-    order : L
-    centre : (D,) float64, metres
-    coefficients : (K,) complex128, alpha, in the unit of the pressures
-    factor : (K, K) complex128, lower triangular, A = factor factor^H
-    noise : float, v, in the unit of abs(pressures)**2
-    dimension : 2 or 3, of the sound field
-    """
-
-    wavenumber: complex
-    order: int
-    centre: np.ndarray
-    coefficients: np.ndarray
-    factor: np.ndarray
-    noise: float
-    dimension: int
+    wavenumber: complex  # complex, rad/m
+    order: int  # L
+    centre: np.ndarray  # (D,) float64, metres
+    coefficients: np.ndarray  # (K,) complex128, alpha, in the unit of the pressures
+    factor: np.ndarray  # (K, K) complex128, lower triangular, A = factor factor^H
+    noise: float  # v, in the unit of abs(pressures)**2
+    dimension: int  # 2 or 3, of the sound field
 
     def at(self, points) -> tuple[np.ndarray, np.ndarray]:
         """Return the pressure (C,) at some points (C, D), metres, and its standard deviation (C,)."""
@@ -137,18 +126,11 @@ def _weights(field: FieldModel) -> np.ndarray:
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """Leave-one-out prediction error over pressure, in decibels.
+    """Leave-one-out prediction error over pressure, in decibels."""
 
-    Attributes
-    ----------
-    overall : float, power of the error over power of the pressures, every mode with the same weight
-    microphones : (N,) float64, likewise of each microphone
-    modes : (modes in use,) float64, of each frequency
-    """
-
-    overall: float
-    microphones: np.ndarray
-    modes: np.ndarray
+    overall: float  # power of the error over power of the pressures, every mode with the same weight
+    microphones: np.ndarray  # (N,) float64, likewise of each microphone
+    modes: np.ndarray  # (modes in use,) float64, of each frequency
 
 
 def cross_validate(
@@ -185,22 +167,14 @@ def _decibels(ratio):
 
 @dataclass(frozen=True)
 class FieldMap:
-    """Pressures on a lattice inside an array.
+    """Pressures on a lattice inside an array."""
 
-    Attributes
-    ----------
-    axes : D arrays of float64, metres, the coordinates of the lattice
-    frequencies : (F,) float64, Hz
-    pressure : (F, nx, ny[, nz]) complex128, in the measurement's unit, time sign exp(+j w t); NaN outside the array
-    uncertainty : the same shape, float64, one sigma
-    microphones : (N, D) float64, metres
-    """
-
-    axes: tuple[np.ndarray, ...]
-    frequencies: np.ndarray
+    axes: tuple[np.ndarray, ...]  # D arrays of float64, metres, the coordinates of the lattice
+    frequencies: np.ndarray  # (F,) float64
+    # (F, nx, ny[, nz]) complex128, in the measurement's unit, time sign exp(+j w t); NaN outside the array
     pressure: np.ndarray
-    uncertainty: np.ndarray
-    microphones: np.ndarray
+    uncertainty: np.ndarray  # the same shape, float64, one sigma
+    microphones: np.ndarray  # (N, D) float64, metres
 
     @property
     def inside(self) -> np.ndarray:

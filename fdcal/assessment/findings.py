@@ -42,24 +42,14 @@ MIN_MODES = 8  # with fewer modes below the limit, fewer modes are no remedy
 
 @dataclass(frozen=True)
 class Finding(Generic[Evidence]):
-    """One row of a table.
+    """One row of a table."""
 
-    Attributes
-    ----------
-    code : of the verdict
-    applies : callable, of the evidence and the limit
-    words : callable, of the evidence: what it means
-    remedy : what to do; "" where the words say so
-    limit : the threshold
-    reason : what the limit is, and why it is there
-    """
-
-    code: str
-    applies: Callable[[Evidence, float], bool]
-    words: Callable[[Evidence], str]
-    remedy: str = ""
-    limit: float = 0.0
-    reason: str = ""
+    code: str  # of the verdict
+    applies: Callable[[Evidence, float], bool]  # of the evidence and the limit
+    words: Callable[[Evidence], str]  # of the evidence: what it means
+    remedy: str = ""  # what to do; "" where the words say so
+    limit: float = 0.0  # the threshold
+    reason: str = ""  # what the limit is, and why it is there
 
     def message(self, seen: Evidence) -> str:
         """Return words and remedy, one line."""
@@ -68,34 +58,21 @@ class Finding(Generic[Evidence]):
 
 @dataclass(frozen=True)
 class Judged:
-    """What the verdict on an array rests on.
-
-    Attributes
-    ----------
-    estimate : Estimate
-    names : of the microphones
-    covariance : (N, D, D) float64, metres^2
-    faulty : tuple of FaultyChannel
-    agreement : probability of a disagreement of given positions and pressures as large by chance; 1 where nothing can
-        be checked
-    loosest : metres, one sigma of the given microphone that the others and the pressures place least certainly; 0
-        without any, infinite where those that are right are too few to place the array
-    search : (N,) float64, metres, spread of the search
-    stretch_sigma : one sigma of the least certain stretching of the array, relative
-    stretch : sound speed that follows from a given distance over that of the problem; None without one
-    single_wave : whether there are hardly any reflections, so that nothing is known of single channels
-    """
+    """What the verdict on an array rests on."""
 
     estimate: Estimate
-    names: Sequence[str]
-    covariance: np.ndarray
+    names: Sequence[str]  # of the microphones
+    covariance: np.ndarray  # (N, D, D) float64, metres^2
     faulty: tuple[FaultyChannel, ...]
+    # probability of a disagreement of given positions and pressures as large by chance; 1 where nothing can be checked
     agreement: float
+    # metres, one sigma of the given microphone that the others and the pressures place least certainly; 0 without any,
+    # infinite where those that are right are too few to place the array
     loosest: float
-    search: np.ndarray
-    stretch_sigma: float
-    stretch: float | None
-    single_wave: bool
+    search: np.ndarray  # (N,) float64, metres, spread of the search
+    stretch_sigma: float  # one sigma of the least certain stretching of the array, relative
+    stretch: float | None  # sound speed that follows from a given distance over that of the problem; None without one
+    single_wave: bool  # whether there are hardly any reflections, so that nothing is known of single channels
 
     @property
     def healthy(self) -> np.ndarray:

@@ -19,26 +19,15 @@ from ..model.gauge import align
 
 @dataclass(frozen=True)
 class MatchingLimits:
-    """How many motions are tried, and how far apart points count as the same.
+    """How many motions are tried, and how far apart points count as the same."""
 
-    Attributes
-    ----------
-    tolerance : of the median distance between nearest neighbours, dimensionless
-    bases : number of bases at most
-    work : number of points that the motions of each base move, at most
-    refined : number of motions, of each base, that are refined, at most
-    usual : number of points from which fewer motions are refined
-    rounds : number of turns of a refinement at most
-    enough : share of the points that must lie close to another for no further base to be tried
-    """
-
-    tolerance: float = 0.5
-    bases: int = 8
-    work: int = 64_000
-    refined: int = 40
-    usual: int = 64
-    rounds: int = 20
-    enough: float = 0.9
+    tolerance: float = 0.5  # of the median distance between nearest neighbours, dimensionless
+    bases: int = 8  # number of bases at most
+    work: int = 64_000  # number of points that the motions of each base move, at most
+    refined: int = 40  # number of motions, of each base, that are refined, at most
+    usual: int = 64  # number of points from which fewer motions are refined
+    rounds: int = 20  # number of turns of a refinement at most
+    enough: float = 0.9  # share of the points that must lie close to another for no further base to be tried
 
 
 LIMITS = MatchingLimits()
@@ -46,21 +35,11 @@ LIMITS = MatchingLimits()
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """One way to lay points onto others.
+    """One way to lay points onto others."""
 
-    Attributes
-    ----------
-    placed : (N, D) float64
-        The points, moved as a whole, metres.
-    order : (N,) int64
-        Number of the other point at which each lies.
-    cost : float
-        Mean square of the distances, each cut off at the tolerance, metres^2.
-    """
-
-    placed: np.ndarray
-    order: np.ndarray
-    cost: float
+    placed: np.ndarray  # (N, D) float64, the points, moved as a whole, metres
+    order: np.ndarray  # (N,) int64, number of the other point at which each lies
+    cost: float  # mean square of the distances, each cut off at the tolerance, metres^2
 
 
 def distances(points: np.ndarray, others: np.ndarray) -> np.ndarray:

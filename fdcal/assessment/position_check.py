@@ -15,29 +15,19 @@ from .point_matching import Match, assigned, distances, matches, nearest_neighbo
 
 @dataclass(frozen=True)
 class CheckLimits:
-    """When a list counts as fitting, and channels as swapped.
+    """When a list counts as fitting, and channels as swapped."""
 
-    Attributes
-    ----------
-    swapped : a swap must reduce the distance of a microphone to less than this share of what it was
-    improved : share of the microphones of a cycle for which it must
-    kept : share of the microphones that must be at their own places for the order to count as that of the list
-    close : median distance of a list in its own order, of the spacing of the microphones, at most
-    found : the same of a list in which most are exchanged; unrelated arrays of 16 reach 0.28, of 32 0.34
-    freedom : number of microphones beyond D + 1 from which `found` holds; of fewer it is less in proportion
-    alike, resolved : other orders fit as well up to this factor of the mean square, and this share of the spacing
-    size : factor by which list and array may differ in size
-    """
-
-    swapped: float = 0.5
-    improved: float = 0.75
+    swapped: float = 0.5  # a swap must reduce the distance of a microphone to less than this share of what it was
+    improved: float = 0.75  # share of the microphones of a cycle for which it must
+    # share of the microphones that must be at their own places for the order to count as that of the list
     kept: float = 0.5
-    close: float = 0.5
-    found: float = 0.25
-    freedom: int = 12
+    close: float = 0.5  # median distance of a list in its own order, of the spacing of the microphones, at most
+    found: float = 0.25  # the same of a list in which most are exchanged; unrelated arrays of 16 reach 0.28, of 32 0.34
+    freedom: int = 12  # number of microphones beyond D + 1 from which `found` holds; of fewer it is less in proportion
+    # alike, resolved: other orders fit as well up to this factor of the mean square, and this share of the spacing
     alike: float = 1.5
     resolved: float = 0.03
-    size: float = 1.1
+    size: float = 1.1  # factor by which list and array may differ in size
 
 
 LIMITS = CheckLimits()

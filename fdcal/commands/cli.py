@@ -64,10 +64,7 @@ def without_debug(args: Sequence[str]) -> tuple[list[str], bool]:
 def guarded(debug: bool = False) -> Iterator[End]:
     """Turn an exception into one line on standard error and the exit code that `fdcal.commands.cli` lists.
 
-    Parameters
-    ----------
-    debug : bool
-        Whether the traceback is shown before that line.
+    `debug`: whether the traceback is shown before that line.
     """
     end = End()
     try:

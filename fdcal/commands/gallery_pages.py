@@ -29,23 +29,14 @@ INTRODUCTION = (
 
 @dataclass(frozen=True)
 class Show:
-    """One run to be shown.
+    """One run to be shown."""
 
-    Attributes
-    ----------
-    name : of the file
-    scene : that comes with fdcal
-    solver : its name
-    microphone : whose map is shown first, counted from 0
-    address : what the index links to, after #
-    title, text : in the index
-    """
-
-    name: str
-    scene: str
-    solver: str
-    microphone: int
-    address: str
+    name: str  # of the file
+    scene: str  # that comes with fdcal
+    solver: str  # its name
+    microphone: int  # whose map is shown first, counted from 0
+    address: str  # what the index links to, after #
+    # title, text: in the index
     title: str
     text: str
 
@@ -86,10 +77,7 @@ Progress = Callable[..., None]
 def gallery_pages(progress: Progress) -> Iterator[tuple[str, str]]:
     """Yield name and text of each file, the index last.
 
-    Parameters
-    ----------
-    progress : callable
-        Called with the fraction done, 0 to 1, and a note.
+    `progress`: called with the fraction done, 0 to 1, and a note.
     """
     entries, count = [], len(SHOWS) + 1
     for i, show in enumerate(SHOWS):

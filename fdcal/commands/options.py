@@ -177,18 +177,9 @@ def input_of(
 ) -> CalibrationInput:
     """Return the measurement of a scene or of files.
 
-    Parameters
-    ----------
-    source : str or sequence of str
-        Scene, measurements or recordings.
-    search, radius
-        Values of --search and --radius.
-    excluded : tuple of str
-        Microphones to leave out.
-    positions : str, optional
-        File of the positions of all microphones, to compare with.
-    **recorded
-        Of recordings: fields of `fdcal.recordings.import_options.ImportOptions`; None leaves out one.
+    `source`, str or sequence of str, scene, measurements or recordings; `search`, `radius`: values of --search and
+    --radius; `excluded`: microphones to leave out; `positions`: file of the positions of all microphones, to compare
+    with; `**recorded`: of recordings: fields of `fdcal.recordings.import_options.ImportOptions`; None leaves out one.
     """
     from ..session.sources import compared_with_file, is_recording, load_input
 

@@ -10,21 +10,9 @@ from ..model.validation import InputError, StorageError
 def output_path(text: str, suffix: str | list[str], force: bool, *inputs: str | None) -> Path:
     """Return the path of a result; it is checked before the work begins, which may take long.
 
-    Parameters
-    ----------
-    text : str
-        Of the option -o.
-    suffix : str or list of str
-        Allowed suffixes, in lower case.
-    force : bool
-        Whether an existing file may be overwritten.
-    *inputs : str or None
-        Files that must not be overwritten.
-
-    Raises
-    ------
-    InputError, StorageError
-        The suffix is wrong, the file exists or is one of the inputs; its folder does not exist.
+    `text`: of the option -o; `suffix`, str or list of str, allowed suffixes, in lower case; `force`: whether an
+    existing file may be overwritten; `*inputs`: files that must not be overwritten. Raises InputError, StorageError:
+    the suffix is wrong, the file exists or is one of the inputs; its folder does not exist.
     """
     path = Path(text)
     allowed = [suffix] if isinstance(suffix, str) else suffix

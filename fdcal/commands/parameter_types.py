@@ -212,21 +212,9 @@ def search_domain(
 ) -> Search | None:
     """Return the search domain of --search and --radius; what is not given is that of the measurement.
 
-    Parameters
-    ----------
-    own : Search or None
-        Of the measurement.
-    dimension : int
-        2 or 3, of the array.
-    search : list of float or None
-        Origin, size and step, metres.
-    radius : float or None
-        R of Eq. 3, metres.
-
-    Raises
-    ------
-    InputError
-        A part is given neither here nor in the measurement, or `search` has a wrong number of values.
+    `own`: of the measurement; `dimension`: 2 or 3, of the array; `search`: origin, size and step, metres; `radius`: R
+    of Eq. 3, metres. Raises InputError: a part is given neither here nor in the measurement, or `search` has a wrong
+    number of values.
     """
     if search is None and radius is None:
         return own

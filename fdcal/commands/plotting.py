@@ -27,15 +27,9 @@ if TYPE_CHECKING:
 def shown_positions(measurement: Measurement, result: Calibration | None) -> np.ndarray:
     """Return the positions of a result, or the true ones without a result.
 
-    Returns
-    -------
-    (N, D) float64
-        Metres; those of a blind result are moved as a whole onto the true positions, where these are known.
-
-    Raises
-    ------
-    InputError
-        There are neither a result nor true positions, or the result is of another measurement.
+    Returns (N, D) float64, metres; those of a blind result are moved as a whole onto the true positions, where these
+    are known. Raises InputError: there are neither a result nor true positions, or the result is of another
+    measurement.
     """
     if result is not None:
         return result.positions_for(measurement)
@@ -66,20 +60,8 @@ def counted_microphones(inputs: CalibrationInput, state) -> np.ndarray:
 def summed_landscape(inputs: CalibrationInput, positions: np.ndarray, n: int, modes: int) -> np.ndarray:
     """Return what a step of solver descent on one microphone minimises: the sum over the lowest modes.
 
-    Parameters
-    ----------
-    inputs : CalibrationInput
-    positions : (N, D) float64
-        Metres.
-    n : int
-        The microphone that is moved.
-    modes : int
-        How many modes are summed, from the lowest up.
-
-    Returns
-    -------
-    (ny, nx) float64
-        Cost on the search lattice.
+    `positions` (N, D) float64, metres; `n`: the microphone that is moved; `modes`: how many modes are summed, from the
+    lowest up. Returns (ny, nx) float64, cost on the search lattice.
     """
     from ..cost.maps import descent_maps  # compiled code, which reading a file does not need
     from ..solvers.descent.solver import order_offset_of
@@ -94,15 +76,8 @@ def summed_landscape(inputs: CalibrationInput, positions: np.ndarray, n: int, mo
 def volume_around(inputs: CalibrationInput, positions: np.ndarray, n: int, modes: int) -> SampledVolume:
     """Return the cost of moving a microphone of an array in space through the search domain, as the page shows it.
 
-    Parameters
-    ----------
-    inputs : CalibrationInput
-    positions : (N, 3) float64
-        Metres.
-    n : int
-        The microphone that is moved.
-    modes : int
-        How many modes are summed, from the lowest up; those that the microphones can carry.
+    `positions` (N, 3) float64, metres; `n`: the microphone that is moved; `modes`: how many modes are summed, from the
+    lowest up; those that the microphones can carry.
     """
     from ..cost.expansion import expansion_of
     from ..cost.maps import cost_volume
@@ -131,9 +106,7 @@ def place_of_basin(measurement: Measurement, positions: np.ndarray, n: int) -> t
 def floor_of(cost: np.ndarray, search: Search, basin: tuple[np.ndarray, str] | None) -> Floor:
     """Return a map on the floor of a cost (ny, nx).
 
-    Parameters
-    ----------
-    basin : a place and its name, whose basin of attraction comes first among all basins; None for the cost itself
+    `basin`: a place and its name, whose basin of attraction comes first among all basins; None for the cost itself.
     """
     from ..cost.basins import basins_of
     from ..cost.maps import map_positions
@@ -151,11 +124,9 @@ def map_of(
 ) -> dict[str, Any]:
     """Return what a snapshot shows of the cost of a microphone: {"floor": Floor} or, in space, {"volume": Volume}.
 
-    Parameters
-    ----------
-    inputs, positions, n, modes : as of `summed_landscape`
-    plane : axis across the slice through a volume, and its place along it, metres, None for that of the microphone
-    basins : whether the colours are those of basins of attraction
+    `inputs`, `positions`, `n`, `modes`: as of `summed_landscape`; `plane`: axis across the slice through a volume, and
+    its place along it, metres, None for that of the microphone; `basins`: whether the colours are those of basins of
+    attraction.
     """
     measurement = inputs.measurement
     if measurement.search is None:
@@ -203,15 +174,8 @@ def field_inside(
 ) -> FieldMap:
     """Return the sound field inside the array, from the positions of a result or the true ones.
 
-    Parameters
-    ----------
-    measurement : Measurement
-        Without the microphones that the result leaves out.
-    result : Calibration or None
-    frequencies : list of float or None
-        Hz; the lowest, middle and highest unless given.
-    step : float or None
-        Of the lattice, metres.
+    `measurement`: without the microphones that the result leaves out; `frequencies`: hz; the lowest, middle and highest
+    unless given; `step`: of the lattice, metres.
     """
     positions = shown_positions(measurement, result)
     if frequencies is None and result is not None:

@@ -155,10 +155,7 @@ def require_positions(measurement: Measurement) -> None:
 def comparison(inputs: CalibrationInput, result: Calibration) -> PositionCheck:
     """Return how the positions found differ from those in the measurement.
 
-    Raises
-    ------
-    InputError
-        The measurement has no positions.
+    Raises InputError: the measurement has no positions.
     """
     from ..assessment.position_check import compare_positions
 

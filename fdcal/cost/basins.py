@@ -149,17 +149,11 @@ def _merge(cost, basins, passes, depth):
 
 @dataclass(frozen=True)
 class Basins:
-    """The basins of attraction of a map.
+    """The basins of attraction of a map."""
 
-    Attributes
-    ----------
-    labels : (ny, nx) int64, number of the minimum where descent from each place ends, or OUTSIDE; of a volume
-        (nz, ny, nx)
-    minima : (K, 2) int64, those of `local_minima`; of a volume (K, 3)
-    """
-
+    # (ny, nx) int64, number of the minimum where descent from each place ends, or OUTSIDE; of a volume, (nz, ny, nx)
     labels: np.ndarray
-    minima: np.ndarray
+    minima: np.ndarray  # (K, 2) int64, those of `local_minima`; of a volume (K, 3)
 
     @property
     def shares(self) -> np.ndarray:

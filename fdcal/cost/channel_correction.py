@@ -11,11 +11,6 @@ import numpy as np
 class ChannelCorrection:
     """Gain and noise of every channel. Corrected pressures are the recorded ones divided by the gain.
 
-    Attributes
-    ----------
-    gains : (N,) complex128, dimensionless
-    noise : (N,) float64, noise power of the corrected pressures over that of a healthy channel
-
     Examples
     --------
     >>> correction = ChannelCorrection(np.array([1.0, -2.0]), np.array([1.0, 4.0]))
@@ -25,8 +20,8 @@ class ChannelCorrection:
     array([1. , 0.5])
     """
 
-    gains: np.ndarray
-    noise: np.ndarray
+    gains: np.ndarray  # (N,) complex128, dimensionless
+    noise: np.ndarray  # (N,) float64, noise power of the corrected pressures over that of a healthy channel
 
     def corrected(self, pressures) -> np.ndarray:
         """Return pressures (..., N) divided by the gains."""
@@ -41,15 +36,8 @@ class ChannelCorrection:
 def equalised(pressures, channels: ChannelCorrection | None) -> tuple[np.ndarray, np.ndarray]:
     """Return pressures corrected and scaled to equal noise of all channels, and the scale of the rows of W.
 
-    Parameters
-    ----------
-    pressures : (M, N) complex128, as recorded
-    channels : None for channels without known gains
-
-    Returns
-    -------
-    pressures : (M, N) complex128
-    scale : (N,) float64
+    `pressures` (M, N) complex128, as recorded; `channels`: None for channels without known gains. Returns `pressures`
+    (M, N) complex128; `scale` (N,) float64.
     """
     pressures = np.asarray(pressures)
     if channels is None:

@@ -33,17 +33,8 @@ RANK_TOLERANCE = 1e-12  # singular values below this fraction of the largest cou
 def residual(positions, pressures, wavenumbers, orders, centre) -> np.ndarray:
     """Return the residual of every mode, W W^+ p - p (Eq. 7).
 
-    Parameters
-    ----------
-    positions : (N, 2) float64, metres
-    pressures : (M, N) complex128
-    wavenumbers : (M,) complex128, rad/m
-    orders : (M,) int64
-    centre : (2,) float64, metres
-
-    Returns
-    -------
-    (M, N) complex128, unit of `pressures`
+    `positions` (N, 2) float64, metres; `pressures` (M, N) complex128; `wavenumbers` (M,) complex128, rad/m; `orders`
+    (M,) int64; `centre` (2,) float64, metres. Returns (M, N) complex128, unit of `pressures`.
     """
     dictionaries = (fourier_bessel(positions, k, L, centre) for k, L in zip(wavenumbers, orders, strict=True))
     fitted = [W @ coefficients(W, p) for W, p in zip(dictionaries, pressures, strict=True)]
@@ -73,20 +64,12 @@ def landscape(positions, n: int, candidates, pressures, wavenumbers, orders, cen
 
 @dataclass(frozen=True)
 class LeaveOneOutFit:
-    """The fit of one mode to all microphones but one; the symbols are those of the module's docstring.
+    """The fit of one mode to all microphones but one; the symbols are those of the module's docstring."""
 
-    Attributes
-    ----------
-    Z : (K, K) complex128, Z Z^H is the inverse of W_-n^H W_-n; K = 2L + 1
-    alpha : (K,) complex128, coefficients, unit of the pressures
-    r0 : float, squared residual of the other microphones
-    p_n : complex, pressure of the microphone left out
-    """
-
-    Z: np.ndarray
-    alpha: np.ndarray
-    r0: float
-    p_n: complex
+    Z: np.ndarray  # (K, K) complex128, Z Z^H is the inverse of W_-n^H W_-n; K = 2L + 1
+    alpha: np.ndarray  # (K,) complex128, coefficients, unit of the pressures
+    r0: float  # squared residual of the other microphones
+    p_n: complex  # complex, pressure of the microphone left out
 
     def terms(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return h (C,) float64 and f (C,) complex128 at candidates, from the row of W at each (C, K)."""
@@ -109,17 +92,9 @@ def leave_one_out_fits(
 ) -> list[LeaveOneOutFit]:
     """Return the fit of every mode to all microphones but `n`.
 
-    Parameters
-    ----------
-    dictionaries : M arrays (N, 2L + 1) complex128
-    pressures : (M, N) complex128
-    n : microphone left out
-    weights : (N,) float64 or None, of the squared residual of each microphone; that of `n` counts as 1
-
-    Raises
-    ------
-    InputError
-        A mode has more functions than there are microphones left.
+    `dictionaries`: M arrays (N, 2L + 1) complex128; `pressures` (M, N) complex128; `n`: microphone left out; `weights`
+    (N,) float64 or None, of the squared residual of each microphone; that of `n` counts as 1. Raises InputError: a mode
+    has more functions than there are microphones left.
     """
     others = np.arange(pressures.shape[1]) != n
     scale = np.ones(np.count_nonzero(others)) if weights is None else np.sqrt(weights[others])

@@ -37,18 +37,11 @@ NEGLIGIBLE = 1e-16  # Chebyshev coefficient that is left out; the functions are 
 
 @dataclass(frozen=True)
 class CarriedModes:
-    """The modes of a problem that its microphones can carry at a fixed order, and their orders.
+    """The modes of a problem that its microphones can carry at a fixed order, and their orders."""
 
-    Attributes
-    ----------
-    modes : (K,) int64, counted from 0, ascending
-    orders : (K,) int64, L of each
-    order_offset : int, added to ceil(k R)
-    """
-
-    modes: np.ndarray
-    orders: np.ndarray
-    order_offset: int
+    modes: np.ndarray  # (K,) int64, counted from 0, ascending
+    orders: np.ndarray  # (K,) int64, L of each
+    order_offset: int  # added to ceil(k R)
 
 
 def search_domain(problem: Problem) -> Search:

@@ -99,11 +99,9 @@ def _add_excess(re, im, columns, p_n, K, triangular, work, total):
 def fits(unit, row, others, radial, orders, pressures, roots):
     """Return Z and alpha as `columns`, r0, and whether W has full rank, of every mode.
 
-    Parameters
-    ----------
-    unit, row : (N,) of the microphones; row is -1 for one that is not on the lattice
-    others : (modes, N_off, Kmax) complex128, rows of W of those, in the order of the microphones
-    roots : (N,) float64, roots of the weights; 0 for the microphone left out
+    `unit`, `row` (N,) of the microphones; row is -1 for one that is not on the lattice; `others` (modes, N_off, Kmax)
+    complex128, rows of W of those, in the order of the microphones; `roots` (N,) float64, roots of the weights; 0 for
+    the microphone left out.
     """
     width, padded = 2 * orders.max() + 1, -(-len(row) // VECTOR) * VECTOR
     columns = np.zeros((len(orders), width + 1, width), np.complex128)

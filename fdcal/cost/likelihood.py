@@ -67,46 +67,30 @@ ZERO = 1e-13  # of the largest eigenvalue: what is below counts as zero
 
 @dataclass(frozen=True)
 class Conditional:
-    """A conditional likelihood beside that of a random field.
+    """A conditional likelihood beside that of a random field."""
 
-    Attributes
-    ----------
-    power : float, beta
-    weight : float, of the likelihood of a random field beside it
-    damped : whether the imaginary part of the wavenumbers counts in it
-    reference : (M, N) or (1, N) complex128, log g_0
-    """
-
-    power: float
-    weight: float
-    damped: bool
-    reference: np.ndarray
+    power: float  # beta
+    weight: float  # of the likelihood of a random field beside it
+    damped: bool  # whether the imaginary part of the wavenumbers counts in it
+    reference: np.ndarray  # (M, N) or (1, N) complex128, log g_0
 
 
 @dataclass(frozen=True)
 class FieldModel:
-    """What is assumed of the sound field and of the noise.
+    """What is assumed of the sound field and of the noise."""
 
-    Attributes
-    ----------
-    wavenumbers : (M,) float64 or complex128, rad/m; complex ones take the series, real ones the diffuse kernel
-    power, noise : (M,) float64, s and v, in the unit of abs(pressures)**2
-    channel_noise : (N,) float64, tau
-    dimension : 2 or 3, of the sound field
-    near : whether a source may be close to the array; with the series only
-    about : (N, D) float64, metres, or None: positions that give the centre of the series, those of the microphones
-        unless given; the gradient takes it as fixed
-    directions : (M, Q) float64 or None: power by direction, mean 1 (`fdcal.cost.angular_spectrum`)
-    conditional : Conditional or None
-    """
-
+    # (M,) float64 or complex128, rad/m; complex ones take the series, real ones the diffuse kernel
     wavenumbers: np.ndarray
+    # power, noise: (M,) float64, s and v, in the unit of abs(pressures)**2
     power: np.ndarray
     noise: np.ndarray
-    channel_noise: np.ndarray
-    dimension: int
-    near: bool = False
+    channel_noise: np.ndarray  # (N,) float64, tau
+    dimension: int  # 2 or 3, of the sound field
+    near: bool = False  # whether a source may be close to the array; with the series only
+    # (N, D) float64, metres, or None: positions that give the centre of the series, those of the microphones unless
+    # given; the gradient takes it as fixed
     about: np.ndarray | None = None
+    # (M, Q) float64 or None: power by direction, mean 1 (`fdcal.cost.angular_spectrum`)
     directions: np.ndarray | None = None
     conditional: Conditional | None = None
 
@@ -120,28 +104,16 @@ def isotropic_field(pressures, wavenumbers, noise, dimension: int) -> FieldModel
 
 @dataclass(frozen=True)
 class Terms:
-    """The cost at one set of parameters, and what follows from the same factorisation.
-
-    Attributes
-    ----------
-    cost : float
-    costs : (M,) float64, of every mode
-    gradient : (N, P) float64, by the parameters of every microphone; None for the cost alone
-    curvature : (N, P, N, P) float64, Gauss-Newton; None for the cost alone
-    weighted : (M, N) complex128, u = C^-1 q
-    precision : (M, N) float64, d, the diagonal of C^-1
-    corrected : (M, N) complex128, q
-    slopes : (M, N, P) float64, gradient of every mode; None for the cost alone
-    """
+    """The cost at one set of parameters, and what follows from the same factorisation."""
 
     cost: float
-    costs: np.ndarray
-    gradient: np.ndarray | None
-    curvature: np.ndarray | None
-    weighted: np.ndarray
-    precision: np.ndarray
-    corrected: np.ndarray
-    slopes: np.ndarray | None = None
+    costs: np.ndarray  # (M,) float64, of every mode
+    gradient: np.ndarray | None  # (N, P) float64, by the parameters of every microphone; None for the cost alone
+    curvature: np.ndarray | None  # (N, P, N, P) float64, Gauss-Newton; None for the cost alone
+    weighted: np.ndarray  # (M, N) complex128, u = C^-1 q
+    precision: np.ndarray  # (M, N) float64, d, the diagonal of C^-1
+    corrected: np.ndarray  # (M, N) complex128, q
+    slopes: np.ndarray | None = None  # (M, N, P) float64, gradient of every mode; None for the cost alone
 
     def newton(self) -> tuple[np.ndarray, np.ndarray]:
         """Return gradient and curvature. Raises ValueError where the cost alone was computed."""

@@ -125,16 +125,10 @@ def _interpolated(values: np.ndarray, onto: list[np.ndarray]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class NodeTerms:
-    """What one mode adds to the cost: its fit without the microphone, and h, Re f and Im f at the nodes.
-
-    Attributes
-    ----------
-    fit : LeaveOneOutFit
-    values : (3, [nz,] ny, nx) float64
-    """
+    """What one mode adds to the cost: its fit without the microphone, and h, Re f and Im f at the nodes."""
 
     fit: LeaveOneOutFit
-    values: np.ndarray
+    values: np.ndarray  # (3, [nz,] ny, nx) float64
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -148,26 +142,15 @@ class NodeTerms:
 
 @dataclass(frozen=True)
 class MovedMicrophone:
-    """The terms of Eq. 7 with microphone `n` anywhere and the others in their places, at one fixed order.
-
-    Attributes
-    ----------
-    problem : Problem
-    expansion : FieldExpansion, of the order
-    positions : (N, D) float64, metres
-    n : int
-    centre : (D,) float64, metres, of the expansion
-    pressures : (M, N) complex128, of all modes of the problem, times `scale`
-    scale : (N,) float64, root of the weight of each microphone
-    """
+    """The terms of Eq. 7 with microphone `n` anywhere and the others in their places, at one fixed order."""
 
     problem: Problem
-    expansion: FieldExpansion
-    positions: np.ndarray
+    expansion: FieldExpansion  # of the order
+    positions: np.ndarray  # (N, D) float64, metres
     n: int
-    centre: np.ndarray
-    pressures: np.ndarray
-    scale: np.ndarray
+    centre: np.ndarray  # (D,) float64, metres, of the expansion
+    pressures: np.ndarray  # (M, N) complex128, of all modes of the problem, times `scale`
+    scale: np.ndarray  # (N,) float64, root of the weight of each microphone
 
     @property
     def domain(self) -> Search:
@@ -229,20 +212,11 @@ def eq7_maps(
 ) -> np.ndarray:  # fmt: skip
     """Return the cost of each of `modes` with microphone `n` moved, relative to the power of all : (P, ny, nx).
 
-    Parameters
-    ----------
-    problem : Problem
-    positions : (N, D) float64, metres
-    n : int, microphone
-    modes : (P,) int, counted from 1
-    order_offset : added to ceil(k R) in the order of every mode
-    search : lattice within the area of the problem's search domain; that domain's own unless given
-    channels : gains and noise that the solver estimates; None for the pressures as recorded
-
-    Raises
-    ------
-    InputError
-        There is no search domain, or a mode has too many functions for the microphones at this order.
+    `positions` (N, D) float64, metres; `n`: microphone; `modes` (P,) int, counted from 1; `order_offset`: added to
+    ceil(k R) in the order of every mode; `search`: lattice within the area of the problem's search domain; that
+    domain's own unless given; `channels`: gains and noise that the solver estimates; None for the pressures as
+    recorded. Raises InputError: there is no search domain, or a mode has too many functions for the microphones at this
+    order.
     """
     moved = _on_the_page(problem, positions, n, modes, order_offset, channels)
     return moved.maps(modes, search) / moved.power(modes)
@@ -269,18 +243,11 @@ def eq7_cut(
 
 @dataclass(frozen=True)
 class CostVolume:
-    """The cost of moving one microphone through a domain of three dimensions, which any lattice of it shows.
-
-    Attributes
-    ----------
-    domain : Search
-    modes : tuple of NodeTerms
-    power : float, of the pressures of all these modes, to which the cost is relative
-    """
+    """The cost of moving one microphone through a domain of three dimensions, which any lattice of it shows."""
 
     domain: Search
     modes: tuple[NodeTerms, ...]
-    power: float
+    power: float  # of the pressures of all these modes, to which the cost is relative
 
     def on(self, x, y, z, cancelled: Callable[[], bool] = lambda: False) -> np.ndarray | None:
         """Return the cost at all points (x, y, z) of a lattice, metres : (nz, ny, nx); None once cancelled."""
@@ -349,18 +316,9 @@ def likelihood_maps(problem: Problem, positions, n: int, modes: slice, noise, se
 
         cost(x) = log det (C_-n / v) + p_-n^H C_-n^-1 p_-n + log V + |p_n - f|^2 / (v V).
 
-    Parameters
-    ----------
-    positions : (N, D) float64, metres
-    noise : (modes,) float64, v, in the unit of abs(pressures)**2; from 1e-6 of the power the maps are exact
-    search : as of `eq7_maps`
-
-    Raises
-    ------
-    InputError
-        The problem has no search domain.
-    numpy.linalg.LinAlgError
-        A position is not finite.
+    `positions` (N, D) float64, metres; `noise` (modes,) float64, v, in the unit of abs(pressures)**2; from 1e-6 of the
+    power the maps are exact; `search`: as of `eq7_maps`. Raises InputError: the problem has no search domain;
+    numpy.linalg.LinAlgError: a position is not finite.
     """
     x, domain = np.ascontiguousarray(positions, float), search_domain(problem)
     if not np.isfinite(x).all():
@@ -472,18 +430,11 @@ def power_shares(problem: Problem, state, modes: Sequence[int]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class PartialSum:
-    """The map of some modes.
+    """The map of some modes."""
 
-    Attributes
-    ----------
-    modes : in the order in which they were added, counted from 1
-    cost : (ny, nx) float64, of Eq. 7 relative to the power of the pressures of these modes
-    minima : (K, 2) int64, rows and columns of its local minima, the lowest first
-    """
-
-    modes: tuple[int, ...]
-    cost: np.ndarray
-    minima: np.ndarray
+    modes: tuple[int, ...]  # in the order in which they were added, counted from 1
+    cost: np.ndarray  # (ny, nx) float64, of Eq. 7 relative to the power of the pressures of these modes
+    minima: np.ndarray  # (K, 2) int64, rows and columns of its local minima, the lowest first
 
 
 def partial_sums(

@@ -26,26 +26,19 @@ from .likelihood import FieldModel, Terms, spectra
 
 @dataclass(frozen=True)
 class NoiseRules:
-    """Priors and bounds of the noise model; shares are of the mean power of the pressures.
+    """Priors and bounds of the noise model; shares are of the mean power of the pressures."""
 
-    Attributes
-    ----------
-    power_count : observations that the mean power of the pressures is worth
-    channel_count : observations that a channel is like the others
-    min_channel_noise, max_channel_noise : of a channel over that of the array
-    min_power, max_power : of the field over that of the pressures: without noise a singular covariance would let it
-        grow without bound
-    max_share : of the noise
-    max_profiled, profiled : greatest factor on the power of the field where two kernels are compared, and how many
-    """
-
-    power_count: float = 2.0
-    channel_count: float = 6.0
+    power_count: float = 2.0  # observations that the mean power of the pressures is worth
+    channel_count: float = 6.0  # observations that a channel is like the others
+    # min_channel_noise, max_channel_noise: of a channel over that of the array
     min_channel_noise: float = 0.3
     max_channel_noise: float = 1e6
+    # min_power, max_power: of the field over that of the pressures: without noise a singular covariance would let it
+    # grow without bound
     min_power: float = 1e-3
     max_power: float = 1e3
-    max_share: float = 0.7
+    max_share: float = 0.7  # of the noise
+    # max_profiled, profiled: greatest factor on the power of the field where two kernels are compared, and how many
     max_profiled: float = 1e4
     profiled: int = 33
 
@@ -58,20 +51,12 @@ DIFFUSE_FLOOR = (
 
 @dataclass(frozen=True)
 class NoiseEstimate:
-    """What the pressures leave unexplained at given positions.
+    """What the pressures leave unexplained at given positions."""
 
-    Attributes
-    ----------
-    share : noise over the mean power
-    spread : metres, error of the positions beside it
-    alone : noise over the mean power where the positions have no error
-    cost : -log likelihood with `share` and `spread`, up to a constant
-    """
-
-    share: float
-    spread: float
-    alone: float
-    cost: float
+    share: float  # noise over the mean power
+    spread: float  # metres, error of the positions beside it
+    alone: float  # noise over the mean power where the positions have no error
+    cost: float  # -log likelihood with `share` and `spread`, up to a constant
 
 
 def estimate_noise(positions, corrected, field: FieldModel, min_share: float) -> NoiseEstimate:

@@ -35,10 +35,7 @@ def font(points: float) -> ImageFont.FreeTypeFont:
 def margins(picture: Picture, size: tuple[int, int]) -> tuple[float, float, float, float]:
     """Return the pixels that rulers, legend, colour bar and title take: left, bottom, right, top.
 
-    Parameters
-    ----------
-    picture : Picture
-    size : (width, height), pixels
+    `size` (width, height), pixels.
     """
     scale, right = text_scale(size), 40 if picture.bar is None else 160
     return 90 * scale, 62 * scale + legend_height(picture, size), right * scale, 104 * scale
@@ -57,11 +54,7 @@ def _legend(picture: Picture, size: tuple[int, int]) -> tuple[tuple[Entry, ...],
 def annotate(pixels: np.ndarray, picture: Picture, camera: Camera) -> np.ndarray:
     """Return a copy of the image with all texts, the legend and the colour bar.
 
-    Parameters
-    ----------
-    pixels : (H, W, 3) uint8
-    picture : Picture
-    camera : that the image was made with
+    `pixels` (H, W, 3) uint8; `camera`: that the image was made with.
     """
     image = Image.fromarray(pixels)
     size, scale = image.size, text_scale(image.size)

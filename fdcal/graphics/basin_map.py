@@ -43,27 +43,17 @@ NO_SURFACE = Surface(
 
 @dataclass(frozen=True)
 class BasinImage:
-    """A map of basins as numbers of colours of TABLE.
+    """A map of basins as numbers of colours of TABLE."""
 
-    Attributes
-    ----------
-    numbers : (h, w) uint8, row 0 at low y
-    areas : of the legend, in its order
-    """
-
-    numbers: np.ndarray
-    areas: tuple[Area, ...]
+    numbers: np.ndarray  # (h, w) uint8, row 0 at low y
+    areas: tuple[Area, ...]  # of the legend, in its order
 
 
 def basin_image(basins: Basins, here: int, name: str, labels: np.ndarray | None = None) -> BasinImage:
     """Return the colours of basins and what they stand for.
 
-    Parameters
-    ----------
-    basins : of the whole map or volume
-    here : the basin that has the first colour; OUTSIDE for no such basin
-    name : of the place in that basin
-    labels : (h, w) int64, of a slice through a volume
+    `basins`: of the whole map or volume; `here`: the basin that has the first colour; OUTSIDE for no such basin;
+    `name`: of the place in that basin; `labels` (h, w) int64, of a slice through a volume.
     """
     labels = basins.labels if labels is None else labels
     finer = -(-PIXELS // max(labels.shape))
@@ -108,14 +98,9 @@ def basin_floor(
 ) -> Floor:
     """Return the map of basins of attraction.
 
-    Parameters
-    ----------
-    basins : of the map
-    search : lattice of the map
-    place : (2,) float64, metres, whose basin has the first colour; None for no such basin
-    name : of that place
-    lowest : (2,) float64, metres, where the cost is lowest
-    height : of the map, metres
+    `basins`: of the map; `search`: lattice of the map; `place` (2,) float64, metres, whose basin has the first colour;
+    None for no such basin; `name`: of that place; `lowest` (2,) float64, metres, where the cost is lowest; `height`: of
+    the map, metres.
     """
     image = basin_image(basins, OUTSIDE if place is None else basins.at(search, place), name)
     half, (ny, nx) = search.step / 2, basins.labels.shape
@@ -144,15 +129,10 @@ def basin_slice(
 ) -> Volume:
     """Return a slice through the basins of attraction in space, without isosurfaces.
 
-    Parameters
-    ----------
-    basins : of the volume
-    search : lattice of the volume
-    axis : "x", "y" or "z", across the slice; any other word for no slice
-    position : along that axis, metres; beyond the lattice, its edge
-    place : (3,) float64, metres, whose basin has the first colour; None for no such basin
-    name : of that place
-    lowest : (3,) float64, metres, where the cost is lowest
+    `basins`: of the volume; `search`: lattice of the volume; `axis`: "x", "y" or "z", across the slice; any other word
+    for no slice; `position`: along that axis, metres; beyond the lattice, its edge; `place` (3,) float64, metres, whose
+    basin has the first colour; None for no such basin; `name`: of that place; `lowest` (3,) float64, metres, where the
+    cost is lowest.
     """
     number, domain = AXES.find(axis), np.stack([search.origin, np.add(search.origin, search.size)])
     at = int(np.clip(np.rint((position - domain[0][number]) / search.step), 0, basins.labels.shape[2 - number] - 1))
@@ -168,11 +148,7 @@ def basin_slice(
 def descent_text(basins: Basins, search: Search, place, name: str = "true position") -> str:
     """Return where descent from one place ends, and how much of the map its basin holds, in words.
 
-    Parameters
-    ----------
-    basins, search : as of `basin_image`
-    place : (2,) float64, metres
-    name : of that place
+    `basins`, `search`: as of `basin_image`; `place` (2,) float64, metres; `name`: of that place.
     """
     here = basins.at(search, place)
     if here == OUTSIDE:

@@ -24,16 +24,8 @@ def draw_calibration(result: Calibration, truth=None) -> Figure:
 
     Small ellipses are enlarged by a round factor, which the legend names.
 
-    Parameters
-    ----------
-    result : Calibration
-    truth : (N, D) array_like, optional
-        True positions, metres, in the axes of the result.
-
-    Raises
-    ------
-    InputError
-        `truth` has another shape than the positions.
+    `truth` (N, D) array_like, true positions, metres, in the axes of the result. Raises InputError: `truth` has another
+    shape than the positions.
     """
     from matplotlib.figure import Figure
 
@@ -73,12 +65,8 @@ def _draw_view(panel: Any, result: Calibration, truth: np.ndarray | None, view: 
 def enlarged_ellipses(panel: Any, places: np.ndarray, covariance: np.ndarray, positions: np.ndarray) -> None:
     """Draw 95 % ellipses, enlarged by a round factor where they are too small to see.
 
-    Parameters
-    ----------
-    panel : matplotlib.axes.Axes
-    places : (N, 2) float64, metres
-    covariance : (N, 2, 2) float64, metres^2
-    positions : (N, D) float64, metres, whose extent decides on the factor
+    `places` (N, 2) float64, metres; `covariance` (N, 2, 2) float64, metres^2; `positions` (N, D) float64, metres, whose
+    extent decides on the factor.
     """
     axes = ellipse_axes(covariance, confidence_factor(0.95, 2))
     longest = np.linalg.norm(axes[:, -1], axis=1)

@@ -19,21 +19,14 @@ REFINEMENTS = 6  # of the 3-D view: perspective makes size and place in the imag
 
 @dataclass(frozen=True)
 class Camera:
-    """An eye at a position that looks at a point.
+    """An eye at a position that looks at a point."""
 
-    Attributes
-    ----------
-    position, look_at : (3,), metres
-    up : (3,)
-    fov : vertical field of view, radians; 0 is parallel projection, and a small one from far away looks like it
-    height : from bottom to top of the image at `look_at`, metres
-    """
-
+    # position, look_at: (3,), metres
     position: tuple[float, float, float]
     look_at: tuple[float, float, float]
-    up: tuple[float, float, float]
-    fov: float
-    height: float
+    up: tuple[float, float, float]  # (3,)
+    fov: float  # vertical field of view, radians; 0 is parallel projection, and a small one from far away looks like it
+    height: float  # from bottom to top of the image at `look_at`, metres
 
 
 def camera_for(
@@ -41,18 +34,9 @@ def camera_for(
 ) -> Camera:
     """Return the camera that fills an image with a picture.
 
-    Parameters
-    ----------
-    picture : Picture
-    size : (width, height), pixels
-    view : "top" (north up, the search domain fills the image), "3d" (the whole room) or "close" (the array alone)
-    margins : left, bottom, right, top pixels to be left free
-    fov : radians; by default parallel projection from the top and 35 degrees in 3-D
-
-    Raises
-    ------
-    InputError
-        `view` is unknown.
+    `size` (width, height), pixels; `view`: "top" (north up, the search domain fills the image), "3d" (the whole room)
+    or "close" (the array alone); `margins`: left, bottom, right, top pixels to be left free; `fov`: radians; by default
+    parallel projection from the top and 35 degrees in 3-D. Raises InputError: `view` is unknown.
     """
     require_choice("view", view, VIEWS)
     width, height = (max(int(length), 1) for length in size)
@@ -120,15 +104,8 @@ def _camera(centre: np.ndarray, direction, height: float, fov: float) -> Camera:
 def project(camera: Camera, size: tuple[int, int], points) -> np.ndarray:
     """Return the pixels at which points appear.
 
-    Parameters
-    ----------
-    camera : Camera
-    size : (width, height) of the image, pixels
-    points : (P, 3), metres
-
-    Returns
-    -------
-    (P, 2) float64, column and row, counted from the upper left corner of the image
+    `size` (width, height) of the image, pixels; `points` (P, 3), metres. Returns (P, 2) float64, column and row,
+    counted from the upper left corner of the image.
     """
     width, height = size
     eye, look_at = np.array(camera.position), np.array(camera.look_at)

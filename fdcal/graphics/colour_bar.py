@@ -18,23 +18,15 @@ BAR_LENGTH = 44  # characters that fit along a colour bar
 
 @dataclass(frozen=True)
 class ColourBar:
-    """The scale of a map.
+    """The scale of a map."""
 
-    Attributes
-    ----------
-    low, high : values of the first and of the last colour
-    log : whether the scale is logarithmic
-    label : name and unit
-    clipped : whether lower values than `low` exist, which share its colour
-    colour_map : of matplotlib.colormaps
-    """
-
+    # low, high: values of the first and of the last colour
     low: float
     high: float
-    log: bool
-    label: str
-    clipped: bool = False
-    colour_map: str = COLOUR_MAP
+    log: bool  # whether the scale is logarithmic
+    label: str  # name and unit
+    clipped: bool = False  # whether lower values than `low` exist, which share its colour
+    colour_map: str = COLOUR_MAP  # of matplotlib.colormaps
 
     @property
     def ticks(self) -> tuple[tuple[float, str], ...]:

@@ -25,16 +25,8 @@ MAX_ROWS = 12  # frequencies in a picture
 def write(path: str | Path, target: str | Path, field: FieldMap) -> None:
     """Write a sound field to a file.
 
-    Parameters
-    ----------
-    path : of the file to be written
-    target : whose suffix, a key of WRITERS, selects the format
-    field : FieldMap
-
-    Raises
-    ------
-    InputError
-        There are too many frequencies for a picture.
+    `path`: of the file to be written; `target`: whose suffix, a key of WRITERS, selects the format. Raises InputError:
+    there are too many frequencies for a picture.
     """
     WRITERS[Path(target).suffix.lower()](Path(path), field)
 

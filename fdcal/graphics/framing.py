@@ -19,10 +19,7 @@ def with_display_domain(measurement: Measurement, positions) -> Measurement:
 
     For pictures alone: a solver must not take this domain for something known.
 
-    Parameters
-    ----------
-    measurement : Measurement
-    positions : (N, D) float64, metres, the estimate
+    `positions` (N, D) float64, metres, the estimate.
     """
     if measurement.search is not None:
         return measurement

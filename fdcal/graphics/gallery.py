@@ -31,21 +31,14 @@ THUMBNAIL = 96  # pixels along the longer edge of the map in a picture of the in
 
 @dataclass(frozen=True)
 class Entry:
-    """One entry of the index.
+    """One entry of the index."""
 
-    Attributes
-    ----------
-    file : of the page, with what it shows after #
-    title, text : what there is to be seen
-    figures : one line: solver, mean error, size
-    picture : HTML of its picture
-    """
-
-    file: str
+    file: str  # of the page, with what it shows after #
+    # title, text: what there is to be seen
     title: str
     text: str
-    figures: str
-    picture: str
+    figures: str  # one line: solver, mean error, size
+    picture: str  # HTML of its picture
 
 
 def index_html(title: str, introduction: str, entries: Sequence[Entry]) -> str:
@@ -62,12 +55,8 @@ def index_html(title: str, introduction: str, entries: Sequence[Entry]) -> str:
 def race_html(title: str, files: Sequence[str], names: Sequence[str], seconds: Sequence[np.ndarray]) -> str:
     """Return the page of a race.
 
-    Parameters
-    ----------
-    title : str
-    files : of two replays that hold processor times, beside the page
-    names : of their solvers
-    seconds : for each, (T,) float64, processor time from the start to each state, s
+    `files`: of two replays that hold processor times, beside the page; `names`: of their solvers; `seconds`: for each,
+    (T,) float64, processor time from the start to each state, s.
     """
     ends = [float(times[-1]) for times in seconds]
     firsts = [float(times[times > 0].min(initial=1.0)) for times in seconds]
@@ -84,11 +73,8 @@ def race_html(title: str, files: Sequence[str], names: Sequence[str], seconds: S
 def picture_of(measurement: Measurement, problem: Problem, state, n: int, modes: Sequence[int] | None) -> str:
     """Return a picture of the map of one microphone with the true and the estimated positions, as SVG.
 
-    Parameters
-    ----------
-    state : of any solver, whose positions are in the frame of the search domain
-    n : microphone, counted from 0
-    modes : counted from 1; all that the microphones can carry unless given
+    `state`: of any solver, whose positions are in the frame of the search domain; `n`: microphone, counted from 0;
+    `modes`: counted from 1; all that the microphones can carry unless given.
     """
     reference_cost, domain = reference_cost_of(problem), problem.search
     if reference_cost is None or domain is None:

@@ -15,14 +15,7 @@ Triangles = tuple[np.ndarray, np.ndarray]
 def lift(points, z: float) -> np.ndarray:
     """Return points raised by `z`, metres; points of a plane are at height 0.
 
-    Parameters
-    ----------
-    points : (P, 2) or (P, 3), metres
-    z : metres
-
-    Returns
-    -------
-    (P, 3) float64, metres
+    `points` (P, 2) or (P, 3), metres; `z`: metres. Returns (P, 3) float64, metres.
     """
     points = np.atleast_2d(np.asarray(points, float))
     heights = points[:, 2] if points.shape[1] == 3 else np.zeros(len(points))
@@ -32,12 +25,8 @@ def lift(points, z: float) -> np.ndarray:
 def annuli(centres: np.ndarray, radius: float, width: float, corners: int = 40) -> Triangles:
     """Return a flat ring around each centre: 2 `corners` vertices each, inner and outer in turn.
 
-    Parameters
-    ----------
-    centres : (P, 3), metres
-    radius : of the middle of the ring, metres
-    width : of the ring, metres
-    corners : of its outline
+    `centres` (P, 3), metres; `radius`: of the middle of the ring, metres; `width`: of the ring, metres; `corners`: of
+    its outline.
     """
     angles = np.repeat(2 * np.pi * np.arange(corners) / corners, 2)
     reach = np.tile([radius - width / 2, radius + width / 2], corners)
@@ -51,11 +40,7 @@ def annuli(centres: np.ndarray, radius: float, width: float, corners: int = 40) 
 def strokes(segments: np.ndarray, width: float, extension: float = 0.0) -> Triangles:
     """Return a flat bar along each segment, four vertices each.
 
-    Parameters
-    ----------
-    segments : (S, 2, 3), metres
-    width : horizontal, metres
-    extension : beyond both ends, metres
+    `segments` (S, 2, 3), metres; `width`: horizontal, metres; `extension`: beyond both ends, metres.
     """
     along = _unit(segments[:, 1] - segments[:, 0])
     level = _unit(along * [1.0, 1.0, 0.0])
@@ -74,16 +59,8 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 def stars(centres: np.ndarray, radius: float, arms: int = 2, turn: float = np.pi / 4) -> np.ndarray:
     """Return `arms` segments through each centre; two of them, turned by 45 degrees, are a cross.
 
-    Parameters
-    ----------
-    centres : (P, 3), metres
-    radius : half the length of an arm, metres
-    arms : number of arms
-    turn : angle of the first, radians
-
-    Returns
-    -------
-    (P arms, 2, 3) float64, metres
+    `centres` (P, 3), metres; `radius`: half the length of an arm, metres; `arms`: number of arms; `turn`: angle of the
+    first, radians. Returns (P arms, 2, 3) float64, metres.
     """
     angles = turn + np.pi * np.arange(arms) / arms
     arm = radius * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
@@ -93,15 +70,8 @@ def stars(centres: np.ndarray, radius: float, arms: int = 2, turn: float = np.pi
 def polygons(centres: np.ndarray, radius: float, corners: int) -> np.ndarray:
     """Return the sides of a regular polygon around each centre, one side horizontal at the bottom.
 
-    Parameters
-    ----------
-    centres : (P, 3), metres
-    radius : of the circumscribed circle, metres
-    corners : of the polygon
-
-    Returns
-    -------
-    (P corners, 2, 3) float64, metres
+    `centres` (P, 3), metres; `radius`: of the circumscribed circle, metres; `corners`: of the polygon. Returns (P
+    corners, 2, 3) float64, metres.
     """
     angles = -np.pi / 2 + np.pi / corners + 2 * np.pi * np.arange(corners) / corners
     rim = radius * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
@@ -152,15 +122,8 @@ def walls(vertices, height: float) -> Triangles:
 def floor_grid(vertices, spacing: float, z: float) -> np.ndarray:
     """Return grid lines clipped to an outline.
 
-    Parameters
-    ----------
-    vertices : (V, 2), metres, corners of the outline; a line through a corner is clipped, too
-    spacing : between lines, metres
-    z : height, metres
-
-    Returns
-    -------
-    (S, 2, 3) float64, metres
+    `vertices` (V, 2), metres, corners of the outline; a line through a corner is clipped, too; `spacing`: between
+    lines, metres; `z`: height, metres. Returns (S, 2, 3) float64, metres.
     """
     vertices = np.asarray(vertices, float)
     pieces = []
@@ -196,17 +159,9 @@ def ruler(
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
     """Return the ticks along an edge of a box.
 
-    Parameters
-    ----------
-    low, high : ends of the edge, metres
-    across : its other coordinate, metres
-    axis : that the edge runs along
-    length : of a tick, metres
-    z : height, metres
-
-    Returns
-    -------
-    segments (T, 2, 3) and label positions (T, 3), both float64, metres; texts such as "1.2"
+    `low`, `high`: ends of the edge, metres; `across`: its other coordinate, metres; `axis`: that the edge runs along;
+    `length`: of a tick, metres; `z`: height, metres. Returns segments (T, 2, 3) and label positions (T, 3), both
+    float64, metres; texts such as "1.2".
     """
     values = round_ticks(low, high, 8)
     ends = np.full((len(values), 2, 3), z)

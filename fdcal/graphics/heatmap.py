@@ -31,17 +31,11 @@ def cost_floor(
 ) -> Floor:
     """Return a map of costs over the search lattice, or over one layer of it; a pixel is one lattice cell.
 
-    Parameters
-    ----------
-    cost : (ny, nx) float64, row 0 at low y
-    search : Search
-    log : whether the scale is logarithmic, over DECADES decades at most; linear if no cost is positive
-    label : name and unit of the cost
-    minima : (K, 2) float64, metres, to be marked
-    relief : whether the map has heights, which rise with its colours, and is shaded
-    relief_height : of the highest cost, of the longer side of the search domain
-    height : of the map, metres
-    decibels : whether the numbers of a logarithmic scale are decibels re 1
+    `cost` (ny, nx) float64, row 0 at low y; `log`: whether the scale is logarithmic, over DECADES decades at most;
+    linear if no cost is positive; `label`: name and unit of the cost; `minima` (K, 2) float64, metres, to be marked;
+    `relief`: whether the map has heights, which rise with its colours, and is shaded; `relief_height`: of the highest
+    cost, of the longer side of the search domain; `height`: of the map, metres; `decibels`: whether the numbers of a
+    logarithmic scale are decibels re 1.
     """
     cost = np.asarray(cost, float)
     iy, ix = np.unravel_index(cost.argmin(), cost.shape)
@@ -71,10 +65,7 @@ def cost_floor(
 def colour_limits(cost: np.ndarray, log: bool) -> tuple[float, float, bool]:
     """Return the lowest and the highest value of a scale, and whether lower costs share its first colour.
 
-    Parameters
-    ----------
-    cost : float64, of one map or of several
-    log : whether the scale is logarithmic
+    `cost`: float64, of one map or of several; `log`: whether the scale is logarithmic.
     """
     low, high, clipped = float(cost.min()), float(cost.max()), False
     if log and high > 0 <= low:
@@ -116,12 +107,7 @@ def _table(name: str) -> np.ndarray:
 def field_floor(field, search: Search, label: str, height: float = 0.0) -> Floor:
     """Return a map of a sound field, white where the pressure is zero.
 
-    Parameters
-    ----------
-    field : (ny, nx) float64, -1 to 1, row 0 at low y
-    search : Search
-    label : name and unit
-    height : of the map, metres
+    `field` (ny, nx) float64, -1 to 1, row 0 at low y; `label`: name and unit; `height`: of the map, metres.
     """
     field, half = np.asarray(field, float), search.step / 2
     row, column = np.unravel_index(np.abs(field).argmin(), field.shape)
@@ -139,8 +125,6 @@ def field_floor(field, search: Search, label: str, height: float = 0.0) -> Floor
 def cost_label(weights: str) -> str:
     """Return name and unit of a solver's cost; raw pressures keep their unit.
 
-    Parameters
-    ----------
-    weights : "unit" or "raw", as in settings.SolverSettings
+    `weights`: "unit" or "raw", as in settings.SolverSettings.
     """
     return "cost (dimensionless)" if weights == "unit" else "cost (pressure squared)"

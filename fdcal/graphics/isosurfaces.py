@@ -12,16 +12,9 @@ from ..model.settings import Search
 def isosurface(values: np.ndarray, search: Search, level: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return where values on a lattice equal a level.
 
-    Parameters
-    ----------
-    values : (nz, ny, nx) float64
-    search : the lattice, metres
-    level : in the unit of the values
-
-    Returns
-    -------
-    vertices (V, 3) float64, metres; faces (F, 3) int64, indices of vertices; normals (V, 3) float64, of unit length,
-    towards higher values
+    `values` (nz, ny, nx) float64; `search`: the lattice, metres; `level`: in the unit of the values. Returns vertices
+    (V, 3) float64, metres; faces (F, 3) int64, indices of vertices; normals (V, 3) float64, of unit length,; towards
+    higher values.
     """
     vtk_core, vtk_data, arrays = _vtk()
     image = vtk_data.vtkImageData()

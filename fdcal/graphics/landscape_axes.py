@@ -35,13 +35,8 @@ def draw_map(panel: Any, cost: np.ndarray, search: Search, decibels: bool) -> An
 def draw_basins(panel: Any, cost: np.ndarray, search: Search, place, name: str) -> None:
     """Draw the basins of attraction of one map, with their legend at its right.
 
-    Parameters
-    ----------
-    panel : matplotlib.axes.Axes
-    cost : (ny, nx) float64
-    search : its lattice
-    place : (2,) metres, whose basin has the first colour; or None
-    name : of that place
+    `cost` (ny, nx) float64; `search`: its lattice; `place` (2,) metres, whose basin has the first colour; or None;
+    `name`: of that place.
     """
     from matplotlib.patches import Patch
 

@@ -78,19 +78,9 @@ class LandscapePanels:
 def landscape_panels(problem: Problem, positions, n: int, modes: Sequence[int], order_offset: int) -> LandscapePanels:
     """Return the cost of Eq. 7 over the search lattice with microphone `n` moved and the others at `positions`.
 
-    Parameters
-    ----------
-    problem : Problem
-    positions : (N, 2) float64, metres
-    n : microphone, counted from 0
-    modes : P modes, counted from 1
-    order_offset : added to the order of Eq. 3
-
-    Raises
-    ------
-    InputError
-        The field is not two-dimensional, there is no search domain, or the microphones are too few for the order of a
-        mode.
+    `positions` (N, 2) float64, metres; `n`: microphone, counted from 0; `modes`: P modes, counted from 1;
+    `order_offset`: added to the order of Eq. 3. Raises InputError: the field is not two-dimensional, there is no search
+    domain, or the microphones are too few for the order of a mode.
     """
     require_plane_field(problem)
     if problem.search is not None:
@@ -102,15 +92,9 @@ def landscape_panels(problem: Problem, positions, n: int, modes: Sequence[int], 
 def panels_of(maps, total, modes: Sequence[int], frequencies, n: int, search: Search, count: int) -> LandscapePanels:
     """Return panels of maps that exist, the last of the sum.
 
-    Parameters
-    ----------
-    maps : (P, ny, nx) float64, of `modes`
-    total : (ny, nx) float64, the sum, perhaps over more modes
-    modes : P modes, counted from 1
-    frequencies : (M,) Hz, of all modes measured
-    n : microphone, counted from 0
-    search : lattice of the maps
-    count : modes in the sum
+    `maps` (P, ny, nx) float64, of `modes`; `total` (ny, nx) float64, the sum, perhaps over more modes; `modes`: P
+    modes, counted from 1; `frequencies` (M,) Hz, of all modes measured; `n`: microphone, counted from 0; `search`:
+    lattice of the maps; `count`: modes in the sum.
     """
     drawn = np.concatenate([np.asarray(maps, float), np.asarray(total, float)[None]])
     lowest = np.column_stack(np.divmod(drawn.reshape(len(drawn), -1).argmin(axis=1), drawn.shape[2]))
@@ -136,15 +120,10 @@ def draw_landscape(
 ) -> Figure:
     """Return a figure of the panels with the marks of the page: diamonds at the minima, the lowest one large.
 
-    Parameters
-    ----------
-    panels : LandscapePanels
-    truth : (2,) metres, the true position, drawn as a circle; or None
-    label : of the colour bars
-    heading : of the figure; by default it names the microphone
-    estimate : (2,) metres, the estimated position, drawn as a cross; or None
-    decibels : whether the scales have decibels re 1, as on the page
-    basins : whether the maps show basins of attraction, that of the true position, or of the estimate, first
+    `truth` (2,) metres, the true position, drawn as a circle; or None; `label`: of the colour bars; `heading`: of the
+    figure; by default it names the microphone; `estimate` (2,) metres, the estimated position, drawn as a cross; or
+    None; `decibels`: whether the scales have decibels re 1, as on the page; `basins`: whether the maps show basins of
+    attraction, that of the true position, or of the estimate, first.
     """
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator

@@ -29,27 +29,15 @@ Path = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True)
 class Entry:
-    """One mark of a legend.
+    """One mark of a legend."""
 
-    Attributes
-    ----------
-    name : of the part of the picture that it explains
-    text : what the mark stands for
-    paths : its lines, each a sequence of corners from -1 to 1
-    colour : Colour
-    width : of its lines, in halves of the symbol's edge
-    filled : whether the first path is filled
-    halo : whether it has a halo, as in the scene
-    halo_colour : Colour
-    """
-
-    name: str
-    text: str
-    paths: tuple[Path, ...]
+    name: str  # of the part of the picture that it explains
+    text: str  # what the mark stands for
+    paths: tuple[Path, ...]  # its lines, each a sequence of corners from -1 to 1
     colour: Colour
-    width: float = 0.26
-    filled: bool = False
-    halo: bool = True
+    width: float = 0.26  # of its lines, in halves of the symbol's edge
+    filled: bool = False  # whether the first path is filled
+    halo: bool = True  # whether it has a halo, as in the scene
     halo_colour: Colour = (255, 255, 255)
 
 
@@ -97,9 +85,7 @@ MARKS = {
 def legend_of(picture: Picture) -> tuple[Entry, ...]:
     """Return the entries of a picture: areas of its map, the marks that can be seen in the order of MARKS, solvers.
 
-    Parameters
-    ----------
-    picture : its `captions` add words to entries
+    `picture`: its `captions` add words to entries.
     """
     seen = {part.name for part in (*picture.meshes, *picture.lines) if _is_visible(part, picture)}
     seen |= {"isosurfaces"} if picture.surfaces else set()

@@ -45,13 +45,8 @@ def draw_legend(
 ) -> None:
     """Write rows of entries over an image.
 
-    Parameters
-    ----------
-    image : PIL.Image.Image
-    rows : of `legend_rows`
-    corner : left and top of the first row, pixels
-    letters : font
-    theme : Theme
+    `image`: PIL.Image.Image; `rows`: of `legend_rows`; `corner`: left and top of the first row, pixels; `letters`:
+    font.
     """
     draw, scale = ImageDraw.Draw(image), letters.size / 16
     left, top = corner

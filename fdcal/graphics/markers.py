@@ -53,22 +53,13 @@ LAYERS_PER_RADIUS = 24  # layers in the height of one radius of a marker
 
 @dataclass(frozen=True)
 class SolverMark:
-    """How the positions of one solver of a comparison are marked; marks at one position do not hide each other.
+    """How the positions of one solver of a comparison are marked; marks at one position do not hide each other."""
 
-    Attributes
-    ----------
-    colour : as in CSS, of the palette of Okabe and Ito, which colour-blind readers can distinguish
-    shape : in words
-    corners : of the polygon; 0 for a plus
-    radius : in radii of a marker
-    dash : pixels drawn and left out of a curve, () for a solid line
-    """
-
-    colour: str
-    shape: str
-    corners: int
-    radius: float
-    dash: tuple[int, ...]
+    colour: str  # as in CSS, of the palette of Okabe and Ito, which colour-blind readers can distinguish
+    shape: str  # in words
+    corners: int  # of the polygon; 0 for a plus
+    radius: float  # in radii of a marker
+    dash: tuple[int, ...]  # pixels drawn and left out of a curve, () for a solid line
 
     @property
     def rgb(self) -> Colour:
@@ -100,16 +91,8 @@ def layer_height(layer: int, marker_radius: float) -> float:
 def on_layer(points, base: float, marker_radius: float, layer: int) -> np.ndarray:
     """Return points raised to a layer.
 
-    Parameters
-    ----------
-    points : (P, 2) on the floor or (P, 3) in space, metres
-    base : height of the floor, metres
-    marker_radius : metres
-    layer : one of Layer
-
-    Returns
-    -------
-    (P, 3) float64, metres
+    `points` (P, 2) on the floor or (P, 3) in space, metres; `base`: height of the floor, metres; `marker_radius`:
+    metres; `layer`: one of Layer. Returns (P, 3) float64, metres.
     """
     return glyphs.lift(points, layer_height(layer, marker_radius) + (base if np.shape(points)[1] == 2 else 0.0))
 
@@ -117,15 +100,9 @@ def on_layer(points, base: float, marker_radius: float, layer: int) -> np.ndarra
 def drape(points, floor: Floor | None, radius: float = 0.0) -> np.ndarray:
     """Return points with the height that a map in relief has there.
 
-    Parameters
-    ----------
-    points : (P, 2) or (P, 3), metres
-    floor : the map, or None
-    radius : of a flat mark at each point, metres, which lies above the slope: the highest height within it counts
-
-    Returns
-    -------
-    (P, 3) float64, metres; the points unchanged where the map is flat or missing, or where they have a height
+    `points` (P, 2) or (P, 3), metres; `floor`: the map, or None; `radius`: of a flat mark at each point, metres, which
+    lies above the slope: the highest height within it counts. Returns (P, 3) float64, metres; the points unchanged
+    where the map is flat or missing, or where they have a height.
     """
     points = np.atleast_2d(np.asarray(points, float))
     if floor is None or floor.heights is None or points.shape[1] == 3:
@@ -155,11 +132,8 @@ def strokes(
 ) -> tuple[Mesh, Mesh]:
     """Return bars and their halo, one layer below.
 
-    Parameters
-    ----------
-    segments : (S, 2, 3), metres
-    marker_radius : metres
-    width, halo : of the bars, and by how much the halo is wider, in radii of a marker
+    `segments` (S, 2, 3), metres; `marker_radius`: metres; `width`, `halo`: of the bars, and by how much the halo is
+    wider, in radii of a marker.
     """
     below = segments - [0, 0, layer_height(1, marker_radius)]
     outer, extension = (width + halo) * marker_radius, halo / 2 * marker_radius
@@ -174,11 +148,7 @@ def circles(
 ) -> tuple[Mesh, Mesh]:
     """Return black circles and their halo, one layer below.
 
-    Parameters
-    ----------
-    centres : (P, 3), metres
-    marker_radius : metres
-    width, radius : of the circles, in radii of a marker
+    `centres` (P, 3), metres; `marker_radius`: metres; `width`, `radius`: of the circles, in radii of a marker.
     """
     below = centres - [0, 0, layer_height(1, marker_radius)]
     outer = (width + HALO_WIDTH) * marker_radius

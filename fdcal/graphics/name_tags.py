@@ -34,13 +34,8 @@ def name_place(
 ) -> tuple[tuple[float, float], Anchor]:
     """Return where a name stands, metres, and its anchor.
 
-    Parameters
-    ----------
-    text : str
-    place : (2,) float64, metres, of the microphone
-    marks : (P, 2) float64, metres, of the other marks
-    focus : box (x0, y0, x1, y1), metres, which the name does not leave if it can
-    marker_radius : metres
+    `place` (2,) float64, metres, of the microphone; `marks` (P, 2) float64, metres, of the other marks; `focus`: box
+    (x0, y0, x1, y1), metres, which the name does not leave if it can; `marker_radius`: metres.
     """
     best, least = SIDES[0], np.inf
     for side in SIDES:

@@ -28,10 +28,7 @@ ODD_RADIUS, ODD_SIDES = 2.4, 24  # of the circle around an odd channel, radii of
 def with_trails(picture: Picture, paths, floor: Floor | None = None) -> Picture:
     """Return the picture with the path of each estimate; a microphone that does not move has none.
 
-    Parameters
-    ----------
-    paths : (T, N, D) float64, metres, oldest first
-    floor : a map in relief, on which the paths lie, or None
+    `paths` (T, N, D) float64, metres, oldest first; `floor`: a map in relief, on which the paths lie, or None.
     """
     paths = np.asarray(paths, float)
     if len(paths) < 2:
@@ -48,10 +45,7 @@ def with_trails(picture: Picture, paths, floor: Floor | None = None) -> Picture:
 def ellipse_scale(axes, extent: float) -> float:
     """Return the round factor, 1 or more, that makes most error ellipses visible.
 
-    Parameters
-    ----------
-    axes : (N, D, D) float64, metres, half axes in rows, the longest last
-    extent : of what is drawn, metres
+    `axes` (N, D, D) float64, metres, half axes in rows, the longest last; `extent`: of what is drawn, metres.
     """
     longest = np.linalg.norm(np.asarray(axes, float)[:, -1], axis=1)
     drawn = longest[longest > NO_ELLIPSE]
@@ -74,13 +68,9 @@ def with_ellipses(
 
     The legend says by how much the ellipses are enlarged, or that they are too small to be seen.
 
-    Parameters
-    ----------
-    positions : (N, D) float64, metres
-    axes : (N, D, D) float64, metres, half axes in rows, the longest last; the largest section of an ellipsoid is drawn
-    floor : a map in relief, on which the microphones stand, or None
-    scale : by which the ellipses are enlarged
-    note : further words for the legend
+    `positions` (N, D) float64, metres; `axes` (N, D, D) float64, metres, half axes in rows, the longest last; the
+    largest section of an ellipsoid is drawn; `floor`: a map in relief, on which the microphones stand, or None;
+    `scale`: by which the ellipses are enlarged; `note`: further words for the legend.
     """
     axes, positions = scale * np.asarray(axes, float), np.asarray(positions, float)
     long, middle = axes[:, -1], axes[:, -2]
@@ -108,11 +98,8 @@ def with_ellipses(
 def with_odd_channels(picture: Picture, positions, odd, floor: Floor | None = None) -> Picture:
     """Return the picture with a barred circle around each microphone whose channel, or given position, is odd.
 
-    Parameters
-    ----------
-    positions : (N, D) float64, metres
-    odd : sequence of int, numbers of the microphones
-    floor : a map in relief, on which the microphones stand, or None
+    `positions` (N, D) float64, metres; `odd`: numbers of the microphones; `floor`: a map in relief, on which the
+    microphones stand, or None.
     """
     if not len(odd):
         return picture
@@ -130,11 +117,8 @@ def with_comparison(
 ) -> Picture:
     """Return the picture with a mark at each position that the solvers of a comparison have estimated.
 
-    Parameters
-    ----------
-    positions : by the name of the solver: (N, D) float64, metres
-    free : (F,) numbers of the microphones to be marked
-    floor : a map in relief, on which the microphones stand, or None
+    `positions`: by the name of the solver: (N, D) float64, metres; `free` (F,) numbers of the microphones to be marked;
+    `floor`: a map in relief, on which the microphones stand, or None.
     """
     radius, base, meshes, captions = picture.marker_radius, picture.z_range[0], picture.meshes, picture.captions
     for i, (name, estimate) in enumerate(positions.items()):
@@ -176,10 +160,7 @@ def with_volume(picture: Picture, volume: Volume | None) -> Picture:
 def with_cut(picture: Picture, ends, floor: Floor | None = None) -> Picture:
     """Return the picture with the line of a cut from A to B, a ring around each end.
 
-    Parameters
-    ----------
-    ends : (2, 2) float64, metres
-    floor : a map in relief, on which the line lies, or None
+    `ends` (2, 2) float64, metres; `floor`: a map in relief, on which the line lies, or None.
     """
     radius, pieces = picture.marker_radius, 1 if floor is None or floor.heights is None else CUT_PIECES
     first, last = np.asarray(ends, float)

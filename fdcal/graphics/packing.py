@@ -17,15 +17,8 @@ import numpy as np
 def packed(arrays: Mapping[str, np.ndarray]) -> dict:
     """Return arrays as values that JSON has.
 
-    Parameters
-    ----------
-    arrays : mapping of str to ndarray
-        Of int16, int32, float32 or float64. A wrap round of differences is undone by the next one.
-
-    Returns
-    -------
-    dict
-        "arrays", name to [type, shape], in order; "bytes", the base64 text of all of them.
+    `arrays`: of int16, int32, float32 or float64. A wrap round of differences is undone by the next one. Returns
+    "arrays", name to [type, shape], in order; "bytes", the base64 text of all of them.
 
     Examples
     --------

@@ -27,18 +27,11 @@ Point = tuple[float, float]
 
 @dataclass(frozen=True)
 class Marks:
-    """Positions to be marked on every map, metres; None for no mark.
+    """Positions to be marked on every map, metres; None for no mark."""
 
-    Attributes
-    ----------
-    true : of the microphone
-    estimate : its estimated position
-    minima : whether the minima are marked
-    """
-
-    true: Point | None = None
-    estimate: Point | None = None
-    minima: bool = True
+    true: Point | None = None  # of the microphone
+    estimate: Point | None = None  # its estimated position
+    minima: bool = True  # whether the minima are marked
 
 
 def mosaic(
@@ -54,20 +47,9 @@ def mosaic(
 ) -> np.ndarray:
     """Return the maps side by side, each with its caption, diamonds at its lowest cost and its minima, and the marks.
 
-    Parameters
-    ----------
-    maps : each (ny, nx) float64, row 0 at low y
-    captions : one for each map
-    search : the lattice of the maps
-    marks : Marks
-    theme : Theme
-    log : whether the scales are logarithmic
-    shared : one scale for all maps instead of one for each
-    columns : of maps
-
-    Returns
-    -------
-    (H, W, 3) uint8
+    `maps`: each (ny, nx) float64, row 0 at low y; `captions`: one for each map; `search`: the lattice of the maps;
+    `log`: whether the scales are logarithmic; `shared`: one scale for all maps instead of one for each; `columns`: of
+    maps. Returns (H, W, 3) uint8.
     """
     count, largest = len(maps), max(maps[0].shape)
     height, width = (round(CELL * n / largest) for n in maps[0].shape)

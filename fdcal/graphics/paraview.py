@@ -21,12 +21,8 @@ ESTIMATED, TRUE, KNOWN = 0, 1, 2  # `kind` of a point
 def landscape(panels: LandscapePanels, height: float = 0.0, basins: bool = False) -> str:
     """Return the text of a .vti file with one field for each mode, and their sum.
 
-    Parameters
-    ----------
-    panels : LandscapePanels
-    height : of the map, metres
-    basins : whether there is a field with the number of the minimum of the sum where descent from each point ends, the
-        lowest minimum being 0; -1 where it ends at the edge of the map
+    `height`: of the map, metres; `basins`: whether there is a field with the number of the minimum of the sum where
+    descent from each point ends, the lowest minimum being 0; -1 where it ends at the edge of the map.
     """
     modes = zip(panels.modes, panels.frequencies, panels.maps[:-1], strict=True)
     fields = {f"mode {m}, {f:.2f} Hz": cost for m, f, cost in modes}
@@ -44,10 +40,7 @@ def volume(cost: np.ndarray, search: Search, basins: bool = False) -> str:
     Fields of every point: `cost`, relative to the power, `cost_dB`, and `basin` where `basins` asks for it: the number
     of the minimum where descent ends, the lowest minimum being 0, and -1 at the edge of the domain.
 
-    Parameters
-    ----------
-    cost : (nz, ny, nx) float64
-    search : the lattice
+    `cost` (nz, ny, nx) float64; `search`: the lattice.
     """
     values = np.asarray(cost, float).ravel()
     fields = {"cost": values, "cost_dB": 10 * np.log10(np.maximum(values, np.finfo(float).tiny))}
@@ -66,12 +59,8 @@ def point_cloud(measurement: Measurement, positions, sigma=None, height: float =
 
     Without any known microphone the true positions are moved as a whole to the estimate.
 
-    Parameters
-    ----------
-    measurement : Measurement
-    positions : (N, D) float64, metres, the estimate
-    sigma : (N,) float64, metres, one standard deviation of each position, or None
-    height : of an array in a plane, metres
+    `positions` (N, D) float64, metres, the estimate; `sigma` (N,) float64, metres, one standard deviation of each
+    position, or None; `height`: of an array in a plane, metres.
     """
     N, truth, known = measurement.count, measurement.aligned_truth(positions), measurement.known
     everyone = np.arange(N)

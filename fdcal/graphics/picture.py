@@ -53,15 +53,10 @@ def compose(
 ) -> Picture:
     """Return the whole picture.
 
-    Parameters
-    ----------
-    scene : for room and source, or None
-    measurement : for true and known microphones, names and the search domain
-    positions : (N, D) float64, metres, the estimate; None draws none
-    microphone : the selected one, counted from 0, which is drawn larger and named; or None
-    floor : the map, from `cost_floor`, or None
-    title : str
-    dark : whether the background is
+    `scene`: for room and source, or None; `measurement`: for true and known microphones, names and the search domain;
+    `positions` (N, D) float64, metres, the estimate; None draws none; `microphone`: the selected one, counted from 0,
+    which is drawn larger and named; or None; `floor`: the map, from `cost_floor`, or None; `dark`: whether the
+    background is.
     """
     picture = static_picture(scene, measurement, dark, floor)
     if positions is not None:
@@ -79,14 +74,10 @@ def static_picture(
 ) -> Picture:
     """Return what stays the same while a solver runs.
 
-    Parameters
-    ----------
-    scene : for room and source, or None
-    measurement : for true and known microphones, names and the search domain
-    dark : whether the background is
-    floor : a map in relief, on which the microphones stand, or None; `with_floor` draws it
-    lecture : whether texts, marks and contrast suit a projector
-    take : whose place of the source is prominent; None for all places alike
+    `scene`: for room and source, or None; `measurement`: for true and known microphones, names and the search domain;
+    `dark`: whether the background is; `floor`: a map in relief, on which the microphones stand, or None; `with_floor`
+    draws it; `lecture`: whether texts, marks and contrast suit a projector; `take`: whose place of the source is
+    prominent; None for all places alike.
     """
     theme = theme_of(dark, lecture)
     focus, z_range = focus_of(measurement), z_range_of(scene, measurement)
@@ -153,14 +144,9 @@ def with_estimate(
     the user has moved it, has a cross there, too. The true positions of an array without known microphones are moved as
     a whole to the estimate, for its gauge is free.
 
-    Parameters
-    ----------
-    picture : from `static_picture`
-    measurement : Measurement
-    positions : (N, D) float64, metres
-    microphone : the selected one, counted from 0, or None
-    floor : a map in relief, on which the microphones stand, or None
-    by : numbers of the microphones that determine how a blind array is moved
+    `picture`: from `static_picture`; `positions` (N, D) float64, metres; `microphone`: the selected one, counted from
+    0, or None; `floor`: a map in relief, on which the microphones stand, or None; `by`: numbers of the microphones that
+    determine how a blind array is moved.
     """
     truth = measurement.aligned_truth(positions, by)
     radius, known = picture.marker_radius, measurement.known

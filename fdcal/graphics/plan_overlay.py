@@ -19,11 +19,8 @@ def with_bound(picture: Picture, positions, axes) -> Picture:
 
     The legend says by how much they are enlarged.
 
-    Parameters
-    ----------
-    picture : from `fdcal.graphics.picture.static_picture` of the planned array
-    positions : (N, D) float64, metres
-    axes : (N, D, D) float64, metres, half axes in rows, the longest last; zeros of a microphone that is given
+    `picture`: from `fdcal.graphics.picture.static_picture` of the planned array; `positions` (N, D) float64, metres;
+    `axes` (N, D, D) float64, metres, half axes in rows, the longest last; zeros of a microphone that is given.
     """
     axes, positions = np.asarray(axes, float), np.asarray(positions, float)
     captions = (*picture.captions, ("microphones/true", "planned microphone"))

@@ -29,144 +29,86 @@ Anchor = Literal[
 
 @dataclass(frozen=True)
 class Lines:
-    """Line segments of one colour.
+    """Line segments of one colour."""
 
-    Attributes
-    ----------
-    name : unique in a picture
-    segments : (S, 2, 3) float32, metres
-    colour : Colour
-    width : pixels
-    """
-
-    name: str
-    segments: np.ndarray
+    name: str  # unique in a picture
+    segments: np.ndarray  # (S, 2, 3) float32, metres
     colour: Colour
-    width: float
+    width: float  # pixels
 
 
 @dataclass(frozen=True)
 class Mesh:
-    """Triangles of one colour, without shading.
+    """Triangles of one colour, without shading."""
 
-    Attributes
-    ----------
-    name : unique in a picture
-    vertices : (V, 3) float32, metres
-    faces : (F, 3) int32, indices of vertices
-    colour : Colour
-    opacity : 0 to 1
-    """
-
-    name: str
-    vertices: np.ndarray
-    faces: np.ndarray
+    name: str  # unique in a picture
+    vertices: np.ndarray  # (V, 3) float32, metres
+    faces: np.ndarray  # (F, 3) int32, indices of vertices
     colour: Colour
-    opacity: float = 1.0
+    opacity: float = 1.0  # 0 to 1
 
 
 @dataclass(frozen=True)
 class Label:
-    """A text at a point.
+    """A text at a point."""
 
-    Attributes
-    ----------
-    name : unique in a picture
-    text : str
-    position : (3,), metres
-    colour : Colour
-    anchor : the part of the text that lies at the point, as in "center-left"
-    """
-
-    name: str
+    name: str  # unique in a picture
     text: str
-    position: tuple[float, float, float]
+    position: tuple[float, float, float]  # (3,), metres
     colour: Colour
-    anchor: Anchor = "center-center"
+    anchor: Anchor = "center-center"  # the part of the text that lies at the point, as in "center-left"
 
 
 @dataclass(frozen=True)
 class Area:
-    """What one colour of a map without a scale stands for.
+    """What one colour of a map without a scale stands for."""
 
-    Attributes
-    ----------
-    name : unique in a picture
-    text : in the legend
-    colour : Colour
-    """
-
-    name: str
-    text: str
+    name: str  # unique in a picture
+    text: str  # in the legend
     colour: Colour
 
 
 @dataclass(frozen=True)
 class Floor:
-    """A map on the floor.
+    """A map on the floor."""
 
-    Attributes
-    ----------
-    rgb : (ny, nx, 3) uint8, row 0 at low y
-    origin, size : lowest corner and extent in x and y, metres
-    bar : ColourBar; None where the colours stand for areas
-    minimum : where the cost is lowest, metres
-    height : of the map, metres
-    minima : where the other local minima are, metres
-    opacity : 0 to 1
-    show_minima : whether diamonds mark the minima
-    heights : (ny, nx) float32, metres above `height`, of a map in relief; None of a flat one
-    areas : what the colours of a map without a bar stand for
-    """
-
-    rgb: np.ndarray
+    rgb: np.ndarray  # (ny, nx, 3) uint8, row 0 at low y
+    # origin, size: lowest corner and extent in x and y, metres
     origin: tuple[float, float]
     size: tuple[float, float]
-    bar: ColourBar | None
-    minimum: tuple[float, float]
-    height: float = 0.0
-    minima: tuple[tuple[float, float], ...] = ()
-    opacity: float = 1.0
-    show_minima: bool = True
-    heights: np.ndarray | None = None
-    areas: tuple[Area, ...] = ()
+    bar: ColourBar | None  # ColourBar; None where the colours stand for areas
+    minimum: tuple[float, float]  # where the cost is lowest, metres
+    height: float = 0.0  # of the map, metres
+    minima: tuple[tuple[float, float], ...] = ()  # where the other local minima are, metres
+    opacity: float = 1.0  # 0 to 1
+    show_minima: bool = True  # whether diamonds mark the minima
+    heights: np.ndarray | None = None  # (ny, nx) float32, metres above `height`, of a map in relief; None of a flat one
+    areas: tuple[Area, ...] = ()  # what the colours of a map without a bar stand for
 
 
 @dataclass(frozen=True)
 class Picture:
-    """Everything to draw, independent of a renderer.
-
-    Attributes
-    ----------
-    theme : Theme
-    focus : box (x0, y0, x1, y1), metres, that fills the image from the top
-    bounds : box (x0, y0, x1, y1) of the room, metres
-    marker_radius : radius of a microphone's circle, metres
-    lines, meshes, labels : of which each name is unique
-    floor : the map, or None
-    title : str
-    z_range : lowest and highest z, metres, which differ where the microphones are in space; the map lies at the lowest
-    surfaces, plates : isosurfaces and slices in space
-    space_bar : ColourBar, of surfaces and plates, or None
-    captions : pairs of the name of a part and the words for it in the legend, where they differ from the usual ones
-    space_areas : what the colours of a slice without a bar stand for
-    """
+    """Everything to draw, independent of a renderer."""
 
     theme: Theme
-    focus: tuple[float, float, float, float]
-    bounds: tuple[float, float, float, float]
-    marker_radius: float
+    focus: tuple[float, float, float, float]  # box (x0, y0, x1, y1), metres, that fills the image from the top
+    bounds: tuple[float, float, float, float]  # box (x0, y0, x1, y1) of the room, metres
+    marker_radius: float  # radius of a microphone's circle, metres
+    # lines, meshes, labels: of which each name is unique
     lines: tuple[Lines, ...] = ()
     meshes: tuple[Mesh, ...] = ()
     labels: tuple[Label, ...] = ()
-    floor: Floor | None = None
+    floor: Floor | None = None  # the map, or None
     title: str = ""
+    # lowest and highest z, metres, which differ where the microphones are in space; the map lies at the lowest
     z_range: tuple[float, float] = (0.0, 0.0)
+    # surfaces, plates: isosurfaces and slices in space
     surfaces: tuple[Surface, ...] = ()
     plates: tuple[Plate, ...] = ()
-    space_bar: ColourBar | None = None
+    space_bar: ColourBar | None = None  # of surfaces and plates, or None
+    # pairs of the name of a part and the words for it in the legend, where they differ from the usual ones
     captions: tuple[tuple[str, str], ...] = ()
-    space_areas: tuple[Area, ...] = ()
+    space_areas: tuple[Area, ...] = ()  # what the colours of a slice without a bar stand for
 
     @property
     def bar(self) -> ColourBar | None:

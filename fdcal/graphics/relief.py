@@ -16,31 +16,19 @@ BRIGHTEST = 0.3  # share of white on a slope that faces the light
 
 @dataclass(frozen=True)
 class ReliefGrid:
-    """The surface of a map in relief up to the edges of its outer cells.
+    """The surface of a map in relief up to the edges of its outer cells."""
 
-    Attributes
-    ----------
-    x, y : (nx + 2,) and (ny + 2,) float64, metres: the lowest edge, the middles of the cells, the highest edge
-    heights : (ny + 2, nx + 2) float64, metres above the map's own height
-    """
-
+    # x, y: (nx + 2,) and (ny + 2,) float64, metres: the lowest edge, the middles of the cells, the highest edge
     x: np.ndarray
     y: np.ndarray
-    heights: np.ndarray
+    heights: np.ndarray  # (ny + 2, nx + 2) float64, metres above the map's own height
 
 
 def shaded(rgb: np.ndarray, heights: np.ndarray, step: float) -> np.ndarray:
     """Return the colours of a map as the light makes them; level ground keeps its colour.
 
-    Parameters
-    ----------
-    rgb : (ny, nx, 3) uint8
-    heights : (ny, nx) float32, metres
-    step : between cells, metres
-
-    Returns
-    -------
-    (ny, nx, 3) uint8
+    `rgb` (ny, nx, 3) uint8; `heights` (ny, nx) float32, metres; `step`: between cells, metres. Returns (ny, nx, 3)
+    uint8.
     """
     rise_y, rise_x = np.gradient(np.asarray(heights, float), step)
     light = TOWARDS_LIGHT / TOWARDS_LIGHT[2]  # level ground has the brightness 1
@@ -53,9 +41,7 @@ def shaded(rgb: np.ndarray, heights: np.ndarray, step: float) -> np.ndarray:
 def relief_grid(origin, size, heights: np.ndarray) -> ReliefGrid:
     """Return the surface of a map that covers the box from `origin`, (x, y), of `size`, metres.
 
-    Parameters
-    ----------
-    heights : (ny, nx) float32, metres, in the middles of the cells
+    `heights` (ny, nx) float32, metres, in the middles of the cells.
     """
     axes = [
         low + length * np.concatenate([[0.0], (np.arange(count) + 0.5) / count, [1.0]])

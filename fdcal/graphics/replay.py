@@ -51,19 +51,13 @@ def replay_html(
 ) -> str:
     """Return the HTML of a run.
 
-    Parameters
-    ----------
-    scene : for walls and source, or None
-    measurement : for names, true and known microphones
-    states : of any solver, oldest first, at least one. Beyond `max_bytes` fewer of them are kept, evenly spaced, with
-        the first and the last
-    title : str
-    reference_cost : ReferenceCost, the cost of every state; without it no cost is shown
-    sought : numbers of the microphones whose errors count; those that are not known unless given
-    problem : what the solver saw of the measurement; without it there are no maps
-    microphone : whose map is shown first, counted from 0; otherwise the one that the step moved
-    seconds : (T,) float64, processor time from the start to each state, s, where it is known
-    max_bytes : of the file
+    `scene`: for walls and source, or None; `measurement`: for names, true and known microphones; `states`: of any
+    solver, oldest first, at least one. Beyond `max_bytes` fewer of them are kept, evenly spaced, with the first and the
+    last; `reference_cost`: the cost of every state; without it no cost is shown; `sought`: numbers of the microphones
+    whose errors count; those that are not known unless given; `problem`: what the solver saw of the measurement;
+    without it there are no maps; `microphone`: whose map is shown first, counted from 0; otherwise the one that the
+    step moved; `seconds` (T,) float64, processor time from the start to each state, s, where it is known; `max_bytes`:
+    of the file.
     """
     measurement, problem = _with_domain(measurement, problem, states[-1].positions)
     maps = None if problem is None else map_data(problem)

@@ -23,17 +23,9 @@ LEVELS = 32767  # of a real or imaginary part, of the largest of its mode: 96 dB
 def map_data(problem: Problem) -> tuple[dict, dict[str, np.ndarray]] | None:
     """Return what the maps of a problem need, or None where there is no search domain or no mode is carried.
 
-    Parameters
-    ----------
-    problem : Problem
-
-    Returns
-    -------
-    data : dict
-        Search domain, modes (counted from 1), orders and the colours of the scale.
-    arrays : dict of str to ndarray
-        "wavenumbers" (M, 2) rad/m, "pressures" (M, N, 2) int16, and what they are multiplied by: "mode_scale" (M,) and
-        "channel_scale" (N,).
+    Returns `data` search domain, modes (counted from 1), orders and the colours of the scale; `arrays` "wavenumbers"
+    (M, 2) rad/m, "pressures" (M, N, 2) int16, and what they are multiplied by: "mode_scale" (M,) and "channel_scale"
+    (N,).
     """
     reference_cost = reference_cost_of(problem)
     if reference_cost is None or problem.search is None:

@@ -23,20 +23,12 @@ PIXELS = 240  # along the longer edge of its slice
 
 @dataclass(frozen=True)
 class SampledVolume:
-    """A volume and its values on a lattice.
-
-    Attributes
-    ----------
-    terms : CostVolume
-    search : Search, the lattice
-    cost : (nz, ny, nx) float64
-    minima : (K, 3) float64, metres, local minima
-    """
+    """A volume and its values on a lattice."""
 
     terms: CostVolume
-    search: Search
-    cost: np.ndarray
-    minima: np.ndarray
+    search: Search  # the lattice
+    cost: np.ndarray  # (nz, ny, nx) float64
+    minima: np.ndarray  # (K, 3) float64, metres, local minima
 
     @property
     def lowest(self) -> np.ndarray:
@@ -50,11 +42,7 @@ def sampled_volume(
 ) -> SampledVolume | None:
     """Return a volume on a lattice of the whole domain with its minima; None once cancelled.
 
-    Parameters
-    ----------
-    terms : CostVolume
-    count : points along the longest edge
-    cancelled : tells whether the values are no longer wanted
+    `count`: points along the longest edge; `cancelled`: tells whether the values are no longer wanted.
     """
     domain = terms.domain
     step = max(domain.size) / (count - 1)
@@ -72,11 +60,7 @@ def sampled_volume(
 def drawn_volume(sampled: SampledVolume, log: bool = True, minima: bool = True) -> Volume:
     """Return the isosurfaces of a volume, without a slice.
 
-    Parameters
-    ----------
-    sampled : SampledVolume
-    log : whether the colours follow decibels
-    minima : whether the minima are marked
+    `log`: whether the colours follow decibels; `minima`: whether the minima are marked.
     """
     places = np.concatenate([sampled.lowest[None], sampled.minima]) if minima else ()
     return volume_of(sampled.cost, sampled.search, log, places)
@@ -87,14 +71,9 @@ def sliced(
 ) -> Volume:
     """Return a volume with a slice.
 
-    Parameters
-    ----------
-    volume : of `drawn_volume`
-    sampled : SampledVolume
-    axis : "x", "y" or "z", across the slice; any other word for no slice
-    position : along that axis, metres; beyond the domain, its edge
-    log : as of `drawn_volume`
-    pixels : along the longer edge of the slice
+    `volume`: of `drawn_volume`; `axis`: "x", "y" or "z", across the slice; any other word for no slice; `position`:
+    along that axis, metres; beyond the domain, its edge; `log`: as of `drawn_volume`; `pixels`: along the longer edge
+    of the slice.
     """
     if axis not in AXES or volume.bar is None:
         return replace(volume, plate=None)

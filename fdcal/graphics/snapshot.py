@@ -35,20 +35,9 @@ def render(
 ) -> None:
     """Write the picture to a PNG file.
 
-    Parameters
-    ----------
-    picture : Picture
-    path : of the file
-    size : (width, height), pixels
-    view : "top", "3d" or "close"
-    force : whether to overwrite an existing file
-
-    Raises
-    ------
-    InputError
-        The size or the view is unusable, or the file exists.
-    StorageError
-        There is no GL library, or the file cannot be written.
+    `path`: of the file; `size` (width, height), pixels; `view`: "top", "3d" or "close"; `force`: whether to overwrite
+    an existing file. Raises InputError: the size or the view is unusable, or the file exists; StorageError: there is no
+    GL library, or the file cannot be written.
     """
     from ..model.storage import write_atomically
 

@@ -27,18 +27,8 @@ TIMEOUT = 120.0  # s
 def render_png(picture: Picture, size: Sequence[int] = (1280, 800), view: str = "top") -> bytes:
     """Return the bytes of the PNG, drawn by a child process.
 
-    Parameters
-    ----------
-    picture : Picture
-    size : (width, height), pixels
-    view : "top", "3d" or "close"
-
-    Raises
-    ------
-    InputError
-        The size or the view is unusable.
-    StorageError
-        The child process failed: there is no GL library, or one of another version than fdcal needs.
+    `size` (width, height), pixels; `view`: "top", "3d" or "close". Raises InputError: the size or the view is unusable;
+    StorageError: the child process failed: there is no GL library, or one of another version than fdcal needs.
     """
     require_size(size)
     require_choice("view", view, VIEWS)

@@ -12,45 +12,27 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Surface:
-    """Triangles coloured by a texture.
+    """Triangles coloured by a texture."""
 
-    Attributes
-    ----------
-    name : unique in a picture
-    vertices : (V, 3) float32, metres
-    faces : (F, 3) int32, indices of vertices, in the order in which they are to be drawn
-    places : (V, 2) float32, column and row in the texture, 0 to 1
-    texture : (h, w, 4) uint8, RGB and opacity
-    """
-
-    name: str
-    vertices: np.ndarray
-    faces: np.ndarray
-    places: np.ndarray
-    texture: np.ndarray
+    name: str  # unique in a picture
+    vertices: np.ndarray  # (V, 3) float32, metres
+    faces: np.ndarray  # (F, 3) int32, indices of vertices, in the order in which they are to be drawn
+    places: np.ndarray  # (V, 2) float32, column and row in the texture, 0 to 1
+    texture: np.ndarray  # (h, w, 4) uint8, RGB and opacity
 
 
 @dataclass(frozen=True)
 class Plate:
-    """An image in space, parallel to two axes.
+    """An image in space, parallel to two axes."""
 
-    Attributes
-    ----------
-    name : unique in a picture
-    rgb : (h, w, 3) uint8
-    axis : 0, 1 or 2, of x, y and z: across the image
-    position : along that axis, metres
-    origin, size : lowest corner and extent along the other axes, in their order, metres; row 0 is at the low end
-    opacity : 0 to 1
-    """
-
-    name: str
-    rgb: np.ndarray
-    axis: int
-    position: float
+    name: str  # unique in a picture
+    rgb: np.ndarray  # (h, w, 3) uint8
+    axis: int  # 0, 1 or 2, of x, y and z: across the image
+    position: float  # along that axis, metres
+    # origin, size: lowest corner and extent along the other axes, in their order, metres; row 0 is at the low end
     origin: tuple[float, float]
     size: tuple[float, float]
-    opacity: float = 1.0
+    opacity: float = 1.0  # 0 to 1
 
     @property
     def corners(self) -> np.ndarray:

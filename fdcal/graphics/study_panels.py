@@ -27,21 +27,15 @@ LABELS = {
 
 @dataclass(frozen=True)
 class StudyPanels:
-    """How the axes of a study are laid out in a figure.
+    """How the axes of a study are laid out in a figure."""
 
-    Attributes
-    ----------
-    y, x : str, names of axes; y is "" for a study of one axis
-    panels : tuple of dict, the values of other axes of each panel, by name; one empty dict without other axes
-    columns : int, panels in a row
-    averaged : tuple of str, axes over which every panel averages, since they would give too many panels
-    """
-
+    # y, x: names of axes; y is "" for a study of one axis
     y: str
     x: str
+    # the values of other axes of each panel, by name; one empty dict without other axes
     panels: tuple[dict[str, Any], ...]
-    columns: int
-    averaged: tuple[str, ...]
+    columns: int  # panels in a row
+    averaged: tuple[str, ...]  # axes over which every panel averages, since they would give too many panels
 
     def drawn(self, width: float, height: float) -> tuple[Figure, list[tuple[Any, dict[str, Any]]]]:
         """Return a figure with one matplotlib axes for each panel, and the panels.
@@ -65,11 +59,8 @@ class StudyPanels:
 def study_panels(axes: dict[str, list], names: tuple[str, str] | None = None) -> StudyPanels:
     """Return the layout of the axes of a study.
 
-    Parameters
-    ----------
-    axes : values of each axis, by name
-    names : axes along y and x; unless given, the signal-to-noise ratio along x and the last other axis of numbers along
-        y, so that solvers and scenes are compared side by side
+    `axes`: values of each axis, by name; `names`: axes along y and x; unless given, the signal-to-noise ratio along x
+    and the last other axis of numbers along y, so that solvers and scenes are compared side by side.
     """
     y, x = names or _usual(axes)
     others = [name for name, values in axes.items() if name not in (y, x) and len(values) > 1]

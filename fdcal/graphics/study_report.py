@@ -33,17 +33,9 @@ def write_report(
 ) -> Path:
     """Write the report of a study into the folder `report` of its own, and return its page.
 
-    Parameters
-    ----------
-    folder : str or Path
-    head, rows : as of `fdcal.session.study.results.read_results`
-    names : axes along y and x of the figures; as of `study_panels` unless given
-    at : values of other axes, as text
-
-    Raises
-    ------
-    InputError
-        An axis or a value is not of the study.
+    `head`, `rows`: as of `fdcal.session.study.results.read_results`; `names`: axes along y and x of the figures; as of
+    `study_panels` unless given; `at`: values of other axes, as text. Raises InputError: an axis or a value is not of
+    the study.
     """
     axes = head["axes"]
     _require_axes(axes, names)

@@ -9,22 +9,13 @@ Colour = tuple[int, int, int]
 
 @dataclass(frozen=True)
 class Theme:
-    """Colours that depend on the background.
-
-    Attributes
-    ----------
-    background : Colour
-    foreground : of texts, rulers and walls
-    grid : of the grid on the floor
-    text : size of the texts, 1 for the usual one
-    marks : size of the marks, likewise
-    """
+    """Colours that depend on the background."""
 
     background: Colour
-    foreground: Colour
-    grid: Colour
-    text: float = 1.0
-    marks: float = 1.0
+    foreground: Colour  # of texts, rulers and walls
+    grid: Colour  # of the grid on the floor
+    text: float = 1.0  # size of the texts, 1 for the usual one
+    marks: float = 1.0  # size of the marks, likewise
 
     @property
     def quiet(self) -> Colour:

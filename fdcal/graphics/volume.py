@@ -36,24 +36,15 @@ SHADES = 32  # columns of a texture
 
 @dataclass(frozen=True)
 class Volume:
-    """The cost of one microphone in space.
+    """The cost of one microphone in space."""
 
-    Attributes
-    ----------
-    surface : of all isosurfaces
-    plate : the slice, or None
-    bar : ColourBar, of both; None where the colours of the slice stand for areas
-    levels : of the isosurfaces, in the unit of `bar`, ascending
-    minima : places of the lowest cost and of the other local minima, in this order, metres; none to mark none
-    areas : what the colours of a slice without a bar stand for
-    """
-
-    surface: Surface
-    plate: Plate | None
-    bar: ColourBar | None
-    levels: tuple[float, ...]
+    surface: Surface  # of all isosurfaces
+    plate: Plate | None  # the slice, or None
+    bar: ColourBar | None  # of both; None where the colours of the slice stand for areas
+    levels: tuple[float, ...]  # of the isosurfaces, in the unit of `bar`, ascending
+    # places of the lowest cost and of the other local minima, in this order, metres; none to mark none
     minima: tuple[tuple[float, float, float], ...] = ()
-    areas: tuple[Area, ...] = ()
+    areas: tuple[Area, ...] = ()  # what the colours of a slice without a bar stand for
 
     @property
     def text(self) -> str:
@@ -70,9 +61,7 @@ class Volume:
 def levels_of(decibels: np.ndarray) -> tuple[float, ...]:
     """Return round levels of cost, ascending, of which each encloses a part of the domain that can be seen through.
 
-    Parameters
-    ----------
-    decibels : (nz, ny, nx) float64, cost, dB
+    `decibels` (nz, ny, nx) float64, cost, dB.
     """
     low, middle = float(decibels.min()), float(np.quantile(decibels, LARGEST))
     for count in (MAX_LEVELS, 6, 10, 20):
@@ -86,12 +75,8 @@ def levels_of(decibels: np.ndarray) -> tuple[float, ...]:
 def volume_of(cost: np.ndarray, search: Search, log: bool, minima=()) -> Volume:
     """Return the isosurfaces of costs on a lattice, without a slice.
 
-    Parameters
-    ----------
-    cost : (nz, ny, nx) float64, relative to the power
-    search : the lattice
-    log : whether the colours follow decibels
-    minima : (K, 3) float64, metres, the lowest first, to be marked
+    `cost` (nz, ny, nx) float64, relative to the power; `search`: the lattice; `log`: whether the colours follow
+    decibels; `minima` (K, 3) float64, metres, the lowest first, to be marked.
     """
     low, high, clipped = colour_limits(cost, log)
     decibels = 10 * np.log10(np.maximum(cost, 1e-16))
@@ -109,14 +94,9 @@ def volume_of(cost: np.ndarray, search: Search, log: bool, minima=()) -> Volume:
 def slice_of(cost: np.ndarray, axis: int, position: float, domain: np.ndarray, bar: ColourBar, log: bool) -> Plate:
     """Return a slice through a volume, in the colours of the volume.
 
-    Parameters
-    ----------
-    cost : (h, w) float64, in the middle of each pixel, rows along the later of the two axes
-    axis : 0, 1 or 2, across the slice
-    position : along that axis, metres
-    domain : (2, 3) float64, lowest and highest corner of the domain, metres
-    bar : of the volume
-    log : whether the colours follow decibels
+    `cost` (h, w) float64, in the middle of each pixel, rows along the later of the two axes; `axis`: 0, 1 or 2, across
+    the slice; `position`: along that axis, metres; `domain` (2, 3) float64, lowest and highest corner of the domain,
+    metres; `bar`: of the volume; `log`: whether the colours follow decibels.
     """
     low, high = (10 ** (bar.low / 10), 10 ** (bar.high / 10)) if log else (bar.low, bar.high)
     rgb = to_rgb(normalise(cost, low, high, log))

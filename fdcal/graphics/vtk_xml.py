@@ -22,11 +22,8 @@ def image(
 ) -> str:
     """Return the text of an image file (.vti).
 
-    Parameters
-    ----------
-    shape : points along x, y and z
-    origin, spacing : (3,), metres, of the first point and between points
-    fields : by name, a value for each point, x fastest, then y
+    `shape`: points along x, y and z; `origin`, `spacing` (3,), metres, of the first point and between points; `fields`:
+    by name, a value for each point, x fastest, then y.
     """
     extent = " ".join(f"0 {n - 1}" for n in shape)
     first, steps = (" ".join(repr(float(x)) for x in values) for values in (origin, spacing))
@@ -38,11 +35,8 @@ def image(
 def points(positions: np.ndarray, lines: np.ndarray, fields: Mapping[str, np.ndarray]) -> str:
     """Return the text of a file of points with lines between some of them (.vtp).
 
-    Parameters
-    ----------
-    positions : (P, 3), metres
-    lines : (S, 2), indices of points
-    fields : by name, (P,) or (P, 3) numbers or (P,) texts
+    `positions` (P, 3), metres; `lines` (S, 2), indices of points; `fields`: by name, (P,) or (P, 3) numbers or (P,)
+    texts.
     """
     count, lines = len(positions), np.reshape(lines, (-1, 2)).astype(int)
     body = "".join(_array(name, values) for name, values in fields.items())

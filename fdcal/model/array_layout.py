@@ -17,36 +17,16 @@ GEOMETRIES = ("circle", "rectangle", "rectangle+random", "positions", *GEOMETRIE
 
 @dataclass(frozen=True)
 class Array:
-    """Geometry of the microphones; `fdcal.model.arrays` turns it into positions.
+    """Geometry of the microphones; `fdcal.model.arrays` turns it into positions."""
 
-    Attributes
-    ----------
-    geometry : str
-        One of GEOMETRIES; NEEDS lists the keys that each of them takes.
-    center : tuple of float or None
-        Centre, metres; the origin unless given.
-    count : int or None
-        Microphones on a circle, or in a ball or box.
-    radius : float or None
-        Of a circle or ball, metres.
-    shape : tuple of int or None
-        Microphones along x and y of a rectangle or plane.
-    size : tuple of float or None
-        Outer lengths of a rectangle, plane or box, metres.
-    random : int
-        Additional random microphones inside `size` ("rectangle+random").
-    positions : tuple of points or None
-        One microphone a row, metres ("positions").
-    """
-
-    geometry: str
-    center: Point | None = None
-    count: int | None = None
-    radius: float | None = None
-    shape: tuple[int, ...] | None = None
-    size: Point | None = None
-    random: int = 0
-    positions: tuple[Point, ...] | None = None
+    geometry: str  # one of GEOMETRIES; NEEDS lists the keys that each of them takes
+    center: Point | None = None  # centre, metres; the origin unless given
+    count: int | None = None  # microphones on a circle, or in a ball or box
+    radius: float | None = None  # of a circle or ball, metres
+    shape: tuple[int, ...] | None = None  # microphones along x and y of a rectangle or plane
+    size: Point | None = None  # outer lengths of a rectangle, plane or box, metres
+    random: int = 0  # additional random microphones inside `size` ("rectangle+random")
+    positions: tuple[Point, ...] | None = None  # one microphone a row, metres ("positions")
 
     OPTIONAL: typing.ClassVar = ("center", "count", "radius", "shape", "size", "random", "positions")
     NEEDS: typing.ClassVar = {
@@ -129,10 +109,7 @@ class Gauge:
     def indices(self, count: int) -> tuple[int, ...]:
         """Return the known microphones of an array of `count`, ascending.
 
-        Raises
-        ------
-        InputError
-            For a microphone that the array lacks, or that is listed twice.
+        Raises InputError for a microphone that the array lacks, or that is listed twice.
         """
         key, given = ("gauge.known", self.known or ()) if self.free is None else ("gauge.free", self.free)
         for index in given:

@@ -28,17 +28,10 @@ LEAST_KNOWN = {
 def positions_of(scene: Scene) -> np.ndarray:
     """Return the positions of a scene's microphones.
 
-    Returns
-    -------
-    (N, D) float64, read-only
-        Metres; on cell centres in a simulated room. D is 2 in a plane, whose height is then left out.
-
-    Raises
-    ------
-    InputError
-        Two microphones in one cell or at one position, one outside the room or the search domain, the source outside
-        the room or inside the array, a wall between microphones, known microphones that do not fix translation,
-        rotation and mirror image.
+    Returns (N, D) float64, read-only, metres; on cell centres in a simulated room. D is 2 in a plane, whose height is
+    then left out. Raises InputError: two microphones in one cell or at one position, one outside the room or the search
+    domain, the source outside the room or inside the array, a wall between microphones, known microphones that do not
+    fix translation, rotation and mirror image.
     """
     positions = positions_3d(scene)[:, : scene.array.dimension] if scene.room.dimension == 3 else _on_cells(scene)
     _check_gauge(positions, scene)

@@ -21,16 +21,9 @@ CLEARANCE = 1e-6  # metres: microphones closer than this count as one
 def positions_3d(scene: Scene) -> np.ndarray:
     """Return the positions of a scene's microphones in space.
 
-    Returns
-    -------
-    (N, 3) float64
-        Metres; the height of a plane array included.
-
-    Raises
-    ------
-    InputError
-        Two microphones at one position, one outside the room, the source outside the room or inside the array. Where
-        the walls and the source of a measured room are is unknown.
+    Returns (N, 3) float64, metres; the height of a plane array included. Raises InputError: two microphones at one
+    position, one outside the room, the source outside the room or inside the array. Where the walls and the source of a
+    measured room are is unknown.
     """
     positions = _geometry(scene.array, np.random.default_rng([scene.seed, 0])) + (scene.array.center or 0.0)
     distance = np.linalg.norm(positions[:, None] - positions[None], axis=-1) + np.eye(len(positions))

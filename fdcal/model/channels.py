@@ -12,16 +12,10 @@ from .validation import InputError
 
 @dataclass(frozen=True)
 class DuplicateLimits:
-    """When two channels count as one recording.
+    """When two channels count as one recording."""
 
-    Attributes
-    ----------
-    duplicate : difference of the channels, up to a factor, over the norm of one : dimensionless
-    parallel : 1 - abs(correlation) of the pairs whose difference is computed : dimensionless
-    """
-
-    duplicate: float = 1e-9
-    parallel: float = 1e-6
+    duplicate: float = 1e-9  # difference of the channels, up to a factor, over the norm of one : dimensionless
+    parallel: float = 1e-6  # 1 - abs(correlation) of the pairs whose difference is computed : dimensionless
 
 
 LIMITS = DuplicateLimits()
@@ -30,17 +24,9 @@ LIMITS = DuplicateLimits()
 def exclude_microphones(table: dict, chosen: Sequence[str]) -> dict:
     """Return the keys of a measurement without some microphones.
 
-    Parameters
-    ----------
-    table : dict
-        Keys of `fdcal.model.measurement.Measurement`. Those that are missing or None stay so.
-    chosen : sequence of str
-        Names or numbers; a name takes precedence. The others keep their names, or their old numbers as names.
-
-    Raises
-    ------
-    InputError
-        For a microphone that does not exist.
+    `table`: keys of `fdcal.model.measurement.Measurement`. Those that are missing or None stay so; `chosen`: names or
+    numbers; a name takes precedence. The others keep their names, or their old numbers as names. Raises InputError for
+    a microphone that does not exist.
     """
     pressures = np.asarray(table["pressures"])
     if not chosen or pressures.ndim != 2:
@@ -68,10 +54,7 @@ def exclude_microphones(table: dict, chosen: Sequence[str]) -> dict:
 def microphone_index(text: str, names: Sequence[str], key: str) -> int:
     """Return the number of the microphone whose name or number, counted from 0, is `text`.
 
-    Raises
-    ------
-    InputError
-        If there is none; it names the argument `key`.
+    Raises InputError if there is none; it names the argument `key`.
     """
     names = list(names)
     if text in names:
@@ -85,15 +68,8 @@ def microphone_index(text: str, names: Sequence[str], key: str) -> int:
 def check_channels(pressures: np.ndarray, names: Sequence[str]) -> None:
     """Refuse channels that hold no signal, or the same as another up to a factor.
 
-    Parameters
-    ----------
-    pressures : (M, N) complex128
-    names : (N,) sequence of str
-
-    Raises
-    ------
-    InputError
-        Names the channels, and how to leave one out.
+    `pressures` (M, N) complex128; `names` (N,) sequence of str. Raises InputError: names the channels, and how to leave
+    one out.
     """
     if len(pressures) < 2:
         return

@@ -14,20 +14,12 @@ DEAD_SHARE = 1e-6  # power of a dead channel, which is noise of its own, over th
 
 @dataclass(frozen=True)
 class Faults:
-    """Channels that are faulty, and how far the others scatter.
+    """Channels that are faulty, and how far the others scatter."""
 
-    Attributes
-    ----------
-    inverted : tuple of int
-        Microphones of inverted polarity.
-    dead : tuple of int
-        Microphones without signal, which give noise of their own, 60 dB below the others.
-    gain_db, phase_deg : float
-        Standard deviation of the gains, decibels, and phases, degrees, of all channels, drawn by the scene's seed.
-    """
-
-    inverted: tuple[int, ...] = ()
-    dead: tuple[int, ...] = ()
+    inverted: tuple[int, ...] = ()  # microphones of inverted polarity
+    dead: tuple[int, ...] = ()  # microphones without signal, which give noise of their own, 60 dB below the others
+    # gain_db, phase_deg: standard deviation of the gains, decibels, and phases, degrees, of all channels, drawn by the
+    # scene's seed
     gain_db: float = 0.0
     phase_deg: float = 0.0
 
@@ -55,10 +47,7 @@ class Faults:
     def gains(self, count: int, seed: int) -> np.ndarray:
         """Return the gain of every channel, 0 of a dead one : (N,) complex128.
 
-        Raises
-        ------
-        InputError
-            For a microphone that the array lacks.
+        Raises InputError for a microphone that the array lacks.
         """
         self.require_channels(count)
         draws = np.random.default_rng([seed, 2]).normal(size=(2, count))

@@ -25,22 +25,10 @@ _hints = functools.cache(typing.get_type_hints)
 def build(cls, table: dict, prefix: str = "", whole: str = "scene"):
     """Return a dataclass with the values of a table.
 
-    Parameters
-    ----------
-    cls : type
-        Dataclass with fields of str, int, float, bool, dict, dataclasses, or tuples of these. Its OPTIONAL, or what
-        its `optional(table)` returns, lists the keys that may be left out.
-    table : dict
-        As tomllib reads it.
-    prefix : str
-        Put before a key in messages, for example "room.".
-    whole : str
-        What messages call the file.
-
-    Raises
-    ------
-    InputError
-        For an unknown or missing key, or a value of another type.
+    `cls`, type, dataclass with fields of str, int, float, bool, dict, dataclasses, or tuples of these. Its OPTIONAL, or
+    what its `optional(table)` returns, lists the keys that may be left out; `table`: as tomllib reads it; `prefix`: put
+    before a key in messages, for example "room."; `whole`: what messages call the file. Raises InputError for an
+    unknown or missing key, or a value of another type.
 
     Examples
     --------

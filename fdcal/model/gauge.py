@@ -25,14 +25,9 @@ INDEPENDENT = 0.1  # least part of a coordinate axis outside the axes found so f
 
 @dataclass(frozen=True)
 class GaugeLimits:
-    """When microphones count as lying on one line or in one plane.
+    """When microphones count as lying on one line or in one plane."""
 
-    Attributes
-    ----------
-    flat : smallest extent of an array over its largest one, dimensionless, that counts as an extent
-    """
-
-    flat: float = 1e-3
+    flat: float = 1e-3  # smallest extent of an array over its largest one, dimensionless, that counts as an extent
 
 
 LIMITS = GaugeLimits()
@@ -40,34 +35,18 @@ LIMITS = GaugeLimits()
 
 @dataclass(frozen=True, eq=False)
 class GaugeFrame:
-    """The minimal gauge: one position, one direction, one sign (section 5 of the paper); in space a plane as well.
+    """The minimal gauge: one position, one direction, one sign (section 5 of the paper); in space a plane as well."""
 
-    Attributes
-    ----------
-    microphones : (D + 1,) int64
-        The position of the first is known, the direction of the second from it, and of each of the others the side
-        of the line, or plane, through those before.
-    positions : (D + 1, D) float64
-        Metres. Of all but the first only the directions and sides matter.
-    """
-
+    # (D + 1,) int64, the position of the first is known, the direction of the second from it, and of each of the others
+    # the side of the line, or plane, through those before
     microphones: np.ndarray
-    positions: np.ndarray
+    positions: np.ndarray  # (D + 1, D) float64, metres. Of all but the first only the directions and sides matter
 
 
 def minimal_frame(known, known_positions) -> GaugeFrame:
     """Return the frame of the first D + 1 known microphones that span D directions.
 
-    Parameters
-    ----------
-    known : (A,) int
-    known_positions : (A, D) float64
-        Metres.
-
-    Raises
-    ------
-    InputError
-        If there are no such microphones.
+    `known` (A,) int; `known_positions` (A, D) float64, metres. Raises InputError if there are no such microphones.
     """
     places = np.asarray(known_positions, float)
     D = places.shape[1]
@@ -124,15 +103,7 @@ def rigid_motions(positions) -> np.ndarray:
 def position_errors(estimate, truth) -> np.ndarray:
     """Return the distance of each microphone from its true position.
 
-    Parameters
-    ----------
-    estimate, truth : (N, D) float64
-        Metres.
-
-    Returns
-    -------
-    (N,) float64
-        Metres.
+    `estimate`, `truth` (N, D) float64, metres. Returns (N,) float64, metres.
     """
     return np.linalg.norm(np.asarray(estimate) - np.asarray(truth), axis=1)
 
@@ -143,17 +114,8 @@ def align(estimate, truth, by: slice | np.ndarray = slice(None)) -> np.ndarray:
     Kabsch's method without the condition on the determinant: a mirror image is allowed, since it has the same
     pressures.
 
-    Parameters
-    ----------
-    estimate, truth : (N, D) float64
-        Metres.
-    by : slice or index array
-        Microphones that determine the motion; all unless given.
-
-    Returns
-    -------
-    (N, D) float64
-        Metres.
+    `estimate`, `truth` (N, D) float64, metres; `by`, slice or index array, microphones that determine the motion; all
+    unless given. Returns (N, D) float64, metres.
     """
     estimate, truth = np.asarray(estimate, float), np.asarray(truth, float)
     centre, goal = estimate[by].mean(axis=0), truth[by].mean(axis=0)

@@ -22,17 +22,8 @@ def circle(count: int, radius: float) -> np.ndarray:
 def rectangle(shape: tuple[int, ...], size: tuple[float, ...]) -> np.ndarray:
     """Return a regular lattice about the origin.
 
-    Parameters
-    ----------
-    shape : (2,) int
-        Points along x and y; an axis with a single point has it at 0.
-    size : (2,) float
-        Outer lengths, metres.
-
-    Returns
-    -------
-    (nx * ny, 2) float64
-        Metres, x fastest.
+    `shape` (2,) int, points along x and y; an axis with a single point has it at 0; `size` (2,) float, outer lengths,
+    metres. Returns (nx * ny, 2) float64, metres, x fastest.
     """
     x, y = (np.linspace(-s / 2, s / 2, n) if n > 1 else np.zeros(1) for n, s in zip(shape, size, strict=True))
     return np.column_stack([axis.ravel() for axis in np.meshgrid(x, y)])
@@ -50,26 +41,8 @@ def rectangle_plus_random(
 
     Unlike the other geometries this one takes its `center`: which cells are free depends on it.
 
-    Parameters
-    ----------
-    shape, size
-        See `rectangle`.
-    extra : int
-    cell : float
-        Edge of a cell, metres.
-    rng : numpy.random.Generator
-    center : (2,) float
-        Metres.
-
-    Returns
-    -------
-    (nx * ny + extra, 2) float64
-        Metres, on cell centres.
-
-    Raises
-    ------
-    InputError
-        Fewer free cells than `extra`.
+    `shape`, `size`: see `rectangle`; `cell`: edge of a cell, metres; `center` (2,) float, metres. Returns (nx * ny +
+    extra, 2) float64, metres, on cell centres. Raises InputError: fewer free cells than `extra`.
     """
     regular = cells_of(rectangle(shape, size) + center, cell)
     low, high = regular.min(axis=0), regular.max(axis=0)

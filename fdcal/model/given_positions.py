@@ -19,17 +19,9 @@ FLAT = 1e-6  # metres: heights that differ less are one height
 def with_known(measurement: Measurement, known: Mapping | Sequence) -> Measurement:
     """Return a measurement with other known microphones.
 
-    Parameters
-    ----------
-    measurement : Measurement
-    known : mapping or sequence
-        Names or numbers of microphones, which a mapping maps to positions (D,), metres. Of a sequence, the positions
-        are those that the measurement has.
-
-    Raises
-    ------
-    InputError
-        A microphone does not exist or is given twice, or its position is missing.
+    `known`: names or numbers of microphones, which a mapping maps to positions (D,), metres. Of a sequence, the
+    positions are those that the measurement has. Raises InputError: a microphone does not exist or is given twice, or
+    its position is missing.
     """
     names = measurement.names
     numbers = [microphone_index(str(key), names, "known") for key in known]
@@ -75,17 +67,8 @@ def with_positions(measurement: Measurement, placed: MicrophonePositions, exclud
 
     Channels are found by name where all names are given. Otherwise the order counts.
 
-    Parameters
-    ----------
-    measurement : Measurement
-    placed : MicrophonePositions
-    excluded : int
-        Number of channels that were left out of the measurement; `placed` may hold these, too.
-
-    Raises
-    ------
-    InputError
-        The numbers of microphones differ, or positions in space are given for an array in the plane.
+    `excluded`: number of channels that were left out of the measurement; `placed` may hold these, too. Raises
+    InputError: the numbers of microphones differ, or positions in space are given for an array in the plane.
     """
     rows = _rows(measurement.names, placed.names, excluded)
     positions = np.asarray(placed.positions)[rows]
@@ -108,10 +91,7 @@ def with_positions(measurement: Measurement, placed: MicrophonePositions, exclud
 def row_order_remark(names: Sequence[str], given: Sequence[str]) -> str:
     """Return in words that the rows of a list count and not its names; "" where it names all of `names`.
 
-    Parameters
-    ----------
-    names : of the microphones
-    given : of the rows of the list
+    `names`: of the microphones; `given`: of the rows of the list.
     """
     shared = len(set(names) & set(given))
     if shared == len(names):

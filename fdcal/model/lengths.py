@@ -11,10 +11,8 @@ def format_mm(length: float) -> str:
 def length_text(length: float, digits: int = 3) -> str:
     """Return a length in metres as a text, in metres from 1 m on: "4.13 mm", "1.16 m".
 
-    Parameters
-    ----------
-    length : metres
-    digits : of a length below a decimetre; from there on millimetres are whole, and metres have three digits
+    `length`: metres; `digits`: of a length below a decimetre; from there on millimetres are whole, and metres have
+    three digits.
     """
     return f"{mm_text(length, digits)} mm" if length < 0.9995 else f"{length:.{max(3, len(str(int(length))))}g} m"
 

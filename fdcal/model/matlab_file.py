@@ -42,18 +42,8 @@ class Element(NamedTuple):
 def read_arrays(data: bytes, names: Collection[str], path: str) -> dict[str, np.ndarray]:
     """Return those of the variables `names` that a file has, each an array of real numbers of its own type.
 
-    Parameters
-    ----------
-    data : bytes
-        The whole file.
-    names : collection of str
-    path : str
-        Named in the message.
-
-    Raises
-    ------
-    InputError
-        The file is of another version, cut off or damaged, or a variable is too large or no array of real numbers.
+    `data`: the whole file; `names`: collection of str; `path`: named in the message. Raises InputError: the file is of
+    another version, cut off or damaged, or a variable is too large or no array of real numbers.
     """
     order = BYTE_ORDERS.get(data[HEADER - 2 : HEADER])
     if order is None or struct.unpack(f"{order}H", data[HEADER - 4 : HEADER - 2])[0] >> 8 != VERSION:

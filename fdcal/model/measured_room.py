@@ -65,17 +65,8 @@ def require_no_walls(room: Mapping[str, Any]) -> None:
 def response_path(text: str) -> Path:
     """Return the file of a response that is given by its name or its path.
 
-    Parameters
-    ----------
-    text : str
-        One of `response_names()`, or the path of a .mat file.
-
-    Raises
-    ------
-    InputError
-        The name is unknown.
-    StorageError
-        There is no such file.
+    `text`: one of `response_names()`, or the path of a .mat file. Raises InputError: the name is unknown; StorageError:
+    there is no such file.
 
     Examples
     --------

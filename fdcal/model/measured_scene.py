@@ -28,18 +28,10 @@ KEYS = ("name", "title", "measurement", "remark")  # of the file of a scene that
 
 @dataclass(frozen=True)
 class MeasuredScene(Scene):
-    """A scene whose title, solver, seed and gauge are real; room, source and array are placeholders.
+    """A scene whose title, solver, seed and gauge are real; room, source and array are placeholders."""
 
-    Attributes
-    ----------
-    file : str
-        Path of the measurement; "" where whoever opens the scene has the measurement.
-    remark : str
-        What was measured, by whom, and under which licence: shown below the scene's name.
-    """
-
-    file: str = ""
-    remark: str = ""
+    file: str = ""  # path of the measurement; "" where whoever opens the scene has the measurement
+    remark: str = ""  # what was measured, by whom, and under which licence: shown below the scene's name
 
     @staticmethod
     def optional(table: dict) -> tuple[str, ...]:
@@ -50,17 +42,8 @@ class MeasuredScene(Scene):
 def load_measured_scene(table: Mapping[str, Any]) -> MeasuredScene:
     """Return the scene of a measurement that comes as a file.
 
-    Parameters
-    ----------
-    table : mapping
-        `name`, `title`, `measurement`, the path of an .npz file, and `remark`, which may be missing.
-
-    Raises
-    ------
-    InputError
-        For another key, or a value that is no text.
-    StorageError
-        The measurement cannot be read.
+    `table`: `name`, `title`, `measurement`, the path of an .npz file, and `remark`, which may be missing. Raises
+    InputError for another key, or a value that is no text; StorageError: the measurement cannot be read.
     """
     for key, value in table.items():
         if key not in KEYS:
@@ -91,17 +74,7 @@ def placeholder_scene(
 ) -> MeasuredScene:
     """Return a scene for a measurement that has none.
 
-    Parameters
-    ----------
-    measurement : Measurement
-    name : str
-        Name of its file.
-    solver : SolverSettings
-    seed : int
-    title : str
-        The name and "as measured" unless given.
-    file, remark : str
-        As of `MeasuredScene`.
+    `name`: name of its file; `title`: the name and "as measured" unless given; `file`, `remark`: as of `MeasuredScene`.
     """
     D, d = measurement.dimension, measurement.array_dimension
     places = measurement.positions if measurement.positions is not None else measurement.known_positions

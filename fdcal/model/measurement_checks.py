@@ -141,15 +141,8 @@ def arrivals(times, sigma, takes, count: int, speed: float) -> tuple[np.ndarray 
 def known(indices, places, truth: np.ndarray | None, count: int, D: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the known microphones (A,) int64, ascending, and their positions (A, D) float64, metres.
 
-    Parameters
-    ----------
-    indices : (A,) int
-    places : (A, D) float64 or None
-        Metres; those of `truth` unless given.
-    truth : (N, D) float64 or None
-        True positions, metres.
-    count, D : int
-        Number of microphones and of coordinates.
+    `indices` (A,) int; `places` (A, D) float64 or None, metres; those of `truth` unless given; `truth` (N, D) float64
+    or None, true positions, metres; `count`, `D`: number of microphones and of coordinates.
     """
     numbers = require_array("known", indices, "index", (None,), "microphones counted from 0")
     listed = numbers.tolist()
@@ -265,17 +258,11 @@ class HeldWavenumbers:
 
     `dataclasses.replace` hands a measurement the very array that another one holds, so that a change of the sound
     speed alone would leave the wavenumbers, and all positions that follow from them, at the old one.
-
-    Attributes
-    ----------
-    array : reference to them; dead after the last measurement that holds them
-    speed : sound speed of this measurement, m/s
-    derived : whether they are 2 pi f / c
     """
 
-    array: weakref.ref
-    speed: float
-    derived: bool
+    array: weakref.ref  # reference to them; dead after the last measurement that holds them
+    speed: float  # sound speed of this measurement, m/s
+    derived: bool  # whether they are 2 pi f / c
 
 
 _held: dict[int, HeldWavenumbers] = {}  # by the id of the array
@@ -291,17 +278,8 @@ def hold(array: np.ndarray, speed: float, derived: bool) -> np.ndarray:
 def given_wavenumbers(values, speed: float):
     """Return the wavenumbers that are given for a measurement, None where they are to follow from the frequencies.
 
-    Parameters
-    ----------
-    values : array_like or None
-        Those of another measurement count as given only if they were given there.
-    speed : float
-        m/s, of the measurement.
-
-    Raises
-    ------
-    InputError
-        They were given for a measurement of another sound speed.
+    `values`, array_like or None, those of another measurement count as given only if they were given there; `speed`:
+    m/s, of the measurement. Raises InputError: they were given for a measurement of another sound speed.
     """
     held = _held.get(id(values))
     if held is None or held.array() is not values:

@@ -39,12 +39,7 @@ OPTIONAL = (
 def save_measurement(measurement: Measurement, file, others: Mapping[str, np.ndarray] | None = None) -> None:
     """Write a measurement as .npz; `load_measurement` lists the keys.
 
-    Parameters
-    ----------
-    measurement : Measurement
-    file : str, Path or open binary file
-    others : mapping of str to arrays, optional
-        Stored under keys of their own, which `load_measurement` ignores.
+    `file`: Path or open binary file; `others`: stored under keys of their own, which `load_measurement` ignores.
     """
     table: dict[str, Any] = {key: getattr(measurement, key) for key in REQUIRED + OPTIONAL}
     table["names"] = np.array(measurement.names)
@@ -71,20 +66,9 @@ def load_measurement(path, excluded: Sequence[str] = (), called: str = "") -> Me
     (T, N) s with `arrival_sigma` (T,) s, `nominal`, whether the positions are nominal, and all or none of
     `search_origin`, `search_size`, `search_step`, `radius`, m.
 
-    Parameters
-    ----------
-    path : str, Path or open binary file
-    excluded : sequence of str
-        Names or numbers of microphones that are left out before anything is checked.
-    called : str
-        What messages call the file; its path unless given.
-
-    Raises
-    ------
-    StorageError
-        If the file cannot be read.
-    InputError
-        If it does not hold a measurement.
+    `path`: Path or open binary file; `excluded`: names or numbers of microphones that are left out before anything is
+    checked; `called`: what messages call the file; its path unless given. Raises StorageError if the file cannot be
+    read; InputError if it does not hold a measurement.
     """
     table = _read_arrays(path)
     path = called or path

@@ -11,24 +11,12 @@ from .validation import InputError, frozen_array, require_array
 
 @dataclass(frozen=True)
 class MicrophonePositions:
-    """Positions of named microphones in space.
+    """Positions of named microphones in space."""
 
-    Attributes
-    ----------
-    names : (N,) tuple of str
-        Each different.
-    positions : (N, 3) float64
-        Metres; (N, 2) is taken as the plane z = 0.
-    uncertainty : (N,) float64 or None
-        One standard deviation of the position, metres.
-    frame : str
-        Name of the coordinate system.
-    """
-
-    names: tuple[str, ...]
-    positions: np.ndarray
-    uncertainty: np.ndarray | None = None
-    frame: str = "as found"
+    names: tuple[str, ...]  # (N,) tuple of str, each different
+    positions: np.ndarray  # (N, 3) float64, metres; (N, 2) is taken as the plane z = 0
+    uncertainty: np.ndarray | None = None  # (N,) float64 or None, one standard deviation of the position, metres
+    frame: str = "as found"  # name of the coordinate system
 
     def __post_init__(self):
         positions = require_array("positions", self.positions, "real", (len(self.names), None), "m")

@@ -12,17 +12,8 @@ LONGEST = 200  # characters that are read of a text
 def parse(text: str, count: int) -> tuple[int, ...]:
     """Return the modes that a text lists, counted from 1, ascending.
 
-    Parameters
-    ----------
-    text : str
-        Numbers and ranges with commas between.
-    count : int
-        Number of modes that exist.
-
-    Raises
-    ------
-    InputError
-        For a text that lists no mode, or one that does not exist.
+    `text`: numbers and ranges with commas between; `count`: number of modes that exist. Raises InputError for a text
+    that lists no mode, or one that does not exist.
 
     Examples
     --------

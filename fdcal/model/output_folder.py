@@ -19,18 +19,9 @@ def folder_in_progress(path: str | Path, force: bool = False) -> Iterator[Path]:
 
     It is made at once, so that a place that cannot be written is known before the work begins.
 
-    Parameters
-    ----------
-    path : str or Path
-    force : bool
-        Whether `path` may hold files. Those of the same names are replaced, the others stay.
-
-    Raises
-    ------
-    InputError
-        `path` is a file, or a folder that is not empty and `force` is not set.
-    StorageError
-        The folder around it is missing, or the system refuses.
+    `force`: whether `path` may hold files. Those of the same names are replaced, the others stay. Raises InputError:
+    `path` is a file, or a folder that is not empty and `force` is not set; StorageError: the folder around it is
+    missing, or the system refuses.
     """
     path = Path(path)
     _require_free(path, force)

@@ -10,17 +10,8 @@ ROUNDING = 1e-9  # of a coordinate, metres, and of an angle, radians: difference
 def in_polygon(points: np.ndarray, vertices: np.ndarray) -> np.ndarray:
     """Return which points lie inside a polygon, by the even-odd rule.
 
-    Parameters
-    ----------
-    points : (..., 2) float64
-        Metres.
-    vertices : (V, 2) float64
-        Corners in order, metres; the last joins the first.
-
-    Returns
-    -------
-    (...) bool
-        A point on the outline itself may fall on either side.
+    `points` (..., 2) float64, metres; `vertices` (V, 2) float64, corners in order, metres; the last joins the first.
+    Returns (...) bool, a point on the outline itself may fall on either side.
     """
     x, y = np.moveaxis(np.asarray(points, dtype=float), -1, 0)
     crossings = np.zeros(x.shape, dtype=bool)

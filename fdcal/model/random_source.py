@@ -15,22 +15,10 @@ def random_source(
 ) -> np.ndarray | None:
     """Return a place drawn evenly over the room, rounded to a millimetre.
 
-    Parameters
-    ----------
-    size : (2,) or (3,) sequence of float
-        Lengths of the room, metres.
-    microphones : (N, 2 or 3) float64
-        Metres. Without heights in a room with a height, horizontal distances count.
-    clearance : float
-        Least distance from every microphone, metres.
-    rng : numpy.random.Generator
-    allowed : callable
-        Whether a place, (2 or 3,) float64, is possible otherwise.
-
-    Returns
-    -------
-    (2 or 3,) float64 or None
-        None where no place was found.
+    `size` (2,) or (3,) sequence of float, lengths of the room, metres; `microphones` (N, 2 or 3) float64, metres.
+    Without heights in a room with a height, horizontal distances count; `clearance`: least distance from every
+    microphone, metres; `allowed`: whether a place, (2 or 3,) float64, is possible otherwise. Returns (2 or 3,) float64
+    or None, none where no place was found.
     """
     size = np.asarray(size, float)
     for _ in range(DRAWS):

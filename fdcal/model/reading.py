@@ -28,20 +28,8 @@ MOST_DOTS = 500  # before the "=" of a line: the parser's time grows with the sq
 def read_bytes(path: str | Path, most: int = LIMITS.text, what: str = "") -> bytes:
     """Return the content of a file.
 
-    Parameters
-    ----------
-    path : str or Path
-    most : int
-        Bytes that it may have.
-    what : str, optional
-        What an error calls its content, as "scene".
-
-    Raises
-    ------
-    InputError
-        It has more bytes, or its name holds a NUL.
-    StorageError
-        It cannot be read.
+    `most`: bytes that it may have; `what`: what an error calls its content, as "scene". Raises InputError: it has more
+    bytes, or its name holds a NUL; StorageError: it cannot be read.
     """
     if "\0" in str(path):
         raise InputError(f"{shown(str(path))} is no name of a file, it holds a NUL character", "correct it")
@@ -58,16 +46,7 @@ def read_bytes(path: str | Path, most: int = LIMITS.text, what: str = "") -> byt
 def parse_toml(content: bytes, where: object) -> dict[str, Any]:
     """Return the table of a TOML file.
 
-    Parameters
-    ----------
-    content : bytes
-    where : object
-        What an error calls the file.
-
-    Raises
-    ------
-    InputError
-        It is no TOML.
+    `where`: what an error calls the file. Raises InputError: it is no TOML.
     """
     try:
         text = content.decode("utf-8-sig")
@@ -82,16 +61,7 @@ def parse_toml(content: bytes, where: object) -> dict[str, Any]:
 def parse_json(content: bytes | str, where: object) -> Any:
     """Return the value of a JSON file.
 
-    Parameters
-    ----------
-    content : bytes or str
-    where : object
-        What an error calls the file.
-
-    Raises
-    ------
-    InputError
-        It is no JSON.
+    `content`: bytes or str; `where`: what an error calls the file. Raises InputError: it is no JSON.
     """
     try:
         return json.loads(content.decode("utf-8") if isinstance(content, bytes) else content)
@@ -109,17 +79,8 @@ def _reason(error: Exception) -> str:
 def read_archive(file, wanted: Callable[[str], bool]) -> dict[str, np.ndarray]:
     """Return the arrays of an .npz file whose names are wanted; no pickled objects are read.
 
-    Parameters
-    ----------
-    file : open binary file
-    wanted : callable(str) -> bool
-
-    Raises
-    ------
-    InputError
-        It unfolds to more than `LIMITS.unfolded` bytes, or a member is not an array.
-    Exception
-        Anything, for a damaged archive.
+    `file`: open binary file. Raises InputError: it unfolds to more than `LIMITS.unfolded` bytes, or a member is not an
+    array; Exception: anything, for a damaged archive.
     """
     with zipfile.ZipFile(file) as archive:
         entries = [entry for entry in archive.infolist() if wanted(entry.filename.removesuffix(".npy"))]

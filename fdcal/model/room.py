@@ -16,34 +16,18 @@ WALLS = ("rigid", "pressure-release", "absorbing")
 
 @dataclass(frozen=True)
 class Room:
-    """Walls and air. Give `size`, `outline` or `response`.
+    """Walls and air. Give `size`, `outline` or `response`."""
 
-    Attributes
-    ----------
-    size : tuple of float or None
-        Lengths of a rectangle with a corner at the origin, metres. Three lengths make a box, whose field is
-        three-dimensional, has a closed form (`fdcal.acoustics.box_field`) and needs no cells.
-    outline : tuple of points or None
-        Corners of the floor in order, metres.
-    response : str or None
-        Name or path of the response of a measured room (`fdcal.model.measured_room`), whose field is of three
-        dimensions. In a scene file, `room = "NAME"` is short for a table with this key alone.
-    walls : str
-        One of WALLS, rigid unless given; UNKNOWN_WALLS of a measured room.
-    admittance : float
-        Specific admittance rho c / Z of absorbing walls, dimensionless.
-    sound_speed : float
-        c, m/s.
-    cell : float or None
-        h, edge of one FDTD cell, metres; 0.02 unless given. A box has none.
-    """
-
+    # lengths of a rectangle with a corner at the origin, metres. Three lengths make a box, whose field is
+    # three-dimensional, has a closed form (`fdcal.acoustics.box_field`) and needs no cells
     size: Point | None = None
-    outline: tuple[Point, ...] | None = None
-    walls: str = ""
-    admittance: float = 0.0
-    sound_speed: float = 343.0
-    cell: float | None = None
+    outline: tuple[Point, ...] | None = None  # corners of the floor in order, metres
+    walls: str = ""  # one of WALLS, rigid unless given; UNKNOWN_WALLS of a measured room
+    admittance: float = 0.0  # specific admittance rho c / Z of absorbing walls, dimensionless
+    sound_speed: float = 343.0  # c, m/s
+    cell: float | None = None  # float or None h, edge of one FDTD cell, metres; 0.02 unless given. A box has none.
+    # name or path of the response of a measured room (`fdcal.model.measured_room`), whose field is of three dimensions.
+    # In a scene file, `room = "NAME"` is short for a table with this key alone
     response: str | None = None
 
     @classmethod
@@ -170,27 +154,15 @@ class Source:
 
     With three coordinates it emits all frequencies equally: its field has a closed form, and only `duration` matters.
     It has one place, or several, one after the other: the recording from each place is a take.
-
-    Attributes
-    ----------
-    position : tuple of float or None
-        Its one place, metres; None where `positions` is given.
-    positions : tuple of points
-        Its places, one for each take, metres; none where `position` is given.
-    low, high : float or None
-        Band of the pulse, Hz; 20 and 3000 unless given. None with three coordinates.
-    sample_rate : float or None
-        fs, Hz; 28590 unless given. None with three coordinates.
-    duration : float
-        Duration of the recording, of each take, s.
     """
 
-    position: Point | None = None
+    position: Point | None = None  # its one place, metres; None where `positions` is given
+    # low, high: band of the pulse, Hz; 20 and 3000 unless given. None with three coordinates
     low: float | None = None
     high: float | None = None
-    sample_rate: float | None = None
-    duration: float = 4.0
-    positions: tuple[Point, ...] = ()
+    sample_rate: float | None = None  # float or None fs, Hz; 28590 unless given. None with three coordinates.
+    duration: float = 4.0  # duration of the recording, of each take, s
+    positions: tuple[Point, ...] = ()  # its places, one for each take, metres; none where `position` is given
 
     DEFAULTS: typing.ClassVar = Band(low=20.0, high=3000.0, sample_rate=28590.0)
 

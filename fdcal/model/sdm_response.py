@@ -21,24 +21,12 @@ KEYS = ("p", "azi_rad", "ele_rad", "fs")
 
 @dataclass(frozen=True)
 class SdmThresholds:
-    """How a response is checked and trimmed.
+    """How a response is checked and trimmed."""
 
-    Attributes
-    ----------
-    direct_sound : float
-        Level at which the direct sound begins, as a share of the peak.
-    segments : int
-        Parts of equal length whose peaks are compared.
-    end_peak : float
-        Peak of the last part at most, as a multiple of that of the quietest one.
-    min_sample_rate, max_sample_rate : float
-        Hz.
-    max_samples : int
-    """
-
-    direct_sound: float = 0.1
-    segments: int = 20
-    end_peak: float = 5.0
+    direct_sound: float = 0.1  # level at which the direct sound begins, as a share of the peak
+    segments: int = 20  # parts of equal length whose peaks are compared
+    end_peak: float = 5.0  # peak of the last part at most, as a multiple of that of the quietest one
+    # min_sample_rate, max_sample_rate: Hz
     min_sample_rate: float = 100.0
     max_sample_rate: float = 1e6
     max_samples: int = 1_000_000
@@ -49,24 +37,12 @@ THRESHOLDS = SdmThresholds()
 
 @dataclass(frozen=True)
 class SdmResponse:
-    """Plane waves that arrive at the origin one after another.
+    """Plane waves that arrive at the origin one after another."""
 
-    Attributes
-    ----------
-    amplitudes : (T,) float64
-        Pressure of each wave at the origin, any one unit.
-    directions : (T, 3) float64
-        Unit vectors towards where each wave comes from.
-    times : (T,) float64
-        When each wave arrives at the origin, s.
-    sample_rate : float
-        Hz.
-    """
-
-    amplitudes: np.ndarray
-    directions: np.ndarray
-    times: np.ndarray
-    sample_rate: float
+    amplitudes: np.ndarray  # (T,) float64, pressure of each wave at the origin, any one unit
+    directions: np.ndarray  # (T, 3) float64, unit vectors towards where each wave comes from
+    times: np.ndarray  # (T,) float64, when each wave arrives at the origin, s
+    sample_rate: float  # Hz
 
     @property
     def duration(self) -> float:
@@ -77,17 +53,8 @@ class SdmResponse:
 def load_sdm_response(path: str | Path) -> SdmResponse:
     """Return the response in a file, from the direct sound on.
 
-    Parameters
-    ----------
-    path : str or Path
-        A .mat file with `p`, `azi_rad`, `ele_rad` and `fs`.
-
-    Raises
-    ------
-    InputError
-        The file is damaged, or lacks one of these; its response is silent, or wraps round.
-    StorageError
-        The file cannot be opened.
+    `path`: a .mat file with `p`, `azi_rad`, `ele_rad` and `fs`. Raises InputError: the file is damaged, or lacks one of
+    these; its response is silent, or wraps round; StorageError: the file cannot be opened.
 
     Examples
     --------
@@ -107,10 +74,7 @@ def load_sdm_response(path: str | Path) -> SdmResponse:
 def direct_sound(pressure: np.ndarray, path: str = "response") -> int:
     """Return the first sample (T,) whose magnitude reaches a tenth of the peak: where the direct sound begins.
 
-    Raises
-    ------
-    InputError
-        The response is silent.
+    Raises InputError: the response is silent.
     """
     level = np.abs(pressure)
     if not level.max() > 0:

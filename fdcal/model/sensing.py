@@ -11,31 +11,18 @@ from .validation import LIMITS, InputError, require_choice, require_positive
 
 @dataclass(frozen=True)
 class Sensing:
-    """How pressures are derived from recordings.
+    """How pressures are derived from recordings."""
 
-    Attributes
-    ----------
-    snr_db : float
-        Signal-to-noise ratio of each mode, dB; inf for no noise. The noise is added to the complex pressures.
-    lowest, highest : float
-        Band in which modes are picked, Hz.
-    prominence_db : float
-        Height of a spectral peak above its surroundings, dB; 0 takes every frequency of the band, `resolution` apart.
-    resolution : float
-        Smallest distance of two modes, Hz.
-    wavenumber : str
-        "discrete", of a wave on the grid of the simulation, or "continuous".
-    sound_speed_error : float
-        Relative error of the sound speed given to the solvers, positive if it is too high.
-    """
-
+    # signal-to-noise ratio of each mode, dB; inf for no noise. The noise is added to the complex pressures
     snr_db: float = math.inf
+    # lowest, highest: band in which modes are picked, Hz
     lowest: float = 20.0
     highest: float = 400.0
+    # height of a spectral peak above its surroundings, dB; 0 takes every frequency of the band, `resolution` apart
     prominence_db: float = 1.0
-    resolution: float = 1.0
-    wavenumber: str = "discrete"
-    sound_speed_error: float = 0.0
+    resolution: float = 1.0  # smallest distance of two modes, Hz
+    wavenumber: str = "discrete"  # "discrete", of a wave on the grid of the simulation, or "continuous"
+    sound_speed_error: float = 0.0  # relative error of the sound speed given to the solvers, positive if it is too high
 
     OPTIONAL: typing.ClassVar = ("sound_speed_error",)
 

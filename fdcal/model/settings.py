@@ -218,16 +218,8 @@ STEPS = (1.0, 2.0, 5.0)  # digits of a step, m
 def search_round(positions) -> Search:
     """Return a search domain round positions.
 
-    Parameters
-    ----------
-    positions : (N, D) float64
-        Metres.
-
-    Returns
-    -------
-    Search
-        Its step is 1, 2 or 5 times a power of ten. R is the distance from its centre to its corner; in space, where
-        the corners hold nothing, that to the outermost position, and the margin.
+    `positions` (N, D) float64, metres. Returns its step is 1, 2 or 5 times a power of ten. R is the distance from its
+    centre to its corner; in space, where the corners hold nothing, that to the outermost position, and the margin.
 
     Examples
     --------

@@ -42,20 +42,8 @@ def write_atomically(path: str | Path, write: Callable[[Path], object], force: b
 
     The temporary file lies in the same folder and is deleted if writing fails or is interrupted.
 
-    Parameters
-    ----------
-    path : str or Path
-    write : callable(Path)
-        Writes the file of the given name.
-    force : bool
-        Overwrite an existing file.
-
-    Raises
-    ------
-    InputError
-        If `path` exists and `force` is not set.
-    StorageError
-        If the folder is missing, or the system refuses.
+    `write`: writes the file of the given name; `force`: overwrite an existing file. Raises InputError if `path` exists
+    and `force` is not set; StorageError if the folder is missing, or the system refuses.
     """
     path = Path(path)
     if not force and path.exists():
@@ -90,13 +78,7 @@ def _move(temporary: Path, path: Path, force: bool) -> None:
 def cached_arrays(kind: str, parts: list, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
     """Return arrays by name from the cache, or those of `make()`, which are then stored.
 
-    Parameters
-    ----------
-    kind : str
-        Keeps them apart from others.
-    parts : list
-        All that determines them, of types that JSON has.
-    make : callable() -> dict
+    `kind`: keeps them apart from others; `parts`: all that determines them, of types that JSON has.
     """
 
     def read(file) -> dict[str, np.ndarray]:
@@ -121,13 +103,7 @@ def load_or_make(name: str, make, read, write):
 
     A cache that cannot be read or written never stops a run: it only logs a warning.
 
-    Parameters
-    ----------
-    name : str
-        Name of the file in the cache.
-    make : callable() -> value
-    read : callable(file) -> value
-    write : callable(file, value)
+    `name`: name of the file in the cache.
     """
     value = load_cached(name, read)
     if value is not None:

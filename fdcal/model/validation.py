@@ -19,56 +19,34 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of what a scene, a measurement or an option may ask for.
+    """Limits of what a scene, a measurement or an option may ask for."""
 
-    Attributes
-    ----------
-    smallest, largest : of any length, time, frequency or number that must be positive, in its own unit
-    cells : cells of a simulation; each of its fields takes 8 bytes a cell
-    microphones : microphones of an array
-    microphones_3d : likewise in a room of three dimensions, whose field is summed at each of them
-    field_values : microphones times frequencies of the spectrum of such a room
-    pairs : pairs of microphones times modes of a calibration; each takes 16 bytes or less
-    phase : largest wavenumber times half the extent of the array in a calibration, radians: the order of its field
-    phase_per_microphone : likewise, for each microphone of a large array
-    dispersion : largest ratio of a wavenumber to 2 pi f / c, and its inverse the smallest
-    seconds : processor time of a calibration with up to `usual_pairs`; in proportion to the pairs beyond
-    usual_pairs : pairs of microphones times modes, 64 microphones at 64 frequencies
-    candidates : candidate positions of a search; the tables of the solvers take 1 to 2 GB for so many
-    coordinate : largest coordinate, metres
-    takes : places of the source in a scene
-    decibels : largest signal-to-noise ratio, and its negative the smallest, dB
-    sound_speed_error : largest relative error of the sound speed, dimensionless
-    weakest, strongest : pressures whose squares can be summed without leaving the range of float64, any unit
-    digits : whole numbers of more digits than this one are not shown
-    text : bytes of a file of text, as a scene
-    result : bytes of a result file
-    unfolded : bytes that a compressed file may unfold to
-    """
-
+    # smallest, largest: of any length, time, frequency or number that must be positive, in its own unit
     smallest: float = 1e-12
     largest: float = 1e12
-    cells: int = 20_000_000
-    microphones: int = 10_000
-    microphones_3d: int = 2_000
-    field_values: int = 5_000_000
-    pairs: float = 1e8
+    cells: int = 20_000_000  # cells of a simulation; each of its fields takes 8 bytes a cell
+    microphones: int = 10_000  # microphones of an array
+    microphones_3d: int = 2_000  # likewise in a room of three dimensions, whose field is summed at each of them
+    field_values: int = 5_000_000  # microphones times frequencies of the spectrum of such a room
+    pairs: float = 1e8  # pairs of microphones times modes of a calibration; each takes 16 bytes or less
+    # largest wavenumber times half the extent of the array in a calibration, radians: the order of its field
     phase: float = 100.0
-    phase_per_microphone: float = 2.0
-    dispersion: float = 10.0
-    seconds: float = 45.0
-    usual_pairs: float = 64.0**3
-    candidates: int = 500_000
-    coordinate: float = 1e9
-    takes: int = 100
-    decibels: float = 300.0
-    sound_speed_error: float = 0.5
+    phase_per_microphone: float = 2.0  # likewise, for each microphone of a large array
+    dispersion: float = 10.0  # largest ratio of a wavenumber to 2 pi f / c, and its inverse the smallest
+    seconds: float = 45.0  # processor time of a calibration with up to `usual_pairs`; in proportion to the pairs beyond
+    usual_pairs: float = 64.0**3  # pairs of microphones times modes, 64 microphones at 64 frequencies
+    candidates: int = 500_000  # candidate positions of a search; the tables of the solvers take 1 to 2 GB for so many
+    coordinate: float = 1e9  # largest coordinate, metres
+    takes: int = 100  # places of the source in a scene
+    decibels: float = 300.0  # largest signal-to-noise ratio, and its negative the smallest, dB
+    sound_speed_error: float = 0.5  # largest relative error of the sound speed, dimensionless
+    # weakest, strongest: pressures whose squares can be summed without leaving the range of float64, any unit
     weakest: float = 1e-100
     strongest: float = 1e100
-    digits: int = 10**30
-    text: int = 1_000_000
-    result: int = 50_000_000
-    unfolded: int = 400_000_000
+    digits: int = 10**30  # whole numbers of more digits than this one are not shown
+    text: int = 1_000_000  # bytes of a file of text, as a scene
+    result: int = 50_000_000  # bytes of a result file
+    unfolded: int = 400_000_000  # bytes that a compressed file may unfold to
 
 
 LIMITS = Limits()
@@ -207,23 +185,10 @@ KINDS = {
 def require_array(key: str, values, kind: str, shape: tuple[int | None, ...], unit: str = "") -> np.ndarray:
     """Return `values` as a read-only array of the given kind and shape.
 
-    Parameters
-    ----------
-    key : str
-        Name of the argument or key, for the message.
-    values : array-like
-        Nothing is rounded or truncated to make it fit; an empty array is of every kind.
-    kind : str
-        A key of KINDS.
-    shape : tuple of int or None
-        Length along each axis, None where any length will do; () for a single value.
-    unit : str, optional
-        Unit or meaning of one of the numbers, for the message.
-
-    Raises
-    ------
-    InputError
-        If the values are of another kind or shape, or not finite.
+    `key`: name of the argument or key, for the message; `values`, array-like, nothing is rounded or truncated to make
+    it fit; an empty array is of every kind; `kind`: a key of KINDS; `shape`: length along each axis, None where any
+    length will do; () for a single value; `unit`: unit or meaning of one of the numbers, for the message. Raises
+    InputError if the values are of another kind or shape, or not finite.
     """
     letters, words, dtype = KINDS[kind]
     wanted = f"({', '.join('any' if n is None else str(n) for n in shape)}{',' * (len(shape) == 1)})"
@@ -323,12 +288,8 @@ ANY_WHOLE_NUMBER = -(2**62)
 def require_field_types(record: object, prefix: str = "") -> None:
     """Raise InputError unless every field of a dataclass that holds a text or a number is of its type.
 
-    Parameters
-    ----------
-    record : dataclass
-        Its fields of str, int, float, or one of these or None, are checked.
-    prefix : str
-        Put before a key in messages, for example "solver.".
+    `record`, dataclass, its fields of str, int, float, or one of these or None, are checked; `prefix`: put before a key
+    in messages, for example "solver.".
     """
     for name, hint in _hints(type(record)).items():
         value, kinds = getattr(record, name), typing.get_args(hint) or (hint,)

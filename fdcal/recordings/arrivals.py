@@ -31,39 +31,23 @@ from .recording import Recording, read_samples
 
 @dataclass(frozen=True)
 class ArrivalRules:
-    """How arrivals are found.
+    """How arrivals are found."""
 
-    Attributes
-    ----------
-    fine : points per sample
-    first : share of the greatest value that the direct sound has at least
-    before, after : of the window about a peak, in samples, but at least `least_window` seconds each
-    least_window : seconds
-    taper : share of the window, at either end, over which it rises and falls
-    quiet : ratio of amplitudes by which the peak exceeds what precedes it
-    alike : least correlation with the template
-    span : seconds, by which arrivals may differ: an array of some metres
-    rounds : of template and times
-    shifted : a above; 0.3 mm of 1.1 in rooms of image sources, 0.4 of 1.3 on a measured array
-    min_sigma : metres, over the sound speed: what no recording is better than
-    most_samples : of a recording that is searched; longer ones are no impulse responses
-    speed : m/s, of `min_sigma` and `span`
-    """
-
-    fine: int = 16
-    first: float = 0.4
+    fine: int = 16  # points per sample
+    first: float = 0.4  # share of the greatest value that the direct sound has at least
+    # before, after: of the window about a peak, in samples, but at least `least_window` seconds each
     before: float = 4.0
     after: float = 4.0
-    least_window: float = 2.5e-4
-    taper: float = 0.5
-    quiet: float = 2.0
-    alike: float = 0.7
-    span: float = 0.02
-    rounds: int = 4
-    shifted: float = 0.4
-    min_sigma: float = 3e-4
-    most_samples: int = 20_000_000
-    speed: float = 343.0
+    least_window: float = 2.5e-4  # seconds
+    taper: float = 0.5  # share of the window, at either end, over which it rises and falls
+    quiet: float = 2.0  # ratio of amplitudes by which the peak exceeds what precedes it
+    alike: float = 0.7  # least correlation with the template
+    span: float = 0.02  # seconds, by which arrivals may differ: an array of some metres
+    rounds: int = 4  # of template and times
+    shifted: float = 0.4  # a above; 0.3 mm of 1.1 in rooms of image sources, 0.4 of 1.3 on a measured array
+    min_sigma: float = 3e-4  # metres, over the sound speed: what no recording is better than
+    most_samples: int = 20_000_000  # of a recording that is searched; longer ones are no impulse responses
+    speed: float = 343.0  # m/s, of `min_sigma` and `span`
 
 
 RULES = ArrivalRules()
@@ -80,15 +64,8 @@ def with_arrivals(measurement: Measurement, responses: Recording) -> Measurement
 def first_arrivals(recording: Recording) -> tuple[np.ndarray, float] | None:
     """Return the arrivals of the direct sound, and the standard deviation of one, or None if it does not stand out.
 
-    Parameters
-    ----------
-    recording : Recording
-        Impulse responses of all channels, at the same time.
-
-    Returns
-    -------
-    (N,) float64, float
-        Seconds, from the first of them on; NaN where there is none. Seconds.
+    `recording`: impulse responses of all channels, at the same time. Returns (N,) float64, seconds, from the first of
+    them on; NaN where there is none. Seconds.
     """
     if recording.modelled or recording.samples > RULES.most_samples:
         return None

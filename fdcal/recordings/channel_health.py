@@ -17,34 +17,18 @@ from .recording import Recording, time_blocks
 
 @dataclass(frozen=True)
 class ClippingThresholds:
-    """When a channel counts as silent or clipped.
+    """When a channel counts as silent or clipped."""
 
-    Attributes
-    ----------
-    silent : float
-        Level relative to the loudest channel at which a channel is silent.
-    run : int
-        Neighbouring samples at the greatest magnitude of a channel: no wave stays there for so long.
-    full_scale : float
-        Share of full scale from which a sample counts as being there.
-    full_scale_run : int
-        Neighbouring samples at full scale.
-    full_scale_count : int
-        Samples at full scale anywhere; a recording that was normalised has one.
-    edge_count, edge_ratio : int
-        Samples at the greatest value, and how many times more they are than those at the next smaller value.
-    full_scale_ratio : int
-        The same ratio for a recording that reaches full scale.
-    """
-
-    silent: float = 1e-7
-    run: int = 3
-    full_scale: float = 0.999
-    full_scale_run: int = 2
-    full_scale_count: int = 3
+    silent: float = 1e-7  # level relative to the loudest channel at which a channel is silent
+    run: int = 3  # neighbouring samples at the greatest magnitude of a channel: no wave stays there for so long
+    full_scale: float = 0.999  # share of full scale from which a sample counts as being there
+    full_scale_run: int = 2  # neighbouring samples at full scale
+    full_scale_count: int = 3  # samples at full scale anywhere; a recording that was normalised has one
+    # edge_count, edge_ratio: samples at the greatest value, and how many times more they are than those at the next
+    # smaller value
     edge_count: int = 8
     edge_ratio: int = 4
-    full_scale_ratio: int = 2
+    full_scale_ratio: int = 2  # the same ratio for a recording that reaches full scale
 
 
 LIMITS = ClippingThresholds()
@@ -52,24 +36,14 @@ LIMITS = ClippingThresholds()
 
 @dataclass(frozen=True)
 class ChannelHealth:
-    """State of every channel of a recording.
+    """State of every channel of a recording."""
 
-    Attributes
-    ----------
-    level : (N,) float64
-        Root mean square.
-    peak : (N,) float64
-        Greatest magnitude.
-    silent, clipped : (N,) bool
-    copy_of : (N,) int64
-        The earlier channel with the same samples, or -1.
-    """
-
-    level: np.ndarray
-    peak: np.ndarray
+    level: np.ndarray  # (N,) float64, root mean square
+    peak: np.ndarray  # (N,) float64, greatest magnitude
+    # silent, clipped: (N,) bool
     silent: np.ndarray
     clipped: np.ndarray
-    copy_of: np.ndarray
+    copy_of: np.ndarray  # (N,) int64, the earlier channel with the same samples, or -1
 
     @property
     def bad(self) -> np.ndarray:
@@ -86,10 +60,7 @@ class ChannelHealth:
 def inspect_channels(recording: Recording) -> ChannelHealth:
     """Return the state of every channel, after one pass over all samples, a block at a time.
 
-    Raises
-    ------
-    InputError
-        A sample is not finite.
+    Raises InputError: a sample is not finite.
     """
     count = recording.count
     square, peak, longest = np.zeros(count), np.zeros(count), np.zeros(count, int)

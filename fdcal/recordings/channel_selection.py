@@ -16,16 +16,8 @@ CORNERS = "corners"
 def select_plane(recording: Recording, plane: str) -> Recording:
     """Return the recording of the microphones in a plane, with two coordinates each.
 
-    Parameters
-    ----------
-    recording : Recording
-    plane : str
-        Such as "z=0" or, the same, "0"; metres.
-
-    Raises
-    ------
-    InputError
-        The recording has no positions in space, `plane` is malformed, or no microphone lies in it.
+    `plane`: such as "z=0" or, the same, "0"; metres. Raises InputError: the recording has no positions in space,
+    `plane` is malformed, or no microphone lies in it.
     """
     axis, _, value = plane.rpartition("=")
     axis = axis.strip().lower() or "z"
@@ -60,18 +52,8 @@ def select_plane(recording: Recording, plane: str) -> Recording:
 def select_subset(recording: Recording, text: str, seed: int) -> Recording:
     """Return the recording of some microphones.
 
-    Parameters
-    ----------
-    recording : Recording
-    text : str
-        A list of numbers and ranges, "0,3,8:12", or how many are drawn at random, "200".
-    seed : int
-        Of the random draw.
-
-    Raises
-    ------
-    InputError
-        The text is malformed, or names microphones that the recording does not have.
+    `text`: a list of numbers and ranges, "0,3,8:12", or how many are drawn at random, "200"; `seed`: of the random
+    draw. Raises InputError: the text is malformed, or names microphones that the recording does not have.
     """
     try:
         numbers = _listed(text, recording.count)
@@ -120,18 +102,8 @@ def _drawn(recording: Recording, number: int, seed: int) -> Recording:
 def exclude_channels(recording: Recording, text: str, bad: np.ndarray) -> Recording:
     """Return the recording without some channels.
 
-    Parameters
-    ----------
-    recording : Recording
-    text : str
-        A list of names; "bad" stands for all of `bad`.
-    bad : (n,) int64
-        Indices of faulty channels.
-
-    Raises
-    ------
-    InputError
-        A name is unknown, or no channel is left.
+    `text`: a list of names; "bad" stands for all of `bad`; `bad` (n,) int64, indices of faulty channels. Raises
+    InputError: a name is unknown, or no channel is left.
     """
     excluded: set[int] = set()
     for name in (part.strip() for part in text.split(",")):
@@ -148,22 +120,10 @@ def exclude_channels(recording: Recording, text: str, bad: np.ndarray) -> Record
 def known_microphones(recording: Recording, text: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the indices and the positions of the known microphones.
 
-    Parameters
-    ----------
-    recording : Recording
-    text : str
-        A list of channel names, whose positions the recording contains; "corners", those nearest to the corners of the
-        bounding box; or the path of a table (.csv) with name,x,y or name,x,y,z.
-
-    Returns
-    -------
-    (A,) int64, (A, D) float64
-        Indices; positions, metres.
-
-    Raises
-    ------
-    InputError, StorageError
-        A name is unknown, the recording has no positions, or the table cannot be used or read.
+    `text`: a list of channel names, whose positions the recording contains; "corners", those nearest to the corners of
+    the bounding box; or the path of a table (.csv) with name,x,y or name,x,y,z. Returns (A,) int64, (A, D) float64,
+    indices; positions, metres. Raises InputError, StorageError: a name is unknown, the recording has no positions, or
+    the table cannot be used or read.
     """
     if text.lower().endswith(".csv"):
         from .formats.table import read_positions

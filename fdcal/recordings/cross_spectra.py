@@ -39,66 +39,35 @@ from .recording import Recording, in_memory, read_samples
 
 @dataclass(frozen=True)
 class SegmentSettings:
-    """How a recording is divided into segments over which cross-spectra are averaged.
+    """How a recording is divided into segments over which cross-spectra are averaged."""
 
-    Attributes
-    ----------
-    min_count : int
-        Least number of segments of which a mean is taken.
-    min_duration, max_duration : float
-        Of a segment, seconds.
-    max_samples : int
-        Of all channels in one segment.
-    max_matrix : int
-        Numbers in all cross-spectral matrices together.
-    max_count : int
-        Segments read from a long recording, evenly spread.
-    independence : float
-        Independent segments per segment: Hann's windows that overlap by half are nearly independent.
-    """
-
-    min_count: int = 15
+    min_count: int = 15  # least number of segments of which a mean is taken
+    # min_duration, max_duration: of a segment, seconds
     min_duration: float = 0.5
     max_duration: float = 8.0
-    max_samples: int = 20_000_000
-    max_matrix: int = 10_000_000
-    max_count: int = 600
+    max_samples: int = 20_000_000  # of all channels in one segment
+    max_matrix: int = 10_000_000  # numbers in all cross-spectral matrices together
+    max_count: int = 600  # segments read from a long recording, evenly spread
+    # independent segments per segment: Hann's windows that overlap by half are nearly independent
     independence: float = 0.95
 
 
 @dataclass(frozen=True)
 class RankSettings:
-    """When an eigenvector besides the dominant one is a row of its own.
+    """When an eigenvector besides the dominant one is a row of its own."""
 
-    Attributes
-    ----------
-    most : int
-        Rows of one frequency.
-    over_noise : float
-        Eigenvalue relative to the largest that noise alone has.
-    over_leakage : float
-        Relative to the one that a single source has by the window.
-    """
-
-    most: int = 8
-    over_noise: float = 2.0
-    over_leakage: float = 4.0
+    most: int = 8  # rows of one frequency
+    over_noise: float = 2.0  # eigenvalue relative to the largest that noise alone has
+    over_leakage: float = 4.0  # relative to the one that a single source has by the window
 
 
 @dataclass(frozen=True)
 class RoomSettings:
-    """How the bandwidth over which a pressure decorrelates is estimated from the power over frequency.
+    """How the bandwidth over which a pressure decorrelates is estimated from the power over frequency."""
 
-    Attributes
-    ----------
-    lags : int, int
-        Bins apart at which neighbours are compared that no longer share a window.
-    oversampling : float
-        Rows per 1 / T_eq: 5, as of an even decay in `frequency_selection`, and half as many again, since close rows
-        share the field of the room but not the noise.
-    """
-
-    lags: tuple[int, int] = (2, 4)
+    lags: tuple[int, int] = (2, 4)  # bins apart at which neighbours are compared that no longer share a window
+    # rows per 1 / T_eq: 5, as of an even decay in `frequency_selection`, and half as many again, since close rows share
+    # the field of the room but not the noise
     oversampling: float = 7.6
 
 
@@ -117,22 +86,9 @@ def stationary_pressures(
 ) -> Pressures:
     """Return the pressures of a recording of a stationary source, or of several.
 
-    Parameters
-    ----------
-    recording : Recording
-    band : (float, float)
-        Hz.
-    sound_speed : float
-        m/s.
-    most : int
-        Greatest number of rows.
-    reference : int, optional
-        Channel against which cross-spectra are taken, one row a frequency; without one, eigenvectors are.
-
-    Raises
-    ------
-    InputError
-        The recording is too short, or no frequency rises above the noise.
+    `band`: Hz; `sound_speed`: m/s; `most`: greatest number of rows; `reference`: channel against which cross-spectra
+    are taken, one row a frequency; without one, eigenvectors are. Raises InputError: the recording is too short, or no
+    frequency rises above the noise.
     """
     recording = in_memory(decimate(recording, band[1]))
     length, starts = segments(recording, band)
@@ -169,18 +125,9 @@ def stationary_pressures(
 def _within(row: np.ndarray, keep: np.ndarray, seen: np.ndarray, band, most: int, apart: float) -> np.ndarray:
     """Return at most `most` of the rows `keep`, ascending in frequency.
 
-    Parameters
-    ----------
-    row : (R,) int64
-        Frequency of each row, an index into `seen`.
-    keep : (n,) int64
-        Rows that rise above the noise, those of one frequency in the order of preference.
-    seen : (M,) float64
-        Frequencies, Hz.
-    band : (float, float)
-    most : int
-    apart : float
-        Least distance of two frequencies, Hz.
+    `row` (R,) int64, frequency of each row, an index into `seen`; `keep` (n,) int64, rows that rise above the noise,
+    those of one frequency in the order of preference; `seen` (M,) float64, frequencies, Hz; `apart`: least distance of
+    two frequencies, Hz.
     """
     counts = np.bincount(row[keep], minlength=len(seen))
     used = np.flatnonzero(counts)
@@ -196,10 +143,7 @@ def _within(row: np.ndarray, keep: np.ndarray, seen: np.ndarray, band, most: int
 def segments(recording: Recording, band: tuple[float, float]) -> tuple[int, np.ndarray]:
     """Return the length of a segment and the samples at which the segments start, half overlapping.
 
-    Raises
-    ------
-    InputError
-        The recording is too short.
+    Raises InputError: the recording is too short.
     """
     fs = recording.sample_rate
     wanted = np.clip(2 * recording.duration / (SEGMENTS.min_count + 1), SEGMENTS.min_duration, SEGMENTS.max_duration)
@@ -237,12 +181,7 @@ def room_spacing(powers: np.ndarray, window: float) -> frequency_selection.Spaci
     The field of a room that decays evenly decorrelates as |r|^2 = 1 / (1 + (x / h)^2) over a distance of x Hz, and so
     does its power; 1 / T_eq is pi h. What the window's bandwidth hides is taken to be as wide as that.
 
-    Parameters
-    ----------
-    powers : (N, B) float64
-        At frequencies half a `window` apart.
-    window : float
-        Bandwidth of the window, Hz.
+    `powers` (N, B) float64, at frequencies half a `window` apart; `window`: bandwidth of the window, Hz.
     """
     step = window / 2
     relative = powers / np.maximum(powers.mean(axis=0), 1e-300)  # the source's spectrum is common to all channels
@@ -261,20 +200,8 @@ def room_spacing(powers: np.ndarray, window: float) -> frequency_selection.Spaci
 def cross_spectra(recording: Recording, number, length: int, starts) -> tuple[np.ndarray, np.ndarray]:
     """Return the mean cross-spectral matrices and the mean frequencies within the window.
 
-    Parameters
-    ----------
-    recording : Recording
-    number : (M,) int
-        Bins of the transform of one segment.
-    length : int
-        Samples of a segment.
-    starts : (K,) int
-        First samples of the segments.
-
-    Returns
-    -------
-    (M, N, N) complex128, (M,) float64
-        Mean of X X^H; frequencies, Hz.
+    `number` (M,) int, bins of the transform of one segment; `length`: samples of a segment; `starts` (K,) int, first
+    samples of the segments. Returns (M, N, N) complex128, (M,) float64, mean of X X^H; frequencies, Hz.
     """
     count, fs = recording.count, recording.sample_rate
     C = np.zeros((len(number), count, count), dtype=complex)
@@ -308,24 +235,10 @@ def eigenvectors(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return the rows that stand out from noise and leakage, at least one a frequency.
 
-    Parameters
-    ----------
-    C : (M, N, N) complex128
-    independent : float
-        Segments K of which each is a mean.
-    leakage : float
-        Second eigenvalue of a single source relative to the first one.
-
-    Returns
-    -------
-    row : (R,) int64
-        Frequency of each row, the dominant ones first.
-    p : (R, N) complex128
-        Eigenvectors, of the power of their source.
-    noise : (R,) float64
-        Noise power v of one segment.
-    snr : (R,) float64
-        Power over noise.
+    `C` (M, N, N) complex128; `independent`: segments K of which each is a mean; `leakage`: second eigenvalue of a
+    single source relative to the first one. Returns `row` (R,) int64, frequency of each row, the dominant ones first;
+    `p` (R, N) complex128, eigenvectors, of the power of their source; `noise` (R,) float64, noise power v of one
+    segment; `snr` (R,) float64, power over noise.
     """
     values, vectors = np.linalg.eigh(C)
     values, vectors = np.maximum(values[:, ::-1], 0), vectors[:, :, ::-1]

@@ -12,24 +12,12 @@ from .recording import Recording
 
 @dataclass(frozen=True)
 class DecimationSettings:
-    """Of the filter before the sampling rate is reduced.
+    """Of the filter before the sampling rate is reduced."""
 
-    Attributes
-    ----------
-    oversampling : float
-        Least new sampling rate over the highest frequency.
-    stop_db : float
-        Attenuation of what would alias into the band, decibels.
-    min_sample_rate : float
-        Hz.
-    block_samples : int
-        Samples of all channels that are filtered at a time.
-    """
-
-    oversampling: float = 4.0
-    stop_db: float = 110.0
-    min_sample_rate: float = 200.0
-    block_samples: int = 8_000_000
+    oversampling: float = 4.0  # least new sampling rate over the highest frequency
+    stop_db: float = 110.0  # attenuation of what would alias into the band, decibels
+    min_sample_rate: float = 200.0  # Hz
+    block_samples: int = 8_000_000  # samples of all channels that are filtered at a time
 
 
 DEFAULTS = DecimationSettings()
@@ -38,17 +26,7 @@ DEFAULTS = DecimationSettings()
 def decimate(recording: Recording, highest: float, settings: DecimationSettings = DEFAULTS) -> Recording:
     """Return the recording at a fraction of its sampling rate, unchanged up to a highest frequency.
 
-    Parameters
-    ----------
-    recording : Recording
-    highest : float
-        Hz.
-    settings : DecimationSettings
-
-    Returns
-    -------
-    Recording
-        Filtered whenever a block of it is read; `recording` itself where its rate is low already.
+    `highest`: Hz. Returns filtered whenever a block of it is read; `recording` itself where its rate is low already.
     """
     from scipy.signal import firwin, kaiserord, upfirdn
 

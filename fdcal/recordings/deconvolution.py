@@ -23,32 +23,19 @@ from .recording import Recording, channel_groups, read_samples, recording_of
 
 @dataclass(frozen=True)
 class DeconvolutionSettings:
-    """How a recording is divided by the signal of its source.
+    """How a recording is divided by the signal of its source."""
 
-    Attributes
-    ----------
-    lead, length : float
-        Of a response: before the sound, and in all, seconds.
-    max_samples : int
-        Of one channel; what is longer is cut: 5 min at 48 kHz.
-    regularisation : float
-        Relative to the greatest power of the reference.
-    widening, max_widening : float
-        Factor by which the band is widened, but by no more than so many Hz at its upper end, where a sweep may end.
-    min_outside : float
-        Share of the recording that must lie outside of the response to estimate the noise.
-    smoothing : int
-        Neighbouring frequencies over which the noise is averaged.
-    """
-
+    # lead, length: of a response: before the sound, and in all, seconds
     lead: float = 0.25
     length: float = 2.25
-    max_samples: int = 16_000_000
-    regularisation: float = 1e-3
+    max_samples: int = 16_000_000  # of one channel; what is longer is cut: 5 min at 48 kHz
+    regularisation: float = 1e-3  # relative to the greatest power of the reference
+    # widening, max_widening: factor by which the band is widened, but by no more than so many Hz at its upper end,
+    # where a sweep may end
     widening: float = 1.5
     max_widening: float = 50.0
-    min_outside: float = 0.25
-    smoothing: int = 31
+    min_outside: float = 0.25  # share of the recording that must lie outside of the response to estimate the noise
+    smoothing: int = 31  # neighbouring frequencies over which the noise is averaged
 
 
 SETTINGS = DeconvolutionSettings()
@@ -59,23 +46,9 @@ def deconvolve(
 ) -> tuple[Recording, Callable[[np.ndarray], np.ndarray] | None]:
     """Return the impulse responses of all channels, kept in memory, and the noise in them.
 
-    Parameters
-    ----------
-    recording : Recording
-    reference : Recording
-        One channel with the signal that the source emitted.
-    band : (float, float)
-        Hz.
-
-    Returns
-    -------
-    Recording, callable((B,) Hz) -> (B,) float64 or None
-        The noise power of one sample of the transform; None where the recording is too short to estimate it.
-
-    Raises
-    ------
-    InputError
-        The sampling rates differ, or the reference has several channels or is silent in the band.
+    `reference`: one channel with the signal that the source emitted; `band`: Hz. Returns the noise power of one sample
+    of the transform; None where the recording is too short to estimate it. Raises InputError: the sampling rates
+    differ, or the reference has several channels or is silent in the band.
     """
     if reference.sample_rate != recording.sample_rate:
         raise InputError(

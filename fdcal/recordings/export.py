@@ -40,12 +40,8 @@ def export_positions(
 def export_gains(result: Calibration, path: str | PathLike[str], force: bool = False) -> None:
     """Write the gains of the channels as a table; see `fdcal.assessment.tables.channel_table`.
 
-    Raises
-    ------
-    InputError
-        The result holds no gains, the suffix is not .csv, or the file exists and `force` is not set.
-    StorageError
-        The file cannot be written.
+    Raises InputError: the result holds no gains, the suffix is not .csv, or the file exists and `force` is not set;
+    StorageError: the file cannot be written.
     """
     path, text = Path(path), channel_table(result)
     if path.suffix.lower() != ".csv":

@@ -21,21 +21,11 @@ from .recording import Recording, channel_groups
 
 @dataclass(frozen=True)
 class CoherenceSettings:
-    """At which frequencies the coherence of a recording is looked at.
+    """At which frequencies the coherence of a recording is looked at."""
 
-    Attributes
-    ----------
-    count : int
-        Frequencies, in equal ratios.
-    dynamic_range : float
-        Decibels below the strongest frequency.
-    samples : int
-        Samples of all channels; a longer recording is not looked at.
-    """
-
-    count: int = 300
-    dynamic_range: float = 40.0
-    samples: int = 2**27
+    count: int = 300  # frequencies, in equal ratios
+    dynamic_range: float = 40.0  # decibels below the strongest frequency
+    samples: int = 2**27  # samples of all channels; a longer recording is not looked at
 
 
 SETTINGS = CoherenceSettings()
@@ -43,24 +33,12 @@ SETTINGS = CoherenceSettings()
 
 @dataclass(frozen=True)
 class FrequencyLimit:
-    """The highest frequency that an array can interpolate.
+    """The highest frequency that an array can interpolate."""
 
-    Attributes
-    ----------
-    limit : float or None
-        Hz; None where the radius is unknown.
-    radius : float
-        Metres; 0 where it is unknown.
-    words : str
-        Which radius it follows from, arguments in angle brackets.
-    estimated : bool
-        Whether the radius is that of the coherence.
-    """
-
-    limit: float | None
-    radius: float
-    words: str
-    estimated: bool = False
+    limit: float | None  # hz; None where the radius is unknown
+    radius: float  # metres; 0 where it is unknown
+    words: str  # which radius it follows from, arguments in angle brackets
+    estimated: bool = False  # whether the radius is that of the coherence
 
 
 def highest_frequency(
@@ -68,14 +46,7 @@ def highest_frequency(
 ) -> FrequencyLimit:
     """Return the highest frequency that the array can interpolate (Eq. 9), and which radius it follows from.
 
-    Parameters
-    ----------
-    recording : Recording
-    options : ImportOptions
-    known_positions : (A, D) float64 or None
-        Of the known microphones, metres.
-    speed : float
-        Sound speed, m/s.
+    `known_positions` (A, D) float64 or None, of the known microphones, metres; `speed`: sound speed, m/s.
     """
     radius, words = _stated_radius(recording, options, known_positions)
     estimated = False
@@ -138,19 +109,8 @@ def frequency_band(
 ) -> tuple[float, float]:
     """Return the lowest and the highest frequency, Hz.
 
-    Parameters
-    ----------
-    recording : Recording
-    options : ImportOptions
-    found : FrequencyLimit
-        Of `highest_frequency`.
-    speed : float
-        Sound speed, m/s.
-
-    Raises
-    ------
-    InputError
-        The band is empty, or beyond what the recording or the array can hold.
+    `found`: of `highest_frequency`; `speed`: sound speed, m/s. Raises InputError: the band is empty, or beyond what the
+    recording or the array can hold.
     """
     top = min(LIMITS.max_frequency * recording.sample_rate, recording.highest or np.inf)
     if options.frequencies == "auto":

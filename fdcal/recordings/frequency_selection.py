@@ -24,18 +24,10 @@ from ..model.validation import InputError
 
 @dataclass(frozen=True)
 class SelectionThresholds:
-    """Which frequencies are worth using, decibels.
+    """Which frequencies are worth using, decibels."""
 
-    Attributes
-    ----------
-    min_snr : float
-        Of a frequency that is used.
-    dynamic_range : float
-        Below the strongest frequency.
-    """
-
-    min_snr: float = 10.0
-    dynamic_range: float = 60.0
+    min_snr: float = 10.0  # of a frequency that is used
+    dynamic_range: float = 60.0  # below the strongest frequency
 
 
 THRESHOLDS = SelectionThresholds()
@@ -43,25 +35,18 @@ THRESHOLDS = SelectionThresholds()
 
 @dataclass(frozen=True)
 class RowLimits:
-    """How many rows are taken, and how close.
+    """How many rows are taken, and how close."""
 
-    Attributes
-    ----------
-    most, usual_count : int
-        Rows of all takes together, by default, of so many microphones, which take some 5 s of one processor. The time
-        of a row grows with the square of their number.
-    least_of_array, most_of_array, least_of_take : int
-        Rows that the default leaves however many microphones or takes there are, and however few.
-    unexplained : float
-        Power relative to that of the response that no model of the field explains.
-    """
-
+    # most, usual_count: rows of all takes together, by default, of so many microphones, which take some 5 s of one
+    # processor. The time of a row grows with the square of their number
     most: int = 400
     usual_count: int = 32
+    # least_of_array, most_of_array, least_of_take: rows that the default leaves however many microphones or takes there
+    # are, and however few
     least_of_array: int = 112
     most_of_array: int = 1600
     least_of_take: int = 20
-    unexplained: float = 1e-4
+    unexplained: float = 1e-4  # power relative to that of the response that no model of the field explains
 
 
 ROWS = RowLimits()
@@ -84,31 +69,18 @@ def default_most(microphones: int, takes: int = 1) -> int:
 
 @dataclass(frozen=True)
 class Spacing:
-    """How close the frequencies of a recording are worth taking, Hz.
+    """How close the frequencies of a recording are worth taking, Hz."""
 
-    Attributes
-    ----------
-    step : float
-        Least distance of two frequencies.
-    decorrelation : float
-        Bandwidth over which the pressures decorrelate, 1 / T_eq; frequencies that are closer are not independent.
-    """
-
-    step: float
+    step: float  # least distance of two frequencies
+    # bandwidth over which the pressures decorrelate, 1 / T_eq; frequencies that are closer are not independent
     decorrelation: float
 
 
 def spacing_of(energy: np.ndarray, noise: np.ndarray, interval: float) -> Spacing:
     """Return the spacing of frequencies of a response.
 
-    Parameters
-    ----------
-    energy : (T,) float64
-        Of the response and the noise over time, windows included.
-    noise : (T,) float64
-        Its expected part that is noise.
-    interval : float
-        Of the times, s.
+    `energy` (T,) float64, of the response and the noise over time, windows included; `noise` (T,) float64, its expected
+    part that is noise; `interval`: of the times, s.
 
     Examples
     --------
@@ -138,26 +110,10 @@ def choose_frequencies(
 ) -> np.ndarray:
     """Return the indices of the frequencies to use: in equal parts of the band the one nearest to the middle.
 
-    Parameters
-    ----------
-    frequencies : (B,) float64
-        Hz, evenly spaced and finer than the resolution.
-    power, noise : (B,) float64
-        Mean over the microphones, any one unit; noise 0 where it is unknown.
-    resolution : float
-        Least distance between two frequencies, Hz.
-    most : int
-        Greatest number of frequencies.
-
-    Returns
-    -------
-    (M,) int64
-        Ascending.
-
-    Raises
-    ------
-    NothingAboveNoise
-        No frequency does.
+    `frequencies` (B,) float64, Hz, evenly spaced and finer than the resolution; `power`, `noise` (B,) float64, mean
+    over the microphones, any one unit; noise 0 where it is unknown; `resolution`: least distance between two
+    frequencies, Hz; `most`: greatest number of frequencies. Returns (M,) int64, ascending. Raises NothingAboveNoise: no
+    frequency does.
     """
     floor = np.maximum(noise, power.max() * 10 ** (-THRESHOLDS.dynamic_range / 10))
     snr = 10 * np.log10(np.maximum(power - noise, 1e-300) / floor)
@@ -176,20 +132,8 @@ def choose_frequencies(
 def spread_over_band(frequencies: np.ndarray, band: tuple[float, float], most: int, apart: float) -> np.ndarray:
     """Return the indices of at most `most` frequencies, the one nearest to the middle of each of equal parts of a band.
 
-    Parameters
-    ----------
-    frequencies : (B,) float64
-        Hz, ascending.
-    band : (float, float)
-        Hz.
-    most : int
-    apart : float
-        Least width of a part, Hz; two frequencies are three quarters of it apart at least.
-
-    Returns
-    -------
-    (M,) int64
-        Ascending.
+    `frequencies` (B,) float64, Hz, ascending; `band`: Hz; `apart`: least width of a part, Hz; two frequencies are three
+    quarters of it apart at least. Returns (M,) int64, ascending.
     """
     count = max(1, min(most, int((band[1] - band[0]) / apart * (1 + 1e-9)) + 1))
     width = (band[1] - band[0]) / max(1, count - 1)

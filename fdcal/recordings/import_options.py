@@ -10,47 +10,25 @@ from .recording import KINDS, OLD_KINDS, sound_speed
 
 @dataclass(frozen=True)
 class ImportLimits:
-    """What is assumed where nothing is given, and what may be given.
+    """What is assumed where nothing is given, and what may be given."""
 
-    Attributes
-    ----------
-    low, high : float
-        Default band, Hz, of an array of unknown or large radius.
-    phase : float
-        Largest k R of the default band of a small array, radians, which the solvers resolve.
-    least_phase : float
-        Least k R of the default band, radians. Below it the pressures differ by less than the responses of channels do.
-    min_periods : float
-        Periods of the lowest frequency in a recording, by default.
-    max_frequency : float
-        Relative to the sampling rate.
-    celsius : float
-        Default temperature.
-    min_sound_speed, max_sound_speed : float
-        m/s, from that of heavy gases to that of solids.
-    min_celsius, max_celsius : float
-    known_radius_factor : float
-        Radius of an array relative to that of its known microphones.
-    coherent_radius_factor : float
-        Radius of an array relative to the one of its coherence, on the safe side.
-    max_count : int
-        Number of rows.
-    """
-
+    # low, high: default band, Hz, of an array of unknown or large radius
     low: float = 20.0
     high: float = 500.0
-    phase: float = 7.0
+    phase: float = 7.0  # largest k R of the default band of a small array, radians, which the solvers resolve
+    # least k R of the default band, radians. Below it the pressures differ by less than the responses of channels do
     least_phase: float = 0.13
-    min_periods: float = 4.0
-    max_frequency: float = 0.45
-    celsius: float = 20.0
+    min_periods: float = 4.0  # periods of the lowest frequency in a recording, by default
+    max_frequency: float = 0.45  # relative to the sampling rate
+    celsius: float = 20.0  # default temperature
+    # min_sound_speed, max_sound_speed: m/s, from that of heavy gases to that of solids
     min_sound_speed: float = 100.0
     max_sound_speed: float = 6000.0
     min_celsius: float = -60.0
     max_celsius: float = 80.0
-    known_radius_factor: float = 1.2
-    coherent_radius_factor: float = 1.25
-    max_count: int = 2000
+    known_radius_factor: float = 1.2  # radius of an array relative to that of its known microphones
+    coherent_radius_factor: float = 1.25  # radius of an array relative to the one of its coherence, on the safe side
+    max_count: int = 2000  # number of rows
 
 
 LIMITS = ImportLimits()

@@ -23,52 +23,25 @@ KINDS = {"impulse": "impulse response: from silence to the end of the sound", "s
 
 @dataclass(frozen=True)
 class ImportReport:
-    """What an import has read and taken.
+    """What an import has read and taken."""
 
-    Attributes
-    ----------
-    recording : Recording
-        The channels that were used.
-    kind : str
-        One of `fdcal.recordings.recording.KINDS`.
-    left_out : dict of str to str
-        Name of each channel left out, and why.
-    pressures : Pressures
-    speed : float
-        Sound speed, m/s.
-    speed_from : str
-        Where it is from, in words.
-    highest_frequency : float or None
-        That the array can interpolate, Hz.
-    highest_frequency_from : str
-        Which radius it follows from, in words.
-    takes : tuple of ImportReport
-        One each of several takes, the first of which the other fields describe; none of a single take.
-    skipped : tuple of str
-        Parts of a recording in which no sound rises above the noise.
-    """
-
-    recording: Recording
-    kind: str
-    left_out: dict[str, str]
+    recording: Recording  # the channels that were used
+    kind: str  # one of `fdcal.recordings.recording.KINDS`
+    left_out: dict[str, str]  # name of each channel left out, and why
     pressures: Pressures
-    speed: float
-    speed_from: str
-    highest_frequency: float | None
-    highest_frequency_from: str
+    speed: float  # sound speed, m/s
+    speed_from: str  # where it is from, in words
+    highest_frequency: float | None  # that the array can interpolate, Hz
+    highest_frequency_from: str  # which radius it follows from, in words
+    # one each of several takes, the first of which the other fields describe; none of a single take
     takes: tuple[ImportReport, ...] = ()
-    skipped: tuple[str, ...] = ()
+    skipped: tuple[str, ...] = ()  # parts of a recording in which no sound rises above the noise
 
 
 def import_summary(measurement: Measurement, report: ImportReport, wording: Mapping[str, str] = ARGUMENTS) -> str:
     """Return what was imported in words, one fact per line.
 
-    Parameters
-    ----------
-    measurement : Measurement
-    report : ImportReport
-    wording : mapping of str to str
-        How the text calls the arguments that it mentions; by their names in Python unless given.
+    `wording`: how the text calls the arguments that it mentions; by their names in Python unless given.
     """
     recording, taken = report.recording, report.pressures
     limit = word_arguments(report.highest_frequency_from, wording)

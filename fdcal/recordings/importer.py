@@ -36,16 +36,9 @@ def import_recording(
 ) -> tuple[Measurement, ImportReport]:
     """Return the measurement in files or folders, and a report on how it was taken.
 
-    Parameters
-    ----------
-    path : str or Path, or a sequence of them
-        Several are takes of the same channels, or the channels of one take; see `ImportOptions.files`.
-    options : ImportOptions
-
-    Raises
-    ------
-    InputError, StorageError
-        A recording cannot be used, or cannot be read, or the files do not belong together.
+    `path`, or a sequence of them, several are takes of the same channels, or the channels of one take; see
+    `ImportOptions.files`. Raises InputError, StorageError: a recording cannot be used, or cannot be read, or the files
+    do not belong together.
     """
     check_options(options)
     paths = [path] if isinstance(path, (str, Path)) else list(path)

@@ -31,29 +31,15 @@ MAX_SAMPLES = 20_000_000  # of an impulse response: longer recordings are of a s
 
 @dataclass(frozen=True)
 class Pressures:
-    """Pressures taken from a recording.
+    """Pressures taken from a recording."""
 
-    Attributes
-    ----------
-    frequencies : (M,) float64
-        Hz, ascending.
-    wavenumbers : (M,) complex128
-        rad/m.
-    pressures : (M, N) complex128
-    noise_power : (M,) float64 or None
-        In the unit of abs(pressures)**2; None where it cannot be estimated.
-    how : str
-        The method, in words.
-    spacing : Spacing
-        Of the frequencies.
-    """
-
-    frequencies: np.ndarray
-    wavenumbers: np.ndarray
-    pressures: np.ndarray
+    frequencies: np.ndarray  # (M,) float64, Hz, ascending
+    wavenumbers: np.ndarray  # (M,) complex128 rad/m.
+    pressures: np.ndarray  # (M, N) complex128
+    # (M,) float64 or None, in the unit of abs(pressures)**2; None where it cannot be estimated
     noise_power: np.ndarray | None
-    how: str
-    spacing: frequency_selection.Spacing
+    how: str  # the method, in words
+    spacing: frequency_selection.Spacing  # of the frequencies
 
 
 def impulse_response_pressures(
@@ -66,24 +52,10 @@ def impulse_response_pressures(
 ) -> Pressures:
     """Return the pressures of an impulse response; what follows once the sound is below the noise is left out.
 
-    Parameters
-    ----------
-    recording : Recording
-    band : (float, float)
-        Lowest and highest frequency, Hz.
-    sound_speed : float
-        m/s.
-    window : float, optional
-        Rate s, 1/s; as much as needed unless given.
-    most : int
-        Greatest number of frequencies.
-    noise : callable((B,) Hz) -> (B,) float64, optional
-        Noise power of one sample of the transform, where it is known; else it is estimated from the tail.
-
-    Raises
-    ------
-    InputError
-        The recording is too short for the band, too long for an impulse response, or silent.
+    `band`: lowest and highest frequency, Hz; `sound_speed`: m/s; `window`: rate s, 1/s; as much as needed unless given;
+    `most`: greatest number of frequencies; `noise`: noise power of one sample of the transform, where it is known; else
+    it is estimated from the tail. Raises InputError: the recording is too short for the band, too long for an impulse
+    response, or silent.
     """
     if recording.samples > MAX_SAMPLES:
         raise InputError(
@@ -166,10 +138,7 @@ def require_quiet_end(recording: Recording, band: tuple[float, float]) -> None:
     in a few Hz, and so few degrees of freedom that its level varies by 10 dB from one segment to the next. So the level
     must also rise above the lowest frequencies, where each of them counts by its own noise.
 
-    Raises
-    ------
-    InputError
-        The level in the band rises before the end, or the response begins before its end.
+    Raises InputError: the level in the band rises before the end, or the response begins before its end.
     """
     level = segment_levels(recording, band)
     top, last = int(np.argmax(level)), len(level) - 2
@@ -216,10 +185,7 @@ def mean_power(recording: Recording, band: tuple[float, float], s: float, step: 
 def noise_of_tail(recording: Recording, decay: Decay) -> Callable[[np.ndarray], np.ndarray] | None:
     """Return the noise power of one sample of the transform as a function of frequency, estimated from the tail.
 
-    Returns
-    -------
-    callable((B,) Hz) -> (B,) float64, or None
-        None without a tail.
+    Returns or None, none without a tail.
     """
     if decay.tail is None:
         return None

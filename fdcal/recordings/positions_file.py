@@ -15,12 +15,7 @@ READERS = {suffix: module.read_positions for module in (table, xml_geometry) for
 def read_positions(path: str | PathLike[str]) -> MicrophonePositions:
     """Return the positions in a file of Acoular (.xml) or a table with the columns name,x,y[,z] (.csv).
 
-    Raises
-    ------
-    InputError
-        The file holds no positions.
-    StorageError
-        The file cannot be read.
+    Raises InputError: the file holds no positions; StorageError: the file cannot be read.
     """
     path = Path(path)
     if path.suffix.lower() not in READERS:

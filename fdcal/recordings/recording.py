@@ -41,49 +41,23 @@ LIMITS = RecordingLimits()
 class Recording:
     """N channels of T samples.
 
-    Attributes
-    ----------
-    path : str
-        What messages call it.
-    kind : str or None
-        One of KINDS; None where the file does not say.
-    sample_rate : float
-        Hz.
-    count, samples : int
-        N and T.
-    block : callable(start, stop, channels) -> (len(channels), stop - start) float array
-        Reads samples of the channels (n,) int64.
-    names : tuple of N str
-        Each different; "0", "1", ... unless given.
-    positions : (N, D) float64 or None
-        Of the microphones according to the file, metres.
-    sound_speed : float or None
-        According to the file, m/s.
-    full_scale : float or None
-        Greatest value that a sample can take.
-    highest : float or None
-        Up to which the samples represent the sound, Hz, if below what the sampling rate allows.
-    modelled : str
-        What is modelled, not measured, as a sentence; "" for a recording that is all measured.
-
-    Raises
-    ------
-    InputError
-        A value is out of range.
+    Raises InputError: a value is out of range.
     """
 
-    path: str
-    kind: str | None
-    sample_rate: float
+    path: str  # what messages call it
+    kind: str | None  # one of KINDS; None where the file does not say
+    sample_rate: float  # Hz
+    # count, samples: N and T
     count: int
     samples: int
-    block: Callable[[int, int, np.ndarray], np.ndarray]
-    names: tuple[str, ...] = ()
-    positions: np.ndarray | None = None
-    sound_speed: float | None = None
-    full_scale: float | None = None
+    block: Callable[[int, int, np.ndarray], np.ndarray]  # reads samples of the channels (n,) int64
+    names: tuple[str, ...] = ()  # each different; "0", "1", ... unless given
+    positions: np.ndarray | None = None  # (N, D) float64 or None, of the microphones according to the file, metres
+    sound_speed: float | None = None  # according to the file, m/s
+    full_scale: float | None = None  # greatest value that a sample can take
+    # up to which the samples represent the sound, Hz, if below what the sampling rate allows
     highest: float | None = None
-    modelled: str = ""
+    modelled: str = ""  # what is modelled, not measured, as a sentence; "" for a recording that is all measured
 
     def __post_init__(self):
         object.__setattr__(self, "kind", OLD_KINDS.get(self.kind or "", self.kind))
@@ -132,12 +106,7 @@ def sound_speed(celsius: float) -> float:
 def recording_of(path: str, kind: str | None, sample_rate: float, values, **others) -> Recording:
     """Return a recording of an array (N, T) that is in memory or memory-mapped.
 
-    Parameters
-    ----------
-    path, kind, sample_rate, **others
-        Attributes of `Recording`.
-    values : (N, T) array
-        Samples.
+    `path`, `kind`, `sample_rate`, `**others`: attributes of `Recording`; `values` (N, T) array, samples.
     """
 
     def block(start: int, stop: int, channels: np.ndarray) -> np.ndarray:
@@ -165,22 +134,8 @@ def select_channels(recording: Recording, channels) -> Recording:
 def read_samples(recording: Recording, start: int, stop: int, channels=None) -> np.ndarray:
     """Return the samples of a recording from one sample to another.
 
-    Parameters
-    ----------
-    recording : Recording
-    start, stop : int
-        First sample, and the one after the last.
-    channels : (n,) int, optional
-        All channels unless given.
-
-    Returns
-    -------
-    (n, stop - start) float64
-
-    Raises
-    ------
-    InputError
-        A sample is not finite, or samples are missing.
+    `start`, `stop`: first sample, and the one after the last; `channels` (n,) int, all channels unless given. Returns
+    (n, stop - start) float64. Raises InputError: a sample is not finite, or samples are missing.
     """
     channels = np.arange(recording.count) if channels is None else np.asarray(channels, np.int64)
     values = np.asarray(recording.block(start, stop, channels))

@@ -23,41 +23,18 @@ from .recording import GROUP_SAMPLES, Recording, read_samples
 
 @dataclass(frozen=True)
 class DecaySettings:
-    """How the decay is measured.
+    """How the decay is measured."""
 
-    Attributes
-    ----------
-    channels : int
-        Number of channels of which the decay is measured.
-    segments : int
-        Of the recording, in each of which the level is measured.
-    above_floor : float
-        Nepers of power above the last tenth of the recording; a level nearer to it is noise.
-    min_power : float
-        Relative to the greatest power; what is below says nothing about the decay.
-    zoom : float
-        Share of the recording; a sound that fills less of it is measured again, in shorter segments.
-    extension : float
-        Factor by which the end of the sound is moved until no mode rings on.
-    max_ringing : float
-        Length of the part after the sound in which modes are sought that ring on, seconds.
-    max_loss : float
-        Power that the cut may leave out, relative to the noise of a pressure.
-    false_alarm : float
-        Probability that noise alone is taken for a mode that rings on.
-    min_tail_share, min_tail : float
-        Share of the recording, or seconds if that is less, that noise must fill to be estimated.
-    """
-
-    channels: int = 24
-    segments: int = 48
-    above_floor: float = 2.0
-    min_power: float = 1e-6
-    zoom: float = 0.25
-    extension: float = 1.2
-    max_ringing: float = 4.0
-    max_loss: float = 0.5
-    false_alarm: float = 0.05
+    channels: int = 24  # number of channels of which the decay is measured
+    segments: int = 48  # of the recording, in each of which the level is measured
+    above_floor: float = 2.0  # nepers of power above the last tenth of the recording; a level nearer to it is noise
+    min_power: float = 1e-6  # relative to the greatest power; what is below says nothing about the decay
+    zoom: float = 0.25  # share of the recording; a sound that fills less of it is measured again, in shorter segments
+    extension: float = 1.2  # factor by which the end of the sound is moved until no mode rings on
+    max_ringing: float = 4.0  # length of the part after the sound in which modes are sought that ring on, seconds
+    max_loss: float = 0.5  # power that the cut may leave out, relative to the noise of a pressure
+    false_alarm: float = 0.05  # probability that noise alone is taken for a mode that rings on
+    # min_tail_share, min_tail: share of the recording, or seconds if that is less, that noise must fill to be estimated
     min_tail_share: float = 0.1
     min_tail: float = 0.25
 
@@ -67,36 +44,17 @@ SETTINGS = DecaySettings()
 
 @dataclass(frozen=True)
 class Decay:
-    """The decay of a sound.
+    """The decay of a sound."""
 
-    Attributes
-    ----------
-    rate : float
-        d, nepers per second.
-    tail : float or None
-        From where on there is noise only, seconds; None where the sound lasts.
-    noisy : bool
-        Whether the sound ends in noise, and not at the numerical floor of the level.
-    """
-
-    rate: float
-    tail: float | None
-    noisy: bool = True
+    rate: float  # d, nepers per second
+    tail: float | None  # from where on there is noise only, seconds; None where the sound lasts
+    noisy: bool = True  # whether the sound ends in noise, and not at the numerical floor of the level
 
 
 def estimate_decay(recording: Recording, band: tuple[float, float]) -> Decay:
     """Return how the sound in a band decays, from the level of a few channels.
 
-    Parameters
-    ----------
-    recording : Recording
-    band : (float, float)
-        Hz.
-
-    Raises
-    ------
-    InputError
-        The recording is silent in the band.
+    `band`: Hz. Raises InputError: the recording is silent in the band.
     """
     decay = _decay_by_level(recording, band)
     while decay.tail is not None and decay.tail < SETTINGS.zoom * recording.duration:
@@ -114,14 +72,8 @@ def extend_to_last_mode(
 ) -> Decay:
     """Return `decay` with its tail moved until no mode of the band rings on in it, as far as noise can be estimated.
 
-    Parameters
-    ----------
-    recording : Recording
-    band : (float, float)
-        Hz.
-    decay : Decay
-    noise : callable((B,) Hz) -> (B,) float64 or None
-        Noise power of one sample of the transform where it is known: noise that varies in time is then no mode.
+    `band`: Hz; `noise`: noise power of one sample of the transform where it is known: noise that varies in time is then
+    no mode.
     """
     if decay.tail is None:
         return decay
@@ -221,10 +173,8 @@ def whitened_levels(recording: Recording, band: tuple[float, float]) -> np.ndarr
 
     Frequencies with less than three periods in a segment are left out, down to a third of the band.
 
-    Returns
-    -------
-    (2 segments,) float64
-        Mean over a few channels, geometric mean over the frequencies of the band; about 1 where there is noise only.
+    Returns (2 segments,) float64, mean over a few channels, geometric mean over the frequencies of the band; about 1
+    where there is noise only.
     """
     reduced, fs = _reduced(recording, _measured_channels(recording), 16 * band[1])
     samples = reduced.shape[1]

@@ -21,18 +21,11 @@ from .recording import Recording
 
 @dataclass(frozen=True)
 class TakeTolerances:
-    """By how much files that belong together may differ.
+    """By how much files that belong together may differ."""
 
-    Attributes
-    ----------
-    length : float
-        Share of the longest recording by which the channels of one take may be shorter; the rest is left out.
-    position : float
-        Distance of two positions of one microphone that are the same, metres.
-    """
-
+    # share of the longest recording by which the channels of one take may be shorter; the rest is left out
     length: float = 0.05
-    position: float = 1e-3
+    position: float = 1e-3  # distance of two positions of one microphone that are the same, metres
 
 
 TOLERANCES = TakeTolerances()
@@ -41,15 +34,7 @@ TOLERANCES = TakeTolerances()
 def read_takes(paths: Sequence[str | Path], options: ImportOptions) -> list[Recording]:
     """Return the takes in files or folders, all of the same channels, not yet split.
 
-    Parameters
-    ----------
-    paths : sequence of str or Path
-    options : ImportOptions
-
-    Raises
-    ------
-    InputError, StorageError
-        A file cannot be read, or the files do not belong together.
+    Raises InputError, StorageError: a file cannot be read, or the files do not belong together.
     """
     if not paths:
         raise InputError("no file is given", "give one or several", key="source")
@@ -117,10 +102,7 @@ def _require_one_array(takes: Sequence[Recording]) -> None:
 def join_channels(files: Sequence[Recording]) -> Recording:
     """Return the channels of files that recorded at the same time as one recording, named after the files.
 
-    Raises
-    ------
-    InputError
-        The files differ in sampling rate or, by more than `TakeTolerances.length`, in length.
+    Raises InputError: the files differ in sampling rate or, by more than `TakeTolerances.length`, in length.
     """
     shortest, longest = (pick(files, key=lambda one: one.samples) for pick in (min, max))
     other = next((one for one in files if one.sample_rate != files[0].sample_rate), None)
@@ -181,18 +163,8 @@ def _names(files: Sequence[Recording]) -> tuple[str, ...]:
 def split(recording: Recording, seconds: float, least: float) -> list[Recording]:
     """Return parts of a recording; a remainder shorter than half a part is joined to the last one.
 
-    Parameters
-    ----------
-    recording : Recording
-    seconds : float
-        Length of a part.
-    least : float
-        Seconds that a part must last.
-
-    Raises
-    ------
-    InputError
-        The parts are too short, or there is only one.
+    `seconds`: length of a part; `least`: seconds that a part must last. Raises InputError: the parts are too short, or
+    there is only one.
     """
     if seconds < least:
         problem = f"split = {seconds:.3g} s is too short for a mean over segments of {recording.path}"

@@ -96,13 +96,7 @@ def require_room_for_array(measurement: Measurement, settings: SolverSettings) -
 def assess(inputs: CalibrationInput, problem: Problem, state, wording: Mapping[str, str] = ARGUMENTS) -> Assessment:
     """Judge the last state of a run, with the sound speed estimated where `inputs` ask for it.
 
-    Parameters
-    ----------
-    inputs : CalibrationInput
-    problem : Problem
-    state : RunState
-    wording : mapping of str to str
-        How the text of the verdict calls the arguments that it mentions; by their names in Python unless given.
+    `wording`: how the text of the verdict calls the arguments that it mentions; by their names in Python unless given.
     """
     estimate = load(inputs.settings.name).result(problem, state)
     stretch = None if inputs.distance is None else stretch_of(state.positions, inputs)
@@ -117,10 +111,7 @@ def assess(inputs: CalibrationInput, problem: Problem, state, wording: Mapping[s
 def distance_pair(inputs: CalibrationInput) -> tuple[int, int]:
     """Return the numbers of the two microphones whose distance is given.
 
-    Raises
-    ------
-    InputError
-        A name is unknown, or both are the same microphone.
+    Raises InputError: a name is unknown, or both are the same microphone.
     """
     if inputs.distance is None:
         raise InputError("no distance is given", "give <distance>", key="distance")
@@ -147,12 +138,7 @@ def stretch_of(positions, inputs: CalibrationInput) -> float:
 def sound(sought: np.ndarray, names: Sequence[str], found: Assessment | None) -> np.ndarray:
     """Return the microphones whose errors are averaged: those sought, without the faulty channels of an assessment.
 
-    Parameters
-    ----------
-    sought : (K,) int64
-    names : sequence of str
-        Of all microphones.
-    found : Assessment or None
+    `sought` (K,) int64; `names`: of all microphones.
     """
     faults = () if found is None or found.channels is None else found.channels.faults
     faulty = {fault.name for fault in faults if fault.kind != "misplaced"}
@@ -171,18 +157,8 @@ def problem_of(inputs: CalibrationInput) -> Problem:
 def states_of(inputs: CalibrationInput, progress: Progress | None = None, problem: Problem | None = None) -> Iterator:
     """Check the inputs and return an iterator over every state of the solver, from the start to the end.
 
-    Parameters
-    ----------
-    inputs : CalibrationInput
-    progress : callable, optional
-        Called with the fraction done, 0 to 1, and a note; what it raises ends the run.
-    problem : Problem, optional
-        The one of `problem_of`, if already made.
-
-    Raises
-    ------
-    InputError
-        The solver cannot start.
+    `progress`: called with the fraction done, 0 to 1, and a note; what it raises ends the run; `problem`: the one of
+    `problem_of`, if already made. Raises InputError: the solver cannot start.
     """
     require_inside_search(inputs)
     problem, last = problem_of(inputs) if problem is None else problem, inputs.settings.modes
@@ -208,27 +184,11 @@ def solve(
 ) -> Calibration:
     """Run the solver to its end and assess the positions, with one thread of BLAS.
 
-    Parameters
-    ----------
-    inputs : CalibrationInput
-    progress : callable, optional
-        As of `states_of`.
-    wording : mapping of str to str
-        How the verdict's text calls the arguments that it mentions; by their names in Python unless given.
-    clock : callable
-        Seconds by which the solver's time is limited; those of the processor unless given.
-
-    Returns
-    -------
-    Calibration
-
-    Raises
-    ------
-    InputError
-        The solver cannot start.
-    KeyboardInterrupt
-        Before the solver has started. An interrupt of the solver ends it, as `inputs.time_limit` does: the best
-        positions so far are assessed, with the verdict "not_converged".
+    `progress`: as of `states_of`; `wording`: how the verdict's text calls the arguments that it mentions; by their
+    names in Python unless given; `clock`: seconds by which the solver's time is limited; those of the processor unless
+    given. Raises InputError: the solver cannot start; KeyboardInterrupt before the solver has started. An interrupt of
+    the solver ends it, as `inputs.time_limit` does: the best positions so far are assessed, with the verdict
+    "not_converged".
     """
     settings = inputs.settings
     free = inputs.estimate_sound_speed and inputs.distance is None and settings.sound_speed_sigma is None
@@ -317,14 +277,7 @@ def cost_in_decibels(found: Assessment) -> float | None:
 
     A problem without a search domain gets one round the positions found, as on the page.
 
-    Parameters
-    ----------
-    found : Assessment
-
-    Returns
-    -------
-    float or None
-        None where a position is not finite, or the microphones are too few for any mode.
+    Returns none where a position is not finite, or the microphones are too few for any mode.
     """
     problem = found.problem
     if not np.isfinite(found.positions).all():

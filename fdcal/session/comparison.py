@@ -124,16 +124,8 @@ def same_start(problem: Problem, settings: SolverSettings, names, seed: int) -> 
 def timed_states(problem: Problem, settings: SolverSettings, names: tuple[str, ...], seed: int) -> dict:
     """Run solvers to their ends, one after another, from the same start.
 
-    Parameters
-    ----------
-    names : of the solvers
-    settings, seed : of the start
-
-    Returns
-    -------
-    dict
-        Name to the states, as `fdcal.session.history.recorded` keeps them, and the processor time up to each, (T,)
-        float64, s.
+    `names`: of the solvers; `settings`, `seed`: of the start. Returns name to the states, as
+    `fdcal.session.history.recorded` keeps them, and the processor time up to each, (T,) float64, s.
     """
     settings = with_common_modes(problem, settings, names)
     begun, found = same_start(problem, settings, names, seed), {}

@@ -23,20 +23,9 @@ def with_estimated_domain(
 ) -> Measurement:
     """Return a measurement with a search domain: its own, or one round an estimate of the positions.
 
-    Parameters
-    ----------
-    measurement : Measurement
-    settings : SolverSettings
-        Of the run. Its solver estimates the positions, so that they are in its axes; solver robust does so for one that
-        needs a search domain. A known room is the domain itself.
-    seed : int
-    progress : callable, optional
-        As of `fdcal.session.calibrate.states_of`.
-
-    Returns
-    -------
-    Measurement
-        As it is where the positions cannot be estimated.
+    `settings`: of the run. Its solver estimates the positions, so that they are in its axes; solver robust does so for
+    one that needs a search domain. A known room is the domain itself; `progress`: as of
+    `fdcal.session.calibrate.states_of`. Returns as it is where the positions cannot be estimated.
     """
     if measurement.search is not None:
         return measurement

@@ -58,26 +58,15 @@ def recorded(states: Iterable) -> list:
 
 @dataclass(frozen=True)
 class SessionView:
-    """What a session shows; never changed after it is published.
+    """What a session shows; never changed after it is published."""
 
-    Attributes
-    ----------
-    state : the solver state at `index`
-    index : int, place in the history that is shown; the run continues from there
-    count : int, number of states in the history
-    running : bool, whether steps are being taken
-    error : str, the last exception of the solver, "" if there is none
-    history : sequence of states, oldest first
-    costs : StateCosts, of the states in the history
-    """
-
-    state: Any
-    index: int
-    count: int
-    running: bool
-    error: str
-    history: History
-    costs: StateCosts = field(default_factory=StateCosts, compare=False)
+    state: Any  # the solver state at `index`
+    index: int  # place in the history that is shown; the run continues from there
+    count: int  # number of states in the history
+    running: bool  # whether steps are being taken
+    error: str  # the last exception of the solver, "" if there is none
+    history: History  # oldest first
+    costs: StateCosts = field(default_factory=StateCosts, compare=False)  # of the states in the history
 
     @property
     def cost(self) -> float:

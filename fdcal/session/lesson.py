@@ -32,49 +32,31 @@ RUN = re.compile(r"(\d{1,4}) (step|sweep|stage)s?")
 
 @dataclass(frozen=True)
 class Setting:
-    """What a step sets on the page, in this order; None leaves a control as it is.
+    """What a step sets on the page, in this order; None leaves a control as it is."""
 
-    Attributes
-    ----------
-    scene : name of a scene that comes with fdcal, or a .toml file beside the lesson; the solver restarts
-    changes : keys of the scene and their values, as {"solver.name": "descent", "gauge.known": [0, 1, 3]}
-    start_seed : of the solver's start; the scene's unless given
-    reset : restart in the same scene
-    modes : in use by the solver, as "1-20"
-    automatic : whether the solver adds modes by itself
-    run : "end", or so far as "3 sweeps", "1 step", "2 stages"
-    frame : of the run, as the address of a replay names it, "step=12&microphone=9"; see `lesson_frame`
-    microphone : whose map is shown, from 0
-    follow : whether the map is that of the microphone which the solver moves
-    map : one of MAPS
-    map_modes : modes of the map alone, as "38" or "1-9, 12", or "in use"
-    quantity : of the map, one of QUANTITIES: Eq. 7, or what the solver minimises
-    order_offset : of the map of Eq. 7, added to ceil(k R) in the order of every mode
-    scale : of the map, one of SCALES
-    minima : whether the local minima of the map are marked and counted
-    trails, ellipses : drawn or not
-    view : one of VIEWS
-    """
-
+    # name of a scene that comes with fdcal, or a .toml file beside the lesson; the solver restarts
     scene: str | None = None
+    # keys of the scene and their values, as {"solver.name": "descent", "gauge.known": [0, 1, 3]}
     changes: dict | None = None
-    start_seed: int | None = None
-    reset: bool | None = None
-    modes: str | None = None
-    automatic: bool | None = None
-    run: str | None = None
+    start_seed: int | None = None  # of the solver's start; the scene's unless given
+    reset: bool | None = None  # restart in the same scene
+    modes: str | None = None  # in use by the solver, as "1-20"
+    automatic: bool | None = None  # whether the solver adds modes by itself
+    run: str | None = None  # "end", or so far as "3 sweeps", "1 step", "2 stages"
+    # of the run, as the address of a replay names it, "step=12&microphone=9"; see `lesson_frame`
     frame: str | None = None
-    microphone: int | None = None
-    follow: bool | None = None
-    map: str | None = None
-    map_modes: str | None = None
-    quantity: str | None = None
-    order_offset: int | None = None
-    scale: str | None = None
-    minima: bool | None = None
+    microphone: int | None = None  # whose map is shown, from 0
+    follow: bool | None = None  # whether the map is that of the microphone which the solver moves
+    map: str | None = None  # one of MAPS
+    map_modes: str | None = None  # modes of the map alone, as "38" or "1-9, 12", or "in use"
+    quantity: str | None = None  # of the map, one of QUANTITIES: Eq. 7, or what the solver minimises
+    order_offset: int | None = None  # of the map of Eq. 7, added to ceil(k R) in the order of every mode
+    scale: str | None = None  # of the map, one of SCALES
+    minima: bool | None = None  # whether the local minima of the map are marked and counted
+    # trails, ellipses: drawn or not
     trails: bool | None = None
     ellipses: bool | None = None
-    view: str | None = None
+    view: str | None = None  # one of VIEWS
 
     @property
     def begins(self) -> bool:
@@ -150,18 +132,11 @@ class Lesson:
 
 @dataclass(frozen=True)
 class LessonProgress:
-    """Where in the lessons the page is.
-
-    Attributes
-    ----------
-    lesson : Lesson or None
-    number : int, of the step, from 0
-    choice : int, the answer chosen, from 0; -1 before one is chosen
-    """
+    """Where in the lessons the page is."""
 
     lesson: Lesson | None = None
-    number: int = 0
-    choice: int = -1
+    number: int = 0  # of the step, from 0
+    choice: int = -1  # the answer chosen, from 0; -1 before one is chosen
 
     @property
     def step(self) -> Step | None:

@@ -17,22 +17,13 @@ from .lesson import IN_USE, MAPS, MAX_CHOICES, MAX_ORDER_OFFSET, QUANTITIES, RUN
 
 @dataclass(frozen=True)
 class LessonLimits:
-    """How large a lesson may be.
+    """How large a lesson may be."""
 
-    Attributes
-    ----------
-    file_bytes : int, size of its file
-    steps : int, number of steps
-    choices : int, number of choices of one question
-    characters : int, length of a text, a question or a reveal
-    mode : int, highest number of a mode, counted from 1
-    """
-
-    file_bytes: int = 1_000_000
-    steps: int = 50
-    choices: int = MAX_CHOICES
-    characters: int = 5000
-    mode: int = 9999
+    file_bytes: int = 1_000_000  # size of its file
+    steps: int = 50  # number of steps
+    choices: int = MAX_CHOICES  # number of choices of one question
+    characters: int = 5000  # length of a text, a question or a reveal
+    mode: int = 9999  # highest number of a mode, counted from 1
 
 
 LIMITS = LessonLimits()
@@ -52,12 +43,8 @@ def lesson_names() -> list[str]:
 def load_lesson(path: str | Path) -> Lesson:
     """Return the lesson of a TOML file, or a built-in one by its name.
 
-    Raises
-    ------
-    InputError
-        Unknown name, or a file that is no lesson; the message names the file, the key, its value and the remedy.
-    StorageError
-        The file cannot be read.
+    Raises InputError: unknown name, or a file that is no lesson; the message names the file, the key, its value and the
+    remedy; StorageError: the file cannot be read.
     """
     path = _file_of(path)
     table = _read(path)

@@ -23,23 +23,14 @@ ON_OFF = {"on": True, "off": False}
 
 @dataclass(frozen=True)
 class Frame:
-    """A moment of a run, and how it is looked at; None and "" leave a control as it is.
+    """A moment of a run, and how it is looked at; None and "" leave a control as it is."""
 
-    Attributes
-    ----------
-    unit : one of UNITS, or "" for the state that is shown
-    number : of the step or sweep, from 0; of the stage, from 1
-    microphone : from 0
-    modes : of the map, as `mode_ranges.parse` reads them, or "solver"
-    view : "top", "3d" or "close"
-    map, trails : whether they are shown
-    """
-
-    unit: str = ""
-    number: int = 0
-    microphone: int | None = None
-    modes: str | None = None
-    view: str | None = None
+    unit: str = ""  # one of UNITS, or "" for the state that is shown
+    number: int = 0  # of the step or sweep, from 0; of the stage, from 1
+    microphone: int | None = None  # from 0
+    modes: str | None = None  # of the map, as `mode_ranges.parse` reads them, or "solver"
+    view: str | None = None  # "top", "3d" or "close"
+    # map, trails: whether they are shown
     map: bool | None = None
     trails: bool | None = None
 
@@ -47,14 +38,8 @@ class Frame:
 def parse_frame(text: str) -> Frame:
     """Return the frame that the address of a replay names, with or without its "#".
 
-    Parameters
-    ----------
-    text : as "#step=12&microphone=9&modes=1-20&view=top"
-
-    Raises
-    ------
-    InputError
-        A part that a frame does not have, or a value that it cannot have.
+    `text`: as "#step=12&microphone=9&modes=1-20&view=top". Raises InputError: a part that a frame does not have, or a
+    value that it cannot have.
 
     Examples
     --------

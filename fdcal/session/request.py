@@ -23,29 +23,20 @@ from ..model.validation import InputError
 
 @dataclass(frozen=True)
 class OpenRequest:
-    """A request to open a page, or to replace what it shows.
+    """A request to open a page, or to replace what it shows."""
 
-    Attributes
-    ----------
-    scene : Scene; its `solver` says which solver there is and how it starts. See `edited`
-    start_seed : int or None, of the solver's start; the scene's unless given. The scene's draws microphones and noise
-    measurement : Measurement or None, in place of the scene's own, which is simulated or taken from the cache
-    states : states of the solver, oldest first, that the history holds from the beginning; the start unless given
-    index : int or None, which of them is shown; the last unless given
-    choices : what the page's controls say, by the names of `viewer.desk.Choices` and `viewer.maps.Look`; of those not
-        named, the looks of the page before are kept
-    play : whether the solver starts to run at once
-    fewer_modes : whether the number of modes is reduced to those available
-    """
-
-    scene: Scene
+    scene: Scene  # Scene; its `solver` says which solver there is and how it starts. See `edited`
+    # of the solver's start; the scene's unless given. The scene's draws microphones and noise
     start_seed: int | None = None
-    measurement: Measurement | None = None
+    measurement: Measurement | None = None  # in place of the scene's own, which is simulated or taken from the cache
+    # states of the solver, oldest first, that the history holds from the beginning; the start unless given
     states: tuple = ()
-    index: int | None = None
+    index: int | None = None  # which of them is shown; the last unless given
+    # what the page's controls say, by the names of `viewer.desk.Choices` and `viewer.maps.Look`; of those not named,
+    # the looks of the page before are kept
     choices: Mapping[str, Any] = field(default_factory=dict)
-    play: bool = False
-    fewer_modes: bool = False
+    play: bool = False  # whether the solver starts to run at once
+    fewer_modes: bool = False  # whether the number of modes is reduced to those available
 
     def __post_init__(self):
         if self.start_seed is not None and self.start_seed < 0:
@@ -91,15 +82,8 @@ def table_of(scene: Scene) -> dict[str, Any]:
 def edited(scene: Scene, changes: Mapping[str, Any]) -> Scene:
     """Return `scene` with some keys changed.
 
-    Parameters
-    ----------
-    scene : Scene
-    changes : mapping of dotted keys to values, as {"room.walls": "absorbing", "seed": 3}; None removes a key
-
-    Raises
-    ------
-    InputError
-        For unknown keys and impossible values, as `load_scene`.
+    `changes`: as {"room.walls": "absorbing", "seed": 3}; None removes a key. Raises InputError for unknown keys and
+    impossible values, as `load_scene`.
     """
     table = table_of(scene)
     if isinstance(scene, MeasuredScene):

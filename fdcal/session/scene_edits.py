@@ -26,29 +26,19 @@ FINEST = 1.5  # times as large, from which the lattice of the search domain gets
 
 @dataclass(frozen=True)
 class SceneParameters:
-    """The parameters of a scene that can be changed.
+    """The parameters of a scene that can be changed."""
 
-    Attributes
-    ----------
-    microphones : int, N; a regular array takes the nearest number that fills its rows
-    radius : metres; radius of a circle or ball, half the longest side of a rectangle, plane or box, greatest distance
-        of given positions from their mean
-    walls : "rigid", "pressure-release" or "absorbing"; "unknown" of a measured room, and then neither can be changed
-    absorption : fraction of the energy absorbed at normal incidence, 1 - r^2, of absorbing walls
-    snr_db : decibels, inf for no noise
-    sound_speed_error : relative error of the sound speed given to the solver, positive if it is too high
-    known : int, number of known microphones
-    seed : int, of random microphones, noise and random starts
-    """
-
-    microphones: int
+    microphones: int  # N; a regular array takes the nearest number that fills its rows
+    # metres; radius of a circle or ball, half the longest side of a rectangle, plane or box, greatest distance of given
+    # positions from their mean
     radius: float
+    # "rigid", "pressure-release" or "absorbing"; "unknown" of a measured room, and then neither can be changed
     walls: str
-    absorption: float
-    snr_db: float
-    sound_speed_error: float
-    known: int
-    seed: int
+    absorption: float  # fraction of the energy absorbed at normal incidence, 1 - r^2, of absorbing walls
+    snr_db: float  # decibels, inf for no noise
+    sound_speed_error: float  # relative error of the sound speed given to the solver, positive if it is too high
+    known: int  # number of known microphones
+    seed: int  # of random microphones, noise and random starts
 
 
 def parameters_of(scene: Scene) -> SceneParameters:
@@ -70,15 +60,7 @@ def parameters_of(scene: Scene) -> SceneParameters:
 def with_parameters(scene: Scene, parameters: SceneParameters) -> Scene:
     """Return `scene` with other parameters and a title that lists what has changed.
 
-    Parameters
-    ----------
-    scene : Scene
-    parameters : SceneParameters
-
-    Raises
-    ------
-    InputError
-        For values that are impossible, as far as can be checked without simulating.
+    Raises InputError for values that are impossible, as far as can be checked without simulating.
     """
     before = parameters_of(scene)
     if parameters == before:

@@ -24,30 +24,13 @@ YIELD_TIME = 0.15  # s without a step after a request of the user
 class Session:
     """A solver on its own thread.
 
-    Parameters
-    ----------
-    problem : Problem, or whatever the solver's functions take
-    settings : SolverSettings
-        Its name selects the solver.
-    seed : int
-        Of the start.
-    module : object, optional
-        Has `init(problem, settings, seed)`, `step(problem, state)` and `use_modes(problem, state, first, last,
-        automatic)`; the solver named in `settings` unless given.
-    states : sequence of RunState, optional
-        With which the history begins, oldest first; the start alone unless given.
-    index : int, optional
-        Which of them is shown; the last unless given.
-    reference_cost : callable, optional
-        Returns the cost of a state, dB, by which those of all solvers are compared (`fdcal.cost.reference_cost`);
-        without one their cost is NaN.
-    yield_time : float
-        Time without a step after `yield_to_ui`, s.
-
-    Raises
-    ------
-    Exception
-        What the solver's `init` raises. Later exceptions pause the session and appear in `view.error`.
+    `problem`: or whatever the solver's functions take; `settings`: its name selects the solver; `seed`: of the start;
+    `module`: has `init(problem, settings, seed)`, `step(problem, state)` and `use_modes(problem, state, first, last,
+    automatic)`; the solver named in `settings` unless given; `states`: with which the history begins, oldest first; the
+    start alone unless given; `index`: which of them is shown; the last unless given; `reference_cost`: returns the cost
+    of a state, dB, by which those of all solvers are compared (`fdcal.cost.reference_cost`); without one their cost is
+    NaN; `yield_time`: time without a step after `yield_to_ui`, s. Raises Exception: what the solver's `init` raises.
+    Later exceptions pause the session and appear in `view.error`.
 
     Examples
     --------

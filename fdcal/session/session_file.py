@@ -32,16 +32,10 @@ TABLE, ARRAYS = "session.json", "session.npz"
 
 @dataclasses.dataclass(frozen=True)
 class SessionLimits:
-    """How large a session file may be, bytes.
+    """How large a session file may be, bytes."""
 
-    Attributes
-    ----------
-    unpacked_bytes : int, size that an archive may unpack to
-    written_bytes : int, size of the states that are written; of longer runs fewer are kept, evenly spaced
-    """
-
-    unpacked_bytes: int = 400_000_000
-    written_bytes: int = 64_000_000
+    unpacked_bytes: int = 400_000_000  # size that an archive may unpack to
+    written_bytes: int = 64_000_000  # size of the states that are written; of longer runs fewer are kept, evenly spaced
 
 
 LIMITS = SessionLimits()
@@ -52,10 +46,7 @@ KEYS = ("fdcal_session", "scene", "start_seed", "index", "choices", "states")
 def write(opening: OpenRequest) -> bytes:
     """Return the bytes of the .zip of a request that has a measurement and states.
 
-    Raises
-    ------
-    InputError
-        As `write_states`, for a state with numbers that are not finite.
+    Raises InputError: as `write_states`, for a state with numbers that are not finite.
     """
     if opening.measurement is None:
         raise ValueError("a session that is written has a measurement")
@@ -85,12 +76,7 @@ def write(opening: OpenRequest) -> bytes:
 def read(path: str | Path) -> OpenRequest:
     """Return what a session's .zip holds, or its .json with the .npz of the same name beside it.
 
-    Raises
-    ------
-    InputError
-        The file is no session.
-    StorageError
-        The file cannot be read.
+    Raises InputError: the file is no session; StorageError: the file cannot be read.
     """
     path = Path(path)
     try:

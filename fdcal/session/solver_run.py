@@ -24,30 +24,11 @@ log = logging.getLogger(__name__)
 class SolverRun:
     """The states of a run and the commands that change them; for one thread.
 
-    Parameters
-    ----------
-    problem : Problem, or whatever the solver's functions take
-    settings : SolverSettings
-        Its name selects the solver.
-    seed : int
-        Of the start.
-    module : object, optional
-        Has `init`, `step` and `use_modes`; the solver named in `settings` unless given.
-    states : sequence of RunState
-        With which the history begins, oldest first; the start alone if empty.
-    index : int, optional
-        Which of them is shown; the last unless given.
-    on_change : callable
-        Called after `view` has changed.
-    costs : StateCosts, optional
-        Of the states.
-
-    Attributes
-    ----------
-    view : SessionView
-        The newest view, frozen; any thread may read it.
-    pause_between_steps : float
-        Least time between two steps, s.
+    `problem`: or whatever the solver's functions take; `settings`: its name selects the solver; `seed`: of the start;
+    `module`: has `init`, `step` and `use_modes`; the solver named in `settings` unless given; `states`: with which the
+    history begins, oldest first; the start alone if empty; `index`: which of them is shown; the last unless given;
+    `on_change`: called after `view` has changed; `costs`: of the states. `view`: the newest view, frozen; any thread
+    may read it; `pause_between_steps`: least time between two steps, s.
     """
 
     def __init__(

@@ -28,50 +28,25 @@ Progress = Callable[[float, str], None]  # fraction done, 0 to 1, and a note
 
 @dataclass(frozen=True)
 class CalibrationInput:
-    """A measurement and how to calibrate it.
+    """A measurement and how to calibrate it."""
 
-    Attributes
-    ----------
-    name : str
-        Of the scene or the file.
-    scene : Scene or None
-        None where the measurement was read from a file, that of a measured scene, too.
-    measurement : Measurement
-        Without the `excluded` microphones.
-    settings : SolverSettings
-        With a number of modes.
-    seed : int
-    excluded : tuple of str
-        Names or numbers of microphones left out.
-    estimate_sound_speed : bool
-    distance : (str, str, float) or None
-        Two microphones, by name or number, and how far they are apart, metres.
-    time_limit : float or None
-        Seconds of processor time after which the best positions so far are assessed;
-        `fdcal.solvers.interface.time_limit` unless given.
-    all_modes : bool
-        Whether the number of modes was left to the measurement, the array and the solver.
-    compared_with : str
-        What the positions of the measurement are called where errors are reported; true or nominal unless given.
-    remark : str
-        On how these positions belong to the channels; "" where there is none.
-    title : str
-        Of a scene that is a measurement; the name unless given.
-    """
-
-    name: str
-    scene: Scene | None
-    measurement: Measurement
-    settings: SolverSettings
+    name: str  # of the scene or the file
+    scene: Scene | None  # none where the measurement was read from a file, that of a measured scene, too
+    measurement: Measurement  # without the `excluded` microphones
+    settings: SolverSettings  # with a number of modes
     seed: int
-    excluded: tuple[str, ...] = ()
+    excluded: tuple[str, ...] = ()  # names or numbers of microphones left out
     estimate_sound_speed: bool = False
+    # (str, str, float) or None, two microphones, by name or number, and how far they are apart, metres
     distance: tuple[str, str, float] | None = None
+    # seconds of processor time after which the best positions so far are assessed; `fdcal.solvers.interface.time_limit`
+    # unless given
     time_limit: float | None = None
-    all_modes: bool = False
+    all_modes: bool = False  # whether the number of modes was left to the measurement, the array and the solver
+    # what the positions of the measurement are called where errors are reported; true or nominal unless given
     compared_with: str = ""
-    remark: str = ""
-    title: str = ""
+    remark: str = ""  # on how these positions belong to the channels; "" where there is none
+    title: str = ""  # of a scene that is a measurement; the name unless given
 
     @property
     def given(self) -> tuple[int, ...]:
@@ -88,21 +63,10 @@ def load_input(
 ) -> CalibrationInput:
     """Return the measurement of .npz files, of recordings, or of a scene.
 
-    Parameters
-    ----------
-    text : str or sequence of str
-        The path of a file or folder, or the name of a scene. Several are recordings, or measurements, each a take.
-    progress : callable, optional
-        Called with the fraction done, 0 to 1, and a note while a scene is simulated.
-    excluded : tuple of str
-        Names or numbers of microphones to leave out.
-    options : ImportOptions, optional
-        How recordings are imported.
-
-    Raises
-    ------
-    InputError, StorageError
-        The source cannot be used, or cannot be read.
+    `text`, str or sequence of str, the path of a file or folder, or the name of a scene. Several are recordings, or
+    measurements, each a take; `progress`: called with the fraction done, 0 to 1, and a note while a scene is simulated;
+    `excluded`: names or numbers of microphones to leave out; `options`: how recordings are imported. Raises InputError,
+    StorageError: the source cannot be used, or cannot be read.
     """
     texts = [text] if isinstance(text, str) else list(text)
     if not texts:
@@ -156,14 +120,8 @@ def measurement_input(
 ) -> CalibrationInput:
     """Return a measurement with settings that suit it: all modes, up to what the array can interpolate.
 
-    Parameters
-    ----------
-    measurement : Measurement
-    name : str
-    excluded : tuple of str
-        Names or numbers of microphones to leave out.
-    settings : SolverSettings, optional
-        Settings to begin with; of their number of modes as many as were measured.
+    `excluded`: names or numbers of microphones to leave out; `settings`: settings to begin with; of their number of
+    modes as many as were measured.
     """
     settings = settings or SolverSettings()
     if settings.modes != ALL_MODES:
@@ -186,10 +144,7 @@ def with_mode_number(inputs: CalibrationInput) -> CalibrationInput:
 def compared_with_file(inputs: CalibrationInput, path: str) -> CalibrationInput:
     """Return `inputs` whose results are compared with the positions in a file of Acoular (.xml) or a table (.csv).
 
-    Raises
-    ------
-    InputError, StorageError
-        The file cannot be read, or does not fit the microphones.
+    Raises InputError, StorageError: the file cannot be read, or does not fit the microphones.
     """
     from ..model.given_positions import row_order_remark, with_positions
     from ..recordings.positions_file import read_positions
@@ -203,9 +158,7 @@ def compared_with_file(inputs: CalibrationInput, path: str) -> CalibrationInput:
 def scene_input(scene: Scene, progress: Progress | None = None) -> CalibrationInput:
     """Return the measurement of a scene, simulated or from the cache; of a measured one, from its file.
 
-    Raises
-    ------
-    InputError, StorageError
+    Raises InputError, StorageError.
     """
     from ..acoustics.measurement_cache import cached_measurement  # brings the simulation, which only scenes need
 
@@ -234,9 +187,7 @@ def _without(measurement: Measurement, excluded: tuple[str, ...]) -> Measurement
 def check_scene(scene: Scene) -> None:
     """Check what can be checked without a simulation: array, source, band, outline of the room, CFL limit.
 
-    Raises
-    ------
-    InputError
+    Raises InputError.
     """
     if isinstance(scene, MeasuredScene):
         return
@@ -263,16 +214,8 @@ def with_settings(
 ) -> CalibrationInput:
     """Return `inputs` with another solver, number of modes, seed, or other fields of `SolverSettings`.
 
-    Parameters
-    ----------
-    inputs : CalibrationInput
-    solver, modes, seed, **others
-        None leaves a setting as it is.
-
-    Raises
-    ------
-    InputError
-        A value is out of range, or does nothing with this solver.
+    `solver`, `modes`, `seed`, `**others`: none leaves a setting as it is. Raises InputError: a value is out of range,
+    or does nothing with this solver.
     """
     given = {key: value for key, value in others.items() if value is not None}
     settings = replace(inputs.settings, **given)

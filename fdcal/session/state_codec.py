@@ -62,10 +62,7 @@ class _ArrayStore:
 def write_states(states: Sequence[RunState]) -> tuple[dict, dict[str, np.ndarray]]:
     """Return the states as a table for JSON and arrays by name.
 
-    Raises
-    ------
-    InputError
-        For a state with numbers that are not finite.
+    Raises InputError for a state with numbers that are not finite.
     """
     store = _ArrayStore()
     kinds = list(dict.fromkeys(state.solver for state in states))
@@ -104,18 +101,10 @@ def read_states(
 ) -> tuple[RunState, ...]:
     """Return the states of a table.
 
-    Parameters
-    ----------
-    table : what JSON gives of the table of `write_states`
-    arrays : the arrays, by name
-    problem : Problem, that the states are of
-    solver : name of the solver; of a chain, states of each of its members are possible
-    most : number of states at most
-
-    Raises
-    ------
-    InputError
-        For whatever is not of the type, the shape and the range that a state of `problem` has.
+    `table`: what JSON gives of the table of `write_states`; `arrays`: the arrays, by name; `problem`: that the states
+    are of; `solver`: name of the solver; of a chain, states of each of its members are possible; `most`: number of
+    states at most. Raises InputError for whatever is not of the type, the shape and the range that a state of `problem`
+    has.
     """
     order, kinds, settings = (_list(table, key) for key in ("order", "kinds", "settings"))
     if not 1 <= len(order) <= most:

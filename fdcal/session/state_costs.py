@@ -21,15 +21,8 @@ MOST_FILLED = 300  # states, evenly spaced over a run, whose cost is computed wh
 class StateCosts:
     """Costs of states, by the state itself; those of states that no longer exist are forgotten.
 
-    Parameters
-    ----------
-    reference_cost : callable or None
-        Returns the cost of a state, dB; without one every cost is NaN.
-
-    Attributes
-    ----------
-    newest : float, the cost computed last, dB
-    count : int, how many were computed
+    `reference_cost`: returns the cost of a state, dB; without one every cost is NaN. `newest`: the cost computed last,
+    dB; `count`: how many were computed.
     """
 
     def __init__(self, reference_cost: Callable[..., float] | None = None):
@@ -65,9 +58,7 @@ class StateCosts:
     def compute_in_passing(self, state: RunState, spent: float) -> None:
         """Compute the cost of a state of a running solver, unless costs have had their share of the time.
 
-        Parameters
-        ----------
-        spent : processor time of the step, s
+        `spent`: processor time of the step, s.
         """
         self._credit = min(self._credit + SHARE * spent, 2 * self._duration + SHARE * spent)
         if self._credit >= self._duration:

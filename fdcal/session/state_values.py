@@ -26,11 +26,8 @@ INFINITE = ("inf", "-inf")
 class StateReader:
     """Values out of JSON, checked against the types and the problem.
 
-    Parameters
-    ----------
-    arrays : the stacks of arrays, by name
-    settings : the settings that the states refer to
-    problem : Problem, which determines the shapes and ranges
+    `arrays`: the stacks of arrays, by name; `settings`: the settings that the states refer to; `problem`: which
+    determines the shapes and ranges.
     """
 
     def __init__(self, arrays: Mapping[str, np.ndarray], settings: list[SolverSettings], problem: Problem):

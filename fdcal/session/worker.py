@@ -52,12 +52,8 @@ class LatestWorker:
 
     An exception becomes `latest.error`; the thread continues.
 
-    Parameters
-    ----------
-    function : what is called with the arguments of a request
-    name : of the thread
-    keep : requests that may wait; they run oldest first
-    notify : called from the thread after every delivery
+    `function`: what is called with the arguments of a request; `name`: of the thread; `keep`: requests that may wait;
+    they run oldest first; `notify`: called from the thread after every delivery.
     """
 
     def __init__(

@@ -34,10 +34,7 @@ def names() -> list[str]:
 def load(name: str) -> Solver:
     """Return the solver or the chain called `name`.
 
-    Raises
-    ------
-    InputError
-        If there is none of this name.
+    Raises InputError if there is none of this name.
     """
     require_choice("solver.name", name, names())
     members = tuple(importlib.import_module(f"{__name__}.{part}.solver") for part in name.split("+"))
@@ -51,11 +48,7 @@ def load(name: str) -> Solver:
 def with_mode_count(problem: Problem, settings: SolverSettings) -> SolverSettings:
     """Return settings with a number of modes, where they ask for all.
 
-    Parameters
-    ----------
-    problem : Problem
-    settings : SolverSettings
-        Those with a number of modes are returned as they are.
+    `settings`: those with a number of modes are returned as they are.
     """
     if settings.modes != ALL_MODES:
         return settings
@@ -70,16 +63,9 @@ def run(problem: Problem, settings: SolverSettings, seed: int) -> Iterator[RunSt
 
     A microphone that leaves what the frequencies can resolve ends the run (`fdcal.solvers.interface`).
 
-    Parameters
-    ----------
-    problem : Problem
-    settings : SolverSettings; where they ask for all modes, their number follows (`fdcal.solvers.requirements`)
-    seed : int, of whatever the solver draws
-
-    Raises
-    ------
-    InputError
-        For a problem that the solver cannot work on, or one too large for memory.
+    `settings`: SolverSettings; where they ask for all modes, their number follows (`fdcal.solvers.requirements`);
+    `seed`: of whatever the solver draws. Raises InputError for a problem that the solver cannot work on, or one too
+    large for memory.
     """
     from .interface import bounded, require_affordable
 

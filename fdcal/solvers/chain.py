@@ -19,13 +19,9 @@ from .interface import RunState, Traits
 
 @dataclass(frozen=True)
 class Chain:
-    """Solvers in sequence.
+    """Solvers in sequence."""
 
-    Attributes
-    ----------
-    members : modules as of `fdcal.solvers.interface.Solver`; the `init` of every one but the first takes `positions`
-    """
-
+    # modules as of `fdcal.solvers.interface.Solver`; the `init` of every one but the first takes `positions`
     members: tuple[ModuleType, ...]
 
     @property

@@ -17,208 +17,143 @@ if TYPE_CHECKING:  # the likelihood loads SciPy, which a session does not need b
 
 @dataclass(frozen=True)
 class ChannelEstimate:
-    """Gains, filters and noise of the channels.
+    """Gains, filters and noise of the channels."""
 
-    Attributes
-    ----------
-    gains, gain_sigma : (N, 2) float64, log gain, nepers, and phase, radians, and one sigma of each
-    filters, filter_sigma : (N, 2) float64, delay, metres, times the sound speed, and high-pass corner, rad/m, times
-        2 pi / c; 0 for a channel without
-    spread : (2,) float64, of the gains, nepers, and phases, radians, of all channels that are not grossly wrong
-    noise : (N,) float64, noise of each channel over that of a healthy one
-    """
-
+    # gains, gain_sigma: (N, 2) float64, log gain, nepers, and phase, radians, and one sigma of each
     gains: np.ndarray
     gain_sigma: np.ndarray
+    # filters, filter_sigma: (N, 2) float64, delay, metres, times the sound speed, and high-pass corner, rad/m, times, 2
+    # pi / c; 0 for a channel without
     filters: np.ndarray
     filter_sigma: np.ndarray
+    # (2,) float64, of the gains, nepers, and phases, radians, of all channels that are not grossly wrong
     spread: np.ndarray
-    noise: np.ndarray
+    noise: np.ndarray  # (N,) float64, noise of each channel over that of a healthy one
 
 
 @dataclass(frozen=True)
 class FieldEstimate:
-    """Field and noise where the solver ended, of the modes in use.
+    """Field and noise where the solver ended, of the modes in use."""
 
-    Attributes
-    ----------
-    share : noise over the mean power of the pressures
-    power, noise : (M,) float64, of the field and of a healthy channel; modes have unit power
-    terms : Terms of the likelihood with a weaker prior of an isotropic field: what the others predict of each channel
-    """
-
-    share: float
+    share: float  # noise over the mean power of the pressures
+    # power, noise: (M,) float64, of the field and of a healthy channel; modes have unit power
     power: np.ndarray
     noise: np.ndarray
+    # Terms of the likelihood with a weaker prior of an isotropic field: what the others predict of each channel
     terms: Terms
 
 
 @dataclass(frozen=True)
 class PositionSpread:
-    """What the covariance of the positions is made of. Nothing here depends on the way that led to the optimum.
+    """What the covariance of the positions is made of. Nothing here depends on the way that led to the optimum."""
 
-    Attributes
-    ----------
-    newton : (N D, N D) float64, metres^2, inverse of the Gauss-Newton matrix of cost and priors
-    influences : (G, N D) float64 each, metres, of single modes and of groups of neighbouring modes: moves of the
-        positions by the gradient of each
-    step, sigma : (N, D) float64, metres, Newton step that is left, and one sigma of each coordinate
-    shift : (N, D) float64, metres, Newton step from here to the minimum of the likelihood of an isotropic random field:
-        how far what is assumed of the field moves the positions
-    """
-
-    newton: np.ndarray
+    newton: np.ndarray  # (N D, N D) float64, metres^2, inverse of the Gauss-Newton matrix of cost and priors
+    # (G, N D) float64 each, metres, of single modes and of groups of neighbouring modes: moves of the positions by the
+    # gradient of each
     influences: tuple[np.ndarray, ...]
+    # step, sigma: (N, D) float64, metres, Newton step that is left, and one sigma of each coordinate
     step: np.ndarray
     sigma: np.ndarray
+    # (N, D) float64, metres, Newton step from here to the minimum of the likelihood of an isotropic random field: how
+    # far what is assumed of the field moves the positions
     shift: np.ndarray
 
 
 @dataclass(frozen=True)
 class GivenHypothesis:
-    """What is likeliest where given positions and pressures contradict each other.
+    """What is likeliest where given positions and pressures contradict each other."""
 
-    Attributes
-    ----------
-    positions : (N, D) float64, metres, of an array that the pressures alone shape and these given positions place
-    sigma : (A,) float64, metres, one sigma of the shape at the microphones given
-    noise : (A,) float64, noise of their channels there over that of a healthy one
-    wrong : (A,) bool, which given positions are not those of their microphones
-    log_speed, log_speed_sigma : logarithm of the sound speed with which the given positions agree, over that of the
-        problem, and one sigma; 0 where that is not what is wrong
-    advantage : nats by which it is likelier than any other that was examined
-    """
-
+    # (N, D) float64, metres, of an array that the pressures alone shape and these given positions place
     positions: np.ndarray
-    sigma: np.ndarray
-    noise: np.ndarray
-    wrong: np.ndarray
+    sigma: np.ndarray  # (A,) float64, metres, one sigma of the shape at the microphones given
+    noise: np.ndarray  # (A,) float64, noise of their channels there over that of a healthy one
+    wrong: np.ndarray  # (A,) bool, which given positions are not those of their microphones
+    # log_speed, log_speed_sigma: logarithm of the sound speed with which the given positions agree, over that of the
+    # problem, and one sigma; 0 where that is not what is wrong
     log_speed: float
     log_speed_sigma: float
-    advantage: float
+    advantage: float  # nats by which it is likelier than any other that was examined
 
 
 @dataclass(frozen=True)
 class GivenEstimate:
-    """The given positions as the solver took them.
+    """The given positions as the solver took them."""
 
-    Attributes
-    ----------
-    sigma : metres, one sigma of each coordinate; 0 where they are exact
-    expected_sigma : metres, the same as stated or usual
-    stiffness : (A,) float64, 1/m^2, curvature of the prior of each
-    carry_scale : whether the pressures hardly show the size of the array, so that these positions must
-    probability : callable
-        Of which given positions count (A,) bool, returns the probability of a disagreement with the pressures as large
-        by chance.
-    contradicted : GivenHypothesis; None where they agree with the pressures, or nothing can be said
-    """
-
-    sigma: float
-    expected_sigma: float
-    stiffness: np.ndarray
-    carry_scale: bool
+    sigma: float  # metres, one sigma of each coordinate; 0 where they are exact
+    expected_sigma: float  # metres, the same as stated or usual
+    stiffness: np.ndarray  # (A,) float64, 1/m^2, curvature of the prior of each
+    carry_scale: bool  # whether the pressures hardly show the size of the array, so that these positions must
+    # of which given positions count (A,) bool, returns the probability of a disagreement with the pressures as large by
+    # chance
     probability: Callable[[np.ndarray], float]
+    # GivenHypothesis; None where they agree with the pressures, or nothing can be said
     contradicted: GivenHypothesis | None = None
 
 
 @dataclass(frozen=True)
 class TriedOptimum:
-    """Another optimum of the search.
+    """Another optimum of the search."""
 
-    Attributes
-    ----------
-    positions : (N, D) float64, metres
-    score : -log evidence, up to a constant
-    regrouped : whether its restart began from another optimum
-    same_frame : whether the same given positions hold it as the estimate
-    """
-
-    positions: np.ndarray
-    score: float
-    regrouped: bool
-    same_frame: bool
+    positions: np.ndarray  # (N, D) float64, metres
+    score: float  # -log evidence, up to a constant
+    regrouped: bool  # whether its restart began from another optimum
+    same_frame: bool  # whether the same given positions hold it as the estimate
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """The result of a solver that minimises the likelihood, or is judged by it.
+    """The result of a solver that minimises the likelihood, or is judged by it."""
 
-    Attributes
-    ----------
-    problem : Problem, with modes of unit power
-    modes : slice, the modes in use
-    positions : (N, D) float64, metres
-    converged : whether the solver ended at a minimum
-    channels, field, spread, given : as of their classes
-    log_speed, log_speed_sigma : logarithm of the sound speed found over that of the problem, and one sigma; 0 if fixed
-    tried : tuple of TriedOptimum, the likeliest first
-    """
-
-    problem: Problem
-    modes: slice
-    positions: np.ndarray
-    converged: bool
+    problem: Problem  # with modes of unit power
+    modes: slice  # slice, the modes in use
+    positions: np.ndarray  # (N, D) float64, metres
+    converged: bool  # whether the solver ended at a minimum
+    # channels, field, spread, given: as of their classes
     channels: ChannelEstimate
     field: FieldEstimate
     spread: PositionSpread
     given: GivenEstimate
+    # log_speed, log_speed_sigma: logarithm of the sound speed found over that of the problem, and one sigma; 0 if fixed
     log_speed: float
     log_speed_sigma: float
-    tried: tuple[TriedOptimum, ...]
+    tried: tuple[TriedOptimum, ...]  # the likeliest first
 
 
 @dataclass(frozen=True)
 class SizeFit:
-    """The room that fits best.
+    """The room that fits best."""
 
-    Attributes
-    ----------
-    change, sigma : (D,) float64, relative change of each length, and one sigma of it
-    residual : reduced chi-square with these lengths
-    """
-
+    # change, sigma: (D,) float64, relative change of each length, and one sigma of it
     change: np.ndarray
     sigma: np.ndarray
-    residual: float
+    residual: float  # reduced chi-square with these lengths
 
 
 @dataclass(frozen=True)
 class RoomEstimate:
-    """The result of a solver that knows the room.
+    """The result of a solver that knows the room."""
 
-    Attributes
-    ----------
-    problem, modes, positions, converged : as of `Estimate`
-    pressures, leave_one_out_errors : (M, N) complex128, of the modes in use with unit RMS, and what the others do not
-        predict of them
-    covariance : (N, D, D) float64, metres^2, with source, walls and loudness unknown
-    residual : reduced chi-square
-    channel_residual : (N,) float64, squared residual of each channel over the variance of the noise, summed over modes
-    noise_share, noise_given : noise over the mean power, and whether it is that of the measurement
-    size : tuple of D lengths of the room, metres
-    better_size : SizeFit
-    source : (D,) float64, metres
-    admittance : of the walls
-    images : symmetries of the room, the identity first
-    """
-
+    # problem, modes, positions, converged: as of `Estimate`
     problem: Problem
     modes: slice
     positions: np.ndarray
     converged: bool
+    # pressures, leave_one_out_errors: (M, N) complex128, of the modes in use with unit RMS, and what the others do not
+    # predict of them
     pressures: np.ndarray
     leave_one_out_errors: np.ndarray
-    covariance: np.ndarray
-    residual: float
+    covariance: np.ndarray  # (N, D, D) float64, metres^2, with source, walls and loudness unknown
+    residual: float  # reduced chi-square
+    # (N,) float64, squared residual of each channel over the variance of the noise, summed over modes
     channel_residual: np.ndarray
+    # noise_share, noise_given: noise over the mean power, and whether it is that of the measurement
     noise_share: float
     noise_given: bool
-    size: tuple[float, ...]
+    size: tuple[float, ...]  # metres
     better_size: SizeFit
-    source: np.ndarray
-    admittance: complex
-    images: tuple[RoomSymmetry, ...]
+    source: np.ndarray  # (D,) float64, metres
+    admittance: complex  # of the walls
+    images: tuple[RoomSymmetry, ...]  # symmetries of the room, the identity first
 
 
 def stretch_sigma(positions: np.ndarray, covariances, healthy: np.ndarray) -> float:

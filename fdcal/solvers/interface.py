@@ -36,37 +36,25 @@ class RunState:
 
     A subclass adds what its `step` needs. A state is never changed: `step` returns another one. The defaults are those
     of a run that begins with its lowest modes.
-
-    Attributes
-    ----------
-    solver : str, name of the solver that continues from this state; of a chain, of the active member
-    positions : (N, D) float64, metres, read-only
-    settings : SolverSettings
-    seed : int, of whatever the solver draws
-    step, sweep, stage : int, steps taken, sweeps completed, stages completed
-    moved : int, microphone that the last step moved; -1 at the start and if a step moves all of them
-    first, last : int, modes in use, counted from 1, both included
-    automatic : bool, whether the solver adds modes and begins other stages by itself
-    cost : float, of the modes in use; the solver defines it
-    finished : bool, whether nothing is left to do
-    converged : bool, whether it finished because no microphone moved, not because the steps were used up
     """
 
-    solver: ClassVar[str]
+    solver: ClassVar[str]  # name of the solver that continues from this state; of a chain, of the active member
 
-    positions: np.ndarray
+    positions: np.ndarray  # (N, D) float64, metres, read-only
     settings: SolverSettings
-    seed: int
+    seed: int  # of whatever the solver draws
+    # step, sweep, stage: steps taken, sweeps completed, stages completed
     step: int = 0
     sweep: int = 0
     stage: int = 0
-    moved: int = -1
+    moved: int = -1  # microphone that the last step moved; -1 at the start and if a step moves all of them
+    # first, last: modes in use, counted from 1, both included
     first: int = 1
     last: int
-    automatic: bool = True
-    cost: float = 0.0
-    finished: bool = False
-    converged: bool = False
+    automatic: bool = True  # whether the solver adds modes and begins other stages by itself
+    cost: float = 0.0  # of the modes in use; the solver defines it
+    finished: bool = False  # whether nothing is left to do
+    converged: bool = False  # whether it finished because no microphone moved, not because the steps were used up
 
     @property
     def modes(self) -> slice:
@@ -91,30 +79,19 @@ class RunState:
 
 @dataclass(frozen=True)
 class Traits:
-    """Properties of a solver.
+    """Properties of a solver."""
 
-    Attributes
-    ----------
-    moves_all : whether a step moves all free microphones; otherwise one
-    needs_search : whether it needs a search domain, whose lattice it searches
-    needs_room : whether it needs the size of a rectangular room (`SolverSettings.room`)
-    adds_modes : whether it adds modes by itself while it runs
-    starts : values of `SolverSettings.start` that it takes, the default first; empty if it has a start of its own
-    draws_order : whether the seed matters beyond a random start
-    takes_positions : whether `init` takes the keyword `positions`
-    settings : fields of `SolverSettings` that change what it does; None stands for all of them
-    uses_likelihood : whether it minimises a likelihood: the covariance of all microphones in each mode
-    """
-
-    moves_all: bool
-    needs_search: bool = False
-    needs_room: bool = False
-    adds_modes: bool = False
+    moves_all: bool  # whether a step moves all free microphones; otherwise one
+    needs_search: bool = False  # whether it needs a search domain, whose lattice it searches
+    needs_room: bool = False  # whether it needs the size of a rectangular room (`SolverSettings.room`)
+    adds_modes: bool = False  # whether it adds modes by itself while it runs
+    # values of `SolverSettings.start` that it takes, the default first; empty if it has a start of its own
     starts: tuple[str, ...] = ()
-    draws_order: bool = False
-    takes_positions: bool = False
+    draws_order: bool = False  # whether the seed matters beyond a random start
+    takes_positions: bool = False  # whether `init` takes the keyword `positions`
+    # fields of `SolverSettings` that change what it does; None stands for all of them
     settings: frozenset[str] | None = None
-    uses_likelihood: bool = False
+    uses_likelihood: bool = False  # whether it minimises a likelihood: the covariance of all microphones in each mode
 
     @property
     def default_start(self) -> str | None:

@@ -17,22 +17,15 @@ from .interface import check_deadline
 
 @dataclass(frozen=True)
 class Damping:
-    """Damping, relative to the diagonal of the Gauss-Newton matrix, and when to give up.
+    """Damping, relative to the diagonal of the Gauss-Newton matrix, and when to give up."""
 
-    Attributes
-    ----------
-    first : damping of the first step, and of the next after one that has failed
-    least, greatest : bounds; at the greatest no step is possible
-    increase : factor after a trial that does not lower the cost
-    decrease : divisor after a step
-    least_fall : relative fall of the cost that is lost in rounding: a trial that promises less is the last
-    """
-
-    first: float = 1e-3
+    first: float = 1e-3  # damping of the first step, and of the next after one that has failed
+    # least, greatest: bounds; at the greatest no step is possible
     least: float = 1e-9
     greatest: float = 1e6
-    increase: float = 6.0
-    decrease: float = 10.0
+    increase: float = 6.0  # factor after a trial that does not lower the cost
+    decrease: float = 10.0  # divisor after a step
+    # relative fall of the cost that is lost in rounding: a trial that promises less is the last
     least_fall: float = 1e-12
 
 
@@ -50,22 +43,13 @@ class NewtonTerms:
 
 @dataclass(frozen=True)
 class Step:
-    """Result of a damped step.
+    """Result of a damped step."""
 
-    Attributes
-    ----------
-    unknowns : float64 array, as given if no step lowers the cost
-    cost : float
-    fall : float, by how much the cost has fallen
-    damping : float, of the next step
-    moved : float, metres, greatest change of a coordinate; 0 without a step
-    """
-
-    unknowns: np.ndarray
+    unknowns: np.ndarray  # float64 array, as given if no step lowers the cost
     cost: float
-    fall: float
-    damping: float
-    moved: float
+    fall: float  # by how much the cost has fallen
+    damping: float  # of the next step
+    moved: float  # metres, greatest change of a coordinate; 0 without a step
 
 
 def damped_step(
@@ -80,16 +64,10 @@ def damped_step(
 ) -> Step:
     """Return the Gauss-Newton step with the least damping that lowers the cost; no step if none does.
 
-    Parameters
-    ----------
-    unknowns : float64 array
-    terms : NewtonTerms, at `unknowns`
-    cost : cost of given unknowns
-    advance : unknowns after a step (P,) of the parameters
-    length : how far given unknowns have moved, metres
-    damping : that is tried first
-    furthest : metres; a longer step is damped more, since it could leave the basin for a distant one
-    shortest : metres; a shorter step that does not lower the cost is the last one tried
+    `unknowns`: float64 array; `terms`: at `unknowns`; `cost`: cost of given unknowns; `advance`: unknowns after a step
+    (P,) of the parameters; `length`: how far given unknowns have moved, metres; `damping`: that is tried first;
+    `furthest`: metres; a longer step is damped more, since it could leave the basin for a distant one; `shortest`:
+    metres; a shorter step that does not lower the cost is the last one tried.
     """
     g, H = terms.gradient, terms.curvature
     scale = np.maximum(np.diag(H), 1e-12 * np.diag(H).max())

@@ -24,22 +24,16 @@ from .starts import singular_vectors
 
 @dataclass(frozen=True)
 class Requirements:
-    """What a measurement must hold.
+    """What a measurement must hold."""
 
-    Attributes
-    ----------
-    min_modes_2d, min_modes_3d : modes without which no array is sought, by the dimension of the sound field
-    radius_factor : by which the radius that the coherence shows may be too large
-    line_degree : degree of the polynomials: the second singular vector of a line is a polynomial of its first
-    line_explained : part of the last singular vector that is a polynomial of the others, if they are on a line
-    line_flatness : singular value of the last vector over that of the first, at most, if they are on a line
-    """
-
+    # min_modes_2d, min_modes_3d: modes without which no array is sought, by the dimension of the sound field
     min_modes_2d: int = 6
     min_modes_3d: int = 12
-    radius_factor: float = 1.5
-    line_degree: int = 4
+    radius_factor: float = 1.5  # by which the radius that the coherence shows may be too large
+    line_degree: int = 4  # degree of the polynomials: the second singular vector of a line is a polynomial of its first
+    # part of the last singular vector that is a polynomial of the others, if they are on a line
     line_explained: float = 0.97
+    # singular value of the last vector over that of the first, at most, if they are on a line
     line_flatness: float = 0.25
 
 

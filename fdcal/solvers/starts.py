@@ -32,29 +32,21 @@ from .levenberg_marquardt import DAMPING, NewtonTerms, damped_step
 
 @dataclass(frozen=True)
 class StartRules:
-    """How starts are made.
+    """How starts are made."""
 
-    Attributes
-    ----------
-    lowest_2d, lowest_3d : numbers of lowest modes that give the shape: the first choice, then alternatives
-    subsets : of the given positions, on which an array is laid, at most
-    metric_modes : modes that the metric is first fitted to; then all
-    metric_pressures, min_modes : pressures, about, to which a metric is fitted, of so many modes at least
-    noise_modes : modes from which its noise is estimated
-    scales : factors of the first guess that are tried: a field that is not quite affine makes the guess too large
-    first_noise : noise's share of the power of `metric_modes` modes at an affine image of the positions
-    metric_steps, metric_tolerance : steps at most of the fit of the metric, and metres at which it ends
-    """
-
+    # lowest_2d, lowest_3d: numbers of lowest modes that give the shape: the first choice, then alternatives
     lowest_2d: tuple[int, ...] = (8, 16, 28, 5)
     lowest_3d: tuple[int, ...] = (20, 28, 12, 8)
-    subsets: int = 40
-    metric_modes: int = 28
+    subsets: int = 40  # of the given positions, on which an array is laid, at most
+    metric_modes: int = 28  # modes that the metric is first fitted to; then all
+    # metric_pressures, min_modes: pressures, about, to which a metric is fitted, of so many modes at least
     metric_pressures: int = 4000
     min_modes: int = 24
-    noise_modes: int = 24
+    noise_modes: int = 24  # modes from which its noise is estimated
+    # factors of the first guess that are tried: a field that is not quite affine makes the guess too large
     scales: tuple[float, ...] = (0.3, 0.4, 0.5, 0.6, 0.75, 1.0)
-    first_noise: float = 0.1
+    first_noise: float = 0.1  # noise's share of the power of `metric_modes` modes at an affine image of the positions
+    # metric_steps, metric_tolerance: steps at most of the fit of the metric, and metres at which it ends
     metric_steps: int = 12
     metric_tolerance: float = 3e-3
 
@@ -65,33 +57,22 @@ class StartRules:
 
 @dataclass(frozen=True)
 class CoherenceRules:
-    """Numbers of the coherence start.
+    """Numbers of the coherence start."""
 
-    Attributes
-    ----------
-    values : pressure products M N (N - 1) / 2 at most; of more modes a part is taken
-    distances : candidates of a distance, geometrically spaced
-    shortest, longest : the least candidate over 1 / (greatest k), the greatest over 1 / (least k)
-    noises : shares of noise in the power to choose from where none is reported; the first is the least in any case
-    neighbours : nearest microphones of each along which the array is unfolded
-    reach : times 1 / (greatest k): farther pairs count less, one entry for every round of majorisation
-    far : weight of these
-    scatter : relative error of a distance; pairs that disagree by more with the array count less
-    iterations : of majorisation in a round
-    farthest : distance from the middle over the median of all; a channel beyond starts in the middle
-    """
-
-    values: float = 3e5
-    distances: int = 60
+    values: float = 3e5  # pressure products M N (N - 1) / 2 at most; of more modes a part is taken
+    distances: int = 60  # candidates of a distance, geometrically spaced
+    # shortest, longest: the least candidate over 1 / (greatest k), the greatest over 1 / (least k)
     shortest: float = 0.04
     longest: float = 3.0
+    # shares of noise in the power to choose from where none is reported; the first is the least in any case
     noises: tuple[float, ...] = (1e-2, 3e-2, 0.1, 0.3)
-    neighbours: int = 10
+    neighbours: int = 10  # nearest microphones of each along which the array is unfolded
+    # times 1 / (greatest k): farther pairs count less, one entry for every round of majorisation
     reach: tuple[float, ...] = (4.0, 4.0, 9.0, 9.0, 9.0)
-    far: float = 0.1
-    scatter: float = 0.2
-    iterations: int = 30
-    farthest: float = 2.5
+    far: float = 0.1  # weight of these
+    scatter: float = 0.2  # relative error of a distance; pairs that disagree by more with the array count less
+    iterations: int = 30  # of majorisation in a round
+    farthest: float = 2.5  # distance from the middle over the median of all; a channel beyond starts in the middle
 
 
 RULES = StartRules()

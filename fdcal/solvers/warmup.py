@@ -23,9 +23,7 @@ Piece = tuple[str, Callable[[], object]]  # what is compiled, in words, and the 
 def warmup_calls(solver: str) -> list[Piece]:
     """Return what a solver and the maps of its page need, in the order in which a run needs it.
 
-    Parameters
-    ----------
-    solver : name of the solver
+    `solver`: name of the solver.
     """
     return [*([SEARCH] if load(solver).TRAITS.needs_search else []), MINIMA]
 

@@ -21,12 +21,7 @@ class CanvasPanel:
 
     In lecture mode the other panels are folded away, and the panel has the run bar, too.
 
-    Parameters
-    ----------
-    folders : SessionFolders
-    binding : Binding
-    main_panel : MainPanel, which restarts the solver and ends lecture mode
-    picture : on the screen
+    `main_panel`: which restarts the solver and ends lecture mode; `picture`: on the screen.
     """
 
     def __init__(self, folders: SessionFolders, binding: Binding, main_panel: MainPanel, picture: Picture):

@@ -18,20 +18,12 @@ from .tabs.map import LINEAR, LOG
 
 @dataclass(frozen=True)
 class Key:
-    """A keyboard shortcut.
+    """A keyboard shortcut."""
 
-    Attributes
-    ----------
-    key : str, as viser names it
-    label : str, what it does
-    act : function of the page and the client that pressed the key
-    modifier : "shift" or None
-    """
-
-    key: HotkeyKey
-    label: str
-    act: Callable
-    modifier: KeyModifier | None = None
+    key: HotkeyKey  # as viser names it
+    label: str  # what it does
+    act: Callable  # function of the page and the client that pressed the key
+    modifier: KeyModifier | None = None  # "shift" or None
 
     @property
     def name(self) -> str:
@@ -142,11 +134,7 @@ KEYS = (
 def add_keys(gui: viser.GuiApi, page, keys: tuple[Key, ...] = KEYS) -> None:
     """Add the shortcuts to every browser that opens the page.
 
-    Parameters
-    ----------
-    gui : viser.GuiApi
-    page : Page, on which they act
-    keys : the shortcuts
+    `page`: on which they act; `keys`: the shortcuts.
     """
     for key in keys:
         _add(gui, page, key)

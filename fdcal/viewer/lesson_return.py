@@ -22,26 +22,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PageBefore:
-    """The page as it was before a lesson.
-
-    Attributes
-    ----------
-    run : PreparedRun
-    view : SessionView, the states of its run
-    choices : Choices
-    values : of the controls of each tab that a user can set, by the name of the tab and of the control
-    cameras : KeptView of each browser
-    race : ComparisonWorker that keeps the race, paused
-    has_race : whether there was a race
-    """
+    """The page as it was before a lesson."""
 
     run: PreparedRun
-    view: SessionView
+    view: SessionView  # the states of its run
     choices: Choices
+    # of the controls of each tab that a user can set, by the name of the tab and of the control
     values: Mapping[str, Mapping[str, Any]]
-    cameras: Mapping[int, KeptView]
-    race: ComparisonWorker
-    has_race: bool
+    cameras: Mapping[int, KeptView]  # KeptView of each browser
+    race: ComparisonWorker  # ComparisonWorker that keeps the race, paused
+    has_race: bool  # whether there was a race
 
     @classmethod
     def of(cls, viewer: Viewer, cameras: Cameras) -> PageBefore:

@@ -27,17 +27,9 @@ def plain_choices() -> dict[str, Any]:
 def apply_setting(setting: Setting, panel: MainPanel, place_all: Callable[[str], None], restarted: bool) -> None:
     """Set the controls of a session that shows the scene of `setting` already.
 
-    Parameters
-    ----------
-    setting : Setting; what it leaves out stays
-    panel : MainPanel of the session
-    place_all : function that moves the cameras of all browsers to a view
-    restarted : bool, whether the session is at its start, or will be when it has executed its queued commands
-
-    Raises
-    ------
-    InputError
-        The setting names modes that were not measured.
+    `setting`: Setting; what it leaves out stays; `panel`: MainPanel of the session; `place_all`: function that moves
+    the cameras of all browsers to a view; `restarted`: whether the session is at its start, or will be when it has
+    executed its queued commands. Raises InputError: the setting names modes that were not measured.
     """
     setting = setting.unfolded()
     _drive(setting, panel, restarted)
@@ -87,11 +79,7 @@ def _drive(setting: Setting, panel: MainPanel, restarted: bool) -> None:
 def show_frame(session: Session, frame: Frame, states: list) -> None:
     """Show a frame of a run; one that the run has not come to is run to, from its last state.
 
-    Parameters
-    ----------
-    session : Session
-    frame : Frame; without a unit, the state that is shown stays
-    states : of the run so far
+    `frame`: Frame; without a unit, the state that is shown stays; `states`: of the run so far.
     """
     if not frame.unit:
         return

@@ -23,12 +23,8 @@ from .tabs.view import ViewTab
 class MainPanel:
     """Owns the run bar and the tabs of one session.
 
-    Parameters
-    ----------
-    folders : SessionFolders
-    binding : Binding
-    place : function that moves the camera of one browser to a view
-    export : function that sends a kind of file to one browser
+    `place`: function that moves the camera of one browser to a view; `export`: function that sends a kind of file to
+    one browser.
     """
 
     def __init__(
@@ -71,16 +67,10 @@ class MainPanel:
     ) -> None:
         """Bring the panel up to date; called by the main loop.
 
-        Parameters
-        ----------
-        view : SessionView
-        microphone : int, whose map is shown, counted from 0
-        drawn : CostMap on the floor, or None
-        reason : why there is no map, "" where it is only not ready
-        fault : an exception of the page, as text
-        note : on work in the background
-        found : Assessment of the state, or None
-        sought : numbers of the microphones whose errors count; those of the run unless given
+        `microphone`: whose map is shown, counted from 0; `drawn`: CostMap on the floor, or None; `reason`: why there is
+        no map, "" where it is only not ready; `fault`: an exception of the page, as text; `note`: on work in the
+        background; `found`: Assessment of the state, or None; `sought`: numbers of the microphones whose errors count;
+        those of the run unless given.
         """
         self.run_bar.show(view, fault, note, found, sought)
         self.solver.show(view)

@@ -27,12 +27,8 @@ class Opening:
     def tick(self, viewer: Viewer, watched: bool, busy: bool, now: float) -> None:
         """Begin when it is time, and stop for the user.
 
-        Parameters
-        ----------
-        viewer : of the session that is shown
-        watched : whether a browser shows the page, and its first map is there
-        busy : whether the page does something else: a lesson, or a compilation
-        now : time, s
+        `viewer`: of the session that is shown; `watched`: whether a browser shows the page, and its first map is there;
+        `busy`: whether the page does something else: a lesson, or a compilation; `now`: time, s.
         """
         if self.done:
             return

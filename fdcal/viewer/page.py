@@ -42,19 +42,8 @@ RELEASE_DELAY = 1.5  # s from the end of a session, when its threads have ended,
 class Page:
     """Owns the panels, the scene, and the session that is shown.
 
-    Parameters
-    ----------
-    server : viser.ViserServer
-    nodes : SceneNodes
-    lessons : offered in the tab Lessons, in this order
-    on_progress : called with the progress of the first session in words, and with "" when it is ready or refused
-
-    Attributes
-    ----------
-    viewer : Viewer of the session that is shown, or None
-    switcher : SessionSwitcher
-    status_bar : StatusBar
-    lessons : LessonsTab
+    `lessons`: offered in the tab Lessons, in this order; `on_progress`: called with the progress of the first session
+    in words, and with "" when it is ready or refused. `viewer`: Viewer of the session that is shown, or None.
     """
 
     def __init__(
@@ -106,10 +95,7 @@ class Page:
     def run(self, interrupt: Interrupt) -> None:
         """Bring the screen up to date until interrupted.
 
-        Raises
-        ------
-        InputError, StorageError
-            The first request cannot be shown.
+        Raises InputError, StorageError: the first request cannot be shown.
         """
         due = time.perf_counter()
         while not interrupt.received:

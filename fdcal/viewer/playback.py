@@ -12,24 +12,14 @@ FIRST_TIME, LAST_TIME = 1.2, 1.5  # s that its first and its last map stay
 
 @dataclass
 class Playback:
-    """A sweep that plays.
+    """A sweep that plays."""
 
-    Attributes
-    ----------
-    rate : maps per second
-    opening : whether it is the one with which the page opens, which ends where it began
-    before : modes of the map before it began, None for those of the solver
-    next : which map is next, counted from 0
-    due : when that is, s; at once unless given
-    shown : modes that the playback showed last
-    """
-
-    rate: float
-    opening: bool = False
-    before: tuple[int, ...] | None = None
-    next: int = 0
-    due: float = float("-inf")
-    shown: tuple[int, ...] | None = None
+    rate: float  # maps per second
+    opening: bool = False  # whether it is the one with which the page opens, which ends where it began
+    before: tuple[int, ...] | None = None  # modes of the map before it began, None for those of the solver
+    next: int = 0  # which map is next, counted from 0
+    due: float = float("-inf")  # when that is, s; at once unless given
+    shown: tuple[int, ...] | None = None  # modes that the playback showed last
 
     def ended(self, stops: Sequence[int], now: float) -> bool:
         """Whether the last of all maps has been shown long enough."""
@@ -38,11 +28,8 @@ class Playback:
     def advance(self, stops: Sequence[int], ready: int, now: float) -> int | None:
         """Return the number of modes to be summed now; None where the present map stays.
 
-        Parameters
-        ----------
-        stops : numbers of modes of all maps of the sweep
-        ready : int, number of its maps that are computed
-        now : time, s
+        `stops`: numbers of modes of all maps of the sweep; `ready`: number of its maps that are computed; `now`: time,
+        s.
         """
         if self.next >= min(ready, len(stops)) or now < self.due:
             return None

@@ -14,13 +14,7 @@ from .scene3d.nodes import SceneNodes
 
 
 def show_cached(nodes: SceneNodes, request: OpenRequest) -> None:
-    """Show a request that needs no simulation; show nothing where the scene has to be simulated first.
-
-    Parameters
-    ----------
-    nodes : SceneNodes
-    request : OpenRequest
-    """
+    """Show a request that needs no simulation; show nothing where the scene has to be simulated first."""
     measurement = request.measurement or load_cached_measurement(request.scene)
     if measurement is not None:
         show_room(nodes, request, as_given(request.scene, measurement))
@@ -29,11 +23,7 @@ def show_cached(nodes: SceneNodes, request: OpenRequest) -> None:
 def show_room(nodes: SceneNodes, request: OpenRequest, measurement: Measurement) -> None:
     """Show the room and the microphones; the microphones alone where the room is not known.
 
-    Parameters
-    ----------
-    nodes : SceneNodes
-    request : OpenRequest
-    measurement : Measurement, as it is drawn
+    `measurement`: as it is drawn.
     """
     known_scene = None if isinstance(request.scene, MeasuredScene) else request.scene
     picture = static_picture(known_scene, measurement, request.choices.get("dark") is True)

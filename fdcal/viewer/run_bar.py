@@ -21,11 +21,8 @@ MAX_INDEX = 10**9  # of a state that a browser can ask for; the session clips it
 class RunBar:
     """Owns the controls of the run bar.
 
-    Parameters
-    ----------
-    binding : Binding
-    restart : function that starts the solver again, with the settings of the tab Solver
-    name : of the bar, where there is more than one
+    `restart`: function that starts the solver again, with the settings of the tab Solver; `name`: of the bar, where
+    there is more than one.
     """
 
     def __init__(self, binding: Binding, restart: Callable[[], None], name: str = "bar"):
@@ -93,10 +90,7 @@ class RunBar:
     def show(self, view: SessionView, fault: str, note: str = "", found: Assessment | None = None, sought=None) -> None:
         """Bring the bar up to date; called by the main loop. A finished solver offers nothing but Reset.
 
-        Parameters
-        ----------
-        view, fault, note, sought : as of `show_status`
-        found : the verdict on the state, or None
+        `view`, `fault`, `note`, `sought`: as of `show_status`; `found`: the verdict on the state, or None.
         """
         done = view.state.finished and not view.running
         self.show_status(view, fault, note, sought, found is not None and found.verdict == "good")
@@ -122,13 +116,8 @@ class RunBar:
     ) -> None:
         """Bring the status lines up to date.
 
-        Parameters
-        ----------
-        view : SessionView
-        fault : of the page
-        note : on work in the background
-        sought : (K,) int64, microphones whose errors count; those of the run unless given
-        trusted : whether the verdict on the state is good
+        `fault`: of the page; `note`: on work in the background; `sought` (K,) int64, microphones whose errors count;
+        those of the run unless given; `trusted`: whether the verdict on the state is good.
         """
         sought = self._binding.run.sought if sought is None else sought
         text = html.status(view, self._binding.measurement, fault, note, sought, trusted)

@@ -37,9 +37,7 @@ TRAIL_STATES = 200  # states over which a trail extends
 class SessionPicture:
     """Draws the states of a session.
 
-    Attributes
-    ----------
-    places : (N, D) float64, metres, where the microphones were drawn last
+    `places` (N, D) float64, metres, where the microphones were drawn last.
     """
 
     def __init__(self, run: PreparedRun):
@@ -64,20 +62,9 @@ class SessionPicture:
     ) -> Picture:
         """Return the picture of the state that is shown.
 
-        Parameters
-        ----------
-        view : SessionView
-        choices : Choices
-        microphone : int, whose map is shown, counted from 0
-        floor : the map, or None
-        uncertainty : PositionUncertainty of the state, or None
-        runs : of a comparison, whose estimates are marked
-        volume : the cost in space, or None
-        planned : PlannedArray, drawn in place of the estimates where the user plans, or None
-
-        Returns
-        -------
-        Picture
+        `microphone`: whose map is shown, counted from 0; `floor`: the map, or None; `uncertainty`: PositionUncertainty
+        of the state, or None; `runs`: of a comparison, whose estimates are marked; `volume`: the cost in space, or
+        None; `planned`: drawn in place of the estimates where the user plans, or None.
         """
         if choices.plan.shown:
             return self._drawn_plan(choices, planned)

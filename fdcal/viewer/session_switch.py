@@ -49,9 +49,7 @@ class Preparation:
 class SessionSwitcher:
     """Prepares the newest request on a thread of its own.
 
-    Attributes
-    ----------
-    error : exception for which the last request was refused, or None
+    `error`: exception for which the last request was refused, or None.
     """
 
     def __init__(self):
@@ -124,10 +122,8 @@ class SessionSwitcher:
         The thread of a preparation may be writing to the cache. A file is moved into its place when it is complete, so
         a thread that is left behind does no harm. A compiler that is left behind can end the interpreter with an error.
 
-        Parameters
-        ----------
-        timeout : how long to wait for the preparation, s
-        compile_timeout : how long to wait for compilations, which cannot be interrupted, s
+        `timeout`: how long to wait for the preparation, s; `compile_timeout`: how long to wait for compilations, which
+        cannot be interrupted, s.
         """
         self._begin(None)
         self._worker.close(timeout)
@@ -174,9 +170,7 @@ class StatusBar:
     def show(self, first: bool) -> None:
         """Bring the line up to date; called by the main loop.
 
-        Parameters
-        ----------
-        first : whether there is no session yet, to which Cancel could return
+        `first`: whether there is no session yet, to which Cancel could return.
         """
         progress, error, title = self._switcher.progress, self._switcher.error, self._switcher.title
         text, percent = ("", 0) if progress is None else (progress.text, round(100 * progress.done))

@@ -46,29 +46,10 @@ log = logging.getLogger(__name__)
 class Viewer:
     """Owns the controls, the background threads and the picture of one session.
 
-    Parameters
-    ----------
-    server : viser.ViserServer
-    run : PreparedRun
-    folders : SessionFolders for the controls
-    nodes : SceneNodes that show the picture
-    open_other : function that opens another session in place of this one
-    before : Choices of the session that was shown before, or None
-    wake : function that makes the main loop update the page at once
-
-    Attributes
-    ----------
-    binding : Binding
-    main_panel : MainPanel
-    side_panel : SidePanel
-    comparison : ComparisonWorker
-    snapshot : ViewSnapshot, what is on the screen
-    call : runs a function on viser's event loop
-
-    Raises
-    ------
-    InputError
-        The request of the run has choices that are not possible.
+    `folders`: SessionFolders for the controls; `nodes`: SceneNodes that show the picture; `open_other`: function that
+    opens another session in place of this one; `before`: Choices of the session that was shown before, or None; `wake`:
+    function that makes the main loop update the page at once. Raises InputError: the request of the run has choices
+    that are not possible. `snapshot`: what is on the screen; `call`: runs a function on viser's event loop.
     """
 
     def __init__(

@@ -63,16 +63,10 @@ class SidePanel:
     ) -> None:
         """Bring the panel up to date; called by the main loop.
 
-        Parameters
-        ----------
-        view : SessionView
-        revision : counts the states that were shown
-        drawn : CostMap on the floor, or None
-        microphone : int, whose map is shown, counted from 0
-        uncertainty : PositionUncertainty of the state, or None
-        runs : RunSummary of each run of the comparison
-        now : time, s
-        sought : numbers of the microphones whose errors count; those of the run unless given
+        `revision`: counts the states that were shown; `drawn`: CostMap on the floor, or None; `microphone`: whose map
+        is shown, counted from 0; `uncertainty`: PositionUncertainty of the state, or None; `runs`: RunSummary of each
+        run of the comparison; `now`: time, s; `sought`: numbers of the microphones whose errors count; those of the run
+        unless given.
         """
         self.curves.show(view, now, sought)
         self.maps.show(drawn, now)

@@ -36,12 +36,8 @@ def files_of(figures: tuple[int, ...], tables: bool) -> list[str]:
 def require_free(folder: Path, names: list[str], force: bool) -> None:
     """Check that the files can be written.
 
-    Raises
-    ------
-    InputError
-        One of them exists and `force` is not set, or `folder` is a file.
-    StorageError
-        `folder` cannot be made.
+    Raises InputError: one of them exists and `force` is not set, or `folder` is a file; StorageError: `folder` cannot
+    be made.
     """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"-o {folder} is a file", "name a folder", key="output", value=str(folder))
@@ -56,10 +52,7 @@ def require_free(folder: Path, names: list[str], force: bool) -> None:
 def write(folder: Path, name: str, content: bytes, force: bool) -> Path:
     """Write a file, in a folder that is made with the first one, and return its path.
 
-    Raises
-    ------
-    InputError, StorageError
-        The file exists and `force` is not set, or it cannot be written.
+    Raises InputError, StorageError: the file exists and `force` is not set, or it cannot be written.
     """
     try:
         folder.mkdir(exist_ok=True)
@@ -74,17 +67,8 @@ def pages(
 ) -> Iterator[tuple[str, bytes]]:
     """Yield the name and the content of every file.
 
-    Parameters
-    ----------
-    figures : tuple of int
-        Numbers of the figures to draw.
-    tables : bool
-        Whether the table is written, too.
-    square : CalibrationInput or None
-        What Fig. 1 shows; needed for that figure only.
-    arrays : list of Array
-    progress : callable
-        Called with the fraction done, 0 to 1, and a note.
+    `figures`: numbers of the figures to draw; `tables`: whether the table is written, too; `square`: what Fig. 1 shows;
+    needed for that figure only; `progress`: called with the fraction done, 0 to 1, and a note.
     """
     if 1 in figures and square is not None:
         yield from _saved(1, landscapes(square))

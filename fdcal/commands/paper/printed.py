@@ -7,24 +7,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Printed:
-    """What the paper states about an array; not the time, the number of runs or the total of iterations.
+    """What the paper states about an array; not the time, the number of runs or the total of iterations."""
 
-    Attributes
-    ----------
-    title : str
-        What the paper calls the array.
-    modes : int
-        Number of modes needed for exact positions.
-    highest : float
-        Frequency of the highest of them, Hz.
-    iteration : int
-        The one that Fig. 2 shows, before the end.
-    """
-
-    title: str
-    modes: int
-    highest: float
-    iteration: int
+    title: str  # what the paper calls the array
+    modes: int  # number of modes needed for exact positions
+    highest: float  # frequency of the highest of them, Hz
+    iteration: int  # the one that Fig. 2 shows, before the end
 
 
 PRINTED = {

@@ -27,57 +27,31 @@ Progress = Callable[[float, str], None]
 
 @dataclass(frozen=True)
 class Outcome:
-    """Results of a solver over all seeds.
+    """Results of a solver over all seeds."""
 
-    Attributes
-    ----------
-    solver : "descent", "descent+joint" or "joint"
-    needed : int or None
-        Least number of modes with which every seed ends exact.
-    modes : int
-        Number of modes of what follows: `needed`, or else all.
-    highest : float
-        Highest frequency of these modes, Hz.
-    exact, near, seeds : int
-        Numbers of seeds that end exact, that end with a mean error within NEAR, and of all.
-    error : float
-        Median of the mean errors of the seeds, metres.
-    sweeps, seconds : float
-        Median over the seeds; processor time.
-    """
-
-    solver: str
-    needed: int | None
-    modes: int
-    highest: float
+    solver: str  # "descent", "descent+joint" or "joint"
+    needed: int | None  # least number of modes with which every seed ends exact
+    modes: int  # number of modes of what follows: `needed`, or else all
+    highest: float  # highest frequency of these modes, Hz
+    # exact, near, seeds: numbers of seeds that end exact, that end with a mean error within NEAR, and of all
     exact: int
     near: int
     seeds: int
-    error: float
+    error: float  # median of the mean errors of the seeds, metres
+    # sweeps, seconds: median over the seeds; processor time
     sweeps: float
     seconds: float
 
 
 @dataclass(frozen=True)
 class Array:
-    """An array and the settings of its runs.
-
-    Attributes
-    ----------
-    name : str
-    measurement : Measurement
-    problem : Problem
-    inputs : CalibrationInput
-    modes : int
-        In use at the end of solver descent.
-    seeds : int
-    """
+    """An array and the settings of its runs."""
 
     name: str
     measurement: Measurement
     problem: Problem
     inputs: CalibrationInput
-    modes: int
+    modes: int  # in use at the end of solver descent
     seeds: int
 
     @property
@@ -98,17 +72,8 @@ class Array:
 def array_of(inputs: CalibrationInput, seeds: int, quick: bool) -> Array:
     """Return the array of a scene.
 
-    Parameters
-    ----------
-    inputs : CalibrationInput
-    seeds : int
-    quick : bool
-        Whether at most QUICK_MODES modes and QUICK_SEEDS seeds are used.
-
-    Raises
-    ------
-    InputError
-        The scene has no search domain in a plane, which solver descent needs.
+    `quick`: whether at most QUICK_MODES modes and QUICK_SEEDS seeds are used. Raises InputError: the scene has no
+    search domain in a plane, which solver descent needs.
     """
     if seeds < 1:
         raise InputError(f"--seeds {seeds} must be at least 1")
@@ -130,10 +95,7 @@ def descents(array: Array, count: int, progress: Progress) -> Iterator[Trail]:
 def joints(array: Array, modes: int, descents: list[Trail] | None, progress: Progress) -> Iterator[Trail]:
     """Yield the runs of solver joint with so many modes, from the ends of `descents` or from its own start.
 
-    Raises
-    ------
-    InputError
-        There are too few modes for solver joint.
+    Raises InputError: there are too few modes for solver joint.
     """
     settings = replace(shortened(array.inputs.settings, "joint", modes), start=None)
     for seed in range(array.seeds):

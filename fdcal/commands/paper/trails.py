@@ -28,20 +28,12 @@ DIGITS = 6  # of the inputs of a solver, relative to the greatest
 
 @dataclass(frozen=True)
 class Trail:
-    """A run, sweep by sweep; the first of S + 1 entries is the start.
+    """A run, sweep by sweep; the first of S + 1 entries is the start."""
 
-    Attributes
-    ----------
-    positions : (S + 1, N, D) float64, metres
-    modes : (S + 1,) int64, in use during the sweep
-    seconds : (S + 1,) float64, processor time from the start
-    converged : () bool, whether the solver converged
-    """
-
-    positions: np.ndarray
-    modes: np.ndarray
-    seconds: np.ndarray
-    converged: np.ndarray
+    positions: np.ndarray  # (S + 1, N, D) float64, metres
+    modes: np.ndarray  # (S + 1,) int64, in use during the sweep
+    seconds: np.ndarray  # (S + 1,) float64, processor time from the start
+    converged: np.ndarray  # () bool, whether the solver converged
 
     @property
     def sweeps(self) -> int:
@@ -62,21 +54,8 @@ def trail(
 ) -> Trail:
     """Return the run of a solver, from the cache if it is there.
 
-    Parameters
-    ----------
-    problem : Problem
-    settings : SolverSettings
-        Of a single solver, no chain.
-    seed : int
-    progress : callable
-        Called with the fraction done; what it raises ends the run.
-    positions : (N, D) float64, optional
-        Where to begin, metres.
-
-    Raises
-    ------
-    InputError
-        The solver cannot start.
+    `settings`: of a single solver, no chain; `progress`: called with the fraction done; what it raises ends the run;
+    `positions` (N, D) float64, where to begin, metres. Raises InputError: the solver cannot start.
     """
     start = None if positions is None else np.asarray(positions).tolist()
     fields = (problem.pressures, problem.wavenumbers, problem.known, problem.known_positions, problem.noise_power)

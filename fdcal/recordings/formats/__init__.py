@@ -55,18 +55,8 @@ def reader_of(path: str | Path) -> ModuleType | None:
 def read(path: str | Path, source: int | None = None) -> Recording:
     """Return the recording in a file or folder.
 
-    Parameters
-    ----------
-    path : str or Path
-    source : int, optional
-        Which of several sources, from 0.
-
-    Raises
-    ------
-    InputError
-        No format can read it, or it is damaged.
-    StorageError
-        The file cannot be opened.
+    `source`: which of several sources, from 0. Raises InputError: no format can read it, or it is damaged;
+    StorageError: the file cannot be opened.
     """
     path = Path(path)
     try:
@@ -112,21 +102,8 @@ def source_count(path: str | Path) -> int:
 def render(path: str | Path, names: tuple[str, ...], positions: np.ndarray, sound_speed: float) -> Recording:
     """Return what an array would record in the measured room of a file.
 
-    Parameters
-    ----------
-    path : str or Path
-    names : tuple of N str
-    positions : (N, 3) float64
-        Relative to the point of the measurement, metres.
-    sound_speed : float
-        m/s.
-
-    Raises
-    ------
-    InputError
-        The file is damaged, or holds no measured room.
-    StorageError
-        The file cannot be opened.
+    `positions` (N, 3) float64, relative to the point of the measurement, metres; `sound_speed`: m/s. Raises InputError:
+    the file is damaged, or holds no measured room; StorageError: the file cannot be opened.
     """
     path = Path(path)
     module = reader_of(path) if path.exists() else None
@@ -142,20 +119,9 @@ def render(path: str | Path, names: tuple[str, ...], positions: np.ndarray, soun
 def write(path: str | Path, target: str | Path, placed: MicrophonePositions, original: str | None = None) -> None:
     """Write positions in the format that a suffix selects.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file to write, possibly a temporary one.
-    target : str or Path
-        The final name of the file, whose suffix selects the format.
-    placed : MicrophonePositions
-    original : str, optional
-        A file into a copy of which the positions are written, where the format can do so.
-
-    Raises
-    ------
-    InputError
-        No format has this suffix, or the format cannot hold these positions.
+    `path`: the file to write, possibly a temporary one; `target`: the final name of the file, whose suffix selects the
+    format; `original`: a file into a copy of which the positions are written, where the format can do so. Raises
+    InputError: no format has this suffix, or the format cannot hold these positions.
     """
     suffix = Path(target).suffix.lower()
     for module in modules():

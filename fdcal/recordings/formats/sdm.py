@@ -32,19 +32,8 @@ def read(path: Path, source: int | None = None) -> Recording:
 def render(path: Path, names: tuple[str, ...], positions: np.ndarray, sound_speed: float) -> Recording:
     """Return what an array would record in the field of the response, from the direct sound on.
 
-    Parameters
-    ----------
-    path : Path
-    names : tuple of N str
-    positions : (N, 3) float64
-        Relative to the point of the measurement, metres.
-    sound_speed : float
-        m/s.
-
-    Raises
-    ------
-    InputError
-        The file is damaged, or its response wraps round.
+    `positions` (N, 3) float64, relative to the point of the measurement, metres; `sound_speed`: m/s. Raises InputError:
+    the file is damaged, or its response wraps round.
     """
     response = load_sdm_response(path)
     return recording_of(

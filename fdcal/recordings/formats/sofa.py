@@ -31,10 +31,7 @@ SUFFIXES = (".sofa",)
 def read(path: Path, source: int | None = None) -> Recording:
     """Return the recording of a SOFA file, read in pieces.
 
-    Raises
-    ------
-    InputError
-        The file is damaged, or of a convention without impulse responses.
+    Raises InputError: the file is damaged, or of a convention without impulse responses.
     """
     with open_sofa(path) as file:
         _, shape, axes = impulse_responses(file, path)
@@ -84,12 +81,8 @@ def write(path: Path, placed: MicrophonePositions, original: str | None = None) 
 
     Receivers are in the order of the microphones; their names are not kept.
 
-    Raises
-    ------
-    InputError
-        The original has another number of receivers, or cannot be written as SOFA.
-    StorageError
-        The original cannot be read.
+    Raises InputError: the original has another number of receivers, or cannot be written as SOFA; StorageError: the
+    original cannot be read.
     """
     from .sofa_writer import write_positions
 

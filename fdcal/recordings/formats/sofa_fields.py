@@ -25,21 +25,11 @@ AXES = "MRNE"  # measurements, receivers, samples, emitters
 
 @dataclass(frozen=True)
 class SofaTolerances:
-    """What counts as equal in a SOFA file.
+    """What counts as equal in a SOFA file."""
 
-    Attributes
-    ----------
-    same_position : float
-        Distance of two sources that are one, metres.
-    whole_delay : float
-        Distance of a delay from a whole number, samples.
-    max_delay : int
-        Samples.
-    """
-
-    same_position: float = 1e-6
-    whole_delay: float = 1e-3
-    max_delay: int = 10_000_000
+    same_position: float = 1e-6  # distance of two sources that are one, metres
+    whole_delay: float = 1e-3  # distance of a delay from a whole number, samples
+    max_delay: int = 10_000_000  # samples
 
 
 TOLERANCES = SofaTolerances()
@@ -157,10 +147,7 @@ def measurements_of(file, path: Path, measurements: int, emitters: int, wanted: 
 def impulse_responses(file, path: Path):
     """Return the variable Data.IR, its shape as a dict of AXES, and the order of its axes.
 
-    Raises
-    ------
-    InputError
-        The file has no impulse responses.
+    Raises InputError: the file has no impulse responses.
     """
     ir = file.variables.get("Data.IR")
     if ir is None or ir.ndim not in (3, 4) or not all(ir.shape):
@@ -175,10 +162,7 @@ def impulse_responses(file, path: Path):
 def delays_of(file, path: Path, shape: dict[str, int], emitter: int) -> np.ndarray:
     """Return the number of samples by which each response begins later than the first of all : (M, R) int64.
 
-    Raises
-    ------
-    InputError
-        A delay is not a whole number of samples, or too long.
+    Raises InputError: a delay is not a whole number of samples, or too long.
     """
     count = shape["M"], shape["R"]
     if "Data.Delay" not in file.variables:

@@ -20,12 +20,8 @@ REPLACED = {"SingleRoomDRIR": "SingleRoomSRIR_1.0", "MultiSpeakerBRIR": "SingleR
 def write_positions(path: Path, placed: MicrophonePositions, original: str | None) -> None:
     """Write the positions into a copy of `original` if given, else into a file with unit impulses for data.
 
-    Raises
-    ------
-    InputError
-        The original has another number of receivers, or cannot be written as SOFA.
-    StorageError
-        The original cannot be read.
+    Raises InputError: the original has another number of receivers, or cannot be written as SOFA; StorageError: the
+    original cannot be read.
     """
     from . import needs
 

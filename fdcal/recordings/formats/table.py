@@ -37,17 +37,8 @@ def _written(metres: float) -> str:
 def read_positions(path: str | Path) -> tuple[list[str], np.ndarray]:
     """Return the microphones of a table with the columns name,x,y and optionally z.
 
-    Returns
-    -------
-    list of A str, (A, 2 or 3) float64
-        Names; positions, metres.
-
-    Raises
-    ------
-    InputError
-        The file is no such table.
-    StorageError
-        The file cannot be read.
+    Returns (A, 2 or 3) float64, names; positions, metres. Raises InputError: the file is no such table; StorageError:
+    the file cannot be read.
     """
     try:
         text = read_bytes(path, MOST_BYTES).decode("utf-8-sig")

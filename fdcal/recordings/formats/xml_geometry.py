@@ -33,17 +33,8 @@ def write(path: Path, placed: MicrophonePositions, original: str | None = None) 
 def read_positions(path: str | Path) -> tuple[list[str], np.ndarray]:
     """Return the microphones of a geometry.
 
-    Returns
-    -------
-    list of N str, (N, 3) float64
-        Names, or numbers from 0 where not all have different names; positions, metres.
-
-    Raises
-    ------
-    InputError
-        The file is no geometry.
-    StorageError
-        The file cannot be read.
+    Returns (N, 3) float64, names, or numbers from 0 where not all have different names; positions, metres. Raises
+    InputError: the file is no geometry; StorageError: the file cannot be read.
     """
     try:
         elements = tree.fromstring(read_bytes(path, MOST_BYTES)).findall("pos")

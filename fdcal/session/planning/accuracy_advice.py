@@ -14,25 +14,21 @@ from .request import PlanRequest
 
 @dataclass(frozen=True)
 class AccuracyRules:
-    """When an accuracy counts as reached.
+    """When an accuracy counts as reached."""
 
-    Attributes
-    ----------
-    margin : error of a calibration over the bound, unless trials have shown another: what simulated calibrations by the
-        solver "robust" in two-dimensional rooms and in diffuse fields stay below, in the median of some draws
-    plane_margin : likewise for a plane array in a room of three dimensions. Its size follows from equally strong waves
-        from all directions, which the bound assumes and no room has.
-    most_snr_db : dB, greatest ratio that is proposed. Channels that are equal to 0.1 dB and 0.5 degrees err by as much
-        as noise 38 dB below the signal, so that less noise is of no use.
-    least_slope : of the logarithm of the error over that of the noise's amplitude. Where it is below, twice as long a
-        recording lowers the error by less than an eighth: noise is not what limits it.
-    sizes : factors on the size of the array that are tried beside its own
-    """
-
+    # error of a calibration over the bound, unless trials have shown another: what simulated calibrations by the solver
+    # "robust" in two-dimensional rooms and in diffuse fields stay below, in the median of some draws
     margin: float = 1.5
+    # likewise for a plane array in a room of three dimensions. Its size follows from equally strong waves from all
+    # directions, which the bound assumes and no room has.
     plane_margin: float = 4.0
+    # dB, greatest ratio that is proposed. Channels that are equal to 0.1 dB and 0.5 degrees err by as much as noise 38
+    # dB below the signal, so that less noise is of no use.
     most_snr_db: float = 40.0
+    # of the logarithm of the error over that of the noise's amplitude. Where it is below, twice as long a recording
+    # lowers the error by less than an eighth: noise is not what limits it.
     least_slope: float = 0.4
+    # factors on the size of the array that are tried beside its own
     sizes: tuple[float, ...] = (0.35, 0.5, 0.71, 1.41, 2.0, 2.83)
 
 
@@ -43,32 +39,21 @@ SLOPE_DB = 3.0  # to both sides of a ratio, over which the slope is taken
 
 @dataclass(frozen=True)
 class AccuracyAdvice:
-    """What reaches the accuracy that is wanted.
+    """What reaches the accuracy that is wanted."""
 
-    Attributes
-    ----------
-    margin : error of a calibration over the bound that is reckoned with; infinite where most trials were refused
-    snr_db : dB, least signal-to-noise ratio that reaches it; None if none does
-    recording_factor : the recording's length over the present one that gives this ratio with steady noise
-    sizes : (S, 2) float64, factor on the size of the array and the bound, metres
-    size : largest factor on the size of the array that reaches it; None if none does
-    """
-
+    # error of a calibration over the bound that is reckoned with; infinite where most trials were refused
     margin: float
-    snr_db: float | None
+    snr_db: float | None  # dB, least signal-to-noise ratio that reaches it; None if none does
+    # the recording's length over the present one that gives this ratio with steady noise
     recording_factor: float | None
-    sizes: np.ndarray
-    size: float | None
+    sizes: np.ndarray  # (S, 2) float64, factor on the size of the array and the bound, metres
+    size: float | None  # largest factor on the size of the array that reaches it; None if none does
 
 
 def accuracy_advice(request: PlanRequest, margin: float | None = None) -> AccuracyAdvice:
     """Return what reaches the accuracy of a request.
 
-    Parameters
-    ----------
-    request : PlanRequest
-    margin : float, optional
-        Error of a calibration over the bound, as trials have shown it.
+    `margin`: error of a calibration over the bound, as trials have shown it.
     """
     margin, sizes = usual_margin(request) if margin is None else margin, sizes_of(request)
     if not np.isfinite(margin):
@@ -119,10 +104,7 @@ def sizes_of(request: PlanRequest) -> np.ndarray:
 def resized(request: PlanRequest, factor: float) -> PlanRequest:
     """Return `request` with an array that is `factor` times as large.
 
-    Raises
-    ------
-    InputError
-        The band of this array holds too few frequencies.
+    Raises InputError: the band of this array holds too few frequencies.
     """
     x = request.layout.positions
     scaled = x.mean(axis=0) + factor * (x - x.mean(axis=0))

@@ -16,24 +16,14 @@ from .request import ASSUMED, PlanRequest
 
 @dataclass(frozen=True)
 class AdviceRules:
-    """How the advice is searched for.
+    """How the advice is searched for."""
 
-    Attributes
-    ----------
-    lattice : places along each side of the map of one more microphone
-    lattice_3d : likewise in space, for each of its layers
-    layers : layers of heights in space
-    margin : of the map round the array, relative to the array's extent
-    spacing : least distance of one more microphone from the others, relative to their median spacing
-    swaps : rounds in which measured microphones are exchanged for better ones
-    """
-
-    lattice: int = 15
-    lattice_3d: int = 9
-    layers: int = 3
-    margin: float = 0.25
-    spacing: float = 0.3
-    swaps: int = 4
+    lattice: int = 15  # places along each side of the map of one more microphone
+    lattice_3d: int = 9  # likewise in space, for each of its layers
+    layers: int = 3  # layers of heights in space
+    margin: float = 0.25  # of the map round the array, relative to the array's extent
+    spacing: float = 0.3  # least distance of one more microphone from the others, relative to their median spacing
+    swaps: int = 4  # rounds in which measured microphones are exchanged for better ones
 
 
 RULES = AdviceRules()
@@ -41,56 +31,35 @@ RULES = AdviceRules()
 
 @dataclass(frozen=True)
 class ExtraMicrophone:
-    """Where one more microphone helps the others most.
+    """Where one more microphone helps the others most."""
 
-    Attributes
-    ----------
-    places : (..., D) float64, metres, lattice of candidates
-    rms : (...) float64, metres, bound of the present microphones with one there; NaN too close to another
-    own_sigma : (...) float64, metres, bound of the microphone that is added
-    best : (D,) float64, metres
-    best_rms, before : metres, of the present microphones
-    """
-
-    places: np.ndarray
-    rms: np.ndarray
-    own_sigma: np.ndarray
-    best: np.ndarray
+    places: np.ndarray  # (..., D) float64, metres, lattice of candidates
+    rms: np.ndarray  # (...) float64, metres, bound of the present microphones with one there; NaN too close to another
+    own_sigma: np.ndarray  # (...) float64, metres, bound of the microphone that is added
+    best: np.ndarray  # (D,) float64, metres
+    # best_rms, before: metres, of the present microphones
     best_rms: float
     before: float
 
 
 @dataclass(frozen=True)
 class TapeMeasure:
-    """The microphones that are best measured by tape.
+    """The microphones that are best measured by tape."""
 
-    Attributes
-    ----------
-    microphones : (A,) tuple of int
-    sigma : metres, of each measured coordinate
-    rms, usual_rms : metres, bound of all others in the frame of the tape, and the median over other choices
-    shape_rms, shape_before : metres, bound of the shape of the array with the tape and without given positions: of all
-        microphones after the best rigid motion
-    """
-
-    microphones: tuple[int, ...]
-    sigma: float
+    microphones: tuple[int, ...]  # (A,) tuple of int
+    sigma: float  # metres, of each measured coordinate
+    # rms, usual_rms: metres, bound of all others in the frame of the tape, and the median over other choices
     rms: float
     usual_rms: float
+    # shape_rms, shape_before: metres, bound of the shape of the array with the tape and without given positions: of all
+    # microphones after the best rigid motion
     shape_rms: float
     shape_before: float
 
 
 @dataclass(frozen=True)
 class Advice:
-    """What would improve a calibration.
-
-    Attributes
-    ----------
-    extra : ExtraMicrophone
-    tape : TapeMeasure
-    accuracy : AccuracyAdvice
-    """
+    """What would improve a calibration."""
 
     extra: ExtraMicrophone
     tape: TapeMeasure
@@ -100,13 +69,7 @@ class Advice:
 def advise(request: PlanRequest, information: Information, margin: float | None = None) -> Advice:
     """Return the advice for a request.
 
-    Parameters
-    ----------
-    request : PlanRequest
-    information : Information
-        Of all its frequencies.
-    margin : float, optional
-        Error of a calibration over the bound, as trials have shown it.
+    `information`: of all its frequencies; `margin`: error of a calibration over the bound, as trials have shown it.
     """
     return Advice(best_addition(request), best_tape(request, information), accuracy_advice(request, margin))
 

@@ -24,12 +24,8 @@ def request_information(request: PlanRequest) -> Information:
 def sparse_information(request: PlanRequest, positions, share: float | None = None) -> Information:
     """Return the information of a few frequencies, scaled to all of them.
 
-    Parameters
-    ----------
-    request : PlanRequest
-    positions : (N, D) float64, metres, in place of those of the request
-    share : float, optional
-        Power of the noise in that of the pressures, that of the request unless given.
+    `positions` (N, D) float64, metres, in place of those of the request; `share`: power of the noise in that of the
+    pressures, that of the request unless given.
     """
     used = request.spaced(LIMITS.search_frequencies)
     share = request.noise_share if share is None else share
@@ -50,20 +46,12 @@ TAKES = (1, 2, 4, 8)  # numbers of takes that a plan compares, and its own
 
 @dataclass(frozen=True)
 class TakesCase:
-    """The bound with several places of the source, or with a longer recording from one: root mean square, metres.
+    """The bound with several places of the source, or with a longer recording from one: root mean square, metres."""
 
-    Attributes
-    ----------
-    takes : int, places of the source
-    rms : each recorded for as long as one
-    shared : all of them together recorded for as long as one, each at a lower signal-to-noise ratio
-    longer : one place, recorded `takes` times as long, at a higher signal-to-noise ratio
-    """
-
-    takes: int
-    rms: float
-    shared: float
-    longer: float
+    takes: int  # places of the source
+    rms: float  # each recorded for as long as one
+    shared: float  # all of them together recorded for as long as one, each at a lower signal-to-noise ratio
+    longer: float  # one place, recorded `takes` times as long, at a higher signal-to-noise ratio
 
 
 def takes_cases(request: PlanRequest) -> tuple[TakesCase, ...]:

@@ -29,10 +29,7 @@ def places_in_room(request: PlanRequest) -> np.ndarray:
 
     Their own coordinates where these lie inside; otherwise the array is moved off the room's middle.
 
-    Raises
-    ------
-    InputError
-        The array is larger than the room.
+    Raises InputError: the array is larger than the room.
     """
     size, x = np.array(request.room), request.layout.positions
     if x.shape[1] < len(size):
@@ -60,10 +57,7 @@ def _inside(places: np.ndarray, size: np.ndarray) -> bool:
 def source_place(request: PlanRequest, places: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Return a random source in the room, away from the microphones : (2 or 3,) float64, metres.
 
-    Raises
-    ------
-    InputError
-        There is no such place.
+    Raises InputError: there is no such place.
     """
     source = random_source(
         request.room, places, LIMITS.clearance, rng, lambda place: not encloses(places[:, :2], place[:2])

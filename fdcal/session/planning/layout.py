@@ -24,37 +24,20 @@ EXAMPLES = '"circle 16 0.2", "rectangle 4x4 0.6x0.6", "ball 32 0.3" or "box 32 0
 
 @dataclass(frozen=True)
 class Layout:
-    """The microphones of a plan.
+    """The microphones of a plan."""
 
-    Attributes
-    ----------
-    name : str, of the file or scene, or the words
-    names : (N,) tuple of str
-    positions : (N, D) float64, metres; D is 2 for a plane array
-    scene : Scene or None
-    """
-
-    name: str
-    names: tuple[str, ...]
-    positions: np.ndarray
+    name: str  # of the file or scene, or the words
+    names: tuple[str, ...]  # (N,) tuple of str
+    positions: np.ndarray  # (N, D) float64, metres; D is 2 for a plane array
     scene: Scene | None = None
 
 
 def read_layout(text: str, seed: int = 0) -> Layout:
     """Return the array that `text` names.
 
-    Parameters
-    ----------
-    text : str
-        A table with the columns name,x,y[,z] (.csv), a geometry of Acoular (.xml), a scene, or a geometry in words:
-        its name as in scenes, then count and radius, or shape and size, metres.
-    seed : int
-        Of the random geometries "ball" and "box".
-
-    Raises
-    ------
-    InputError, StorageError
-        It names no array, or the file cannot be read.
+    `text`: a table with the columns name,x,y[,z] (.csv), a geometry of Acoular (.xml), a scene, or a geometry in words:
+    its name as in scenes, then count and radius, or shape and size, metres; `seed`: of the random geometries "ball" and
+    "box". Raises InputError, StorageError: it names no array, or the file cannot be read.
     """
     words = text.split()
     if Path(text).suffix.lower() in READERS:

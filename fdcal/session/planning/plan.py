@@ -19,65 +19,35 @@ from .trials import Trials
 
 @dataclass(frozen=True)
 class Case:
-    """The bound under one set of assumptions.
+    """The bound under one set of assumptions."""
 
-    Attributes
-    ----------
-    name : in words
-    rms : metres, root mean square over the microphones that are sought
-    worst : metres, greatest one sigma of a microphone
-    """
-
-    name: str
-    rms: float
-    worst: float
+    name: str  # in words
+    rms: float  # metres, root mean square over the microphones that are sought
+    worst: float  # metres, greatest one sigma of a microphone
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be expected of an array.
-
-    Attributes
-    ----------
-    request : PlanRequest
-    f_max : float, Hz, the highest frequency that the array can interpolate (Eq. 9)
-    modes : int, independent frequencies in the band
-    bound : Bound, of the request, in a diffuse field
-    room_bound : Bound or None, in the room's own field, the mean of some sources
-    cases : bounds with other knowledge
-    degeneracies : what the pressures determine badly, in words
-    advice : what would improve the result; empty unless asked for
-    trials : simulated calibrations; None unless asked for
-    takes : what more places of the source bring
-    """
+    """What is to be expected of an array."""
 
     request: PlanRequest
-    f_max: float
-    modes: int
-    bound: Bound
-    room_bound: Bound | None
-    cases: tuple[Case, ...]
-    degeneracies: tuple[str, ...]
-    advice: Advice | None = None
-    trials: Trials | None = None
-    takes: tuple[TakesCase, ...] = ()
+    f_max: float  # the highest frequency that the array can interpolate (Eq. 9)
+    modes: int  # independent frequencies in the band
+    bound: Bound  # of the request, in a diffuse field
+    room_bound: Bound | None  # in the room's own field, the mean of some sources
+    cases: tuple[Case, ...]  # bounds with other knowledge
+    degeneracies: tuple[str, ...]  # what the pressures determine badly, in words
+    advice: Advice | None = None  # what would improve the result; empty unless asked for
+    trials: Trials | None = None  # simulated calibrations; None unless asked for
+    takes: tuple[TakesCase, ...] = ()  # what more places of the source bring
 
 
 def make_plan(request: PlanRequest, with_advice: bool = True, trials: Trials | None = None) -> Plan:
     """Return the bounds of a request, and the advice that follows from them.
 
-    Parameters
-    ----------
-    request : PlanRequest
-    with_advice : bool
-        Whether to search for better layouts, which takes longer.
-    trials : Trials, optional
-        Of this request: the advice reckons with the errors that they have shown.
-
-    Raises
-    ------
-    InputError
-        The room has no place for the array or for a source.
+    `with_advice`: whether to search for better layouts, which takes longer; `trials`: of this request: the advice
+    reckons with the errors that they have shown. Raises InputError: the room has no place for the array or for a
+    source.
     """
     with one_blas_thread():
         information = request_information(request)

@@ -23,35 +23,22 @@ from .request_checks import require_given, require_layout, require_modes, requir
 
 @dataclass(frozen=True)
 class PlanLimits:
-    """What is assumed where nothing is given, and how much is computed.
+    """What is assumed where nothing is given, and how much is computed."""
 
-    Attributes
-    ----------
-    low : lowest frequency by default, Hz
-    high : highest frequency by default, relative to what the array can interpolate (Eq. 9): there the functions are as
-        many as the microphones, and the pressures predict nothing
-    most_frequencies : of the bounds; more are accounted for by scaling the information
-    search_frequencies : of the maps and the advice, likewise
-    clearance : least distance of a source from the microphones in a room, metres
-    sources : source positions in a room that the bound is averaged over
-    place : centre of an array in a room where its own coordinates do not lie inside, relative to the room's lengths
-    most_microphones : of a plan
-    most_takes : likewise
-    most_snr_db : dB
-    wide : width of an array from which a refusal asks for its unit, metres
-    """
-
-    low: float = 20.0
+    low: float = 20.0  # lowest frequency by default
+    # highest frequency by default, relative to what the array can interpolate (Eq. 9): there the functions are as many
+    # as the microphones, and the pressures predict nothing
     high: float = 0.7
-    most_frequencies: int = 150
-    search_frequencies: int = 16
-    clearance: float = 0.7
-    sources: int = 4
+    most_frequencies: int = 150  # of the bounds; more are accounted for by scaling the information
+    search_frequencies: int = 16  # of the maps and the advice, likewise
+    clearance: float = 0.7  # least distance of a source from the microphones in a room, metres
+    sources: int = 4  # source positions in a room that the bound is averaged over
+    # centre of an array in a room where its own coordinates do not lie inside, relative to the room's lengths
     place: tuple[float, float, float] = (0.43, 0.46, 0.45)
-    most_microphones: int = 300
-    most_takes: int = 100
-    most_snr_db: float = 120.0
-    wide: float = 5.0
+    most_microphones: int = 300  # of a plan
+    most_takes: int = 100  # likewise
+    most_snr_db: float = 120.0  # dB
+    wide: float = 5.0  # width of an array from which a refusal asks for its unit, metres
 
 
 LIMITS = PlanLimits()
@@ -59,21 +46,17 @@ LIMITS = PlanLimits()
 
 @dataclass(frozen=True)
 class Assumptions:
-    """Tape measures, channels and accuracies, as assumed unless a request says otherwise.
+    """Tape measures, channels and accuracies, as assumed unless a request says otherwise."""
 
-    Attributes
-    ----------
-    tape_sigma_m : metres, one sigma of a coordinate that is measured by tape. A tape of class II errs by 0.3 mm and 0.2
-        mm more for each metre at most (Directive 2014/32/EU, annex X); finding the middle of a membrane in its housing
-        and holding the tape level take the rest.
-    gain_sigma_db : dB, spread of the channels' gains: what makers promise for the sensitivity of MEMS and of
-        measurement microphones without calibration, +-1 dB.
-    blurred : relative one sigma of the size, or of a stretch, from which a plan mentions it: over an array of 1 m it is
-        the accuracy that is wanted by default, 10 mm.
-    """
-
+    # metres, one sigma of a coordinate that is measured by tape. A tape of class II errs by 0.3 mm and 0.2 mm more for
+    # each metre at most (Directive 2014/32/EU, annex X); finding the middle of a membrane in its housing and holding
+    # the tape level take the rest.
     tape_sigma_m: float = 0.005
+    # dB, spread of the channels' gains: what makers promise for the sensitivity of MEMS and of measurement microphones
+    # without calibration, +-1 dB.
     gain_sigma_db: float = 1.0
+    # relative one sigma of the size, or of a stretch, from which a plan mentions it: over an array of 1 m it is the
+    # accuracy that is wanted by default, 10 mm.
     blurred: float = 0.01
 
 
@@ -86,43 +69,26 @@ SOLVERS = ("robust", "joint")  # that trials run
 class PlanRequest:
     """An array, and the circumstances of its calibration.
 
-    Attributes
-    ----------
-    layout : Layout
-    room : (2,) or (3,) tuple of float, metres, lengths of a rectangular room; None for a diffuse field in space
-    reverberation_time : float, T60, s
-    snr_db : float, signal-to-noise ratio of each frequency
-    band : (2,) tuple of float, Hz; from 20 Hz to 0.7 times what the array can interpolate (Eq. 9) unless given. Of
-        frequencies above what it can interpolate none is used
-    known : (A,) tuple of int, microphones whose positions are given
-    known_sigma : float, metres, one sigma of each of their coordinates; 0 for exact ones
-    gain_sigma_db : float, spread of the channels' gains; 0 for equal channels
-    sound_speed : float, m/s
-    accuracy : float, metres, that is wanted
-    seed : int, of sources, noise and gains
-    modes : int, the lowest so many independent frequencies of the band; all of them unless given
-    takes : int, places of the source, each recorded by itself at `snr_db`; every take has all frequencies
-    solver : str, of the trials, one of SOLVERS; "robust" models all that a plan assumes of gains and given positions
-
-    Raises
-    ------
-    InputError
-        A value is out of range, or the band holds too few frequencies.
+    Raises InputError: a value is out of range, or the band holds too few frequencies.
     """
 
     layout: Layout
+    # (2,) or (3,) tuple of float, metres, lengths of a rectangular room; None for a diffuse field in space
     room: tuple[float, ...] | None = None
-    reverberation_time: float = 0.5
-    snr_db: float = 30.0
+    reverberation_time: float = 0.5  # s
+    snr_db: float = 30.0  # signal-to-noise ratio of each frequency
+    # (2,) tuple of float, Hz; from 20 Hz to 0.7 times what the array can interpolate (Eq. 9) unless given. Of
+    # frequencies above what it can interpolate none is used
     band: tuple[float, float] | None = None
-    known: tuple[int, ...] = ()
-    known_sigma: float = 0.0
-    gain_sigma_db: float = 0.0
-    sound_speed: float = 343.0
-    accuracy: float = 0.01
-    seed: int = 0
-    modes: int | None = None
-    takes: int = 1
+    known: tuple[int, ...] = ()  # (A,) tuple of int, microphones whose positions are given
+    known_sigma: float = 0.0  # metres, one sigma of each of their coordinates; 0 for exact ones
+    gain_sigma_db: float = 0.0  # spread of the channels' gains; 0 for equal channels
+    sound_speed: float = 343.0  # m/s
+    accuracy: float = 0.01  # metres, that is wanted
+    seed: int = 0  # of sources, noise and gains
+    modes: int | None = None  # the lowest so many independent frequencies of the band; all of them unless given
+    takes: int = 1  # places of the source, each recorded by itself at `snr_db`; every take has all frequencies
+    # of the trials, one of SOLVERS; "robust" models all that a plan assumes of gains and given positions
     solver: str = "robust"
 
     def __post_init__(self):

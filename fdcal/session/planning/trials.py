@@ -34,24 +34,14 @@ MOST_WORKERS = 16  # by default
 
 @dataclass(frozen=True)
 class Trials:
-    """Results of simulated calibrations.
+    """Results of simulated calibrations."""
 
-    Attributes
-    ----------
-    errors : (T, N) float64, metres, of every microphone; NaN in a trial that was refused
-    verdicts : (T,) tuple of str, "refused" where the solver could not start
-    free : (N,) bool, microphones that are sought
-    bound : metres, root mean square of the bound for as many frequencies as the trials use
-    accuracy : metres, that is wanted
-    seconds : of processor time a calibration, median
-    """
-
-    errors: np.ndarray
-    verdicts: tuple[str, ...]
-    free: np.ndarray
-    bound: float
-    accuracy: float
-    seconds: float
+    errors: np.ndarray  # (T, N) float64, metres, of every microphone; NaN in a trial that was refused
+    verdicts: tuple[str, ...]  # (T,) tuple of str, "refused" where the solver could not start
+    free: np.ndarray  # (N,) bool, microphones that are sought
+    bound: float  # metres, root mean square of the bound for as many frequencies as the trials use
+    accuracy: float  # metres, that is wanted
+    seconds: float  # of processor time a calibration, median
 
     @property
     def rms(self) -> np.ndarray:
@@ -93,22 +83,10 @@ def run_trials(
 ) -> Trials:
     """Return the results of `count` simulated calibrations.
 
-    Parameters
-    ----------
-    request : PlanRequest
-    information : Information
-        Of all frequencies of the request.
-    count : int
-    progress : callable, optional
-        Called with the fraction done, 0 to 1, and a note.
-    workers : int
-        Processes that share the trials; the results do not depend on it. With more than one, a script that calls this
-        needs the guard `if __name__ == "__main__"` that `multiprocessing` asks for.
-
-    Raises
-    ------
-    InputError
-        A worker has ended early, which happens where the memory does not suffice.
+    `information`: of all frequencies of the request; `progress`: called with the fraction done, 0 to 1, and a note;
+    `workers`: processes that share the trials; the results do not depend on it. With more than one, a script that calls
+    this needs the guard `if __name__ == "__main__"` that `multiprocessing` asks for. Raises InputError: a worker has
+    ended early, which happens where the memory does not suffice.
     """
     used = len(request.spaced(MOST_FREQUENCIES)) / len(request.frequencies)
     bound = position_bound(information.scaled(used), request.prior)

@@ -24,24 +24,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Pace:
-    """How tasks are submitted and results written.
+    """How tasks are submitted and results written."""
 
-    Attributes
-    ----------
-    batch_seconds : duration of a batch that is aimed at, s
-    most_batch : tasks of a batch at most
-    ahead : batches for each worker that are submitted and not finished
-    write_seconds : results are written so often, s
-    write_rows : or when so many have come
-    connect_seconds : a scheduler must answer within this time, s
-    """
-
-    batch_seconds: float = 1.0
-    most_batch: int = 200
-    ahead: int = 3
-    write_seconds: float = 3.0
-    write_rows: int = 2000
-    connect_seconds: float = 10.0
+    batch_seconds: float = 1.0  # duration of a batch that is aimed at, s
+    most_batch: int = 200  # tasks of a batch at most
+    ahead: int = 3  # batches for each worker that are submitted and not finished
+    write_seconds: float = 3.0  # results are written so often, s
+    write_rows: int = 2000  # or when so many have come
+    connect_seconds: float = 10.0  # a scheduler must answer within this time, s
 
 
 PACE = Pace()
@@ -51,10 +41,7 @@ PACE = Pace()
 def connected(workers: int, scheduler: str | None) -> Iterator[Client]:
     """Give a client of Dask: of a scheduler by its address, or of a local cluster of processes of one thread each.
 
-    Raises
-    ------
-    InputError
-        Dask is missing, or no scheduler answers.
+    Raises InputError: dask is missing, or no scheduler answers.
     """
     try:
         from distributed import Client, LocalCluster
@@ -84,23 +71,8 @@ def run_study(
 ) -> int:
     """Compute the calibrations of a study that its folder lacks, and write each row once.
 
-    Parameters
-    ----------
-    study : Study
-    results : Results
-    client : distributed.Client
-    progress : callable, optional
-        Called with the fraction done, 0 to 1, and a note.
-
-    Returns
-    -------
-    int
-        Calibrations that were computed now.
-
-    Raises
-    ------
-    InputError
-        Another run writes to the folder.
+    `progress`: called with the fraction done, 0 to 1, and a note. Returns calibrations that were computed now. Raises
+    InputError: another run writes to the folder.
     """
     with results.held():
         return _run(study, results, client, progress)

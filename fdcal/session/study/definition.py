@@ -39,44 +39,26 @@ OWN = ("point", "draw", "seed")  # columns of the table that no axis may be call
 
 @dataclass(frozen=True)
 class Drawn:
-    """What is drawn for every calibration, in addition to noise, random microphones and the solver's start.
+    """What is drawn for every calibration, in addition to noise, random microphones and the solver's start."""
 
-    Attributes
-    ----------
-    source : whether the source is at a random place of the room, the same for one draw at all points
-    least_distance : metres, of such a source from every microphone
-    """
-
-    source: bool = False
-    least_distance: float = 0.7
+    source: bool = False  # whether the source is at a random place of the room, the same for one draw at all points
+    least_distance: float = 0.7  # metres, of such a source from every microphone
 
     OPTIONAL = ("source", "least_distance")
 
 
 @dataclass(frozen=True)
 class Study:
-    """Calibrations over the product of some axes.
-
-    Attributes
-    ----------
-    title : str
-    scene : str, name or path of a scene's file; left out where the axis "scene" names several
-    draws : int, calibrations at every point, each with a seed of its own
-    seed : int, of the first draw
-    axes : dict of str to list, at most a few thousand points
-    fixed : dict of str to values that hold at every point
-    drawn : Drawn
-    time_limit : float, seconds of processor time of one calibration
-    """
+    """Calibrations over the product of some axes."""
 
     title: str
-    draws: int
-    axes: dict
-    scene: str = ""
-    seed: int = 0
+    draws: int  # calibrations at every point, each with a seed of its own
+    axes: dict  # at most a few thousand points
+    scene: str = ""  # name or path of a scene's file; left out where the axis "scene" names several
+    seed: int = 0  # of the first draw
     fixed: dict | None = None
     drawn: Drawn = Drawn()
-    time_limit: float = 60.0
+    time_limit: float = 60.0  # seconds of processor time of one calibration
 
     OPTIONAL = ("title", "scene", "seed", "fixed", "drawn", "time_limit")
 
@@ -143,12 +125,8 @@ def _kind(value: Any) -> type:
 def load_study(path: str | Path) -> Study:
     """Return the study of a TOML file, checked as far as can be without calibrating.
 
-    Raises
-    ------
-    InputError
-        For an unknown key or axis, or a point whose scene is impossible.
-    StorageError
-        The file cannot be read.
+    Raises InputError for an unknown key or axis, or a point whose scene is impossible; StorageError: the file cannot be
+    read.
     """
     path = Path(path)
     try:
@@ -165,10 +143,7 @@ def load_study(path: str | Path) -> Study:
 def scene_at(study: Study, point: dict[str, Any], seed: int) -> Scene:
     """Return the scene of a study at a point, with the seed of a draw.
 
-    Raises
-    ------
-    InputError
-        A key is of no scene, or a value is impossible.
+    Raises InputError: a key is of no scene, or a value is impossible.
     """
     from ..scene_edits import parameters_of, with_parameters
 

@@ -16,17 +16,11 @@ GIT_SECONDS = 10.0
 
 @dataclass(frozen=True)
 class CodeVersion:
-    """The code that computes rows.
+    """The code that computes rows."""
 
-    Attributes
-    ----------
-    version : of fdcal
-    source : hash of the modules that a row depends on
-    commit : that changed the package last, with "+" where files were changed since; None outside a repository
-    """
-
-    version: str
-    source: str
+    version: str  # of fdcal
+    source: str  # hash of the modules that a row depends on
+    # that changed the package last, with "+" where files were changed since; None outside a repository
     commit: str | None
 
 

@@ -44,20 +44,9 @@ COLUMNS = {  # those of every row, beside the axes; missing values are null
 class Results:
     """The rows of a study in a folder.
 
-    Parameters
-    ----------
-    folder : str or Path
-    study : Study
-    resume : bool
-        Whether rows may be there already, of the same study.
-
-    Raises
-    ------
-    InputError
-        The folder holds rows and `resume` is not set, or those of another study or of other code; pandas or pyarrow is
-        missing.
-    StorageError
-        The folder cannot be made.
+    `resume`: whether rows may be there already, of the same study. Raises InputError: the folder holds rows and
+    `resume` is not set, or those of another study or of other code; pandas or pyarrow is missing; StorageError: the
+    folder cannot be made.
     """
 
     def __init__(self, folder: str | Path, study: Study, resume: bool):
@@ -147,10 +136,7 @@ def _kind_of(values: list) -> str:
 def read_results(folder: str | Path) -> tuple[dict, pandas.DataFrame]:
     """Return the head of a study's folder, and its rows in the order of their tasks.
 
-    Raises
-    ------
-    InputError
-        The folder holds no results.
+    Raises InputError: the folder holds no results.
     """
     require_tables()
     import pandas

@@ -31,11 +31,7 @@ _fields: dict[str, tuple[ModalPressures, ...]] = {}
 def run_task(study: Study, number: int) -> dict[str, Any]:
     """Return the row of one calibration; a draw that the solver refuses is a row, too.
 
-    Parameters
-    ----------
-    study : Study
-    number : int
-        Of the task, below `study.count`.
+    `number`: of the task, below `study.count`.
     """
     draw, index = divmod(number, study.points)
     point, seed = study.point(index), study.seed + draw

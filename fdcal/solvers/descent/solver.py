@@ -51,21 +51,15 @@ TRAITS = Traits(
 class State(RunState):
     """Everything `step` needs. A run can be continued from any state.
 
-    Attributes
-    ----------
-    centre : (D,) float64, metres, centre of the expansion, read-only
-    turn : int, steps taken in the present sweep, 0 to the number of free microphones less 1
-    stage_sweeps : int, sweeps completed in the present stage
-    changed : bool, whether a microphone has moved in the present sweep
-    cost : sum over the modes in use (Eq. 7), about the centre that the last step used
+    `cost`: sum over the modes in use (Eq. 7), about the centre that the last step used.
     """
 
     solver: ClassVar[str] = "descent"
 
-    centre: np.ndarray
-    turn: int = 0
-    stage_sweeps: int = 0
-    changed: bool = False
+    centre: np.ndarray  # (D,) float64, metres, centre of the expansion, read-only
+    turn: int = 0  # steps taken in the present sweep, 0 to the number of free microphones less 1
+    stage_sweeps: int = 0  # sweeps completed in the present stage
+    changed: bool = False  # whether a microphone has moved in the present sweep
 
     @property
     def order_offset(self) -> int:
@@ -84,17 +78,9 @@ def order_offset_of(settings: SolverSettings, modes: int) -> int:
 def init(problem: Problem, settings: SolverSettings, seed: int) -> State:
     """Return the first state: free microphones on the search lattice, known ones in their places.
 
-    Parameters
-    ----------
-    problem : Problem
-    settings : SolverSettings; `start` is "random" or "affine"
-    seed : int, of the random start and of the order in which the microphones are moved
-
-    Raises
-    ------
-    InputError
-        Without a search domain or known microphones that fix the gauge, for modes that the microphones cannot resolve,
-        or if there is no affine start.
+    `settings`: SolverSettings; `start` is "random" or "affine"; `seed`: of the random start and of the order in which
+    the microphones are moved. Raises InputError: without a search domain or known microphones that fix the gauge, for
+    modes that the microphones cannot resolve, or if there is no affine start.
     """
     _require_solvable(problem, settings)
     require_modes(problem, settings.order_offset, settings.modes)
@@ -187,10 +173,7 @@ def _cost(problem: Problem, state: State) -> float:
 def use_modes(problem: Problem, state: State, first: int, last: int, automatic: bool) -> State:
     """Return `state` with modes `first` to `last` in use, counted from 1; the solver continues from its positions.
 
-    Raises
-    ------
-    InputError
-        For modes that are not there.
+    Raises InputError for modes that are not there.
     """
     require_range(problem, first, last)
     require_modes(problem, state.settings.order_offset, last)

@@ -32,40 +32,26 @@ NU = 3.0  # degrees of freedom of a residual
 
 @dataclass(frozen=True)
 class ArrivalRules:
-    """Numbers of the fit of a source to the arrivals of a take.
+    """Numbers of the fit of a source to the arrivals of a take."""
 
-    Attributes
-    ----------
-    steps, decrease : Levenberg-Marquardt steps at most, and nats that another promises when it ends
-    damping, min_damping : of the first step, and at least
-    nearest : metres, from the middle of the array to the source
-    min_curvature : of a residual's cost, over its weight: that of an outlier is negative
-    subsets : of microphones, to which a plane wave is fitted to begin with
-    starts : times one over the radius of the array: inverse distances from which the fit begins
-    prior_count : observations that the stated sigma is worth
-    outlier : times a robust scatter, residuals that are left out of sigma
-    min_sigma : least sigma over the stated one
-    min_spread : metres, least error of the positions before the arrivals count
-    held : 1/m^2, stiffness of a microphone whose position is exact
-    rounds : of positions and sigma before the arrivals count
-    change : factor by which sigma changes at once, at most
-    """
-
+    # steps, decrease: Levenberg-Marquardt steps at most, and nats that another promises when it ends
     steps: int = 40
     decrease: float = 1e-9
+    # damping, min_damping: of the first step, and at least
     damping: float = 1e-3
     min_damping: float = 1e-9
-    nearest: float = 0.1
-    min_curvature: float = 0.1
-    subsets: int = 40
+    nearest: float = 0.1  # metres, from the middle of the array to the source
+    min_curvature: float = 0.1  # of a residual's cost, over its weight: that of an outlier is negative
+    subsets: int = 40  # of microphones, to which a plane wave is fitted to begin with
+    # times one over the radius of the array: inverse distances from which the fit begins
     starts: tuple[float, ...] = (0.0, 0.6)
-    prior_count: float = 4.0
-    outlier: float = 4.0
-    min_sigma: float = 0.2
-    min_spread: float = 5e-3
-    held: float = 1e16
-    rounds: int = 15
-    change: float = 4.0
+    prior_count: float = 4.0  # observations that the stated sigma is worth
+    outlier: float = 4.0  # times a robust scatter, residuals that are left out of sigma
+    min_sigma: float = 0.2  # least sigma over the stated one
+    min_spread: float = 5e-3  # metres, least error of the positions before the arrivals count
+    held: float = 1e16  # 1/m^2, stiffness of a microphone whose position is exact
+    rounds: int = 15  # of positions and sigma before the arrivals count
+    change: float = 4.0  # factor by which sigma changes at once, at most
 
 
 RULES = ArrivalRules()
@@ -82,49 +68,33 @@ class Source:
 
 @dataclass(frozen=True)
 class ArrivalTerms:
-    """The term at some positions.
+    """The term at some positions."""
 
-    Attributes
-    ----------
-    cost : nats
-    gradient : (T, F) float64, of each take, by the N D coordinates, the N delays, if there are any, and the logarithm
-        of the sound speed
-    matrix : (F, F) float64, Gauss-Newton matrix of all takes
-    residual, weight : (T, N) float64, metres and 1/m^2; 0 where there is no arrival
-    slopes : (T, N, F) float64, of the weighted residuals, sources profiled out: matrix = sum slopes^T slopes
-    count : (T,) float64, arrivals beyond those that fix the source
-    source : Source, the likeliest
-    """
-
-    cost: float
+    cost: float  # nats
+    # (T, F) float64, of each take, by the N D coordinates, the N delays, if there are any, and the logarithm of the
+    # sound speed
     gradient: np.ndarray
-    matrix: np.ndarray
+    matrix: np.ndarray  # (F, F) float64, Gauss-Newton matrix of all takes
+    # residual, weight: (T, N) float64, metres and 1/m^2; 0 where there is no arrival
     residual: np.ndarray
     weight: np.ndarray
+    # (T, N, F) float64, of the weighted residuals, sources profiled out: matrix = sum slopes^T slopes
     slopes: np.ndarray
-    count: np.ndarray
-    source: Source
+    count: np.ndarray  # (T,) float64, arrivals beyond those that fix the source
+    source: Source  # the likeliest
 
 
 @dataclass(frozen=True)
 class Arrivals:
-    """Arrivals of the takes that have enough of them.
+    """Arrivals of the takes that have enough of them."""
 
-    Attributes
-    ----------
-    paths : (T, N) float64, metres, times by the sound speed of the measurement; 0 where there is none
-    used : (T, N) bool
-    sigma, stated : (T,) float64, metres, of an arrival, assumed and as measured
-    dimension : of the space of the sources
-    start : Source, from which the fit begins: positions near by have one near by; None to begin without one, far
-        slower
-    """
-
-    paths: np.ndarray
-    used: np.ndarray
+    paths: np.ndarray  # (T, N) float64, metres, times by the sound speed of the measurement; 0 where there is none
+    used: np.ndarray  # (T, N) bool
+    # sigma, stated: (T,) float64, metres, of an arrival, assumed and as measured
     sigma: np.ndarray
     stated: np.ndarray
-    dimension: int
+    dimension: int  # of the space of the sources
+    # from which the fit begins: positions near by have one near by; None to begin without one, far slower
     start: Source | None = None
 
     def terms(self, positions, log_speed: float = 0.0, derivatives: bool = True, delays=None) -> ArrivalTerms:

@@ -190,16 +190,10 @@ def anchored(problem: Problem, state: State) -> np.ndarray:
 
 @dataclass(frozen=True)
 class FreeArray:
-    """An array up to a rigid motion and a mirror image.
+    """An array up to a rigid motion and a mirror image."""
 
-    Attributes
-    ----------
-    unknowns : Unknowns, of which the positions (N, D) are in a frame of their own, metres
-    covariance : (N D, N D) float64, metres^2, without rigid motions
-    """
-
-    unknowns: Unknowns
-    covariance: np.ndarray
+    unknowns: Unknowns  # of which the positions (N, D) are in a frame of their own, metres
+    covariance: np.ndarray  # (N D, N D) float64, metres^2, without rigid motions
 
 
 def free_array(problem: Problem, state: State, steps: int, terms: tuple[Terms, Terms] | None = None) -> FreeArray:
@@ -234,28 +228,18 @@ def free_array(problem: Problem, state: State, steps: int, terms: tuple[Terms, T
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """What may be right of the given positions.
-
-    Attributes
-    ----------
-    log_evidence : float
-    right : (A,) bool, which given positions hold the array
-    order : (A,) int64, the positions given in the order in which they belong to the microphones
-    scale : whether the sound speed is wrong
-    size, size_sigma : of the array in the frame of the given positions over that of the pressures, and one sigma; 1 and
-        0 but where the sound speed is wrong
-    sigma : float, metres, of every given coordinate
-    positions : (N, D) float64, metres, the array in the frame of the given positions
-    """
+    """What may be right of the given positions."""
 
     log_evidence: float
-    right: np.ndarray
-    order: np.ndarray
-    scale: bool
+    right: np.ndarray  # (A,) bool, which given positions hold the array
+    order: np.ndarray  # (A,) int64, the positions given in the order in which they belong to the microphones
+    scale: bool  # whether the sound speed is wrong
+    # size, size_sigma: of the array in the frame of the given positions over that of the pressures, and one sigma; 1
+    # and, 0 but where the sound speed is wrong
     size: float
     size_sigma: float
-    sigma: float
-    positions: np.ndarray
+    sigma: float  # metres, of every given coordinate
+    positions: np.ndarray  # (N, D) float64, metres, the array in the frame of the given positions
 
 
 def hypotheses(found: FreeArray, known, places, stated: float | None, sized: bool) -> list[Hypothesis]:

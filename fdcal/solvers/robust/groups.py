@@ -28,41 +28,25 @@ from .rules import OUTLIERS
 
 @dataclass(frozen=True)
 class GroupRules:
-    """What a group is, and how its pose is searched.
+    """What a group is, and how its pose is searched."""
 
-    Attributes
-    ----------
-    gap : distance between two groups at least, over the shortest wavelength
-    least : microphones of a group at least; those of a smaller one belong to the nearest
-    lowest : modes of the search over the lattice
-    microphones : of each side in that search
-    refining : microphones of each side in the refinement
-    modes : of the refinement, evenly taken
-    cell : of the lattice, over the shortest wavelength of the lowest modes
-    angles : turns of a group, each with its mirror image
-    refined : poses that are refined
-    blurs : error of a pose in each round of the refinement, over the shortest wavelength
-    evaluations : of the likelihood in each of these rounds
-    nats : by which another pose may be less likely than the present one and still be tried: the groups are not yet
-        what they are at its minimum
-    tried : poses that are tried after one end at most
-    groups : groups that are posed at most, the largest but one first
-    """
-
-    gap: float = 0.35
-    least: int = 6
-    lowest: int = 8
-    microphones: int = 8
-    refining: int = 14
-    modes: int = 16
-    cell: float = 1 / 6
-    angles: int = 12
-    refined: int = 16
+    gap: float = 0.35  # distance between two groups at least, over the shortest wavelength
+    least: int = 6  # microphones of a group at least; those of a smaller one belong to the nearest
+    lowest: int = 8  # modes of the search over the lattice
+    microphones: int = 8  # of each side in that search
+    refining: int = 14  # microphones of each side in the refinement
+    modes: int = 16  # of the refinement, evenly taken
+    cell: float = 1 / 6  # of the lattice, over the shortest wavelength of the lowest modes
+    angles: int = 12  # turns of a group, each with its mirror image
+    refined: int = 16  # poses that are refined
+    # error of a pose in each round of the refinement, over the shortest wavelength
     blurs: tuple[float, ...] = (0.1, 0.05)
-    evaluations: int = 40
+    evaluations: int = 40  # of the likelihood in each of these rounds
+    # by which another pose may be less likely than the present one and still be tried: the groups are not yet what they
+    # are at its minimum
     nats: float = 60.0
-    tried: int = 3
-    groups: int = 4
+    tried: int = 3  # poses that are tried after one end at most
+    groups: int = 4  # groups that are posed at most, the largest but one first
 
 
 RULES = GroupRules()
@@ -71,10 +55,7 @@ RULES = GroupRules()
 def groups(positions, wavelength: float) -> list[np.ndarray]:
     """Return the microphones of each group, (G,) int64 each; one group if there are no gaps.
 
-    Parameters
-    ----------
-    positions : (N, 2) float64, metres
-    wavelength : metres, the shortest
+    `positions` (N, 2) float64, metres; `wavelength`: metres, the shortest.
     """
     label = fcluster(linkage(positions, "single"), RULES.gap * wavelength, "distance")
     large = [one for one in np.unique(label) if np.sum(label == one) >= RULES.least]
@@ -88,21 +69,9 @@ def groups(positions, wavelength: float) -> list[np.ndarray]:
 def other_poses(positions, pressures, field: FieldModel) -> list[np.ndarray]:
     """Return arrays with one group in another pose that may be the right one, the likeliest first.
 
-    Parameters
-    ----------
-    positions : (N, 2) float64, metres
-    pressures : (M, N) complex128, divided by the responses of the channels, any one unit
-    field : FieldModel
-        Diffuse, of real wavenumbers.
-
-    Returns
-    -------
-    list of (N, 2) float64, metres
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        A covariance is not positive definite.
+    `positions` (N, 2) float64, metres; `pressures` (M, N) complex128, divided by the responses of the channels, any one
+    unit; `field`: diffuse, of real wavenumbers. Returns list of (N, 2) float64, metres. Raises
+    numpy.linalg.LinAlgError: a covariance is not positive definite.
     """
     wavelength = 2 * np.pi / float(field.wavenumbers.max())
     found = groups(positions, wavelength)

@@ -35,22 +35,13 @@ EXACT = 1e-6  # metres: a stated sigma below it means that the given positions n
 
 @dataclass(frozen=True)
 class Unknowns:
-    """What a step moves.
+    """What a step moves."""
 
-    Attributes
-    ----------
-    positions : (N, D) float64, metres
-    channels : (N, 2) or (N, 4) float64, log gain, nepers, phase, radians, delay, metres, corner, rad/m
-    log_speed : logarithm of the sound speed over that of the measurement
-    gains : whether the channels are among the unknowns
-    filters : whether the delays and corners of all channels are free, else those that are not 0
-    """
-
-    positions: np.ndarray
-    channels: np.ndarray
-    log_speed: float = 0.0
-    gains: bool = True
-    filters: bool = False
+    positions: np.ndarray  # (N, D) float64, metres
+    channels: np.ndarray  # (N, 2) or (N, 4) float64, log gain, nepers, phase, radians, delay, metres, corner, rad/m
+    log_speed: float = 0.0  # logarithm of the sound speed over that of the measurement
+    gains: bool = True  # whether the channels are among the unknowns
+    filters: bool = False  # whether the delays and corners of all channels are free, else those that are not 0
 
     @property
     def delays(self) -> np.ndarray | None:
@@ -82,28 +73,21 @@ class Unknowns:
 
 @dataclass(frozen=True)
 class Priors:
-    """Spread of what is not the same for every microphone.
+    """Spread of what is not the same for every microphone."""
 
-    Attributes
-    ----------
-    gain_sigma, phase_sigma : nepers and radians
-    known : (A,) int64, microphones whose position is given, at `places` (A, D), metres
-    known_sigma : metres, of every coordinate; 0 where they are exact
-    offsets : (N, 2) float64, nepers and radians, about which the gains lie: 0, or of a channel whose gain is
-        grossly different (inverted polarity)
-    speed_sigma : of the logarithm of the sound speed; 0 for one that is fixed
-    known_tail : degrees of freedom of the prior of the given positions; of many a wrong one is not outvoted
-    delay_sigma, corner_sigma : metres and rad/m; 0 for those of a faulty channel alone, which may be anything
-    """
-
+    # gain_sigma, phase_sigma: nepers and radians
     gain_sigma: float
     phase_sigma: float
-    known: np.ndarray
+    known: np.ndarray  # (A,) int64, microphones whose position is given, at `places` (A, D), metres
     places: np.ndarray
-    known_sigma: float
+    known_sigma: float  # metres, of every coordinate; 0 where they are exact
+    # (N, 2) float64, nepers and radians, about which the gains lie: 0, or of a channel whose gain is grossly different
+    # (inverted polarity)
     offsets: np.ndarray
-    speed_sigma: float = 0.0
+    speed_sigma: float = 0.0  # of the logarithm of the sound speed; 0 for one that is fixed
+    # degrees of freedom of the prior of the given positions; of many a wrong one is not outvoted
     known_tail: float = NU
+    # delay_sigma, corner_sigma: metres and rad/m; 0 for those of a faulty channel alone, which may be anything
     delay_sigma: float = 0.0
     corner_sigma: float = 0.0
 

@@ -54,16 +54,10 @@ FIELD_ROUNDS = 3  # of learning the field at given positions: a faulty channel i
 
 @dataclass(frozen=True)
 class AgreementRules:
-    """How the array without given positions is sought.
+    """How the array without given positions is sought."""
 
-    Attributes
-    ----------
-    clear : probability of the linear estimate above which no array is sought
-    margin : factor on that estimate
-    """
-
-    clear: float = 0.05
-    margin: float = 1.5
+    clear: float = 0.05  # probability of the linear estimate above which no array is sought
+    margin: float = 1.5  # factor on that estimate
 
 
 AGREEMENT = AgreementRules()

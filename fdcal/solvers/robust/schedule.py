@@ -233,23 +233,14 @@ def finished(problem: Problem, state: State) -> State:
 
 @dataclass(frozen=True)
 class Turn:
-    """Where a stage has ended, or a restart.
-
-    Attributes
-    ----------
-    place : name of the stage, or "restart" where the optimum of one has been added to the state
-    state : State
-    goal : Objective, what the last step minimised
-    trial : ChannelStep, that step
-    within_tolerance : whether it changed hardly anything
-    """
+    """Where a stage has ended, or a restart."""
 
     problem: Problem
-    place: str
+    place: str  # name of the stage, or "restart" where the optimum of one has been added to the state
     state: State
-    goal: Objective
-    trial: ChannelStep
-    within_tolerance: bool
+    goal: Objective  # what the last step minimised
+    trial: ChannelStep  # that step
+    within_tolerance: bool  # whether it changed hardly anything
 
     @cached_property
     def estimated(self) -> State:

@@ -19,48 +19,33 @@ DIRECTIONAL: tuple[KernelName, ...] = ("directional", "damped_directional")
 
 @dataclass(frozen=True)
 class Model:
-    """Field, noise and spreads that are assumed; updated by maximum likelihood while the solver runs.
+    """Field, noise and spreads that are assumed; updated by maximum likelihood while the solver runs."""
 
-    Attributes
-    ----------
-    power : (M,) float64, of the field; every mode of the problem has a mean power of 1
-    noise : (M,) float64, of a healthy channel, likewise
-    channel_noise : (N,) float64, noise of each channel over that, tau
-    share : noise as a part of the mean power
-    deflation : of the noise that is assumed, by which the residual is larger
-    spread : metres, error of the positions that, with the noise, explains the residual
-    gain_sigma, phase_sigma : nepers and radians
-    delay_sigma, corner_sigma : spread of the delays, metres, and of the corners, rad/m, of all channels; 0 where only
-        those of a faulty channel are sought
-    known_sigma : metres; 0 for exact given positions, which never move
-    kernel : "diffuse", "series", "near", "directional", or "damped_directional" of complex wavenumbers
-    places : (A, D) float64, metres, of the microphones whose position is given; two that were exchanged put right
-    contradicted : (A,) bool, which of them hold nothing, since the pressures contradict them
-    filters : (N, 2) float64, delay, metres, times the sound speed, and high-pass corner, rad/m, times 2 pi / c, of each
-        channel
-    log_speed : logarithm of the sound speed over that of the measurement
-    directions : (M, Q) float64, power of the field by direction, mean 1; of the directional kernels only
-    conditional : kernel of the conditional likelihood that the last stage minimises; "" for that of a random field
-    arrival_sigma : (T,) float64, metres, one sigma of the arrivals of each take; None before they count
-    """
-
-    power: np.ndarray
-    noise: np.ndarray
-    channel_noise: np.ndarray
-    share: float
-    spread: float
+    power: np.ndarray  # (M,) float64, of the field; every mode of the problem has a mean power of 1
+    noise: np.ndarray  # (M,) float64, of a healthy channel, likewise
+    channel_noise: np.ndarray  # (N,) float64, noise of each channel over that, tau
+    share: float  # noise as a part of the mean power
+    spread: float  # metres, error of the positions that, with the noise, explains the residual
+    # gain_sigma, phase_sigma: nepers and radians
     gain_sigma: float
     phase_sigma: float
-    known_sigma: float
-    kernel: KernelName
+    known_sigma: float  # metres; 0 for exact given positions, which never move
+    kernel: KernelName  # "diffuse", "series", "near", "directional", or "damped_directional" of complex wavenumbers
+    # (A, D) float64, metres, of the microphones whose position is given; two that were exchanged put right
     places: np.ndarray
-    contradicted: np.ndarray
+    contradicted: np.ndarray  # (A,) bool, which of them hold nothing, since the pressures contradict them
+    # (N, 2) float64, delay, metres, times the sound speed, and high-pass corner, rad/m, times 2 pi / c, of each channel
     filters: np.ndarray
-    log_speed: float = 0.0
+    log_speed: float = 0.0  # logarithm of the sound speed over that of the measurement
+    # (M, Q) float64, power of the field by direction, mean 1; of the directional kernels only
     directions: np.ndarray | None = None
+    # kernel of the conditional likelihood that the last stage minimises; "" for that of a random field
     conditional: Literal["", "diffuse", "series"] = ""
-    deflation: float = 1.0
+    deflation: float = 1.0  # of the noise that is assumed, by which the residual is larger
+    # (T,) float64, metres, one sigma of the arrivals of each take; None before they count
     arrival_sigma: np.ndarray | None = None
+    # delay_sigma, corner_sigma: spread of the delays, metres, and of the corners, rad/m, of all channels; 0 where only
+    # those of a faulty channel are sought
     delay_sigma: float = 0.0
     corner_sigma: float = 0.0
 
@@ -83,25 +68,16 @@ class LocalOptimum:
 
 @dataclass(frozen=True)
 class Progress:
-    """Where the solver is.
+    """Where the solver is."""
 
-    Attributes
-    ----------
-    restart : number of the start in `fdcal.solvers.starts.plan`; -1 for positions that the run was begun with
-    stage : index into `rules.STAGES`
-    rounds : of this stage so far
-    steps : in this stage
-    damping : of the next step
-    regrouped : whether the restart began where another ended, with a group of microphones in another pose
-    poses : (N, D) float64 each, metres, arrays of such restarts that are still to be tried
-    """
-
-    restart: int
-    stage: int
-    rounds: int
-    steps: int
-    damping: float
+    restart: int  # number of the start in `fdcal.solvers.starts.plan`; -1 for positions that the run was begun with
+    stage: int  # index into `rules.STAGES`
+    rounds: int  # of this stage so far
+    steps: int  # in this stage
+    damping: float  # of the next step
+    # whether the restart began where another ended, with a group of microphones in another pose
     regrouped: bool = False
+    # (N, D) float64 each, metres, arrays of such restarts that are still to be tried
     poses: tuple[np.ndarray, ...] = ()
 
     def __post_init__(self):
@@ -111,29 +87,21 @@ class Progress:
 
 @dataclass(frozen=True)
 class State(RunState):
-    """State of the likelihood solver.
-
-    Attributes
-    ----------
-    gains : (N, 2) float64, logarithm of the gain, nepers, and phase, radians, of each channel
-    offsets : (N, 2) float64, likewise, about which the gains scatter: 0 but for a channel with a gross fault
-    model : Model
-    progress : Progress
-    shape : (N, D) float64, metres, positions at the beginning of the stage, which fix the deformations and the centre
-    optima : tuple of LocalOptimum, of the restarts so far
-    quick : whether one restart that leaves no more than the reported noise is believed, and directions are learned in
-        the plane alone, where they are few
-    """
+    """State of the likelihood solver."""
 
     solver: ClassVar[str] = "robust"
+    # whether one restart that leaves no more than the reported noise is believed, and directions are learned in the
+    # plane alone, where they are few
     quick: ClassVar[bool] = False
 
-    gains: np.ndarray
+    gains: np.ndarray  # (N, 2) float64, logarithm of the gain, nepers, and phase, radians, of each channel
+    # (N, 2) float64, likewise, about which the gains scatter: 0 but for a channel with a gross fault
     offsets: np.ndarray
     model: Model
     progress: Progress
+    # (N, D) float64, metres, positions at the beginning of the stage, which fix the deformations and the centre
     shape: np.ndarray
-    optima: tuple[LocalOptimum, ...]
+    optima: tuple[LocalOptimum, ...]  # of the restarts so far
 
     @property
     def best_positions(self) -> np.ndarray:

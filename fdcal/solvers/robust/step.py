@@ -27,30 +27,17 @@ DISTINCT = 1e-3  # a shape that moves the array by less, relative, is that of th
 
 @dataclass(frozen=True)
 class ChannelStep:
-    """Result of one step.
-
-    Attributes
-    ----------
-    unknowns : Unknowns
-    cost : infinite where a covariance is singular
-    fall : by how much the cost has fallen
-    damping : of the next step
-    moved : metres, greatest change of a coordinate
-    terms : Terms at the point from which the step was taken; None where a covariance is singular
-    free : see `free_directions`
-    matrix : (F, F) float64, Gauss-Newton matrix in the free directions; None with `terms`
-    source : Source of the arrivals there; None without any
-    """
+    """Result of one step."""
 
     unknowns: Unknowns
-    cost: float
-    fall: float
-    damping: float
-    moved: float
-    free: np.ndarray
-    terms: Terms | None = None
-    matrix: np.ndarray | None = None
-    source: Source | None = None
+    cost: float  # infinite where a covariance is singular
+    fall: float  # by how much the cost has fallen
+    damping: float  # of the next step
+    moved: float  # metres, greatest change of a coordinate
+    free: np.ndarray  # see `free_directions`
+    terms: Terms | None = None  # Terms at the point from which the step was taken; None where a covariance is singular
+    matrix: np.ndarray | None = None  # (F, F) float64, Gauss-Newton matrix in the free directions; None with `terms`
+    source: Source | None = None  # Source of the arrivals there; None without any
 
 
 def free_directions(unknowns: Unknowns, held, deformations=None, speed: bool = False) -> np.ndarray:

@@ -76,20 +76,14 @@ def diffuse_terms(theta, pressures, noise, model: DiffuseModel) -> NewtonTerms:
 
 @dataclass(frozen=True)
 class Exact:
-    """The exact model's residual at `theta`.
+    """The exact model's residual at `theta`."""
 
-    Attributes
-    ----------
-    theta, prior : (P,) float64; prior is 1 / standard deviation of the admittance, 0 for the other unknowns
-    residual : (M, N) complex128, in standard deviations of the noise
-    fitted : (M, N) complex128, A_m g_m, in the unit of the pressures
-    jacobian : (M N, P) complex128, of the residual by Kaufman's approximation: the derivative of A_m is left out
-    """
-
+    # theta, prior: (P,) float64; prior is 1 / standard deviation of the admittance, 0 for the other unknowns
     theta: np.ndarray
     prior: np.ndarray
-    residual: np.ndarray
-    fitted: np.ndarray
+    residual: np.ndarray  # (M, N) complex128, in standard deviations of the noise
+    fitted: np.ndarray  # (M, N) complex128, A_m g_m, in the unit of the pressures
+    # (M N, P) complex128, of the residual by Kaufman's approximation: the derivative of A_m is left out
     jacobian: np.ndarray
 
     @property

@@ -84,56 +84,32 @@ PhaseName = Literal["search", "diffuse", "source", "rough", "relocated", "exact"
 
 @dataclass(frozen=True)
 class Phase:
-    """The present stage.
+    """The present stage."""
 
-    Attributes
-    ----------
-    name : one of those at the top of this module
-    spread : int, index into the lattice errors that phase "diffuse" goes through
-    steps : int, taken in this stage
-    damping : float, of the next step
-    """
-
-    name: PhaseName
-    spread: int
-    steps: int
-    damping: float
+    name: PhaseName  # one of those at the top of this module
+    spread: int  # index into the lattice errors that phase "diffuse" goes through
+    steps: int  # taken in this stage
+    damping: float  # of the next step
 
 
 @dataclass(frozen=True)
 class LocalOptimum:
-    """Where a restart has ended.
+    """Where a restart has ended."""
 
-    Attributes
-    ----------
-    positions : (N, D) float64, metres
-    walls : (D + 2,) float64, as of `State`
-    cost : float
-    settled : bool, whether it ended because no microphone moved
-    """
-
-    positions: np.ndarray
-    walls: np.ndarray
+    positions: np.ndarray  # (N, D) float64, metres
+    walls: np.ndarray  # (D + 2,) float64, as of `State`
     cost: float
-    settled: bool
+    settled: bool  # whether it ended because no microphone moved
 
 
 @dataclass(frozen=True)
 class Restarts:
-    """What is left to try, and what was found.
+    """What is left to try, and what was found."""
 
-    Attributes
-    ----------
-    arrays : candidates of the array search, the next first
-    sources : candidates of the source search for the present array, the next first
-    best : the best local optimum of phase "exact"
-    rejected : the best of those before phase "exact", which left too much unexplained
-    """
-
-    arrays: tuple[ArrayCandidate, ...] = ()
-    sources: tuple[SourceCandidate, ...] = ()
-    best: LocalOptimum | None = None
-    rejected: LocalOptimum | None = None
+    arrays: tuple[ArrayCandidate, ...] = ()  # candidates of the array search, the next first
+    sources: tuple[SourceCandidate, ...] = ()  # candidates of the source search for the present array, the next first
+    best: LocalOptimum | None = None  # the best local optimum of phase "exact"
+    rejected: LocalOptimum | None = None  # the best of those before phase "exact", which left too much unexplained
 
 
 @dataclass(frozen=True)
@@ -150,14 +126,7 @@ class State(RunState):
 
     The seed is not used: nothing is drawn.
 
-    Attributes
-    ----------
-    phase : Phase
-    attempts : Restarts
-    noise : MeasurementNoise
-    walls : (D + 2,) float64, source, metres, and admittance of the walls, real and imaginary part
-    width : float, rad/m, half the width of a resonance, of the diffuse model
-    cost : in phase "exact" the squared residuals over the noise; before, -log likelihood
+    `cost`: in phase "exact" the squared residuals over the noise; before, -log likelihood.
     """
 
     solver: ClassVar[str] = "room"
@@ -165,8 +134,8 @@ class State(RunState):
     phase: Phase
     attempts: Restarts
     noise: MeasurementNoise
-    walls: np.ndarray
-    width: float
+    walls: np.ndarray  # (D + 2,) float64, source, metres, and admittance of the walls, real and imaginary part
+    width: float  # rad/m, half the width of a resonance, of the diffuse model
 
     @property
     def size(self) -> tuple[float, ...]:
@@ -183,18 +152,9 @@ class State(RunState):
 def init(problem: Problem, settings: SolverSettings, seed: int, positions: np.ndarray | None = None) -> State:
     """Return the first state: the microphones in the middle of the room, and phase "search" next.
 
-    Parameters
-    ----------
-    problem : Problem
-    settings : SolverSettings, with the size of the room
-    seed : int, not used
-    positions : (N, D) float64, metres, optional
-        Start with phase "diffuse" at these positions.
-
-    Raises
-    ------
-    InputError
-        For a room that is impossible or does not fit the measurement, and for too few modes.
+    `settings`: with the size of the room; `seed`: not used; `positions` (N, D) float64, metres, start with phase
+    "diffuse" at these positions. Raises InputError for a room that is impossible or does not fit the measurement, and
+    for too few modes.
     """
     size = _require_room(problem, settings)
     N, D = problem.pressures.shape[1], len(size)
@@ -365,10 +325,7 @@ def _finished(problem: Problem, state: State, best: LocalOptimum, left: float) -
 def use_modes(problem: Problem, state: State, first: int, last: int, automatic: bool) -> State:
     """Return `state` with modes `first` to `last` in use, counted from 1; the solver continues from its positions.
 
-    Raises
-    ------
-    InputError
-        For modes that are not there, or too few.
+    Raises InputError for modes that are not there, or too few.
     """
     require_range(problem, first, last)
     N, D = state.positions.shape
@@ -382,23 +339,8 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
 def landscape(problem: Problem, state: State, n: int, modes: slice, domain: Search | None = None) -> np.ndarray:
     """Return the cost of microphone `n` over the search lattice, the others held, mode by mode.
 
-    Parameters
-    ----------
-    problem : Problem
-    state : State
-    n : int, microphone
-    modes : slice
-    domain : Search, optional
-        Another lattice; that of the problem unless given.
-
-    Returns
-    -------
-    (modes, ny, nx) float64, dimensionless, not negative
-
-    Raises
-    ------
-    InputError
-        Without a search domain.
+    `n`: microphone; `modes`: slice; `domain`: another lattice; that of the problem unless given. Returns (modes, ny,
+    nx) float64, dimensionless, not negative. Raises InputError: without a search domain.
     """
     points = require_search(problem, domain).layer(*state.positions[n, 2:])
     p, noise, k = scaled(problem, state, modes)

@@ -25,17 +25,11 @@ Command = Literal["toggle", "reset", "stop", "release", "adopt"]
 
 @dataclass(frozen=True)
 class PausedComparison:
-    """A comparison that no page shows, and what belongs to it.
-
-    Attributes
-    ----------
-    setup : ComparisonSetup
-    comparison : Comparison
-    points : of the curves of each run, by step: mean error, mm, and cost, dB
-    """
+    """A comparison that no page shows, and what belongs to it."""
 
     setup: ComparisonSetup | None
     comparison: Comparison
+    # of the curves of each run, by step: mean error, mm, and cost, dB
     points: dict[str, dict[int, tuple[float, float]]]
 
 
@@ -45,9 +39,7 @@ class ComparisonWorker:
     `error` says why the comparison could not start, "" where it could. `summaries` is a new tuple whenever something
     has changed. `released` is the comparison that the worker has let go, or None.
 
-    Parameters
-    ----------
-    run : PreparedRun, whose problem and settings the comparison takes
+    `run`: whose problem and settings the comparison takes.
     """
 
     def __init__(self, run: PreparedRun):

@@ -14,49 +14,29 @@ MAX_POINTS = 60  # of the curves of one run
 
 @dataclass(frozen=True)
 class ComparisonSetup:
-    """Which solvers are compared, and from where they start.
+    """Which solvers are compared, and from where they start."""
 
-    Attributes
-    ----------
-    names : of the solvers
-    start : of the positions, as in scene.Solver
-    seed : int, of the random start
-    """
-
-    names: tuple[str, ...]
-    start: str
-    seed: int
+    names: tuple[str, ...]  # of the solvers
+    start: str  # of the positions, as in scene.Solver
+    seed: int  # of the random start
 
 
 @dataclass(frozen=True)
 class RunSummary:
-    """One run of a comparison, as it is shown.
+    """One run of a comparison, as it is shown."""
 
-    Attributes
-    ----------
-    name : of the solver
-    positions : (N, D) float64, metres
-    status : "running", "converged", ...
-    step : int
-    seconds : processor time since the start, s
-    mean_error, largest_error : of the positions sought, mm; None where the true positions are unknown
-    times : (P,) float64, s, of the points of the curves
-    mean_errors : (P,) float64, mm, or None
-    costs : (P,) float64, dB, of `fdcal.cost.reference_cost`
-    cost : dB, of the positions themselves; None until it is computed
-    """
-
-    name: str
-    positions: np.ndarray
-    status: str
+    name: str  # of the solver
+    positions: np.ndarray  # (N, D) float64, metres
+    status: str  # "running", "converged", ...
     step: int
-    seconds: float
+    seconds: float  # processor time since the start, s
+    # mean_error, largest_error: of the positions sought, mm; None where the true positions are unknown
     mean_error: float | None
     largest_error: float | None
-    times: np.ndarray
-    mean_errors: np.ndarray | None
-    costs: np.ndarray
-    cost: float | None = None
+    times: np.ndarray  # (P,) float64, s, of the points of the curves
+    mean_errors: np.ndarray | None  # (P,) float64, mm, or None
+    costs: np.ndarray  # (P,) float64, dB, of `fdcal.cost.reference_cost`
+    cost: float | None = None  # dB, of the positions themselves; None until it is computed
 
 
 def status_word(state: RunState, running: bool) -> str:

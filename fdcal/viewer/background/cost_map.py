@@ -22,30 +22,17 @@ from .prepare import PreparedRun
 
 @dataclass(frozen=True)
 class CostMap:
-    """A finished map: the floor or the volume, the costs it shows, and the figures of its caption.
-
-    Attributes
-    ----------
-    request : CostMapRequest
-    floor : Floor, or None of a volume
-    panels : ModePanels of some of the single modes and of the sum, which the floor shows; or None
-    minima : int, local minima in the map
-    cost_here : cost at the estimated position of the microphone
-    lowest : lowest cost of the map
-    fine : whether its lattice is finer than the solver's
-    volume : Volume, or None of a map on the floor
-    note : on the basins of attraction, in words; "" of other maps
-    """
+    """A finished map: the floor or the volume, the costs it shows, and the figures of its caption."""
 
     request: CostMapRequest
-    floor: Floor | None
-    panels: ModePanels | None
-    minima: int
-    cost_here: float
-    lowest: float
-    fine: bool = False
-    volume: Volume | None = None
-    note: str = ""
+    floor: Floor | None  # or None of a volume
+    panels: ModePanels | None  # ModePanels of some of the single modes and of the sum, which the floor shows; or None
+    minima: int  # local minima in the map
+    cost_here: float  # cost at the estimated position of the microphone
+    lowest: float  # lowest cost of the map
+    fine: bool = False  # whether its lattice is finer than the solver's
+    volume: Volume | None = None  # or None of a map on the floor
+    note: str = ""  # on the basins of attraction, in words; "" of other maps
 
     @property
     def areas(self) -> tuple[Area, ...]:
@@ -68,14 +55,8 @@ def cost_map(
 ) -> CostMap:
     """Return a finished map on the floor.
 
-    Parameters
-    ----------
-    run : PreparedRun
-    request : what the map is of, and how it is drawn
-    total : (ny, nx) float64, the cost
-    search : lattice of `total`
-    minima : (K, 2) int64, rows and columns of the local minima
-    panels : maps of single modes, or None
+    `request`: what the map is of, and how it is drawn; `total` (ny, nx) float64, the cost; `search`: lattice of
+    `total`; `minima` (K, 2) int64, rows and columns of the local minima; `panels`: maps of single modes, or None.
     """
     style, n = request.style, request.microphone
     here = interpolate(total, search, request.state.positions[n])
@@ -100,10 +81,7 @@ def basins_floor(
 ) -> tuple[Floor, str]:
     """Return the basins of attraction of a cost (ny, nx), and a sentence on them.
 
-    Parameters
-    ----------
-    run, request, search : as of `cost_map`
-    height : of the map, metres
+    `run`, `request`, `search`: as of `cost_map`; `height`: of the map, metres.
     """
     basins, (place, name) = basins_of(total), place_of_basin(run, request)
     lowest = map_positions(np.array([np.unravel_index(total.argmin(), total.shape)]), search)[0]

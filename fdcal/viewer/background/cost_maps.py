@@ -31,10 +31,7 @@ IDLE_TIME = 0.35  # s without a change before a finer map is requested
 class CostMapWorker:
     """Requests maps and returns the newest that fits; all on the caller's thread except `_compute`, `_compute_fine`.
 
-    Parameters
-    ----------
-    run : PreparedRun
-    notify : called when there is a new map
+    `notify`: called when there is a new map.
     """
 
     def __init__(self, run: PreparedRun, notify: Callable[[], None] = lambda: None):
@@ -48,15 +45,8 @@ class CostMapWorker:
     def newest(self, wanted: CostMapRequest, running: bool, now: float) -> tuple[CostMap | None, str]:
         """Return the map to show; request `wanted` where it is not there yet.
 
-        Parameters
-        ----------
-        wanted : what belongs to the state on the screen
-        running : whether the solver runs
-        now : time, s
-
-        Returns
-        -------
-        CostMap or None, and the error that keeps it from being computed, "" without one
+        `wanted`: what belongs to the state on the screen; `running`: whether the solver runs; `now`: time, s. Returns
+        and the error that keeps it from being computed, "" without one.
         """
         wanted = self._request(wanted, running, now)
         fine, latest = self._fine_worker.latest, self.worker.latest

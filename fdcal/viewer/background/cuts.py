@@ -22,45 +22,26 @@ NEAR = 0.05  # of the length of the line: a position further from it has no mark
 
 @dataclass(frozen=True)
 class CutRequest:
-    """A cut to be computed.
+    """A cut to be computed."""
 
-    Attributes
-    ----------
-    revision : int, counts the states on the screen
-    microphone : int, counted from 0
-    modes : counted from 1
-    order_offset : added to ceil(k R) in the order of every mode
-    line : its ends, metres
-    state : of the solver
-    """
-
-    revision: int
-    microphone: int
-    modes: tuple[int, ...]
-    order_offset: int
-    line: Line
-    state: RunState = field(compare=False)
+    revision: int  # counts the states on the screen
+    microphone: int  # counted from 0
+    modes: tuple[int, ...]  # counted from 1
+    order_offset: int  # added to ceil(k R) in the order of every mode
+    line: Line  # its ends, metres
+    state: RunState = field(compare=False)  # of the solver
 
 
 @dataclass(frozen=True)
 class Cut:
-    """The cost along a line.
-
-    Attributes
-    ----------
-    request : CutRequest
-    distance : (S,) float64, metres from the first end
-    modes : those drawn one by one, counted from 1
-    single : (K, S) float64, dB re the power of all modes of the request
-    total : (S,) float64, likewise, of their sum
-    estimate, truth : distance of the foot of a position on the line, metres; None where it is not near
-    """
+    """The cost along a line."""
 
     request: CutRequest
-    distance: np.ndarray
-    modes: tuple[int, ...]
-    single: np.ndarray
-    total: np.ndarray
+    distance: np.ndarray  # (S,) float64, metres from the first end
+    modes: tuple[int, ...]  # those drawn one by one, counted from 1
+    single: np.ndarray  # (K, S) float64, dB re the power of all modes of the request
+    total: np.ndarray  # (S,) float64, likewise, of their sum
+    # estimate, truth: distance of the foot of a position on the line, metres; None where it is not near
     estimate: float | None
     truth: float | None
 
@@ -68,10 +49,7 @@ class Cut:
 class CutWorker:
     """Requests cuts and returns the newest; all of it on the caller's thread except `_compute`.
 
-    Parameters
-    ----------
-    run : PreparedRun
-    notify : called when there is a new cut
+    `notify`: called when there is a new cut.
     """
 
     def __init__(self, run: PreparedRun, notify: Callable[[], None] = lambda: None):
@@ -117,10 +95,7 @@ def _decibels(cost: np.ndarray) -> np.ndarray:
 def foot(place, ends: np.ndarray) -> float | None:
     """Return how far along a line the foot of a position lies, metres; None where the position is not near the line.
 
-    Parameters
-    ----------
-    place : (2,) float64, metres
-    ends : (2, 2) float64, metres
+    `place` (2,) float64, metres; `ends` (2, 2) float64, metres.
     """
     along = ends[1] - ends[0]
     length = float(np.linalg.norm(along))

@@ -122,20 +122,12 @@ def _session(snapshot: ViewSnapshot) -> bytes:
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of file.
+    """A kind of file."""
 
-    Attributes
-    ----------
-    ending : of the file's name
-    description : in a sentence
-    make : returns the content of the file
-    slow : whether that takes seconds
-    """
-
-    ending: str
-    description: str
-    make: Callable[[ViewSnapshot], bytes]
-    slow: bool = False
+    ending: str  # of the file's name
+    description: str  # in a sentence
+    make: Callable[[ViewSnapshot], bytes]  # returns the content of the file
+    slow: bool = False  # whether that takes seconds
 
 
 KINDS = {

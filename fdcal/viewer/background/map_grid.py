@@ -16,12 +16,7 @@ PAUSES = 10  # by how much longer that is than an image takes: the map on the fl
 
 
 class MapGridWorker:
-    """Requests images and returns the newest; all of it on the caller's thread except `_draw`.
-
-    Parameters
-    ----------
-    run : PreparedRun
-    """
+    """Requests images and returns the newest; all of it on the caller's thread except `_draw`."""
 
     def __init__(self, run: PreparedRun):
         self._run, self._since = run, -1e9
@@ -31,14 +26,8 @@ class MapGridWorker:
     def of(self, drawn: CostMap | None, now: float) -> np.ndarray | None:
         """Return the newest image, perhaps of a map before `drawn`.
 
-        Parameters
-        ----------
-        drawn : the map on the floor, or None
-        now : time, s
-
-        Returns
-        -------
-        (H, W, 3) uint8, or None where there are no maps of single modes
+        `drawn`: the map on the floor, or None; `now`: time, s. Returns (H, W, 3) uint8, or None where there are no maps
+        of single modes.
         """
         if drawn is None or drawn.panels is None:
             self._requested = None

@@ -23,20 +23,12 @@ MAX_PANELS = 9  # maps of single modes that are drawn one by one
 
 @dataclass(frozen=True)
 class ModePanels:
-    """Maps of single modes, on the lattice of the map on the floor.
+    """Maps of single modes, on the lattice of the map on the floor."""
 
-    Attributes
-    ----------
-    modes : (K,) int, counted from 1
-    maps : (K, ny, nx) float64
-    total : (ny, nx) float64, the sum over all modes of the request
-    search : Search, the lattice
-    """
-
-    modes: tuple[int, ...]
-    maps: np.ndarray
-    total: np.ndarray
-    search: Search
+    modes: tuple[int, ...]  # (K,) int, counted from 1
+    maps: np.ndarray  # (K, ny, nx) float64
+    total: np.ndarray  # (ny, nx) float64, the sum over all modes of the request
+    search: Search  # the lattice
 
 
 def map_label(run: PreparedRun, request: CostMapRequest) -> str:
@@ -82,13 +74,9 @@ def map_modes(
 ) -> tuple[int, ...]:
     """Return the modes of a map, counted from 1.
 
-    Parameters
-    ----------
-    run : PreparedRun
-    state : of the solver
-    chosen : by the user; None for the modes in use, of Eq. 7 those that the microphones can carry, if there are any
-    order_offset : of the map of Eq. 7; None for what the solver minimises
-    take : whose rows alone are shown, the lowest where none of its rows is chosen; None for those of all takes
+    `state`: of the solver; `chosen`: by the user; None for the modes in use, of Eq. 7 those that the microphones can
+    carry, if there are any; `order_offset`: of the map of Eq. 7; None for what the solver minimises; `take`: whose rows
+    alone are shown, the lowest where none of its rows is chosen; None for those of all takes.
     """
     if chosen is not None:
         return of_take(run, chosen, take)
@@ -126,17 +114,8 @@ def fine_panels(
 ) -> ModePanels | None:
     """Return the maps of a request on a lattice as fine as the screen, computed mode by mode; None once cancelled.
 
-    Parameters
-    ----------
-    run : PreparedRun
-    request : CostMapRequest
-    cancelled : tells whether the maps are no longer wanted
-    most : maps of single modes that are kept
-
-    Raises
-    ------
-    InputError
-        There is no search domain, or a mode cannot be shown at the order of the request.
+    `cancelled`: tells whether the maps are no longer wanted; `most`: maps of single modes that are kept. Raises
+    InputError: there is no search domain, or a mode cannot be shown at the order of the request.
     """
     problem, modes, offset = run.problem, request.modes, request.order_offset
     if problem.search is None:

@@ -11,66 +11,36 @@ from ...solvers.interface import RunState
 
 @dataclass(frozen=True)
 class MapStyle:
-    """How a map is drawn.
+    """How a map is drawn."""
 
-    Attributes
-    ----------
-    log : whether its scale is logarithmic
-    opacity : 0 to 1
-    relief : whether its heights rise with its colours
-    relief_height : of the highest cost, of the longer side of the search domain
-    shared : one scale for all the maps side by side
-    dark : whether the page is
-    minima : whether its local minima are marked and counted
-    shape : the sound field of the last of the modes instead of a cost
-    volume : the cost in space instead of on the floor
-    basins : the basins of attraction instead of the cost
-    slice_axis : "x", "y" or "z", across the slice through the volume; "none" for no slice
-    slice_position : of the slice along that axis, metres; None for the estimate of the microphone
-    """
-
-    log: bool = True
-    opacity: float = 1.0
-    relief: bool = False
-    relief_height: float = 0.3
-    shared: bool = False
-    dark: bool = False
-    shape: bool = False
-    minima: bool = True
-    volume: bool = False
-    basins: bool = False
-    slice_axis: str = "z"
-    slice_position: float | None = None
+    log: bool = True  # whether its scale is logarithmic
+    opacity: float = 1.0  # 0 to 1
+    relief: bool = False  # whether its heights rise with its colours
+    relief_height: float = 0.3  # of the highest cost, of the longer side of the search domain
+    shared: bool = False  # one scale for all the maps side by side
+    dark: bool = False  # whether the page is
+    shape: bool = False  # the sound field of the last of the modes instead of a cost
+    minima: bool = True  # whether its local minima are marked and counted
+    volume: bool = False  # the cost in space instead of on the floor
+    basins: bool = False  # the basins of attraction instead of the cost
+    slice_axis: str = "z"  # "x", "y" or "z", across the slice through the volume; "none" for no slice
+    slice_position: float | None = None  # of the slice along that axis, metres; None for the estimate of the microphone
 
 
 @dataclass(frozen=True)
 class CostMapRequest:
-    """A map to be computed.
+    """A map to be computed."""
 
-    Attributes
-    ----------
-    revision : int, counts the states on the screen, which have no cheap equality of their own
-    microphone : int, counted from 0
-    modes : counted from 1
-    order_offset : of the map of Eq. 7; None for what the solver minimises
-    custom_modes : whether the user has chosen the modes; otherwise they are those in use
-    style : MapStyle
-    follow : whether any microphone will do, as long as the solver has moved it lately
-    state : of the solver
-    lineage : of the history that the state belongs to
-    take : whose rows the map is of; None for those of all takes
-    """
-
-    revision: int
-    microphone: int
-    modes: tuple[int, ...]
-    order_offset: int | None
-    custom_modes: bool
+    revision: int  # counts the states on the screen, which have no cheap equality of their own
+    microphone: int  # counted from 0
+    modes: tuple[int, ...]  # counted from 1
+    order_offset: int | None  # of the map of Eq. 7; None for what the solver minimises
+    custom_modes: bool  # whether the user has chosen the modes; otherwise they are those in use
     style: MapStyle
-    follow: bool = field(compare=False)
-    state: RunState = field(compare=False)
-    lineage: object = field(compare=False)
-    take: int | None = None
+    follow: bool = field(compare=False)  # whether any microphone will do, as long as the solver has moved it lately
+    state: RunState = field(compare=False)  # of the solver
+    lineage: object = field(compare=False)  # of the history that the state belongs to
+    take: int | None = None  # whose rows the map is of; None for those of all takes
 
     def stands_for(self, wanted: CostMapRequest, running: bool) -> bool:
         """Whether this map may be shown in place of `wanted`: while running, the map of an older state may."""

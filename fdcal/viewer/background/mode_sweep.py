@@ -27,50 +27,28 @@ NO_IMAGE = np.zeros((1, 1, 3), np.uint8)
 
 @dataclass(frozen=True)
 class SweepRequest:
-    """A sweep to be computed.
+    """A sweep to be computed."""
 
-    Attributes
-    ----------
-    revision : int, counts the states on the screen
-    microphone : int, counted from 0
-    modes : those that can be summed, ascending, counted from 1
-    highest : the highest mode of the sum; None for the mode whose own map has most local minima
-    descending : whether the highest mode comes first
-    order_offset : of the maps; None for what the solver minimises
-    log : whether the scale is logarithmic
-    basins : whether the maps show basins of attraction
-    few : whether sums are left out, the more the more modes they have
-    state : of the solver
-    """
-
-    revision: int
-    microphone: int
-    modes: tuple[int, ...]
-    highest: int | None
-    descending: bool
-    order_offset: int | None
-    log: bool
-    basins: bool
-    few: bool
-    state: RunState = field(compare=False)
+    revision: int  # counts the states on the screen
+    microphone: int  # counted from 0
+    modes: tuple[int, ...]  # those that can be summed, ascending, counted from 1
+    highest: int | None  # the highest mode of the sum; None for the mode whose own map has most local minima
+    descending: bool  # whether the highest mode comes first
+    order_offset: int | None  # of the maps; None for what the solver minimises
+    log: bool  # whether the scale is logarithmic
+    basins: bool  # whether the maps show basins of attraction
+    few: bool  # whether sums are left out, the more the more modes they have
+    state: RunState = field(compare=False)  # of the solver
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """A sweep, which may still grow.
-
-    Attributes
-    ----------
-    request : SweepRequest
-    modes : in the order in which they are added, counted from 1
-    stops : how many of them each map is the sum of
-    frames : the maps; a list that is only appended to
-    """
+    """A sweep, which may still grow."""
 
     request: SweepRequest
-    modes: tuple[int, ...]
-    stops: tuple[int, ...]
-    frames: list[SweepFrame] = field(default_factory=list)
+    modes: tuple[int, ...]  # in the order in which they are added, counted from 1
+    stops: tuple[int, ...]  # how many of them each map is the sum of
+    frames: list[SweepFrame] = field(default_factory=list)  # the maps; a list that is only appended to
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -89,18 +67,11 @@ class Sweep:
 
 @dataclass(frozen=True)
 class SweepFrame:
-    """One map of a sweep.
-
-    Attributes
-    ----------
-    map : CostMap
-    floor : of the map, without its image
-    numbers : (ny, nx) uint8, the image: numbers of colours
-    """
+    """One map of a sweep."""
 
     map: CostMap
-    floor: Floor
-    numbers: np.ndarray
+    floor: Floor  # of the map, without its image
+    numbers: np.ndarray  # (ny, nx) uint8, the image: numbers of colours
 
 
 def stops_of(count: int, most: int) -> tuple[int, ...]:
@@ -118,10 +89,7 @@ def first_of(sequence: tuple[int, ...], modes: tuple[int, ...]) -> int:
 class SweepWorker:
     """Computes the maps of one sweep at a time; all of it on the caller's thread except `_compute`.
 
-    Parameters
-    ----------
-    run : PreparedRun
-    notify : called when a sweep is complete
+    `notify`: called when a sweep is complete.
     """
 
     def __init__(self, run: PreparedRun, notify: Callable[[], None] = lambda: None):

@@ -25,22 +25,14 @@ DETERMINED = "pressures and given positions determine all directions"
 
 @dataclass(frozen=True)
 class PlannedArray:
-    """What is to be expected of an array before anything is measured.
+    """What is to be expected of an array before anything is measured."""
 
-    Attributes
-    ----------
-    choices : PlanChoices, for which it was computed
-    axes : (N, D, D) float64, metres, half axes of the 95 % ellipses in rows, the longest last; empty after an error
-    lines : the summary in words
-    most : number of frequencies that the array can use
-    error : why there is no bound, "" if there is
-    """
-
-    choices: PlanChoices
+    choices: PlanChoices  # for which it was computed
+    # (N, D, D) float64, metres, half axes of the 95 % ellipses in rows, the longest last; empty after an error
     axes: np.ndarray
-    lines: tuple[str, ...] = ()
-    most: int = 0
-    error: str = ""
+    lines: tuple[str, ...] = ()  # the summary in words
+    most: int = 0  # number of frequencies that the array can use
+    error: str = ""  # why there is no bound, "" if there is
 
 
 def can_plan(run: PreparedRun) -> bool:
@@ -51,10 +43,7 @@ def can_plan(run: PreparedRun) -> bool:
 def plan_request(run: PreparedRun, choices: PlanChoices) -> PlanRequest:
     """Return what the tab asks for.
 
-    Raises
-    ------
-    InputError
-        No calibration is possible under these circumstances.
+    Raises InputError: no calibration is possible under these circumstances.
     """
     measurement = run.measurement
     layout = Layout(run.scene.name, measurement.names, choices.placed(measurement.positions), run.known_scene)
@@ -93,12 +82,7 @@ def planned_array(run: PreparedRun, choices: PlanChoices) -> PlannedArray:
 
 
 class PlanWorker:
-    """Requests the bound of what the tab Plan shows, and returns the newest one.
-
-    Parameters
-    ----------
-    run : PreparedRun
-    """
+    """Requests the bound of what the tab Plan shows, and returns the newest one."""
 
     def __init__(self, run: PreparedRun):
         self._possible, self._requested = can_plan(run), PlanChoices()

@@ -29,28 +29,16 @@ class Cancelled(Exception):
 
 @dataclass(frozen=True)
 class PreparedRun:
-    """What a page shows: a scene, its measurement, and the session that calibrates it.
+    """What a page shows: a scene, its measurement, and the session that calibrates it."""
 
-    Attributes
-    ----------
-    scene : Scene; for a measurement from a file one that stands in for its unknown room
-    measurement : Measurement, as it is drawn and scored
-    problem : Problem, as the solver receives it
-    solver : Solver
-    session : Session, whose states have the settings of `scene` with a number of modes
-    opening : the request that the run was prepared for
-    reference_cost : ReferenceCost, the cost of any positions, or None where there is none
-    warmup : what is still being compiled beside the page, or None
-    """
-
-    scene: Scene
-    measurement: Measurement
-    problem: Problem
+    scene: Scene  # Scene; for a measurement from a file one that stands in for its unknown room
+    measurement: Measurement  # as it is drawn and scored
+    problem: Problem  # as the solver receives it
     solver: Solver
-    session: Session
-    opening: OpenRequest
-    reference_cost: ReferenceCost | None = None
-    warmup: Warmup | None = None
+    session: Session  # whose states have the settings of `scene` with a number of modes
+    opening: OpenRequest  # the request that the run was prepared for
+    reference_cost: ReferenceCost | None = None  # the cost of any positions, or None where there is none
+    warmup: Warmup | None = None  # what is still being compiled beside the page, or None
 
     def close(self, timeout: float) -> None:
         """End the threads of a run that is not shown; wait `timeout` at most, s."""
@@ -73,13 +61,7 @@ class PreparedRun:
 class PreparationProgress:
     """Progress of the preparation: written by its thread, read by the main one. Setting `stop` cancels it.
 
-    Attributes
-    ----------
-    task : str, what is in progress
-    done : float, 0 to 1, of the task
-    stop : bool
-    warmup : Warmup or None
-    measurement : Measurement, or None until there is one
+    `task`: what is in progress; `done`: 0 to 1, of the task; `measurement`: or None until there is one.
     """
 
     def __init__(self):
@@ -108,17 +90,8 @@ class PreparationProgress:
 def prepare_run(opening: OpenRequest, progress: PreparationProgress) -> PreparedRun:
     """Simulate or take the measurement, pose the problem and start a session.
 
-    Parameters
-    ----------
-    opening : what is to be shown
-    progress : kept up to date; its `stop` cancels the preparation
-
-    Raises
-    ------
-    InputError
-        The scene, the measurement or the states cannot be used.
-    Cancelled
-        `progress.stop` has been set.
+    `opening`: what is to be shown; `progress`: kept up to date; its `stop` cancels the preparation. Raises InputError:
+    the scene, the measurement or the states cannot be used; Cancelled: `progress.stop` has been set.
     """
     warmup = progress.warmup = Warmup(opening.scene)
     try:

@@ -13,21 +13,14 @@ from ...session.calibrate import Assessment
 
 @dataclass(frozen=True)
 class PositionUncertainty:
-    """Uncertainty of N positions.
+    """Uncertainty of N positions."""
 
-    Attributes
-    ----------
-    axes : (N, D, D) float64, metres, half axes of the 95 % ellipses in rows, the longest last
-    sigma : (N,) float64, metres, one standard deviation
-    verdict, text : the verdict and its message
-    channels : Channels, of a solver that finds the gains of the channels, or None
-    """
-
-    axes: np.ndarray
-    sigma: np.ndarray
+    axes: np.ndarray  # (N, D, D) float64, metres, half axes of the 95 % ellipses in rows, the longest last
+    sigma: np.ndarray  # (N,) float64, metres, one standard deviation
+    # verdict, text: the verdict and its message
     verdict: str = ""
     text: str = ""
-    channels: Channels | None = None
+    channels: Channels | None = None  # of a solver that finds the gains of the channels, or None
 
 
 def uncertainty_of(found: Assessment | None) -> PositionUncertainty | None:
@@ -35,9 +28,7 @@ def uncertainty_of(found: Assessment | None) -> PositionUncertainty | None:
 
     In a known room each position has images; their ellipses are not drawn.
 
-    Parameters
-    ----------
-    found : Assessment of the state on the screen, or None
+    `found`: Assessment of the state on the screen, or None.
     """
     if found is None or found.room is not None or not np.isfinite(found.covariance).all():
         return None

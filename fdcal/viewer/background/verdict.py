@@ -24,10 +24,7 @@ IDLE_TIME = 0.3  # s without a change before the verdict is computed
 class VerdictWorker:
     """Requests verdicts and returns the one on the state on the screen.
 
-    Parameters
-    ----------
-    run : PreparedRun
-    notify : called when there is a verdict
+    `notify`: called when there is a verdict.
     """
 
     def __init__(self, run: PreparedRun, notify: Callable[[], None] = lambda: None):
@@ -38,11 +35,7 @@ class VerdictWorker:
     def of(self, state: RunState, running: bool, now: float) -> Assessment | None:
         """Return the assessment of `state`, None while there is none.
 
-        Parameters
-        ----------
-        state : of the solver
-        running : whether the solver runs
-        now : time, s
+        `state`: of the solver; `running`: whether the solver runs; `now`: time, s.
         """
         if state is not self._state:
             self._state, self._since = state, now
@@ -56,10 +49,7 @@ class VerdictWorker:
     def sought(self, view: SessionView, found: Assessment | None) -> np.ndarray:
         """Return the microphones whose errors count; once the verdict on a run names odd channels, without these.
 
-        Parameters
-        ----------
-        view : SessionView
-        found : the assessment of its state, or None
+        `found`: the assessment of its state, or None.
         """
         if found is not None or view.history.lineage is not self._lineage:
             self._lineage = view.history.lineage

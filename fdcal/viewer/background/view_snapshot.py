@@ -19,28 +19,16 @@ from .prepare import PreparedRun
 
 @dataclass(frozen=True)
 class ViewSnapshot:
-    """What is on the screen at one moment.
-
-    Attributes
-    ----------
-    run : PreparedRun
-    picture : Picture, as drawn
-    view : SessionView, whose state the picture shows
-    choices : Choices
-    microphone : int, the selected one, counted from 0
-    sigma : (N,) float64, metres, one standard deviation of each position, or None
-    volume : the cost in space that the picture shows, or None
-    sought : numbers of the microphones whose errors count; those of the run unless given
-    """
+    """What is on the screen at one moment."""
 
     run: PreparedRun
-    picture: Picture
-    view: SessionView
+    picture: Picture  # as drawn
+    view: SessionView  # whose state the picture shows
     choices: Choices
-    microphone: int
-    sigma: np.ndarray | None
-    volume: Volume | None = None
-    sought: np.ndarray | None = None
+    microphone: int  # the selected one, counted from 0
+    sigma: np.ndarray | None  # (N,) float64, metres, one standard deviation of each position, or None
+    volume: Volume | None = None  # the cost in space that the picture shows, or None
+    sought: np.ndarray | None = None  # numbers of the microphones whose errors count; those of the run unless given
 
     @property
     def counted(self) -> np.ndarray:

@@ -28,12 +28,7 @@ COARSE_PIXELS = 80  # of a slice, along its longer edge
 
 
 class VolumeMaps:
-    """Computes volumes on the threads of the maps, and keeps the last of each.
-
-    Parameters
-    ----------
-    run : PreparedRun
-    """
+    """Computes volumes on the threads of the maps, and keeps the last of each."""
 
     def __init__(self, run: PreparedRun):
         self._run = run

@@ -16,13 +16,7 @@ COMPILE_TIME = 1.0  # s; a piece that takes longer is compiled, a faster one is 
 class Warmup:
     """Starts at once; `close` ends it after the piece in progress.
 
-    Parameters
-    ----------
-    scene : whose solver decides what is compiled
-
-    Attributes
-    ----------
-    stop : bool, whether no other piece is begun
+    `scene`: whose solver decides what is compiled. `stop`: whether no other piece is begun.
     """
 
     def __init__(self, scene: Scene):

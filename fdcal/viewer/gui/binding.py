@@ -24,21 +24,11 @@ class Binding:
     The callbacks replace `choices` as a whole; the main loop reads it. An object that outlives the session asks the
     page for the present binding each time (`Page.binding`).
 
-    Parameters
-    ----------
-    gui : viser.GuiApi
-    run : PreparedRun
-    modes : int, number of modes that can be in use
-    open_other : function that opens another session in place of this one as soon as that is ready
-    before : Choices of the session that was shown before, or None
-    wake : function that makes the main loop update the page at once
-
-    Attributes
-    ----------
-    choices : Choices
-    row : what the page calls a row of the measurement: "mode", or "row" where there are several takes
-    sent : dict, what `send` has sent last, by its key
-    touches : int, how many times a user has changed or pressed anything
+    `modes`: number of modes that can be in use; `open_other`: function that opens another session in place of this one
+    as soon as that is ready; `before`: Choices of the session that was shown before, or None; `wake`: function that
+    makes the main loop update the page at once. `row`: what the page calls a row of the measurement: "mode", or "row"
+    where there are several takes; `sent`: what `send` has sent last, by its key; `touches`: how many times a user has
+    changed or pressed anything.
     """
 
     def __init__(

@@ -18,10 +18,7 @@ HEAD = ("mic", "gain<br>(dB)", "phase<br>(&deg;)", "noise<br>(dB)")
 def channel_table(measurement: Measurement, found: PositionUncertainty | None) -> str:
     """Return the verdict and a table of the channels; "" where there are none.
 
-    Parameters
-    ----------
-    measurement : Measurement
-    found : PositionUncertainty of the state, or None
+    `found`: PositionUncertainty of the state, or None.
     """
     if found is None or found.channels is None:
         return ""
@@ -52,9 +49,7 @@ def channel_table(measurement: Measurement, found: PositionUncertainty | None) -
 def given_table(found: PositionUncertainty | None) -> str:
     """Return a table of the given positions as corrected, the most corrected first; "" where there are none.
 
-    Parameters
-    ----------
-    found : PositionUncertainty of the state, or None
+    `found`: PositionUncertainty of the state, or None.
     """
     if found is None or found.channels is None or not found.channels.given:
         return ""

@@ -48,61 +48,35 @@ SWITCHES = (
 
 @dataclass(frozen=True)
 class Choices:
-    """What the controls of the page show, apart from what belongs to the session.
+    """What the controls of the page show, apart from what belongs to the session."""
 
-    Attributes
-    ----------
-    microphone : int, whose map is shown, counted from 0
-    follow : whether the map is that of the microphone which the last step moved
-    shown : whether a map is shown
-    modes : of the map, counted from 1; None for those that the solver uses
-    order_offset : of the map, added to ceil(k R) in the order of every mode; that of the cost in the status at first
-    objective : whether the map shows what the solver minimises, in place of Eq. 7
-    style : MapStyle
-    trails : whether the path of each estimate is drawn
-    ellipses : whether the error ellipses are drawn
-    ellipse_scale : by which the error ellipses are enlarged; 0 for the factor that makes them visible
-    lecture : whether the page is shown by a projector
-    release : whether known microphones can be dragged
-    modes_error : why the text in the field "Mode numbers" was refused, "" if it was not
-    export_kind : kind of file to save, a key of `exports.KINDS`
-    export_view : view of a picture to save, a value of VIEWS
-    export_size : of a picture to save, width and height in pixels
-    seed : of the solver's next start
-    rate : steps per second that the user has chosen; None before that
-    cut : the line along which the cost is drawn; None for no line
-    plan : PlanChoices
-    take : whose rows and spectrum are shown; None for those of all takes
-    """
-
-    microphone: int
-    follow: bool = True
-    shown: bool = True
-    modes: tuple[int, ...] | None = None
+    microphone: int  # whose map is shown, counted from 0
+    follow: bool = True  # whether the map is that of the microphone which the last step moved
+    shown: bool = True  # whether a map is shown
+    modes: tuple[int, ...] | None = None  # of the map, counted from 1; None for those that the solver uses
+    # of the map, added to ceil(k R) in the order of every mode; that of the cost in the status at first
     order_offset: int = ORDER_OFFSET
-    objective: bool = False
+    objective: bool = False  # whether the map shows what the solver minimises, in place of Eq. 7
     style: MapStyle = field(default_factory=MapStyle)
-    trails: bool = False
-    ellipses: bool = False
-    ellipse_scale: int = 0
-    lecture: bool = False
-    release: bool = False
-    modes_error: str = ""
-    export_kind: str = PICTURE
-    export_view: str = "top"
-    export_size: tuple[int, int] = (1280, 800)
-    seed: int = 0
-    rate: int | None = None
-    cut: Line | None = None
+    trails: bool = False  # whether the path of each estimate is drawn
+    ellipses: bool = False  # whether the error ellipses are drawn
+    ellipse_scale: int = 0  # by which the error ellipses are enlarged; 0 for the factor that makes them visible
+    lecture: bool = False  # whether the page is shown by a projector
+    release: bool = False  # whether known microphones can be dragged
+    modes_error: str = ""  # why the text in the field "Mode numbers" was refused, "" if it was not
+    export_kind: str = PICTURE  # kind of file to save, a key of `exports.KINDS`
+    export_view: str = "top"  # view of a picture to save, a value of VIEWS
+    export_size: tuple[int, int] = (1280, 800)  # of a picture to save, width and height in pixels
+    seed: int = 0  # of the solver's next start
+    rate: int | None = None  # steps per second that the user has chosen; None before that
+    cut: Line | None = None  # the line along which the cost is drawn; None for no line
     plan: PlanChoices = field(default_factory=PlanChoices)
-    take: int | None = None
+    take: int | None = None  # whose rows and spectrum are shown; None for those of all takes
 
     def steps_per_second(self, moves_all: bool) -> int:
         """Return how many steps the solver takes per second, MAX_RATE for no limit.
 
-        Parameters
-        ----------
-        moves_all : whether a step of the solver moves all microphones, so that a run has few of them
+        `moves_all`: whether a step of the solver moves all microphones, so that a run has few of them.
         """
         return self.rate or (WATCHED_RATE if moves_all else MAX_RATE)
 
@@ -127,16 +101,8 @@ class Choices:
 def initial_choices(run: PreparedRun, modes: int, before: Choices | None) -> Choices:
     """Return the choices of a session that opens: those of its request, and the appearance of the page before.
 
-    Parameters
-    ----------
-    run : PreparedRun
-    modes : int, number of modes that can be in use
-    before : Choices of the session that was shown before, or None
-
-    Raises
-    ------
-    InputError
-        The request's `choices` hold an unknown key or value.
+    `modes`: number of modes that can be in use; `before`: Choices of the session that was shown before, or None. Raises
+    InputError: the request's `choices` hold an unknown key or value.
     """
     measurement = run.measurement
     free = [n for n in range(measurement.count) if n not in measurement.known]

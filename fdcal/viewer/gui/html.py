@@ -34,15 +34,8 @@ CONTROLS = {
 def error_message(error: Exception | None) -> str:
     """Return an exception as one line for the reader of the page.
 
-    Parameters
-    ----------
-    error : an InputError or OSError says itself what is wrong; any other exception is a fault of the program, for
-        which the line says where the log is. None gives ""
-
-    Returns
-    -------
-    str
-        Plain text, not escaped.
+    `error`: an InputError or OSError says itself what is wrong; any other exception is a fault of the program, for
+    which the line says where the log is. None gives "". Returns plain text, not escaped.
     """
     if error is None:
         return ""
@@ -132,19 +125,9 @@ def status(
 ) -> str:
     """Return the lines at the top of the main panel.
 
-    Parameters
-    ----------
-    view : SessionView
-    measurement : Measurement, with the true positions where they are known
-    fault : an exception of the page itself, as text
-    note : on work in the background
-    sought : numbers of the microphones whose errors count, all unless given
-    trusted : whether the verdict on the state is good
-
-    Returns
-    -------
-    str
-        HTML.
+    `measurement`: with the true positions where they are known; `fault`: an exception of the page itself, as text;
+    `note`: on work in the background; `sought`: numbers of the microphones whose errors count, all unless given;
+    `trusted`: whether the verdict on the state is good. Returns HTML.
     """
     state = view.state
     rows = {

@@ -30,13 +30,9 @@ LEFT = ("Curves", "Maps", "Sweep", "Modes", "Mics", "Race", "Plan")
 class Panels:
     """Owns the main panel on the right, the panel on the left, their tabs, and the panel on the canvas.
 
-    Attributes
-    ----------
-    gui : viser.GuiApi
-    top : folder above everything else, for messages about the page as a whole
-    run_bar : folder between `top` and the tabs
-    canvas : tab of the panel on the canvas, which has the colour bar and the legend
-    numbers : counts the sessions
+    `top`: folder above everything else, for messages about the page as a whole; `run_bar`: folder between `top` and the
+    tabs; `canvas`: tab of the panel on the canvas, which has the colour bar and the legend; `numbers`: counts the
+    sessions.
     """
 
     def __init__(self, gui: viser.GuiApi):
@@ -82,9 +78,7 @@ class Panels:
 class SessionFolders:
     """Folders in the tabs that hold the controls of one session, and are removed together.
 
-    Attributes
-    ----------
-    number : int, of the session, counted from 0
+    `number`: of the session, counted from 0.
     """
 
     def __init__(self, panels: Panels):

@@ -56,15 +56,8 @@ def _svg(mark: str) -> str:
 def spectrum_legend(curve: bool, inside: str, outside: str, limit: str, line: str) -> str:
     """Return the legend of the plot of the spectrum.
 
-    Parameters
-    ----------
-    curve : whether the plot has the curve of the spectrum
-    inside, outside, limit, line : CSS colours of modes in the map, of other modes, of f_max and of the curve
-
-    Returns
-    -------
-    str
-        HTML.
+    `curve`: whether the plot has the curve of the spectrum; `inside`, `outside`, `limit`, `line`: CSS colours of modes
+    in the map, of other modes, of f_max and of the curve. Returns HTML.
     """
     marks = {
         "in the map": f"<circle cx='9' cy='9' r='4' fill='{inside}'/>",
@@ -86,11 +79,7 @@ def _marks(marks: dict[str, str]) -> str:
 def colour_bar(bar: ColourBar | None, reason: str = "", beside: bool = False) -> str:
     """Return the scale of a map with ticks and unit, or the reason why there is no map.
 
-    Parameters
-    ----------
-    bar : ColourBar, or None
-    reason : why there is no map
-    beside : whether the label stands beside the scale, not below it
+    `bar`: or None; `reason`: why there is no map; `beside`: whether the label stands beside the scale, not below it.
     """
     if bar is None:
         return f"<div style='{CARD} opacity: 0.65'>{escape(reason[:MAX_ERROR_LENGTH]) or 'no map'}</div>"
@@ -119,11 +108,7 @@ def _css(colour) -> str:
 def canvas_legend(bar: ColourBar | None, entries: Iterable[Entry], lecture: bool = False) -> str:
     """Return what stands on the canvas: the colour bar of the map, if there is one, and the marks that are drawn.
 
-    Parameters
-    ----------
-    bar : ColourBar, or None
-    entries : of the legend
-    lecture : whether it stands beside the scene, in large type
+    `bar`: or None; `entries`: of the legend; `lecture`: whether it stands beside the scene, in large type.
     """
     scale = "" if bar is None else colour_bar(bar, beside=not lecture)
     kind = "fdcal-legend fdcal-lecture" if lecture else "fdcal-legend"

@@ -18,18 +18,9 @@ RACE_WAITS = 'Your session and its race wait, paused. "End lesson" brings them b
 def step_html(lesson: Lesson | None, number: int, choice: int, ready: bool = True, waits: str = "") -> str:
     """Return a step of a lesson, with the answer once one is chosen; before that, its choices are buttons.
 
-    Parameters
-    ----------
-    lesson : Lesson or None; without one, an introduction is returned
-    number : int, of the step, from 0
-    choice : int, the answer chosen, from 0; -1 before one is chosen
-    ready : bool, whether the page shows what the step asks about; the question is left out until then
-    waits : what waits for the end of the lesson, in words
-
-    Returns
-    -------
-    str
-        HTML.
+    `lesson`: Lesson or None; without one, an introduction is returned; `number`: of the step, from 0; `choice`: the
+    answer chosen, from 0; -1 before one is chosen; `ready`: whether the page shows what the step asks about; the
+    question is left out until then; `waits`: what waits for the end of the lesson, in words. Returns HTML.
     """
     if lesson is None:
         return f"<div style='{CARD}'>{INTRODUCTION}</div>"

@@ -33,16 +33,7 @@ def orders_text(run: PreparedRun, drawn: CostMap | None) -> str:
 def caption(drawn: CostMap | None, measurement: Measurement, orders: str = "") -> str:
     """Return what a map shows: its local minima, the cost at the estimated position, the lowest cost.
 
-    Parameters
-    ----------
-    drawn : CostMap or None
-    measurement : Measurement, whose modes or, of several takes, rows are summed
-    orders : of the modes, in words
-
-    Returns
-    -------
-    str
-        HTML.
+    `measurement`: whose modes or, of several takes, rows are summed; `orders`: of the modes, in words. Returns HTML.
     """
     if drawn is None:
         return ""

@@ -9,26 +9,15 @@ import numpy as np
 
 @dataclass(frozen=True)
 class PlanChoices:
-    """What the controls of the tab show.
+    """What the controls of the tab show."""
 
-    Attributes
-    ----------
-    shown : whether the scene shows the planned array in place of the estimates
-    snr_db : signal-to-noise ratio of each frequency, dB
-    frequencies : the lowest so many are in use; None for all that the array can interpolate
-    known : numbers of the microphones whose positions are given
-    gain_sigma_db : spread of the channels' gains, dB; 0 for equal channels
-    moved : number, x and y, metres, of each microphone that was dragged
-    takes : places of the source, recorded equally long from each
-    """
-
-    shown: bool = False
-    snr_db: float = 30.0
-    frequencies: int | None = None
-    known: tuple[int, ...] = ()
-    gain_sigma_db: float = 0.0
-    moved: tuple[tuple[int, float, float], ...] = ()
-    takes: int = 1
+    shown: bool = False  # whether the scene shows the planned array in place of the estimates
+    snr_db: float = 30.0  # signal-to-noise ratio of each frequency, dB
+    frequencies: int | None = None  # the lowest so many are in use; None for all that the array can interpolate
+    known: tuple[int, ...] = ()  # numbers of the microphones whose positions are given
+    gain_sigma_db: float = 0.0  # spread of the channels' gains, dB; 0 for equal channels
+    moved: tuple[tuple[int, float, float], ...] = ()  # number, x and y, metres, of each microphone that was dragged
+    takes: int = 1  # places of the source, recorded equally long from each
 
     def with_moved(self, microphone: int, place) -> PlanChoices:
         """Return the choices with a microphone at another place, (2,), metres."""

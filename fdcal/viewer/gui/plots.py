@@ -30,16 +30,9 @@ PADDING = (12, 22, 0, 0)  # pixels; on the right the last number extends half be
 class Plot:
     """Owns one plot.
 
-    Parameters
-    ----------
-    gui : viser.GuiApi
-    title : with the unit of the ordinate
-    series : of uPlot, the abscissa first
-    x : label of the abscissa, with its unit
-    scales : further scales of uPlot, by name
-    height : pixels
-    whole : whether the abscissa has ticks at whole numbers alone, at any zoom
-    legend : whether the plot has a legend below
+    `title`: with the unit of the ordinate; `series`: of uPlot, the abscissa first; `x`: label of the abscissa, with its
+    unit; `scales`: further scales of uPlot, by name; `height`: pixels; `whole`: whether the abscissa has ticks at whole
+    numbers alone, at any zoom; `legend`: whether the plot has a legend below.
     """
 
     def __init__(
@@ -87,12 +80,9 @@ class Plot:
     ) -> None:
         """Draw columns of finite numbers.
 
-        Parameters
-        ----------
-        data : abscissa and ordinates, (P,) float64 each
-        decades : powers of ten between the ends of a logarithmic axis; None for a linear axis with uPlot's own ends
-        title : a new title, or None to keep the present one
-        limits : ends of a linear axis; None for uPlot's own
+        `data`: abscissa and ordinates, (P,) float64 each; `decades`: powers of ten between the ends of a logarithmic
+        axis; None for a linear axis with uPlot's own ends; `title`: a new title, or None to keep the present one;
+        `limits`: ends of a linear axis; None for uPlot's own.
         """
         self._wanted = data, (title or self.title, decades, limits)
         if self.handle is None:
@@ -163,14 +153,7 @@ def decades_of(*curves: np.ndarray) -> range:
 
     uPlot's own grid has too many lines and numbers.
 
-    Parameters
-    ----------
-    curves : (P,) float64 each, above zero
-
-    Returns
-    -------
-    range
-        At least two powers.
+    `curves` (P,) float64 each, above zero. Returns range, at least two powers.
     """
     powers = np.log10(np.concatenate(curves))
     first, last = int(np.floor(powers.min() + 1e-9)), int(np.ceil(powers.max() - 1e-9))

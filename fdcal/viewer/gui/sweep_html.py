@@ -16,13 +16,8 @@ HIDDEN = -1e3  # local minima, where the curve has no point yet: below the plot
 def caption(measurement: Measurement, microphone: int, modes: tuple[int, ...], minima: int, layer: bool = False) -> str:
     """Return what a map of a sweep shows, as HTML.
 
-    Parameters
-    ----------
-    measurement : Measurement
-    microphone : counted from 0
-    modes : ascending, counted from 1
-    minima : number of local minima of the map
-    layer : whether the map is a layer of a domain in space
+    `microphone`: counted from 0; `modes`: ascending, counted from 1; `minima`: number of local minima of the map;
+    `layer`: whether the map is a layer of a domain in space.
     """
     found = "no local minimum" if not minima else "1 local minimum" if minima == 1 else f"{minima} local minima"
     where = " in the layer at its height" if layer else ""
@@ -34,11 +29,8 @@ def caption(measurement: Measurement, microphone: int, modes: tuple[int, ...], m
 def curve(stops: tuple[int, ...], counts: tuple[int, ...], summed: int) -> tuple[np.ndarray, ...]:
     """Return the columns of the plot: modes summed, local minima as far as they are counted, the present point.
 
-    Parameters
-    ----------
-    stops : numbers of modes of all maps of the sweep
-    counts : local minima of the first of them
-    summed : number of modes of the present map; 0 for none
+    `stops`: numbers of modes of all maps of the sweep; `counts`: local minima of the first of them; `summed`: number of
+    modes of the present map; 0 for none.
     """
     x = np.array(stops, float)
     line = np.concatenate([np.array(counts, float), np.full(len(stops) - len(counts), HIDDEN)])

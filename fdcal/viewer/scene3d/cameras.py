@@ -37,11 +37,9 @@ PHONE_MARGINS = (48, 24, 110)  # pixels left, right and top there
 class Cameras:
     """Owns the last commands to the pages' cameras.
 
-    Attributes
-    ----------
-    picture : what there is to be seen, or None
-    legend_beside : whether the legend stands beside the scene, as in lecture mode, and not below it
-    user_moves : int, how many times a user has moved a camera away from where it was placed
+    `picture`: what there is to be seen, or None; `legend_beside`: whether the legend stands beside the scene, as in
+    lecture mode, and not below it; `user_moves`: how many times a user has moved a camera away from where it was
+    placed.
     """
 
     def __init__(self, server: viser.ViserServer):
@@ -90,10 +88,7 @@ class Cameras:
 
         A page that reports an impossible camera is left alone; the others go on.
 
-        Parameters
-        ----------
-        client : the page
-        view : as in graphics.camera.VIEWS, or the camera itself
+        `client`: the page; `view`: as in graphics.camera.VIEWS, or the camera itself.
         """
         with self._guarded(client):
             if isinstance(view, Camera):
@@ -143,10 +138,7 @@ class Cameras:
         page has gone back there, as a page does that learns late where its camera starts. Until then it reports viser's
         own start. A page that reports an impossible camera is left alone; the others go on.
 
-        Parameters
-        ----------
-        client : the page
-        check : number of the check at which the page is made to report its canvas, or None
+        `client`: the page; `check`: number of the check at which the page is made to report its canvas, or None.
         """
         with self._guarded(client):
             self._place_if_changed(client)
@@ -191,10 +183,7 @@ class Cameras:
     def set_initial(self, picture: Picture, size: tuple[int, int] = (680, 720)) -> None:
         """Set the camera of a page that opens, until its size is known.
 
-        Parameters
-        ----------
-        picture : what there is to be seen
-        size : (width, height) that is assumed, pixels
+        `picture`: what there is to be seen; `size` (width, height) that is assumed, pixels.
         """
         wanted, first = camera_for(picture, size, "top", MARGINS, fov=TOP_FOV), self._server.initial_camera
         first.near, first.far = planes(wanted)

@@ -31,10 +31,7 @@ def surface_of(floor: Floor, heights: np.ndarray) -> trimesh.Trimesh:
 
     The material neither reflects its surroundings nor shines, so that the colours are those of the map.
 
-    Parameters
-    ----------
-    floor : Floor
-    heights : (ny, nx) float32, metres above the map's own height
+    `heights` (ny, nx) float32, metres above the map's own height.
     """
     import trimesh  # here, for it takes long to load and few pages need it
     from PIL import Image

@@ -21,12 +21,8 @@ DISC_RADIUS = 1.8 * CUT_RADIUS  # in radii of a marker
 class LineHandles:
     """Owns the discs at the ends of the line, as long as there is one.
 
-    Parameters
-    ----------
-    server : viser.ViserServer
-    binding : whose `choices.cut` is the line
-    picture : as drawn, for the extent of the search domain and the size of the markers
-    name : begins the names of the discs' nodes, a new one for each instance
+    `binding`: whose `choices.cut` is the line; `picture`: as drawn, for the extent of the search domain and the size of
+    the markers; `name`: begins the names of the discs' nodes, a new one for each instance.
     """
 
     def __init__(self, server: viser.ViserServer, binding: Binding, picture: Picture, name: str = "/cut_ends"):
@@ -40,10 +36,7 @@ class LineHandles:
     def show(self, line: Line | None, floor: Floor | None) -> None:
         """Put the discs at the ends of a line, or remove them; called by the main loop.
 
-        Parameters
-        ----------
-        line : its ends, metres, or None
-        floor : the map, on the relief of which they lie, or None
+        `line`: its ends, metres, or None; `floor`: the map, on the relief of which they lie, or None.
         """
         if line is None:
             self.remove()

@@ -23,9 +23,7 @@ Part = Lines | Mesh | Label | Floor | Surface | Plate
 class SceneNodes:
     """Owns the nodes of one scene, which all pages share.
 
-    Attributes
-    ----------
-    cameras : Cameras, of the pages
+    `cameras`: of the pages.
     """
 
     def __init__(self, server: viser.ViserServer):

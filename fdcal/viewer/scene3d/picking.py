@@ -24,13 +24,9 @@ DISC_HEIGHT = 14 / 24  # over the floor, in radii of a marker: above everything 
 class MicrophonePicker:
     """Owns the discs.
 
-    Parameters
-    ----------
-    server : viser.ViserServer
-    binding : whose session moves the microphones
-    picture : as drawn, for the extent of the search domain and the size of the markers
-    select : called with the number of the microphone that was clicked
-    name : of the discs' node, a new one for each instance
+    `binding`: whose session moves the microphones; `picture`: as drawn, for the extent of the search domain and the
+    size of the markers; `select`: called with the number of the microphone that was clicked; `name`: of the discs'
+    node, a new one for each instance.
     """
 
     def __init__(
@@ -110,10 +106,7 @@ class MicrophonePicker:
     def show(self, positions, floor: Floor | None) -> None:
         """Move the discs to the estimated positions; called by the main loop.
 
-        Parameters
-        ----------
-        positions : (N, D) float64, metres
-        floor : the map, on the relief of which they stand, or None
+        `positions` (N, D) float64, metres; `floor`: the map, on the relief of which they stand, or None.
         """
         points = drape(positions, floor, self._marker)
         heights = points[:, 2] if points.shape[1] == 3 else np.full(len(points), self._base)
@@ -129,15 +122,7 @@ def add_discs(server: viser.ViserServer, name: str, places: np.ndarray, radius: 
     The browser looks for discs only inside the box that they all spanned at first, so they span the whole search
     domain from the start, under a new name each time.
 
-    Parameters
-    ----------
-    name : of the node, a new one each time
-    radius : metres
-    corners : (C, 3) float64, metres
-
-    Returns
-    -------
-    viser.BatchedMeshHandle
+    `name`: of the node, a new one each time; `radius`: metres; `corners` (C, 3) float64, metres.
     """
     count, specks = len(places), len(corners)
     vertices, faces = annuli(np.zeros((1, 3)), radius / 2, radius, corners=12)

@@ -19,36 +19,21 @@ ASSUMED_SIZE = 720  # pixels, of a canvas whose size is not reported
 
 @dataclass(frozen=True)
 class Placement:
-    """The last command to a page.
+    """The last command to a page."""
 
-    Attributes
-    ----------
-    view : as in graphics.camera.VIEWS
-    size : (width, height) of the canvas at that time, pixels, or None
-    beside : whether the legend stood beside the scene at that time
-    camera : that was commanded, or None
-    positions : the last ones of the camera, metres
-    """
-
-    view: str = "top"
-    size: tuple[int, int] | None = None
-    beside: bool = False
-    camera: Camera | None = None
-    positions: tuple[tuple[float, float, float], ...] = ()
+    view: str = "top"  # as in graphics.camera.VIEWS
+    size: tuple[int, int] | None = None  # (width, height) of the canvas at that time, pixels, or None
+    beside: bool = False  # whether the legend stood beside the scene at that time
+    camera: Camera | None = None  # that was commanded, or None
+    positions: tuple[tuple[float, float, float], ...] = ()  # the last ones of the camera, metres
 
 
 @dataclass(frozen=True)
 class KeptView:
-    """How one page looks at the scene: a view that it was placed to, or where its user has moved the camera.
+    """How one page looks at the scene: a view that it was placed to, or where its user has moved the camera."""
 
-    Attributes
-    ----------
-    view : as in graphics.camera.VIEWS, or "" for a camera of the user
-    camera : Camera of the user, or None
-    """
-
-    view: str = ""
-    camera: Camera | None = None
+    view: str = ""  # as in graphics.camera.VIEWS, or "" for a camera of the user
+    camera: Camera | None = None  # Camera of the user, or None
 
 
 def kept_view(camera, placement: Placement) -> KeptView:

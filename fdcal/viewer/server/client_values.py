@@ -22,14 +22,7 @@ def is_plain(updates) -> bool:
 def fits(control, value) -> bool:
     """Return whether a plain value is one that a control can have.
 
-    Parameters
-    ----------
-    control : handle of a control of viser
-    value : truth value, number or text, as `is_plain` accepts it
-
-    Returns
-    -------
-    bool
+    `control`: handle of a control of viser; `value`: truth value, number or text, as `is_plain` accepts it.
     """
     options = getattr(control, "options", None)
     if options is not None:
@@ -44,15 +37,8 @@ def fits(control, value) -> bool:
 def bounded(value, low: int, high: int, otherwise: int) -> int:
     """Return `value` rounded to an integer and clipped.
 
-    Parameters
-    ----------
-    value : what a browser has sent; it may be anything
-    low, high : int, the bounds, both included
-    otherwise : int, returned where `value` is not a number
-
-    Returns
-    -------
-    int
+    `value`: what a browser has sent; it may be anything; `low`, `high`: the bounds, both included; `otherwise`:
+    returned where `value` is not a number.
     """
     try:
         return min(max(round(float(value)), low), high)
@@ -63,15 +49,8 @@ def bounded(value, low: int, high: int, otherwise: int) -> int:
 def bounded_number(value, low: float, high: float, otherwise: float) -> float:
     """Return `value` as a float, clipped.
 
-    Parameters
-    ----------
-    value : what a browser has sent; it may be anything
-    low, high : float, the bounds, both included
-    otherwise : float, returned where `value` is not a finite number
-
-    Returns
-    -------
-    float
+    `value`: what a browser has sent; it may be anything; `low`, `high`: the bounds, both included; `otherwise`:
+    returned where `value` is not a finite number.
     """
     try:
         number = float(value)

@@ -35,11 +35,7 @@ PROTOCOL_ERROR = 1002  # code of a closed connection
 class Budget:
     """A number of updates that refills steadily.
 
-    Parameters
-    ----------
-    rate : float, updates per second
-    burst : float, updates at once
-    clock : function that returns the time, s
+    `rate`: updates per second; `burst`: updates at once; `clock`: function that returns the time, s.
     """
 
     def __init__(self, rate: float = RATE, burst: float = BURST, clock: Callable[[], float] = time.monotonic):

@@ -52,19 +52,8 @@ Result = TypeVar("Result")
 def open_server(host: str, port: int) -> viser.ViserServer:
     """Open a server that only its own page can use.
 
-    Parameters
-    ----------
-    host : str, address to listen at
-    port : int, 0 to 65535; 0 takes a free port
-
-    Returns
-    -------
-    viser.ViserServer
-
-    Raises
-    ------
-    InputError
-        The address cannot be used, the port is in use, or viser can no longer be restricted.
+    `host`: address to listen at; `port`: 0 to 65535; 0 takes a free port. Raises InputError: the address cannot be
+    used, the port is in use, or viser can no longer be restricted.
     """
     _require_address(host, port)
     server = _open_restricted(host, port)
@@ -132,14 +121,8 @@ def without_output(function: Callable[[], Result]) -> Result:
 def allowed_origins(host: str) -> list[re.Pattern[str] | None]:
     """Return the origins from which a page may connect to a server at `host`.
 
-    Parameters
-    ----------
-    host : str, address at which the server listens
-
-    Returns
-    -------
-    list
-        A pattern for the names of this machine, and None for programs, which send no Origin header.
+    `host`: address at which the server listens. Returns a pattern for the names of this machine, and None for programs,
+    which send no Origin header.
     """
     names = {*LOOPBACK, host}
     if host not in LOOPBACK:

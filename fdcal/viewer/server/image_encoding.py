@@ -23,12 +23,8 @@ def encoded(
 ) -> bytes:
     """Return an image as a file; the parameters are those of the function of viser that this replaces.
 
-    Parameters
-    ----------
-    format : "png" or "jpeg"
-    image : (h, w, 3) or (h, w, 4) uint8
-    jpeg_quality : 1 to 95; None for QUALITY
-    channel_ordering : of `image`
+    `format`: "png" or "jpeg"; `image` (h, w, 3) or (h, w, 4) uint8; `jpeg_quality`: 1 to 95; None for QUALITY;
+    `channel_ordering`: of `image`.
     """
     if channel_ordering == "bgr":
         image = image[:, :, [2, 1, 0, 3][: image.shape[2]]]
@@ -44,10 +40,7 @@ def encoded(
 def use_quick_encoding() -> None:
     """Have viser encode images by this module from now on.
 
-    Raises
-    ------
-    AttributeError
-        viser no longer has the name under which it takes the function.
+    Raises AttributeError: viser no longer has the name under which it takes the function.
     """
     if not hasattr(_scene_api, "cv2_imencode_with_fallback"):
         raise AttributeError("viser has no cv2_imencode_with_fallback")

@@ -32,9 +32,7 @@ def release_memory(server: viser.ViserServer) -> None:
 
     That is viser's messages about controls that were removed, the objects of the session, and the pages of the heap.
 
-    Parameters
-    ----------
-    server : viser.ViserServer; its collector is private, which is why its version is pinned
+    `server`: viser.ViserServer; its collector is private, which is why its version is pinned.
     """
     server._run_garbage_collector()
     gc.collect()

@@ -28,10 +28,7 @@ class SafeMessageBuffer(AsyncMessageBuffer):
 def use_safe_buffers() -> None:
     """Have viser use these buffers for servers and clients that are created from now on.
 
-    Raises
-    ------
-    AttributeError
-        viser no longer has the name under which it takes them.
+    Raises AttributeError: viser no longer has the name under which it takes them.
     """
     if not hasattr(_infra, "AsyncMessageBuffer"):
         raise AttributeError("viser has no AsyncMessageBuffer")

@@ -38,10 +38,7 @@ DRAG_START_COST = 40.0  # each drag adds a state to the history
 def decode(raw) -> dict[str, Any]:
     """Return a message as plain data.
 
-    Raises
-    ------
-    ValueError
-        It is not the msgpack encoding of a message.
+    Raises ValueError: it is not the msgpack encoding of a message.
     """
     if not isinstance(raw, bytes):
         raise ValueError("a text where a message was expected")

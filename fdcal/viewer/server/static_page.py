@@ -36,10 +36,7 @@ def titled(respond: Respond) -> Respond:
 def with_title(body: bytes, zipped: bool) -> bytes:
     """Return a page with the title TITLE in place of viser's; as it is where viser's page has another one.
 
-    Parameters
-    ----------
-    body : of the page
-    zipped : whether gzip has compressed it
+    `body`: of the page; `zipped`: whether gzip has compressed it.
     """
     plain = gzip.decompress(body) if zipped else body
     renamed = plain.replace(OF_VISER, f"<title>{TITLE}</title>".encode(), 1)

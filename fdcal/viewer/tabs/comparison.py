@@ -147,15 +147,8 @@ def curve_columns(summaries: tuple[RunSummary, ...], measurement: Measurement) -
 
     All curves share one axis, with each time at which one of them has a point; between its points a curve is constant.
 
-    Parameters
-    ----------
-    summaries : of runs with at least one point each
-    measurement : that they are of
-
-    Returns
-    -------
-    dict
-        Title to tuple of (P,) float64.
+    `summaries`: of runs with at least one point each; `measurement`: that they are of. Returns title to tuple of (P,)
+    float64.
     """
     axis = np.unique(np.concatenate([summary.times for summary in summaries]))
     errors = [summary.mean_errors for summary in summaries if summary.mean_errors is not None]

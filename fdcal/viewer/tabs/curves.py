@@ -34,10 +34,7 @@ REMARK = (
 class CurvesTab:
     """Owns the plots and the numbers that they show.
 
-    Attributes
-    ----------
-    error : Plot of the position errors, or None where the true positions are unknown
-    cost : Plot
+    `error`: Plot of the position errors, or None where the true positions are unknown.
     """
 
     def __init__(self, gui: viser.GuiApi, measurement: Measurement, sought: np.ndarray):

@@ -22,12 +22,7 @@ INTERVAL = 0.2  # s between two updates of the plot
 
 
 class CutPanel:
-    """Owns the controls, the plot and the thread.
-
-    Parameters
-    ----------
-    binding : Binding
-    """
+    """Owns the controls, the plot and the thread."""
 
     def __init__(self, binding: Binding):
         self._binding, self._updated, self._shown = binding, -1e9, None
@@ -94,11 +89,8 @@ class CutPanel:
 def line_across(place, along, low, high) -> Line:
     """Return the line through `place` in a direction, cut off at the edges of a rectangle.
 
-    Parameters
-    ----------
-    place : (2,) float64, metres, inside
-    along : (2,) float64
-    low, high : (2,) float64, metres, corners of the rectangle
+    `place` (2,) float64, metres, inside; `along` (2,) float64; `low`, `high` (2,) float64, metres, corners of the
+    rectangle.
     """
     place, along = np.asarray(place, float), np.asarray(along, float)
     along = np.where(np.abs(along) < 1e-9 * np.linalg.norm(along), np.nan, along)  # along an edge it meets no edge

@@ -18,10 +18,7 @@ SIZES = {"1280 x 800": (1280, 800), "1920 x 1080": (1920, 1080), "3840 x 2160": 
 class ExportTab:
     """Owns the controls of the tab.
 
-    Parameters
-    ----------
-    binding : Binding
-    export : function that sends a kind of file to one browser
+    `export`: function that sends a kind of file to one browser.
     """
 
     def __init__(self, binding: Binding, export: Callable[[viser.ClientHandle, str], None]):

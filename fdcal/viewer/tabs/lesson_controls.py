@@ -24,19 +24,9 @@ WRAPPED = (
 class LessonControls:
     """Owns the buttons and the text.
 
-    Parameters
-    ----------
-    gui : viser.GuiApi
-    titles : of the lessons, in their order
-
-    Attributes
-    ----------
-    lessons : button of each lesson, by its title
-    text : HTML of the step
-    answers : buttons with the words of the answers
-    navigation : group of BACK, RESTORE and NEXT
-    following : button that goes to the next step, or starts the next lesson
-    end : button that ends the lesson
+    `titles`: of the lessons, in their order. `lessons`: button of each lesson, by its title; `text`: HTML of the step;
+    `answers`: buttons with the words of the answers; `navigation`: group of BACK, RESTORE and NEXT; `following`: button
+    that goes to the next step, or starts the next lesson; `end`: button that ends the lesson.
     """
 
     def __init__(self, gui: viser.GuiApi, titles: Sequence[str]):
@@ -68,13 +58,8 @@ class LessonControls:
     def show(self, text: str, answers: Sequence[str], steps: Sequence[str], following: str, lesson: bool) -> None:
         """Bring the controls up to date.
 
-        Parameters
-        ----------
-        text : HTML of the step
-        answers : that can be given now
-        steps : labels of the navigation
-        following : what comes next, once the question is answered; or ""
-        lesson : whether there is a lesson
+        `text`: HTML of the step; `answers`: that can be given now; `steps`: labels of the navigation; `following`: what
+        comes next, once the question is answered; or ""; `lesson`: whether there is a lesson.
         """
         self.text.content = text
         for button in self.lessons.values():

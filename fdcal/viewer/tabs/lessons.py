@@ -187,9 +187,7 @@ class LessonsTab:
     def show(self, call: Callable[[Callable[[], None]], object] = lambda function: function()) -> None:
         """Do what waits for a scene once it is shown; called by the main loop.
 
-        Parameters
-        ----------
-        call : runs a function on viser's event loop
+        `call`: runs a function on viser's event loop.
         """
         pending, viewer = self._pending, self._page.viewer
         if pending is None:

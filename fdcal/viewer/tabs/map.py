@@ -256,11 +256,8 @@ class MapTab:
     def show(self, microphone: int, drawn: CostMap | None, reason: str) -> None:
         """Bring the tab up to date; called by the main loop.
 
-        Parameters
-        ----------
-        microphone : int, whose map is shown, counted from 0
-        drawn : CostMap on the floor, or None
-        reason : why there is no map, "" where it is only not ready
+        `microphone`: whose map is shown, counted from 0; `drawn`: CostMap on the floor, or None; `reason`: why there is
+        no map, "" where it is only not ready.
         """
         binding, choices = self._binding, self._binding.choices
         if not choices.follow and choices.microphone == microphone:

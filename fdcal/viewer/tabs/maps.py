@@ -16,10 +16,7 @@ from ..gui.html import CARD
 class MapsTab:
     """Owns the controls of the tab and the thread that draws the maps.
 
-    Attributes
-    ----------
-    image : control that shows the maps
-    worker : MapGridWorker
+    `image`: control that shows the maps.
     """
 
     def __init__(self, binding: Binding):

@@ -47,13 +47,8 @@ class MicrophonesTab:
     ) -> None:
         """Bring the tab up to date; called by the main loop.
 
-        Parameters
-        ----------
-        view : SessionView
-        microphone : int, whose map is shown, counted from 0
-        uncertainty : PositionUncertainty or None
-        now : time, s
-        sought : numbers of the microphones by which a blind array is aligned
+        `microphone`: whose map is shown, counted from 0; `now`: time, s; `sought`: numbers of the microphones by which
+        a blind array is aligned.
         """
         self.error_by_distance.show(view, now)
         key = id(view.state), microphone, id(uncertainty)
@@ -129,18 +124,9 @@ def table(
 ) -> str:
     """Return a table of the microphones, those with the largest errors first and the known ones last.
 
-    Parameters
-    ----------
-    measurement : Measurement
-    positions : (N, D) float64, metres, estimated
-    sigma : (N,) float64, metres, one standard deviation of each, or None
-    selected : int, the microphone of the map, counted from 0
-    sought : numbers of the microphones by which a blind array is aligned; all unless given
-
-    Returns
-    -------
-    str
-        HTML, MAX_ROWS rows at most.
+    `positions` (N, D) float64, metres, estimated; `sigma` (N,) float64, metres, one standard deviation of each, or
+    None; `selected`: the microphone of the map, counted from 0; `sought`: numbers of the microphones by which a blind
+    array is aligned; all unless given. Returns HTML, MAX_ROWS rows at most.
     """
     errors, known = measurement.errors(positions, sought), set(measurement.known.tolist())
     order = errors if errors is not None else sigma if sigma is not None else np.zeros(len(positions))

@@ -24,12 +24,7 @@ INTERVAL = 0.25  # s between two updates of the plot
 
 
 class ModesTab:
-    """Owns the controls of the tab.
-
-    Attributes
-    ----------
-    spectrum : SpectrumPlot
-    """
+    """Owns the controls of the tab."""
 
     def __init__(self, binding: Binding, map_tab: MapTab):
         self._binding, self._map, self._updated = binding, map_tab, -1e9
@@ -132,17 +127,8 @@ def _labels(modes: tuple[int, ...], used: tuple[int, ...]) -> tuple[str, ...]:
 def caption(measurement: Measurement, used: tuple[int, ...], limit: float, order: int | None) -> str:
     """Return the highest mode of the map, the highest frequency of the array, and a warning beyond it.
 
-    Parameters
-    ----------
-    measurement : Measurement
-    used : modes in the map, counted from 1, ascending
-    limit : f_max of the estimated positions (Eq. 9), Hz
-    order : L of the highest mode (Eq. 3), or None
-
-    Returns
-    -------
-    str
-        HTML.
+    `used`: modes in the map, counted from 1, ascending; `limit`: f_max of the estimated positions (Eq. 9); `order`: L
+    of the highest mode (Eq. 3), or None. Returns HTML.
     """
     f, count = float(measurement.frequencies[used[-1] - 1]), measurement.count
     highest = f"<b>{limit:.0f} Hz</b>" if np.isfinite(limit) else "undefined, all estimates coincide"

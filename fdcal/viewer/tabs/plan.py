@@ -21,20 +21,12 @@ DRAGGED = "The scene shows the plan, not the solver. Dragged microphones change 
 
 @dataclass(frozen=True)
 class Ranges:
-    """Between which bounds the controls can be set.
+    """Between which bounds the controls can be set."""
 
-    Attributes
-    ----------
-    snr_db : dB
-    least_frequencies : number of frequencies
-    gain_sigma_db : dB
-    takes : places of the source
-    """
-
-    snr_db: tuple[int, int] = (1, 60)
-    least_frequencies: int = 3
-    gain_sigma_db: tuple[float, float] = (0.0, 6.0)
-    takes: tuple[int, int] = (1, 16)
+    snr_db: tuple[int, int] = (1, 60)  # dB
+    least_frequencies: int = 3  # number of frequencies
+    gain_sigma_db: tuple[float, float] = (0.0, 6.0)  # dB
+    takes: tuple[int, int] = (1, 16)  # places of the source
 
 
 RANGES = Ranges()

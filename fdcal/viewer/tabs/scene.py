@@ -28,26 +28,15 @@ OPEN, APPLY = ("Open", "Open this measurement and restart"), ("Apply", "Simulate
 
 @dataclass(frozen=True)
 class Ranges:
-    """Between which bounds the controls can be set.
+    """Between which bounds the controls can be set."""
 
-    Attributes
-    ----------
-    microphones : number of microphones
-    radius : of the array, metres
-    absorption : of the walls, %
-    snr : signal-to-noise ratio, dB
-    default_snr : where the slider stands when noise is switched on, dB
-    sound_speed_error : %
-    max_seed : of the scene
-    """
-
-    microphones: tuple[int, int] = (4, 150)
-    radius: tuple[float, float] = (0.05, 3.0)
-    absorption: tuple[float, float] = (0.1, 99.0)
-    snr: tuple[int, int] = (-10, 90)
-    default_snr: int = 40
-    sound_speed_error: tuple[float, float] = (-5.0, 5.0)
-    max_seed: int = 2**31 - 1
+    microphones: tuple[int, int] = (4, 150)  # number of microphones
+    radius: tuple[float, float] = (0.05, 3.0)  # of the array, metres
+    absorption: tuple[float, float] = (0.1, 99.0)  # of the walls, %
+    snr: tuple[int, int] = (-10, 90)  # signal-to-noise ratio, dB
+    default_snr: int = 40  # where the slider stands when noise is switched on, dB
+    sound_speed_error: tuple[float, float] = (-5.0, 5.0)  # %
+    max_seed: int = 2**31 - 1  # of the scene
 
 
 RANGES = Ranges()

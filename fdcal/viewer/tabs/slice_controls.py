@@ -14,14 +14,7 @@ LABELS = {axis: label for label, axis in SLICES.items()}
 class SliceControls:
     """Owns the controls; those of an array in a plane are never visible.
 
-    Parameters
-    ----------
-    binding : Binding
-
-    Attributes
-    ----------
-    axis : list of axes
-    position : slider, metres
+    `position`: slider, metres.
     """
 
     def __init__(self, binding: Binding):

@@ -23,31 +23,22 @@ HIDDEN = -1e3  # dB, where a curve has nothing to show: below the plot, for uPlo
 
 @dataclass(frozen=True)
 class TakeCurve:
-    """What the plot shows of one take, or of all.
+    """What the plot shows of one take, or of all."""
 
-    Attributes
-    ----------
-    rows : (K,) int, its modes, counted from 1
-    f, peaks : (K,) float64, their frequencies, Hz, and levels, dB
-    x, curve : (P,) float64, the curve through all peaks, Hz and dB
-    at : (K,) int, which of its points are the peaks
-    """
-
-    rows: np.ndarray
+    rows: np.ndarray  # (K,) int, its modes, counted from 1
+    # f, peaks: (K,) float64, their frequencies, and levels, dB
     f: np.ndarray
     peaks: np.ndarray
+    # x, curve: (P,) float64, the curve through all peaks, Hz and dB
     x: np.ndarray
     curve: np.ndarray
-    at: np.ndarray
+    at: np.ndarray  # (K,) int, which of its points are the peaks
 
 
 class SpectrumPlot:
     """Owns the plot.
 
-    Attributes
-    ----------
-    has_spectrum : bool, whether the measurement has a spectrum; otherwise each mode is drawn as a stem
-    handle : viser.GuiUplotHandle
+    `has_spectrum`: whether the measurement has a spectrum; otherwise each mode is drawn as a stem.
     """
 
     def __init__(self, gui: viser.GuiApi, measurement: Measurement, modes: int):
@@ -107,16 +98,9 @@ class SpectrumPlot:
     def columns(self, used: tuple[int, ...], limit: float, take: int | None = None) -> tuple[np.ndarray, ...]:
         """Return the columns of the plot.
 
-        Parameters
-        ----------
-        used : modes in the map, counted from 1
-        limit : f_max, Hz
-        take : whose modes and spectrum are drawn; None for those of all takes
-
-        Returns
-        -------
-        tuple of (P,) float64
-            Frequency (Hz), curve, dots of modes not in the map, dots of modes in the map, line of f_max (dB).
+        `used`: modes in the map, counted from 1; `limit`: f_max; `take`: whose modes and spectrum are drawn; None for
+        those of all takes. Returns tuple of (P,) float64, frequency (Hz), curve, dots of modes not in the map, dots of
+        modes in the map, line of f_max (dB).
         """
         drawn = self._curve_of(take)
         inside = np.isin(drawn.rows, used)
@@ -149,15 +133,9 @@ def _curve_through_peaks(measurement: Measurement, rows: np.ndarray) -> TakeCurv
 def spectrum_levels(measurement: Measurement, modes: int) -> tuple[np.ndarray | None, np.ndarray]:
     """Return the spectrum and the levels of its peaks.
 
-    Parameters
-    ----------
-    measurement : Measurement
-    modes : int, number of modes
-
-    Returns
-    -------
-    spectrum : (2, F) float64, Hz and dB re its maximum, the greatest of each of MAX_POINTS intervals; or None
-    peaks : (modes,) float64, dB; without a spectrum of the modes' own mean power, re the greatest
+    `modes`: number of modes. Returns `spectrum` (2, F) float64, Hz and dB re its maximum, the greatest of each of
+    MAX_POINTS intervals; or None; `peaks` (modes,) float64, dB; without a spectrum of the modes' own mean power, re the
+    greatest.
     """
     f = measurement.frequencies[:modes]
     if measurement.spectrum is None:

@@ -36,11 +36,7 @@ class SweepTab:
 
     Its callbacks run on viser's event loop, `show` on the main loop.
 
-    Parameters
-    ----------
-    binding : Binding
-    map_tab : MapTab, whose modes are set
-    call : runs a function on viser's event loop
+    `map_tab`: whose modes are set; `call`: runs a function on viser's event loop.
     """
 
     def __init__(self, binding: Binding, map_tab: MapTab, call: Callable[[Callable[[], object]], object]):

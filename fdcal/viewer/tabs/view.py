@@ -19,10 +19,7 @@ ELLIPSES_LATER = "Ellipses appear when the solver has finished."
 class ViewTab:
     """Owns the controls of the tab.
 
-    Parameters
-    ----------
-    binding : Binding
-    place : function that moves the camera of one browser to a view
+    `place`: function that moves the camera of one browser to a view.
     """
 
     def __init__(self, binding: Binding, place: Callable[[viser.ClientHandle, str], None]):
@@ -91,10 +88,7 @@ class ViewTab:
     def show(self, view: SessionView, picture: Picture) -> None:
         """Say how large the ellipses are, or that they come later; called by the main loop.
 
-        Parameters
-        ----------
-        view : SessionView
-        picture : on the screen
+        `picture`: on the screen.
         """
         binding, wanted = self._binding, self._binding.choices.ellipses
         text = dict(picture.captions).get("ellipses", "") if view.state.finished else ELLIPSES_LATER
