@@ -45,7 +45,7 @@ PUBLIC = {
 # What methods of public classes leave to packages above their own, which they cannot import.
 EXTENSIONS = {
     "calibration_html": "graphics.calibration_html:calibration_html",
-    "data_frame": "assessment.tables:data_frame",
+    "data_frame": "assessment.result_file:data_frame",
     "draw_calibration": "graphics.calibration_figure:draw_calibration",
     "export_gains": "recordings.export:export_gains",
     "export_positions": "recordings.export:export_positions",
