@@ -46,8 +46,31 @@ def channel_table(result: Calibration) -> str:
     return _csv(["name", *columns], zip(result.names, *columns.values(), strict=True))
 
 
-def data_frame(result: Calibration) -> Any:
-    """Return the table of `Calibration.to_dataframe`; InputError if pandas is not installed."""
+def data_frame(self: Calibration) -> Any:
+    """Return a pandas table with one row a microphone, if pandas is installed.
+
+    Columns: x, y (z), metres; known; uncertainty, one sigma in metres; error, metres, where it is known; where the
+    solver finds them gain_db, gain_sigma_db, phase_deg, phase_sigma_deg, noise_db and fault, "" where sound,
+    and of given positions given_x, given_y (given_z) and given_difference, metres, NaN where none is given. The
+    index are the names.
+
+    Returns
+    -------
+    pandas.DataFrame
+
+    Raises
+    ------
+    InputError
+        pandas is not installed.
+
+    Examples
+    --------
+    >>> import fdcal
+    >>> found = fdcal.calibrate(fdcal.load("tiny"), modes=12)
+    >>> found.to_dataframe().columns.tolist()[:6]
+    ['x', 'y', 'known', 'uncertainty', 'error', 'gain_db']
+    """
+    result = self
     try:
         import pandas
     except ImportError:
