@@ -15,6 +15,7 @@ import re
 import sys
 from collections.abc import Iterable
 from dataclasses import asdict, fields
+from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypedDict, get_type_hints
 
@@ -138,8 +139,19 @@ EVIDENCE = {f.name: RENAMED.get(f.name, f.name) for f in fields(Evidence)}
 CHANNELS = {name: f"channel_{name}" for name in CHANNEL_NUMBERS}
 
 
-def result_text(result: Calibration) -> str:
-    """Return the text of a result file; InputError names a value that could not be read back."""
+def result_text(self: Calibration) -> str:
+    """Return the text of a result file.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    InputError
+        A value is not finite, or an array has the wrong shape.
+    """
+    result = self
     table = {key: getattr(result, name) for name, key in RESULT.items()}
     if result.evidence is not None:
         table |= {key: getattr(result.evidence, name) for name, key in EVIDENCE.items()}
@@ -164,8 +176,24 @@ def result_text(result: Calibration) -> str:
     return text
 
 
-def read_result(text: str | bytes, where: str) -> Calibration:
-    """Return the calibration of a text that errors call `where`; InputError names a key that is malformed."""
+def read_result(text: str | bytes, where: str = "the result") -> Calibration:
+    """Return the calibration of a result file with this text.
+
+    Parameters
+    ----------
+    text : str, or bytes in UTF-8
+    where : str
+        What an error calls the text, as the path of its file.
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    InputError
+        `text` is no JSON, or a key is missing or malformed.
+    """
     table = parse_json(text, where)
     if not isinstance(table, dict):
         raise InputError(f"{where} must hold one JSON object with the keys {', '.join(REQUIRED)}")
@@ -189,17 +217,66 @@ def read_result(text: str | bytes, where: str) -> Calibration:
     return Calibration(**values)
 
 
-def save_result(result: Calibration, path: str | Path, force: bool = False, check: PositionCheck | None = None) -> None:
-    """Write a calibration; a comparison with a list of positions as the key "check", which reading leaves out."""
-    text = result_text(result)
+def save_result(
+    self: Calibration, path: str | PathLike[str], *, force: bool = False, check: PositionCheck | None = None
+) -> None:
+    """Write the result as JSON, which `fdcal.Calibration.load` and every `--result` read.
+
+    Parameters
+    ----------
+    path : str or path
+    force : bool
+        Whether an existing file is overwritten.
+    check : PositionCheck, optional
+        A comparison with a list of positions, written as the key "check", which reading leaves out.
+
+    Raises
+    ------
+    InputError
+        The file exists, and `force` is not set.
+    StorageError
+        The file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile, fdcal
+    >>> found = fdcal.calibrate(fdcal.load("tiny"), modes=12)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     found.save(f"{folder}/tiny.json")
+    ...     fdcal.Calibration.load(f"{folder}/tiny.json").names == found.names
+    True
+    """
+    text = result_text(self)
     if check is not None:
-        text = json.dumps(json.loads(text) | {"check": check.table(result.names)}, indent=1, allow_nan=False) + "\n"
-    write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8"), force)
+        text = json.dumps(json.loads(text) | {"check": check.table(self.names)}, indent=1, allow_nan=False) + "\n"
+    write_atomically(Path(path), lambda temporary: temporary.write_text(text, encoding="utf-8"), force)
 
 
-def load_result(path: str | Path) -> Calibration:
-    """Return the calibration of a file; StorageError if it cannot be read, InputError if it is no result."""
-    content = read_bytes(path, LIMITS.result)
+def load_result(path: str | PathLike[str]) -> Calibration:
+    """Return the calibration in a file that `save` or `fdcal calibrate -o` wrote.
+
+    Parameters
+    ----------
+    path : str or path
+
+    Returns
+    -------
+    Calibration
+
+    Raises
+    ------
+    InputError, StorageError
+        The file is no result, or cannot be read.
+
+    Examples
+    --------
+    >>> import tempfile, fdcal
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     fdcal.calibrate(fdcal.load("tiny"), modes=12).save(f"{folder}/tiny.json")
+    ...     fdcal.Calibration.load(f"{folder}/tiny.json").known
+    ('0', '5', '7')
+    """
+    content = read_bytes(str(path), LIMITS.result)
     if not content.lstrip()[:1] == b"{":
         remedy = "give the .json file that `fdcal calibrate -o` writes"
         raise InputError(f"{path} is not a result", remedy, key="result", value=str(path))
@@ -293,8 +370,31 @@ def channel_table(result: Calibration) -> str:
     return _csv(["name", *columns], zip(result.names, *columns.values(), strict=True))
 
 
-def data_frame(result: Calibration) -> Any:
-    """Return the table of `Calibration.to_dataframe`; InputError if pandas is not installed."""
+def data_frame(self: Calibration) -> Any:
+    """Return a pandas table with one row a microphone, if pandas is installed.
+
+    Columns: x, y (z), metres; known; uncertainty, one sigma in metres; error, metres, where it is known; where the
+    solver finds them gain_db, gain_sigma_db, phase_deg, phase_sigma_deg, noise_db and fault, "" where sound,
+    and of given positions given_x, given_y (given_z) and given_difference, metres, NaN where none is given. The
+    index are the names.
+
+    Returns
+    -------
+    pandas.DataFrame
+
+    Raises
+    ------
+    InputError
+        pandas is not installed.
+
+    Examples
+    --------
+    >>> import fdcal
+    >>> found = fdcal.calibrate(fdcal.load("tiny"), modes=12)
+    >>> found.to_dataframe().columns.tolist()[:6]
+    ['x', 'y', 'known', 'uncertainty', 'error', 'gain_db']
+    """
+    result = self
     try:
         import pandas
     except ImportError:

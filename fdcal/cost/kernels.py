@@ -44,9 +44,8 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import hankel1, j0, j1, spherical_jn, spherical_yn
 
-from ..acoustics.bessel import bessel
-from ..acoustics.fourier_bessel import max_order
-from ..acoustics.sinc import complex_sinc, cosine_and_sine, sinc
+from ..acoustics.dictionary import max_order
+from ..acoustics.special_functions import bessel, complex_sinc, cosine_and_sine, sinc
 from ..model.validation import frozen_array
 from .batches import as_columns, blocks
 

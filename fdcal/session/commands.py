@@ -6,26 +6,93 @@ import contextlib
 import itertools
 import queue
 import time
+from dataclasses import dataclass
+from typing import Any, Literal
 
-NEWEST_ONLY = ("seek", "use_modes", "place", "pace")  # of several such commands in a row only the last counts
+
+@dataclass(frozen=True)
+class Play:
+    """Run until paused or finished."""
+
+
+@dataclass(frozen=True)
+class Pause:
+    """Stop after the present step."""
+
+
+@dataclass(frozen=True)
+class Advance:
+    """Run until the number of the state's step, sweep or stage has risen by `count`."""
+
+    unit: Literal["step", "sweep", "stage"]
+    count: int
+
+
+@dataclass(frozen=True)
+class Pace:
+    """Take at most `rate` steps per second while running; 0 stands for no limit."""
+
+    rate: float
+
+
+@dataclass(frozen=True)
+class Reset:
+    """Restart."""
+
+    seed: int | None  # None for the last one used
+    settings: Any = None  # others than the present ones, or None
+
+
+@dataclass(frozen=True)
+class Place:
+    """Move a microphone."""
+
+    microphone: int
+    position: tuple[float, ...]  # metres, its first coordinates or all of them
+    gesture: object  # moves of one gesture make one state of the history; None for a move of its own
+
+
+@dataclass(frozen=True)
+class Seek:
+    """Show a state of the history."""
+
+    index: int
+
+
+@dataclass(frozen=True)
+class UseModes:
+    """Set the modes in use, counted from 1, inclusive, and whether the solver adds more."""
+
+    first: int
+    last: int
+    automatic: bool
+
+
+@dataclass(frozen=True)
+class Close:
+    """End the thread."""
+
+
+Command = Play | Pause | Advance | Pace | Reset | Place | Seek | UseModes | Close
+NEWEST_ONLY = (Seek, UseModes, Place, Pace)  # of several such commands in a row only the last counts
 
 
 class CommandQueue:
-    """Commands, tuples that begin with a name; any thread may put them, one takes them."""
+    """Commands; any thread may put them, one takes them."""
 
     def __init__(self):
-        self._queue: queue.SimpleQueue[tuple] = queue.SimpleQueue()
+        self._queue: queue.SimpleQueue[Command] = queue.SimpleQueue()
 
-    def put(self, command: tuple) -> None:
+    def put(self, command: Command) -> None:
         """Append a command."""
         self._queue.put(command)
 
-    def take(self, timeout: float | None) -> list[tuple]:
+    def take(self, timeout: float | None) -> list[Command]:
         """Return all commands that wait, without those that a later one replaces.
 
         If none waits, block for one: for `timeout` seconds, not at all if that is not positive, without limit if None.
         """
-        commands = []
+        commands: list[Command] = []
         if timeout is None:
             commands.append(self._queue.get())
         elif timeout > 0:
@@ -37,11 +104,11 @@ class CommandQueue:
         return [command for command, after in pairs if after is None or not _replaced(command, after)]
 
 
-def _replaced(command: tuple, after: tuple) -> bool:
+def _replaced(command: Command, after: Command) -> bool:
     """Whether a command need not be done, since another one follows."""
-    if command[0] != after[0] or command[0] not in NEWEST_ONLY:
-        return False
-    return command[0] != "place" or (command[1], command[3]) == (after[1], after[3])
+    if isinstance(command, Place) and isinstance(after, Place):
+        return (command.microphone, command.gesture) == (after.microphone, after.gesture)
+    return type(command) is type(after) and isinstance(command, NEWEST_ONLY)
 
 
 class YieldTimer:

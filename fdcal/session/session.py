@@ -13,7 +13,20 @@ import threading
 import time
 from collections.abc import Callable
 
-from .commands import CommandQueue, YieldTimer
+from .commands import (
+    Advance,
+    Close,
+    Command,
+    CommandQueue,
+    Pace,
+    Pause,
+    Place,
+    Play,
+    Reset,
+    Seek,
+    UseModes,
+    YieldTimer,
+)
 from .history import SessionView
 from .solver_run import SolverRun
 from .state_costs import StateCosts
@@ -69,27 +82,27 @@ class Session:
 
     def play(self) -> None:
         """Run until `pause` or until the solver has finished."""
-        self._commands.put(("play",))
+        self._commands.put(Play())
 
     def pause(self) -> None:
         """Stop after the present step."""
-        self._commands.put(("pause",))
+        self._commands.put(Pause())
 
     def step(self, count: int = 1) -> None:
         """Take one step (one microphone), or `count` of them."""
-        self._commands.put(("step", int(count)))
+        self._commands.put(Advance("step", int(count)))
 
     def sweep(self, count: int = 1) -> None:
         """Run until the state's sweep number has risen by `count` or the solver has finished."""
-        self._commands.put(("sweep", int(count)))
+        self._commands.put(Advance("sweep", int(count)))
 
     def stage(self, count: int = 1) -> None:
         """Run until the state's stage number has risen by `count` or the solver has finished."""
-        self._commands.put(("stage", int(count)))
+        self._commands.put(Advance("stage", int(count)))
 
     def pace(self, rate: float) -> None:
         """Take at most `rate` steps per second while running; 0 stands for no limit."""
-        self._commands.put(("pace", float(rate)))
+        self._commands.put(Pace(float(rate)))
 
     def yield_to_ui(self) -> None:
         """Begin no step for `yield_time` seconds, so that the user interface can respond to the user.
@@ -100,7 +113,7 @@ class Session:
 
     def reset(self, seed: int | None = None, settings=None) -> None:
         """Restart, with `seed` or the last one used, and perhaps with other `settings`, another solver included."""
-        self._commands.put(("reset", seed, settings))
+        self._commands.put(Reset(seed, settings))
 
     def place(self, microphone: int, position, gesture: object = None) -> None:
         """Move a microphone to `position`, metres, its first coordinates or all of them, and pause.
@@ -108,15 +121,15 @@ class Session:
         Moves of one `gesture` (any object but None) make one state of the history.
         """
         self._yielding.request()
-        self._commands.put(("place", int(microphone), tuple(map(float, position)), gesture))
+        self._commands.put(Place(int(microphone), tuple(map(float, position)), gesture))
 
     def seek(self, index: int) -> None:
         """Show state `index` of the history (clipped to it) and pause; continuing from there drops the later ones."""
-        self._commands.put(("seek", int(index)))
+        self._commands.put(Seek(int(index)))
 
     def use_modes(self, first: int, last: int, automatic: bool) -> None:
         """Set the modes in use (counted from 1, inclusive) and whether the solver adds more."""
-        self._commands.put(("use_modes", int(first), int(last), bool(automatic)))
+        self._commands.put(UseModes(int(first), int(last), bool(automatic)))
 
     @property
     def alive(self) -> bool:
@@ -125,7 +138,7 @@ class Session:
 
     def close(self, timeout: float = 2.0) -> bool:
         """End the thread after the present step; return False if that takes longer than `timeout` seconds."""
-        self._commands.put(("close",))
+        self._commands.put(Close())
         self._thread.join(timeout)
         return not self.alive
 
@@ -143,10 +156,10 @@ class Session:
     def _serve(self) -> None:
         while True:
             for command in self._pending():
-                if command[0] == "close":
+                if isinstance(command, Close):
                     self._run.pause()
                     return
-                self._run.guarded(getattr(self._run, command[0]), *command[1:])
+                self._run.guarded(self._run.execute, command)
             if time.monotonic() >= self._yielding.until:
                 self._work()
             time.sleep(0)  # release the interpreter: a solver that never does would starve the page
@@ -161,7 +174,7 @@ class Session:
             self._run.fill_in()
             self._yielding.step_taken()
 
-    def _pending(self) -> list[tuple]:
+    def _pending(self) -> list[Command]:
         """Return the commands that wait; when idle, or before the next step is due, block for one."""
         due = self._yielding.until
         if self._run.running:

@@ -9,12 +9,13 @@ import logging
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from ..model.validation import frozen_array
 from ..solvers.interface import bounded
+from .commands import Advance, Close, Command, Pace, Pause, Place, Play, Reset, Seek, UseModes
 from .history import MOST_STATES, History, SessionView, thinned
 from .state_costs import StateCosts
 
@@ -69,6 +70,26 @@ class SolverRun:
             self._goal = None
             self._publish(running=False, error=f"{type(error).__name__}: {error}")
 
+    def execute(self, command: Command) -> None:
+        """Carry out a command."""
+        match command:
+            case Play():
+                self._run_to(lambda state: False)
+            case Pause() | Close():
+                self.pause()
+            case Advance(unit, count):
+                self.advance_by(unit, count)
+            case Pace(rate):
+                self.pause_between_steps = 1 / rate if rate > 0 else 0.0
+            case Reset(seed, settings):
+                self.reset(seed, settings)
+            case Place(microphone, position, gesture):
+                self.place(microphone, position, gesture)
+            case Seek(index):
+                self.seek(index)
+            case UseModes(first, last, automatic):
+                self.use_modes(first, last, automatic)
+
     def _publish(self, **changes) -> None:
         self.view = replace(self.view, **changes)
         self._on_change()
@@ -118,35 +139,20 @@ class SolverRun:
         self._goal = goal
         self._publish(running=True, error="")
 
-    def play(self) -> None:
-        """Run until `pause` or until the solver has finished."""
-        self._run_to(lambda state: False)
-
     def pause(self) -> None:
         """Stop after the present step."""
         self._goal = None
         self._costs.compute(self.view.state)
         self._publish(running=False)
 
-    def step(self, count: int) -> None:
-        """Take `count` steps."""
-        end = self.view.state.step + count
-        self._goal = lambda state: state.step >= end
-        self.advance()
-
-    def sweep(self, count: int) -> None:
-        """Run until the state's sweep number has risen by `count`."""
-        end = self.view.state.sweep + count
-        self._run_to(lambda state: state.sweep >= end)
-
-    def stage(self, count: int) -> None:
-        """Run until the state's stage number has risen by `count`."""
-        end = self.view.state.stage + count
-        self._run_to(lambda state: state.stage >= end)
-
-    def pace(self, rate: float) -> None:
-        """Take at most `rate` steps per second while running; 0 stands for no limit."""
-        self.pause_between_steps = 1 / rate if rate > 0 else 0.0
+    def advance_by(self, unit: Literal["step", "sweep", "stage"], count: int) -> None:
+        """Run until the number of the state's step, sweep or stage has risen by `count`; the first step at once."""
+        end = getattr(self.view.state, unit) + count
+        if unit == "step":
+            self._goal = lambda state: state.step >= end
+            self.advance()
+        else:
+            self._run_to(lambda state: getattr(state, unit) >= end)
 
     def reset(self, seed: int | None, settings=None) -> None:
         """Restart, with `seed` or the last one used, and perhaps with other `settings`."""
