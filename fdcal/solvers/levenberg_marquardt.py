@@ -14,22 +14,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from .interface import check_deadline
 
-
-@dataclass(frozen=True)
-class Damping:
-    """Damping, relative to the diagonal of the Gauss-Newton matrix, and when to give up."""
-
-    first: float = 1e-3  # damping of the first step, and of the next after one that has failed
-    # least, greatest: bounds; at the greatest no step is possible
-    least: float = 1e-9
-    greatest: float = 1e6
-    increase: float = 6.0  # factor after a trial that does not lower the cost
-    decrease: float = 10.0  # divisor after a step
-    # relative fall of the cost that is lost in rounding: a trial that promises less is the last
-    least_fall: float = 1e-12
-
-
-DAMPING = Damping()
+FIRST_DAMPING = 1e-3  # damping of the first step, and of the next after one that has failed
 
 
 @dataclass(frozen=True)
@@ -52,6 +37,15 @@ class Step:
     moved: float  # metres, greatest change of a coordinate; 0 without a step
 
 
+# bounds; at the greatest no step is possible
+MIN_DAMPING = 1e-9
+MAX_DAMPING = 1e6
+INCREASE = 6.0  # factor after a trial that does not lower the cost
+DECREASE = 10.0  # divisor after a step
+# relative fall of the cost that is lost in rounding: a trial that promises less is the last
+MIN_FALL = 1e-12
+
+
 def damped_step(
     unknowns: np.ndarray,
     terms: NewtonTerms,
@@ -71,7 +65,7 @@ def damped_step(
     """
     g, H = terms.gradient, terms.curvature
     scale = np.maximum(np.diag(H), 1e-12 * np.diag(H).max())
-    while damping < DAMPING.greatest:
+    while damping < MAX_DAMPING:
         check_deadline()
         damped = H + damping * np.diag(scale)
         try:
@@ -85,8 +79,8 @@ def damped_step(
         except np.linalg.LinAlgError:  # a covariance is singular, as of two microphones at one place without noise
             lower = np.inf
         if lower < terms.cost:
-            return Step(tried, lower, terms.cost - lower, max(damping / DAMPING.decrease, DAMPING.least), moved)
-        if moved < shortest or -(g @ y) < DAMPING.least_fall * abs(terms.cost):
+            return Step(tried, lower, terms.cost - lower, max(damping / DECREASE, MIN_DAMPING), moved)
+        if moved < shortest or -(g @ y) < MIN_FALL * abs(terms.cost):
             break
-        damping = max(damping, DAMPING.first) * DAMPING.increase
-    return Step(unknowns, terms.cost, 0.0, DAMPING.first, 0.0)
+        damping = max(damping, FIRST_DAMPING) * INCREASE
+    return Step(unknowns, terms.cost, 0.0, FIRST_DAMPING, 0.0)

@@ -34,9 +34,20 @@ from ...model.gauge import align, rigid_motions
 from ...model.problem import Problem, mode_power
 from ...model.settings import SolverSettings
 from ...model.validation import frozen_array
-from ..levenberg_marquardt import DAMPING, NewtonTerms, damped_step
+from ..levenberg_marquardt import FIRST_DAMPING, NewtonTerms, damped_step
 from .arrivals import Arrivals, ArrivalTerms, Source, arrivals_of
-from .state import ASSUMED, CONDITIONAL, DIRECTIONAL, FINAL, GIVEN, OUTLIERS, STAGES, STEPS, UNDAMPED, Model, State
+from .state import (
+    CORNER_SIGMA,
+    DELAY_SIGMA,
+    DIRECTIONAL,
+    FINAL,
+    GIVEN_SIGMA,
+    STAGES,
+    SUSPICIOUS,
+    UNDAMPED,
+    Model,
+    State,
+)
 
 NU = 3.0  # degrees of freedom of the priors
 EXACT = 1e-6  # metres: a stated sigma below it means that the given positions never move
@@ -209,7 +220,7 @@ def _add_priors(unknowns: Unknowns, priors: Priors, gradient, matrix) -> float:
                 cost += (NU + 1) / 2 * np.sum(np.log1p(e**2 / (NU * sigma**2)))
                 add(P * every + D + column, spring(e**2, sigma, 1) * e, spring(e**2, sigma, 1))
             else:
-                wide = (OUTLIERS.delay_sigma, OUTLIERS.corner_sigma)[column - 2]
+                wide = (DELAY_SIGMA, CORNER_SIGMA)[column - 2]
                 cost += np.sum((e / wide) ** 2) / 2
                 add(P * every + D + column, e / wide**2, 1 / wide**2)
     if len(known) and priors.known_sigma > 0:
@@ -251,6 +262,11 @@ def in_unit_power(problem: Problem) -> Problem:
     return replace(problem, pressures=problem.pressures / np.sqrt(power)[:, None], noise_power=noise)
 
 
+# nepers and radians, spreads of the channels to begin with; with 0.05 an array of 4.5 mm is lost
+GAIN_SIGMA = 0.02
+PHASE_SIGMA = 0.02
+
+
 def first_model(problem: Problem, settings: SolverSettings) -> Model:
     """Return the model that a restart begins with."""
     M, N = problem.pressures.shape
@@ -261,8 +277,8 @@ def first_model(problem: Problem, settings: SolverSettings) -> Model:
         channel_noise=np.ones(N),
         share=0.1,
         spread=0.0,
-        gain_sigma=ASSUMED.gain_sigma if gain is None else gain * np.log(10) / 20,
-        phase_sigma=ASSUMED.phase_sigma if phase is None else float(np.radians(phase)),
+        gain_sigma=GAIN_SIGMA if gain is None else gain * np.log(10) / 20,
+        phase_sigma=PHASE_SIGMA if phase is None else float(np.radians(phase)),
         known_sigma=first_known_sigma(problem, settings),
         kernel="diffuse",
         places=frozen_array(problem.known_positions, float),
@@ -271,11 +287,18 @@ def first_model(problem: Problem, settings: SolverSettings) -> Model:
     )
 
 
+# metres, error of each coordinate of given positions that carry the scale, and the degrees of freedom of their prior,
+# which is then nearly Gaussian; with 3 mm errors grow from 1.0 to 2.3 mm, with 3 degrees of freedom from 7 to 70 mm
+# in 1 of 6 plane arrays in space
+CARRYING_SIGMA = 1e-3
+CARRYING_TAIL = 1e6
+
+
 def first_known_sigma(problem: Problem, settings: SolverSettings) -> float:
     """Return one sigma of a given coordinate to begin with, and at most, metres; 0 for exact positions."""
     if settings.known_sigma is not None:
         return settings.known_sigma if settings.known_sigma > EXACT else 0.0
-    return ASSUMED.carrying_sigma if given_carry_scale(problem) else GIVEN.sigma
+    return CARRYING_SIGMA if given_carry_scale(problem) else GIVEN_SIGMA
 
 
 def given_carry_scale(problem: Problem) -> bool:
@@ -363,13 +386,21 @@ def field_of(problem: Problem, state: State, used) -> FieldModel:
     )
 
 
+CONDITIONAL_POWER = 50.0  # factor on the power of the field in the conditional likelihood
+# of the likelihood of a random field beside it, by dimension of the field: a plane field has fewer directions, and
+# their power is learned better
+CONDITIONAL_WEIGHT = {2: 0.3, 3: 0.1}
+
+
 def _conditional(problem: Problem, state: State, used) -> Conditional | None:
     """The conditional likelihood of the last stage, where the array can do without the other."""
-    model, rules = state.model, CONDITIONAL
+    model = state.model
     if not model.conditional or model.kernel == "near" or state.progress.stage != FINAL:
         return None
     response = log_response(unknowns_of(state).channels, np.real(wavenumbers(problem, state)[used]))[0]
-    return Conditional(rules.power, rules.weight[problem.dimension], model.conditional == "series", response)
+    return Conditional(
+        CONDITIONAL_POWER, CONDITIONAL_WEIGHT[problem.dimension], model.conditional == "series", response
+    )
 
 
 def objective_of(problem: Problem, state: State, used) -> Objective:
@@ -379,7 +410,7 @@ def objective_of(problem: Problem, state: State, used) -> Objective:
     if stage.degree and known_sigma > 0:  # a rough array is bent to given positions only as far as it is right
         known_sigma = float(np.hypot(known_sigma, model.spread))
     speed = state.settings.sound_speed_sigma if speed_is_free(problem, state) else None
-    tail = ASSUMED.carrying_tail if given_carry_scale(problem) else NU
+    tail = CARRYING_TAIL if given_carry_scale(problem) else NU
     held = held_positions(problem, state)
     spreads = model.delay_sigma, model.corner_sigma
     priors = Priors(
@@ -485,9 +516,9 @@ def channel_step(
     try:
         here = objective.evaluate(unknowns)
     except np.linalg.LinAlgError:
-        return ChannelStep(unknowns, np.inf, 0.0, DAMPING.first, 0.0, free)
+        return ChannelStep(unknowns, np.inf, 0.0, FIRST_DAMPING, 0.0, free)
     if not free.shape[-1]:
-        return ChannelStep(unknowns, here.cost, 0.0, DAMPING.first, 0.0, free, here.terms, np.zeros((0, 0)))
+        return ChannelStep(unknowns, here.cost, 0.0, FIRST_DAMPING, 0.0, free, here.terms, np.zeros((0, 0)))
     g, H = reduced(unknowns, here, free, blind)
     before, near = unknowns.vector, objective.beside(here.source)
     step = damped_step(
@@ -527,11 +558,15 @@ def reduced(unknowns: Unknowns, here: Evaluation, free: np.ndarray, blind: bool)
     return free.T @ g, free.T @ H @ free
 
 
+# of the scaled Gauss-Newton matrix, dimensionless; directions with less are as good as undetermined
+MIN_EIGENVALUE = 1e-13
+
+
 def scaled_inverse(H: np.ndarray) -> np.ndarray:
     """Return the inverse of a positive semidefinite matrix (F, F) whose parameters may have different units."""
     scale = 1 / np.sqrt(np.diag(H))
     values, vectors = np.linalg.eigh(H * np.outer(scale, scale))
-    return scale[:, None] * ((vectors / np.maximum(values, STEPS.min_eigenvalue)) @ vectors.T) * scale
+    return scale[:, None] * ((vectors / np.maximum(values, MIN_EIGENVALUE)) @ vectors.T) * scale
 
 
 def free_coordinates(shape: tuple[int, int], held) -> np.ndarray:
@@ -566,6 +601,10 @@ def sigmas_moved(before: Unknowns, trial: ChannelStep, healthy: np.ndarray) -> f
     return float(np.sqrt(np.mean(move**2 / variance))) if np.any(healthy) else 0.0
 
 
+# largest Newton step left of a run that has converged, over one sigma of the coordinate
+CONVERGED_SIGMAS = 0.2
+
+
 def is_converged(problem: Problem, state: State) -> bool:
     """Return whether no healthy channel is farther from the minimum than a small part of its sigma."""
     goal, here = objective_of(problem, state, used_modes(problem, state)), unknowns_of(state)
@@ -577,9 +616,9 @@ def is_converged(problem: Problem, state: State) -> bool:
         return False
     step = remaining_step(here, goal, evaluated, free, inverse)
     sigma = np.sqrt(np.diag(position_covariance(inverse, step.shape, goal.priors.held))).reshape(step.shape)
-    healthy = state.model.channel_noise < OUTLIERS.suspicious
+    healthy = state.model.channel_noise < SUSPICIOUS
     step = without_motion(problem, state.positions, step, healthy, goal.priors)
-    return bool(np.all(np.abs(step[healthy]) <= STEPS.converged_sigmas * sigma[healthy]))
+    return bool(np.all(np.abs(step[healthy]) <= CONVERGED_SIGMAS * sigma[healthy]))
 
 
 def without_motion(problem: Problem, positions, step, healthy, priors: Priors) -> np.ndarray:

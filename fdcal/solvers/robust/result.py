@@ -3,7 +3,7 @@
     H      Gauss-Newton matrix of cost and priors over everything that is free
     g_m    gradient of mode m; -g_m H^-1 is the influence of that mode on the unknowns
 
-H takes the field as `GIVEN.weaker_field` times as powerful, which weakens the prior of an isotropic field: what becomes
+H takes the field as `WEAKER_FIELD` times as powerful, which weakens the prior of an isotropic field: what becomes
 uncertain rests on that prior and not on the wave equation. A conditional likelihood needs none. Without given
 positions the covariance is that of the array without its rigid motions; in the frame of the least gauge, of the array
 moved into it.
@@ -19,7 +19,7 @@ S large.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import chdtrc
@@ -49,22 +49,21 @@ from .objective import (
     used_modes,
 )
 from .schedule import begin, refined
-from .state import ASSUMED, FINAL, GIVEN, STAGES, STEPS, State
+from .state import (
+    DIRECTION_UPDATES,
+    FINAL,
+    FREE_STEPS,
+    GIVEN_SIGMA,
+    NEGLIGIBLE_FALL,
+    STAGE_DAMPING,
+    STAGES,
+    WEAKER_FIELD,
+    State,
+)
 
 NEIGHBOURS, MIN_GROUPS = 8, 6  # modes in a group, whose gradients are not independent; fewest groups
 LEARNED = 1 / 3  # one sigma over that step: with 1 measured and simulated rooms have errors of 0.3 to 0.6 of the claim
 FIELD_ROUNDS = 3  # of learning the field at given positions: a faulty channel is found in the second
-
-
-@dataclass(frozen=True)
-class AgreementRules:
-    """How the array without given positions is sought."""
-
-    clear: float = 0.05  # probability of the linear estimate above which no array is sought
-    margin: float = 1.5  # factor on that estimate
-
-
-AGREEMENT = AgreementRules()
 
 
 def result(problem: Problem, state: State) -> Estimate:
@@ -138,7 +137,7 @@ def _with_field(problem: Problem, state: State) -> State:
         for _ in range(STAGES[FINAL].max_steps):
             goal = objective_of(problem, state, used)
             state = noise.with_power(state, used, goal.field, goal.evaluate(unknowns_of(state)).terms)
-            state = noise.with_directions(problem, state, used, ASSUMED.direction_updates)
+            state = noise.with_directions(problem, state, used, DIRECTION_UPDATES)
         state = noise.with_noise(problem, state, state.model.deflation, rough=False)
     return state
 
@@ -153,7 +152,7 @@ def _weakened(goal: Objective, here: Unknowns, evaluated: Evaluation) -> Evaluat
     if goal.field.conditional is not None:
         return evaluated
     try:
-        return replace(goal, field=replace(goal.field, power=GIVEN.weaker_field * goal.field.power)).evaluate(here)
+        return replace(goal, field=replace(goal.field, power=WEAKER_FIELD * goal.field.power)).evaluate(here)
     except np.linalg.LinAlgError:
         return evaluated
 
@@ -273,7 +272,7 @@ def _given(
         return _agreement(held, here, at_goal)
 
     stated = state.settings.known_sigma
-    expected = GIVEN.sigma if stated is None else stated
+    expected = GIVEN_SIGMA if stated is None else stated
     stiffness = every.of_known(state.positions)[2]
     return GivenEstimate(
         state.model.known_sigma,
@@ -285,6 +284,10 @@ def _given(
     )
 
 
+CLEAR = 0.05  # probability of the linear estimate above which no array is sought
+MARGIN = 1.5  # factor on that estimate
+
+
 def _agreement(held: Objective, here: Unknowns, at_goal: Terms) -> float:
     """Probability of the disagreement; the array without given positions is sought only where it could be low."""
     D = here.positions.shape[1]
@@ -292,14 +295,14 @@ def _agreement(held: Objective, here: Unknowns, at_goal: Terms) -> float:
     alone = replace(held, priors=held.priors.without_given())
     falls = (_promised(here, goal, at_goal, goal is alone) for goal in (alone, held))
     quadratic = held.priors.of_known(here.positions)[0] + max(0.0, next(falls) - next(falls))
-    if chdtrc(freedom, 2 * AGREEMENT.margin * quadratic) > AGREEMENT.clear:
+    if chdtrc(freedom, 2 * MARGIN * quadratic) > CLEAR:
         return float(chdtrc(freedom, 2 * quadratic))
-    there, _ = _descend(here, held, False, GIVEN.steps)
+    there, _ = _descend(here, held, False, FREE_STEPS)
     prior = held.priors.of_known(there.positions)[0]
     linear = _promised(there, alone, alone.evaluate(there).terms, True)
-    if chdtrc(freedom, 2 * (prior + AGREEMENT.margin * linear)) > AGREEMENT.clear:
+    if chdtrc(freedom, 2 * (prior + MARGIN * linear)) > CLEAR:
         return float(chdtrc(freedom, 2 * (prior + linear)))
-    return float(chdtrc(freedom, 2 * (prior + _descend(there, alone, True, GIVEN.steps)[1])))
+    return float(chdtrc(freedom, 2 * (prior + _descend(there, alone, True, FREE_STEPS)[1])))
 
 
 def _promised(there: Unknowns, goal: Objective, terms: Terms, blind: bool) -> float:
@@ -311,13 +314,13 @@ def _promised(there: Unknowns, goal: Objective, terms: Terms, blind: bool) -> fl
 
 def _descend(unknowns: Unknowns, goal: Objective, blind: bool, steps: int) -> tuple[Unknowns, float]:
     """Return the minimum and by how much the cost has fallen."""
-    damping, fall = STEPS.damping, 0.0
+    damping, fall = STAGE_DAMPING, 0.0
     free = free_directions(unknowns, goal.priors.held, None, goal.priors.speed_sigma > 0)
     for _ in range(steps):
         trial = channel_step(unknowns, goal, free, damping, blind)
         if trial.terms is None:
             break
         unknowns, damping, fall = trial.unknowns, trial.damping, fall + trial.fall
-        if trial.fall < GIVEN.negligible:
+        if trial.fall < NEGLIGIBLE_FALL:
             break
     return unknowns, fall
