@@ -52,7 +52,7 @@ def faulty_channels(estimate: Estimate, covariance: np.ndarray) -> tuple[FaultyC
     contradicted = estimate.given.contradicted
     if contradicted is not None and estimate.given.sigma == 0:  # there the error of a position has become noise
         tau[estimate.problem.known] = contradicted.noise
-    tau = np.where(tau * estimate.field.share < MIN_NOISE, 1.0, tau)
+    tau = np.where(tau * estimate.field.noise_fraction < MIN_NOISE, 1.0, tau)
     variance = estimate.field.power[:, None] + estimate.field.noise[:, None] * channels.noise
     alone = np.mean(1 / (terms.precision * variance), axis=0)
     lost = (alone > UNPREDICTED) & (alone > UNPREDICTED_TO_MEDIAN * np.median(alone))

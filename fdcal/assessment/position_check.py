@@ -61,14 +61,14 @@ def matches(points: np.ndarray, others: np.ndarray) -> list[Match]:
     from scipy.spatial import KDTree
 
     tolerance, tree = tolerance_of(others), KDTree(others)
-    most = max(1, int(MAX_REFINED * min(1.0, (USUAL_COUNT / len(points)) ** 2)))
+    max_count = max(1, int(MAX_REFINED * min(1.0, (USUAL_COUNT / len(points)) ** 2)))
     half = _same_order(points, others)
     found = [_refined(align(points, others, by), others, tolerance) for by in (half, slice(None))]
     for base in _bases(points):
         motions = _motions(points, others, base, tolerance)
         if len(motions):
             rough = np.minimum(tree.query(motions)[0], tolerance)
-            best = np.argsort((rough**2).sum(axis=1), kind="stable")[:most]
+            best = np.argsort((rough**2).sum(axis=1), kind="stable")[:max_count]
             found += [_refined(motions[n], others, tolerance) for n in best]
         closest = min(found, key=lambda match: match.cost)
         if np.mean(np.linalg.norm(closest.placed - others[closest.order], axis=1) < tolerance) >= ENOUGH:
@@ -129,9 +129,9 @@ def _bases(points: np.ndarray) -> Iterator[np.ndarray]:
 def _motions(points: np.ndarray, others: np.ndarray, base: np.ndarray, tolerance: float) -> np.ndarray:
     """Return the points laid onto every group of `others` with the distances of the base : (K, N, D) float64."""
     groups = _groups(points[base], others, tolerance)
-    centred, goals = points - points[base].mean(axis=0), others[groups]
-    middles = goals.mean(axis=1, keepdims=True)
-    U, _, Vt = np.linalg.svd(centred[base].T @ (goals - middles))
+    centred, targets = points - points[base].mean(axis=0), others[groups]
+    middles = targets.mean(axis=1, keepdims=True)
+    U, _, Vt = np.linalg.svd(centred[base].T @ (targets - middles))
     mirror = np.append(np.ones(points.shape[1] - 1), -1.0)  # D points leave open on which side of them the others lie
     return np.concatenate([centred @ U @ Vt + middles, centred @ (U * mirror) @ Vt + middles])
 
@@ -149,15 +149,15 @@ def _groups(base: np.ndarray, others: np.ndarray, tolerance: float) -> np.ndarra
         group, last = np.nonzero(off.max(axis=1) < tolerance)
         misfit = misfit[group] + (off[group, :, last] ** 2).sum(axis=1)
         groups = np.column_stack([groups[group], last])
-        most = MAX_WORK // len(others) * (1 if n == len(base) - 1 else 20)
-        best = np.argsort(misfit, kind="stable")[:most]
+        max_count = MAX_WORK // len(others) * (1 if n == len(base) - 1 else 20)
+        best = np.argsort(misfit, kind="stable")[:max_count]
         groups, misfit = groups[best], misfit[best]
     apart = [len(set(group)) == len(group) for group in groups.tolist()]
     return groups[apart]
 
 
 TRUSTED = "good"  # the verdict with which finding no swap means that there is none
-MOST_LISTED = 0.5  # share of the microphones in others' places beyond which only the rows say who stands where
+MAX_LISTED = 0.5  # share of the microphones in others' places beyond which only the rows say who stands where
 UNITS = (("centimetres", 100.0), ("millimetres", 1000.0), ("feet", 3.281), ("inches", 39.37))
 UNIT_TOLERANCE = 0.1  # relative, of a factor that suggests a unit
 
@@ -429,7 +429,7 @@ def describe(
 def _exchanges(check: PositionCheck, names: Sequence[object]) -> list[str]:
     """Return the swaps and longer cycles in words; none where every microphone is at its place."""
     moved = np.count_nonzero(check.order != np.arange(len(names)))
-    if moved > MOST_LISTED * len(names):
+    if moved > MAX_LISTED * len(names):
         return [f"{moved} of {len(names)} channels stand in others' places{_pattern(check.order)}"]
     lines = [f"channels {names[a]} and {names[b]} are swapped" for a, b in check.swapped]
     for cycle in check.permuted:

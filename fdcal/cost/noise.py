@@ -35,10 +35,10 @@ DIFFUSE_FLOOR = (
 class NoiseEstimate:
     """What the pressures leave unexplained at given positions."""
 
-    share: float  # noise over the mean power
+    noise_fraction: float  # noise over the mean power
     spread: float  # metres, error of the positions beside it
     alone: float  # noise over the mean power where the positions have no error
-    cost: float  # -log likelihood with `share` and `spread`, up to a constant
+    cost: float  # -log likelihood with `noise_fraction` and `spread`, up to a constant
 
 
 def estimate_noise(positions, corrected, field: FieldModel, min_share: float) -> NoiseEstimate:
@@ -119,7 +119,7 @@ PROFILED = 33
 
 
 def profile_cost(positions, corrected, field: FieldModel, noise: float) -> float:
-    """Return -log likelihood of corrected pressures (M, N) with each mode's likeliest power; noise : share."""
+    """Return -log likelihood of corrected pressures (M, N) with each mode's likeliest power; noise : noise fraction."""
     values, along = spectra(positions, corrected, field)
     powers = np.geomspace(1 / MAX_PROFILED, MAX_PROFILED, PROFILED)
     mixed = np.multiply.outer(powers, values * field.power[:, None]) + noise

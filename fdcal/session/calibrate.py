@@ -99,8 +99,8 @@ def assess(inputs: CalibrationInput, problem: Problem, state, wording: Mapping[s
     `wording`: how the text of the verdict calls the arguments that it mentions; by their names in Python unless given.
     """
     estimate = load(inputs.settings.name).result(problem, state)
-    stretch = None if inputs.distance is None else stretch_of(state.positions, inputs)
-    found = replace(assessed(estimate, inputs.measurement.names, stretch), wording=wording)
+    scale = None if inputs.distance is None else scale_of(state.positions, inputs)
+    found = replace(assessed(estimate, inputs.measurement.names, scale), wording=wording)
     if problem.frame is None:
         return found
     turn = turn_to_frame(found.positions, problem.frame)  # a run that was stopped ended in a frame of its own
@@ -122,7 +122,7 @@ def distance_pair(inputs: CalibrationInput) -> tuple[int, int]:
     return first, second
 
 
-def stretch_of(positions, inputs: CalibrationInput) -> float:
+def scale_of(positions, inputs: CalibrationInput) -> float:
     """Return the given distance over that of the positions found (N, D): the factor of size and sound speed."""
     pair = distance_pair(inputs)
     apart = float(np.linalg.norm(np.subtract(*np.asarray(positions)[list(pair)])))

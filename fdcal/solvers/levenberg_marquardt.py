@@ -53,14 +53,14 @@ def damped_step(
     advance: Callable[[np.ndarray], np.ndarray],
     length: Callable[[np.ndarray], float],
     damping: float,
-    furthest: float = np.inf,
+    max_step: float = np.inf,
     shortest: float = 0.0,
 ) -> Step:
     """Return the Gauss-Newton step with the least damping that lowers the cost; no step if none does.
 
     `unknowns`: float64 array; `terms`: at `unknowns`; `cost`: cost of given unknowns; `advance`: unknowns after a step
     (P,) of the parameters; `length`: how far given unknowns have moved, metres; `damping`: that is tried first;
-    `furthest`: metres; a longer step is damped more, since it could leave the basin for a distant one; `shortest`:
+    `max_step`: metres; a longer step is damped more, since it could leave the basin for a distant one; `shortest`:
     metres; a shorter step that does not lower the cost is the last one tried.
     """
     g, H = terms.gradient, terms.curvature
@@ -75,7 +75,7 @@ def damped_step(
         tried = advance(y)
         moved = length(tried)
         try:
-            lower = cost(tried) if moved <= furthest else np.inf
+            lower = cost(tried) if moved <= max_step else np.inf
         except np.linalg.LinAlgError:  # a covariance is singular, as of two microphones at one place without noise
             lower = np.inf
         if lower < terms.cost:

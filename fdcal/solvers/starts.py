@@ -61,7 +61,7 @@ def plan(problem: Problem, modes: int, affine_first: bool = False) -> list[tuple
 
 
 def start(problem: Problem, modes: int, noise: float | None, kind: str, lowest: int) -> np.ndarray:
-    """Return the positions (N, D), metres, of one start; kind, lowest : of `plan`; noise : share that is reported.
+    """Return the positions (N, D), metres, of one start; kind, lowest : of `plan`; noise : fraction that is reported.
 
     Raises InputError where the modes show too few directions.
     """
@@ -129,7 +129,7 @@ def singular_vectors(problem: Problem, modes: int, lowest: int | None = None) ->
 METRIC_MODES = 28  # modes that the metric is first fitted to; then all
 # factors of the first guess that are tried: a field that is not quite affine makes the guess too large
 SCALES = (0.3, 0.4, 0.5, 0.6, 0.75, 1.0)
-FIRST_NOISE = 0.1  # noise's share of the power of `metric_modes` modes at an affine image of the positions
+FIRST_NOISE = 0.1  # noise fraction of `metric_modes` modes at an affine image of the positions
 
 
 def _with_metric(problem: Problem, modes: int, shape, values, lowest: int) -> np.ndarray:
@@ -143,8 +143,8 @@ def _with_metric(problem: Problem, modes: int, shape, values, lowest: int) -> np
     for count in (METRIC_MODES, METRIC_MODES, modes, modes):
         used = _enough_modes(problem, min(count, modes))
         p = problem.pressures[used]
-        share = np.full(len(used), FIRST_NOISE) if residual is None else _shares(residual, problem, k[used])
-        field = isotropic_field(p, k[used], share * mode_power(p), problem.dimension)
+        fraction = np.full(len(used), FIRST_NOISE) if residual is None else _noise_fractions(residual, problem, k[used])
+        field = isotropic_field(p, k[used], fraction * mode_power(p), problem.dimension)
         if residual is None:
             sizes = [scale * guess for scale in SCALES]
             guess = min(sizes, key=lambda x, p=p, field=field: likelihood_terms(x, p, field, derivatives=False).cost)
@@ -181,9 +181,9 @@ def _noise_at(problem: Problem, positions, modes: int) -> NoiseEstimate:
     return estimate_noise(positions, p, field, DIFFUSE_FLOOR)
 
 
-def _shares(found: NoiseEstimate, problem: Problem, k) -> np.ndarray:
+def _noise_fractions(found: NoiseEstimate, problem: Problem, k) -> np.ndarray:
     """Unexplained share of the power of modes with wavenumbers k (M,)."""
-    return np.minimum(found.share + (k * found.spread) ** 2 / problem.dimension, 0.5)
+    return np.minimum(found.noise_fraction + (k * found.spread) ** 2 / problem.dimension, 0.5)
 
 
 # steps at most of the fit of the metric, and metres at which it ends
@@ -238,7 +238,7 @@ def onto(x, known, places) -> np.ndarray:
 
 
 MAX_PRODUCTS = 3e5  # pressure products M N (N - 1) / 2 at most; of more modes a part is taken
-# shares of noise in the power to choose from where none is reported; the first is the least in any case
+# noise fractions to choose from where none is reported; the first is the least in any case
 NOISE_FRACTIONS = (1e-2, 3e-2, 0.1, 0.3)
 NEIGHBOURS = 10  # nearest microphones of each along which the array is unfolded
 # times 1 / (greatest k): farther pairs count less, one entry for every round of majorisation
@@ -253,13 +253,15 @@ def coherence_start(pressures, wavenumbers, noise: float | None, dimension: int,
     """Return positions (N, axes), metres, about the origin, that agree with the coherence of the pressures.
 
     pressures : (M, N) complex128, each mode of unit mean power; wavenumbers : (M,) rad/m, the real parts count;
-    noise : share of noise in the power, None for the likeliest of `CoherenceRules.noises`; dimension : of the field
+    noise : noise fraction, None for the likeliest of NOISE_FRACTIONS; dimension : of the field
     """
     N, k = pressures.shape[1], np.real(wavenumbers)
     count = max(1, min(len(k), int(2 * MAX_PRODUCTS / N**2)))
     some = np.unique(np.linspace(0, len(k) - 1, count).astype(int))
-    shares = NOISE_FRACTIONS if noise is None else (noise,)
-    distance, _ = min((pair_distances(pressures[some], k[some], one, dimension) for one in shares), key=lambda d: d[1])
+    fractions = NOISE_FRACTIONS if noise is None else (noise,)
+    distance, _ = min(
+        (pair_distances(pressures[some], k[some], one, dimension) for one in fractions), key=lambda d: d[1]
+    )
     x = _unfolded(distance, min(NEIGHBOURS, N - 1), axes)
     between = distance + np.eye(N)
     for reach in REACH:
@@ -287,7 +289,7 @@ LONGEST = 3.0
 def pair_distances(pressures, wavenumbers, noise: float, dimension: int) -> tuple[np.ndarray, float]:
     """Return the likeliest distance of every two microphones, metres, (N, N), and the sum of -log likelihood.
 
-    pressures : (M, N) complex128, each mode of unit mean power; wavenumbers : (M,) float64; noise : share
+    pressures : (M, N) complex128, each mode of unit mean power; wavenumbers : (M,) float64; noise : fraction
     """
     N, k = pressures.shape[1], wavenumbers
     i, j = np.triu_indices(N, 1)

@@ -55,7 +55,7 @@ def test_the_noise_is_recovered_at_the_true_positions(ratio):
         model = FieldModel(K, ONES, 0 * ONES, np.ones(N), 2)
         estimate = estimate_noise(TRUTH, p, model, DIFFUSE_FLOOR)
         found.append(estimate.alone)
-        assert DIFFUSE_FLOOR <= estimate.share <= MAX_NOISE_FRACTION
+        assert DIFFUSE_FLOOR <= estimate.noise_fraction <= MAX_NOISE_FRACTION
     assert np.mean(found) == pytest.approx(ratio, rel=0.15)
 
 
@@ -66,8 +66,8 @@ def test_position_errors_are_distinguished_from_noise(spread):
     for p in draws(1e-4, 6):
         model = FieldModel(K, ONES, 0 * ONES, np.ones(N), 2)
         estimate = estimate_noise(TRUTH + rng.normal(0, spread, TRUTH.shape), unit(p), model, DIFFUSE_FLOOR)
-        found.append((estimate.spread, estimate.share))
-        assert estimate.alone > estimate.share
+        found.append((estimate.spread, estimate.noise_fraction))
+        assert estimate.alone > estimate.noise_fraction
     spreads, shares = np.mean(found, axis=0)
     assert spreads == pytest.approx(spread * np.sqrt(2), rel=0.3)  # of both coordinates together
     assert shares < 5e-3
@@ -95,7 +95,7 @@ def test_the_cost_of_an_estimate_is_that_of_its_noise_in_every_mode(spread):
     x = TRUTH + np.random.default_rng(1).normal(0, spread, TRUTH.shape)
     field = FieldModel(K, ONES, 0 * ONES, np.ones(N), 2)
     found = estimate_noise(x, unit(p), field, DIFFUSE_FLOOR)
-    noise = np.minimum(found.share + (K * found.spread) ** 2 / 2, MAX_NOISE_FRACTION)
+    noise = np.minimum(found.noise_fraction + (K * found.spread) ** 2 / 2, MAX_NOISE_FRACTION)
     assert (noise.max() == MAX_NOISE_FRACTION) == (spread == 0.4)
     cost = likelihood_terms(x, unit(p), replace(field, noise=noise), derivatives=False).cost
     assert found.cost == pytest.approx(cost, rel=1e-9)

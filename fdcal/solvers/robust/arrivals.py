@@ -315,14 +315,17 @@ CONSTRAINED_STIFFNESS = 1e16  # 1/m^2, stiffness of a microphone whose position 
 ROUNDS = 15  # of positions and sigma before the arrivals count
 
 
-def near_positions(arrivals: Arrivals, positions: np.ndarray, spread: float, held) -> tuple[np.ndarray, np.ndarray]:
+def near_positions(
+    arrivals: Arrivals, positions: np.ndarray, spread: float, constrained
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the positions (N, D) that fit the arrivals best, and the sigma (T,) of these, metres.
 
-    positions, spread : where the array is, (N, D), and one sigma of a coordinate, metres; held : (A,) int64, those that
-    do not move. Times of several takes that agree with one array are right, wherever the array was thought to be.
+    positions, spread : where the array is, (N, D), and one sigma of a coordinate, metres; constrained : (A,) int64,
+    those that do not move. Times of several takes that agree with one array are right, wherever the array was
+    thought to be.
     """
     x, stiffness = np.array(positions), np.full(positions.shape, 1 / max(spread, MIN_SPREAD) ** 2)
-    stiffness[held] = CONSTRAINED_STIFFNESS
+    stiffness[constrained] = CONSTRAINED_STIFFNESS
     stiffness = stiffness.ravel()
     arrivals = replace(arrivals, sigma=arrivals.scatter(x))
     covariance = np.zeros((x.size + 1,) * 2)

@@ -35,12 +35,11 @@ from . import noise
 from .objective import (
     Unknowns,
     channel_step,
-    free_directions,
+    constrained_positions,
+    descend,
     given_carry_scale,
-    held_positions,
     objective_of,
-    reduced,
-    scaled_inverse,
+    quadratic,
     unknowns_of,
     used_modes,
     with_unknowns,
@@ -138,11 +137,11 @@ def _let_go(problem: Problem, state: State) -> State:
     used = used_modes(problem, state)
     state, damping = relocated(problem, state)[0], STAGE_DAMPING
     for _ in range(FREE_STEPS):
-        goal, here = objective_of(problem, state, used), unknowns_of(state)
-        trial = channel_step(here, goal, free_directions(here, goal.priors.held), damping, True)
+        objective, here = objective_of(problem, state, used), unknowns_of(state)
+        trial = channel_step(here, objective, objective.free(here), damping)
         if trial.terms is None:
             break
-        state = noise.with_power(with_unknowns(state, trial.unknowns), used, goal.field, trial.terms)
+        state = noise.with_power(with_unknowns(state, trial.unknowns), used, objective.field, trial.terms)
         damping = trial.damping
         if trial.fall < NEGLIGIBLE_FALL:
             break
@@ -166,7 +165,7 @@ AGREE = 0.2
 
 def _agree(problem: Problem, state: State, found: FreeArray) -> bool:
     """Whether the positions that hold the array and the pressures agree within their sigmas."""
-    known, places = held_positions(problem, state)
+    known, places = constrained_positions(problem, state)
     x, D = found.unknowns.positions, problem.array_dimension
     index = (known[:, None] * D + np.arange(D)).ravel()
     sigma = max(state.model.known_sigma, GIVEN_SIGMA) if state.model.known_sigma > 0 else EXACT_SIGMA
@@ -213,7 +212,7 @@ def anchored(problem: Problem, state: State) -> np.ndarray:
     The pressures do not fix the array as a whole, and the last steps hardly see the weak pull of the given positions
     where there is hardly any noise.
     """
-    x, (known, given) = state.positions, held_positions(problem, state)
+    x, (known, given) = state.positions, constrained_positions(problem, state)
     if state.model.known_sigma == 0:
         return x
     away = np.linalg.norm(x[known] - given, axis=1)
@@ -239,28 +238,21 @@ def free_array(problem: Problem, state: State, steps: int, terms: tuple[Terms, T
     With 0 it is that of the quadratic at `state`, of which the `terms` may be known already, and those with a weaker
     field. Raises numpy.linalg.LinAlgError where a covariance is singular.
     """
-    goal = objective_of(problem, state, used_modes(problem, state))
-    goal, here = replace(goal, priors=goal.priors.without_given()), unknowns_of(state)
-    free, damping = free_directions(here, goal.priors.held, None, goal.priors.speed_sigma > 0), STAGE_DAMPING
-    for _ in range(steps):
-        trial = channel_step(here, goal, free, damping, True)
-        here, damping = trial.unknowns, trial.damping
-        if trial.fall < NEGLIGIBLE_FALL:
-            break
+    objective = objective_of(problem, state, used_modes(problem, state))
+    objective = replace(objective, priors=objective.priors.without_given())
+    here = descend(unknowns_of(state), objective, steps)[0]
     if terms is None:
-        factor = 1.0 if goal.field.conditional is not None else WEAKER_FIELD
-        weaker = replace(goal, field=replace(goal.field, power=factor * goal.field.power)).evaluate(here)
-        own = weaker if steps else goal.evaluate(here)
+        factor = 1.0 if objective.field.conditional is not None else WEAKER_FIELD
+        weaker = replace(objective, field=replace(objective.field, power=factor * objective.field.power)).evaluate(here)
+        own = weaker if steps else objective.evaluate(here)
     else:
-        own, weaker = (goal.with_priors(here, one) for one in terms)
-    inverse, count = scaled_inverse(reduced(here, weaker, free, True)[1]), here.positions.size
+        own, weaker = (objective.with_priors(here, one) for one in terms)
+    covariance = quadratic(here, objective, weaker).covariance
     if not steps:
-        g, H = reduced(here, own, free, True)
-        step = -(scaled_inverse(H) @ g)[:count].reshape(here.positions.shape)
-        here = replace(here, positions=here.positions + step)
+        here = replace(here, positions=here.positions + quadratic(here, objective, own).step)
     motions = np.linalg.qr(rigid_motions(here.positions))[0]
-    held = np.eye(count) - motions @ motions.T
-    return FreeArray(here, held @ inverse[:count, :count] @ held.T)
+    fixed = np.eye(here.positions.size) - motions @ motions.T
+    return FreeArray(here, fixed @ covariance @ fixed.T)
 
 
 @dataclass(frozen=True)
@@ -339,8 +331,8 @@ def _away(found: FreeArray, known, places) -> np.ndarray:
 def _weighed(found: FreeArray, known, places, right, order, scale: bool, stated: float | None) -> Hypothesis:
     """One hypothesis, with the likelier one of the two mirror images."""
     x, D = found.unknowns.positions, places.shape[1]
-    ordered, held = places[order], known[right]
-    index = (held[:, None] * D + np.arange(D)).ravel()
+    ordered, constrained = places[order], known[right]
+    index = (constrained[:, None] * D + np.arange(D)).ravel()
     values, vectors = np.linalg.eigh(found.covariance[np.ix_(index, index)])
     columns, spectrum = rigid_motions(x), (np.maximum(values, 0.0), vectors)
     if scale:
@@ -371,8 +363,8 @@ def _log_prior(right, order, scale: bool) -> float:
 def _placed(found: FreeArray, known, places, right, columns, index, spectrum, stated: float | None, mirror: bool):
     """Log evidence, sigma and positions of one image of the array, and its last motion with one sigma."""
     x = found.unknowns.positions
-    turn, centre, goal = _turn(x[known[right]], places[right], mirror)
-    b = (places - goal) @ turn.T + centre  # the given positions in the frame of the free array
+    turn, centre, target = _turn(x[known[right]], places[right], mirror)
+    b = (places - target) @ turn.T + centre  # the given positions in the frame of the free array
     values, vectors = spectrum
     r, G = vectors.T @ (b[right] - x[known[right]]).ravel(), vectors.T @ columns[index]
     sigmas, log_prior = sigma_grid(stated)
@@ -388,7 +380,7 @@ def _placed(found: FreeArray, known, places, right, columns, index, spectrum, st
     evidence = logs[best] - (r.size - columns.shape[1]) / 2 * np.log(2 * np.pi)
     evidence += _of_wrong(b[~right] - moved[known[~right]], sigmas[best])
     last = float(t[best, -1]), float(np.sqrt(np.linalg.inv(W[best])[-1, -1]))
-    return float(evidence), float(sigmas[best]), (moved - centre) @ turn + goal, last
+    return float(evidence), float(sigmas[best]), (moved - centre) @ turn + target, last
 
 
 # greatest distance of a wrong position over the least one; with 10 the error of one grows from 5 to 12 mm
@@ -404,12 +396,12 @@ def _of_wrong(away, sigma: float) -> float:
 
 
 def _turn(x, places, mirror: bool):
-    """The motion y = (x - centre) turn + goal of least squares; `mirror` takes the other image."""
-    centre, goal = x.mean(axis=0), places.mean(axis=0)
-    U, _, Vt = np.linalg.svd((x - centre).T @ (places - goal))
+    """The motion y = (x - centre) turn + target of least squares; `mirror` takes the other image."""
+    centre, target = x.mean(axis=0), places.mean(axis=0)
+    U, _, Vt = np.linalg.svd((x - centre).T @ (places - target))
     if mirror:
         U = U * np.append(np.ones(U.shape[1] - 1), -1.0)
-    return U @ Vt, centre, goal
+    return U @ Vt, centre, target
 
 
 # spread, nepers, of the log-normal prior of one sigma of a given coordinate about GIVEN_SIGMA, and its greatest
@@ -421,7 +413,9 @@ MAX_SIGMA = 0.04
 def sigma_grid(stated: float | None) -> tuple[np.ndarray, np.ndarray]:
     """Return sigmas of a given coordinate, metres, and the logarithm of their prior probabilities."""
     middle = GIVEN_SIGMA if stated is None else stated
-    most = MAX_SIGMA if stated is None else stated
-    sigmas = np.append(np.geomspace(middle / 4, middle, 4), np.geomspace(middle, most, 8)[1:] if most > middle else [])
+    max_sigma = MAX_SIGMA if stated is None else stated
+    sigmas = np.append(
+        np.geomspace(middle / 4, middle, 4), np.geomspace(middle, max_sigma, 8)[1:] if max_sigma > middle else []
+    )
     logs = -((np.log(sigmas / middle) / SIGMA_SPREAD) ** 2) / 2
     return sigmas, logs

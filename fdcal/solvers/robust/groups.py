@@ -59,11 +59,11 @@ def other_poses(positions, pressures, field: FieldModel) -> list[np.ndarray]:
     """
     wavelength = 2 * np.pi / float(field.wavenumbers.max())
     found = groups(positions, wavelength)
-    sound = field.channel_noise < SUSPICIOUS
+    healthy = field.channel_noise < SUSPICIOUS
     results = []
     for group in sorted(found, key=len)[:-1][-MAX_GROUPS:]:
         rest = np.setdiff1d(np.arange(len(positions)), group)
-        if min(np.sum(sound[group]), np.sum(sound[rest])) >= MIN_GROUP:
+        if min(np.sum(healthy[group]), np.sum(healthy[rest])) >= MIN_GROUP:
             results += _refined(positions, pressures, field, group, rest)
     kept = [np.asarray(positions, float)]
     for rise, moved in sorted(results, key=lambda one: one[0]):
@@ -80,8 +80,8 @@ EVALUATIONS = 40  # of the likelihood in each of these rounds
 
 def _refined(x, q, field: FieldModel, group, rest) -> list[tuple[float, np.ndarray]]:
     """Cost of poses of `group` over that of the present one, and the positions (N, 2), metres, with each."""
-    sound = field.channel_noise < SUSPICIOUS
-    inside, outside = group[sound[group]], rest[sound[rest]]
+    healthy = field.channel_noise < SUSPICIOUS
+    inside, outside = group[healthy[group]], rest[healthy[rest]]
     few = np.concatenate([one[_spread(x[one], REFINED_MICROPHONES)] for one in (outside, inside)])
     used = np.unique(np.linspace(0, len(q) - 1, min(len(q), REFINED_MODES)).astype(int))
     wavelength = 2 * np.pi / float(field.wavenumbers.max())
@@ -98,9 +98,9 @@ def _refined(x, q, field: FieldModel, group, rest) -> list[tuple[float, np.ndarr
         for blur in BLURS:
             check_deadline()
             start = pose + np.vstack([np.zeros(3), np.diag([blur, blur, np.pi / ANGLES / 2])])
-            goal = _placing(cost, x, group, shape, blur, wavelength)
+            objective = _placing(cost, x, group, shape, blur, wavelength)
             options = {"initial_simplex": start, "maxfev": EVALUATIONS, "xatol": 3e-3, "fatol": 0.1}
-            fit = minimize(goal, pose, method="Nelder-Mead", options=options)
+            fit = minimize(objective, pose, method="Nelder-Mead", options=options)
             pose, least = fit.x, float(fit.fun)
         results.append((least - present, _moved(x, group, shape, pose, wavelength)))
     return results

@@ -19,22 +19,21 @@ from ...cost.noise import (
 )
 from ...model.problem import Problem
 from ...model.validation import frozen_array
-from ..estimate import stretch_sigma
+from ..estimate import scale_sigma
 from . import arrivals as direct_sound
 from .objective import (
     ChannelStep,
     Objective,
     arrival_index,
+    constrained_positions,
     corrected,
     field_of,
     field_wavenumbers,
     first_known_sigma,
-    free_directions,
     gains_are_free,
     given_carry_scale,
-    held_positions,
     objective_of,
-    position_covariance,
+    quadratic,
     reduced,
     scaled_inverse,
     speed_is_free,
@@ -80,15 +79,15 @@ def with_noise(problem: Problem, state: State, deflation: float = 1.0, rough: bo
     used, floor = used_modes(problem, state, NOISE_MODES), MIN_NOISE_FRACTION[state.model.kernel]
     seen = corrected(problem, state, used)
     found = estimate_noise(state.positions, seen, field_of(problem, state, used), floor)
-    share = found.share if rough else found.alone
+    fraction = found.noise_fraction if rough else found.alone
     k = np.real(problem.wavenumbers)
-    noise, given = np.full(len(k), max(share, floor)), given_noise(problem, state)
+    noise, given = np.full(len(k), max(fraction, floor)), given_noise(problem, state)
     level = 0.0 if given is None else float(np.median(given))
-    if given is not None and level / BELIEVED < share < level * BELIEVED:
+    if given is not None and level / BELIEVED < fraction < level * BELIEVED:
         noise = np.maximum(given, floor)
     noise = np.maximum(noise / deflation, floor)
     noise = np.minimum(noise + rough * (k * found.spread) ** 2 / problem.dimension, MAX_NOISE_FRACTION)
-    model = replace(state.model, noise=noise, share=share, spread=found.spread, deflation=deflation)
+    model = replace(state.model, noise=noise, share=fraction, spread=found.spread, deflation=deflation)
     return replace(state, model=model)
 
 
@@ -148,13 +147,13 @@ def with_spreads(problem: Problem, state: State, trial: ChannelStep) -> State:
             e, v = np.append(model.filters[:, column], expected), np.append(variance[:, D + 2 + column], 0.0)
             sigma = _updated_sigma(sigma, e, v, 1, expected, MAX_FILTER[column])
         filters.append(sigma)
-    (known, places), sigma = held_positions(problem, state), model.known_sigma
+    (known, places), sigma = constrained_positions(problem, state), model.known_sigma
     if len(known) and sigma > 0 and not given_carry_scale(problem):
         e = np.linalg.norm(state.positions[known] - places, axis=1)
         e = np.append(e, EXPECTED_GIVEN * np.sqrt(D) * np.ones(KNOWN_COUNT))
         v = np.append(variance[known, :D].mean(axis=1), np.zeros(KNOWN_COUNT))
-        at_most = max(first_known_sigma(problem, state.settings), sigma)  # greater by a hypothesis alone (`given`)
-        sigma = min(_updated_sigma(sigma, e, v, D, 1e-5), at_most)
+        max_sigma = max(first_known_sigma(problem, state.settings), sigma)  # greater by a hypothesis alone (`given`)
+        sigma = min(_updated_sigma(sigma, e, v, D, 1e-5), max_sigma)
     spreads = dict(zip(("gain_sigma", "phase_sigma", "delay_sigma", "corner_sigma"), sigmas + filters, strict=True))
     return replace(state, model=replace(model, known_sigma=sigma, **spreads))
 
@@ -173,13 +172,13 @@ def with_filters(problem: Problem, state: State) -> State:
     """
     if not gains_are_free(state) or state.model.delay_sigma > 0:
         return state
-    goal, here = objective_of(problem, state, used_modes(problem, state)), unknowns_of(state)
+    objective, here = objective_of(problem, state, used_modes(problem, state)), unknowns_of(state)
     D, channels = state.positions.shape[1], np.hstack([state.gains, state.model.filters])
     here = replace(here, channels=channels, filters=True)
-    free = free_directions(here, goal.priors.held, None, speed_is_free(problem, state))
+    free = objective.free(here)
     kind = np.where(free < here.vector.size - 1, free % (D + 4) - (D + 2), -1)
     try:
-        gradient, matrix = reduced(here, goal.evaluate(here), free, not len(problem.known))
+        gradient, matrix = reduced(here, objective.evaluate(here), free, objective.priors.blind)
         found = [_likeliest_spread(gradient, matrix, kind < 0, kind == c, c) for c in (0, 1)]
     except np.linalg.LinAlgError:
         return state
@@ -204,8 +203,8 @@ def with_arrivals(problem: Problem, state: State) -> State:
     arrivals = direct_sound.arrivals_of(problem, None)
     if arrivals is None:
         return state
-    held = objective_of(problem, state, slice(0)).priors.held
-    x, sigma = direct_sound.near_positions(arrivals, state.positions, state.model.spread, held)
+    constrained = objective_of(problem, state, slice(0)).priors.constrained
+    x, sigma = direct_sound.near_positions(arrivals, state.positions, state.model.spread, constrained)
     return _with_sigma_of(problem, replace(state, positions=frozen_array(x, float)), sigma)
 
 
@@ -230,7 +229,7 @@ def _with_sigma_of(problem: Problem, state: State, sigma) -> State:
     return replace(state, model=replace(state.model, arrival_sigma=frozen_array(every, float)))
 
 
-def _updated_sigma(sigma: float, deviation, variance, components: int, floor: float, most: float = np.inf) -> float:
+def _updated_sigma(sigma: float, deviation, variance, components: int, floor: float, maximum: float = np.inf) -> float:
     """Spread of a prior: squared deviations over how many the data determine.
 
     deviation : (K,) root of the sum of squares of the components; variance : (K,) posterior, per component
@@ -238,7 +237,7 @@ def _updated_sigma(sigma: float, deviation, variance, components: int, floor: fl
     weight = spring(deviation**2, sigma, components) * sigma**2
     determined = components * np.clip(1 - weight * variance / sigma**2, 0.0, 1.0)
     fresh = np.sqrt(np.sum(weight * deviation**2) / max(float(determined.sum()), 1e-3))
-    return float(np.clip(np.clip(fresh, sigma / 4, 4 * sigma), floor, most))
+    return float(np.clip(np.clip(fresh, sigma / 4, 4 * sigma), floor, maximum))
 
 
 # change of the logarithm of a spread that does not count; without it an array without noise ends at, 0.011 instead of
@@ -262,14 +261,14 @@ def same_arrivals(before: Model, after: Model) -> bool:
     return bool(np.all(np.abs(np.log(after.arrival_sigma / before.arrival_sigma)) < SAME_SPREAD))
 
 
-def score(problem: Problem, state: State, goal: Objective, trial: ChannelStep) -> float:
+def score(problem: Problem, state: State, objective: Objective, trial: ChannelStep) -> float:
     """Return -log evidence at the end of a restart, by Laplace's approximation, up to a constant.
 
-    goal : what the last step minimised; the cost of the state and the normalisation of the priors are both its
+    objective : what the last step minimised; the cost of the state and the normalisation of the priors are both its
     """
     N, D = state.positions.shape
-    priors, cost = goal.priors, state.cost
-    cost += hyper_cost(goal.field, corrected(problem, state, used_modes(problem, state)))
+    priors, cost = objective.priors, state.cost
+    cost += hyper_cost(objective.field, corrected(problem, state, used_modes(problem, state)))
     cost += 0.5 * np.linalg.slogdet(np.asarray(trial.matrix))[1]
     if priors.known_sigma > 0:
         cost += len(problem.known) * D * np.log(priors.known_sigma)
@@ -279,8 +278,8 @@ def score(problem: Problem, state: State, goal: Objective, trial: ChannelStep) -
             cost += N * (np.log(priors.delay_sigma) + np.log(priors.corner_sigma))
         else:
             cost += np.sum((state.model.filters != 0) * np.log([DELAY_SIGMA, CORNER_SIGMA]))
-    if goal.arrivals is not None:
-        cost += direct_sound.hyper_cost(goal.arrivals)
+    if objective.arrivals is not None:
+        cost += direct_sound.hyper_cost(objective.arrivals)
     if speed_is_free(problem, state):
         cost += np.log(state.settings.sound_speed_sigma or 1.0)
     return float(cost)
@@ -371,12 +370,9 @@ def with_conditional(problem: Problem, state: State) -> State:
         return without
     kernel = "series" if isotropic_kernel(problem, state) == "series" else "diffuse"
     chosen = replace(state, model=replace(model, conditional=kernel), progress=replace(state.progress, stage=FINAL))
-    here, goal = unknowns_of(chosen), objective_of(problem, chosen, used)
-    free = free_directions(here, goal.priors.held, None, speed_is_free(problem, chosen))
     try:
-        inverse = scaled_inverse(reduced(here, goal.evaluate(here), free, not len(problem.known))[1])
-        covariance = position_covariance(inverse, state.positions.shape, goal.priors.held)
-        sigma = stretch_sigma(state.positions, [covariance], healthy(state.model))
+        covariance = quadratic(unknowns_of(chosen), objective_of(problem, chosen, used)).covariance
+        sigma = scale_sigma(state.positions, [covariance], healthy(state.model))
     except np.linalg.LinAlgError:
         return without
     limit = MAX_STRETCH if len(problem.known) else MAX_BLIND_STRETCH

@@ -12,7 +12,7 @@ Gains and given positions have Student t priors of NU degrees of freedom,
 
 e the deviation, d its number of components. One wrong entry is outvoted, and a small sigma costs a matched array
 nothing. In the Gauss-Newton matrix such a prior is a spring of stiffness w = (NU + d) / (NU sigma^2 + e^2). Positions
-that are given exactly have no prior: their coordinates are not free (`step.free_directions`).
+that are given exactly have no prior: their coordinates are not free (`free_directions`).
 
 One Levenberg-Marquardt step of everything that is free, and how far it leaves the solver from its minimum.
 
@@ -42,6 +42,8 @@ from .state import (
     DIRECTIONAL,
     FINAL,
     GIVEN_SIGMA,
+    NEGLIGIBLE_FALL,
+    STAGE_DAMPING,
     STAGES,
     SUSPICIOUS,
     UNDAMPED,
@@ -112,9 +114,14 @@ class Priors:
     corner_sigma: float = 0.0
 
     @property
-    def held(self) -> np.ndarray:
+    def constrained(self) -> np.ndarray:
         """Microphones whose given position is exact and holds the array : (A,) int64."""
         return self.known if self.known_sigma == 0 else self.known[:0]
+
+    @property
+    def blind(self) -> bool:
+        """Whether no given position holds the array."""
+        return not len(self.known)
 
     def of_known(self, positions) -> tuple[float, np.ndarray, np.ndarray]:
         """Return the cost of the given positions, their deviations (A, D), metres, and their stiffness (A,), 1/m^2."""
@@ -183,6 +190,10 @@ class Objective:
         if self.arrivals is None or source is None:
             return self
         return replace(self, arrivals=replace(self.arrivals, start=source))
+
+    def free(self, unknowns: Unknowns, deformations: np.ndarray | None = None) -> np.ndarray:
+        """Return the directions in which the unknowns may move, as of `free_directions`."""
+        return free_directions(unknowns, self.priors.constrained, deformations, self.priors.speed_sigma > 0)
 
     def finite_cost(self, unknowns: Unknowns) -> float:
         """Return the cost; infinity where a covariance is singular, as of two microphones at one place."""
@@ -306,7 +317,7 @@ def given_carry_scale(problem: Problem) -> bool:
     return problem.array_dimension < problem.dimension
 
 
-def held_positions(problem: Problem, state: State) -> tuple[np.ndarray, np.ndarray]:
+def constrained_positions(problem: Problem, state: State) -> tuple[np.ndarray, np.ndarray]:
     """Return the microphones that given positions hold (H,), and these positions (H, D), metres."""
     right = ~state.model.contradicted
     return problem.known[right], state.model.places[right]
@@ -339,17 +350,17 @@ def with_unknowns(state: State, moved: Unknowns) -> State:
     return replace(state, positions=positions, gains=gains, model=model)
 
 
-def spaced(count: int, at_most: int) -> np.ndarray:
+def spaced(count: int, max_count: int) -> np.ndarray:
     """At most so many numbers below `count`, evenly taken : int64."""
-    return np.unique(np.linspace(0, count - 1, min(count, at_most)).round().astype(np.int64))
+    return np.unique(np.linspace(0, count - 1, min(count, max_count)).round().astype(np.int64))
 
 
-def used_modes(problem: Problem, state: State, at_most: int = 0) -> np.ndarray:
+def used_modes(problem: Problem, state: State, max_count: int = 0) -> np.ndarray:
     """At most so many of the modes that the stage works with : int64; 0 for all."""
     count, stage = len(problem.pressures[state.modes]), STAGES[state.progress.stage]
     if stage.lowest and len(problem.known):
         count = min(count, stage.modes)
-    return state.first - 1 + (spaced(count, at_most) if at_most else np.arange(count))
+    return state.first - 1 + (spaced(count, max_count) if max_count else np.arange(count))
 
 
 def wavenumbers(problem: Problem, state: State) -> np.ndarray:
@@ -411,10 +422,10 @@ def objective_of(problem: Problem, state: State, used) -> Objective:
         known_sigma = float(np.hypot(known_sigma, model.spread))
     speed = state.settings.sound_speed_sigma if speed_is_free(problem, state) else None
     tail = CARRYING_TAIL if given_carry_scale(problem) else NU
-    held = held_positions(problem, state)
+    constrained = constrained_positions(problem, state)
     spreads = model.delay_sigma, model.corner_sigma
     priors = Priors(
-        model.gain_sigma, model.phase_sigma, *held, known_sigma, state.offsets, speed or 0.0, tail, *spreads
+        model.gain_sigma, model.phase_sigma, *constrained, known_sigma, state.offsets, speed or 0.0, tail, *spreads
     )
     arrivals = state_arrivals(problem, state)
     return Objective(problem.pressures[used], field_of(problem, state, used), priors, model.log_speed, arrivals)
@@ -445,12 +456,12 @@ class ChannelStep:
     source: Source | None = None  # Source of the arrivals there; None without any
 
 
-def free_directions(unknowns: Unknowns, held, deformations=None, speed: bool = False) -> np.ndarray:
+def free_directions(unknowns: Unknowns, constrained, deformations=None, speed: bool = False) -> np.ndarray:
     """Return the directions in which the unknowns may move.
 
-    held : microphones whose coordinates never move, (A,) int64; deformations : (N D, F) float64 or None, directions of
-    the positions, of which those that are left may move; speed : whether the sound speed is free. Delays and corners
-    are free where `Unknowns.filters` says so.
+    constrained : microphones whose coordinates never move, (A,) int64; deformations : (N D, F) float64 or None,
+    directions of the positions, of which those that are left may move; speed : whether the sound speed is free. Delays
+    and corners are free where `Unknowns.filters` says so.
 
     Returns (N P + 1, F) float64, or, where every microphone moves for itself, the indices (F,) int64 of the unknowns.
     """
@@ -464,15 +475,15 @@ def free_directions(unknowns: Unknowns, held, deformations=None, speed: bool = F
         freed.append(index[:, D + 2 :][(filters != 0) | unknowns.filters])
     rest = np.concatenate([*freed, [size - 1] if speed else []]).astype(np.int64)
     if deformations is None:
-        return np.concatenate([np.delete(index[:, :D], held, axis=0).ravel(), rest])
+        return np.concatenate([np.delete(index[:, :D], constrained, axis=0).ravel(), rest])
     basis = np.zeros((size, deformations.shape[1] + len(rest)))
     basis[index[:, :D].ravel(), : deformations.shape[1]] = deformations
     basis[rest, deformations.shape[1] + np.arange(len(rest))] = 1.0
     return basis
 
 
-def polynomial_deformations(positions: np.ndarray, held: np.ndarray, degree: int) -> np.ndarray:
-    """Return an orthonormal basis (N D, F) of smooth deformations that leave the microphones `held` in place.
+def polynomial_deformations(positions: np.ndarray, constrained: np.ndarray, degree: int) -> np.ndarray:
+    """Return an orthonormal basis (N D, F) of smooth deformations that leave the microphones `constrained` in place.
 
     The error of a rough start is smooth, as the field is. Every coordinate moves by a polynomial of positions (N, D),
     metres, less what `interpolation` makes of it at the microphones that stay. The degree is lower if the array has too
@@ -488,38 +499,38 @@ def polynomial_deformations(positions: np.ndarray, held: np.ndarray, degree: int
             break
         columns += more
     shapes = np.linalg.qr(np.column_stack(columns))[0]
-    if len(held):
-        left = shapes - interpolation(positions, held) @ shapes[held]
-        left[held] = 0.0  # exactly
+    if len(constrained):
+        left = shapes - interpolation(positions, constrained) @ shapes[constrained]
+        left[constrained] = 0.0  # exactly
         U, values, _ = np.linalg.svd(left, full_matrices=False)
         shapes = U[:, values > DISTINCT]
-        shapes[held] = 0.0
+        shapes[constrained] = 0.0
     return np.kron(shapes, np.eye(D))
 
 
-def interpolation(positions: np.ndarray, held: np.ndarray) -> np.ndarray:
-    """Return the weights (N, A) by which moves of microphones `held` (A,) become a smooth move of the whole array.
+def interpolation(positions: np.ndarray, constrained: np.ndarray) -> np.ndarray:
+    """Return the weights (N, A) by which moves of `constrained` microphones (A,) become a smooth move of the array.
 
     Kriging with the covariance (1 + r / l) exp(-r / l), l the radius of the array: far from them nothing moves.
     """
     x = positions
     radius = np.sqrt(np.mean(np.sum((x - x.mean(axis=0)) ** 2, axis=1)))
-    r = np.linalg.norm(x[:, None] - x[held], axis=-1) / radius
+    r = np.linalg.norm(x[:, None] - x[constrained], axis=-1) / radius
     K = (1 + r) * np.exp(-r)
-    return K @ np.linalg.pinv(K[held], hermitian=True)
+    return K @ np.linalg.pinv(K[constrained], hermitian=True)
 
 
 def channel_step(
-    unknowns: Unknowns, objective: Objective, free: np.ndarray, damping: float, blind: bool, max_step: float = np.inf
+    unknowns: Unknowns, objective: Objective, free: np.ndarray, damping: float, max_step=np.inf, blind: bool = False
 ) -> ChannelStep:
-    """Return one damped Gauss-Newton step; free, blind as of `reduced`, max_step in metres."""
+    """Return one damped Gauss-Newton step; max_step in metres, `blind` where given positions do not hold the array."""
     try:
         here = objective.evaluate(unknowns)
     except np.linalg.LinAlgError:
         return ChannelStep(unknowns, np.inf, 0.0, FIRST_DAMPING, 0.0, free)
     if not free.shape[-1]:
         return ChannelStep(unknowns, here.cost, 0.0, FIRST_DAMPING, 0.0, free, here.terms, np.zeros((0, 0)))
-    g, H = reduced(unknowns, here, free, blind)
+    g, H = reduced(unknowns, here, free, blind or objective.priors.blind)
     before, near = unknowns.vector, objective.beside(here.source)
     step = damped_step(
         before,
@@ -569,25 +580,66 @@ def scaled_inverse(H: np.ndarray) -> np.ndarray:
     return scale[:, None] * ((vectors / np.maximum(values, MIN_EIGENVALUE)) @ vectors.T) * scale
 
 
-def free_coordinates(shape: tuple[int, int], held) -> np.ndarray:
-    """Return the numbers, of N D, of the coordinates that may move : int64; the first free unknowns are these."""
-    return np.delete(np.arange(shape[0] * shape[1]).reshape(shape), held, axis=0).ravel()
+@dataclass(frozen=True)
+class Quadratic:
+    """An objective to second order about some unknowns, every microphone moving for itself.
+
+    gradient (F,) and inverse of the Gauss-Newton matrix (F, F) in the `free` unknowns (F,), of which the coordinates
+    (C,) of the microphones come first.
+    """
+
+    unknowns: Unknowns
+    free: np.ndarray
+    gradient: np.ndarray
+    inverse: np.ndarray
+    coordinates: np.ndarray
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Covariance of all coordinates : (N D, N D) float64, metres^2; 0 of those that are constrained."""
+        index, whole = self.coordinates, np.zeros((self.unknowns.positions.size,) * 2)
+        whole[np.ix_(index, index)] = self.inverse[: len(index), : len(index)]
+        return whole
+
+    @property
+    def sigma(self) -> np.ndarray:
+        """One sigma of each coordinate : (N, D) float64, metres."""
+        return np.sqrt(np.diag(self.covariance)).reshape(self.unknowns.positions.shape)
+
+    @property
+    def step(self) -> np.ndarray:
+        """The Newton step of the positions to the minimum : (N, D) float64, metres."""
+        whole = np.zeros(self.unknowns.positions.size)
+        whole[self.coordinates] = -(self.inverse @ self.gradient)[: len(self.coordinates)]
+        return whole.reshape(self.unknowns.positions.shape)
+
+    @property
+    def fall(self) -> float:
+        """By how much the cost falls to the minimum, nats."""
+        return float(self.gradient @ self.inverse @ self.gradient) / 2
 
 
-def position_covariance(inverse: np.ndarray, shape: tuple[int, int], held) -> np.ndarray:
-    """Return the covariance of all coordinates (N D, N D), metres^2, out of that of the free unknowns (F, F)."""
-    index = free_coordinates(shape, held)
-    whole = np.zeros((shape[0] * shape[1],) * 2)
-    whole[np.ix_(index, index)] = inverse[: len(index), : len(index)]
-    return whole
+def quadratic(unknowns: Unknowns, objective: Objective, here: Evaluation | None = None) -> Quadratic:
+    """Return the quadratic of an objective, of which the evaluation `here` may be known.
+
+    Raises numpy.linalg.LinAlgError where a covariance is singular.
+    """
+    evaluation, free = objective.evaluate(unknowns) if here is None else here, objective.free(unknowns)
+    gradient, matrix = reduced(unknowns, evaluation, free, objective.priors.blind)
+    index = np.arange(unknowns.positions.size).reshape(unknowns.positions.shape)
+    coordinates = np.delete(index, objective.priors.constrained, axis=0).ravel()
+    return Quadratic(unknowns, free, gradient, scaled_inverse(matrix), coordinates)
 
 
-def remaining_step(unknowns: Unknowns, objective: Objective, here: Evaluation, free, inverse) -> np.ndarray:
-    """Return the Newton step of the positions that is left (N, D), metres; inverse (F, F) of the matrix."""
-    shape, held = unknowns.positions.shape, objective.priors.held
-    index, whole = free_coordinates(shape, held), np.zeros(unknowns.positions.size)
-    whole[index] = -(inverse @ here.gradient[free])[: len(index)]
-    return whole.reshape(shape)
+def descend(unknowns: Unknowns, objective: Objective, steps: int) -> tuple[Unknowns, float]:
+    """Return the minimum near some unknowns, after `steps` at most, and by how much the cost has fallen."""
+    damping, fall, free = STAGE_DAMPING, 0.0, objective.free(unknowns)
+    for _ in range(steps):
+        trial = channel_step(unknowns, objective, free, damping)
+        unknowns, damping, fall = trial.unknowns, trial.damping, fall + trial.fall
+        if trial.fall < NEGLIGIBLE_FALL:
+            break
+    return unknowns, fall
 
 
 def sigmas_moved(before: Unknowns, trial: ChannelStep, healthy: np.ndarray) -> float:
@@ -607,18 +659,14 @@ CONVERGED_SIGMAS = 0.2
 
 def is_converged(problem: Problem, state: State) -> bool:
     """Return whether no healthy channel is farther from the minimum than a small part of its sigma."""
-    goal, here = objective_of(problem, state, used_modes(problem, state)), unknowns_of(state)
-    free = free_directions(here, goal.priors.held, None, speed_is_free(problem, state))
+    objective = objective_of(problem, state, used_modes(problem, state))
     try:
-        evaluated = goal.evaluate(here)
-        inverse = scaled_inverse(reduced(here, evaluated, free, not len(problem.known))[1])
+        there = quadratic(unknowns_of(state), objective)
     except np.linalg.LinAlgError:
         return False
-    step = remaining_step(here, goal, evaluated, free, inverse)
-    sigma = np.sqrt(np.diag(position_covariance(inverse, step.shape, goal.priors.held))).reshape(step.shape)
     healthy = state.model.channel_noise < SUSPICIOUS
-    step = without_motion(problem, state.positions, step, healthy, goal.priors)
-    return bool(np.all(np.abs(step[healthy]) <= CONVERGED_SIGMAS * sigma[healthy]))
+    step = without_motion(problem, state.positions, there.step, healthy, objective.priors)
+    return bool(np.all(np.abs(step[healthy]) <= CONVERGED_SIGMAS * there.sigma[healthy]))
 
 
 def without_motion(problem: Problem, positions, step, healthy, priors: Priors) -> np.ndarray:
@@ -626,5 +674,5 @@ def without_motion(problem: Problem, positions, step, healthy, priors: Priors) -
 
     They say more of it than the pressures do; where they are exact they leave no such motion.
     """
-    anchored = len(problem.known) and problem.frame is None and not len(priors.held)
+    anchored = len(problem.known) and problem.frame is None and not len(priors.constrained)
     return align(positions + step, positions, healthy) - positions if anchored and np.any(healthy) else step

@@ -23,7 +23,7 @@ from ...model.problem import Problem
 from ...model.validation import frozen_array
 from ..interface import check_deadline
 from .noise import with_noise
-from .objective import NU, gains_are_free, held_positions, used_modes, wavenumbers
+from .objective import NU, constrained_positions, gains_are_free, used_modes, wavenumbers
 from .state import SUSPICIOUS, State
 
 SEARCH_MODES = 16  # of a search for other places; with all of them it takes 1.1 times the time
@@ -58,7 +58,7 @@ def relocated(problem: Problem, state: State, local: bool = False) -> tuple[Stat
         check_deadline()
         others = np.delete(np.arange(len(x)), n)
         about = x[n] + spacing * np.array([[-1.0], [1.0]]) if local else x[tau < SUSPICIOUS]
-        stays = model.known_sigma == 0 and n in held_positions(problem, state)[0]  # whatever its channel does
+        stays = model.known_sigma == 0 and n in constrained_positions(problem, state)[0]  # whatever its channel does
         candidates = x[n : n + 1] if stays else np.vstack([x[n], _lattice(about, spacing)])
         e, V = _predicted(x[others], q[:, others], candidates, k, power, noise, tau[others], problem.dimension)
         extra = noise * (tau[n] - 1)

@@ -276,7 +276,7 @@ class Turn:
     problem: Problem
     place: str  # name of the stage, or "restart" where the optimum of one has been added to the state
     state: State
-    goal: Objective  # what the last step minimised
+    objective: Objective  # what the last step minimised
     trial: ChannelStep  # that step
     within_tolerance: bool  # whether it changed hardly anything
 
@@ -317,7 +317,7 @@ def _modes_chosen(turn: Turn) -> bool:
 NOISE_TOLERANCE = 0.15  # change of the logarithm of the noise after which a round is the last
 
 
-def _noise_settled(turn: Turn) -> bool:
+def _noise_within_tolerance(turn: Turn) -> bool:
     """The noise has hardly changed and explains more than the error of the positions, and no outlier was moved."""
     state, moved = turn.searched
     k = float(np.real(turn.problem.wavenumbers[state.modes]).max())
@@ -391,7 +391,7 @@ def _ended(turn: Turn, state: State) -> Turn:
     Its score ranks it; one whose covariance is singular ranks last.
     """
     lost, model, regrouped = turn.trial.terms is None, state.model, state.progress.regrouped
-    reached = np.inf if lost else float(noise.score(turn.problem, state, turn.goal, turn.trial))
+    reached = np.inf if lost else float(noise.score(turn.problem, state, turn.objective, turn.trial))
     converged = bool(turn.within_tolerance and np.isfinite(reached))
     found = LocalOptimum(state.positions, state.gains, state.offsets, model, reached, converged, regrouped)
     state = replace(state, optima=(*state.optima, found))
@@ -403,9 +403,9 @@ def _ended(turn: Turn, state: State) -> Turn:
 def _explained(turn: Turn) -> Turn:
     """End with the evidence at the noise found: that of the last step was far more, and any other would outdo it."""
     state = turn.estimated
-    goal = objective_of(turn.problem, state, used_modes(turn.problem, state))
-    cost = goal.finite_cost(turn.trial.unknowns)
-    return _ended(replace(turn, goal=goal), replace(state, cost=cost))
+    objective = objective_of(turn.problem, state, used_modes(turn.problem, state))
+    cost = objective.finite_cost(turn.trial.unknowns)
+    return _ended(replace(turn, objective=objective), replace(state, cost=cost))
 
 
 TRANSITIONS: tuple[tuple[str, Callable[[Turn], bool], Callable[[Turn], Turn | State]], ...] = (
@@ -421,7 +421,7 @@ TRANSITIONS: tuple[tuple[str, Callable[[Turn], bool], Callable[[Turn], Turn | St
     ("free", lambda turn: explains_all(turn.problem, turn.estimated), _explained),
     ("free", _always, lambda turn: begin_stage(turn.problem, turn.searched[0], turn.state.progress.stage + 1)),
     ("gains", lambda turn: explains_all(turn.problem, turn.estimated), _explained),
-    ("gains", _noise_settled, lambda turn: _ended(turn, turn.searched[0])),
+    ("gains", _noise_within_tolerance, lambda turn: _ended(turn, turn.searched[0])),
     (
         "gains",
         _last_round,

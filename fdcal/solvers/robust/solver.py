@@ -24,13 +24,11 @@ from . import noise
 from .objective import (
     channel_step,
     corrected,
-    free_directions,
     in_unit_power,
     is_converged,
     objective_of,
     polynomial_deformations,
     sigmas_moved,
-    speed_is_free,
     unknowns_of,
     used_modes,
     wavenumbers,
@@ -87,14 +85,14 @@ def step(problem: Problem, state: State) -> State:
         return state
     problem, progress, stage = in_unit_power(problem), state.progress, STAGES[state.progress.stage]
     used = used_modes(problem, state, stage.modes)
-    goal, here = objective_of(problem, state, used), unknowns_of(state)
-    held = goal.priors.held
-    shapes = polynomial_deformations(state.shape, held, stage.degree) if stage.degree else None
-    free = free_directions(here, held, shapes, speed_is_free(problem, state))
+    objective, here = objective_of(problem, state, used), unknowns_of(state)
+    constrained = objective.priors.constrained
+    shapes = polynomial_deformations(state.shape, constrained, stage.degree) if stage.degree else None
+    free = objective.free(here, shapes)
     max_step = MAX_STEP * 2 * np.pi / float(np.real(problem.wavenumbers[used]).max())
     # With the near-field kernel the pull of given positions is lost in rounding: nothing holds the array as a whole.
-    blind = not len(problem.known) or (state.model.kernel == "near" and not len(held))
-    trial = channel_step(here, goal, free, progress.damping, blind, max_step)
+    blind = state.model.kernel == "near" and not len(constrained)
+    trial = channel_step(here, objective, free, progress.damping, max_step, blind)
     moved = replace(
         with_unknowns(state, trial.unknowns),
         step=state.step + 1,
@@ -103,10 +101,10 @@ def step(problem: Problem, state: State) -> State:
         progress=replace(progress, steps=progress.steps + 1, damping=trial.damping),
     )
     directional, healthy = state.model.kernel in DIRECTIONAL, noise.healthy(state.model)
-    settled = directional and problem.dimension == 3 and sigmas_moved(here, trial, healthy) < TOLERANCE_SIGMAS
-    ended = settled or trial.moved < stage.tolerance or trial.fall < stage.negligible
+    within_sigmas = directional and problem.dimension == 3 and sigmas_moved(here, trial, healthy) < TOLERANCE_SIGMAS
+    ended = within_sigmas or trial.moved < stage.tolerance or trial.fall < stage.negligible
     if stage.learns and trial.terms is not None:
-        moved = noise.with_power(moved, used, goal.field, trial.terms)
+        moved = noise.with_power(moved, used, objective.field, trial.terms)
         moved = noise.with_directions(problem, moved, used, DIRECTION_UPDATES)
         if here.gains:
             moved = noise.centred(noise.with_spreads(problem, moved, trial))
@@ -115,10 +113,10 @@ def step(problem: Problem, state: State) -> State:
             moved = noise.with_arrival_sigma(problem, moved, trial)
             ended = ended and noise.same_arrivals(state.model, moved.model)
         if directional:
-            ended = ended and progress.steps > 0 and (settled or state.cost - moved.cost < LEARNED_NATS)
+            ended = ended and progress.steps > 0 and (within_sigmas or state.cost - moved.cost < LEARNED_NATS)
     if not ended and trial.terms is not None and moved.progress.steps < stage.max_steps:
         return moved
-    after = following(Turn(problem, stage.name, moved, goal, trial, ended and trial.terms is not None))
+    after = following(Turn(problem, stage.name, moved, objective, trial, ended and trial.terms is not None))
     return replace(after, converged=is_converged(problem, after)) if after.finished else after
 
 
@@ -136,7 +134,7 @@ def use_modes(problem: Problem, state: State, first: int, last: int, automatic: 
 
 
 def landscape(problem: Problem, state: State, n: int, modes: slice, search: Search | None = None) -> np.ndarray:
-    """Return the likelihood's cost of microphone `n` over the search lattice, mode by mode, the gains held.
+    """Return the likelihood's cost of microphone `n` over the search lattice, mode by mode, the gains constrained.
 
     (modes, ny, nx) float64, dimensionless; in space over the horizontal layer at the microphone's own height. `search`
     is another lattice over the same area. Raises InputError without a search domain.

@@ -365,11 +365,11 @@ def result(problem: Problem, state: State) -> RoomEstimate:
     covariance = bounded_inverse(fit.terms.curvature) * max(1.0, residual)
     part = np.abs(fit.fitted) ** 2
     left_out = (p - fit.fitted) / np.maximum(1 - part / part.sum(axis=1, keepdims=True), 1e-9)
-    share = float(np.exp(np.mean(np.log(noise)))) * (residual if state.noise.given else 1.0)
+    noise_fraction = float(np.exp(np.mean(np.log(noise)))) * (residual if state.noise.given else 1.0)
     return RoomEstimate(
         problem, state.modes, state.positions, state.converged, p, left_out,
         np.array([covariance[D * n : D * n + D, D * n : D * n + D] for n in range(N)]),
-        residual, np.sum(np.abs(fit.residual) ** 2, axis=0), share, state.noise.given, tuple(map(float, size)),
+        residual, np.sum(np.abs(fit.residual) ** 2, axis=0), noise_fraction, state.noise.given, tuple(map(float, size)),
         fitted_size(state.theta, p, noise, k, size, residual), state.walls[:D], complex(*state.walls[D:]),
         tuple(room_symmetries(size)),
     )  # fmt: skip
