@@ -472,7 +472,7 @@ def test_blind_a_given_distance_gives_the_sound_speed():
     wrong = replace(right, sound_speed=343 * 1.05, wavenumbers=right.wavenumbers / 1.05)
     estimate = estimated(wrong, "joint")
     apart = np.linalg.norm(estimate.positions[0] - estimate.positions[24])
-    found = assess(estimate, stretch=float(np.linalg.norm(TRUTH[0] - TRUTH[24]) / apart))
+    found = assess(estimate, scale=float(np.linalg.norm(TRUTH[0] - TRUTH[24]) / apart))
     assert found.problem.sound_speed == pytest.approx(343, rel=0.01)
     assert np.linalg.norm(align(found.positions, TRUTH) - TRUTH, axis=1).max() < 0.02
 
