@@ -38,7 +38,7 @@ HOMES = {
     "threading": {"session"},
     "_thread": {"session"},
     "concurrent": {"session", "acoustics.threads"},
-    "matplotlib": {"graphics", "viewer", "commands.paper"},
+    "matplotlib": {"graphics", "viewer"},
     "click": {"commands"},
     "tqdm": {"commands"},
     "platformdirs": {"model.storage"},
