@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.report import Figure, best_time
 from fdcal.acoustics.lattice_dictionary import LatticeDictionary
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.lattice import best_candidate, search_lattice
 from fdcal.cost.likelihood import isotropic_field, likelihood_terms
 from fdcal.cost.maps import descent_maps, likelihood_maps

@@ -1,7 +1,7 @@
 """fdcal: microphone positions from the resonances of a room.
 
 After Nowakowski, Daudet, de Rosny, "Microphone array position calibration in the frequency domain using a single
-unknown source". Eq. 7 of the paper is in `fdcal.cost.eq7`, Eqs. 3, 4 and 9 in `fdcal.acoustics.fourier_bessel`.
+unknown source". Eq. 7 of the paper is in `fdcal.cost.eq7`, Eqs. 3, 4 and 9 in `fdcal.acoustics.dictionary`.
 
 The names of the public API are loaded when they are first used (PEP 562), so that `import fdcal` itself is fast.
 

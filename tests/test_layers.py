@@ -37,7 +37,7 @@ HOMES = {
     "vtkmodules": {"graphics.isosurfaces"},
     "threading": {"session"},
     "_thread": {"session"},
-    "concurrent": {"session", "acoustics.threads"},
+    "concurrent": {"session", "acoustics.compiled"},
     "matplotlib": {"graphics", "viewer"},
     "click": {"commands"},
     "tqdm": {"commands"},

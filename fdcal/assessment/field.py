@@ -21,8 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 
-from ..acoustics.dictionary import dictionary
-from ..acoustics.fourier_bessel import max_order
+from ..acoustics.dictionary import dictionary, max_order
 from ..cost.batches import applied, blocks, hermitian_inverses
 from ..cost.kernels import series_kernel
 from ..cost.likelihood import FieldModel, isotropic_field

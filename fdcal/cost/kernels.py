@@ -33,8 +33,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import j0, j1
 
-from ..acoustics.bessel import bessel
-from ..acoustics.sinc import complex_sinc, cosine_and_sine, sinc
+from ..acoustics.special_functions import bessel, complex_sinc, cosine_and_sine, sinc
 from ..model.validation import frozen_array
 from .batches import as_columns, blocks
 from .waves import circular_waves, expansion_about, plane_waves, wave_directions

@@ -28,7 +28,7 @@ from numpy.polynomial.chebyshev import chebvander
 from scipy.linalg import solve_triangular
 from scipy.special import jv
 
-from ..acoustics.fourier_bessel import fourier_bessel, max_order
+from ..acoustics.dictionary import fourier_bessel, max_order
 from ..model.problem import Problem
 from ..model.settings import Search
 from ..model.validation import InputError

@@ -16,9 +16,8 @@ import functools
 import numpy as np
 from scipy.special import hankel1, spherical_jn, spherical_yn
 
-from ..acoustics.bessel import bessel
-from ..acoustics.fourier_bessel import max_order
-from ..acoustics.sinc import cosine_and_sine
+from ..acoustics.dictionary import max_order
+from ..acoustics.special_functions import bessel, cosine_and_sine
 from ..model.validation import frozen_array
 
 EXTRA_ORDERS = 8  # beyond ceil(k R) about the centre of mass: the rest of W W^H is below 1e-9

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import hankel2, jv, spherical_jn
 
-from fdcal.acoustics.fourier_bessel import fourier_bessel
-from fdcal.acoustics.spherical_harmonics import degrees, spherical_bessel
+from fdcal.acoustics.dictionary import degrees, fourier_bessel, spherical_bessel
 from fdcal.cost.kernels import (
     diffuse_correlation,
     diffuse_kernel,

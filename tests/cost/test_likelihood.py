@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from fields import measured
 
-from fdcal.acoustics.fourier_bessel import fourier_bessel, max_order
-from fdcal.acoustics.spherical_harmonics import spherical_bessel
+from fdcal.acoustics.dictionary import fourier_bessel, max_order, spherical_bessel
 from fdcal.cost import batches
 from fdcal.cost.kernels import diffuse_matrices
 from fdcal.cost.likelihood import (

@@ -5,7 +5,7 @@ import pytest
 from fields import bessel_kernel, plane_wave
 from scipy.special import jv, spherical_jn, spherical_yn, yv
 
-from fdcal.acoustics.fourier_bessel import fourier_bessel
+from fdcal.acoustics.dictionary import fourier_bessel
 from fdcal.cost.kernels import diffuse_correlation
 from fdcal.cost.waves import (
     DEGREES,

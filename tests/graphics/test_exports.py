@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.assessment.tables import position_table
 from fdcal.commands.cli import main
 from fdcal.graphics import paraview

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fdcal import solvers
-from fdcal.acoustics.spherical_harmonics import spherical_bessel
+from fdcal.acoustics.dictionary import spherical_bessel
 from fdcal.cost.eq7 import known_weights, leave_one_out_fits
 from fdcal.cost.lattice import space_lattice
 from fdcal.cost.maps import cost_maps, refined

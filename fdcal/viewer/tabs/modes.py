@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import viser
 
-from ...acoustics.fourier_bessel import array_f_max, max_order
+from ...acoustics.dictionary import array_f_max, max_order
 from ...graphics.units import row_word
 from ...model.measurement import Measurement
 from ...session.history import SessionView
