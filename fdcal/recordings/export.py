@@ -6,7 +6,7 @@ from os import PathLike
 from pathlib import Path
 
 from ..assessment.calibration import Calibration, placed_in_frame
-from ..assessment.tables import channel_table
+from ..assessment.result_file import channel_table
 from ..model.microphones import MicrophonePositions
 from ..model.storage import write_atomically
 from ..model.validation import InputError, require_choice
@@ -86,7 +86,7 @@ def export_positions(
 
 
 def export_gains(result: Calibration, path: str | PathLike[str], force: bool = False) -> None:
-    """Write the gains of the channels as a table; see `fdcal.assessment.tables.channel_table`.
+    """Write the gains of the channels as a table; see `fdcal.assessment.result_file.channel_table`.
 
     Raises InputError: the result holds no gains, the suffix is not .csv, or the file exists and `force` is not set;
     StorageError: the file cannot be written.

@@ -22,10 +22,10 @@ from fdcal.model.validation import InputError
 from fdcal.session import calibrate
 from fdcal.session.calibrate import assess
 from fdcal.session.sources import CalibrationInput
-from fdcal.solvers.joint import solver as joint
+from fdcal.solvers import joint as joint
 from fdcal.solvers.robust import solver as robust
 from fdcal.solvers.robust.objective import in_unit_power, objective_of, unknowns_of, used_modes
-from fdcal.solvers.robust.rules import FINAL, STAGES
+from fdcal.solvers.robust.state import FINAL, STAGES
 
 TRUTH = np.random.default_rng(7).uniform(-0.5, 0.5, (40, 2)) + [2.61, 2.31]
 KNOWN = [0, 1, 2]
