@@ -11,9 +11,9 @@ from dataclasses import replace
 import numpy as np
 
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.model.faults import Faults
 from fdcal.model.gauge import position_errors
 from fdcal.model.scene_file import load_scene
+from fdcal.model.settings import Faults
 from fdcal.session.calibrate import solve as calibrate
 from fdcal.session.sources import CalibrationInput
 from fdcal.solvers import run as solve

@@ -16,7 +16,7 @@ def gallery(output: str, force: bool):
     It shows the paper's arrays 1 and 2, its Fig. 1, an array in three dimensions, a race of two solvers and a bad
     channel. It needs no network.
     """
-    from ..model.output_folder import folder_in_progress
+    from ..model.storage import folder_in_progress
 
     with folder_in_progress(output, force) as folder:
         from .gallery_pages import gallery_pages

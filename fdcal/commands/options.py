@@ -225,7 +225,7 @@ def open_request_of(text: str) -> OpenRequest:
     from ..session.sources import check_scene, is_recording, load_input
 
     if text.lower().endswith(".npz") or is_recording(text):
-        from ..model.measured_scene import placeholder_scene
+        from ..model.scene_file import placeholder_scene
 
         inputs = load_input(text)
         settings = replace(inputs.settings, modes=ALL_MODES) if inputs.all_modes else inputs.settings

@@ -8,9 +8,8 @@ from dataclasses import fields, replace
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
-from ..model.given_positions import with_known, with_positions
+from ..model.given_positions import MicrophonePositions, with_known, with_positions
 from ..model.measurement import Measurement
-from ..model.microphones import MicrophonePositions
 from ..model.scene import Scene
 from ..model.settings import SolverSettings
 from ..model.validation import InputError, require_array, require_field_types, unexpected_argument
@@ -145,8 +144,7 @@ def simulate(scene: Scene | str | PathLike[str], *, progress: Progress | None = 
     >>> fdcal.simulate(replace(scene, gauge=replace(scene.gauge, known=(1, 5, 7)))).known.tolist()
     [1, 5, 7]
     """
-    from ..model.measured_scene import MeasuredScene
-    from ..model.scene_file import load_scene
+    from ..model.scene_file import MeasuredScene, load_scene
 
     chosen = scene if isinstance(scene, Scene) else load_scene(str(scene))
     if isinstance(chosen, MeasuredScene):

@@ -6,11 +6,11 @@ import difflib
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..model import mode_ranges
 from ..model.arrays import positions_of
 from ..model.from_table import build
 from ..model.reading import parse_toml, read_bytes
 from ..model.scene import Scene
+from ..model.texts import parse_modes
 from ..model.validation import InputError, StorageError, require_choice, shown
 from .lesson import IN_USE, MAPS, MAX_CHOICES, MAX_ORDER_OFFSET, QUANTITIES, RUN, SCALES, VIEWS, Lesson, Setting, Step
 
@@ -187,6 +187,6 @@ def _check_modes(key: str, setting: Setting) -> None:
 
 def _modes(key: str, text: str) -> tuple[int, ...]:
     try:
-        return mode_ranges.parse(text, LIMITS.mode)
+        return parse_modes(text, LIMITS.mode)
     except InputError as error:
         raise error.within(f'{key} = "{shown(text)}"') from error

@@ -28,7 +28,7 @@ class Frame:
     unit: str = ""  # one of UNITS, or "" for the state that is shown
     number: int = 0  # of the step or sweep, from 0; of the stage, from 1
     microphone: int | None = None  # from 0
-    modes: str | None = None  # of the map, as `mode_ranges.parse` reads them, or "solver"
+    modes: str | None = None  # of the map, as `fdcal.model.texts.parse_modes` reads them, or "solver"
     view: str | None = None  # "top", "3d" or "close"
     # map, trails: whether they are shown
     map: bool | None = None

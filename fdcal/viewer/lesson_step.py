@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from ..model import mode_ranges
+from ..model.texts import parse_modes
 from ..session.lesson import IN_USE, Setting, run_goal
 from ..session.lesson_frame import Frame, parse_frame
 from ..session.session import Session
@@ -41,7 +41,7 @@ def apply_setting(setting: Setting, panel: MainPanel, place_all: Callable[[str],
         panel.map.show_as(KINDS[setting.map])
     if setting.map_modes is not None:
         text = setting.map_modes
-        panel.map.choose_modes(None if text == IN_USE else mode_ranges.parse(text, panel.binding.modes))
+        panel.map.choose_modes(None if text == IN_USE else parse_modes(text, panel.binding.modes))
     if setting.quantity is not None:
         panel.map.show_quantity(QUANTITIES[setting.quantity])
     if setting.order_offset is not None:
@@ -62,7 +62,7 @@ def _drive(setting: Setting, panel: MainPanel, restarted: bool) -> None:
     state = session.view.history[0] if restarted else session.view.state
     modes = range(state.first, state.last + 1)
     if setting.modes is not None:
-        modes = mode_ranges.parse(setting.modes, panel.binding.modes)
+        modes = parse_modes(setting.modes, panel.binding.modes)
     automatic = state.automatic if setting.automatic is None else setting.automatic
     if setting.modes is not None or setting.automatic is not None:
         session.use_modes(modes[0], modes[-1], automatic)

@@ -21,7 +21,7 @@ from ..graphics.picture import static_picture, with_estimate, with_floor
 from ..graphics.plan_overlay import with_bound
 from ..graphics.primitives import Floor, Picture
 from ..graphics.volume import Volume, faded
-from ..model.lengths import length_text
+from ..model.texts import length_text
 from ..session.history import SessionView
 from .background.comparison import RunSummary
 from .background.cost_map import CostMap

@@ -12,8 +12,7 @@ from fdcal.acoustics.measure import cached_measurement
 from fdcal.graphics.legend import legend_of
 from fdcal.graphics.picture import static_picture
 from fdcal.graphics.plan_overlay import with_bound
-from fdcal.model.measured_scene import placeholder_scene
-from fdcal.model.scene_file import load_scene
+from fdcal.model.scene_file import load_scene, placeholder_scene
 from fdcal.session.planning.layout import read_layout
 from fdcal.session.planning.plan import make_plan
 from fdcal.session.planning.report import plan_dict

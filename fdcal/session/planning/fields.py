@@ -9,9 +9,8 @@ import numpy as np
 from ...acoustics.box_field import point_source_pressures
 from ...acoustics.room_modes import PointSourceModel, decay_rate, point_source_model, room_pressures
 from ...cost.kernels import diffuse_kernel
-from ...model.polygons import encloses
+from ...model.geometry import WALL_DISTANCE_M, encloses, random_source
 from ...model.problem import mode_power
-from ...model.random_source import WALL_DISTANCE_M, random_source
 from ...model.room import Room
 from ...model.validation import InputError
 from .request import LIMITS, PlanRequest

@@ -10,10 +10,9 @@ import numpy as np
 from ...acoustics.measure import cached_measurement
 from ...model.array_layout import Array
 from ...model.arrays import positions_of
-from ...model.geometries import ball, box, circle, rectangle
-from ...model.measured_scene import MeasuredScene
+from ...model.geometry import ball, box, circle, rectangle
 from ...model.scene import Scene
-from ...model.scene_file import load_scene, scene_names
+from ...model.scene_file import MeasuredScene, load_scene, scene_names
 from ...model.validation import InputError, frozen_array
 from ...recordings.positions_file import READERS, read_positions
 

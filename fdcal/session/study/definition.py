@@ -24,10 +24,9 @@ from pathlib import Path
 from typing import Any
 
 from ...model.from_table import build
-from ...model.measured_scene import MeasuredScene
 from ...model.reading import parse_toml, read_bytes
 from ...model.scene import Scene
-from ...model.scene_file import load_scene, scene_table
+from ...model.scene_file import MeasuredScene, load_scene, scene_table
 from ...model.validation import InputError, require_positive, shown
 from ..scene_edits import SceneParameters
 

@@ -14,7 +14,7 @@ from ...acoustics.measure import cached_recordings, measured, sound_field
 from ...acoustics.spectrum import ModalPressures
 from ...assessment.bound import Prior, diffuse_information, position_bound
 from ...model.arrays import positions_of
-from ...model.random_source import random_source
+from ...model.geometry import random_source
 from ...model.scene import Scene
 from ...model.storage import cache_key
 from ...model.validation import InputError

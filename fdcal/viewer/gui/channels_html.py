@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from html import escape
 
-from ...model.lengths import mm_text
 from ...model.measurement import Measurement
+from ...model.texts import mm_text
 from ..background.uncertainty import PositionUncertainty
 from .html import CARD, RED
 from .verdict_html import verdict_word

@@ -8,8 +8,8 @@ from html import escape
 import numpy as np
 
 from ...graphics.units import ALL, row_word
-from ...model.lengths import length_text
 from ...model.measurement import Measurement
+from ...model.texts import length_text
 from ...model.validation import InputError
 from ...session.history import SessionView
 from ..server.error_log import log_location

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...cost.reference_cost import ORDER_OFFSET
-from ...model import mode_ranges
+from ...model.texts import modes_text, parse_modes
 from ...model.validation import InputError
 from ..background.cost_maps import CostMap
 from ..gui import html
@@ -86,9 +86,7 @@ class MapTab:
         self.upto = binding.gui.add_slider(
             f"Up to {row}", 1, binding.modes, 1, modes[-1], hint=f"From {row} 1 to this one; the tab Sweep plays this"
         )
-        self.text = binding.gui.add_text(
-            f"{row.title()} numbers", mode_ranges.to_text(modes), hint="For example 1-3, 5"
-        )
+        self.text = binding.gui.add_text(f"{row.title()} numbers", modes_text(modes), hint="For example 1-3, 5")
 
     def _add_quantity(self) -> None:
         gui, choices = self._binding.gui, self._binding.choices
@@ -186,7 +184,7 @@ class MapTab:
         self.which.value = SAME_AS_SOLVER if modes is None else CUSTOM
         self._show_relevant()
         if modes is not None:
-            self.text.value, self.upto.value = mode_ranges.to_text(modes), modes[-1]
+            self.text.value, self.upto.value = modes_text(modes), modes[-1]
 
     def toggle_mode(self, mode: int) -> None:
         """Add a mode to the map or remove it; the last one stays."""
@@ -201,7 +199,7 @@ class MapTab:
     def _read(self, text) -> None:
         """Show the map of the modes that a text names; a text that cannot be read changes nothing but the error."""
         try:
-            modes = mode_ranges.parse(text, self._binding.modes)
+            modes = parse_modes(text, self._binding.modes)
         except InputError as error:
             self._binding.choose(modes_error=html.error_message(error))
             return

@@ -11,8 +11,8 @@ from viser import uplot
 
 from ...graphics.units import ALL
 from ...model.gauge import position_errors
-from ...model.lengths import mm_text
 from ...model.measurement import Measurement
+from ...model.texts import mm_text
 from ...session.history import SessionView
 from ..background.uncertainty import PositionUncertainty
 from ..gui.binding import Binding
