@@ -17,9 +17,8 @@ import viser
 import websockets.exceptions
 from websockets.asyncio.server import ServerConnection
 
-from . import message_checks
+from .message_checks import cost, decode, is_acceptable
 from .error_log import printable
-from .origin_probe import FOREIGN_ORIGIN
 
 log = logging.getLogger(__name__)
 
@@ -28,6 +27,7 @@ RATE, BURST = 200.0, 400.0  # control updates per second of one client, and at o
 FLOOD_TIME = 5.0  # s that a client may have to wait in all, before it has been within its budget again
 STALL_TIME = 10.0  # s in which a client must read something of what waits for it
 MAX_UNREAD_BYTES = 16_000_000  # that wait for one client
+FOREIGN_ORIGIN = "http://foreign.invalid"  # of the server's own probe (`hardening`)
 DEAF = "a client that does not read was disconnected"
 PROTOCOL_ERROR = 1002  # code of a closed connection
 
@@ -83,14 +83,14 @@ class GuardedConnection(ServerConnection):
         """Return the next acceptable message; a client that sends too much for FLOOD_TIME is disconnected."""
         while True:
             raw = await super().recv(decode)
-            message = message_checks.decode(raw)
-            delay = self._budget.spend(message_checks.cost(message))
+            message = decode(raw)
+            delay = self._budget.spend(cost(message))
             self._waited = self._waited + delay if delay > 0 else 0.0
             if self._waited > FLOOD_TIME:
                 self._drop("a client that sends too much was disconnected")
             if delay > 0:
                 await asyncio.sleep(delay)  # meanwhile websockets stops reading from this client
-            if message_checks.is_acceptable(message):
+            if is_acceptable(message):
                 return raw
             log.warning("a message that no page sends was dropped")
 

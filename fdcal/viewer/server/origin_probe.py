@@ -10,7 +10,8 @@ import socket
 
 import viser
 
-FOREIGN_ORIGIN = "http://foreign.invalid"
+from .connections import FOREIGN_ORIGIN
+
 PROBE_TIMEOUT = 10.0  # s
 REFUSED = b"HTTP/1.1 403 "
 
