@@ -1,6 +1,6 @@
 """One browser's connection, bounded in what it may send, how fast, and how much may wait to be read by it.
 
-GuardedConnection   passes on only messages that `message_checks` accepts
+GuardedConnection   passes on only messages that `client_values` accepts
 Budget              how long a client must wait before its next message is handled
 version_checked     refuses clients of another version of viser, without viser's message on standard output
 """
@@ -17,8 +17,8 @@ import viser
 import websockets.exceptions
 from websockets.asyncio.server import ServerConnection
 
-from .message_checks import cost, decode, is_acceptable
-from .error_log import printable
+from .client_values import decoded_message, is_acceptable, message_cost
+from .process import printable
 
 log = logging.getLogger(__name__)
 
@@ -73,7 +73,7 @@ class StrangerFilter(logging.Filter):
 
 
 class GuardedConnection(ServerConnection):
-    """A connection of websockets that passes on what `message_checks` accepts, at a bounded rate."""
+    """A connection of websockets that passes on what `client_values` accepts, at a bounded rate."""
 
     def __init__(self, *arguments, **options):
         super().__init__(*arguments, **options)
@@ -83,8 +83,8 @@ class GuardedConnection(ServerConnection):
         """Return the next acceptable message; a client that sends too much for FLOOD_TIME is disconnected."""
         while True:
             raw = await super().recv(decode)
-            message = decode(raw)
-            delay = self._budget.spend(cost(message))
+            message = decoded_message(raw)
+            delay = self._budget.spend(message_cost(message))
             self._waited = self._waited + delay if delay > 0 else 0.0
             if self._waited > FLOOD_TIME:
                 self._drop("a client that sends too much was disconnected")
