@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.report import Figure
 from fdcal import solvers
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.gauge import position_errors
 from fdcal.model.scene_file import load_scene
 

@@ -7,8 +7,7 @@ import time
 import numpy as np
 
 from benchmarks.report import Figure
-from fdcal.acoustics.fdtd import simulate
-from fdcal.acoustics.fdtd_grid import make_grid, padded, padded_width, stencil_tables
+from fdcal.acoustics.fdtd import make_grid, padded, padded_width, simulate, stencil_tables
 from fdcal.acoustics.fdtd_kernels import march
 from fdcal.model.arrays import positions_of
 from fdcal.model.scene_file import load_scene

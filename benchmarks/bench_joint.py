@@ -17,8 +17,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from fdcal import solvers
-from fdcal.acoustics.fourier_bessel import fourier_bessel, max_order
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.dictionary import fourier_bessel, max_order
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost import eq7
 from fdcal.model.scene_file import load_scene
 from fdcal.model.settings import SolverSettings

@@ -15,7 +15,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from fdcal.acoustics.box_field import point_source_pressures as box_field
-from fdcal.acoustics.room_symmetry import nearest_symmetry
+from fdcal.acoustics.room_modes import nearest_symmetry
 from fdcal.assessment.assess import assess
 from fdcal.model.measurement import Measurement
 from fdcal.model.problem import mode_power

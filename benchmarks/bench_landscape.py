@@ -10,13 +10,13 @@ import numpy as np
 
 from benchmarks.report import Figure, best_time
 from fdcal.acoustics.lattice_dictionary import LatticeDictionary
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.lattice import best_candidate, search_lattice
 from fdcal.cost.likelihood import isotropic_field, likelihood_terms
 from fdcal.cost.maps import descent_maps, likelihood_maps
 from fdcal.model.problem import mode_power
 from fdcal.model.scene_file import load_scene
-from fdcal.solvers.descent import solver as descent
+from fdcal.solvers import descent as descent
 
 MICROPHONE = 7
 SAMPLES = 60  # points of a lattice at which the likelihood is computed directly

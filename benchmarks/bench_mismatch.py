@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.faults import Faults
 from fdcal.model.gauge import position_errors
 from fdcal.model.scene_file import load_scene

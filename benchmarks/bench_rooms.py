@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.problem import mode_power
 from fdcal.model.room import Room
 from fdcal.model.scene_file import load_scene

@@ -10,7 +10,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.measurement_file import save_measurement
 from fdcal.model.scene_file import load_scene
 

@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from fdcal import solvers
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.picture import compose
 from fdcal.model.scene_file import load_scene

@@ -6,7 +6,7 @@ Here the file is written first, from a simulation; use your own instead.
 import soundfile
 
 import fdcal
-from fdcal.acoustics.measurement_cache import cached_recordings
+from fdcal.acoustics.measure import cached_recordings
 
 scene = fdcal.load_scene("tiny")
 recordings = cached_recordings(scene)  # (microphones, samples)

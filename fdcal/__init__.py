@@ -1,7 +1,7 @@
 """fdcal: microphone positions from the resonances of a room.
 
 After Nowakowski, Daudet, de Rosny, "Microphone array position calibration in the frequency domain using a single
-unknown source". Eq. 7 of the paper is in `fdcal.cost.eq7`, Eqs. 3, 4 and 9 in `fdcal.acoustics.fourier_bessel`.
+unknown source". Eq. 7 of the paper is in `fdcal.cost.eq7`, Eqs. 3, 4 and 9 in `fdcal.acoustics.dictionary`.
 
 The names of the public API are loaded when they are first used (PEP 562), so that `import fdcal` itself is fast.
 
@@ -15,6 +15,7 @@ Examples
 from __future__ import annotations
 
 import importlib
+import sys
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -42,20 +43,22 @@ PUBLIC = {
     "simulate": "session.api:simulate",
 }
 
-# What methods of public classes leave to packages above their own, which they cannot import.
-EXTENSIONS = {
-    "calibration_html": "graphics.calibration_html:calibration_html",
-    "data_frame": "assessment.tables:data_frame",
-    "draw_calibration": "graphics.calibration_figure:draw_calibration",
-    "export_gains": "recordings.export:export_gains",
-    "export_positions": "recordings.export:export_positions",
-    "load_result": "assessment.result_file:load_result",
-    "measurement_of_pyfar": "recordings.pyfar_objects:measurement_of_pyfar",
-    "pyfar_coordinates": "recordings.pyfar_objects:pyfar_coordinates",
-    "read_result": "assessment.result_file:read_result",
-    "result_text": "assessment.result_file:result_text",
-    "save_result": "assessment.result_file:save_result",
+# Methods of public classes that packages above their own carry out: they are bound here, and loaded when first used.
+METHODS = {
+    "assessment.calibration:Calibration": {
+        "_repr_html_": "graphics.calibration_html:calibration_html",
+        "export": "recordings.export:export",
+        "from_json": "assessment.result_file:read_result",
+        "load": "assessment.result_file:load_result",
+        "plot": "graphics.calibration_figure:draw_calibration",
+        "save": "assessment.result_file:save_result",
+        "to_dataframe": "assessment.result_file:data_frame",
+        "to_json": "assessment.result_file:result_text",
+        "to_pyfar": "recordings.pyfar_objects:pyfar_coordinates",
+    },
+    "model.measurement:Measurement": {"from_pyfar": "recordings.pyfar_objects:measurement_of_pyfar"},
 }
+STATIC = {"from_json", "from_pyfar", "load"}  # of these: without an instance
 
 __all__ = [
     "Calibration", "InputError", "Measurement", "Scene", "StorageError", "calibrate", "compare_positions",
@@ -67,13 +70,25 @@ def __getattr__(name: str) -> Any:
     if name not in PUBLIC:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = _resolved(PUBLIC[name])
+    for target, methods in METHODS.items():
+        if f"{__name__}.{target.partition(':')[0]}" in sys.modules:
+            for method in methods:
+                _bind(_resolved(target), method, methods[method])
     globals()[name] = value  # found directly from now on
     return value
 
 
-def extension(name: str) -> Any:
-    """Return the function of EXTENSIONS that carries out a method of a public class."""
-    return _resolved(EXTENSIONS[name])
+def _bind(owner: type, name: str, target: str) -> None:
+    """Give a class a method whose module is loaded when it is first used."""
+
+    class Later:
+        def __get__(self, instance: object, _: type) -> Any:
+            found = _resolved(target)
+            setattr(owner, name, staticmethod(found) if name in STATIC else found)
+            return getattr(owner if instance is None else instance, name)
+
+    if name not in vars(owner):
+        setattr(owner, name, Later())
 
 
 def _resolved(target: str) -> Any:

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.graphics.camera import camera_for, project
 from fdcal.graphics.picture import compose
 from fdcal.session.request import OpenRequest

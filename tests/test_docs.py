@@ -15,7 +15,7 @@ from documents import ALL, DOCS, PAGES, ROOT, blocks, name_of, run_fdcal, run_py
 from PIL import Image
 
 import fdcal
-from fdcal.acoustics.fourier_bessel import array_f_max
+from fdcal.acoustics.dictionary import array_f_max
 from fdcal.assessment.findings import FINDINGS, ROOM_FINDINGS
 from fdcal.assessment.result_file import FaultRow, GivenRow, Keys
 from fdcal.commands.cli import commands

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import fdcal
+from fdcal import solvers
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "fdcal"
@@ -37,13 +38,13 @@ HOMES = {
     "vtkmodules": {"graphics.isosurfaces"},
     "threading": {"session"},
     "_thread": {"session"},
-    "concurrent": {"session", "acoustics.threads"},
-    "matplotlib": {"graphics", "viewer", "commands.paper"},
+    "concurrent": {"session", "acoustics.compiled"},
+    "matplotlib": {"graphics", "viewer"},
     "click": {"commands"},
     "tqdm": {"commands"},
     "platformdirs": {"model.storage"},
     "threadpoolctl": {"session.blas_threads"},
-    "pandas": {"assessment.tables", "assessment.study_statistics", "session.study.results", "graphics"},
+    "pandas": {"assessment.result_file", "assessment.study_statistics", "session.study.results", "graphics"},
     "pyarrow": {"session.study.results"},
     "distributed": {"session.study.cluster"},
     "pyfar": {"recordings.pyfar_objects"},
@@ -131,12 +132,21 @@ def test_a_library_stays_in_its_home(path):
         assert any(name == home or name.startswith(f"{home}.") for home in homes), f"{library} belongs in {homes}"
 
 
-def test_only_methods_of_public_classes_reach_above_their_package():
-    """`fdcal.extension` gives them what carries them out; nothing else goes round the order of the packages."""
-    root = {name_of(path) for path in INSIDE if imports(path) & {"fdcal", "fdcal.extension"}}
-    assert root == {"model.measurement_sources", "assessment.calibration"}
-    for target in fdcal.EXTENSIONS.values():
-        assert target.partition(":")[0] in NAMES
+@pytest.mark.parametrize("path", INSIDE, ids=name_of)
+def test_no_module_asks_the_package_root(path):
+    assert "fdcal" not in imports(path) and not imports(path) & {f"fdcal.{name}" for name in fdcal.PUBLIC}
+
+
+@pytest.mark.parametrize(
+    ("owner", "name", "target"), [(o, n, t) for o, m in fdcal.METHODS.items() for n, t in m.items()]
+)
+def test_a_method_that_is_bound_at_the_root_is_there(owner, name, target):
+    """And its module comes after that of its class, or it would stand in the class."""
+    assert fdcal.Calibration and fdcal.Measurement
+    module, _, kind = owner.partition(":")
+    own = getattr(getattr(fdcal, kind), name)
+    assert (own.__module__, own.__name__) == (f"fdcal.{target.partition(':')[0]}", target.partition(":")[2])
+    assert PACKAGES.index(package_of(target)) >= PACKAGES.index(package_of(module))
 
 
 @pytest.mark.parametrize("path", [p for p in INSIDE if package_of(name_of(p)) == "assessment"], ids=name_of)
@@ -169,8 +179,7 @@ def test_cost_and_solvers_never_see_the_truth(path):
         assert not names & {"Measurement", "Scene", "truth", "load_measurement", "load_scene"}
 
 
-SOLVERS = {path.name for path in (PACKAGE / "solvers").iterdir() if (path / "solver.py").exists()}
-SOLVERS |= {"descent+joint"}
+SOLVERS = set(solvers.names())
 # Comparisons of other things that are called like a solver: a part of a picture, a key of a file.
 NO_SOLVER = {("graphics.camera", "room"), ("assessment.result_file", "room")}
 

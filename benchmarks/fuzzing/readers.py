@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fdcal.assessment.calibration import Calibration
+from fdcal import Calibration
 from fdcal.assessment.result_file import load_result, save_result
 from fdcal.model.measurement import Measurement
 from fdcal.model.measurement_file import load_measurement, save_measurement

@@ -32,9 +32,7 @@ from ..model.problem import mode_power
 from ..model.room import Room, Source
 from ..model.sensing import Sensing
 from ..model.validation import LIMITS, InputError
-from .modal import ModalPressures
-from .spectrum import SPECTRUM, pick_peaks
-from .wavenumbers import wavenumber_continuous
+from .spectrum import SPECTRUM, ModalPressures, pick_peaks, wavenumber_continuous
 
 EXACT = 36.0  # nepers by which the first omitted term has decayed: exp(-36) = 2e-16
 ROUGH = 10.0  # likewise, for finding the peaks alone

@@ -37,7 +37,7 @@ class CoherenceRules:
     fewest: int = 6  # frequencies
 
 
-RULES = CoherenceRules()
+RADIUS_SEARCH = CoherenceRules()
 
 
 def array_radius(pressures: np.ndarray, wavenumbers: np.ndarray, dimension: int) -> float | None:
@@ -63,19 +63,19 @@ def array_radius(pressures: np.ndarray, wavenumbers: np.ndarray, dimension: int)
     p = p[:, level > 0] / level[level > 0]
     power = np.mean(np.abs(p) ** 2, axis=1)
     p, k, power = p[power > 0], k[power > 0], power[power > 0]
-    if len(k) < RULES.fewest or p.shape[1] < 2:
+    if len(k) < RADIUS_SEARCH.fewest or p.shape[1] < 2:
         return None
     coherent = np.abs(p.mean(axis=1)) ** 2 / power
-    radii = np.geomspace(RULES.smallest, RULES.largest, RULES.steps)
+    radii = np.geomspace(RADIUS_SEARCH.smallest, RADIUS_SEARCH.largest, RADIUS_SEARCH.steps)
     z = k[:, None] * radii
     expected = (2 * j1(z) / z) ** 2 if dimension == 2 else (3 * spherical_jn(1, z) / z) ** 2  # h of the module
     least, radius = np.inf, 0.0
-    for share in RULES.noise:
-        mean = (1 - share) * expected + (share + RULES.scatter * (1 - share)) / p.shape[1]
+    for share in RADIUS_SEARCH.noise:
+        mean = (1 - share) * expected + (share + RADIUS_SEARCH.scatter * (1 - share)) / p.shape[1]
         costs = np.sum(np.log(mean) + coherent[:, None] / mean, axis=0)
         if costs.min() < least:
             least, radius = float(costs.min()), float(radii[costs.argmin()])
-    return radius if k.min() * radius <= RULES.phase else None
+    return radius if k.min() * radius <= RADIUS_SEARCH.phase else None
 
 
 SINGLE_WAVE = "the pressures are those of a single wave that passes the array: there are hardly any reflections"

@@ -1,4 +1,4 @@
-"""Compilation to machine code.
+"""Work at the speed of the machine: compilation to machine code, and threads on all cores.
 
 numba stores machine code beside the source, or in the user's cache folder if the source is read-only. A read-only
 installation stores it under FDCAL_CACHE if that is set. If no folder can be written to, every run compiles again.
@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import functools
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 
@@ -46,3 +47,31 @@ def compiled(function: Callable, **options) -> Callable:
 def compiled_parallel(function: Callable) -> Callable:
     """Decorate as `compiled` does, with the iterations of `numba.prange` distributed over threads."""
     return compiled(function, parallel=True)
+
+
+MOST_THREADS = 4
+
+
+@functools.cache
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(min(MOST_THREADS, os.cpu_count() or 1), "fdcal-modes")
+
+
+def shut_down_threads() -> None:
+    """End the threads of `parallel_map` after their current work; a later call starts new ones."""
+    pool = _pool()
+    _pool.cache_clear()
+    pool.shutdown()
+
+
+def parallel_map(function: Callable, items: Iterable, worth: bool = True) -> Iterator:
+    """Return an iterator over the values of a function for all items, in their order, computed on all cores.
+
+    `function`: it must not call `parallel_map` itself, which would deadlock; `worth`: false for so little work that one
+    core is faster.
+    """
+    items = list(items)
+    try:
+        return _pool().map(function, items) if worth else map(function, items)
+    except RuntimeError:  # the interpreter is exiting, and the pool takes no more work
+        return map(function, items)

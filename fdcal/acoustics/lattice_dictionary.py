@@ -1,6 +1,6 @@
 """The Fourier-Bessel dictionary of every candidate of a search lattice.
 
-k, L and the dictionary W are those of `fdcal.acoustics.fourier_bessel`.
+k, L and the dictionary W are those of `fdcal.acoustics.dictionary`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from scipy.special import jv
 
 from ..model.settings import Search
 from ..model.validation import InputError
-from .fourier_bessel import fourier_bessel, join_orders
+from .dictionary import fourier_bessel, join_orders
 
 
 class LatticeDictionary:

@@ -1,22 +1,35 @@
-"""Measure a scene: simulate its room, pick the modes and compute the pressures at its microphones, with noise."""
+"""Measure a scene: simulate its room, pick the modes and compute the pressures at its microphones, with noise.
+
+measure                   what the microphones of a scene measure
+cached_recordings         the recordings of its simulation, from the disk cache if they are there
+cached_measurement        its measurement, likewise
+load_cached_measurement   the same, only if it is in the cache
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..model.arrays import positions_of
 from ..model.arrays_3d import positions_3d
-from ..model.faults import DEAD_SHARE
-from ..model.measured_room import response_path
+from ..model.faults import DEAD_SHARE, Faults
+from ..model.measured_room import response_digest, response_path
+from ..model.measured_scene import MeasuredScene
 from ..model.measurement import Measurement
+from ..model.measurement_file import load_measurement, save_measurement
 from ..model.problem import mode_power
 from ..model.scene import Scene
 from ..model.sdm_response import SdmResponse, load_sdm_response
+from ..model.storage import cache_key, load_cached, load_or_make
 from ..model.validation import InputError
-from .modal import ModalPressures
+
+if TYPE_CHECKING:  # loads the signal library, which reading a measurement does not need
+    from .spectrum import ModalPressures
 
 
 def require_measurable(scene: Scene) -> None:
@@ -147,7 +160,7 @@ def _response(text: str) -> SdmResponse:
 
 def _from_recordings(scene: Scene, positions, recordings, progress) -> ModalPressures:
     """Return the pressures at the modes of recordings, which are simulated unless given."""
-    from . import spectrum, wavenumbers  # load the signal library, which reading a measurement does not need
+    from . import spectrum
 
     if recordings is None:
         from .fdtd import simulate
@@ -157,9 +170,75 @@ def _from_recordings(scene: Scene, positions, recordings, progress) -> ModalPres
     first, step, power = spectrum.mean_power(recordings, fs, sensing.lowest, sensing.highest, sensing.resolution)
     frequencies = spectrum.pick_peaks(power, first, step, sensing.prominence_db, sensing.resolution)
     s = spectrum.window_rate(recordings, fs)
-    k = wavenumbers.wavenumber_continuous(frequencies, s, c)
+    k = spectrum.wavenumber_continuous(frequencies, s, c)
     if sensing.wavenumber == "discrete":
-        k = wavenumbers.wavenumber_discrete(frequencies, s, c, scene.room.cell_size, fs)
+        k = spectrum.wavenumber_discrete(frequencies, s, c, scene.room.cell_size, fs)
     pressures = spectrum.laplace_transform(recordings, fs, s, frequencies)
     points = np.stack([first + step * np.arange(len(power)), power])
-    return ModalPressures(frequencies, k, pressures, points)
+    return spectrum.ModalPressures(frequencies, k, pressures, points)
+
+
+def cached_recordings(scene: Scene, progress=None) -> np.ndarray:
+    """Return what the scene's microphones record: from the cache, or simulated and stored there.
+
+    `scene`: of two dimensions, with one place of the source; `progress`: called with the fraction that is done. Returns
+    (N, T) float64. Raises InputError: as `fdcal.acoustics.fdtd.simulate` does.
+    """
+    positions = positions_of(scene)
+    key = cache_key("recordings", dataclasses.asdict(scene.room), scene.emitter.table(), positions.tolist())
+
+    def make() -> np.ndarray:
+        from .fdtd import simulate
+
+        return simulate(scene.room, scene.emitter, positions, progress)
+
+    return load_or_make(f"{key}.npy", make, np.load, np.save)
+
+
+def cached_measurement(scene: Scene, progress=None) -> Measurement:
+    """Return what `measure` returns for the scene: from the cache, or computed and stored there.
+
+    That of a measured scene is read from its file.
+
+    `progress`: called with the fraction that is done. Raises InputError: as `measure` does.
+    """
+    if isinstance(scene, MeasuredScene):
+        return _recorded(scene)
+    require_measurable(scene)
+
+    def write(file, measurement: Measurement) -> None:
+        save_measurement(measurement, file)
+
+    def make() -> Measurement:
+        fields = []
+        for scene_of_take, done in each_take(scene, progress):
+            recordings = cached_recordings(scene_of_take, done) if scene.room.dimension == 2 else None
+            fields.append(sound_field(scene_of_take, recordings, done))
+        return measured(scene, fields)
+
+    return load_or_make(_measurement_name(scene), make, load_measurement, write)
+
+
+def load_cached_measurement(scene: Scene) -> Measurement | None:
+    """Return the measurement of the scene if it is in the cache, else None."""
+    if isinstance(scene, MeasuredScene):
+        return _recorded(scene)
+    return load_cached(_measurement_name(scene), load_measurement)
+
+
+def _recorded(scene: MeasuredScene) -> Measurement:
+    if not scene.file:
+        raise InputError(f"{scene.name} is a measurement, which cannot be simulated", "open its file", key="scene")
+    return load_measurement(scene.file)
+
+
+def _measurement_name(scene: Scene) -> str:
+    table = dataclasses.asdict(scene)
+    for name in ("name", "title", "solver"):  # these do not affect what is measured
+        del table[name]
+    table["source"] = scene.source and scene.source.table()
+    if scene.faults == Faults():
+        del table["faults"]
+    if scene.room.response is not None:  # the file may change, and its path does not matter
+        table["room"]["response"] = response_digest(scene.room.response)
+    return f"{cache_key('measurement with its spectrum', table)}.npz"

@@ -22,10 +22,7 @@ from ..model.problem import mode_power
 from ..model.sdm_response import SdmResponse
 from ..model.sensing import Sensing
 from ..model.validation import InputError
-from .fft import fast_length, rfft
-from .modal import ModalPressures
-from .spectrum import pick_peaks
-from .wavenumbers import wavenumber_continuous
+from .spectrum import ModalPressures, fast_length, pick_peaks, rfft, wavenumber_continuous
 
 TAPS = 8  # samples that one wave is spread over by the interpolation between samples
 MAX_FREQUENCY = 1 / 6  # of responses that are rendered, relative to the sampling rate

@@ -1,24 +1,22 @@
 """The result of a calibration: `Calibration`, its parts, its errors against the truth, and what it can be turned into.
 
-What is carried out elsewhere (files, tables, pictures, other programs' formats) is looked up in `fdcal.EXTENSIONS`.
+Methods that other modules carry out (files, tables, pictures, other programs' formats) are bound by `fdcal.METHODS`.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-
-import fdcal
 
 from ..cost.channel_correction import ChannelCorrection
 from ..model.gauge import align, in_frame, position_errors
 from ..model.lengths import length_text
 from ..model.measurement import Measurement
-from ..model.validation import InputError, frozen_array, require_choice
+from ..model.validation import InputError, frozen_array
 
 if TYPE_CHECKING:
     from ..model.microphones import MicrophonePositions
@@ -265,8 +263,9 @@ class Calibration:
 
     Examples
     --------
-    >>> found = Calibration([[0, 0], [3, 4]], ("a", "b"), "joint", 0, [50.0], 0.1, 3, 1.5, True, verdict="good")
-    >>> Calibration.from_json(found.to_json()).positions.tolist()
+    >>> import fdcal
+    >>> found = fdcal.Calibration([[0, 0], [3, 4]], ("a", "b"), "joint", 0, [50.0], 0.1, 3, 1.5, True, verdict="good")
+    >>> fdcal.Calibration.from_json(found.to_json()).positions.tolist()
     [[0.0, 0.0], [3.0, 4.0]]
     """
 
@@ -296,6 +295,16 @@ class Calibration:
     sound_speed_sigma: float | None = None
     rms_error: float | None = None
     cost_db: float | None = None
+
+    # Methods that modules above this one carry out; `fdcal.METHODS` binds them.
+    save: ClassVar[Callable[..., None]]
+    load: ClassVar[Callable[..., Calibration]]
+    to_json: ClassVar[Callable[..., str]]
+    from_json: ClassVar[Callable[..., Calibration]]
+    export: ClassVar[Callable[..., None]]
+    to_pyfar: ClassVar[Callable[..., Any]]
+    to_dataframe: ClassVar[Callable[..., Any]]
+    plot: ClassVar[Callable[..., Any]]
 
     def __post_init__(self):
         _freeze(self, "positions", "frequencies", "errors", "uncertainty", "covariance")
@@ -378,210 +387,6 @@ class Calibration:
         mean, rms, largest = float(of.mean()), float(np.sqrt(np.mean(of**2))), float(of.max())
         return replace(self, errors=errors, mean_error=mean, rms_error=rms, max_error=largest)
 
-    def to_json(self) -> str:
-        """Return the text of a result file.
-
-        Returns
-        -------
-        str
-
-        Raises
-        ------
-        InputError
-            A value is not finite, or an array has the wrong shape.
-        """
-        return fdcal.extension("result_text")(self)
-
-    @staticmethod
-    def from_json(text: str | bytes, where: str = "the result") -> Calibration:
-        """Return the calibration of a result file with this text.
-
-        Parameters
-        ----------
-        text : str, or bytes in UTF-8
-        where : str
-            What an error calls the text, as the path of its file.
-
-        Returns
-        -------
-        Calibration
-
-        Raises
-        ------
-        InputError
-            `text` is no JSON, or a key is missing or malformed.
-        """
-        return fdcal.extension("read_result")(text, where)
-
-    def save(self, path: str | PathLike[str], *, force: bool = False) -> None:
-        """Write the result as JSON, which `fdcal.Calibration.load` and every `--result` read.
-
-        Parameters
-        ----------
-        path : str or path
-        force : bool
-            Whether an existing file is overwritten.
-
-        Raises
-        ------
-        InputError
-            The file exists, and `force` is not set.
-        StorageError
-            The file cannot be written.
-
-        Examples
-        --------
-        >>> import tempfile, fdcal
-        >>> found = fdcal.calibrate(fdcal.load("tiny"), modes=12)
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     found.save(f"{folder}/tiny.json")
-        ...     fdcal.Calibration.load(f"{folder}/tiny.json").names == found.names
-        True
-        """
-        fdcal.extension("save_result")(self, path, force)
-
-    @staticmethod
-    def load(path: str | PathLike[str]) -> Calibration:
-        """Return the calibration in a file that `save` or `fdcal calibrate -o` wrote.
-
-        Parameters
-        ----------
-        path : str or path
-
-        Returns
-        -------
-        Calibration
-
-        Raises
-        ------
-        InputError, StorageError
-            The file is no result, or cannot be read.
-
-        Examples
-        --------
-        >>> import tempfile, fdcal
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     fdcal.calibrate(fdcal.load("tiny"), modes=12).save(f"{folder}/tiny.json")
-        ...     fdcal.Calibration.load(f"{folder}/tiny.json").known
-        ('0', '5', '7')
-        """
-        return fdcal.extension("load_result")(path)
-
-    def export(
-        self,
-        path: str | PathLike[str],
-        *,
-        frame: str | None = None,
-        original: str | PathLike[str] | None = None,
-        table: str = "positions",
-        force: bool = False,
-    ) -> None:
-        """Write the positions, or the gains of the channels, for another program; the suffix selects the format.
-
-        Parameters
-        ----------
-        path : str or path
-            Ends in .csv (a table), .json, .xml (Acoular), .sofa or .npy (pyroomacoustics).
-        frame : str, optional
-            "known", the axes of the known microphones, as by default; "minimal" or "axes", as by default without any.
-        original : str or path, optional
-            A SOFA file into a copy of which the positions are written.
-        table : str
-            "positions", or "gains": a .csv table of gain, phase and noise of every channel, of solver "robust".
-        force : bool
-            Whether an existing file is overwritten.
-
-        Raises
-        ------
-        InputError
-            No format has this suffix, the frame does not exist, or the file exists and `force` is not set.
-        StorageError
-            The file cannot be written.
-
-        Examples
-        --------
-        >>> import tempfile, fdcal
-        >>> from pathlib import Path
-        >>> found = fdcal.calibrate(fdcal.load("tiny"), modes=12)
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     found.export(f"{folder}/tiny.csv")
-        ...     Path(f"{folder}/tiny.csv").read_text().splitlines()[0]
-        'name,x,y,z,uncertainty'
-        """
-        require_choice("table", table, ("positions", "gains"))
-        if table == "gains":
-            fdcal.extension("export_gains")(self, path, force)
-        else:
-            fdcal.extension("export_positions")(self, path, frame, original, force)
-
-    def to_pyfar(self, *, frame: str | None = None) -> Any:
-        """Return the positions as `pyfar.Coordinates`; needs the extra "pyfar".
-
-        Parameters
-        ----------
-        frame : str, optional
-            As of `export`.
-
-        Returns
-        -------
-        pyfar.Coordinates
-
-        Examples
-        --------
-        >>> import fdcal
-        >>> fdcal.calibrate(fdcal.load("tiny"), modes=12).to_pyfar().cshape
-        (16,)
-        """
-        return fdcal.extension("pyfar_coordinates")(placed_in_frame(self, frame))
-
-    def to_dataframe(self) -> Any:
-        """Return a pandas table with one row a microphone, if pandas is installed.
-
-        Columns: x, y (z), metres; known; uncertainty, one sigma in metres; error, metres, where it is known; where the
-        solver finds them gain_db, gain_sigma_db, phase_deg, phase_sigma_deg, noise_db and fault, "" where sound,
-        and of given positions given_x, given_y (given_z) and given_difference, metres, NaN where none is given. The
-        index are the names.
-
-        Returns
-        -------
-        pandas.DataFrame
-
-        Raises
-        ------
-        InputError
-            pandas is not installed.
-
-        Examples
-        --------
-        >>> import fdcal
-        >>> found = fdcal.calibrate(fdcal.load("tiny"), modes=12)
-        >>> found.to_dataframe().columns.tolist()[:6]
-        ['x', 'y', 'known', 'uncertainty', 'error', 'gain_db']
-        """
-        return fdcal.extension("data_frame")(self)
-
-    def plot(self, truth=None) -> Any:
-        """Return a matplotlib figure of the positions, with error ellipses and the known microphones.
-
-        Parameters
-        ----------
-        truth : (N, D) array_like, optional
-            True positions to draw as well, metres, in the axes of the result.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-
-        Examples
-        --------
-        >>> import fdcal
-        >>> measurement = fdcal.load("tiny")
-        >>> figure = fdcal.calibrate(measurement, modes=12).plot(measurement.positions)
-        >>> figure.axes[0].get_xlabel()
-        'x (m)'
-        """
-        return fdcal.extension("draw_calibration")(self, truth)
-
     def __repr__(self) -> str:
         known = "" if self.known is None else f", {len(self.known)} known"
         error = "" if self.mean_error is None else f", mean error {length_text(self.mean_error)}"
@@ -589,9 +394,6 @@ class Calibration:
             f"<Calibration by {self.solver}: {len(self.names)} microphones{known},"
             f" {len(self.frequencies)} frequencies, verdict {self.verdict or 'unknown'}{error}>"
         )
-
-    def _repr_html_(self) -> str:
-        return fdcal.extension("calibration_html")(self)
 
 
 def placed_in_frame(result: Calibration, frame: str | None) -> MicrophonePositions:

@@ -25,7 +25,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from ..acoustics.coherence import SINGLE_WAVE, SINGLE_WAVE_REMEDY
-from ..acoustics.fourier_bessel import array_f_max
+from ..acoustics.dictionary import array_f_max
 from ..model.gauge import align
 from ..model.lengths import length_text
 from ..model.problem import Problem

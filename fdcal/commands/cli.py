@@ -304,7 +304,7 @@ def calibrate(
     if path is not None:
         from ..assessment.result_file import save_result
 
-        save_result(result, path, force, compared)
+        save_result(result, path, force=force, check=compared)
     print(report.summary(inputs, result))
     if positions is not None and compared is None:
         print("list    add --check to see which channels are swapped, and how far each microphone is from its place")

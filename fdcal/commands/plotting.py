@@ -64,7 +64,7 @@ def summed_landscape(inputs: CalibrationInput, positions: np.ndarray, n: int, mo
     lowest up. Returns (ny, nx) float64, cost on the search lattice.
     """
     from ..cost.maps import descent_maps  # compiled code, which reading a file does not need
-    from ..solvers.descent.solver import order_offset_of
+    from ..solvers.descent import order_offset_of
 
     problem, settings = inputs.measurement.problem(inputs.settings.weights), inputs.settings
     offset = order_offset_of(settings, modes)

@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 from scipy.linalg import get_lapack_funcs
 
-from ..acoustics.threads import parallel_map
+from ..acoustics.compiled import parallel_map
 
 BLOCK = 1.3e5  # numbers in the largest array of a block: about the size of the second-level cache
 PARTS = 4  # of the blocks, each computed on one thread: sums do not depend on how many threads there are

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..acoustics.fourier_bessel import fourier_bessel
+from ..acoustics.dictionary import fourier_bessel
 from ..model.problem import Problem
 from ..model.validation import InputError
 

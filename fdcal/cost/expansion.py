@@ -23,9 +23,8 @@ import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 from scipy.special import factorial, factorial2, sph_harm_y_all
 
-from ..acoustics.bessel import bessel
-from ..acoustics.fourier_bessel import max_order
-from ..acoustics.spherical_harmonics import degrees
+from ..acoustics.dictionary import degrees, max_order
+from ..acoustics.special_functions import bessel
 from ..model.problem import Problem
 from ..model.settings import Search
 from ..model.validation import InputError

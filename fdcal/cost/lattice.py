@@ -27,7 +27,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ..acoustics.fourier_bessel import max_order
+from ..acoustics.dictionary import max_order
 from ..acoustics.lattice_dictionary import LatticeDictionary
 from ..model.problem import Problem
 from .eq7 import LeaveOneOutFit, known_weights, leave_one_out_fits

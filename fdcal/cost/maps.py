@@ -28,16 +28,15 @@ from numpy.polynomial.chebyshev import chebvander
 from scipy.linalg import solve_triangular
 from scipy.special import jv
 
-from ..acoustics.fourier_bessel import fourier_bessel, max_order
+from ..acoustics.dictionary import fourier_bessel, max_order
 from ..model.problem import Problem
 from ..model.settings import Search
 from ..model.validation import InputError
 from .channel_correction import ChannelCorrection, equalised
 from .eq7 import LeaveOneOutFit, coefficients, known_weights, leave_one_out_fits
 from .expansion import FieldExpansion, expansion_of, functions, require_carried, search_domain
-from .kernels import diffuse_correlation
+from .kernels import circular_dictionary, diffuse_correlation
 from .likelihood import isotropic_field
-from .waves import circular_dictionary
 
 NEGLIGIBLE = 1e-15  # Chebyshev coefficient of a map that is left out
 VOLUME_NEGLIGIBLE = 1e-8  # likewise of a volume, of the field that a microphone records

@@ -19,14 +19,35 @@ if TYPE_CHECKING:
 SIDES = 60  # of the polygon that is drawn for an ellipse
 
 
-def draw_calibration(result: Calibration, truth=None) -> Figure:
-    """Return a figure of a result; of an array in space it has a plan and a side view.
+def draw_calibration(self: Calibration, truth=None) -> Figure:
+    """Return a matplotlib figure of the positions, with error ellipses and the known microphones.
 
-    Small ellipses are enlarged by a round factor, which the legend names.
+    Of an array in space it has a plan and a side view. Small ellipses are enlarged by a round factor, which the legend
+    names.
 
-    `truth` (N, D) array_like, true positions, metres, in the axes of the result. Raises InputError: `truth` has another
-    shape than the positions.
+    Parameters
+    ----------
+    truth : (N, D) array_like, optional
+        True positions to draw as well, metres, in the axes of the result.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    InputError
+        `truth` has another shape than the positions.
+
+    Examples
+    --------
+    >>> import fdcal
+    >>> measurement = fdcal.load("tiny")
+    >>> figure = fdcal.calibrate(measurement, modes=12).plot(measurement.positions)
+    >>> figure.axes[0].get_xlabel()
+    'x (m)'
     """
+    result = self
     from matplotlib.figure import Figure
 
     D = result.positions.shape[1]

@@ -28,7 +28,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..acoustics.fft import fast_length, rfft
+from ..acoustics.spectrum import fast_length, rfft
 from ..model.problem import mode_power
 from ..model.validation import InputError
 from . import frequency_selection

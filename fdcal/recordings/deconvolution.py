@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..acoustics.fft import fast_length, irfft, rfft
+from ..acoustics.spectrum import fast_length, irfft, rfft
 from ..model.validation import InputError
 from .impulse_response import smoothed
 from .recording import Recording, channel_groups, read_samples, recording_of

@@ -6,11 +6,59 @@ from os import PathLike
 from pathlib import Path
 
 from ..assessment.calibration import Calibration, placed_in_frame
-from ..assessment.tables import channel_table
+from ..assessment.result_file import channel_table
 from ..model.microphones import MicrophonePositions
 from ..model.storage import write_atomically
-from ..model.validation import InputError
+from ..model.validation import InputError, require_choice
 from . import formats
+
+
+def export(
+    self: Calibration,
+    path: str | PathLike[str],
+    *,
+    frame: str | None = None,
+    original: str | PathLike[str] | None = None,
+    table: str = "positions",
+    force: bool = False,
+) -> None:
+    """Write the positions, or the gains of the channels, for another program; the suffix selects the format.
+
+    Parameters
+    ----------
+    path : str or path
+        Ends in .csv (a table), .json, .xml (Acoular), .sofa or .npy (pyroomacoustics).
+    frame : str, optional
+        "known", the axes of the known microphones, as by default; "minimal" or "axes", as by default without any.
+    original : str or path, optional
+        A SOFA file into a copy of which the positions are written.
+    table : str
+        "positions", or "gains": a .csv table of gain, phase and noise of every channel, of solver "robust".
+    force : bool
+        Whether an existing file is overwritten.
+
+    Raises
+    ------
+    InputError
+        No format has this suffix, the frame does not exist, or the file exists and `force` is not set.
+    StorageError
+        The file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile, fdcal
+    >>> from pathlib import Path
+    >>> found = fdcal.calibrate(fdcal.load("tiny"), modes=12)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     found.export(f"{folder}/tiny.csv")
+    ...     Path(f"{folder}/tiny.csv").read_text().splitlines()[0]
+    'name,x,y,z,uncertainty'
+    """
+    require_choice("table", table, ("positions", "gains"))
+    if table == "gains":
+        export_gains(self, path, force)
+    else:
+        export_positions(self, path, frame, original, force)
 
 
 def export_positions(
@@ -38,7 +86,7 @@ def export_positions(
 
 
 def export_gains(result: Calibration, path: str | PathLike[str], force: bool = False) -> None:
-    """Write the gains of the channels as a table; see `fdcal.assessment.tables.channel_table`.
+    """Write the gains of the channels as a table; see `fdcal.assessment.result_file.channel_table`.
 
     Raises InputError: the result holds no gains, the suffix is not .csv, or the file exists and `force` is not set;
     StorageError: the file cannot be written.

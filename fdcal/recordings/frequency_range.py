@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..acoustics.coherence import array_radius
-from ..acoustics.fft import fast_length
-from ..acoustics.fourier_bessel import f_max
+from ..acoustics.dictionary import f_max
+from ..acoustics.spectrum import fast_length
 from ..model.validation import InputError, require_positive
 from .import_options import LIMITS, ImportOptions
 from .recording import Recording, channel_groups

@@ -16,9 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..acoustics.fft import fast_length, rfft
-from ..acoustics.spectrum import SPECTRUM, laplace_transform
-from ..acoustics.wavenumbers import wavenumber_continuous
+from ..acoustics.spectrum import SPECTRUM, fast_length, laplace_transform, rfft, wavenumber_continuous
 from ..model.validation import InputError
 from . import frequency_selection
 from .recording import Recording, channel_groups, read_samples

@@ -15,8 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import fdtri
 
-from ..acoustics.fft import fast_length, irfft, rfft
-from ..acoustics.spectrum import SPECTRUM
+from ..acoustics.spectrum import SPECTRUM, fast_length, irfft, rfft
 from ..model.validation import InputError
 from .recording import GROUP_SAMPLES, Recording, read_samples
 

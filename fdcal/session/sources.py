@@ -160,7 +160,7 @@ def scene_input(scene: Scene, progress: Progress | None = None) -> CalibrationIn
 
     Raises InputError, StorageError.
     """
-    from ..acoustics.measurement_cache import cached_measurement  # brings the simulation, which only scenes need
+    from ..acoustics.measure import cached_measurement  # brings the simulation, which only scenes need
 
     measurement = cached_measurement(scene, progress)
     if isinstance(scene, MeasuredScene):
@@ -191,7 +191,7 @@ def check_scene(scene: Scene) -> None:
     """
     if isinstance(scene, MeasuredScene):
         return
-    from ..acoustics.fdtd_grid import make_grid
+    from ..acoustics.fdtd import make_grid
     from ..acoustics.measure import require_measurable
     from ..model.arrays import positions_of
 

@@ -11,7 +11,7 @@ import numpy as np
 from ..model.problem import Problem
 
 if TYPE_CHECKING:  # the likelihood loads SciPy, which a session does not need before its first step
-    from ..acoustics.room_symmetry import RoomSymmetry
+    from ..acoustics.room_modes import RoomSymmetry
     from ..cost.likelihood import Terms
 
 

@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from ..acoustics.coherence import SINGLE_WAVE, SINGLE_WAVE_REMEDY, array_radius, is_single_wave
-from ..acoustics.fourier_bessel import f_max
+from ..acoustics.dictionary import f_max
 from ..model.gauge import fixes_gauge
 from ..model.problem import Problem
 from ..model.settings import Search

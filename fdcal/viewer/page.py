@@ -237,6 +237,6 @@ class Page:
         self.switcher.close(CLOSE_TIME)
         self._report_progress("")
         if self.viewer is not None:
-            from ..acoustics.threads import shut_down_threads
+            from ..acoustics.compiled import shut_down_threads  # loaded by the session that was shown
 
             shut_down_threads()

@@ -5,7 +5,7 @@ This module is imported before the solvers, so that the page has a picture withi
 
 from __future__ import annotations
 
-from ..acoustics.measurement_cache import load_cached_measurement
+from ..acoustics.measure import load_cached_measurement
 from ..graphics.picture import static_picture
 from ..model.measured_scene import MeasuredScene
 from ..model.measurement import Measurement

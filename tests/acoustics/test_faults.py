@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.faults import Faults
 from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError

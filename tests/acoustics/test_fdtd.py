@@ -8,8 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from fdcal.acoustics.fdtd import advance, energy, pulse, simulate
-from fdcal.acoustics.fdtd_grid import cell_mask, make_grid
+from fdcal.acoustics.fdtd import advance, cell_mask, energy, make_grid, pulse, simulate
 from fdcal.model.room import Room, Source
 from fdcal.model.validation import InputError
 

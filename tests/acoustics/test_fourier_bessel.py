@@ -5,7 +5,7 @@ import pytest
 from fields import bessel_kernel, plane_wave, plane_wave_coefficients
 from scipy.special import jv
 
-from fdcal.acoustics.fourier_bessel import array_f_max, f_max, fourier_bessel, max_order
+from fdcal.acoustics.dictionary import array_f_max, f_max, fourier_bessel, max_order
 from fdcal.acoustics.lattice_dictionary import LatticeDictionary, bessel_orders
 from fdcal.model.settings import Search
 

@@ -7,8 +7,13 @@ import pytest
 from fields import rigid_room
 
 from fdcal.acoustics.box_field import point_source_pressures as box_field
-from fdcal.acoustics.room_modes import diffuse_model, point_source_model, room_pressures
-from fdcal.acoustics.room_symmetry import nearest_symmetry, room_symmetries
+from fdcal.acoustics.room_modes import (
+    diffuse_model,
+    nearest_symmetry,
+    point_source_model,
+    room_pressures,
+    room_symmetries,
+)
 from fdcal.model.room import Room
 from fdcal.solvers.room.fit import diffuse_terms, exact
 

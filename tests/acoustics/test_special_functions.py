@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import jv, spherical_jn
 
-from fdcal.acoustics.bessel import bessel
-from fdcal.acoustics.sinc import complex_sinc, sinc
+from fdcal.acoustics.special_functions import bessel, complex_sinc, sinc
 
 ARGUMENTS = [0.0, 1e-9, 0.03, 0.1999, 0.2001, 1.0, 4.7, 23.0, 60.0]
 

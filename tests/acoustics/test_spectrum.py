@@ -10,10 +10,15 @@ import pytest
 from scipy.special import jv
 
 from fdcal.acoustics.fdtd import simulate
-from fdcal.acoustics.measure import measure
-from fdcal.acoustics.measurement_cache import cached_recordings
-from fdcal.acoustics.spectrum import laplace_transform, mean_power, pick_peaks, window_rate
-from fdcal.acoustics.wavenumbers import wavenumber_continuous, wavenumber_discrete
+from fdcal.acoustics.measure import cached_recordings, measure
+from fdcal.acoustics.spectrum import (
+    laplace_transform,
+    mean_power,
+    pick_peaks,
+    wavenumber_continuous,
+    wavenumber_discrete,
+    window_rate,
+)
 from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import spherical_jn
 
-from fdcal.acoustics.fourier_bessel import fourier_bessel, max_order
-from fdcal.acoustics.spherical_harmonics import degrees, spherical_bessel
+from fdcal.acoustics.dictionary import degrees, fourier_bessel, max_order, spherical_bessel
 
 CENTRE = np.array([2.1, 0.9, 1.2])
 POINTS = np.random.default_rng(0).uniform(-0.5, 0.5, (40, 3)) + CENTRE + [0.1, -0.05, 0.02]

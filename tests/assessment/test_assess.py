@@ -12,7 +12,7 @@ from fields import measured, rigid_room, room_frequencies
 from test_faulty_channels import KNOWN, MODES, array, estimated
 
 import fdcal
-from fdcal.acoustics.fourier_bessel import array_f_max
+from fdcal.acoustics.dictionary import array_f_max
 from fdcal.assessment.assess import assess, judged
 from fdcal.assessment.channels import FaultyChannel
 from fdcal.assessment.findings import FINDINGS, ROOM_FINDINGS, ROOM_RESIDUAL, JudgedRoom

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import j0
 
-from fdcal.acoustics.mode_density import independent_frequencies, mode_count
+from fdcal.acoustics.room_modes import independent_frequencies, mode_count
 from fdcal.assessment.bound import Prior, diffuse_information, field_information, position_bound
 from fdcal.model.gauge import rigid_motions
 

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import pdist
 
+from fdcal import Calibration
 from fdcal.assessment.calibration import (
-    Calibration,
     ChannelFault,
     Channels,
     GivenPosition,

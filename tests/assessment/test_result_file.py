@@ -10,7 +10,8 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from fdcal.assessment.calibration import Calibration, ChannelFault, Channels, Evidence, GivenPosition, KnownRoom
+from fdcal import Calibration
+from fdcal.assessment.calibration import ChannelFault, Channels, Evidence, GivenPosition, KnownRoom
 from fdcal.assessment.result_file import load_result, save_result
 from fdcal.model.validation import InputError, StorageError
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from fields import measured
 
-from fdcal.acoustics.fourier_bessel import fourier_bessel, max_order
+from fdcal.acoustics.dictionary import fourier_bessel, max_order
 from fdcal.cost.eq7 import coefficients, cost, known_weights, landscape, leave_one_out_fits, residual
 
 TRUTH = np.random.default_rng(3).uniform(-0.5, 0.5, (24, 2)) + [2.61, 2.31]

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from fields import measured
 
-from fdcal.acoustics.fourier_bessel import fourier_bessel
-from fdcal.acoustics.spherical_harmonics import spherical_bessel
+from fdcal.acoustics.dictionary import fourier_bessel, spherical_bessel
 from fdcal.cost.channel_correction import ChannelCorrection
 from fdcal.cost.expansion import FieldExpansion, carried_modes, functions, usable_modes
 from fdcal.cost.maps import mode_shape, power_shares

@@ -4,17 +4,18 @@ import numpy as np
 import pytest
 from scipy.special import hankel2, jv, spherical_jn
 
-from fdcal.acoustics.fourier_bessel import fourier_bessel
-from fdcal.acoustics.spherical_harmonics import degrees, spherical_bessel
+from fdcal.acoustics.dictionary import degrees, fourier_bessel, spherical_bessel
 from fdcal.cost.kernels import (
     diffuse_correlation,
     diffuse_kernel,
     diffuse_matrices,
+    directions_needed,
+    expansion_about,
     plane_wave_covariance,
     plane_wave_kernel,
+    plane_waves,
     series_kernel,
 )
-from fdcal.cost.waves import directions_needed, expansion_about, plane_waves
 
 K = np.array([1.3, 3.1, 7.4])  # rad/m
 ARRAYS = [(2, 2), (3, 3), (3, 2)]  # dimensions of the field and of the array

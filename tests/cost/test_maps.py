@@ -7,8 +7,8 @@ import pytest
 from fields import measured
 
 from fdcal import solvers
-from fdcal.acoustics.fourier_bessel import fourier_bessel, max_order
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.dictionary import fourier_bessel, max_order
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost import eq7
 from fdcal.cost.basins import local_minima
 from fdcal.cost.channel_correction import ChannelCorrection

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from fdcal import solvers
-from fdcal.acoustics.fourier_bessel import max_order
-from fdcal.acoustics.measurement_cache import cached_measurement
-from fdcal.acoustics.spherical_harmonics import spherical_bessel
+from fdcal.acoustics.dictionary import max_order, spherical_bessel
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.basins import local_minima
 from fdcal.cost.channel_correction import ChannelCorrection
 from fdcal.cost.eq7 import cost

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fdcal.acoustics.measurement_cache import cached_measurement
-from fdcal.assessment.tables import position_table
+from fdcal.acoustics.measure import cached_measurement
+from fdcal.assessment.result_file import position_table
 from fdcal.commands.cli import main
 from fdcal.graphics import paraview
 from fdcal.graphics.landscape_figure import draw_landscape, figure_bytes, landscape_panels, panels_of

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fdcal.acoustics.fourier_bessel import max_order
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.dictionary import max_order
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.eq7 import cost
 from fdcal.graphics.landscape_figure import draw_landscape, landscape_panels
 from fdcal.model.scene_file import load_scene

@@ -11,7 +11,7 @@ from replays import Reader, contents
 
 import fdcal
 from fdcal import solvers
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.commands.cli import main
 from fdcal.cost.reference_cost import ReferenceCost
 from fdcal.graphics.replay import MAX_BYTES, replay_html

@@ -8,8 +8,7 @@ import shutil
 import numpy as np
 import pytest
 
-from fdcal.acoustics.measure import measure
-from fdcal.acoustics.measurement_cache import cached_measurement, load_cached_measurement
+from fdcal.acoustics.measure import cached_measurement, load_cached_measurement, measure
 from fdcal.model.arrays import positions_of
 from fdcal.model.measured_room import response_path
 from fdcal.model.measured_scene import MeasuredScene

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from fdcal.acoustics import fdtd
-from fdcal.acoustics.measurement_cache import cached_measurement, cached_recordings
+from fdcal.acoustics.measure import cached_measurement, cached_recordings
 from fdcal.model import storage
 from fdcal.model.scene_file import load_scene
 from fdcal.model.storage import write_atomically

@@ -15,7 +15,7 @@ import soundfile
 from recorded import FS, SPEED, exact, mismatch_db, noisy, places, responses, stationary_source
 from scipy.signal import chirp, fftconvolve
 
-from fdcal.acoustics.fourier_bessel import f_max
+from fdcal.acoustics.dictionary import f_max
 from fdcal.commands.cli import main
 from fdcal.commands.options import OPTIONS
 from fdcal.model.measurement_file import load_measurement

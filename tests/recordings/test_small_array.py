@@ -9,7 +9,7 @@ import pytest
 import soundfile
 
 import fdcal
-from fdcal.acoustics.fourier_bessel import array_f_max
+from fdcal.acoustics.dictionary import array_f_max
 from fdcal.recordings.import_options import ImportOptions
 from fdcal.recordings.importer import import_recording
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fdcal import solvers
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.reference_cost import ReferenceCost
 from fdcal.model.scene_file import load_scene
 from fdcal.session.comparison import Comparison, same_start

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import fdcal
-from fdcal.acoustics.fourier_bessel import array_f_max
+from fdcal.acoustics.dictionary import array_f_max
 from fdcal.model.measurement import Measurement
 
 SPEED, COUNT, WAVES = 343.0, 16, 200

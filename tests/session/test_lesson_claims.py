@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fdcal import solvers
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.basins import local_minima
 from fdcal.cost.maps import cost_maps, interpolate, map_positions, refined
 from fdcal.cost.reference_cost import ReferenceCost

@@ -12,7 +12,7 @@ import pytest
 
 import fdcal
 from fdcal import solvers
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.commands.report import summary
 from fdcal.model.measurement_file import load_measurement, save_measurement
 from fdcal.model.scene_file import load_scene

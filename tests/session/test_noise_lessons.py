@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fdcal import solvers
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.assessment.uncertainty import confidence_factor, ellipse_axes
 from fdcal.model.scene_file import load_scene
 from fdcal.session.blas_threads import one_blas_thread

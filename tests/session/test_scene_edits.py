@@ -6,8 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from fdcal.acoustics.measure import measure
-from fdcal.acoustics.measurement_cache import cached_recordings
+from fdcal.acoustics.measure import cached_recordings, measure
 from fdcal.model.arrays import positions_of
 from fdcal.model.from_table import build
 from fdcal.model.gauge import fixes_gauge

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from fdcal import solvers
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.commands.cli import main
 from fdcal.model.measured_scene import placeholder_scene
 from fdcal.model.measurement_file import load_measurement

@@ -20,7 +20,7 @@ from fdcal.solvers import interface as bounds
 from fdcal.solvers.interface import OutOfTime, check_deadline, deadline
 from fdcal.solvers.robust import outliers
 from fdcal.solvers.robust.objective import in_unit_power
-from fdcal.solvers.robust.rules import OUTLIERS
+from fdcal.solvers.robust.state import OUTLIERS
 from fdcal.solvers.room import search
 
 SPEED = 343.0

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fdcal import solvers
-from fdcal.acoustics.spherical_harmonics import spherical_bessel
+from fdcal.acoustics.dictionary import spherical_bessel
 from fdcal.cost.eq7 import known_weights, leave_one_out_fits
 from fdcal.cost.lattice import space_lattice
 from fdcal.cost.maps import cost_maps, refined
@@ -19,7 +19,7 @@ from fdcal.model.validation import InputError, frozen_array
 from fdcal.session import state_codec
 from fdcal.session.calibrate import solve
 from fdcal.session.sources import CalibrationInput
-from fdcal.solvers.descent import solver as descent
+from fdcal.solvers import descent as descent
 
 STEP, COUNT = 0.04, 30
 SEARCH = Search((1.0, 1.0, 1.0), (0.8, 0.8, 0.8), STEP, 0.6)

@@ -7,7 +7,7 @@ import dataclasses
 import pytest
 
 from fdcal import solvers
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.model.settings import KNOWN_ROOM_SOLVERS
 from fdcal.solvers.interface import RunState, Traits

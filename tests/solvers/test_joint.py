@@ -12,7 +12,7 @@ from hypothesis import settings as settings_of_hypothesis
 from solving import run_from, same_state, saved_and_read
 
 from fdcal import solvers
-from fdcal.acoustics import threads
+from fdcal.acoustics import compiled
 from fdcal.acoustics.measure import measure
 from fdcal.model.gauge import align, position_errors
 from fdcal.model.measurement import Measurement
@@ -22,10 +22,10 @@ from fdcal.model.validation import InputError
 from fdcal.session import calibrate
 from fdcal.session.calibrate import assess
 from fdcal.session.sources import CalibrationInput
-from fdcal.solvers.joint import solver as joint
+from fdcal.solvers import joint as joint
 from fdcal.solvers.robust import solver as robust
 from fdcal.solvers.robust.objective import in_unit_power, objective_of, unknowns_of, used_modes
-from fdcal.solvers.robust.rules import FINAL, STAGES
+from fdcal.solvers.robust.state import FINAL, STAGES
 
 TRUTH = np.random.default_rng(7).uniform(-0.5, 0.5, (40, 2)) + [2.61, 2.31]
 KNOWN = [0, 1, 2]
@@ -237,7 +237,7 @@ def test_few_microphones_are_enough_where_there_is_no_noise(seed):
 
 
 def test_the_bits_do_not_depend_on_the_number_of_cores(clean, monkeypatch):
-    monkeypatch.setattr(threads, "_pool", lambda: ThreadPoolExecutor(1))
+    monkeypatch.setattr(compiled, "_pool", lambda: ThreadPoolExecutor(1))
     alone = solve(measured(TRUTH, KNOWN))
     np.testing.assert_array_equal(alone[-1].positions, clean[-1].positions)
 
@@ -245,10 +245,10 @@ def test_the_bits_do_not_depend_on_the_number_of_cores(clean, monkeypatch):
 def test_work_submitted_while_the_interpreter_ends_is_still_done(monkeypatch):
     ended = ThreadPoolExecutor(1)
     ended.shutdown()
-    monkeypatch.setattr(threads, "_pool", lambda: ended)
-    assert list(threads.parallel_map(lambda x: x + 1, iter(range(5)))) == [1, 2, 3, 4, 5]
+    monkeypatch.setattr(compiled, "_pool", lambda: ended)
+    assert list(compiled.parallel_map(lambda x: x + 1, iter(range(5)))) == [1, 2, 3, 4, 5]
     with pytest.raises(RuntimeError, match="own"):
-        list(threads.parallel_map(fails, range(2)))
+        list(compiled.parallel_map(fails, range(2)))
 
 
 def fails(_):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from fields import rigid_room, room_frequencies
 
-from fdcal.acoustics.room_symmetry import room_symmetries
+from fdcal.acoustics.room_modes import room_symmetries
 from fdcal.commands.cli import main
 from fdcal.cost.maps import cost_maps
 from fdcal.model.measurement import Measurement

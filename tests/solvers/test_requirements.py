@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import fdcal
-from fdcal.acoustics.fourier_bessel import array_f_max
+from fdcal.acoustics.dictionary import array_f_max
 from fdcal.model.measurement import Measurement
 from fdcal.model.scene_file import load_scene, scene_names
 from fdcal.model.settings import ALL_MODES, Search, SolverSettings

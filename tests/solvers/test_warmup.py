@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.measurement_file import save_measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.session.warmup import all_pieces
@@ -32,7 +32,7 @@ SEARCH = """
 import sys
 from numba.core.registry import CPUDispatcher
 from fdcal.acoustics import fdtd_kernels
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost import basins, lattice_kernels
 from fdcal.model.scene_file import load_scene
 from fdcal.solvers import load

@@ -31,7 +31,7 @@ from replays import contents
 from websockets.sync.client import connect
 
 from fdcal import solvers
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.maps import cost_maps, map_positions, refined
 from fdcal.cost.reference_cost import ORDER_OFFSET
 from fdcal.graphics.picture import compose

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 from browsing import WAIT
 
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.session.lesson import MAPS, Lesson, Setting, Step
 from fdcal.session.lesson_file import load_lesson

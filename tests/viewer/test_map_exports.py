@@ -12,7 +12,7 @@ from doubles import view_of
 from matplotlib.colors import to_rgb
 
 from fdcal import solvers
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.cost.basins import local_minima
 from fdcal.cost.maps import map_positions
 from fdcal.graphics.markers import ESTIMATE, LOWEST

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fdcal import solvers
-from fdcal.assessment.tables import position_table
+from fdcal.assessment.result_file import position_table
 from fdcal.commands.options import open_request_of
 from fdcal.graphics.legend import legend_of
 from fdcal.graphics.picture import static_picture, with_estimate

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from browsing import EXACT, hover, middle, on_screen, opened_page, serving, slider, stands, tab
 
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.viewer.gui.layout import LEFT, RIGHT
 

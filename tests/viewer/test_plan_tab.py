@@ -8,7 +8,7 @@ import pytest
 from browsing import WAIT
 from doubles import INVALID_VALUES, set_by_client
 
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.graphics.legend import legend_of
 from fdcal.graphics.picture import static_picture
 from fdcal.graphics.plan_overlay import with_bound

@@ -7,8 +7,8 @@ import pytest
 from doubles import State, set_by_client, view_of
 from viser import uplot
 
-from fdcal.acoustics.fourier_bessel import array_f_max
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.dictionary import array_f_max
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.session.state_costs import StateCosts
 from fdcal.viewer.gui import html, plots
 from fdcal.viewer.gui.binding import Binding

@@ -14,7 +14,7 @@ from browsing import WAIT
 from doubles import finish
 
 from fdcal import solvers
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.validation import InputError
 from fdcal.session import session_file
 from fdcal.session.request import OpenRequest, edited

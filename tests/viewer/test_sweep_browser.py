@@ -8,7 +8,7 @@ import pytest
 from browsing import EXACT, WAIT, hover, on_screen, press, serving_here, slider, stands, tab
 
 from fdcal import solvers
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.viewer import page as page_module
 from fdcal.viewer.tabs.sweep import Playback

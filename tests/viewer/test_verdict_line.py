@@ -10,7 +10,7 @@ from browsing import WAIT
 from doubles import State, view_of
 
 from fdcal import solvers
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.assessment.calibration import ChannelFault, Channels, Evidence
 from fdcal.session.calibrate import Assessment, solve, sound
 from fdcal.session.history import History

@@ -10,7 +10,7 @@ from browsing import WAIT
 from doubles import set_by_client, view_of
 
 from fdcal import solvers
-from fdcal.acoustics.measurement_cache import cached_measurement
+from fdcal.acoustics.measure import cached_measurement
 from fdcal.graphics.overlays import with_volume
 from fdcal.graphics.picture import compose
 from fdcal.model.scene_file import load_scene

@@ -7,8 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from ...acoustics.box_field import point_source_pressures
-from ...acoustics.mode_density import decay_rate
-from ...acoustics.room_modes import PointSourceModel, point_source_model, room_pressures
+from ...acoustics.room_modes import PointSourceModel, decay_rate, point_source_model, room_pressures
 from ...cost.kernels import diffuse_kernel
 from ...model.polygons import encloses
 from ...model.problem import mode_power

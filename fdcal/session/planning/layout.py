@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...acoustics.measurement_cache import cached_measurement
+from ...acoustics.measure import cached_measurement
 from ...model.array_layout import Array
 from ...model.arrays import positions_of
 from ...model.geometries import ball, box, circle, rectangle

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...acoustics.fourier_bessel import array_f_max
-from ...acoustics.mode_density import independent_frequencies
+from ...acoustics.dictionary import array_f_max
+from ...acoustics.room_modes import independent_frequencies
 from ...assessment.bound import Prior
 from ...model.validation import (
     InputError,

@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ...acoustics.measure import measured, sound_field
-from ...acoustics.measurement_cache import cached_recordings
-from ...acoustics.modal import ModalPressures
+from ...acoustics.measure import cached_recordings, measured, sound_field
+from ...acoustics.spectrum import ModalPressures
 from ...assessment.bound import Prior, diffuse_information, position_bound
 from ...model.arrays import positions_of
 from ...model.random_source import random_source

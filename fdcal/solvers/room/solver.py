@@ -24,8 +24,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from ...acoustics.room_modes import TRUNCATION, diffuse_model
-from ...acoustics.room_symmetry import nearest_symmetry, room_symmetries
+from ...acoustics.room_modes import TRUNCATION, diffuse_model, nearest_symmetry, room_symmetries
 from ...model.problem import Problem, mode_power
 from ...model.settings import Search, SolverSettings
 from ...model.validation import InputError, frozen_array

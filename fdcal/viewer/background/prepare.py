@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ... import solvers
-from ...acoustics.measurement_cache import cached_measurement
+from ...acoustics.measure import cached_measurement
 from ...cost.reference_cost import ReferenceCost, reference_cost_of
 from ...model.given_positions import with_search_domain
 from ...model.measured_scene import MeasuredScene

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import viser
 
-from ...assessment.tables import position_table
+from ...assessment.result_file import position_table
 from ...graphics import paraview
 from ...graphics.landscape_figure import LandscapePanels, draw_landscape, figure_bytes, panels_of
 from ...graphics.primitives import Picture

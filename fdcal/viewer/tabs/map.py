@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...acoustics.fourier_bessel import max_order
+from ...acoustics.dictionary import max_order
 from ...cost.reference_cost import ORDER_OFFSET, decibels
 from ...graphics.colour_bar import format_number
 from ...graphics.units import row_word

@@ -9,7 +9,7 @@ import numpy as np
 import viser
 from viser import uplot
 
-from ...acoustics.fourier_bessel import array_f_max, max_order
+from ...acoustics.dictionary import array_f_max, max_order
 from ...graphics.units import row_word
 from ...model.measurement import Measurement
 from ...model.problem import mode_power

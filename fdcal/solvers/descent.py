@@ -19,21 +19,21 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...acoustics.lattice_dictionary import LatticeDictionary
-from ...cost import expansion
-from ...cost.eq7 import known_weights, leave_one_out_fits
-from ...cost.expansion import require_modes
-from ...cost.lattice import SpaceLattice, best_candidate, search_lattice, space_lattice
-from ...cost.maps import descent_maps
-from ...model.gauge import fixes_gauge
-from ...model.problem import Problem
-from ...model.settings import Search, SolverSettings
-from ...model.validation import InputError, frozen_array
-from .. import starts
-from ..estimate import Estimate
-from ..interface import RunState, Traits
-from ..requirements import require_range, require_search
-from ..robust.result import estimate_at
+from ..acoustics.lattice_dictionary import LatticeDictionary
+from ..cost import expansion
+from ..cost.eq7 import known_weights, leave_one_out_fits
+from ..cost.expansion import require_modes
+from ..cost.lattice import SpaceLattice, best_candidate, search_lattice, space_lattice
+from ..cost.maps import descent_maps
+from ..model.gauge import fixes_gauge
+from ..model.problem import Problem
+from ..model.settings import Search, SolverSettings
+from ..model.validation import InputError, frozen_array
+from . import starts
+from .estimate import Estimate
+from .interface import RunState, Traits
+from .requirements import require_range, require_search
+from .robust.result import estimate_at
 
 TRAITS = Traits(
     moves_all=False,

@@ -12,13 +12,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from ...model.problem import Problem
-from ...model.settings import SolverSettings
-from ..interface import Traits
-from ..robust import solver as robust
-from ..robust import state as robust_state
-from ..robust.schedule import begin
-from ..robust.solver import landscape, require_solvable, result, step, usable_modes, use_modes
+from ..model.problem import Problem
+from ..model.settings import SolverSettings
+from .interface import Traits
+from .robust import solver as robust
+from .robust import state as robust_state
+from .robust.schedule import begin
+from .robust.solver import landscape, require_solvable, result, step, usable_modes, use_modes
 
 __all__ = ["TRAITS", "State", "init", "landscape", "result", "step", "usable_modes", "use_modes"]
 
@@ -42,7 +42,7 @@ def init(problem: Problem, settings: SolverSettings, seed: int, positions: np.nd
 
     Raises InputError for what the likelihood solver cannot work on.
     """
-    from .. import starts
+    from . import starts
 
     require_solvable(problem, settings)
     if positions is None and settings.start == "random":
