@@ -12,8 +12,8 @@ from fdcal.model.measurement_file import save_measurement
 from fdcal.model.scene_file import load_scene
 from fdcal.session.warmup import all_pieces
 from fdcal.solvers.warmup import warmup_calls
-from fdcal.viewer.background import warmup
-from fdcal.viewer.background.warmup import Warmup
+from fdcal.viewer.background import prepare as warmup
+from fdcal.viewer.background.prepare import Warmup
 
 CALIBRATION = """
 import sys

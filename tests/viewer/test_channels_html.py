@@ -15,9 +15,9 @@ from fdcal.model.settings import SolverSettings
 from fdcal.session.blas_threads import one_blas_thread
 from fdcal.session.calibrate import assess
 from fdcal.session.sources import CalibrationInput
-from fdcal.viewer.background.uncertainty import uncertainty_of
-from fdcal.viewer.gui.channels_html import channel_table, given_table
+from fdcal.viewer.background.verdict import uncertainty_of
 from fdcal.viewer.gui.html import CONTROLS
+from fdcal.viewer.tabs.microphones import channel_table, given_table
 
 INVERTED = 9
 

@@ -11,7 +11,7 @@ from fdcal.session.lesson_file import lesson_names, load_lesson
 from fdcal.session.request import OpenRequest, edited
 from fdcal.viewer.background.comparison import ComparisonSetup
 from fdcal.viewer.gui.choices import Choices
-from fdcal.viewer.lesson_return import control_values
+from fdcal.viewer.lesson_settings import control_values
 from fdcal.viewer.tabs.lessons import LessonsTab
 
 SMALL = "tiny"

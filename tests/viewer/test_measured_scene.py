@@ -19,7 +19,7 @@ from fdcal.model.scene_file import MeasuredScene, load_scene, placeholder_scene
 from fdcal.model.settings import ALL_MODES, SolverSettings
 from fdcal.session.estimated_domain import with_estimated_domain
 from fdcal.session.sources import scene_input
-from fdcal.viewer.background.map_panels import map_modes
+from fdcal.viewer.background.cost_map import map_modes
 from fdcal.viewer.background.prepare import PreparationProgress, prepare_run
 from fdcal.viewer.gui import html
 from fdcal.viewer.gui.binding import Binding

@@ -17,10 +17,9 @@ from fdcal.session.planning.layout import read_layout
 from fdcal.session.planning.plan import make_plan
 from fdcal.session.planning.report import plan_dict
 from fdcal.session.planning.request import PlanRequest
-from fdcal.viewer.background.planned_array import planned_array
 from fdcal.viewer.gui.binding import Binding
-from fdcal.viewer.gui.plan_choices import PlanChoices
-from fdcal.viewer.tabs.plan import PlanTab
+from fdcal.viewer.gui.choices import PlanChoices
+from fdcal.viewer.tabs.plan import PlanTab, planned_array
 
 
 @pytest.fixture

@@ -18,8 +18,7 @@ from fdcal.session.request import OpenRequest
 from fdcal.session.sources import scene_input
 from fdcal.viewer.background import prepare
 from fdcal.viewer.background.verdict import IDLE_TIME, VerdictWorker
-from fdcal.viewer.gui.html import CONTROLS
-from fdcal.viewer.gui.verdict_html import DOUBTFUL, GOOD, verdict_html
+from fdcal.viewer.gui.html import CONTROLS, DOUBTFUL, GOOD, verdict_html
 
 
 @pytest.fixture
