@@ -24,7 +24,7 @@ from fdcal.recordings.formats import xml_geometry
 from fdcal.recordings.formats.table import read_positions
 from fdcal.recordings.recording import read_samples
 from fdcal.session import session_file
-from fdcal.session.lesson_file import lesson_folder, load_lesson
+from fdcal.session.lesson import lesson_folder, load_lesson
 from fdcal.session.sources import check_scene
 
 

@@ -11,7 +11,7 @@ from ..cost.reference_cost import reference_cost_of
 from ..graphics.gallery import Entry, index_html, picture_of, race_html
 from ..graphics.replay import replay_html
 from ..model.texts import parse_modes
-from ..session.calibrate import problem_of, states_of
+from ..session.calibration_run import problem_of, states_of
 from ..session.comparison import timed_states
 from ..session.history import recorded
 from ..session.sources import CalibrationInput, with_settings

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import viser
 
 from ..model.texts import parse_modes
-from ..session.lesson import IN_USE, Setting, run_goal
-from ..session.lesson_frame import Frame, parse_frame
+from ..session.lesson import IN_USE, Frame, Setting, parse_frame, run_goal
 from ..session.request import OpenRequest
 from ..session.session import Session
 from .background.comparison import ComparisonWorker

@@ -9,7 +9,7 @@ import viser
 
 from ..graphics.legend import legend_of
 from ..graphics.primitives import Picture
-from ..session.calibrate import Assessment
+from ..session.calibration_run import Assessment
 from ..session.history import SessionView
 from .background.comparison import ComparisonWorker, RunSummary
 from .background.cost_map import CostMap

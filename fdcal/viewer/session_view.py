@@ -31,7 +31,7 @@ from ..graphics.plan_overlay import with_bound
 from ..graphics.primitives import Floor, Picture
 from ..graphics.volume import Volume, faded
 from ..model.texts import length_text
-from ..session.calibrate import Assessment
+from ..session.calibration_run import Assessment
 from ..session.history import SessionView
 from ..session.request import OpenRequest
 from .background.comparison import ComparisonWorker, RunSummary

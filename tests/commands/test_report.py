@@ -11,7 +11,7 @@ import fdcal
 from fdcal.assessment.findings import precision
 from fdcal.commands.report import summary
 from fdcal.model.texts import length_text
-from fdcal.session.calibrate import solve
+from fdcal.session.calibration_run import solve
 from fdcal.session.sources import load_input, with_settings
 
 

@@ -16,7 +16,7 @@ from fdcal.model.geometry import ball, box, plane
 from fdcal.model.scene_file import load_scene
 from fdcal.model.settings import Sensing
 from fdcal.model.validation import InputError
-from fdcal.session.calibrate import solve
+from fdcal.session.calibration_run import solve
 from fdcal.session.sources import CalibrationInput
 from fdcal.solvers import load, with_mode_count
 

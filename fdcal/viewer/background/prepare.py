@@ -21,7 +21,7 @@ from ...model.scene import Scene
 from ...model.scene_file import MeasuredScene
 from ...model.settings import ALL_MODES
 from ...model.validation import InputError
-from ...session.estimated_domain import with_estimated_domain
+from ...session.calibration_run import with_estimated_domain
 from ...session.request import OpenRequest, as_given
 from ...session.session import Session
 from ...session.worker import LatestWorker

@@ -11,7 +11,7 @@ from ...graphics.units import ALL, row_word
 from ...model.measurement import Measurement
 from ...model.texts import length_text
 from ...model.validation import InputError
-from ...session.calibrate import Assessment
+from ...session.calibration_run import Assessment
 from ...session.history import SessionView
 from ..server.process import log_location
 
