@@ -39,7 +39,7 @@ HOMES = {
     "threading": {"session"},
     "_thread": {"session"},
     "concurrent": {"session", "acoustics.compiled"},
-    "matplotlib": {"graphics", "viewer", "commands.paper"},
+    "matplotlib": {"graphics", "viewer"},
     "click": {"commands"},
     "tqdm": {"commands"},
     "platformdirs": {"model.storage"},

@@ -24,7 +24,7 @@ from fdcal.recordings.formats import xml_geometry
 from fdcal.recordings.formats.table import read_positions
 from fdcal.recordings.recording import read_samples
 from fdcal.session import session_file
-from fdcal.session.lesson_file import lesson_folder, load_lesson
+from fdcal.session.lesson import lesson_folder, load_lesson
 from fdcal.session.sources import check_scene
 
 
@@ -59,7 +59,7 @@ def measurement(count: int = 8, modes: int = 6) -> Measurement:
 
 def _make_session(path: Path) -> None:
     from fdcal import solvers
-    from fdcal.model.measured_scene import placeholder_scene
+    from fdcal.model.scene_file import placeholder_scene
     from fdcal.session.request import OpenRequest
 
     settings = SolverSettings(modes=6, name="descent", start="random", first_modes=2)

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..model.gauge import align
-from ..model.lengths import length_text
+from ..model.texts import length_text
 from ..model.validation import InputError, frozen_array, require_finite, word_arguments
 
 

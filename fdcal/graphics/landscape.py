@@ -9,7 +9,7 @@ from ..model.channels import microphone_index
 from ..model.measurement import Measurement
 from ..model.settings import SolverSettings
 from ..model.validation import InputError, shown_literal
-from ..session.arguments import mode_numbers, require_measurement, require_settings
+from ..session.api import mode_numbers, require_measurement, require_settings
 from ..session.blas_threads import one_blas_thread
 from .landscape_figure import LandscapePanels, landscape_panels
 

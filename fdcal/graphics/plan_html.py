@@ -5,8 +5,7 @@ from __future__ import annotations
 import base64
 from html import escape
 
-from ..session.planning.plan import Plan
-from ..session.planning.report import plan_lines
+from ..session.planning.plan import Plan, plan_lines
 from .landscape_figure import figure_bytes
 from .plan_figure import draw_plan
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from ..assessment.study_statistics import judged, selected
 from ..model.storage import write_atomically
 from ..model.validation import InputError
-from ..session.study.provenance import version_text
+from ..session.study.definition import version_text
 from .landscape_figure import figure_bytes
 from .study_figures import draw_error, draw_error_bars, draw_success, draw_verdicts
 from .study_panels import study_panels

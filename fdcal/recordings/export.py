@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ..assessment.calibration import Calibration, placed_in_frame
 from ..assessment.result_file import channel_table
-from ..model.microphones import MicrophonePositions
+from ..model.given_positions import MicrophonePositions
 from ..model.storage import write_atomically
 from ..model.validation import InputError, require_choice
 from . import formats

@@ -5,7 +5,7 @@ from __future__ import annotations
 from os import PathLike
 from pathlib import Path
 
-from ..model.microphones import MicrophonePositions
+from ..model.given_positions import MicrophonePositions
 from ..model.validation import InputError
 from .formats import table, xml_geometry
 

@@ -10,7 +10,7 @@ from fdcal.graphics import basin_map, legend, markers
 from fdcal.graphics.colour_bar import COLOUR_MAP, DIVERGING_COLOUR_MAP
 from fdcal.graphics.theme import DARK, LIGHT
 from fdcal.viewer.gui import plots
-from fdcal.viewer.tabs import spectrum_plot
+from fdcal.viewer.tabs import modes as spectrum_plot
 
 # Of linear RGB: Vienot, Brettel and Mollon, Color Res. Appl. 24 (1999), 243. Rows sum to one: white stays white.
 EYES = {

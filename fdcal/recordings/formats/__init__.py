@@ -6,7 +6,7 @@ A format has `SUFFIXES`, and
     source_count(path) -> int               if a file may hold several sources
     recognises(path) -> bool                optional: where the suffix alone does not identify the format
     render(path, names, positions, speed)   -> Recording of an array in the field of a measured room
-    write(path, placed, original)           if it can hold positions; see `fdcal.model.microphones.MicrophonePositions`
+    write(path, placed, original)           if it can hold positions (`MicrophonePositions`)
 
 To add a format, add its module.
 """
@@ -21,7 +21,7 @@ from types import ModuleType
 
 import numpy as np
 
-from ...model.microphones import MicrophonePositions
+from ...model.given_positions import MicrophonePositions
 from ...model.reading import require_regular
 from ...model.validation import InputError, StorageError, install_remedy
 from ..recording import Recording

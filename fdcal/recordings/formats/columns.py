@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...model.microphones import MicrophonePositions
+from ...model.given_positions import MicrophonePositions
 
 SUFFIXES = (".npy",)
 

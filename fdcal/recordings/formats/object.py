@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from ...model.microphones import MicrophonePositions
+from ...model.given_positions import MicrophonePositions
 
 SUFFIXES = (".json",)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...model.microphones import MicrophonePositions
+from ...model.given_positions import MicrophonePositions
 from ..recording import ZERO_CELSIUS, Recording, sound_speed
 from .sofa_fields import (
     delays_of,

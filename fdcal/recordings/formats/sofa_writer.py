@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...model.microphones import MicrophonePositions
+from ...model.given_positions import MicrophonePositions
 from ...model.validation import InputError, StorageError
 from .sofa_fields import TOLERANCES
 

@@ -11,11 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...model.measurement import Measurement
-from ...model.problem import Problem
-from ...model.settings import Search
-from ...model.validation import InputError
-from ...session.sources import CalibrationInput
+from fdcal.model.measurement import Measurement
+from fdcal.model.problem import Problem
+from fdcal.model.settings import Search
+from fdcal.model.validation import InputError
+from fdcal.session.sources import CalibrationInput
+
 from .trails import Trail, shortened, trail
 
 NEAR = 0.05  # m: mean error up to which a run counts as near the true positions

@@ -1,28 +1,23 @@
 """Runs of solvers, kept in the cache as the positions after every sweep.
 
-A cached run is used again if the problem, the settings, the start and the code of the solver are the same.
+A cached run is used again if the problem, the settings, the start and the code of fdcal are the same.
 """
 
 from __future__ import annotations
 
-import ast
 import hashlib
-import importlib.util
-import pkgutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
-from ...model.problem import Problem
-from ...model.settings import SolverSettings
-from ...model.storage import cached_arrays
-from ...solvers import load
+from fdcal.model.problem import Problem
+from fdcal.model.settings import SolverSettings
+from fdcal.model.storage import cached_arrays
+from fdcal.session.study.definition import code_version
+from fdcal.solvers import load
 
-# The packages whose code decides what a solver does; its inputs are part of the key anyway.
-NUMERICS = ("fdcal.acoustics.", "fdcal.cost.", "fdcal.solvers.")
 DIGITS = 6  # of the inputs of a solver, relative to the greatest
 
 
@@ -64,7 +59,7 @@ def trail(
     relevant = asdict(settings)
     ignores = load(settings.name).TRAITS.ignores
     relevant = {key: value for key, value in relevant.items() if key == "name" or not ignores(key)}
-    parts = [seen, search, relevant, seed, start, _code(settings.name)]
+    parts = [seen, search, relevant, seed, start, code_version().source]
     return Trail(
         **cached_arrays("trail", parts, lambda: asdict(_computed(problem, settings, seed, progress, positions)))
     )
@@ -93,48 +88,3 @@ def _digest(values: np.ndarray) -> str:
     """Return a digest of numbers, rounded to DIGITS digits: a repeated simulation of a room differs by rounding."""
     scaled = values / max(np.abs(values).max(initial=0.0), np.finfo(float).tiny)
     return hashlib.sha256(np.round(scaled, DIGITS) + 0.0).hexdigest()  # adding 0.0 turns -0.0 into 0.0
-
-
-def _code(name: str) -> str:
-    """Return a digest of the numerical code of a solver without comments and docstrings."""
-    return hashlib.sha256("".join(_without_docstrings(file) for file in sources(name)).encode()).hexdigest()
-
-
-def sources(name: str) -> list[Path]:
-    """Return the files that solver `name` runs: its own and what these import of NUMERICS, directly or not."""
-    waiting = [f"fdcal.solvers.{part}" for part in name.split("+")]
-    found: dict[str, Path] = {}
-    while waiting:
-        module = waiting.pop()
-        spec = importlib.util.find_spec(module)
-        if module in found or spec is None or spec.origin is None:
-            continue
-        found[module] = Path(spec.origin)
-        waiting += [f"{module}.{inner.name}" for inner in pkgutil.iter_modules(spec.submodule_search_locations or [])]
-        waiting += [imported for imported in _imports(module, found[module]) if imported.startswith(NUMERICS)]
-    return sorted(found.values())
-
-
-def _imports(module: str, file: Path) -> Iterator[str]:
-    """Yield the absolute names that a module imports relatively: modules and the modules of packages."""
-    package = module if file.name == "__init__.py" else module.rpartition(".")[0]
-    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.ImportFrom) and node.level:
-            base = importlib.util.resolve_name("." * node.level + (node.module or ""), package)
-            yield base
-            yield from (f"{base}.{alias.name}" for alias in node.names if _is_module(f"{base}.{alias.name}"))
-
-
-def _is_module(name: str) -> bool:
-    parent, _, last = name.rpartition(".")
-    spec = importlib.util.find_spec(parent)
-    folders = None if spec is None else spec.submodule_search_locations
-    return folders is not None and any(inner.name == last for inner in pkgutil.iter_modules(folders))
-
-
-def _without_docstrings(file: Path) -> str:
-    tree = ast.parse(file.read_text(encoding="utf-8"))
-    for node in ast.walk(tree):
-        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)) and ast.get_docstring(node) is not None:
-            node.body[0] = ast.Pass()
-    return ast.dump(tree)

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import csv
-import importlib
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from fdcal import solvers
-from fdcal.commands import paper
-from fdcal.commands.cli import main
-from fdcal.commands.paper import drawing, study, table, trails
+from benchmarks import paper
+from benchmarks.paper import drawing, study, table, trails
+from benchmarks.paper.__main__ import main
 from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError
 from fdcal.session.sources import scene_input
@@ -44,7 +42,7 @@ def ended(*arguments) -> int:
 def folder(tmp_path_factory, run) -> Path:
     """All that the command writes of `tiny`."""
     out = tmp_path_factory.mktemp("paper") / "figures"
-    assert ended("paper", "--scene", "tiny", "--quick", "--seeds", 1, "-o", out) == 0
+    assert ended("--scene", "tiny", "--quick", "--seeds", 1, "-o", out) == 0
     return out
 
 
@@ -58,7 +56,7 @@ def test_all_figures_and_the_table_are_written(folder):
 
 def test_a_figure_alone_is_the_same_again(folder, tmp_path, capsys):
     options = ("--scene", "tiny", "--quick", "--seeds", 1, "-o", tmp_path)
-    assert ended("paper", "--figure", 3, *options) == 0
+    assert ended("--figure", 3, *options) == 0
     assert sorted(file.name for file in tmp_path.iterdir()) == ["fig3.png", "fig3.svg"]
     assert (tmp_path / "fig3.svg").read_bytes() == (folder / "fig3.svg").read_bytes()
     assert capsys.readouterr().out.split() == [str(tmp_path / f"fig3.{suffix}") for suffix in ("png", "svg")]
@@ -144,7 +142,7 @@ def test_what_cannot_be_is_refused(folder, tmp_path, capsys):
         (("--scene", "tiny", "--seeds", 0, "-o", tmp_path / "a"), 2, "--seeds 0"),
         (("--figure", 6, "-o", tmp_path / "a"), 2, "6 is not in the range"),
     ):
-        assert ended("paper", *arguments) == code, arguments
+        assert ended(*arguments) == code, arguments
         errors = [line for line in capsys.readouterr().err.splitlines() if line.startswith("error: ")]
         assert len(errors) == 1
         assert words in errors[0]
@@ -155,13 +153,3 @@ def test_an_array_that_descent_cannot_search_is_refused(array):
     unbounded = replace(array.inputs, measurement=replace(array.measurement, search=None))
     with pytest.raises(InputError, match="tiny has no search domain"):
         paper.array_of(unbounded, 1, True)
-
-
-@pytest.mark.parametrize("name", solvers.names())
-def test_the_digest_of_a_solver_covers_its_code(name):
-    """A cached run must not outlive a change of the code that made it, wherever a module moves."""
-    found = {path.stem for path in trails.sources(name)}
-    assert "solver" in found and len(found) > 5
-    for part in name.split("+"):
-        package = Path(importlib.import_module(f"fdcal.solvers.{part}").__file__).parent
-        assert set(package.glob("*.py")) <= set(trails.sources(name)), f"the digest misses code of {part}"

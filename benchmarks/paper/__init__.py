@@ -1,4 +1,4 @@
-"""The figures of the paper and its results beside ours: `fdcal paper`.
+"""The figures of the paper and its results beside ours: `python -m benchmarks.paper -o FOLDER`.
 
 study     what each array needs: runs from several seeds, with several numbers of modes
 trails    runs of solvers, kept in the cache
@@ -13,10 +13,11 @@ import io
 from collections.abc import Iterator
 from pathlib import Path
 
-from ...graphics.landscape_figure import draw_landscape, landscape_panels
-from ...model.storage import write_atomically
-from ...model.validation import InputError, StorageError
-from ...session.sources import CalibrationInput
+from fdcal.graphics.landscape_figure import draw_landscape, landscape_panels
+from fdcal.model.storage import write_atomically
+from fdcal.model.validation import InputError, StorageError
+from fdcal.session.sources import CalibrationInput
+
 from . import drawing, table
 from .printed import ARRAYS, LANDSCAPE
 from .study import Array, Progress, array_of, descents, joint_errors, outcomes
