@@ -149,13 +149,13 @@ def summarise(pressures: np.ndarray, errors: np.ndarray, healthy: np.ndarray | N
 
     The figures of the array and of each frequency are those of the `healthy` microphones (N,) bool alone.
     """
-    healthy = slice(None) if healthy is None else healthy
-    power = mode_power(pressures[:, healthy])[:, None]
+    counted = slice(None) if healthy is None else healthy
+    power = mode_power(pressures[:, counted])[:, None]
     signal, error = np.abs(pressures) ** 2 / power, np.abs(errors) ** 2 / power
     return CrossValidation(
-        overall=float(_decibels(error[:, healthy].sum() / signal[:, healthy].sum())),
+        overall=float(_decibels(error[:, counted].sum() / signal[:, counted].sum())),
         microphones=frozen_array(_decibels(error.sum(axis=0) / np.maximum(signal.sum(axis=0), TINY)), float),
-        modes=frozen_array(_decibels(error[:, healthy].mean(axis=1)), float),
+        modes=frozen_array(_decibels(error[:, counted].mean(axis=1)), float),
     )
 
 
