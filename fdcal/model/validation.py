@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from numbers import Integral, Real
 
 import numpy as np
+from numpy.typing import ArrayLike, DTypeLike
 
 
 @dataclass(frozen=True)
@@ -165,7 +166,7 @@ def shown_literal(value: object) -> str:
     return shown(repr(value) if isinstance(value, str) else value)
 
 
-def frozen_array(values, dtype) -> np.ndarray:
+def frozen_array(values: ArrayLike, dtype: DTypeLike) -> np.ndarray:
     """Return a copy of `values` as a C-contiguous array of `dtype` that cannot be written to."""
     array = np.array(values, dtype=dtype, order="C", copy=True)
     array.setflags(write=False)
