@@ -101,7 +101,7 @@ class LatticeDictionary:
             self._others = index, W
         return W
 
-    def dictionary(self, positions: Reals, centre: ArrayLike, modes: Sequence[int]) -> list[np.ndarray]:
+    def dictionary(self, positions: Reals, centre: Reals, modes: Sequence[int]) -> list[np.ndarray]:
         """Return W of given positions, on the lattice or off it.
 
         `positions` (N, 2) float64, metres; `centre` (2,) float64, metres. Returns list of (N, 2L + 1) complex128, one

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..model.types import Complexes, Integers, Reals
+from ..model.types import Complexes, Integers, Numbers, Reals
 from .batches import blocks, hermitian_inverses, triangular_inverses
 from .kernels import cosines_and_sines, pair_covariance, pair_powers, plane_waves, wave_directions
 from .likelihood import FieldModel
@@ -65,7 +65,7 @@ def learned_powers(
     return S
 
 
-def _by_few(waves: Complexes, S: Reals, p: Complexes, mu: Reals, dimension: int) -> tuple[np.ndarray, np.ndarray]:
+def _by_few(waves: Numbers, S: Reals, p: Complexes, mu: Reals, dimension: int) -> tuple[np.ndarray, np.ndarray]:
     """Return |alpha|^2 / s and r, (M, Q) each, at S (M, Q), for fewer waves than microphones.
 
     waves : (M, Q, N) over the square root of the channels' noise; p : (M, N) over sqrt(s), likewise; mu : (M, 1), v / s
@@ -79,7 +79,7 @@ def _by_few(waves: Complexes, S: Reals, p: Complexes, mu: Reals, dimension: int)
     return np.abs(alpha) ** 2, 1 - mu * np.sum(np.abs(X) ** 2, axis=1)
 
 
-def _by_many(waves: Complexes, S: Reals, p: Complexes, mu: Reals, dimension: int) -> tuple[np.ndarray, np.ndarray]:
+def _by_many(waves: Numbers, S: Reals, p: Complexes, mu: Reals, dimension: int) -> tuple[np.ndarray, np.ndarray]:
     """The same of more waves than microphones."""
     W, n = waves * np.sqrt(S)[..., None], np.arange(waves.shape[2])
     C = W.swapaxes(1, 2) @ np.conj(W)

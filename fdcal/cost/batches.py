@@ -73,7 +73,7 @@ def hermitian_inverses(C: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return C, 2 * np.log(diagonals).sum(axis=1)
 
 
-def as_columns(p: Complexes, dtype: np.dtype[Any]) -> np.ndarray:
+def as_columns(p: Numbers, dtype: np.dtype[Any]) -> np.ndarray:
     """Return vectors (M, N) as factors of matrices: complex (M, N, 1), for real matrices their parts (M, N, 2)."""
     p = np.ascontiguousarray(p, complex)
     return p[..., None] if np.issubdtype(dtype, np.complexfloating) else p.view(float).reshape(*p.shape, 2)

@@ -114,7 +114,7 @@ def leave_one_out_fits(
     widths = np.array([W.shape[1] for W in dictionaries])
     for width in np.unique(widths):  # modes of equal order in one batch
         modes = np.flatnonzero(widths == width)
-        W = np.stack([dictionaries[m][others] for m in modes]) * scale[:, None]
+        W = np.stack([dictionaries[m][others] for m in modes.tolist()]) * scale[:, None]
         parts = _fit(W, pressures[modes][:, others] * scale)
         for m, Z, alpha, r0 in zip(modes.tolist(), *parts, strict=True):
             fits[m] = LeaveOneOutFit(Z, alpha, float(r0), complex(pressures[m, n]))

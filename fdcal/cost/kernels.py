@@ -117,7 +117,7 @@ def circular_waves(
     return W, (_circular_slopes(C, S, factor * np.asarray(k)[:, None] / 2) if slopes else None)
 
 
-def _circular_slopes(C: Numbers, S: Numbers, half: Numbers) -> np.ndarray:
+def _circular_slopes(C: np.ndarray, S: np.ndarray, half: np.ndarray) -> np.ndarray:
     """dW from J_l cos(l theta) and J_l sin(l theta), l = 0..L+1; `half` (M, L + 1) is k / 2 times the factor."""
     C, S = C.swapaxes(0, 1), S.swapaxes(0, 1)
     L, half = half.shape[1] - 1, half[:, :, None]
@@ -346,7 +346,7 @@ def _wave_slopes(W: Complexes, k: Numbers, towards: Reals, u: Complexes, P: Comp
 
 
 def _pair_slopes(
-    waves: Reals, a: Reals, b: Reals, k: Reals, towards: Reals, u: Complexes, P: Complexes
+    waves: Reals, a: Reals, b: Reals, k: Numbers, towards: Reals, u: Complexes, P: Complexes
 ) -> tuple[np.ndarray, np.ndarray]:
     """The same by waves (M, N, Q) in opposite pairs and directions `towards` (D, Q / 2)."""
     half = a.shape[1]

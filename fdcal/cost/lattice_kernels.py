@@ -15,7 +15,8 @@ from ..acoustics.compiled import compiled
 from ..model.types import Bools, Complexes, Integers, Reals
 from .eq7 import RANK_TOLERANCE
 
-P, Found = ParamSpec("P"), TypeVar("Found")
+P = ParamSpec("P")
+Found = TypeVar("Found")
 
 
 def compiled_sums(function: Callable[P, Found]) -> Callable[P, Found]:

@@ -43,6 +43,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -104,7 +105,7 @@ class FieldModel:
     conditional: Conditional | None = None
 
 
-def isotropic_field(pressures: Complexes, wavenumbers: Numbers, noise: Reals, dimension: int) -> FieldModel:
+def isotropic_field(pressures: Numbers, wavenumbers: Numbers, noise: Reals, dimension: int) -> FieldModel:
     """Return a diffuse field whose power is that of the pressures (M, N) less the noise (M,), alike in all channels."""
     measured = mode_power(pressures)
     power = np.maximum(measured - noise, MIN_FIELD_SHARE * measured)
@@ -370,7 +371,7 @@ def _conditional_rule(x: Reals, q: Complexes, log_gain: Complexes, field: FieldM
     return rule
 
 
-def _dense_slopes(x: Reals, u: Complexes, traced: Complexes, D: Numbers) -> tuple[np.ndarray, np.ndarray]:
+def _dense_slopes(x: Reals, u: Complexes, traced: Numbers, D: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return D_a u (D, M, N) complex128 and Re tr(A dK) (D, M, N), A the Hermitian matrices `traced` (M, N, N)."""
     if D.ndim == 4:
         g = np.array([applied(slope, u) for slope in D])
@@ -416,7 +417,7 @@ def spectra(positions: Reals, corrected: Complexes, field: FieldModel) -> tuple[
     return np.concatenate([values for values, _ in found]), np.concatenate([along for _, along in found])
 
 
-def _low_rank_spectra(W: Complexes, p: Complexes) -> tuple[np.ndarray, np.ndarray]:
+def _low_rank_spectra(W: Numbers, p: Numbers) -> tuple[np.ndarray, np.ndarray]:
     """Eigenvalues of W W^H and the power of p along its eigenvectors, from the small W^H W; W is (M, r, N), r < N.
 
     Where eigenvalues are zero, the rest of |p|^2 is spread evenly over them.

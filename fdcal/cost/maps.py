@@ -418,7 +418,7 @@ def _node_rows(problem: Problem, mode: int, k: float, order: int) -> np.ndarray:
 class HasLandscape(Protocol):
     """A solver, of which maps need the cost that it minimises."""
 
-    def landscape(self, problem: Problem, state: Any, n: int, modes: slice, *search: Search) -> np.ndarray: ...
+    def landscape(self, problem: Problem, state: Any, n: int, modes: slice, search: Search | None, /) -> np.ndarray: ...
 
 
 def cost_maps(
@@ -431,8 +431,8 @@ def cost_maps(
     """
     if order_offset is not None:
         return eq7_maps(problem, state.positions, n, modes, order_offset, search, state.channels)
-    low, lattice = min(modes), () if search is None else (search,)
-    return solver.landscape(problem, state, n, slice(low - 1, max(modes)), *lattice)[np.asarray(modes) - low]
+    low = min(modes)
+    return solver.landscape(problem, state, n, slice(low - 1, max(modes)), search)[np.asarray(modes) - low]
 
 
 def power_shares(problem: Problem, state: SolverState, modes: Sequence[int]) -> np.ndarray:

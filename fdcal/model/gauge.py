@@ -102,7 +102,7 @@ def rigid_motions(positions: Reals) -> np.ndarray:
     return np.array(moves).T
 
 
-def position_errors(estimate: ArrayLike, truth: ArrayLike) -> np.ndarray:
+def position_errors(estimate: ArrayLike, truth: ArrayLike | None) -> np.ndarray:
     """Return the distance of each microphone from its true position.
 
     `estimate`, `truth` (N, D) float64, metres. Returns (N,) float64, metres.

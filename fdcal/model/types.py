@@ -9,6 +9,6 @@ from numpy.typing import NDArray
 
 Reals: TypeAlias = NDArray[np.float64]
 Complexes: TypeAlias = NDArray[np.complex128]
-Numbers: TypeAlias = Reals | Complexes  # as wavenumbers, which are complex where waves are damped
+Numbers: TypeAlias = NDArray[np.float64 | np.complex128]  # as wavenumbers, which are complex where waves are damped
 Integers: TypeAlias = NDArray[np.int64]
 Bools: TypeAlias = NDArray[np.bool_]

@@ -15,7 +15,6 @@ coherence  In a diffuse field two microphones at a distance r share E[p_i conj(p
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -27,7 +26,7 @@ from ..cost.likelihood import FieldModel, isotropic_field, likelihood_terms
 from ..cost.noise import DIFFUSE_FLOOR, NoiseEstimate, estimate_noise
 from ..model.gauge import align, fixes_gauge
 from ..model.problem import Problem, mode_power
-from ..model.types import Complexes, Integers, Numbers, Reals
+from ..model.types import Complexes, Numbers, Reals
 from ..model.validation import InputError
 from .levenberg_marquardt import FIRST_DAMPING, NewtonTerms, damped_step
 
@@ -232,7 +231,7 @@ def aligned(problem: Problem, x: Reals) -> np.ndarray:
     return best
 
 
-def onto(x: Reals, known: Sequence[int] | Integers, places: Reals) -> np.ndarray:
+def onto(x: Reals, known: np.ndarray, places: Reals) -> np.ndarray:
     """Return `x` moved, turned and mirrored as a whole so that microphones `known` come to `places`."""
     target = np.zeros_like(x)
     target[known] = places
@@ -290,9 +289,7 @@ SHORTEST = 0.04
 LONGEST = 3.0
 
 
-def pair_distances(
-    pressures: Complexes, wavenumbers: Numbers, noise: float, dimension: int
-) -> tuple[np.ndarray, float]:
+def pair_distances(pressures: Complexes, wavenumbers: Reals, noise: float, dimension: int) -> tuple[np.ndarray, float]:
     """Return the likeliest distance of every two microphones, metres, (N, N), and the sum of -log likelihood.
 
     pressures : (M, N) complex128, each mode of unit mean power; wavenumbers : (M,) float64; noise : fraction

@@ -171,7 +171,7 @@ def _searched(
     return [one[:2] for one in kept]
 
 
-def _lattice(inside: Integers, outside: Integers, wavelengths: Reals, cell: float) -> np.ndarray:
+def _lattice(inside: Reals, outside: Reals, wavelengths: Reals, cell: float) -> np.ndarray:
     """Places (G, 2) of the middle of a group about the others: as far as the low modes cohere."""
     radii = [np.linalg.norm(one - one.mean(axis=0), axis=1).max() for one in (inside, outside)]
     extent = min(1.2 * sum(radii) + 0.5 * float(wavelengths.min()), float(wavelengths.max()))

@@ -204,7 +204,7 @@ def with_arrivals(problem: Problem, state: State) -> State:
     arrivals = direct_sound.arrivals_of(problem, None)
     if arrivals is None:
         return state
-    constrained = objective_of(problem, state, slice(0)).priors.constrained
+    constrained = objective_of(problem, state, np.arange(0)).priors.constrained
     x, sigma = direct_sound.near_positions(arrivals, state.positions, state.model.spread, constrained)
     return _with_sigma_of(problem, replace(state, positions=frozen_array(x, float)), sigma)
 
