@@ -5,8 +5,6 @@ k, L and the dictionary W are those of `fdcal.acoustics.dictionary`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import jv
@@ -101,7 +99,7 @@ class LatticeDictionary:
             self._others = index, W
         return W
 
-    def dictionary(self, positions: Reals, centre: Reals, modes: Sequence[int]) -> list[np.ndarray]:
+    def dictionary(self, positions: Reals, centre: Reals, modes: ArrayLike) -> list[np.ndarray]:
         """Return W of given positions, on the lattice or off it.
 
         `positions` (N, 2) float64, metres; `centre` (2,) float64, metres. Returns list of (N, 2L + 1) complex128, one

@@ -79,7 +79,7 @@ def as_columns(p: Numbers, dtype: np.dtype[Any]) -> np.ndarray:
     return p[..., None] if np.issubdtype(dtype, np.complexfloating) else p.view(float).reshape(*p.shape, 2)
 
 
-def joined_columns(parts: Numbers) -> np.ndarray:
+def joined_columns(parts: np.ndarray) -> np.ndarray:
     """Return the complex vectors (M, r) of what `as_columns` was multiplied to."""
     return parts[..., 0] if np.iscomplexobj(parts) else np.ascontiguousarray(parts).view(complex)[..., 0]
 

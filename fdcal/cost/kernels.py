@@ -39,7 +39,7 @@ over half the directions takes about a third of the operations of complex waves.
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -314,7 +314,13 @@ def plane_wave_kernel(
     return K, D
 
 
-def plane_wave_covariance(x: Reals, about: Reals, wavenumbers: Numbers, powers: Reals, dimension: int, modes: slice):
+# of vectors u (M, N) and Hermitian matrices P (M, N, N)
+Slopes = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+def plane_wave_covariance(
+    x: Reals, about: Reals, wavenumbers: Numbers, powers: Reals, dimension: int, modes: slice
+) -> tuple[np.ndarray, Slopes]:
     """Return the covariance of `plane_wave_kernel`, and a function that makes of its slope D what the likelihood needs.
 
     That function takes vectors u (M, N) complex128 and Hermitian matrices P (M, N, N), and returns sum_j D_a,ij u_j

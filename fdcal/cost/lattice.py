@@ -148,7 +148,7 @@ class SpaceLattice:
         max_stride = min(2 * np.pi / k * SPACING / self._search.step, (self._shape.min() - 1) / (MIN_COARSE - 1))
         return 2 ** max(int(np.log2(max(max_stride, 1.0))), 0)
 
-    def _coarse(self, cost: Callable, stride: int, modes: np.ndarray) -> np.ndarray:
+    def _coarse(self, cost: Callable[..., np.ndarray], stride: int, modes: np.ndarray) -> np.ndarray:
         """Return the indices of the best coarse candidates : (S, 3) int64."""
         index = _grid([np.unique(np.append(np.arange(0, count, stride), count - 1)) for count in self._shape])
         total = np.zeros(len(index))
@@ -159,7 +159,7 @@ class SpaceLattice:
             total = total + cost(index, part)
         return index[np.argsort(total, kind="stable")[:SEEDS]]
 
-    def _refined(self, cost: Callable, index: np.ndarray, stride: int) -> tuple[np.ndarray, float]:
+    def _refined(self, cost: Callable[..., np.ndarray], index: np.ndarray, stride: int) -> tuple[np.ndarray, float]:
         """Return the candidate that neighbours at ever smaller distances lead to, and its cost."""
         around = np.delete(_grid([np.arange(-1, 2)] * 3), 13, axis=0)  # without the candidate itself
         least = float(cost(index[None])[0])

@@ -60,6 +60,7 @@ from .batches import (
     whole_curvature,
 )
 from .kernels import (
+    Slopes,
     circular_waves,
     cosines_and_sines,
     diffuse_matrices,
@@ -280,6 +281,7 @@ def _low_rank_rule(waves: Waves, q: Complexes, field: FieldModel) -> Rule:
         FH = np.conj(F).swapaxes(1, 2) / -v[m, None, None]
 
         def slopes():
+            assert dW is not None  # `derivatives`
             T, along = np.conj(XH @ F), dW * weight
             g = np.array([joined_columns(slope.swapaxes(1, 2) @ parts) for slope in along])
             return g, np.array([_real_products(slope, T) for slope in along])
@@ -337,7 +339,7 @@ def _dense_rule(x: Reals, q: Complexes, field: FieldModel) -> Rule:
     return rule
 
 
-def _sloped_covariance(x: Reals, field: FieldModel, m: slice, derivatives: bool):
+def _sloped_covariance(x: Reals, field: FieldModel, m: slice, derivatives: bool) -> tuple[np.ndarray, Slopes]:
     """Return the covariance, and the function that makes of its slope what `plane_wave_covariance` says."""
     if field.directions is not None:
         about = x if field.about is None else field.about
@@ -396,7 +398,7 @@ def _joined(conditional: Terms, random: Terms, weight: float) -> Terms:
     )
 
 
-def spectra(positions: Reals, corrected: Complexes, field: FieldModel) -> tuple[np.ndarray, np.ndarray]:
+def spectra(positions: Reals, corrected: Numbers, field: FieldModel) -> tuple[np.ndarray, np.ndarray]:
     """Return eigenvalues of T^-1/2 K T^-1/2 and |e^H T^-1/2 q|^2 along its eigenvectors e : two (M, N) float64.
 
     positions : (N, D) float64, metres; corrected : (M, N) complex128, q
@@ -417,7 +419,7 @@ def spectra(positions: Reals, corrected: Complexes, field: FieldModel) -> tuple[
     return np.concatenate([values for values, _ in found]), np.concatenate([along for _, along in found])
 
 
-def _low_rank_spectra(W: Numbers, p: Numbers) -> tuple[np.ndarray, np.ndarray]:
+def _low_rank_spectra(W: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Eigenvalues of W W^H and the power of p along its eigenvectors, from the small W^H W; W is (M, r, N), r < N.
 
     Where eigenvalues are zero, the rest of |p|^2 is spread evenly over them.

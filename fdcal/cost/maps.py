@@ -366,7 +366,7 @@ def _expansion_fit(W: Reals, rows: Reals, p: Complexes, s: float, v: float) -> t
     """
     mu = v / s
     G = np.linalg.cholesky(W.T @ W + mu * np.eye(W.shape[1]))
-    inverse = solve_triangular(G, np.eye(len(G)), lower=True, check_finite=False)
+    inverse: Reals = solve_triangular(G, np.eye(len(G)), lower=True, check_finite=False)
     alpha = inverse.T @ (inverse @ (W.T @ p))
     r0 = np.vdot(p, p - W @ alpha).real
     constant = 2 * np.log(np.diagonal(G)).sum() - len(G) * np.log(mu) + r0 / v
@@ -381,7 +381,7 @@ def _kernel_fit(between: Reals, to_nodes: Reals, p: Complexes, k: float, s: floa
     and for a very wide array this is cheaper.
     """
     G = np.linalg.cholesky(s * diffuse_correlation(k * between, dimension) + v * np.eye(len(p)))
-    inverse = solve_triangular(G, np.eye(len(G)), lower=True, check_finite=False)
+    inverse: Reals = solve_triangular(G, np.eye(len(G)), lower=True, check_finite=False)
     y = inverse @ p
     t = (s * inverse) @ diffuse_correlation(k * to_nodes, dimension)
     constant = 2 * np.log(np.diagonal(G)).sum() - len(p) * np.log(v) + np.vdot(y, y).real

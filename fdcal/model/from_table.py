@@ -12,6 +12,7 @@ import difflib
 import functools
 import math
 import typing
+from typing import Any
 
 from .validation import InputError, shown, shown_literal
 
@@ -22,7 +23,7 @@ WORDS = {float: "a number", int: "a whole number", str: "a text", bool: "true or
 _hints = functools.cache(typing.get_type_hints)
 
 
-def build(cls, table: dict, prefix: str = "", whole: str = "scene"):
+def build(cls, table: dict[str, Any], prefix: str = "", whole: str = "scene"):
     """Return a dataclass with the values of a table.
 
     `cls`, type, dataclass with fields of str, int, float, bool, dict, dataclasses, or tuples of these. Its OPTIONAL, or
@@ -50,7 +51,7 @@ def build(cls, table: dict, prefix: str = "", whole: str = "scene"):
     return cls(**{key: _convert(hints[key], value, f"{prefix}{key}", whole) for key, value in table.items()})
 
 
-def _convert(hint, value, key: str, whole: str):
+def _convert(hint: Any, value: Any, key: str, whole: str):
     """Return `value` as the type `hint`, or raise InputError with `key`."""
     if dataclasses.is_dataclass(hint):
         from_text = getattr(hint, "from_text", None)

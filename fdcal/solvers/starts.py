@@ -273,7 +273,7 @@ def coherence_start(
         weight = weight / (SCATTER**2 + misfit**2) / between**2
         weight = weight - np.diag(np.diag(weight))
         system = np.diag(weight.sum(axis=1)) - weight + weight.mean() / N  # the added constant holds the mean
-        inverse = np.linalg.inv(system)
+        inverse: Reals = np.linalg.inv(system)
         for _ in range(ITERATIONS):  # each lowers the weighted sum of (distance - |x_i - x_j|)^2
             ratio = weight * between / _distances(x)
             x = inverse @ (ratio.sum(axis=1)[:, None] * x - ratio @ x)
@@ -317,7 +317,7 @@ def _unfolded(distance: Reals, neighbours: int, axes: int) -> np.ndarray:
     near = np.argsort(distance + np.diag(np.full(N, np.inf)), axis=1)[:, :neighbours]
     graph, rows = np.zeros((N, N)), np.arange(N)[:, None]
     graph[rows, near] = distance[rows, near]
-    path = shortest_path(np.maximum(graph, graph.T), directed=False)
+    path: Reals = shortest_path(np.maximum(graph, graph.T), directed=False)
     path = np.where(np.isfinite(path), path, distance)  # groups far from each other
     centre = np.eye(N) - 1 / N
     values, vectors = np.linalg.eigh(-0.5 * centre @ path**2 @ centre)

@@ -100,6 +100,16 @@ def test_one_sigma_is_the_error_of_rooms():
     assert error / 2.5 < claimed < 2.5 * error
 
 
+def test_what_the_step_left_and_the_assumed_field_move_a_microphone_is_part_of_its_covariance(known):
+    rng, none = np.random.default_rng(0), np.zeros_like(TRUTH)
+    step, shift = 1e-3 * rng.normal(size=(2, *TRUTH.shape))
+    alone = covariance_of(replace(known, spread=replace(known.spread, step=none, shift=none)))
+    for a, b in ((step, none), (none, shift), (step, shift)):
+        found = covariance_of(replace(known, spread=replace(known.spread, step=a, shift=b)))
+        expected = alone + np.einsum("ni,nj->nij", a, a) + np.einsum("ni,nj->nij", b, b)
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-18)
+
+
 def test_known_microphones_have_no_uncertainty_and_noise_adds_to_that_of_the_others(known):
     sigma = one_sigma(covariance_of(known))
     assert not sigma[KNOWN].any() and np.all(np.delete(sigma, KNOWN) > 0)

@@ -63,7 +63,7 @@ def other_poses(positions: Reals, pressures: Complexes, field: FieldModel) -> li
     wavelength = 2 * np.pi / float(field.wavenumbers.max())
     found = groups(positions, wavelength)
     healthy = field.channel_noise < SUSPICIOUS
-    results = []
+    results: list[tuple[float, Reals]] = []
     for group in sorted(found, key=len)[:-1][-MAX_GROUPS:]:
         rest = np.setdiff1d(np.arange(len(positions)), group)
         if min(np.sum(healthy[group]), np.sum(healthy[rest])) >= MIN_GROUP:
@@ -97,7 +97,7 @@ def _refined(
         blurred = FieldModel(k, power, noise, field.channel_noise[few], field.dimension)
         return likelihood_terms(y[few], q[np.ix_(used, few)], blurred, derivatives=False).cost
 
-    present, results = cost(x, BLURS[-1] * wavelength), []
+    present, results = cost(x, BLURS[-1] * wavelength), list[tuple[float, Reals]]()
     for turn, place in _searched(x, q, field, inside, outside):
         shape, pose, least = (x[group] - x[inside].mean(axis=0)) @ turn.T, np.append(place / wavelength, 0.0), np.inf
         for blur in BLURS:
@@ -161,7 +161,7 @@ def _searched(
     for row, turn in zip(cost, turns, strict=True):
         check_deadline()
         row[:] = _costs(x[far], (x[near] - middle) @ turn.T, q[low][:, far], q[low][:, near], pair, places)
-    kept = []
+    kept: list[tuple[Reals, Reals, Reals]] = []
     for turn, place in zip(*np.unravel_index(np.argsort(cost, axis=None), cost.shape), strict=True):
         shape = places[place] + (x[inside] - middle) @ turns[turn].T
         if all(np.sqrt(np.mean(np.sum((shape - one) ** 2, axis=1))) > cell for *_, one in kept):

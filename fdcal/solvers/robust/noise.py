@@ -141,7 +141,7 @@ def with_spreads(problem: Problem, state: State, trial: ChannelStep) -> State:
         e = state.gains[:, column] - state.offsets[:, column]
         fresh = _updated_sigma(sigma, e, variance[:, D + column], 1, MIN_SPREAD)
         sigmas.append(fresh if stated[column] is None else sigma)
-    filters = []
+    filters: list[float] = []
     for column, sigma in enumerate((model.delay_sigma, model.corner_sigma)):
         expected = PRIOR_FILTER[column]
         if sigma > 0:

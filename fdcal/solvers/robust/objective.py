@@ -472,7 +472,7 @@ def free_directions(
     N, D = unknowns.positions.shape
     size = unknowns.vector.size
     index = np.arange(size - 1).reshape(N, -1)
-    freed = []
+    freed: list[Integers] = []
     if unknowns.gains:
         freed.append(index[:, D : D + 2].T.ravel())
         filters = unknowns.channels[:, 2:]

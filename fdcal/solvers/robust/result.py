@@ -164,7 +164,7 @@ def _spread(
     if not len(problem.known):  # sound speed and size of a blind array are one
         x = (state.positions - state.positions.mean(axis=0)).ravel()
         newton = newton + (state.settings.sound_speed_sigma or 0.0) ** 2 * np.outer(x, x)
-    influences = []
+    influences: list[Reals] = []
     by_take = np.argsort(problem.takes[used_modes(problem, state)], kind="stable")  # neighbours are of one take
     for parts in (slopes, _grouped(slopes[by_take])):
         parts = np.concatenate([parts, timed])

@@ -54,7 +54,7 @@ def diffuse_terms(theta: Reals, pressures: Complexes, noise: Reals, model: Diffu
     cost, gradient, H = 0.0, np.zeros((N, D)), np.zeros((N, D, N, D))
     for p, s, v, w in zip(pressures, field_power(pressures, noise), noise, model.weights, strict=True):
         C = s * (W * w) @ W.T + v * np.eye(N)
-        inverse = np.linalg.inv(C)
+        inverse: Reals = np.linalg.inv(C)
         u = inverse @ p
         cost += np.linalg.slogdet(C)[1] + float(np.real(p.conj() @ u))
         g = s * (dW * w) @ (W.T @ u)  # (D, N), slopes of the field that fits
@@ -142,7 +142,13 @@ def exact(
 
 
 def bounded_step(
-    theta: Reals, terms: NewtonTerms, cost: Cost, bounds: tuple, coordinates: int, damping: float, max_step: float
+    theta: Reals,
+    terms: NewtonTerms,
+    cost: Cost,
+    bounds: tuple[np.ndarray | float, np.ndarray | float],
+    coordinates: int,
+    damping: float,
+    max_step: float,
 ) -> Step:
     """Return one damped Gauss-Newton step of unknowns `theta` (P,), clipped to their lower and upper `bounds`.
 

@@ -78,7 +78,7 @@ def find_arrays(
     step = lattice_step(k, size)
     noise = noise_with_errors(noise[:SEARCH_MODES], k, len(size), LATTICE_ERROR * step)
     everywhere, part = (lattice(np.asarray(size) / parts, step)[1] for parts in (1, 2))
-    found = []
+    found: list[tuple[float, float, Reals, LatticePoints]] = []
     for width in WIDTHS:
         points = LatticePoints(everywhere, p, noise, diffuse_model(size, k, width))
         found += [(points.cost(x), width, x, points) for x in points.arrays(part)]
