@@ -23,7 +23,7 @@ WORDS = {float: "a number", int: "a whole number", str: "a text", bool: "true or
 _hints = functools.cache(typing.get_type_hints)
 
 
-def build(cls, table: dict[str, Any], prefix: str = "", whole: str = "scene"):
+def build(cls: Any, table: dict[str, Any], prefix: str = "", whole: str = "scene") -> Any:
     """Return a dataclass with the values of a table.
 
     `cls`, type, dataclass with fields of str, int, float, bool, dict, dataclasses, or tuples of these. Its OPTIONAL, or
@@ -51,7 +51,7 @@ def build(cls, table: dict[str, Any], prefix: str = "", whole: str = "scene"):
     return cls(**{key: _convert(hints[key], value, f"{prefix}{key}", whole) for key, value in table.items()})
 
 
-def _convert(hint: Any, value: Any, key: str, whole: str):
+def _convert(hint: Any, value: Any, key: str, whole: str) -> Any:
     """Return `value` as the type `hint`, or raise InputError with `key`."""
     if dataclasses.is_dataclass(hint):
         from_text = getattr(hint, "from_text", None)
