@@ -7,7 +7,7 @@ from browsing import EXACT, WAIT, choose, on_screen, press, serving_here, tab
 
 from fdcal.model.scene_file import load_scene
 from fdcal.viewer.gui.choices import MAP_KINDS, NOTHING, VOLUME
-from fdcal.viewer.gui.layout import LEFT, LEFT_WIDTH, RIGHT
+from fdcal.viewer.panels import LEFT, LEFT_WIDTH, RIGHT
 
 DESKTOPS = ((1280, 720), (1440, 900))
 PHONE = (390, 844)

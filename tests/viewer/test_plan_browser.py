@@ -6,7 +6,7 @@ from browsing import EXACT, hover, middle, on_screen, opened_page, serving, slid
 
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.scene_file import load_scene
-from fdcal.viewer.gui.layout import LEFT, RIGHT
+from fdcal.viewer.panels import LEFT, RIGHT
 
 DRAWN = "name => window.__viserMutable?.nodeRefFromName?.[name] != null"
 

@@ -24,7 +24,7 @@ from ..gui.html import CARD, complaint, error_message
 from ..lesson_settings import PageBefore, apply_setting, plain_choices
 
 if TYPE_CHECKING:
-    from ..gui.layout import Panels
+    from ..panels import Panels
     from ..scene3d.nodes import SceneNodes
     from ..session_switch import SessionSwitcher
     from ..session_view import Viewer
@@ -211,7 +211,7 @@ class LessonsTab:
             return
         if viewer is not None and self.progress.lesson is None:
             viewer.binding.touch()
-            viewer.side_panel.sweep.end_opening()  # what comes back later is the page without it
+            viewer.tabs.sweep.end_opening()  # what comes back later is the page without it
             self._before = self._returning or PageBefore.of(viewer, self._page.nodes.cameras)
         self._returning = None
         self.progress = LessonProgress(lesson)
@@ -316,7 +316,7 @@ class LessonsTab:
         return self._before is not None and viewer.binding.run is self._before.run
 
     def _apply(self, setting: Setting, viewer: Viewer, restarted: bool) -> None:
-        apply_setting(setting, viewer.main_panel, self._page.nodes.cameras.request_all, restarted)
+        apply_setting(setting, viewer.tabs, self._page.nodes.cameras.request_all, restarted)
 
     def show(self, call: Callable[[Callable[[], None]], object] = lambda function: function()) -> None:
         """Do what waits for a scene once it is shown; called by the main loop.
@@ -347,7 +347,7 @@ class LessonsTab:
         self._redraw()
 
     def _apply_all(self, settings: list[Setting], viewer: Viewer) -> None:
-        viewer.main_panel.run_bar.use_rate(MAX_RATE)  # a lesson does not depend on the speed chosen before
+        viewer.tabs.run_bar.use_rate(MAX_RATE)  # a lesson does not depend on the speed chosen before
         for setting in settings:
             self._apply(setting, viewer, restarted=setting is settings[0])
 

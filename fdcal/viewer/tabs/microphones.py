@@ -18,7 +18,7 @@ from ...model.lengths import mm_text
 from ...model.measurement import Measurement
 from ...session.history import SessionView
 from ..background.verdict import PositionUncertainty
-from ..gui.binding import Binding
+from ..gui.binding import Binding, Tab, Tick
 from ..gui.html import CARD, verdict_word
 from ..gui.plots import BLUE, RED, Plot, decades_of, dots
 
@@ -88,39 +88,26 @@ STYLE = "<style>.mics td, .mics th {padding: 0 0.5em 0 0; text-align: left; whit
 SELECTED = " style='font-weight: 700; background: rgba(31,120,200,0.15)'"  # row of the microphone of the map
 
 
-class MicrophonesTab:
-    """Owns the plot and the table."""
+class MicrophonesTab(Tab):
+    """Owns the plot and the tables."""
 
     def __init__(self, binding: Binding):
-        self._binding, self._updated, self._key = binding, -1e9, ()
-        self.error_by_distance = ErrorByDistance(binding.gui, binding.measurement)
-        self.table = binding.gui.add_html("")
-        self.channels = binding.gui.add_html("")
-        self.given = binding.gui.add_html("")
+        self._binding, self._updated, self._key, gui = binding, -1e9, (), binding.gui
+        self.error_by_distance = ErrorByDistance(gui, binding.measurement)
+        self.table, self.channels, self.given = gui.add_html(""), gui.add_html(""), gui.add_html("")
 
-    def show(
-        self,
-        view: SessionView,
-        microphone: int,
-        uncertainty: PositionUncertainty | None,
-        now: float,
-        sought: np.ndarray | slice = ALL,
-    ) -> None:
-        """Bring the tab up to date; called by the main loop.
-
-        `microphone`: whose map is shown, counted from 0; `now`: time, s; `sought`: numbers of the microphones by which
-        a blind array is aligned.
-        """
-        self.error_by_distance.show(view, now)
-        key = id(view.state), microphone, id(uncertainty)
-        if key == self._key or now - self._updated <= TABLE_INTERVAL:
+    def show(self, tick: Tick) -> None:
+        """Bring plot and tables up to date."""
+        view, found, measurement = tick.view, tick.uncertainty, self._binding.measurement
+        self.error_by_distance.show(view, tick.now)
+        key = id(view.state), tick.microphone, id(found)
+        if key == self._key or tick.now - self._updated <= TABLE_INTERVAL:
             return
-        self._key, self._updated = key, now
-        sigma = None if uncertainty is None else uncertainty.sigma
-        text = table(self._binding.measurement, np.asarray(view.state.positions), sigma, microphone, sought)
-        self._binding.send("table", text, self.table, "content")
-        self._binding.send("channels", channel_table(self._binding.measurement, uncertainty), self.channels, "content")
-        self._binding.send("given", given_table(uncertainty), self.given, "content")
+        self._key, self._updated = key, tick.now
+        sigma = None if found is None else found.sigma
+        sought = ALL if tick.sought is None else tick.sought
+        self.table.content = table(measurement, np.asarray(view.state.positions), sigma, tick.microphone, sought)
+        self.channels.content, self.given.content = channel_table(measurement, found), given_table(found)
 
 
 class ErrorByDistance:
