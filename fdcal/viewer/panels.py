@@ -221,7 +221,8 @@ class RunBar:
         view, send = tick.view, self._binding.send
         done = view.state.finished and not view.running
         self.show_status(tick)
-        self.verdict.content, self.verdict.visible = html.verdict_html(tick.found), tick.found is not None
+        self.verdict.content = html.verdict_html(tick.found, tick.assessing)
+        self.verdict.visible = tick.found is not None or tick.assessing
         self.time.max, self.time.disabled = max(view.count - 1, 1), view.count < 2
         send(self.time, view.index)
         send(self.speed, self._rate)

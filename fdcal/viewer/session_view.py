@@ -274,6 +274,7 @@ class Viewer:
         tick = Tick(
             view, now, self._revision, self._selected, drawn, reason, fault=self._fault,
             note=self.run.warmup.text if self.run.warmup else "", found=found, uncertainty=self._assessed[1],
+            assessing=self._verdict.pending(view),
             runs=tabs.comparison.worker.update(now), sought=self._verdict.sought(view, found),
         )  # fmt: skip
         self._draw(tick, choices)

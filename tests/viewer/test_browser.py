@@ -38,6 +38,7 @@ from fdcal.cost.reference_cost import ORDER_OFFSET
 from fdcal.graphics.picture import compose
 from fdcal.model.scene_file import load_scene, scene_folder
 from fdcal.session import session_file
+from fdcal.viewer.background import verdict
 from fdcal.viewer.tabs import export as exports
 
 
@@ -124,6 +125,19 @@ def test_run_becomes_pause(page):
     assert page.evaluate("Math.min(...window.widths)") > 200, "the curves keep their width while they are drawn"
     assert page.faults == []
     press(page, "Reset")
+    page.get_by_text("step 0, sweep 0").wait_for()
+
+
+def test_a_button_that_is_pressed_as_the_verdict_comes_stays_below_the_pointer(page, monkeypatch):
+    monkeypatch.setattr(verdict, "IDLE_TIME", 1.5)  # s, in which the mouse is pressed
+    press(page, "Run")
+    page.get_by_text("Assessing the result").wait_for()
+    button = page.get_by_role("button", name="Reset", exact=True)
+    page.get_by_role("button", name="Step", exact=True).wait_for(state="detached")
+    button.hover()
+    page.mouse.down()
+    page.locator(".fdcal-verdict").wait_for()
+    page.mouse.up()
     page.get_by_text("step 0, sweep 0").wait_for()
 
 

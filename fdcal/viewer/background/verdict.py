@@ -72,6 +72,12 @@ class VerdictWorker:
         latest = self._worker.latest
         return latest.result if latest is not None and latest.request[0] is state else None
 
+    def pending(self, view: SessionView) -> bool:
+        """Return whether there will be an assessment of the state that is shown."""
+        latest = self._worker.latest
+        done = latest is not None and latest.request[0] is view.state
+        return view.state.finished and not view.running and not done
+
     def sought(self, view: SessionView, found: Assessment | None) -> np.ndarray:
         """Return the microphones whose errors count; once the verdict on a run names odd channels, without these.
 

@@ -45,6 +45,7 @@ class Tick:
     note: str = ""  # on work in the background
     found: Assessment | None = None  # of the state, once the solver has finished
     uncertainty: PositionUncertainty | None = None  # likewise
+    assessing: bool = False  # whether there will be one
     runs: tuple[RunSummary, ...] = ()  # of a race
     sought: np.ndarray | None = None  # numbers of the microphones whose errors count; those of the run unless given
 
