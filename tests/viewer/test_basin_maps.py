@@ -38,12 +38,10 @@ def shown(viewer, turn_until, n, modes):
     def ready():
         drawn = viewer.snapshot.picture.floor
         alike = viewer.snapshot.microphone == n and map_request(viewer.snapshot).modes == modes
-        return alike and drawn is not None and drawn.areas and f"microphone {n}," in tab.caption.content and fine(drawn)
+        there = alike and drawn is not None and drawn.areas and f"microphone {n}," in tab.caption.content
+        return there and drawn.minima == fine
 
-    def fine(drawn):
-        return drawn.minima == expected(viewer, n, modes)[1]
-
-    tab = viewer.tabs.map
+    tab, fine = viewer.tabs.map, expected(viewer, n, modes)[1]
     turn_until(ready)
     return viewer.snapshot.picture.floor
 
