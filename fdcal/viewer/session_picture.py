@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from ..assessment.findings import root_mean_square
-from ..graphics.framing import with_display_domain
 from ..graphics.overlays import (
     ellipse_scale,
+    with_bound,
     with_comparison,
     with_cut,
     with_ellipses,
@@ -18,8 +18,8 @@ from ..graphics.overlays import (
     with_volume,
 )
 from ..graphics.picture import static_picture, with_estimate, with_floor
-from ..graphics.plan_overlay import with_bound
 from ..graphics.primitives import Floor, Picture
+from ..graphics.surroundings import with_display_domain
 from ..graphics.volume import Volume, faded
 from ..model.lengths import length_text
 from ..session.history import SessionView

@@ -10,8 +10,8 @@ from doubles import INVALID_VALUES, set_by_client
 
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.graphics.legend import legend_of
+from fdcal.graphics.overlays import with_bound
 from fdcal.graphics.picture import static_picture
-from fdcal.graphics.plan_overlay import with_bound
 from fdcal.model.measured_scene import placeholder_scene
 from fdcal.model.scene_file import load_scene
 from fdcal.session.planning.layout import read_layout

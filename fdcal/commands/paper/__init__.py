@@ -13,7 +13,7 @@ import io
 from collections.abc import Iterator
 from pathlib import Path
 
-from ...graphics.landscape_figure import draw_landscape, landscape_panels
+from ...graphics.landscape import draw_landscape, landscape_panels
 from ...model.storage import write_atomically
 from ...model.validation import InputError, StorageError
 from ...session.sources import CalibrationInput

@@ -15,7 +15,7 @@ from ...model.measured_scene import MeasuredScene
 from ...model.scene import Scene
 from ...model.scene_file import load_scene, scene_names
 from ...model.validation import InputError, frozen_array
-from ...recordings.positions_file import READERS, read_positions
+from ...recordings.formats.positions import READERS, read_positions
 
 FLAT_M = 1e-6  # heights that differ by less are one plane
 FORMS = ("circle", "rectangle", "ball", "box")

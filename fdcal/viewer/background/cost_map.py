@@ -9,9 +9,8 @@ import numpy as np
 from ...cost.basins import basins_of
 from ...cost.maps import interpolate, map_positions
 from ...graphics.basin_map import basin_floor, descent_text
-from ...graphics.colour_bar import ColourBar
 from ...graphics.heatmap import cost_floor
-from ...graphics.primitives import Area, Floor
+from ...graphics.primitives import Area, ColourBar, Floor
 from ...graphics.surroundings import z_range_of
 from ...graphics.volume import Volume
 from ...model.settings import Search

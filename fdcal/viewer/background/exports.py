@@ -15,11 +15,11 @@ import viser
 
 from ...assessment.tables import position_table
 from ...graphics import paraview
-from ...graphics.landscape_figure import LandscapePanels, draw_landscape, figure_bytes, panels_of
+from ...graphics.landscape import LandscapePanels, draw_landscape, figure_bytes, panels_of
 from ...graphics.replay import replay_html
-from ...graphics.sampled_volume import sampled_volume
-from ...graphics.snapshot_process import render_png
+from ...graphics.snapshot import render_png
 from ...graphics.units import error_summary
+from ...graphics.volume import sampled_volume
 from ...model.validation import InputError
 from ...session import session_file
 from ...session.request import OpenRequest

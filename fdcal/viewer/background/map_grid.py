@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...graphics.panels import Marks, mosaic
-from ...graphics.theme import DARK, LIGHT
+from ...graphics.primitives import DARK, LIGHT
 from ...graphics.units import row_word
 from ...session.worker import LatestWorker
 from .cost_maps import CostMap

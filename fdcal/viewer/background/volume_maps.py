@@ -15,8 +15,7 @@ from ...cost.basins import Basins, basins_of
 from ...cost.maps import VOLUME_NEGLIGIBLE, CostVolume, cost_volume
 from ...cost.reference_cost import ORDER_OFFSET
 from ...graphics.basin_map import basin_slice, descent_text
-from ...graphics.sampled_volume import PIXELS, POINTS, SampledVolume, drawn_volume, sampled_volume, sliced
-from ...graphics.volume import AXES, Volume
+from ...graphics.volume import AXES, PIXELS, POINTS, SampledVolume, Volume, drawn_volume, sampled_volume, sliced
 from ...model.problem import Problem
 from .cost_map import CostMap, place_of_basin
 from .map_request import CostMapRequest, MapStyle

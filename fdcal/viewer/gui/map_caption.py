@@ -6,7 +6,7 @@ import numpy as np
 
 from ...acoustics.dictionary import max_order
 from ...cost.reference_cost import decibels
-from ...graphics.colour_bar import format_number
+from ...graphics.primitives import format_number
 from ...graphics.units import row_word
 from ...model.measurement import Measurement
 from ..background.cost_maps import CostMap

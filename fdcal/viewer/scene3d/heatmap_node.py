@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...graphics.heatmap import relief_grid
 from ...graphics.primitives import Floor
-from ...graphics.relief import relief_grid
 
 if TYPE_CHECKING:
     import trimesh

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import viser
 
-from ...graphics.primitives import Floor, Label, Lines, Mesh, Picture
-from ...graphics.solids import Plate, Surface
+from ...graphics.primitives import Floor, Label, Lines, Mesh, Picture, Plate, Surface
 from .cameras import Cameras
 from .heatmap_node import image_of, same_extent, surface_of
 from .space_nodes import orientation, same_frame, trimesh_of

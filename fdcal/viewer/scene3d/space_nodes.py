@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import viser.transforms
 
-from ...graphics.solids import Plate, Surface
+from ...graphics.primitives import Plate, Surface
 
 if TYPE_CHECKING:
     import trimesh

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from fdcal.acoustics.dictionary import dictionary
-from fdcal.graphics.plan_figure import draw_plan
-from fdcal.graphics.plan_html import plan_html
+from fdcal.graphics.plan_figure import draw_plan, plan_html
 from fdcal.model.validation import InputError, StorageError
 from fdcal.session.planning.bounds import request_information
 from fdcal.session.planning.fields import field_of, places_in_room, wavenumbers_of
