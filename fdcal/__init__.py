@@ -52,7 +52,7 @@ METHODS = {
         "load": "assessment.result_file:load_result",
         "plot": "graphics.calibration_figure:draw_calibration",
         "save": "assessment.result_file:save_result",
-        "to_dataframe": "assessment.tables:data_frame",
+        "to_dataframe": "assessment.result_file:data_frame",
         "to_json": "assessment.result_file:result_text",
         "to_pyfar": "recordings.export:pyfar_coordinates",
     },

@@ -23,7 +23,7 @@ from fdcal.recordings import formats
 from fdcal.recordings.formats.positions import read_table, read_xml
 from fdcal.recordings.recording import read_samples
 from fdcal.session import session_file
-from fdcal.session.lesson_file import lesson_folder, load_lesson
+from fdcal.session.lesson import lesson_folder, load_lesson
 from fdcal.session.sources import check_scene
 
 
@@ -58,7 +58,7 @@ def measurement(count: int = 8, modes: int = 6) -> Measurement:
 
 def _make_session(path: Path) -> None:
     from fdcal import solvers
-    from fdcal.model.measured_scene import placeholder_scene
+    from fdcal.model.scene_file import placeholder_scene
     from fdcal.session.request import OpenRequest
 
     settings = SolverSettings(modes=6, name="descent", start="random", first_modes=2)

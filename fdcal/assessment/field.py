@@ -23,10 +23,9 @@ from scipy.linalg import cholesky, solve_triangular
 
 from ..acoustics.dictionary import dictionary, max_order
 from ..cost.batches import applied, blocks, hermitian_inverses
-from ..cost.kernels import series_kernel
+from ..cost.kernels import EXTRA_ORDERS, series_kernel
 from ..cost.likelihood import FieldModel, isotropic_field
 from ..cost.noise import DIFFUSE_FLOOR, estimate_noise
-from ..cost.waves import EXTRA_ORDERS
 from ..model.measurement import Measurement
 from ..model.problem import Problem, mode_power
 from ..model.validation import InputError, frozen_array, require_positive

@@ -1,8 +1,6 @@
-"""Commands that draw: `landscape`, `field`, `snapshot`, `replay` and `paper`."""
+"""Commands that draw: `landscape`, `field`, `snapshot`, `replay` and `gallery`."""
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import click
 
@@ -14,6 +12,7 @@ from .options import (
     input_of,
     modes_option,
     output_option,
+    output_path,
     progress_bar,
     radius_option,
     result_of,
@@ -23,7 +22,6 @@ from .options import (
     seed_option,
     solver_option,
 )
-from .outputs import output_path
 from .parameter_types import microphone_number, mode_numbers
 
 
@@ -190,7 +188,7 @@ def replay(source, solver, modes, seed, microphone, output, search, radius, forc
     from ..graphics.replay import replay_html
     from ..model.given_positions import with_search_domain
     from ..model.storage import write_atomically
-    from ..session.calibrate import states_of
+    from ..session.calibration_run import states_of
     from ..session.history import recorded
     from ..session.request import as_given
     from ..session.sources import with_settings
@@ -221,31 +219,25 @@ def replay(source, solver, modes, seed, microphone, output, search, radius, forc
 
 
 @click.command()
-@click.option(
-    "--figure", "figures", type=click.IntRange(1, 5), multiple=True, help="Only this figure; may be repeated."
-)
-@click.option("--scene", "names", multiple=True, help="A scene instead of the paper's two; may be repeated.")
-@click.option("--seeds", type=int, default=10, show_default=True, metavar="S", help="Random starts in the table.")
-@click.option("--quick", is_flag=True, help="At most 16 modes and two seeds, for a preview.")
 @output_option("FOLDER")
 @force_option
-def paper(figures, names, seeds, quick, output, force):
-    """Draw the figures of the paper from our own runs.
+def gallery(output: str, force: bool):
+    """Write a static site of replays with an index page, which any web server can host and any browser opens.
 
-    They are its Figs. 1 to 5, and a table that compares its results with ours.
-
-    The first time this takes half an hour on an idle machine, nearly all of it for solver descent; the runs are kept
-    in the cache, so that drawing again is fast.
+    It shows the paper's arrays 1 and 2, its Fig. 1, an array in three dimensions, a race of two solvers and a bad
+    channel. It needs no network.
     """
-    from .paper import ARRAYS, FIGURES, LANDSCAPE, array_of, files_of, pages, require_free, write
+    from ..model.storage import folder_in_progress
 
-    folder, wanted = Path(output), tuple(sorted(set(figures))) or FIGURES
-    require_free(folder, files_of(wanted, not figures), force)
-    square = scene_of((names or LANDSCAPE)[0]) if 1 in wanted else None
-    arrays = [array_of(scene_of(name), seeds, quick) for name in names or ARRAYS if wanted != (1,)]
-    with progress_bar("running") as progress:
-        for name, content in pages(wanted, not figures, square, arrays, progress):
-            print(write(folder, name, content, force), flush=True)
+    with folder_in_progress(output, force) as folder:
+        from .gallery_pages import gallery_pages
+
+        sizes = []
+        with progress_bar("calibrating") as progress:
+            for name, text in gallery_pages(progress):
+                (folder / name).write_text(text, encoding="utf-8")
+                sizes.append((folder / name).stat().st_size)
+    print(f"{output}: {len(sizes)} pages, {sum(sizes) / 1e6:.2g} MB; open {output}/index.html")
 
 
-COMMANDS = (landscape, field, snapshot, replay, paper)
+COMMANDS = (landscape, field, snapshot, replay, gallery)

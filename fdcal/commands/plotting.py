@@ -12,7 +12,7 @@ from ..cost.expansion import require_modes, require_plane_field
 from ..graphics.units import errors_in_words
 from ..model.measurement import Measurement
 from ..model.validation import InputError
-from ..session.calibrate import assess, problem_of, sound
+from ..session.calibration_run import assess_state, healthy_microphones, problem_of
 from ..session.sources import CalibrationInput
 
 if TYPE_CHECKING:
@@ -52,8 +52,10 @@ def counted_microphones(inputs: CalibrationInput, state) -> np.ndarray:
     Those that are sought; without the channels that are faulty, where the solver judges them.
     """
     free = np.setdiff1d(np.arange(inputs.measurement.count), inputs.given)
-    found = None if state.channels is None else assess(inputs, problem_of(inputs), state)
-    return sound(free if len(free) else np.arange(inputs.measurement.count), inputs.measurement.names, found)
+    found = None if state.channels is None else assess_state(inputs, problem_of(inputs), state)
+    return healthy_microphones(
+        free if len(free) else np.arange(inputs.measurement.count), inputs.measurement.names, found
+    )
 
 
 def summed_landscape(inputs: CalibrationInput, positions: np.ndarray, n: int, modes: int) -> np.ndarray:
@@ -63,7 +65,7 @@ def summed_landscape(inputs: CalibrationInput, positions: np.ndarray, n: int, mo
     lowest up. Returns (ny, nx) float64, cost on the search lattice.
     """
     from ..cost.maps import descent_maps  # compiled code, which reading a file does not need
-    from ..solvers.descent.solver import order_offset_of
+    from ..solvers.descent import order_offset_of
 
     problem, settings = inputs.measurement.problem(inputs.settings.weights), inputs.settings
     offset = order_offset_of(settings, modes)

@@ -1,6 +1,6 @@
 """The power of the field by direction: that of a take, common to its rows, and how each row deviates from it.
 
-    C = s W W^H + v diag(tau),    W[n, q] = sqrt(w_q S_q) exp(-j k x_n . u_q)      (`fdcal.cost.waves.plane_waves`)
+    C = s W W^H + v diag(tau),    W[n, q] = sqrt(w_q S_q) exp(-j k x_n . u_q)      (`fdcal.cost.kernels.plane_waves`)
 
 With all S_q = 1 this is the diffuse field. A room is not diffuse: the direct sound and the early reflections of one
 source come from the same directions A_q at every frequency, and a resonance is a few plane waves of its own. Assuming a
@@ -25,9 +25,8 @@ from __future__ import annotations
 import numpy as np
 
 from .batches import blocks, hermitian_inverses, triangular_inverses
-from .kernels import cosines_and_sines, pair_covariance, pair_powers
+from .kernels import cosines_and_sines, pair_covariance, pair_powers, plane_waves, wave_directions
 from .likelihood import FieldModel
-from .waves import plane_waves, wave_directions
 
 ISOTROPY = 0.03  # observations of a diffuse field, over those of the take; 0.01 to 0.3 give the same errors to 10 %
 

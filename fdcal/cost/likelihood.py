@@ -57,8 +57,16 @@ from .batches import (
     weighted_curvature,
     whole_curvature,
 )
-from .kernels import cosines_and_sines, diffuse_matrices, plane_wave_covariance, plane_wave_kernel, series_kernel
-from .waves import circular_waves, expansion_about, plane_waves
+from .kernels import (
+    circular_waves,
+    cosines_and_sines,
+    diffuse_matrices,
+    expansion_about,
+    plane_wave_covariance,
+    plane_wave_kernel,
+    plane_waves,
+    series_kernel,
+)
 
 MIN_FIELD_SHARE = 1e-3  # least power of the field over that of the pressures, so that C is never pure noise
 MIN_WEIGHT = 1e-11  # least mu = v / s; below it rounding errors of A are not small beside it

@@ -35,9 +35,8 @@ from ..model.validation import InputError
 from .channel_correction import ChannelCorrection, equalised
 from .eq7 import LeaveOneOutFit, coefficients, known_weights, leave_one_out_fits
 from .expansion import FieldExpansion, expansion_of, functions, require_carried, search_domain
-from .kernels import diffuse_correlation
+from .kernels import circular_dictionary, diffuse_correlation
 from .likelihood import isotropic_field
-from .waves import circular_dictionary
 
 NEGLIGIBLE = 1e-15  # Chebyshev coefficient of a map that is left out
 VOLUME_NEGLIGIBLE = 1e-8  # likewise of a volume, of the field that a microphone records

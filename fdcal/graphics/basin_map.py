@@ -18,8 +18,8 @@ import numpy as np
 
 from ..cost.basins import OUTSIDE, Basins
 from ..cost.maps import map_positions
-from ..model.lengths import length_text
 from ..model.settings import Search
+from ..model.texts import length_text
 from ..model.validation import frozen_array
 from .primitives import Area, Colour, Floor, Surface
 from .volume import AXES, Volume, plate_of

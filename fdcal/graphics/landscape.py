@@ -25,7 +25,7 @@ from ..model.measurement import Measurement
 from ..model.problem import Problem
 from ..model.settings import Search, SolverSettings
 from ..model.validation import InputError, frozen_array, shown_literal
-from ..session.arguments import mode_numbers, require_measurement, require_settings
+from ..session.api import mode_numbers, require_measurement, require_settings
 from ..session.blas_threads import one_blas_thread
 from .basin_map import TABLE, basin_image
 from .heatmap import DECADES

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..session.planning.plan import Plan
-from ..session.planning.report import plan_lines
+from ..session.planning.plan import Plan, plan_lines
 from .calibration_figure import enlarged_ellipses
 from .landscape import figure_bytes
 from .markers import ELLIPSE, ESTIMATE, KNOWN, TRUE

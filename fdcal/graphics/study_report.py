@@ -19,7 +19,7 @@ import numpy as np
 from ..assessment.study_statistics import judged, quantiles, rows_of, selected, share_grid
 from ..model.storage import write_atomically
 from ..model.validation import InputError
-from ..session.study.provenance import version_text
+from ..session.study.definition import version_text
 from .landscape import figure_bytes
 
 if TYPE_CHECKING:

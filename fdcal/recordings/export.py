@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 
 from ..assessment.calibration import Calibration, placed_in_frame
-from ..assessment.tables import channel_table
+from ..assessment.result_file import channel_table
+from ..model.given_positions import MicrophonePositions
 from ..model.measurement import Measurement
-from ..model.microphones import MicrophonePositions
 from ..model.storage import write_atomically
 from ..model.validation import InputError, require_choice
 from . import formats

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..model.channels import exclude_microphones
-from ..model.measured_scene import MeasuredScene
 from ..model.measurement import Measurement
 from ..model.measurement_file import load_measurement
+from ..model.scene_file import MeasuredScene
 from ..model.settings import ALL_MODES, SolverSettings
 from ..model.validation import InputError, require_integer
 from ..solvers import load, with_mode_count

@@ -2,14 +2,13 @@
 
 May import: model, acoustics and cost.
 
-Every package inside this one is a solver: its module `solver` is a `fdcal.solvers.interface.Solver`. The modules beside
-them are shared by the solvers. A name with "+" is a chain of solvers (`fdcal.solvers.chain`).
+SOLVERS names the module of each, a `fdcal.solvers.interface.Solver`; the other modules are shared. A name with "+" is a
+chain of solvers (`fdcal.solvers.interface.Chain`).
 """
 
 from __future__ import annotations
 
 import importlib
-import pkgutil
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
@@ -22,12 +21,13 @@ from ..model.validation import require_choice
 if TYPE_CHECKING:
     from .interface import RunState, Solver
 
+SOLVERS = {"descent": "descent", "joint": "joint", "robust": "robust.solver", "room": "room.solver"}
 CHAINS = ("descent+joint",)
 
 
 def names() -> list[str]:
     """Return the names of the solvers and of the chains, without importing any."""
-    return sorted([*(module.name for module in pkgutil.iter_modules(__path__) if module.ispkg), *CHAINS])
+    return sorted([*SOLVERS, *CHAINS])
 
 
 @cache
@@ -37,10 +37,10 @@ def load(name: str) -> Solver:
     Raises InputError if there is none of this name.
     """
     require_choice("solver.name", name, names())
-    members = tuple(importlib.import_module(f"{__name__}.{part}.solver") for part in name.split("+"))
+    members = tuple(importlib.import_module(f"{__name__}.{SOLVERS[part]}") for part in name.split("+"))
     if len(members) == 1:
         return cast("Solver", members[0])
-    from .chain import Chain
+    from .interface import Chain
 
     return Chain(members)
 

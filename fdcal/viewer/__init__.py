@@ -6,16 +6,13 @@ app              serve(): opens the server and the page
 page             what stays while sessions come and go, and the main loop
 preview          what the page shows while the first session is prepared
 session_switch   prepares the next session while the present one runs
-session_view     one session on the screen
-session_picture  its picture
-main_panel       the panel on the right: run bar and tabs
-run_bar          status, Run and single steps
-side_panel       the panel on the left
+session_view     one session on the screen, and its picture
+panels           the run bar, the tabs and the legend of one session
 hotkeys          keyboard shortcuts
-lesson_step      applies what a lesson's step sets
-gui              panels, controls, texts
+lesson_settings  applies what a lesson's step sets, and brings back what the page showed before
+gui              controls and texts that tabs share
 tabs             one module for each tab
-background       work on background threads
+background       work on background threads that several tabs share
 scene3d          the scene: nodes, cameras, picking
 server           who may connect, which values are accepted, the error log
 """

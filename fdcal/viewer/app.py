@@ -6,10 +6,8 @@ from collections.abc import Callable, Sequence
 
 from ..session.lesson import Lesson
 from ..session.request import OpenRequest
-from .server.error_log import error_log
 from .server.hardening import open_server, without_output
-from .server.memory import share_one_heap
-from .server.signals import Interrupt
+from .server.process import Interrupt, error_log, share_one_heap
 
 
 def serve(
@@ -44,7 +42,7 @@ def serve(
             nodes = SceneNodes(server)
             if begin is None:
                 show_cached(nodes, request)
-            from .page import Page  # imports libraries for seconds, while the browser loads the page
+            from .page import Page
 
             page = Page(server, nodes, lessons, on_progress)
             page.open(request) if begin is None else page.lessons.start(begin.title)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import viser
 from viser._messages import HotkeyKey, KeyModifier
 
-from .tabs.lesson_controls import BACK, NEXT
+from .tabs.lessons import BACK, NEXT
 from .tabs.map import LINEAR, LOG
 
 

@@ -10,9 +10,9 @@ from fdcal.graphics.calibration_figure import enlarged_ellipses
 from fdcal.model.arrays import positions_of
 from fdcal.model.scene_file import load_scene
 from fdcal.session.planning.bounds import request_information
-from fdcal.viewer.background.planned_array import plan_request, planned_array, position_bound
-from fdcal.viewer.background.uncertainty import uncertainty_of
-from fdcal.viewer.gui.plan_choices import PlanChoices
+from fdcal.viewer.background.verdict import uncertainty_of
+from fdcal.viewer.gui.choices import PlanChoices
+from fdcal.viewer.tabs.plan import plan_request, planned_array, position_bound
 
 DRAWS, SIGMAS = 20_000, 4.0  # draws of each Gaussian; sampling errors that a share may be off
 

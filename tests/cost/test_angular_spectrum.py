@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from fdcal.cost.angular_spectrum import ISOTROPY, learned_powers
+from fdcal.cost.kernels import directions_needed, plane_waves, wave_directions
 from fdcal.cost.likelihood import FieldModel, likelihood_terms
-from fdcal.cost.waves import directions_needed, plane_waves, wave_directions
 
 K = np.array([1.5, 2.5, 4.0])  # rad/m
 M = len(K)

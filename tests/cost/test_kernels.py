@@ -9,11 +9,13 @@ from fdcal.cost.kernels import (
     diffuse_correlation,
     diffuse_kernel,
     diffuse_matrices,
+    directions_needed,
+    expansion_about,
     plane_wave_covariance,
     plane_wave_kernel,
+    plane_waves,
     series_kernel,
 )
-from fdcal.cost.waves import directions_needed, expansion_about, plane_waves
 
 K = np.array([1.3, 3.1, 7.4])  # rad/m
 ARRAYS = [(2, 2), (3, 3), (3, 2)]  # dimensions of the field and of the array

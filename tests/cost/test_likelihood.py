@@ -8,7 +8,7 @@ from fields import measured
 
 from fdcal.acoustics.dictionary import fourier_bessel, max_order, spherical_bessel
 from fdcal.cost import batches
-from fdcal.cost.kernels import diffuse_matrices
+from fdcal.cost.kernels import EXTRA_ORDERS, diffuse_matrices, directions_needed
 from fdcal.cost.likelihood import (
     Conditional,
     FieldModel,
@@ -19,7 +19,6 @@ from fdcal.cost.likelihood import (
     log_response,
     spectra,
 )
-from fdcal.cost.waves import EXTRA_ORDERS, directions_needed
 from fdcal.model.gauge import rigid_motions
 
 K = np.array([1.5, 2.5, 4.0])  # rad/m

@@ -12,7 +12,7 @@ from fdcal.cost.noise import DIFFUSE_FLOOR
 from fdcal.model.problem import Problem
 from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError
-from fdcal.solvers.joint import solver as joint
+from fdcal.solvers import joint as joint
 
 TRUTH = np.random.default_rng(3).uniform(-0.5, 0.5, (24, 2)) + [2.61, 2.31]
 MEASURED = measured(TRUTH, [0, 1, 2], highest=250.0, snr_db=40)

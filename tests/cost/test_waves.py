@@ -6,14 +6,14 @@ from fields import bessel_kernel, plane_wave
 from scipy.special import jv, spherical_jn, spherical_yn, yv
 
 from fdcal.acoustics.dictionary import fourier_bessel
-from fdcal.cost.kernels import diffuse_correlation
-from fdcal.cost.waves import (
+from fdcal.cost.kernels import (
     DEGREES,
     EXTRA_ORDERS,
     NEAR_FIELD_ORDERS,
     SOURCE_DISTANCE,
     circular_dictionary,
     circular_waves,
+    diffuse_correlation,
     direction_count,
     directions_needed,
     expansion_about,

@@ -16,7 +16,7 @@ def test_no_message_of_a_page_disturbs_another():
 
 
 def test_the_cases_hold_every_kind_of_message_that_a_page_sends():
-    from fdcal.viewer.server.message_checks import COSTS, is_acceptable
+    from fdcal.viewer.server.client_values import COSTS, is_acceptable
 
     def sent(seed):
         return hostile_page.hostile_messages(np.random.default_rng(seed), ["a", "b"])

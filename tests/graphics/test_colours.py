@@ -9,7 +9,7 @@ import pytest
 from fdcal.graphics import basin_map, legend, markers
 from fdcal.graphics.primitives import COLOUR_MAP, DARK, DIVERGING_COLOUR_MAP, LIGHT
 from fdcal.viewer.gui import plots
-from fdcal.viewer.tabs import spectrum_plot
+from fdcal.viewer.tabs import modes as spectrum_plot
 
 # Of linear RGB: Vienot, Brettel and Mollon, Color Res. Appl. 24 (1999), 243. Rows sum to one: white stays white.
 EYES = {

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.assessment.tables import position_table
+from fdcal.assessment.result_file import position_table
 from fdcal.commands.cli import main
 from fdcal.graphics import paraview
 from fdcal.graphics.landscape import draw_landscape, figure_bytes, landscape_panels, panels_of

@@ -24,7 +24,7 @@ from fdcal.model.validation import LIMITS, InputError, shown
 from fdcal.recordings import formats
 from fdcal.recordings.formats.positions import read_table
 from fdcal.session import session_file
-from fdcal.session.lesson_file import load_lesson
+from fdcal.session.lesson import load_lesson
 
 DEEP = 100_000
 READERS = {".toml": load_scene, ".json": load_result, ".csv": read_table, ".npz": load_measurement}

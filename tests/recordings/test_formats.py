@@ -20,7 +20,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from fdcal.commands.cli import main
-from fdcal.model.microphones import MicrophonePositions
+from fdcal.model.given_positions import MicrophonePositions
 from fdcal.model.validation import InputError, StorageError
 from fdcal.recordings import formats
 from fdcal.recordings.channels import inspect_channels, require_usable_channels

@@ -30,7 +30,7 @@ from fdcal.recordings.importer import import_recording
 from fdcal.recordings.impulse_response import deconvolve, impulse_response_pressures
 from fdcal.recordings.recording import Recording, read_samples, recording_of
 from fdcal.recordings.reverberation import estimate_decay
-from fdcal.session.calibrate import solve
+from fdcal.session.calibration_run import solve
 from fdcal.session.sources import load_input
 
 BAND = 20.0, 400.0

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from replays import contents
 
-from fdcal.assessment.tables import position_table
+from fdcal.assessment.result_file import position_table
 from fdcal.graphics import paraview
 from fdcal.graphics.picture import static_picture, with_estimate
 from fdcal.graphics.replay import replay_html

@@ -14,13 +14,13 @@ from fdcal import solvers
 from fdcal.model.measurement import Measurement
 from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError
-from fdcal.session.calibrate import solve
+from fdcal.session.calibration_run import solve
 from fdcal.session.sources import CalibrationInput
 from fdcal.solvers import interface as bounds
 from fdcal.solvers.interface import OutOfTime, check_deadline, deadline
 from fdcal.solvers.robust import outliers
 from fdcal.solvers.robust.objective import in_unit_power
-from fdcal.solvers.robust.rules import OUTLIERS
+from fdcal.solvers.robust.state import OUTLIERS
 from fdcal.solvers.room import search
 
 SPEED = 343.0

@@ -11,7 +11,7 @@ from fdcal import solvers
 from fdcal.cost.lattice import search_lattice
 from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError
-from fdcal.solvers.descent import solver as descent
+from fdcal.solvers import descent as descent
 
 # Microphones on the points of a coarse lattice; the truth can be found exactly.
 SEARCH = Search((2.01, 1.71), (1.2, 1.2), 0.1, 0.8)

@@ -17,9 +17,9 @@ from fdcal.model.problem import Problem
 from fdcal.model.settings import Search, SolverSettings
 from fdcal.model.validation import InputError, frozen_array
 from fdcal.session import state_codec
-from fdcal.session.calibrate import solve
+from fdcal.session.calibration_run import solve
 from fdcal.session.sources import CalibrationInput
-from fdcal.solvers.descent import solver as descent
+from fdcal.solvers import descent as descent
 
 STEP, COUNT = 0.04, 30
 SEARCH = Search((1.0, 1.0, 1.0), (0.8, 0.8, 0.8), STEP, 0.6)

@@ -11,9 +11,15 @@ from fields import measured
 from fdcal import solvers
 from fdcal.model.settings import SolverSettings
 from fdcal.solvers.robust import noise, outliers, result
-from fdcal.solvers.robust.objective import in_unit_power, objective_of, unknowns_of, used_modes
-from fdcal.solvers.robust.rules import FINAL
-from fdcal.solvers.robust.step import channel_step, free_directions
+from fdcal.solvers.robust.objective import (
+    channel_step,
+    free_directions,
+    in_unit_power,
+    objective_of,
+    unknowns_of,
+    used_modes,
+)
+from fdcal.solvers.robust.state import FINAL
 
 COUNT, KNOWN, MODES = 24, [0, 5, 9, 14], 40
 TRUTH = np.random.default_rng(7).uniform(-0.5, 0.5, (COUNT, 2)) + [2.61, 2.31]

@@ -9,8 +9,7 @@ import pytest
 from scipy.stats import multivariate_t, t
 
 from fdcal.cost.likelihood import FieldModel
-from fdcal.solvers.robust.objective import NU, Objective, Priors, Unknowns
-from fdcal.solvers.robust.step import free_directions
+from fdcal.solvers.robust.objective import NU, Objective, Priors, Unknowns, free_directions
 
 COUNT, MODES = 7, 9
 KNOWN = np.array([0, 2, 5])

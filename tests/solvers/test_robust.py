@@ -16,8 +16,7 @@ from fdcal.model.validation import InputError
 from fdcal.solvers import load
 from fdcal.solvers.robust import noise
 from fdcal.solvers.robust.objective import in_unit_power
-from fdcal.solvers.robust.rules import ASSUMED
-from fdcal.solvers.robust.state import DIRECTIONAL
+from fdcal.solvers.robust.state import ASSUMED, DIRECTIONAL
 
 SIZE, SOURCE, SNR = (5.2, 4.1), (4.8, 3.7), 40.0  # metres, metres, dB
 MODES = 40

@@ -14,9 +14,8 @@ from fdcal import solvers
 from fdcal.model.settings import SolverSettings
 from fdcal.solvers.robust import schedule
 from fdcal.solvers.robust.objective import in_unit_power
-from fdcal.solvers.robust.rules import STAGES
 from fdcal.solvers.robust.schedule import TRANSITIONS, begin_final, following, likeliest, optima_agree
-from fdcal.solvers.robust.state import LocalOptimum
+from fdcal.solvers.robust.state import STAGES, LocalOptimum
 
 PLACES = [*dict.fromkeys(stage.name for stage in STAGES), "restart"]
 CONDITIONS = list(dict.fromkeys(when for _, when, _ in TRANSITIONS))

@@ -15,7 +15,7 @@ from fdcal.model.measurement import Measurement
 from fdcal.model.settings import SolverSettings
 from fdcal.model.validation import InputError
 from fdcal.solvers import starts
-from fdcal.solvers.robust.step import polynomial_deformations
+from fdcal.solvers.robust.objective import polynomial_deformations
 
 KNOWN = [0, 1, 2, 3]
 

@@ -14,8 +14,8 @@ from fdcal.viewer import session_view
 from fdcal.viewer.background import cost_maps, prepare
 from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.gui.layout import Panels, SessionFolders
-from fdcal.viewer.main_panel import MainPanel
 from fdcal.viewer.page import Page
+from fdcal.viewer.panels import MainPanel
 from fdcal.viewer.scene3d.nodes import SceneNodes
 from fdcal.viewer.server import hardening
 

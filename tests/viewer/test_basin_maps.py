@@ -12,9 +12,9 @@ from fdcal.graphics.basin_map import EDGE, OTHERS, PLACE, TABLE, basin_floor, de
 from fdcal.graphics.legend import legend_of
 from fdcal.model.settings import Search
 from fdcal.session.request import OpenRequest
-from fdcal.viewer.background import exports
-from fdcal.viewer.background.view_snapshot import map_request
 from fdcal.viewer.gui.choices import BASINS, FLOOR
+from fdcal.viewer.tabs import export as exports
+from fdcal.viewer.tabs.export import map_request
 from fdcal.viewer.tabs.map import EQ7
 
 SEARCH = Search(origin=(0.0, 0.0), size=(1.2, 0.9), step=0.01, radius=1.0)

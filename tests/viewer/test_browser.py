@@ -37,7 +37,7 @@ from fdcal.cost.reference_cost import ORDER_OFFSET
 from fdcal.graphics.picture import compose
 from fdcal.model.scene_file import load_scene, scene_folder
 from fdcal.session import session_file
-from fdcal.viewer.background import exports
+from fdcal.viewer.tabs import export as exports
 
 
 @pytest.fixture(scope="module")

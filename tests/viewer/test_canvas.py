@@ -6,9 +6,8 @@ import pytest
 from browsing import EXACT, WAIT, choose, on_screen, press, serving_here, tab
 
 from fdcal.model.scene_file import load_scene
-from fdcal.viewer.gui.choices import NOTHING, VOLUME
+from fdcal.viewer.gui.choices import MAP_KINDS, NOTHING, VOLUME
 from fdcal.viewer.gui.layout import LEFT, LEFT_WIDTH, RIGHT
-from fdcal.viewer.gui.map_kinds import KINDS
 
 DESKTOPS = ((1280, 720), (1440, 900))
 PHONE = (390, 844)
@@ -72,7 +71,7 @@ def test_the_legend_follows_what_is_drawn(open_page):
     page.get_by_role("checkbox", name="Trails").click()
     legend_of(page).get_by_text("trail").wait_for(state="detached")
     tab(page, "Map")
-    for _ in [kind for kind in KINDS if kind not in (VOLUME, NOTHING)]:
+    for _ in [kind for kind in MAP_KINDS if kind not in (VOLUME, NOTHING)]:
         page.keyboard.press("v")
     legend_of(page).get_by_text("dB").wait_for(state="detached")
     page.keyboard.press("v")

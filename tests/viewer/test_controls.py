@@ -5,9 +5,9 @@ import dataclasses
 from doubles import INVALID_VALUES, State, set_by_client, view_of
 
 from fdcal.graphics.picture import static_picture
-from fdcal.viewer.background import exports
 from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.gui.choices import NOTHING
+from fdcal.viewer.tabs import export as exports
 from fdcal.viewer.tabs import map, modes
 
 

@@ -10,10 +10,8 @@ from hypothesis import strategies as st
 
 from fdcal.cost.reference_cost import ReferenceCost
 from fdcal.session.request import OpenRequest
-from fdcal.viewer.background.cuts import MAX_MODES, POINTS, foot
-from fdcal.viewer.gui.cut_plot import SPAN, cut_series
-from fdcal.viewer.scene3d.line_handles import LineHandles
-from fdcal.viewer.tabs.cut import line_across
+from fdcal.viewer.scene3d.picking import LineHandles
+from fdcal.viewer.tabs.cut import MAX_MODES, POINTS, SPAN, cut_series, foot, line_across
 
 LOW, HIGH = np.array([1.0, 2.0]), np.array([1.4, 2.6])
 

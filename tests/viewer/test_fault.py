@@ -16,7 +16,7 @@ WAIT = 60.0  # s, bound of every wait
 FAILING = """
 import sys
 from fdcal.commands import cli
-from fdcal.solvers.descent import solver as descent
+from fdcal.solvers import descent as descent
 step = descent.step
 
 def failing(problem, state):

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 from doubles import State, set_by_client, view_of
 
-from fdcal.model.lengths import length_text
 from fdcal.model.scene_file import load_scene
+from fdcal.model.texts import length_text
 from fdcal.session.request import OpenRequest, edited
-from fdcal.viewer.background.comparison import ComparisonSetup
-from fdcal.viewer.background.comparison_summary import RunSummary, status_word
-from fdcal.viewer.background.map_panels import modes_label
+from fdcal.viewer.background.comparison import ComparisonSetup, RunSummary, status_word
+from fdcal.viewer.background.cost_map import modes_label
 from fdcal.viewer.tabs.comparison import remark_on_start, table
 from fdcal.viewer.tabs.microphones import ErrorByDistance
 

@@ -24,7 +24,7 @@ from fdcal.graphics.camera import camera_for
 from fdcal.graphics.picture import compose
 from fdcal.session.request import OpenRequest
 from fdcal.viewer.scene3d import cameras
-from fdcal.viewer.server import connections, hardening
+from fdcal.viewer.server import client_values, connections, hardening
 
 OUT_OF_RANGE = (10**20, 2**63, 2**64 - 1, 2**53 + 2, -(10**10), 1e20, 1e308, -1e308, float("nan"), float("inf"))
 
@@ -173,7 +173,7 @@ def test_a_flood_is_handled_at_a_bounded_rate(server, kind, monkeypatch):
     """However many messages a client sends, others wait only for those that its budget allows."""
     slider, handled = server.gui.add_slider("Flood", 0, 10**6, 1, 0), []
     handlers = server._websock_server._incoming_handlers
-    count, cost = (30_000, 1.0) if kind == "update" else (600, connections.message_checks.DRAG_START_COST)
+    count, cost = (30_000, 1.0) if kind == "update" else (600, client_values.DRAG_START_COST)
     name = _messages.GuiUpdateMessage if kind == "update" else _messages.SceneNodeDragMessage
     monkeypatch.setitem(handlers, name, [lambda client_id, message: handled.append(message)])
     message = {"type": "GuiUpdateMessage", "uuid": slider._impl.uuid, "updates": {"value": 1}}

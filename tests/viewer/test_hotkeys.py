@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 from viser import _messages
 
-from fdcal.viewer.gui.map_kinds import KINDS
+from fdcal.viewer.gui.choices import MAP_KINDS
 from fdcal.viewer.hotkeys import KEYS, add_keys
 from fdcal.viewer.tabs import help
 from fdcal.viewer.tabs.map import LINEAR, LOG
@@ -43,7 +43,11 @@ def page():
         choices=SimpleNamespace(modes=None, style=style, trails=True), modes=20,
         measurement=SimpleNamespace(count=16), session=CallRecorder(calls, "session", view=view),
     )  # fmt: skip
-    handles = {"microphone": SimpleNamespace(value=15), "kind": SimpleNamespace(value=KINDS[-1]), "kinds": KINDS}
+    handles = {
+        "microphone": SimpleNamespace(value=15),
+        "kind": SimpleNamespace(value=MAP_KINDS[-1]),
+        "kinds": MAP_KINDS,
+    }
     controls = CallRecorder(calls, binding=binding, map=CallRecorder(calls, "map", **handles))
     panels = {"main_panel": controls, "side_panel": CallRecorder(calls)}
     touched = CallRecorder(calls, touch=lambda: touches.append(1))
@@ -87,7 +91,7 @@ def test_no_key_moves_the_camera_or_is_used_twice():
         ("I", None, ("map.choose_modes", range(1, 3))),
         ("P", None, ("sweep.toggle",)),
         ("U", None, ("map.choose_modes", None)),
-        ("V", None, ("map.show_as", KINDS[0])),
+        ("V", None, ("map.show_as", MAP_KINDS[0])),
         ("L", None, ("map.scale_as", LINEAR)),
         ("Y", None, ("view.draw", ("trails", False))),
         ("K", None, ("view.darken", True)),

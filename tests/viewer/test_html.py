@@ -8,7 +8,7 @@ import numpy as np
 from doubles import State, view_of
 
 from fdcal.assessment.uncertainty import confidence_factor
-from fdcal.viewer.background import uncertainty
+from fdcal.viewer.background import verdict as uncertainty
 from fdcal.viewer.gui import html as words
 from fdcal.viewer.gui import legend_html
 from fdcal.viewer.tabs import microphones, modes

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 from viser import _scene_api
 
-from fdcal.viewer.server.image_encoding import encoded
+from fdcal.viewer.server.hardening import encoded
 
 
 @pytest.mark.parametrize("channels", [3, 4])

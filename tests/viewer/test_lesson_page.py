@@ -4,7 +4,7 @@ import pytest
 from browsing import choose, opened_page, press, serving, slider, tab
 
 from fdcal.model.scene_file import scene_folder
-from fdcal.session.lesson_file import load_lesson
+from fdcal.session.lesson import load_lesson
 
 
 @pytest.fixture(scope="module")

@@ -7,18 +7,15 @@ from browsing import WAIT
 
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.scene_file import load_scene
-from fdcal.session.lesson import MAPS, Lesson, Setting, Step
-from fdcal.session.lesson_file import load_lesson
-from fdcal.session.lesson_frame import Frame
+from fdcal.session.lesson import MAPS, Frame, Lesson, Setting, Step, load_lesson
 from fdcal.session.request import edited
 from fdcal.session.session import Session
-from fdcal.viewer.gui import lesson_html
+from fdcal.viewer.gui.choices import MAP_KINDS
 from fdcal.viewer.gui.layout import Panels
-from fdcal.viewer.gui.map_kinds import KINDS
-from fdcal.viewer.lesson_step import apply_setting, show_frame
+from fdcal.viewer.lesson_settings import apply_setting, show_frame
 from fdcal.viewer.server.hardening import open_server
-from fdcal.viewer.tabs.lesson_controls import BACK, NEXT, RESTORE
-from fdcal.viewer.tabs.lessons import LessonsTab
+from fdcal.viewer.tabs import lessons as lesson_html
+from fdcal.viewer.tabs.lessons import BACK, NEXT, RESTORE, LessonsTab
 
 EVIL = "<script>alert(1)</script>"
 
@@ -59,7 +56,7 @@ def test_every_map_of_a_lesson_is_one_of_the_page(controls, name):
     made, calls = controls
     apply_setting(Setting(map=name), made, lambda view: None, restarted=False)
     called, kind = calls[0]
-    assert called == "map.show_as" and kind in KINDS
+    assert called == "map.show_as" and kind in MAP_KINDS
 
 
 def test_a_setting_is_applied_in_its_documented_order(controls):

@@ -17,9 +17,10 @@ from fdcal.cost.basins import local_minima
 from fdcal.cost.maps import map_positions
 from fdcal.graphics.markers import ESTIMATE, LOWEST
 from fdcal.session.request import OpenRequest
-from fdcal.viewer.background import exports, prepare
+from fdcal.viewer.background import prepare
 from fdcal.viewer.background.cost_maps import IDLE_TIME, CostMapWorker
 from fdcal.viewer.gui.choices import Choices
+from fdcal.viewer.tabs import export as exports
 
 MICROPHONE, MODES = 9, (7, 9, 20)
 

@@ -5,22 +5,23 @@ import logging
 import pytest
 from clients import CAMERA, HOSTILE_CAMERAS
 
-from fdcal.viewer.server import connections, error_log, message_checks
+from fdcal.viewer.server import client_values, connections
+from fdcal.viewer.server import process as error_log
 
 
 @pytest.mark.parametrize("change", HOSTILE_CAMERAS, ids=str)
 def test_an_impossible_camera_is_refused(change):
-    assert not message_checks.is_acceptable({**CAMERA, **change})
+    assert not client_values.is_acceptable({**CAMERA, **change})
 
 
 @pytest.mark.parametrize("change", [{}, {"fov": 0.06, "far": 4e4}, {"image_width": 0}, {"position": [1.5, -2, 900.0]}])
 def test_a_possible_camera_is_passed_on(change):
-    assert message_checks.is_acceptable({**CAMERA, **change})
+    assert client_values.is_acceptable({**CAMERA, **change})
 
 
 @pytest.mark.parametrize("name", sorted(CAMERA.keys() - {"type"}))
 def test_a_camera_is_complete(name):
-    assert not message_checks.is_acceptable({key: value for key, value in CAMERA.items() if key != name})
+    assert not client_values.is_acceptable({key: value for key, value in CAMERA.items() if key != name})
 
 
 @pytest.mark.parametrize(
@@ -28,20 +29,20 @@ def test_a_camera_is_complete(name):
 )
 def test_a_value_that_is_not_plain_is_refused(value):
     message = {"type": "GuiUpdateMessage", "uuid": "a", "updates": {"value": 1}}
-    assert message_checks.is_acceptable(message)
-    assert not message_checks.is_acceptable({**message, "updates": {"value": value}})
-    assert not message_checks.is_acceptable({**message, "uuid": value})
+    assert client_values.is_acceptable(message)
+    assert not client_values.is_acceptable({**message, "updates": {"value": value}})
+    assert not client_values.is_acceptable({**message, "uuid": value})
 
 
 @pytest.mark.parametrize("kind", ["GuiUpdateMessage", "GuiButtonHoldMessage", "CommandTriggerMessage"])
 @pytest.mark.parametrize("name", [{"value": 1}, [0, 0], 1.5, None], ids=repr)
 def test_a_control_is_named_by_a_text(kind, name):
-    assert not message_checks.is_acceptable({"type": kind, "uuid": name, "updates": {"value": 1}})
+    assert not client_values.is_acceptable({"type": kind, "uuid": name, "updates": {"value": 1}})
 
 
 @pytest.mark.parametrize("name", [{"value": 1}, [0, 0], 1.5, None], ids=repr)
 def test_a_node_is_named_by_a_text(name):
-    assert not message_checks.is_acceptable({"type": "SceneNodeClickMessage", "name": name, "instance_index": 1})
+    assert not client_values.is_acceptable({"type": "SceneNodeClickMessage", "name": name, "instance_index": 1})
 
 
 @pytest.mark.parametrize("value", [{"value": 1}, True, "abc", [], [0, 0], [0, 0, [0]], [1e308] * 3, 0.5], ids=repr)
@@ -54,22 +55,22 @@ def test_a_pointer_points_somewhere(value):
     }
     click = {"type": "SceneNodeClickMessage", "ray_origin": [0, 0, 5], "ray_direction": [0, 0, -1.0]}
     for message in (drag, click, {**click, "ray_origin": None}, {**drag, "instance_index": None}):
-        assert message_checks.is_acceptable(message)
+        assert client_values.is_acceptable(message)
         for key in message.keys() - {"type"}:
-            assert not message_checks.is_acceptable({**message, key: value})
+            assert not client_values.is_acceptable({**message, key: value})
 
 
 @pytest.mark.parametrize(
     "kind", ["FileTransferStartUpload", "ShareUrlRequest", "NoSuchMessage", "RunJavascriptMessage"]
 )
 def test_a_kind_that_the_page_does_not_send_is_refused(kind):
-    assert not message_checks.is_acceptable({"type": kind})
+    assert not client_values.is_acceptable({"type": kind})
 
 
 @pytest.mark.parametrize("raw", ["text", b"", b"\xc1", b"\x01", b"\x80", b"\x81\xa4type\x01"])
 def test_what_is_no_message_is_an_error(raw):
     with pytest.raises(ValueError):
-        message_checks.decode(raw)
+        client_values.decoded_message(raw)
 
 
 def test_a_client_waits_once_its_budget_is_spent():

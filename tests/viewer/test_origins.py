@@ -10,7 +10,9 @@ import websockets.asyncio.server
 from viser.infra import _infra
 
 from fdcal.model.validation import InputError
-from fdcal.viewer.server import hardening, message_buffer, origin_probe
+from fdcal.viewer.server import hardening
+from fdcal.viewer.server import hardening as message_buffer
+from fdcal.viewer.server import hardening as origin_probe
 
 SERVE = websockets.asyncio.server.serve
 

@@ -20,9 +20,9 @@ from viser import _messages
 from websockets.exceptions import ConnectionClosed
 
 from benchmarks.protocol import CAMERA, connect, send
-from fdcal.session.lesson_file import load_lesson
+from fdcal.session.lesson import load_lesson
 from fdcal.viewer.gui import html as words
-from fdcal.viewer.server import error_log
+from fdcal.viewer.server import process as error_log
 
 WAIT = 60.0  # s, bound of every wait
 

@@ -12,11 +12,11 @@ from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError
 from fdcal.session.request import OpenRequest
 from fdcal.viewer.background import prepare
-from fdcal.viewer.background.map_panels import count_label, map_modes, modes_label, row_label
+from fdcal.viewer.background.cost_map import count_label, map_modes, modes_label, row_label
 from fdcal.viewer.gui import html
 from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.tabs import map, modes
-from fdcal.viewer.tabs.spectrum_plot import HIDDEN, SpectrumPlot
+from fdcal.viewer.tabs.modes import HIDDEN, SpectrumPlot
 
 
 @pytest.fixture

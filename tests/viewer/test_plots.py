@@ -9,11 +9,12 @@ from viser import uplot
 
 from fdcal.acoustics.dictionary import array_f_max
 from fdcal.acoustics.measure import cached_measurement
-from fdcal.session.state_costs import StateCosts
+from fdcal.session.history import StateCosts
 from fdcal.viewer.gui import html, plots
 from fdcal.viewer.gui.binding import Binding
 from fdcal.viewer.gui.plots import Plot
-from fdcal.viewer.tabs import map, modes, spectrum_plot
+from fdcal.viewer.tabs import map, modes
+from fdcal.viewer.tabs import modes as spectrum_plot
 from fdcal.viewer.tabs.curves import CurvesTab
 
 

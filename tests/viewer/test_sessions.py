@@ -18,10 +18,10 @@ from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.validation import InputError
 from fdcal.session import session_file
 from fdcal.session.request import OpenRequest, edited
-from fdcal.viewer.background import exports
 from fdcal.viewer.background import prepare as preparing
 from fdcal.viewer.preview import show_cached
 from fdcal.viewer.scene3d.nodes import SceneNodes
+from fdcal.viewer.tabs import export as exports
 
 
 def test_the_page_shows_the_progress_of_the_simulation(page_of, scene, monkeypatch, progress_texts):

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from fdcal.viewer.server.static_page import titled
+from fdcal.viewer.server.hardening import titled
 
 
 def fetched(server, **headers):

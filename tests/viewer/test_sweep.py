@@ -11,11 +11,11 @@ from doubles import set_by_client
 from fdcal.cost.basins import local_minima
 from fdcal.cost.maps import cost_maps, refined
 from fdcal.session.request import OpenRequest
-from fdcal.viewer import opening, playback
+from fdcal.viewer import page as page_module
 from fdcal.viewer.background import mode_sweep
-from fdcal.viewer.playback import FIRST_TIME, LAST_TIME, Playback
+from fdcal.viewer.tabs import sweep as playback
 from fdcal.viewer.tabs import sweep as sweep_tab
-from fdcal.viewer.tabs.sweep import DOWN
+from fdcal.viewer.tabs.sweep import DOWN, FIRST_TIME, LAST_TIME, Playback
 
 
 def played(playback, stops, ready, times):
@@ -162,9 +162,9 @@ def test_a_sweep_of_another_state_stops(opened, monkeypatch):
 
 def begin_opening(viewer, turn_until):
     """Let the opening begin as if a browser had shown the page for long enough."""
-    made = opening.Opening()
+    made = page_module.Opening()
     made.tick(viewer, True, False, 0.0)
-    made.tick(viewer, True, False, opening.DELAY)
+    made.tick(viewer, True, False, page_module.OPENING_DELAY)
     turn_until(lambda: viewer.binding.choices.modes is not None)
     return made
 
@@ -185,7 +185,7 @@ def test_the_opening_begins_with_several_minima_and_ends_where_it_began(opened, 
     counted = list(dict.fromkeys(note for note in notes if "microphone" in note))
     assert "alone" in counted[0] and "minima" in counted[0]
     assert len(counted) > 5, "modes are added"
-    made.tick(viewer, True, False, opening.DELAY + 1)
+    made.tick(viewer, True, False, page_module.OPENING_DELAY + 1)
     assert made.done
     turn_until(lambda: not viewer.main_panel.run_bar.note.visible)
 
@@ -194,7 +194,7 @@ def test_the_opening_ends_as_soon_as_a_user_touches_anything(opened):
     viewer, turn_until = opened
     made = begin_opening(viewer, turn_until)
     set_by_client(viewer.main_panel.view.trails, True)
-    made.tick(viewer, True, False, opening.DELAY + 1)
+    made.tick(viewer, True, False, page_module.OPENING_DELAY + 1)
     assert made.done
     turn_until(lambda: viewer.binding.choices.modes is None)
     assert not viewer.side_panel.sweep.playing
@@ -204,7 +204,7 @@ def test_the_opening_ends_as_soon_as_a_user_turns_the_scene(opened):
     viewer, turn_until = opened
     made = begin_opening(viewer, turn_until)
     viewer.nodes.cameras.user_moves += 1
-    made.tick(viewer, True, False, opening.DELAY + 1)
+    made.tick(viewer, True, False, page_module.OPENING_DELAY + 1)
     assert made.done
     turn_until(lambda: viewer.binding.choices.modes is None)
     assert not viewer.side_panel.sweep.playing
@@ -219,7 +219,7 @@ def test_play_plays_during_the_opening_too(opened):
     turn_until(lambda: viewer.main_panel.run_bar.note.visible)
     assert sweep.play.label == "Play", "the opening ends with any touch and needs no button"
     set_by_client(sweep.play, True)
-    made.tick(viewer, True, False, opening.DELAY + 1)
+    made.tick(viewer, True, False, page_module.OPENING_DELAY + 1)
     assert made.done
     counts = []
     turn_until(lambda: counts.append(len(viewer.binding.choices.modes or ())) or not sweep.playing)
@@ -230,12 +230,12 @@ def test_play_plays_during_the_opening_too(opened):
 
 def test_play_pressed_as_the_opening_is_due_is_not_undone_by_it(opened, monkeypatch):
     viewer, turn_until = opened
-    sweep, made, calls = viewer.side_panel.sweep, opening.Opening(), []
+    sweep, made, calls = viewer.side_panel.sweep, page_module.Opening(), []
     monkeypatch.setattr(viewer, "call", calls.append)  # which the event loop has not run yet
     made.tick(viewer, True, False, 0.0)
-    made.tick(viewer, True, False, opening.DELAY)
+    made.tick(viewer, True, False, page_module.OPENING_DELAY)
     set_by_client(sweep.play, True)
-    made.tick(viewer, True, False, opening.DELAY + 0.1)
+    made.tick(viewer, True, False, page_module.OPENING_DELAY + 0.1)
     for call in calls:
         call()
     assert calls and made.done and sweep.playing
@@ -246,14 +246,14 @@ def test_modes_chosen_during_the_opening_stay(opened):
     viewer, turn_until = opened
     made = begin_opening(viewer, turn_until)
     set_by_client(viewer.main_panel.map.text, "2-4")
-    made.tick(viewer, True, False, opening.DELAY + 1)
+    made.tick(viewer, True, False, page_module.OPENING_DELAY + 1)
     turn_until(lambda: not viewer.side_panel.sweep.playing)
     assert viewer.binding.choices.modes == (2, 3, 4)
 
 
 def test_the_opening_waits_for_a_browser_and_does_not_begin_after_a_touch(opened):
     viewer, _ = opened
-    unwatched, touched = opening.Opening(), opening.Opening()
+    unwatched, touched = page_module.Opening(), page_module.Opening()
     for now in (0.0, 10.0, 20.0):
         unwatched.tick(viewer, False, False, now)
     assert not viewer.side_panel.sweep.playing and not unwatched.done
@@ -267,4 +267,4 @@ def test_a_session_that_was_set_up_has_no_opening(given):
     given = {"play": False, "states": (), "choices": {}} | given
     run = SimpleNamespace(opening=SimpleNamespace(**given), problem=SimpleNamespace(search=1))
     viewer = SimpleNamespace(run=run, binding=SimpleNamespace(modes=9))
-    assert not opening.suitable(viewer)
+    assert not page_module.suitable(viewer)

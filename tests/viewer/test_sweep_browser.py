@@ -10,8 +10,8 @@ from browsing import EXACT, WAIT, hover, on_screen, press, serving_here, slider,
 from fdcal import solvers
 from fdcal.acoustics.measure import cached_measurement
 from fdcal.model.scene_file import load_scene
-from fdcal.viewer import opening
-from fdcal.viewer.playback import Playback
+from fdcal.viewer import page as page_module
+from fdcal.viewer.tabs.sweep import Playback
 
 NOTE = re.compile(r"microphone \d+, (mode (\d+) alone|sum of (\d+) modes, \d+ to \d+): (no|\d+) local minim")
 RECORD = """() => {
@@ -51,7 +51,7 @@ def lasting_opening(monkeypatch):
         waits = self.opening and self.next == 1 and not may_go_on.is_set()
         return None if waits else advance(self, stops, ready, now)
 
-    monkeypatch.setattr(opening, "DELAY", 0.5)
+    monkeypatch.setattr(page_module, "OPENING_DELAY", 0.5)
     monkeypatch.setattr(Playback, "advance", held)
     return may_go_on
 

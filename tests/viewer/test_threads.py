@@ -9,7 +9,7 @@ from browsing import WAIT
 
 from fdcal.session.request import OpenRequest
 from fdcal.viewer.background import prepare as preparing
-from fdcal.viewer.background import warmup
+from fdcal.viewer.background import prepare as warmup
 from fdcal.viewer.session_switch import SessionSwitcher
 
 

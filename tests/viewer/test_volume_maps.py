@@ -16,18 +16,17 @@ from fdcal.graphics.picture import compose
 from fdcal.model.scene_file import load_scene
 from fdcal.model.validation import InputError
 from fdcal.session.request import OpenRequest
-from fdcal.viewer.background import exports, prepare
+from fdcal.viewer.background import prepare
 from fdcal.viewer.background.comparison import ComparisonWorker
+from fdcal.viewer.background.cost_map import MapStyle
 from fdcal.viewer.background.cost_maps import IDLE_TIME, CostMapWorker
-from fdcal.viewer.background.map_request import MapStyle
-from fdcal.viewer.background.view_snapshot import ViewSnapshot, map_request
 from fdcal.viewer.gui.binding import Binding
-from fdcal.viewer.gui.choices import VOLUME, Choices, initial_choices
-from fdcal.viewer.gui.map_caption import caption
-from fdcal.viewer.gui.map_kinds import kind_of
+from fdcal.viewer.gui.choices import VOLUME, Choices, initial_choices, kind_of
 from fdcal.viewer.scene3d.nodes import SceneNodes
+from fdcal.viewer.tabs import export as exports
 from fdcal.viewer.tabs.comparison import ComparisonTab
-from fdcal.viewer.tabs.map import MapTab
+from fdcal.viewer.tabs.export import ViewSnapshot, map_request
+from fdcal.viewer.tabs.map import MapTab, caption
 
 MICROPHONE = 10
 

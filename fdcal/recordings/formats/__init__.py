@@ -12,7 +12,7 @@ from types import ModuleType
 
 import numpy as np
 
-from ...model.microphones import MicrophonePositions
+from ...model.given_positions import MicrophonePositions
 from ...model.reading import require_regular
 from ...model.validation import InputError, StorageError, install_remedy
 from ..recording import Recording

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...model.microphones import MicrophonePositions
+from ...model.given_positions import MicrophonePositions
 from ...model.reading import read_bytes
 from ...model.validation import InputError, require_point, shown
 from . import Format

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ...acoustics.plane_waves import MAX_FREQUENCY, plane_wave_responses
-from ...model.measured_room import MEASURED_AND_MODELLED
+from ...model.room import MEASURED_AND_MODELLED
 from ...model.sdm_response import load_sdm_response
 from ...model.validation import InputError
 from ..recording import Recording, recording_of

@@ -32,11 +32,21 @@ from ...model.validation import frozen_array
 from .. import starts
 from ..estimate import GivenHypothesis
 from . import noise
-from .objective import Unknowns, given_carry_scale, held_positions, objective_of, unknowns_of, used_modes, with_unknowns
+from .objective import (
+    Unknowns,
+    channel_step,
+    free_directions,
+    given_carry_scale,
+    held_positions,
+    objective_of,
+    reduced,
+    scaled_inverse,
+    unknowns_of,
+    used_modes,
+    with_unknowns,
+)
 from .outliers import relocated
-from .rules import ASSUMED, GIVEN, OUTLIERS, STEPS
-from .state import LocalOptimum, State
-from .step import channel_step, free_directions, reduced, scaled_inverse
+from .state import ASSUMED, GIVEN, OUTLIERS, STEPS, LocalOptimum, State
 
 EXACT_SIGMA = 1e-3  # metres, one sigma of a coordinate of positions that are given as exact, where these are examined
 

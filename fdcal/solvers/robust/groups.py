@@ -23,7 +23,7 @@ from scipy.optimize import minimize
 from ...cost.kernels import diffuse_kernel
 from ...cost.likelihood import FieldModel, likelihood_terms
 from ..interface import check_deadline
-from .rules import OUTLIERS
+from .state import OUTLIERS
 
 
 @dataclass(frozen=True)

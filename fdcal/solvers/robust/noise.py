@@ -7,24 +7,29 @@ from dataclasses import replace
 import numpy as np
 
 from ...cost.angular_spectrum import learned_powers
+from ...cost.kernels import directions_needed
 from ...cost.likelihood import FieldModel, Terms
 from ...cost.noise import NOISE_RULES, estimate_noise, hyper_cost, profile_cost, updated_channel_noise, updated_power
-from ...cost.waves import directions_needed
 from ...model.problem import Problem
 from ...model.validation import frozen_array
 from ..estimate import stretch_sigma
 from . import arrivals as direct_sound
 from .objective import (
+    ChannelStep,
     Objective,
     arrival_index,
     corrected,
     field_of,
     field_wavenumbers,
     first_known_sigma,
+    free_directions,
     gains_are_free,
     given_carry_scale,
     held_positions,
     objective_of,
+    position_covariance,
+    reduced,
+    scaled_inverse,
     speed_is_free,
     spring,
     state_arrivals,
@@ -32,9 +37,7 @@ from .objective import (
     used_modes,
     wavenumbers,
 )
-from .rules import ASSUMED, CONDITIONAL, FINAL, OUTLIERS
-from .state import DIRECTIONAL, KernelName, Model, State
-from .step import ChannelStep, free_directions, position_covariance, reduced, scaled_inverse
+from .state import ASSUMED, CONDITIONAL, DIRECTIONAL, FINAL, OUTLIERS, KernelName, Model, State
 
 
 def with_power(state: State, used, chosen: FieldModel, terms: Terms) -> State:

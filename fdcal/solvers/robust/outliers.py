@@ -24,8 +24,7 @@ from ...model.validation import frozen_array
 from ..interface import check_deadline
 from .noise import with_noise
 from .objective import NU, gains_are_free, held_positions, used_modes, wavenumbers
-from .rules import OUTLIERS
-from .state import State
+from .state import OUTLIERS, State
 
 
 def relocated(problem: Problem, state: State, local: bool = False) -> tuple[State, bool]:

@@ -35,17 +35,21 @@ from .objective import (
     Objective,
     Unknowns,
     arrival_index,
+    channel_step,
+    free_directions,
     given_carry_scale,
     in_unit_power,
     objective_of,
+    position_covariance,
+    reduced,
+    remaining_step,
+    scaled_inverse,
     speed_is_free,
     unknowns_of,
     used_modes,
 )
-from .rules import ASSUMED, FINAL, GIVEN, STAGES, STEPS
 from .schedule import begin, refined
-from .state import State
-from .step import channel_step, free_directions, position_covariance, reduced, remaining_step, scaled_inverse
+from .state import ASSUMED, FINAL, GIVEN, STAGES, STEPS, State
 
 NEIGHBOURS, MIN_GROUPS = 8, 6  # modes in a group, whose gradients are not independent; fewest groups
 LEARNED = 1 / 3  # one sigma over that step: with 1 measured and simulated rooms have errors of 0.3 to 0.6 of the claim

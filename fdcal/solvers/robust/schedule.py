@@ -25,19 +25,19 @@ from .. import starts
 from . import given, noise
 from .groups import other_poses
 from .objective import (
+    ChannelStep,
     Objective,
     corrected,
     first_known_sigma,
     first_model,
     in_unit_power,
+    interpolation,
     objective_of,
     used_modes,
     wavenumbers,
 )
 from .outliers import relocated
-from .rules import ASSUMED, FINAL, NOISELESS, OUTLIERS, SCHEDULE, STAGES, STEPS
-from .state import LocalOptimum, Progress, State
-from .step import ChannelStep, interpolation
+from .state import ASSUMED, FINAL, NOISELESS, OUTLIERS, SCHEDULE, STAGES, STEPS, LocalOptimum, Progress, State
 
 BEFORE_PLAN = -1  # number of the restart at positions that a run is begun with: every start of the plan follows it
 

@@ -22,9 +22,14 @@ from ..requirements import require_modes, require_range, require_search
 from ..starts import require_gauge
 from . import noise
 from .objective import (
+    channel_step,
     corrected,
+    free_directions,
     in_unit_power,
+    is_converged,
     objective_of,
+    polynomial_deformations,
+    sigmas_moved,
     speed_is_free,
     unknowns_of,
     used_modes,
@@ -32,10 +37,8 @@ from .objective import (
     with_unknowns,
 )
 from .result import result
-from .rules import ASSUMED, FREE, STAGES, STEPS
 from .schedule import Turn, begin, begin_stage, following
-from .state import DIRECTIONAL, State
-from .step import channel_step, free_directions, is_converged, polynomial_deformations, sigmas_moved
+from .state import ASSUMED, DIRECTIONAL, FREE, STAGES, STEPS, State
 
 __all__ = ["TRAITS", "State", "init", "landscape", "result", "step", "usable_modes", "use_modes"]
 

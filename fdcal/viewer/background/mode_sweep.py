@@ -17,8 +17,7 @@ from ...graphics.heatmap import colour_limits, colour_numbers, normalise, of_col
 from ...graphics.primitives import Floor
 from ...session.worker import LatestWorker
 from ...solvers.interface import RunState
-from .cost_map import CostMap, cost_map
-from .map_request import CostMapRequest, MapStyle
+from .cost_map import CostMap, CostMapRequest, MapStyle, cost_map
 from .prepare import PreparedRun
 
 FEW_STOPS = 18  # maps of a sweep that leaves some out

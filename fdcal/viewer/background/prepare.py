@@ -1,7 +1,12 @@
-"""From a request for a scene to a session that can be shown, on a thread that can be cancelled."""
+"""From a request for a scene to a session that can be shown, on a thread that can be cancelled.
+
+What `fdcal.solvers.warmup` names is compiled on a thread of its own, beside the simulation and then beside the page.
+"""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,17 +15,70 @@ from ... import solvers
 from ...acoustics.measure import cached_measurement
 from ...cost.reference_cost import ReferenceCost, reference_cost_of
 from ...model.given_positions import with_search_domain
-from ...model.measured_scene import MeasuredScene
 from ...model.measurement import Measurement
 from ...model.problem import Problem
 from ...model.scene import Scene
+from ...model.scene_file import MeasuredScene
 from ...model.settings import ALL_MODES
 from ...model.validation import InputError
-from ...session.estimated_domain import with_estimated_domain
+from ...session.calibration_run import with_estimated_domain
 from ...session.request import OpenRequest, as_given
 from ...session.session import Session
+from ...session.worker import LatestWorker
 from ...solvers.interface import RunState, Solver
-from .warmup import Warmup
+from ...solvers.warmup import warmup_calls
+
+POLL_INTERVAL = 0.05  # s between two looks at the progress
+COMPILE_TIME = 1.0  # s; a piece that takes longer is compiled, a faster one is read from the disk
+
+
+class Warmup:
+    """Starts at once; `close` ends it after the piece in progress.
+
+    `scene`: whose solver decides what is compiled. `stop`: whether no other piece is begun.
+    """
+
+    def __init__(self, scene: Scene):
+        self._pieces, self._done = warmup_calls(scene.solver.name), 0
+        self._since, self.stop = time.perf_counter(), False
+        self._worker = LatestWorker(self._compile, "fdcal-warmup")
+        self._worker.request()
+
+    def _compile(self) -> None:
+        for _, compile_piece in self._pieces:
+            if self.stop:
+                return
+            self._since = time.perf_counter()
+            compile_piece()
+            self._done += 1
+
+    @property
+    def busy(self) -> bool:
+        """Whether something is still to be compiled; False after a failure, which the solver will report."""
+        return self._worker.busy
+
+    @property
+    def ended(self) -> bool:
+        """Whether `close` was called and the thread has ended."""
+        return self.stop and self._worker.close(0.0)
+
+    @property
+    def text(self) -> str:
+        """The progress in words; "" while nothing takes long."""
+        if not self.busy or time.perf_counter() - self._since < COMPILE_TIME:
+            return ""
+        return f"Compiling (first run only) ... {self._done + 1} of {len(self._pieces)}"
+
+    def wait(self, poll: Callable[[], object]) -> None:
+        """Wait for all pieces; `poll` is called now and then, and may raise."""
+        while self.busy and self._done < len(self._pieces):
+            poll()
+            time.sleep(POLL_INTERVAL)
+
+    def close(self, timeout: float) -> bool:
+        """End the thread after the piece in progress; False if that takes longer than `timeout`, s."""
+        self.stop = True
+        return self._worker.close(timeout)
 
 
 class Cancelled(Exception):

@@ -6,17 +6,46 @@ Only for a solver that has finished; an earlier state is not at a minimum.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
+from ...assessment.calibration import Channels
+from ...assessment.uncertainty import confidence_factor, ellipse_axes
 from ...session.blas_threads import one_blas_thread
-from ...session.calibrate import Assessment, assess, sound
+from ...session.calibration_run import Assessment, assess_state, healthy_microphones
 from ...session.history import SessionView
 from ...session.sources import CalibrationInput
 from ...session.worker import LatestWorker
 from ...solvers.interface import RunState
 from ..gui.html import CONTROLS
 from .prepare import PreparedRun
+
+
+@dataclass(frozen=True)
+class PositionUncertainty:
+    """Uncertainty of N positions."""
+
+    axes: np.ndarray  # (N, D, D) float64, metres, half axes of the 95 % ellipses in rows, the longest last
+    sigma: np.ndarray  # (N,) float64, metres, one standard deviation
+    # verdict, text: the verdict and its message
+    verdict: str = ""
+    text: str = ""
+    channels: Channels | None = None  # of a solver that finds the gains of the channels, or None
+
+
+def uncertainty_of(found: Assessment | None) -> PositionUncertainty | None:
+    """Return the uncertainty at the end of a run, None before it and where it cannot be determined.
+
+    In a known room each position has images; their ellipses are not drawn.
+
+    `found`: Assessment of the state on the screen, or None.
+    """
+    if found is None or found.room is not None or not np.isfinite(found.covariance).all():
+        return None
+    axes = ellipse_axes(found.covariance, confidence_factor(0.95, found.covariance.shape[-1]))
+    return PositionUncertainty(axes, found.uncertainty, found.verdict, found.verdict_text, found.channels)
+
 
 IDLE_TIME = 0.3  # s without a change before the verdict is computed
 
@@ -53,7 +82,7 @@ class VerdictWorker:
         """
         if found is not None or view.history.lineage is not self._lineage:
             self._lineage = view.history.lineage
-            self._sought = sound(self._run.sought, self._run.measurement.names, found)
+            self._sought = healthy_microphones(self._run.sought, self._run.measurement.names, found)
         return self._sought
 
     def close(self, timeout: float) -> bool:
@@ -64,4 +93,4 @@ class VerdictWorker:
         run = self._run
         inputs = CalibrationInput(run.scene.name, run.known_scene, run.measurement, state.settings, state.seed)
         with one_blas_thread():
-            return assess(inputs, run.problem, state, CONTROLS)
+            return assess_state(inputs, run.problem, state, CONTROLS)

@@ -7,13 +7,40 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from ...cost.reference_cost import ORDER_OFFSET
 from ...model.measurement import Measurement
 from ...model.validation import InputError
 from ...session.lesson import MAX_ORDER_OFFSET
-from ..background.map_request import MapStyle
+from ..background.cost_map import MapStyle
 from ..background.prepare import PreparedRun
-from .plan_choices import PlanChoices
+
+
+@dataclass(frozen=True)
+class PlanChoices:
+    """What the controls of the tab show."""
+
+    shown: bool = False  # whether the scene shows the planned array in place of the estimates
+    snr_db: float = 30.0  # signal-to-noise ratio of each frequency, dB
+    frequencies: int | None = None  # the lowest so many are in use; None for all that the array can interpolate
+    known: tuple[int, ...] = ()  # numbers of the microphones whose positions are given
+    gain_sigma_db: float = 0.0  # spread of the channels' gains, dB; 0 for equal channels
+    moved: tuple[tuple[int, float, float], ...] = ()  # number, x and y, metres, of each microphone that was dragged
+    takes: int = 1  # places of the source, recorded equally long from each
+
+    def with_moved(self, microphone: int, place) -> PlanChoices:
+        """Return the choices with a microphone at another place, (2,), metres."""
+        others = tuple(move for move in self.moved if move[0] != microphone)
+        return replace(self, moved=(*others, (int(microphone), float(place[0]), float(place[1]))))
+
+    def placed(self, positions) -> np.ndarray:
+        """Return positions (N, D), metres, with the microphones that were dragged where they are now."""
+        placed = np.array(positions, float)
+        for microphone, x, y in self.moved:
+            placed[microphone, :2] = x, y
+        return placed
+
 
 FLOOR, RELIEF, SHAPE, NOTHING = "Flat map", "Relief", "Mode shape (last mode)", "No map"  # kinds of map
 BASINS = "Basins of attraction"
@@ -164,3 +191,36 @@ def _checked(key: str, value: Any, count: int, modes: int, takes: set[int]) -> A
         key=f"choices.{key}",
         value=value,
     )
+
+
+MAP_KINDS = (FLOOR, RELIEF, SHAPE, BASINS, VOLUME, NOTHING)
+
+
+def kinds_of(measurement: Measurement) -> tuple[str, ...]:
+    """Return those of MAP_KINDS that there can be of a measurement."""
+    return tuple(kind for kind in MAP_KINDS if kind != VOLUME or has_volume(measurement))
+
+
+def kind_of(choices: Choices) -> str:
+    """Return which kind of map the choices ask for."""
+    style = choices.style
+    if not choices.shown:
+        return NOTHING
+    if style.basins:
+        return BASINS
+    if style.volume:
+        return VOLUME
+    return RELIEF if style.relief else SHAPE if style.shape else FLOOR
+
+
+def style_of(kind: str, measurement: Measurement) -> dict[str, bool]:
+    """Return the fields of a MapStyle that make a map one of `kinds_of`.
+
+    The basins of an array in space are those of descent in three dimensions, on a slice.
+    """
+    return {
+        "relief": kind == RELIEF,
+        "shape": kind == SHAPE,
+        "basins": kind == BASINS,
+        "volume": kind == VOLUME or (kind == BASINS and has_volume(measurement)),
+    }

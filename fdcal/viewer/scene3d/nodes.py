@@ -4,15 +4,86 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import viser
+import viser.transforms
 
+from ...graphics.heatmap import relief_grid
 from ...graphics.primitives import Floor, Label, Lines, Mesh, Picture, Plate, Surface
 from .cameras import Cameras
-from .heatmap_node import image_of, same_extent, surface_of
-from .space_nodes import orientation, same_frame, trimesh_of
+
+if TYPE_CHECKING:
+    import trimesh
+
+
+def same_extent(one: Floor, other: Floor) -> bool:
+    """Return whether two maps cover the same area at the same height."""
+    return (one.origin, one.size, one.height) == (other.origin, other.size, other.height)
+
+
+def image_of(floor: Floor) -> np.ndarray:
+    """Return the map's image, (ny, nx, 3) uint8, with its opacity as a fourth channel where it is not opaque."""
+    if floor.opacity >= 1:
+        return floor.rgb
+    alpha = np.full((*floor.rgb.shape[:2], 1), round(255 * floor.opacity), np.uint8)
+    return np.concatenate([floor.rgb, alpha], axis=2)
+
+
+def surface_of(floor: Floor, heights: np.ndarray) -> trimesh.Trimesh:
+    """Return a map in relief as a textured surface through the middles of its pixels and to the edges of the map.
+
+    The material neither reflects its surroundings nor shines, so that the colours are those of the map.
+
+    `heights` (ny, nx) float32, metres above the map's own height.
+    """
+    import trimesh  # here, for it takes long to load and few pages need it
+    from PIL import Image
+    from trimesh.visual import TextureVisuals, material
+
+    grid = relief_grid(floor.origin, floor.size, heights)
+    ny, nx = grid.heights.shape
+    x, y = (places.ravel() for places in np.meshgrid(grid.x, grid.y))
+    u, v = (
+        np.clip((places - low) / size, 0.5 / count, 1 - 0.5 / count)  # beyond, the other edge of the texture mixes in
+        for places, low, size, count in zip((x, y), floor.origin, floor.size, heights.shape[::-1], strict=True)
+    )
+    corner = (nx * np.arange(ny - 1)[:, None] + np.arange(nx - 1)).ravel()[:, None]
+    faces = np.concatenate([corner + [0, 1, nx + 1], corner + [0, nx + 1, nx]])
+    image = Image.fromarray(np.ascontiguousarray(floor.rgb[::-1]))
+    matt = material.PBRMaterial(baseColorTexture=image, metallicFactor=0.0, roughnessFactor=1.0, doubleSided=True)
+    visual = TextureVisuals(uv=np.column_stack([u, v]), material=matt)
+    vertices = np.column_stack([x, y, floor.height + grid.heights.ravel()])
+    return trimesh.Trimesh(vertices, faces, visual=visual, process=False)
+
+
+def trimesh_of(surface: Surface) -> trimesh.Trimesh:
+    """Return a surface with its texture, whose material neither reflects its surroundings nor shines."""
+    import trimesh  # here, for it takes long to load and few pages need it
+    from PIL import Image
+    from trimesh.visual import TextureVisuals, material
+
+    matt = material.PBRMaterial(
+        baseColorTexture=Image.fromarray(np.ascontiguousarray(surface.texture[::-1])),
+        alphaMode="BLEND", metallicFactor=0.0, roughnessFactor=1.0, doubleSided=True,
+    )  # fmt: skip
+    visual = TextureVisuals(uv=surface.places, material=matt)
+    return trimesh.Trimesh(surface.vertices, surface.faces, visual=visual, process=False)
+
+
+def orientation(plate: Plate) -> tuple[float, float, float, float]:
+    """Return the rotation of an image whose columns and rows follow the axes of the slice: w, x, y, z."""
+    columns, rows = np.eye(3)[plate.across]
+    rotation = viser.transforms.SO3.from_matrix(np.column_stack([columns, rows, np.cross(columns, rows)]))
+    w, x, y, z = rotation.wxyz.tolist()
+    return w, x, y, z
+
+
+def same_frame(one: Plate, other: Plate) -> bool:
+    """Return whether two slices lie across the same axis and have the same extent."""
+    return (one.axis, one.origin, one.size) == (other.axis, other.origin, other.size)
+
 
 RULER_TEXT = 1.5  # height of a ruler's numbers, in radii of a marker
 

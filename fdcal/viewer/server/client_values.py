@@ -1,9 +1,18 @@
-"""Checks of the values that a browser sends: each becomes a plain, bounded value before any other code reads it."""
+"""Checks of what a browser sends, before viser or any other code reads it.
+
+A value of a control becomes a plain, bounded value. viser believes what a browser says of its camera, and stores what
+it says of a control for all other pages: a message is passed on only if the page of fdcal sends messages of its kind,
+all its numbers are finite and its camera is one that can look at something.
+"""
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Container
+from typing import Any
+
+import msgspec
 
 MAX_TEXT_LENGTH = 200  # characters of a text from a browser
 MAX_NUMBER = 2**53  # what a browser can count to; larger integers cannot be sent to the other browsers
@@ -62,3 +71,99 @@ def bounded_number(value, low: float, high: float, otherwise: float) -> float:
 def one_of(value, options: Container[str], otherwise: str) -> str:
     """Return `value` if it is one of the texts `options`, and `otherwise` if it is not."""
     return value if isinstance(value, str) and value in options else otherwise
+
+
+MAX_COORDINATE = 1e6  # metres, of a camera or a pointer, from the origin
+MAX_INTEGER = 2**53  # what a browser can count to
+MAX_ITEMS, MAX_DEPTH = 64, 4  # of one message
+MIN_LENGTH = 1e-9  # metres, of a direction and of a line of sight
+CAMERA = "ViewerCameraMessage"
+NAMES = ("uuid", "name")  # keys of a control and of a node
+POINTS = ("start_position", "end_position")  # of a drag, metres
+RAYS = ("ray_origin", "ray_direction")  # of a click, or None
+COSTS = {  # of one message of each kind, in units of a control's update; other kinds are dropped
+    CAMERA: 1.0,
+    "GuiUpdateMessage": 1.0,
+    "ScenePointerMessage": 1.0,
+    "SceneNodeDragMessage": 1.0,
+    "SceneNodeClickMessage": 5.0,
+    "CommandTriggerMessage": 5.0,
+    "GuiButtonHoldMessage": 5.0,
+}
+DRAG_START_COST = 40.0  # each drag adds a state to the history
+
+
+def decoded_message(raw) -> dict[str, Any]:
+    """Return a message as plain data.
+
+    Raises ValueError: it is not the msgpack encoding of a message.
+    """
+    if not isinstance(raw, bytes):
+        raise ValueError("a text where a message was expected")
+    message = msgspec.msgpack.decode(raw)  # its DecodeError is a ValueError
+    if not isinstance(message, dict) or not isinstance(message.get("type"), str):
+        raise ValueError("data without a type where a message was expected")
+    return message
+
+
+def is_acceptable(message: dict[str, Any]) -> bool:
+    """Return whether a message is of a kind that the page sends, plain, finite, and a camera that can be used."""
+    if message["type"] not in COSTS or not _is_plain(message, 0, itertools.count(1)):
+        return False
+    if not all(isinstance(message.get(key, ""), str) for key in NAMES):  # viser looks them up in a dictionary
+        return False
+    return _points_somewhere(message) and (message["type"] != CAMERA or _is_camera(message))
+
+
+def message_cost(message: dict[str, Any]) -> float:
+    """Return what a message uses up of its client's budget."""
+    if message["type"] == "SceneNodeDragMessage" and message.get("phase") == "start":
+        return DRAG_START_COST
+    return COSTS.get(message["type"], 1.0)
+
+
+def _is_plain(value, depth: int, items) -> bool:
+    """Return whether data is small, with finite numbers and short texts alone."""
+    if next(items) > MAX_ITEMS or depth > MAX_DEPTH:
+        return False
+    if isinstance(value, str):
+        return len(value) <= MAX_TEXT_LENGTH
+    if isinstance(value, float):
+        return math.isfinite(value)
+    if isinstance(value, int):
+        return abs(value) <= MAX_INTEGER
+    if isinstance(value, dict):
+        return all(isinstance(key, str) and _is_plain(inner, depth + 1, items) for key, inner in value.items())
+    if isinstance(value, (list, tuple)):
+        return all(_is_plain(inner, depth + 1, items) for inner in value)
+    return value is None
+
+
+def _points_somewhere(message: dict[str, Any]) -> bool:
+    """Return whether what a message holds of a pointer can be used: points, rays, and the number of what it hit."""
+    points = [message[key] for key in POINTS if key in message]
+    points += [message[key] for key in RAYS if message.get(key) is not None]
+    index = message.get("instance_index")
+    return all(_is_vector(x, 3) for x in points) and (index is None or type(index) is int)
+
+
+def _is_camera(message: dict[str, Any]) -> bool:
+    vectors: list[Any] = [message.get(name) for name in ("position", "look_at", "up_direction")]
+    if not all(_is_vector(vector, 3) for vector in vectors) or not _is_vector(message.get("wxyz"), 4):
+        return False
+    numbers: list[Any] = [message.get(name) for name in ("fov", "near", "far", "image_width", "image_height")]
+    if not all(map(_is_number, numbers)):
+        return False
+    (position, look_at, up), (fov, near, far, width, height) = vectors, numbers
+    looks = math.dist(position, look_at) > MIN_LENGTH and math.hypot(*up) > MIN_LENGTH
+    return looks and 0 < fov < math.pi and 0 < near < far <= 1e9 and width >= 0 and height >= 0
+
+
+def _is_number(value) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _is_vector(value, count: int) -> bool:
+    if not isinstance(value, (list, tuple)) or len(value) != count:
+        return False
+    return all(_is_number(x) and abs(x) <= MAX_COORDINATE for x in value)

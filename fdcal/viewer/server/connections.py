@@ -1,6 +1,6 @@
 """One browser's connection, bounded in what it may send, how fast, and how much may wait to be read by it.
 
-GuardedConnection   passes on only messages that `message_checks` accepts
+GuardedConnection   passes on only messages that `client_values` accepts
 Budget              how long a client must wait before its next message is handled
 version_checked     refuses clients of another version of viser, without viser's message on standard output
 """
@@ -17,9 +17,8 @@ import viser
 import websockets.exceptions
 from websockets.asyncio.server import ServerConnection
 
-from . import message_checks
-from .error_log import printable
-from .origin_probe import FOREIGN_ORIGIN
+from .client_values import decoded_message, is_acceptable, message_cost
+from .process import printable
 
 log = logging.getLogger(__name__)
 
@@ -28,6 +27,7 @@ RATE, BURST = 200.0, 400.0  # control updates per second of one client, and at o
 FLOOD_TIME = 5.0  # s that a client may have to wait in all, before it has been within its budget again
 STALL_TIME = 10.0  # s in which a client must read something of what waits for it
 MAX_UNREAD_BYTES = 16_000_000  # that wait for one client
+FOREIGN_ORIGIN = "http://foreign.invalid"  # of the server's own probe (`hardening`)
 DEAF = "a client that does not read was disconnected"
 PROTOCOL_ERROR = 1002  # code of a closed connection
 
@@ -73,7 +73,7 @@ class StrangerFilter(logging.Filter):
 
 
 class GuardedConnection(ServerConnection):
-    """A connection of websockets that passes on what `message_checks` accepts, at a bounded rate."""
+    """A connection of websockets that passes on what `client_values` accepts, at a bounded rate."""
 
     def __init__(self, *arguments, **options):
         super().__init__(*arguments, **options)
@@ -83,14 +83,14 @@ class GuardedConnection(ServerConnection):
         """Return the next acceptable message; a client that sends too much for FLOOD_TIME is disconnected."""
         while True:
             raw = await super().recv(decode)
-            message = message_checks.decode(raw)
-            delay = self._budget.spend(message_checks.cost(message))
+            message = decoded_message(raw)
+            delay = self._budget.spend(message_cost(message))
             self._waited = self._waited + delay if delay > 0 else 0.0
             if self._waited > FLOOD_TIME:
                 self._drop("a client that sends too much was disconnected")
             if delay > 0:
                 await asyncio.sleep(delay)  # meanwhile websockets stops reading from this client
-            if message_checks.is_acceptable(message):
+            if is_acceptable(message):
                 return raw
             log.warning("a message that no page sends was dropped")
 

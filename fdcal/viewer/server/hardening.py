@@ -3,33 +3,151 @@
 viser does not authenticate its clients. This module refuses pages of other sites by their Origin header, disables the
 public share tunnel and all other messages that the page of fdcal does not use, limits the size of messages, and drops
 updates that are not values of their control. All hooks are private parts of viser, which is why its version is pinned,
-and why no page is served unless a foreign origin has been refused in fact.
+and why no page is served unless a foreign origin has been refused in fact: a server is asked as a foreign page would
+ask it, before its address is given to anybody.
 """
 
 from __future__ import annotations
 
 import contextlib
+import functools
+import gzip
 import inspect
 import io
 import re
 import socket
 from collections.abc import Callable, Iterator
 from importlib import metadata
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
+import numpy as np
 import viser
 import websockets
 import websockets.asyncio.server
-from viser import _messages
+from PIL import Image
+from viser import _messages, _scene_api
+from viser.infra import _infra
+from viser.infra._async_message_buffer import AsyncMessageBuffer
+from websockets.http11 import Response
 
 from ...model.validation import InputError
 from .client_values import fits, is_plain
-from .connections import GuardedConnection, version_checked
+from .connections import FOREIGN_ORIGIN, GuardedConnection, version_checked
 from .connections import log as connection_log
-from .image_encoding import use_quick_encoding
-from .message_buffer import use_safe_buffers
-from .origin_probe import require_foreign_origin_refused
-from .static_page import titled
+
+PROBE_TIMEOUT = 10.0  # s
+REFUSED = b"HTTP/1.1 403 "
+
+
+class ForeignOriginAccepted(Exception):
+    """The server lets a page of another site connect."""
+
+
+def require_foreign_origin_refused(host: str, port: int) -> None:
+    """Raise ForeignOriginAccepted unless the server at this address refuses a foreign page with status 403."""
+    name = {"": "127.0.0.1", "0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
+    request = (
+        f"GET / HTTP/1.1\r\nHost: localhost:{port}\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+        f"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n"
+        f"Sec-WebSocket-Protocol: viser-v{viser.__version__}\r\nOrigin: {FOREIGN_ORIGIN}\r\n\r\n"
+    )
+    try:
+        with socket.create_connection((name, port), PROBE_TIMEOUT) as connection:
+            connection.sendall(request.encode("ascii"))
+            answer = connection.recv(len(REFUSED), socket.MSG_WAITALL)
+    except OSError as error:
+        raise ForeignOriginAccepted(f"the server does not answer ({error})") from error
+    if answer != REFUSED:
+        raise ForeignOriginAccepted("a page of another site is not refused")
+
+
+TITLE = "fdcal"
+OF_VISER = b"<title>Viser</title>"
+
+Respond = Callable[..., Response | None]  # of a connection and a request
+
+
+def titled(respond: Respond) -> Respond:
+    """Wrap the function that answers requests for files: the page that it returns has the title TITLE."""
+
+    def answer(connection, request) -> Response | None:
+        response = respond(connection, request)
+        if response is not None and response.headers.get("Content-Type", "").startswith("text/html"):
+            response.body = with_title(bytes(response.body), response.headers.get("Content-Encoding") == "gzip")
+            del response.headers["Content-Length"]
+            response.headers["Content-Length"] = str(len(response.body))
+        return response
+
+    return answer
+
+
+@functools.lru_cache(maxsize=2)
+def with_title(body: bytes, zipped: bool) -> bytes:
+    """Return a page with the title TITLE in place of viser's; as it is where viser's page has another one.
+
+    `body`: of the page; `zipped`: whether gzip has compressed it.
+    """
+    plain = gzip.decompress(body) if zipped else body
+    renamed = plain.replace(OF_VISER, f"<title>{TITLE}</title>".encode(), 1)
+    if renamed == plain:
+        return body
+    return gzip.compress(renamed, 1) if zipped else renamed
+
+
+class SafeMessageBuffer(AsyncMessageBuffer):
+    """A buffer that always wakes the event loop."""
+
+    def push(self, message) -> None:
+        """Queue a message; any thread."""
+        try:
+            super().push(message)
+        except RuntimeError:  # "deque mutated during iteration"
+            with contextlib.suppress(RuntimeError):  # the loop is closed
+                self.event_loop.call_soon_threadsafe(self.message_event.set)
+
+
+def use_safe_buffers() -> None:
+    """Have viser use these buffers for servers and clients that are created from now on.
+
+    Raises AttributeError: viser no longer has the name under which it takes them.
+    """
+    if not hasattr(_infra, "AsyncMessageBuffer"):
+        raise AttributeError("viser has no AsyncMessageBuffer")
+    setattr(_infra, "AsyncMessageBuffer", SafeMessageBuffer)  # noqa: B010  the name is private to viser's module
+
+
+LEVEL = 1  # of compression, 0 to 9
+QUALITY = 75  # of a JPEG image unless given
+
+
+def encoded(
+    format: Literal["png", "jpeg"], image: np.ndarray, jpeg_quality: int | None, channel_ordering: Literal["rgb", "bgr"]
+) -> bytes:
+    """Return an image as a file; the parameters are those of the function of viser that this replaces.
+
+    `format`: "png" or "jpeg"; `image` (h, w, 3) or (h, w, 4) uint8; `jpeg_quality`: 1 to 95; None for QUALITY;
+    `channel_ordering`: of `image`.
+    """
+    if channel_ordering == "bgr":
+        image = image[:, :, [2, 1, 0, 3][: image.shape[2]]]
+    file = io.BytesIO()
+    picture = Image.fromarray(np.ascontiguousarray(image))
+    if format == "png":
+        picture.save(file, "PNG", compress_level=LEVEL)
+    else:
+        picture.save(file, "JPEG", quality=jpeg_quality or QUALITY)
+    return file.getvalue()
+
+
+def use_quick_encoding() -> None:
+    """Have viser encode images by this module from now on.
+
+    Raises AttributeError: viser no longer has the name under which it takes the function.
+    """
+    if not hasattr(_scene_api, "cv2_imencode_with_fallback"):
+        raise AttributeError("viser has no cv2_imencode_with_fallback")
+    setattr(_scene_api, "cv2_imencode_with_fallback", encoded)  # noqa: B010  the name is private to viser's module
+
 
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
 MAX_MESSAGE_BYTES = 100_000  # of one message of a browser: a camera, a value, a click

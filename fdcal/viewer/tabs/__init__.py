@@ -4,5 +4,4 @@ May import: the packages below viewer, and gui, scene3d, background and server.
 
 solver, scene, map, view, export, lessons, help     tabs of the main panel on the right
 curves, maps, modes, microphones, comparison        tabs of the panel on the left
-spectrum_plot                                       the plot of the tab Modes
 """

@@ -1,18 +1,181 @@
-"""A cut through the map, below the sweep: the cost along a line whose ends are dragged over the map."""
+"""A cut through the map, in the tab Sweep: the cost along a line whose ends are dragged over the map.
+
+It is computed on a thread of its own, mode by mode and summed.
+"""
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
+import matplotlib
+import numpy as np
+from matplotlib.colors import to_hex
+from viser import uplot
+
+from ...cost.maps import eq7_cut
+from ...cost.reference_cost import LOWEST
+from ...graphics.units import row_word
+from ...model.measurement import Measurement
 from ...session.history import SessionView
-from ..background.cost_maps import CostMap
-from ..background.cuts import CutRequest, CutWorker
-from ..background.map_panels import map_modes
+from ...session.worker import LatestWorker
+from ...solvers.interface import RunState
+from ..background.cost_map import CostMap, count_label, map_modes, shown_modes
+from ..background.prepare import PreparedRun
 from ..gui import html
 from ..gui.binding import Binding
 from ..gui.choices import Line
-from ..gui.cut_plot import cut_caption, cut_columns, cut_limits, cut_series
-from ..gui.plots import Plot
+from ..gui.html import CARD
+from ..gui.plots import BLUE, GREY, RED, Plot, dots
+
+POINTS = 121  # along the line
+MAX_MODES = 12  # that are drawn one by one
+NEAR = 0.05  # of the length of the line: a position further from it has no mark in the plot
+
+
+@dataclass(frozen=True)
+class CutRequest:
+    """A cut to be computed."""
+
+    revision: int  # counts the states on the screen
+    microphone: int  # counted from 0
+    modes: tuple[int, ...]  # counted from 1
+    order_offset: int  # added to ceil(k R) in the order of every mode
+    line: Line  # its ends, metres
+    state: RunState = field(compare=False)  # of the solver
+
+
+@dataclass(frozen=True)
+class Cut:
+    """The cost along a line."""
+
+    request: CutRequest
+    distance: np.ndarray  # (S,) float64, metres from the first end
+    modes: tuple[int, ...]  # those drawn one by one, counted from 1
+    single: np.ndarray  # (K, S) float64, dB re the power of all modes of the request
+    total: np.ndarray  # (S,) float64, likewise, of their sum
+    # estimate, truth: distance of the foot of a position on the line, metres; None where it is not near
+    estimate: float | None
+    truth: float | None
+
+
+class CutWorker:
+    """Requests cuts and returns the newest; all of it on the caller's thread except `_compute`.
+
+    `notify`: called when there is a new cut.
+    """
+
+    def __init__(self, run: PreparedRun, notify: Callable[[], None] = lambda: None):
+        self._run, self._requested = run, None
+        self.worker = LatestWorker(self._compute, "fdcal-cut", notify=notify)
+
+    def newest(self, wanted: CutRequest) -> tuple[Cut | None, Exception | None]:
+        """Request a cut; return the newest one, perhaps an older one, and what kept it from being computed."""
+        if wanted != self._requested:
+            self._requested = wanted
+            self.worker.request(wanted)
+        latest = self.worker.latest
+        return (None, None) if latest is None else (latest.result, latest.cause)
+
+    def close(self, timeout: float) -> bool:
+        """End the thread after the cut in progress; False if that takes longer than `timeout`, s."""
+        return self.worker.close(timeout)
+
+    def _compute(self, request: CutRequest) -> Cut:
+        """On the thread."""
+        run, n, modes, state = self._run, request.microphone, request.modes, request.state
+        positions, ends = np.asarray(state.positions), np.array(request.line)
+        points = np.linspace(ends[0], ends[1], POINTS)
+        points = np.concatenate([points, np.tile(positions[n, 2:], (POINTS, 1))], axis=1)
+        costs = eq7_cut(run.problem, positions, n, modes, request.order_offset, points, state.channels)
+        drawn = shown_modes(len(modes), MAX_MODES)
+        truth = run.measurement.aligned_truth(positions)
+        return Cut(
+            request,
+            np.linspace(0.0, float(np.linalg.norm(ends[1] - ends[0])), POINTS),
+            tuple(modes[i] for i in drawn),
+            _decibels(costs[drawn]),
+            _decibels(costs.sum(axis=0)),
+            foot(positions[n, :2], ends),
+            None if truth is None else foot(truth[n][:2], ends),
+        )
+
+
+def _decibels(cost: np.ndarray) -> np.ndarray:
+    return 10 * np.log10(np.maximum(cost, LOWEST))
+
+
+def foot(place, ends: np.ndarray) -> float | None:
+    """Return how far along a line the foot of a position lies, metres; None where the position is not near the line.
+
+    `place` (2,) float64, metres; `ends` (2, 2) float64, metres.
+    """
+    along = ends[1] - ends[0]
+    length = float(np.linalg.norm(along))
+    if length == 0:
+        return None
+    offset = np.asarray(place, float) - ends[0]
+    distance = float(offset @ along / length)
+    off = abs(float(along[0] * offset[1] - along[1] * offset[0])) / length
+    return distance if 0 <= distance <= length and off <= NEAR * length else None
+
+
+HIDDEN = -1e4  # dB, where a curve has nothing to show: below the plot
+SPAN, STEP = 80.0, 10.0  # dB that the plot shows at most below its highest cost, and to which its ends are rounded
+COLOURS = tuple(to_hex(colour) for colour in matplotlib.colormaps["plasma"](np.linspace(0.15, 0.85, MAX_MODES)))
+
+
+def cut_series(measurement: Measurement) -> tuple[uplot.Series, ...]:
+    """Return the series of the plot: distance, single modes, their sum, the estimate and the true position."""
+    thin = [uplot.Series(label=f"{row_word(measurement)} {i}", stroke=colour, width=1, points={"show": False})
+            for i, colour in enumerate(COLOURS)]  # fmt: skip
+    return (
+        uplot.Series(label="m"),
+        *thin,
+        uplot.Series(label="sum", stroke=BLUE, width=3, points={"show": False}),
+        uplot.Series(label="estimate", stroke=RED, width=0, points=dots(9, RED, RED)),
+        uplot.Series(label=measurement.reference, stroke=GREY, width=0, points=dots(13, GREY, "transparent")),
+    )
+
+
+def cut_columns(cut: Cut) -> tuple[np.ndarray, ...]:
+    """Return the columns of the plot, finite numbers alone."""
+    nothing = np.full(len(cut.distance), HIDDEN)
+    low, _ = cut_limits(cut)
+    single = [np.maximum(curve, low - STEP) for curve in cut.single]
+    marks = [nothing.copy(), nothing.copy()]
+    for column, place in zip(marks, (cut.estimate, cut.truth), strict=True):
+        if place is not None:
+            at = int(np.abs(cut.distance - place).argmin())
+            column[at] = max(cut.total[at], low)
+    return cut.distance, *single, *[nothing] * (MAX_MODES - len(single)), np.maximum(cut.total, low - STEP), *marks
+
+
+def cut_limits(cut: Cut) -> tuple[float, float]:
+    """Return the ends of the axis, dB."""
+    high = STEP * float(np.ceil(cut.total.max() / STEP))
+    low = STEP * float(np.floor(min(cut.total.min(), cut.single.min(initial=np.inf)) / STEP))
+    return max(low, high - SPAN), high
+
+
+def cut_caption(cut: Cut, measurement: Measurement) -> str:
+    """Return what the plot shows, as HTML."""
+    request, count = cut.request, len(cut.request.modes)
+    word, numbers = row_word(measurement), ", ".join(map(str, cut.modes))
+    single = f"{word} {cut.modes[0]}" if count == 1 else f"{word}s {numbers}"
+    marks = [f"<span style='color: {RED}'>&#9679;</span> estimate"] if cut.estimate is not None else []
+    marks += (
+        [f"<span style='color: {GREY}'>&#9675;</span> {measurement.reference} position"]
+        if cut.truth is not None
+        else []
+    )
+    lowest = float(cut.distance[int(cut.total.argmin())])
+    return (
+        f"<div style='{CARD}'>microphone {request.microphone}: <b style='color: {BLUE}'>sum of"
+        f" {count_label(measurement, request.modes)}</b>, lowest {lowest:.3f} m from A. Thin, from dark to light:"
+        f" {single}. {' '.join(marks)}</div>"
+    )
+
 
 ALONG_X, ALONG_Y, TO_LOWEST, NO_LINE = "x", "y", "Lowest", "None"
 LINES = (ALONG_X, ALONG_Y, TO_LOWEST, NO_LINE)

@@ -2,7 +2,7 @@
 
 All browsers that have the page open follow the same lesson. A step that needs another scene opens it first
 (`Page.open`), and sets the controls as soon as the scene is ready. What the page showed before the first lesson comes
-back with its end (`lesson_return`).
+back with its end (`lesson_settings`).
 """
 
 from __future__ import annotations
@@ -10,24 +10,158 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from html import escape
 from typing import TYPE_CHECKING, Protocol
+
+import viser
 
 from ...model.scene import Scene
 from ...model.validation import InputError, StorageError
-from ...session.lesson import Lesson, LessonProgress, Setting
+from ...session.lesson import MAX_CHOICES, Lesson, LessonProgress, Setting, Step
 from ...session.request import OpenRequest
 from ..gui.choices import MAX_RATE
-from ..gui.html import complaint, error_message
-from ..gui.lesson_html import RACE_WAITS, WAITS, step_html
-from ..lesson_return import PageBefore
-from ..lesson_step import apply_setting, plain_choices
-from .lesson_controls import BACK, NEXT, NEXT_LESSON, NEXT_STEP, RESTORE, LessonControls
+from ..gui.html import CARD, complaint, error_message
+from ..lesson_settings import PageBefore, apply_setting, plain_choices
 
 if TYPE_CHECKING:
     from ..gui.layout import Panels
     from ..scene3d.nodes import SceneNodes
     from ..session_switch import SessionSwitcher
     from ..session_view import Viewer
+
+INTRODUCTION = (
+    "A lesson sets the controls for you, asks a question, and shows what happens. Everyone who has this page open"
+    " follows the same lesson. What the page shows now comes back when the lesson ends."
+)
+WAITS = 'Your session waits, paused. "End lesson" brings it back, with all controls as they were.'
+RACE_WAITS = 'Your session and its race wait, paused. "End lesson" brings them back, with all controls as they were.'
+
+
+def step_html(lesson: Lesson | None, number: int, choice: int, ready: bool = True, waits: str = "") -> str:
+    """Return a step of a lesson, with the answer once one is chosen; before that, its choices are buttons.
+
+    `lesson`: Lesson or None; without one, an introduction is returned; `number`: of the step, from 0; `choice`: the
+    answer chosen, from 0; -1 before one is chosen; `ready`: whether the page shows what the step asks about; the
+    question is left out until then; `waits`: what waits for the end of the lesson, in words. Returns HTML.
+    """
+    if lesson is None:
+        return f"<div style='{CARD}'>{INTRODUCTION}</div>"
+    step = lesson.steps[number]
+    place = f"{escape(lesson.title)}, step {number + 1} of {len(lesson.steps)}"
+    parts = [f"<div style='opacity: 0.75'>{place}</div>"]
+    if number == 0 and choice < 0 and waits:
+        parts.append(f"<div style='opacity: 0.75; font-size: 0.9em'>{escape(waits)}</div>")
+    if choice < 0:
+        parts.append(_paragraphs(step.text))
+    if ready:
+        parts += _question(step, choice)
+    else:
+        parts.append(_bold("The picture of this step is being prepared ..."))
+    return f"<div style='{CARD} line-height: 1.4'>{''.join(parts)}</div>"
+
+
+def _question(step: Step, choice: int) -> list[str]:
+    """Return the question and, once an answer is chosen, that one, the right one, and why.
+
+    The other choices are left out, so that the button below stays on a small screen.
+    """
+    parts = [_bold(escape(step.question))] if step.question else []
+    if choice < 0:
+        return parts
+    right = step.answer - 1
+    for i in sorted({choice, right}):
+        mark = "&#10003;" if i == right else "&#10007;"
+        parts.append(
+            f"<div style='display: flex; font-weight: 600'><span style='width: 1.4em'>{mark}</span>"
+            f"<span style='flex: 1'>{escape(step.choices[i])}</span></div>"
+        )
+    verdict = "Right." if choice == right else f"The answer is: {escape(step.choices[right])}."
+    return [*parts, _bold(verdict), _paragraphs(step.reveal)]
+
+
+def _bold(html: str) -> str:
+    return f"<p style='margin: 0.5em 0; font-weight: 600'>{html}</p>"
+
+
+def _paragraphs(text: str) -> str:
+    """Return plain text as HTML; an empty line begins another paragraph."""
+    parts = [escape(" ".join(part.split())) for part in text.split("\n\n") if part.strip()]
+    return "".join(f"<p style='margin: 0.5em 0'>{part}</p>" for part in parts)
+
+
+BACK, RESTORE, NEXT = "Back", "Restore settings", "Next"
+NEXT_STEP, NEXT_LESSON = "Next step", "Next lesson: {}"
+QUIET = (84, 92, 105)  # of buttons beside the one that comes next
+# viser's buttons are one line high; the words of an answer may need more.
+WRAPPED = (
+    "<style>button[style*='height: 2em'] {height: auto !important; min-height: 2em; padding-block: 0.3em}"
+    "button[style*='height: 2em'] .mantine-Button-label {white-space: normal; line-height: 1.25}</style>"
+)
+
+
+class LessonControls:
+    """Owns the buttons and the text.
+
+    `titles`: of the lessons, in their order. `lessons`: button of each lesson, by its title; `text`: HTML of the step;
+    `answers`: buttons with the words of the answers; `navigation`: group of BACK, RESTORE and NEXT; `following`: button
+    that goes to the next step, or starts the next lesson; `end`: button that ends the lesson.
+    """
+
+    def __init__(self, gui: viser.GuiApi, titles: Sequence[str]):
+        gui.add_html(WRAPPED)
+        self.text = gui.add_html("")
+        self.lessons = {title: gui.add_button(title, color=QUIET) for title in titles}
+        self.answers = [gui.add_button("", color=QUIET, visible=False) for _ in range(MAX_CHOICES)]
+        self.following = gui.add_button("Next lesson", icon=viser.Icon.PLAYER_TRACK_NEXT, visible=False)
+        self.navigation = gui.add_button_group("Step", (RESTORE,), visible=False)
+        self.end = gui.add_button("End lesson", icon=viser.Icon.X, color=QUIET, visible=False)
+
+    def listen(
+        self,
+        start: Callable[[str], object],
+        answer: Callable[[int], object],
+        go: Callable[[object], object],
+        follow: Callable[[], object],
+        end: Callable[[], object],
+    ) -> None:
+        """Call `start(title)`, `answer(number)`, `go(label)`, `follow()` and `end()` when a client has clicked."""
+        for title, button in self.lessons.items():
+            _on(button, lambda _, title=title: start(title))
+        for number, button in enumerate(self.answers):
+            _on(button, lambda _, number=number: answer(number))
+        _on(self.navigation, go)
+        _on(self.following, lambda _: follow())
+        _on(self.end, lambda _: end())
+
+    def show(self, text: str, answers: Sequence[str], steps: Sequence[str], following: str, lesson: bool) -> None:
+        """Bring the controls up to date.
+
+        `text`: HTML of the step; `answers`: that can be given now; `steps`: labels of the navigation; `following`: what
+        comes next, once the question is answered; or ""; `lesson`: whether there is a lesson.
+        """
+        self.text.content = text
+        for button in self.lessons.values():
+            button.visible = not lesson
+        for number, button in enumerate(self.answers):
+            button.visible = number < len(answers)
+            if button.visible:
+                button.label = answers[number]
+        self.following.visible = bool(following)
+        if following:
+            self.following.label = following
+        self.navigation.visible = self.end.visible = lesson
+        if lesson and self.navigation.options != tuple(steps):  # buttons that are sent again lose the focus
+            self.navigation.options = tuple(steps)
+
+
+def _on(handle, act: Callable[[object], object]) -> None:
+    """Call `act(value)` when a client has clicked a button."""
+
+    @handle.on_click
+    async def _(event) -> None:
+        if event.client is not None:
+            act(event.target.value)
+
 
 log = logging.getLogger(__name__)
 

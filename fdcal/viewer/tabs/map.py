@@ -4,18 +4,143 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...cost.reference_cost import ORDER_OFFSET
-from ...model import mode_ranges
+from ...acoustics.dictionary import max_order
+from ...cost.reference_cost import ORDER_OFFSET, decibels
+from ...graphics.primitives import format_number
+from ...graphics.units import row_word
+from ...graphics.volume import AXES
+from ...model.measurement import Measurement
+from ...model.texts import modes_text, parse_modes
 from ...model.validation import InputError
-from ..background.cost_maps import CostMap
+from ..background.cost_map import CostMap, count_label, modes_label, of_take
+from ..background.prepare import PreparedRun
 from ..gui import html
 from ..gui.binding import Binding
-from ..gui.choices import BASINS, FLOOR, MAX_ORDER_OFFSET, NOTHING, RELIEF, SHAPE, VOLUME
+from ..gui.choices import (
+    BASINS,
+    FLOOR,
+    MAX_ORDER_OFFSET,
+    NOTHING,
+    RELIEF,
+    SHAPE,
+    SLICES,
+    VOLUME,
+    kind_of,
+    kinds_of,
+    style_of,
+)
 from ..gui.legend_html import colour_bar
-from ..gui.map_caption import caption, orders_text
-from ..gui.map_kinds import kind_of, kinds_of, style_of
-from ..server.client_values import bounded, one_of
-from .slice_controls import SliceControls
+from ..server.client_values import bounded, bounded_number, one_of
+
+
+def orders_text(run: PreparedRun, drawn: CostMap | None) -> str:
+    """Return the orders of the modes of a map of Eq. 7, as "order L = 3 to 8, ceil(k R) + 2"; "" for others."""
+    if drawn is None or drawn.request.order_offset is None or run.problem.search is None:
+        return ""
+    k = run.problem.wavenumbers[np.asarray(drawn.request.modes) - 1]
+    orders = max_order(k, run.problem.search.radius, drawn.request.order_offset)
+    low, high = int(orders.min()), int(orders.max())
+    text = f"order L = {low if low == high else f'{low} to {high}'}, ceil(k R) + {drawn.request.order_offset}"
+    last, word = drawn.request.state.last, row_word(run.measurement)
+    used = of_take(run, tuple(range(1, last + 1)), drawn.request.take)
+    if drawn.request.custom_modes or drawn.request.modes[-1] == used[-1]:
+        return text
+    return f"{text}; higher {word}s, up to {last}, have too many functions for {run.measurement.count} microphones"
+
+
+def caption(drawn: CostMap | None, measurement: Measurement, orders: str = "") -> str:
+    """Return what a map shows: its local minima, the cost at the estimated position, the lowest cost.
+
+    `measurement`: whose modes or, of several takes, rows are summed; `orders`: of the modes, in words. Returns HTML.
+    """
+    if drawn is None:
+        return ""
+    request, count = drawn.request, drawn.minima
+    if request.style.shape:
+        text = "Snapshot of the field reconstructed at the estimated positions (Eq. 6)"
+        return f"<div style='{html.CARD}'>{text}</div>"
+    minima = "no local minimum" if not count else "1 local minimum" if count == 1 else f"{count} local minima"
+    several, modes = len(request.modes) > 1, request.modes
+    what = f"sum of {count_label(measurement, modes)}" if several else f"{modes_label(measurement, modes)} alone"
+    if request.order_offset is None:
+        here, lowest = format_number(drawn.cost_here, 4), format_number(drawn.lowest, 4)
+    else:
+        here, lowest = (f"{decibels(cost):.1f} dB" for cost in (drawn.cost_here, drawn.lowest))
+    what = f"microphone {request.microphone}, {what}"
+    what += f": <b>{minima}</b> in the map" if request.style.minima else ""
+    lowest = f", lowest {lowest}" if request.style.minima else ""
+    orders = f"<br>{drawn.note}" * bool(drawn.note) + (f"<br>{orders}" if orders else "")
+    orders = f"<br>{drawn.volume.text}{orders}" if drawn.volume is not None and drawn.volume.text else orders
+    return f"<div style='{html.CARD}'>{what}<br>cost at the estimate <b>{here}</b>{lowest}{orders}</div>"
+
+
+AXIS_LABELS = {axis: label for label, axis in SLICES.items()}
+
+
+class SliceControls:
+    """Owns the controls; those of an array in a plane are never visible.
+
+    `position`: slider, metres.
+    """
+
+    def __init__(self, binding: Binding):
+        self._binding, gui, style = binding, binding.gui, binding.choices.style
+        self.axis = gui.add_dropdown(
+            "Slice across", tuple(SLICES), initial_value=AXIS_LABELS[style.slice_axis],
+            hint="A plane through the isosurfaces, coloured by the cost; it begins at the estimate of the microphone",
+        )  # fmt: skip
+        low, high = self._ends()
+        place = low if style.slice_position is None else bounded_number(style.slice_position, low, high, low)
+        self.position = gui.add_slider("Slice at (m)", low, high, 0.01, place, hint="Along that axis")
+        binding.on(self.axis, self.cut_across)
+        binding.on(self.position, self.cut_at)
+
+    def _ends(self) -> tuple[float, float]:
+        """The lowest and the highest place of the slice, metres."""
+        search, axis = self._binding.run.problem.search, self._binding.choices.style.slice_axis
+        if search is None or axis not in AXES or AXES.index(axis) >= len(search.origin):
+            return 0.0, 1.0
+        low = search.origin[AXES.index(axis)]
+        return float(low), float(low + search.size[AXES.index(axis)])
+
+    def cut_across(self, value) -> None:
+        """Lay the slice across another axis, through the estimate of the microphone; or remove it."""
+        label = one_of(value, SLICES, "z")
+        self._binding.choose_style(slice_axis=SLICES[label], slice_position=None)
+        if self.axis.value != label:
+            self.axis.value = label
+        self.show_relevant(True)
+
+    def cut_at(self, value) -> None:
+        """Move the slice to a place along its axis, metres."""
+        low, high = self._ends()
+        self._binding.choose_style(slice_position=bounded_number(value, low, high, low))
+
+    def show_relevant(self, volume: bool) -> None:
+        """Show the controls where there is a volume, the slider where there is a slice."""
+        cut = self._binding.choices.style.slice_axis in AXES
+        self.axis.visible, self.position.visible = volume, volume and cut
+        low, high = self._ends()
+        if (self.position.min, self.position.max) != (low, high):
+            self.position.min, self.position.max = low, high
+
+    def show(self, drawn: CostMap | None) -> None:
+        """Move the slider to a slice that goes through the estimate; called by the main loop."""
+        plate = None if drawn is None or drawn.volume is None else drawn.volume.plate
+        if plate is not None and self._binding.choices.style.slice_position is None:
+            low, high = self._ends()
+            place = min(max(round(plate.position, 2), low), high)
+            self._binding.send("slice", (plate.axis, place), self, "place")
+
+    @property
+    def place(self) -> tuple[int, float]:
+        """Axis and place of the slider."""
+        return AXES.find(self._binding.choices.style.slice_axis), float(self.position.value)
+
+    @place.setter
+    def place(self, wanted: tuple[int, float]) -> None:
+        self.position.value = wanted[1]
+
 
 SAME_AS_SOLVER, CUSTOM = "Same as solver", "Custom"
 LINEAR, LOG = "Linear", "Logarithmic"
@@ -86,9 +211,7 @@ class MapTab:
         self.upto = binding.gui.add_slider(
             f"Up to {row}", 1, binding.modes, 1, modes[-1], hint=f"From {row} 1 to this one; the tab Sweep plays this"
         )
-        self.text = binding.gui.add_text(
-            f"{row.title()} numbers", mode_ranges.to_text(modes), hint="For example 1-3, 5"
-        )
+        self.text = binding.gui.add_text(f"{row.title()} numbers", modes_text(modes), hint="For example 1-3, 5")
 
     def _add_quantity(self) -> None:
         gui, choices = self._binding.gui, self._binding.choices
@@ -186,7 +309,7 @@ class MapTab:
         self.which.value = SAME_AS_SOLVER if modes is None else CUSTOM
         self._show_relevant()
         if modes is not None:
-            self.text.value, self.upto.value = mode_ranges.to_text(modes), modes[-1]
+            self.text.value, self.upto.value = modes_text(modes), modes[-1]
 
     def toggle_mode(self, mode: int) -> None:
         """Add a mode to the map or remove it; the last one stays."""
@@ -201,7 +324,7 @@ class MapTab:
     def _read(self, text) -> None:
         """Show the map of the modes that a text names; a text that cannot be read changes nothing but the error."""
         try:
-            modes = mode_ranges.parse(text, self._binding.modes)
+            modes = parse_modes(text, self._binding.modes)
         except InputError as error:
             self._binding.choose(modes_error=html.error_message(error))
             return

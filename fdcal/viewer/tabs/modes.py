@@ -2,22 +2,160 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 import viser
+from viser import uplot
 
 from ...acoustics.dictionary import array_f_max, max_order
 from ...graphics.units import row_word
 from ...model.measurement import Measurement
+from ...model.problem import mode_power
 from ...session.history import SessionView
-from ..background.map_panels import map_modes, of_take, row_label
+from ..background.cost_map import map_modes, of_take, row_label
 from ..gui import html
 from ..gui.binding import Binding
 from ..gui.choices import FLOOR
 from ..gui.legend_html import spectrum_legend
-from ..gui.plots import BLUE, ORANGE, RED
+from ..gui.plots import BLUE, ORANGE, RED, dots
 from ..server.client_values import bounded
 from .map import MapTab
-from .spectrum_plot import GREY, SpectrumPlot
+
+GREY, SHADE = "#808894", "rgba(128, 136, 148, 0.25)"  # of the curve, and of the area below it
+MAX_POINTS = 700  # of the spectrum: a plot is sent whole each time
+ABOVE, BELOW = 6.0, 8.0  # dB by which the plot exceeds the strongest and the weakest peak
+MIN_POWER = 1e-8  # of the greatest power, drawn for anything below
+HIDDEN = -1e3  # dB, where a curve has nothing to show: below the plot, for uPlot cannot draw a NaN
+
+
+@dataclass(frozen=True)
+class TakeCurve:
+    """What the plot shows of one take, or of all."""
+
+    rows: np.ndarray  # (K,) int, its modes, counted from 1
+    # f, peaks: (K,) float64, their frequencies, and levels, dB
+    f: np.ndarray
+    peaks: np.ndarray
+    # x, curve: (P,) float64, the curve through all peaks, Hz and dB
+    x: np.ndarray
+    curve: np.ndarray
+    at: np.ndarray  # (K,) int, which of its points are the peaks
+
+
+class SpectrumPlot:
+    """Owns the plot.
+
+    `has_spectrum`: whether the measurement has a spectrum; otherwise each mode is drawn as a stem.
+    """
+
+    def __init__(self, gui: viser.GuiApi, measurement: Measurement, modes: int):
+        self._measurement, self._modes = measurement, modes
+        self.has_spectrum = measurement.spectrum is not None
+        self._curves: dict[int | None, TakeCurve] = {}
+        self.handle = self._make(gui)
+
+    def show(self, used: tuple[int, ...], limit: float, take: int | None = None) -> None:
+        """Mark the modes `used` in the map, counted from 1, and the frequency `limit`, Hz, in a take or in all."""
+        self.handle.data = self.columns(used, limit, take)
+
+    def _curve_of(self, take: int | None) -> TakeCurve:
+        """Return the curve of a take; None for that of all."""
+        if take not in self._curves:
+            rows = np.arange(1, self._modes + 1)
+            if take is None:
+                self._curves[take] = _curve_through_peaks(self._measurement, rows)
+            else:
+                rows = rows[self._measurement.takes[: self._modes] == take]
+                self._curves[take] = _curve_through_peaks(self._measurement.of_take(take), rows)
+        return self._curves[take]
+
+    def _make(self, gui: viser.GuiApi) -> viser.GuiUplotHandle:
+        what = "at the microphones" if self.has_spectrum else f"of the {row_word(self._measurement)}s"
+        whole, takes = self._curve_of(None), np.unique(self._measurement.takes[: self._modes]).tolist()
+        edge = 0.02 * float(whole.x[-1] - whole.x[0]) + (0.0 if self.has_spectrum else 1.0)
+        least = min(self._curve_of(take).peaks.min() for take in (None, *(takes if len(takes) > 1 else ())))
+        lowest = 10 * float(np.floor((least - BELOW) / 10))
+        return gui.add_uplot(
+            data=self.columns((), np.inf),
+            series=self._series(),
+            title=f"Mean power {what}",
+            legend={"show": False},
+            scales={
+                "x": uplot.Scale(time=False, range=(float(whole.x[0]) - edge, float(whole.x[-1]) + edge)),
+                "y": uplot.Scale(range=(lowest, ABOVE)),
+            },
+            axes=(
+                uplot.Axis(label="frequency (Hz)", labelSize=20, size=34),
+                uplot.Axis(label="dB re the maximum", labelSize=18, size=40),
+            ),
+            height=240,
+            padding=(12, 14, 0, 0),
+        )
+
+    def _series(self) -> tuple[uplot.Series, ...]:
+        fill: dict[str, Any] = {"fill": SHADE, "fillTo": HIDDEN} if self.has_spectrum else {}
+        return (
+            uplot.Series(label="Hz"),
+            uplot.Series(label="power", stroke=GREY, width=1, points={"show": False}, **fill),
+            uplot.Series(label="not in the map", stroke=ORANGE, width=0, points=dots(5, ORANGE, "transparent")),
+            uplot.Series(label="in the map", stroke=BLUE, width=0, points=dots(7, BLUE, BLUE)),
+            uplot.Series(label="f_max", stroke=RED, width=1.5, dash=(6, 4), points={"show": False}),
+        )
+
+    def columns(self, used: tuple[int, ...], limit: float, take: int | None = None) -> tuple[np.ndarray, ...]:
+        """Return the columns of the plot.
+
+        `used`: modes in the map, counted from 1; `limit`: f_max; `take`: whose modes and spectrum are drawn; None for
+        those of all takes. Returns tuple of (P,) float64, frequency (Hz), curve, dots of modes not in the map, dots of
+        modes in the map, line of f_max (dB).
+        """
+        drawn = self._curve_of(take)
+        inside = np.isin(drawn.rows, used)
+        columns = [drawn.x, drawn.curve]
+        for chosen in (~inside, inside):
+            columns.append(np.full(len(drawn.x), HIDDEN))
+            columns[-1][drawn.at[chosen]] = drawn.peaks[chosen]
+        columns.append(np.full(len(drawn.x), HIDDEN))
+        if not drawn.x[0] < limit < drawn.x[-1]:
+            return tuple(columns)
+        at = int(np.searchsorted(drawn.x, limit))
+        height = float(np.interp(limit, drawn.x, drawn.curve)) if self.has_spectrum else HIDDEN
+        line = ([limit] * 3, [height] * 3, [HIDDEN] * 3, [HIDDEN] * 3, [HIDDEN, ABOVE, HIDDEN])
+        return tuple(np.insert(column, at, more) for column, more in zip(columns, line, strict=True))
+
+
+def _curve_through_peaks(measurement: Measurement, rows: np.ndarray) -> TakeCurve:
+    """Return the curve of a measurement, or of one take of it, whose modes are called `rows`."""
+    f, (spectrum, peaks) = measurement.frequencies[: len(rows)], spectrum_levels(measurement, len(rows))
+    if spectrum is None:
+        stems = np.repeat(peaks, 3)
+        stems[0::3] = stems[2::3] = HIDDEN
+        return TakeCurve(rows, f, peaks, np.repeat(f, 3), stems, np.arange(1, len(stems), 3))
+    x = np.concatenate([spectrum[0], f])
+    order = np.argsort(x, kind="stable")
+    at = np.argsort(order, kind="stable")[spectrum.shape[1] :]
+    return TakeCurve(rows, f, peaks, x[order], np.concatenate([spectrum[1], peaks])[order], at)
+
+
+def spectrum_levels(measurement: Measurement, modes: int) -> tuple[np.ndarray | None, np.ndarray]:
+    """Return the spectrum and the levels of its peaks.
+
+    `modes`: number of modes. Returns `spectrum` (2, F) float64, Hz and dB re its maximum, the greatest of each of
+    MAX_POINTS intervals; or None; `peaks` (modes,) float64, dB; without a spectrum of the modes' own mean power, re the
+    greatest.
+    """
+    f = measurement.frequencies[:modes]
+    if measurement.spectrum is None:
+        power = mode_power(measurement.pressures[:modes])
+        return None, 10 * np.log10(np.maximum(power / power.max(), MIN_POWER))
+    at, power = measurement.spectrum[0], measurement.spectrum[1:].mean(axis=0)  # over all takes
+    decibels = 10 * np.log10(np.maximum(power / max(power.max(), 1e-300), MIN_POWER))
+    starts = np.unique(np.linspace(0, len(at) - 1, min(len(at), MAX_POINTS)).astype(int))
+    spectrum = np.stack([at[starts], np.maximum.reduceat(decibels, starts)])
+    return spectrum, np.maximum(np.interp(f, at, decibels), np.interp(f, *spectrum))
+
 
 COLUMNS, ROWS = 4, 6  # of switches
 INTERVAL = 0.25  # s between two updates of the plot

@@ -2,24 +2,109 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
+import numpy as np
 import viser
+from viser import uplot
 
+from ...model.measurement import Measurement
 from ...session.history import SessionView
-from ..background.cost_map import CostMap
-from ..background.map_panels import ModePanels, carried_modes, map_modes, of_take
-from ..background.map_request import CostMapRequest
+from ..background.cost_map import (
+    CostMap,
+    CostMapRequest,
+    ModePanels,
+    carried_modes,
+    count_label,
+    map_modes,
+    modes_label,
+    of_take,
+)
 from ..background.mode_sweep import Sweep, SweepRequest, SweepWorker, first_of
 from ..gui import html
 from ..gui.binding import Binding
 from ..gui.choices import FLOOR
-from ..gui.plots import Plot
-from ..gui.sweep_html import caption, curve, curve_series
-from ..playback import OPENING_RATE, Playback
+from ..gui.html import CARD
+from ..gui.plots import BLUE, RED, Plot, dots
 from ..server.client_values import bounded, one_of
 from .map import MapTab
+
+OPENING_RATE = 2.5  # maps per second of the sweep with which a page opens
+FIRST_TIME, LAST_TIME = 1.2, 1.5  # s that its first and its last map stay
+
+
+@dataclass
+class Playback:
+    """A sweep that plays."""
+
+    rate: float  # maps per second
+    opening: bool = False  # whether it is the one with which the page opens, which ends where it began
+    before: tuple[int, ...] | None = None  # modes of the map before it began, None for those of the solver
+    next: int = 0  # which map is next, counted from 0
+    due: float = float("-inf")  # when that is, s; at once unless given
+    shown: tuple[int, ...] | None = None  # modes that the playback showed last
+
+    def ended(self, stops: Sequence[int], now: float) -> bool:
+        """Whether the last of all maps has been shown long enough."""
+        return self.next >= len(stops) and now >= self.due
+
+    def advance(self, stops: Sequence[int], ready: int, now: float) -> int | None:
+        """Return the number of modes to be summed now; None where the present map stays.
+
+        `stops`: numbers of modes of all maps of the sweep; `ready`: number of its maps that are computed; `now`: time,
+        s.
+        """
+        if self.next >= min(ready, len(stops)) or now < self.due:
+            return None
+        time = 1 / self.rate
+        if self.opening and self.next in (0, len(stops) - 1):
+            time = FIRST_TIME if self.next == 0 else LAST_TIME
+        self.next, self.due = self.next + 1, now + time
+        return stops[self.next - 1]
+
+    def continue_from(self, summed: int, stops: Sequence[int]) -> None:
+        """Go on after the map of so many modes; from the beginning after the last one."""
+        after = bisect_right(stops, summed)
+        self.next = after if after < len(stops) else 0
+
+
+HIDDEN = -1e3  # local minima, where the curve has no point yet: below the plot
+
+
+def caption(measurement: Measurement, microphone: int, modes: tuple[int, ...], minima: int, layer: bool = False) -> str:
+    """Return what a map of a sweep shows, as HTML.
+
+    `microphone`: counted from 0; `modes`: ascending, counted from 1; `minima`: number of local minima of the map;
+    `layer`: whether the map is a layer of a domain in space.
+    """
+    found = "no local minimum" if not minima else "1 local minimum" if minima == 1 else f"{minima} local minima"
+    where = " in the layer at its height" if layer else ""
+    what = f"sum of {count_label(measurement, modes)}, {modes[0]} to {modes[-1]}"
+    what = what if len(modes) > 1 else f"{modes_label(measurement, modes)} alone"
+    return f"<div style='{CARD}'>microphone {microphone}, {what}: <b>{found}</b>{where}</div>"
+
+
+def curve(stops: tuple[int, ...], counts: tuple[int, ...], summed: int) -> tuple[np.ndarray, ...]:
+    """Return the columns of the plot: modes summed, local minima as far as they are counted, the present point.
+
+    `stops`: numbers of modes of all maps of the sweep; `counts`: local minima of the first of them; `summed`: number of
+    modes of the present map; 0 for none.
+    """
+    x = np.array(stops, float)
+    line = np.concatenate([np.array(counts, float), np.full(len(stops) - len(counts), HIDDEN)])
+    return x, line, np.where(x == summed, line, HIDDEN)
+
+
+def curve_series() -> tuple[uplot.Series, ...]:
+    """Return the series of the plot."""
+    return (
+        uplot.Series(label="modes"),
+        uplot.Series(label="local minima", stroke=BLUE, width=0, points=dots(4, BLUE, BLUE)),
+        uplot.Series(label="in the map", stroke=RED, width=0, points=dots(8, RED, RED)),
+    )
+
 
 UP, DOWN = "Lowest first", "Highest first"
 ORDERS: tuple[str, ...] = (UP, DOWN)

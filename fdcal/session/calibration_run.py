@@ -1,0 +1,325 @@
+"""Run a solver to its end and return a `Calibration`: for the command line and for Python.
+
+First what is to be calibrated is checked, then the solver runs, then its last state is assessed.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from .. import solvers
+from ..assessment.assess import ARGUMENTS, Assessment, assess
+from ..assessment.calibration import Calibration
+from ..assessment.findings import MIN_MODES, modes_below_limit
+from ..cost.reference_cost import reference_cost_of
+from ..model.channels import check_channels, microphone_index
+from ..model.gauge import move_to_frame, turn_to_frame
+from ..model.given_positions import with_search_domain
+from ..model.measurement import Measurement
+from ..model.problem import Problem
+from ..model.settings import SolverSettings, search_round
+from ..model.validation import InputError, frozen_array, require_positive
+from ..solvers import load, run
+from ..solvers.interface import OutOfTime, RunState, check_deadline, deadline, ended_early, time_limit
+from ..solvers.requirements import check_solvable
+from .blas_threads import one_blas_thread
+from .sources import CalibrationInput, Progress
+
+
+def require_length(inputs: CalibrationInput, problem: Problem) -> None:
+    """Raise InputError where the sound speed is asked for without a known length, or with two."""
+    needs_room = load(inputs.settings.name).TRAITS.needs_room
+    if needs_room and (inputs.estimate_sound_speed or inputs.settings.known == "minimal"):
+        raise InputError(
+            "a known room fixes size and place", "leave out <estimate_sound_speed> and <known> minimal", key="room"
+        )
+    if inputs.distance is not None:
+        if not inputs.estimate_sound_speed:
+            raise InputError(
+                "distance fixes the size of the array, so that the sound speed follows from it",
+                "give <estimate_sound_speed> with <distance>",
+                key="distance",
+            )
+        if len(problem.known):
+            raise InputError(
+                "distance is for arrays without known microphones, which fix the size already",
+                "leave out <distance>",
+                key="distance",
+            )
+        require_positive("distance", inputs.distance[2], "m")
+        distance_pair(inputs)
+    elif inputs.estimate_sound_speed and len(problem.known) < 2:
+        raise InputError(
+            "the sound speed follows from a known length, and fewer than two microphones are known",
+            "name two known microphones at least, or give <distance>",
+            key="estimate_sound_speed",
+        )
+
+
+def require_inside_search(inputs: CalibrationInput) -> None:
+    """Raise InputError if the solver searches a lattice and a true position lies outside the search domain."""
+    measurement, traits = inputs.measurement, load(inputs.settings.name).TRAITS
+    if measurement.positions is None or measurement.search is None or not traits.needs_search:
+        return
+    search, free = measurement.search, np.setdiff1d(np.arange(measurement.count), measurement.known)
+    low, high = np.array(search.origin) - search.step, np.add(search.origin, search.size) + search.step
+    truth = measurement.positions[free]
+    outside = free[np.any((truth < low) | (truth > high), axis=1)]
+    if len(outside):
+        raise InputError(
+            f"microphone {outside[0]} stands at {measurement.positions[outside[0]].tolist()} m, outside the search"
+            f" domain of origin {list(search.origin)} m and size {list(search.size)} m",
+            "enlarge or move it with <search>",
+            key="search",
+        )
+
+
+def require_room_for_array(measurement: Measurement, settings: SolverSettings) -> None:
+    """Raise InputError where the true positions do not fit into the known room."""
+    truth, size = measurement.positions, settings.room
+    if truth is None or size is None or len(size) != measurement.array_dimension:
+        return
+    extent, diagonal = float(np.linalg.norm(truth[:, None] - truth, axis=-1).max()), float(np.linalg.norm(size))
+    if extent > diagonal:
+        text = "x".join(f"{length:g}" for length in size)
+        raise InputError(
+            f"room = {text} m is smaller than the array, whose microphones are up to {extent:.3g} m apart",
+            "give <room> in metres",
+            key="room",
+            value=size,
+        )
+
+
+def assess_state(
+    inputs: CalibrationInput, problem: Problem, state, wording: Mapping[str, str] = ARGUMENTS
+) -> Assessment:
+    """Assess the last state of a run, with the sound speed estimated where `inputs` ask for it.
+
+    `wording`: how the text of the verdict calls the arguments that it mentions; by their names in Python unless given.
+    """
+    estimate = load(inputs.settings.name).result(problem, state)
+    scale = None if inputs.distance is None else scale_of(state.positions, inputs)
+    found = replace(assess(estimate, inputs.measurement.names, scale), wording=wording)
+    if problem.frame is None:
+        return found
+    turn = turn_to_frame(found.positions, problem.frame)  # a run that was stopped ended in a frame of its own
+    positions = frozen_array(move_to_frame(found.positions, problem.frame), float)
+    return replace(found, positions=positions, covariance=frozen_array(turn.T @ found.covariance @ turn, float))
+
+
+def distance_pair(inputs: CalibrationInput) -> tuple[int, int]:
+    """Return the numbers of the two microphones whose distance is given.
+
+    Raises InputError: a name is unknown, or both are the same microphone.
+    """
+    if inputs.distance is None:
+        raise InputError("no distance is given", "give <distance>", key="distance")
+    names = inputs.measurement.names
+    first, second = (microphone_index(text, names, "distance") for text in inputs.distance[:2])
+    if first == second:
+        raise InputError(f"distance names microphone {names[first]} twice", "name two", key="distance")
+    return first, second
+
+
+def scale_of(positions, inputs: CalibrationInput) -> float:
+    """Return the given distance over that of the positions found (N, D): the factor of size and sound speed."""
+    pair = distance_pair(inputs)
+    apart = float(np.linalg.norm(np.subtract(*np.asarray(positions)[list(pair)])))
+    if inputs.distance is None or not apart > 0:
+        raise InputError(
+            f"microphones {pair[0]} and {pair[1]} were estimated at the same position",
+            "name another pair in <distance>",
+            key="distance",
+        )
+    return inputs.distance[2] / apart
+
+
+def healthy_microphones(sought: np.ndarray, names: Sequence[str], found: Assessment | None) -> np.ndarray:
+    """Return the microphones whose errors are averaged: those sought, without the faulty channels of an assessment.
+
+    `sought` (K,) int64; `names`: of all microphones.
+    """
+    faults = () if found is None or found.channels is None else found.channels.faults
+    faulty = {fault.name for fault in faults if fault.kind != "misplaced"}
+    kept = np.array([n for n in sought if names[n] not in faulty], np.int64)
+    return kept if len(kept) else sought
+
+
+FREE_SOUND_SPEED = 0.05  # one sigma of a sound speed that is to be estimated, relative: 30 K in air
+
+
+def problem_of(inputs: CalibrationInput) -> Problem:
+    """Return what the solver sees of a measurement, with the known microphones that the settings leave it."""
+    return inputs.measurement.problem(inputs.settings.weights, inputs.settings.known)
+
+
+def states_of(inputs: CalibrationInput, progress: Progress | None = None, problem: Problem | None = None) -> Iterator:
+    """Check the inputs and return an iterator over every state of the solver, from the start to the end.
+
+    `progress`: called with the fraction done, 0 to 1, and a note; what it raises ends the run; `problem`: the one of
+    `problem_of`, if already made. Raises InputError: the solver cannot start.
+    """
+    require_inside_search(inputs)
+    problem, last = problem_of(inputs) if problem is None else problem, inputs.settings.modes
+    check_channels(inputs.measurement.pressures, inputs.measurement.names)
+    if load(inputs.settings.name).TRAITS.needs_room:
+        require_room_for_array(inputs.measurement, inputs.settings)
+    else:
+        check_solvable(problem, last, inputs.measurement.names)
+
+    def shown(state: RunState) -> RunState:
+        if progress is not None:
+            progress(state.last / last, f"{state.last} modes, sweep {state.sweep}")
+        return state
+
+    return map(shown, run(problem, inputs.settings, inputs.seed))
+
+
+def solve(
+    inputs: CalibrationInput,
+    progress: Progress | None = None,
+    wording: Mapping[str, str] = ARGUMENTS,
+    clock: Callable[[], float] = time.process_time,
+) -> Calibration:
+    """Run the solver to its end and assess the positions, with one thread of BLAS.
+
+    `progress`: as of `states_of`; `wording`: how the verdict's text calls the arguments that it mentions; by their
+    names in Python unless given; `clock`: seconds by which the solver's time is limited; those of the processor unless
+    given. Raises InputError: the solver cannot start; KeyboardInterrupt before the solver has started. An interrupt of
+    the solver ends it, as `inputs.time_limit` does: the best positions so far are assessed, with the verdict
+    "not_converged".
+    """
+    settings = inputs.settings
+    free = inputs.estimate_sound_speed and inputs.distance is None and settings.sound_speed_sigma is None
+    if free and not load(settings.name).TRAITS.needs_room:  # a solver that has a sigma of the sound speed estimates it
+        inputs = replace(inputs, settings=replace(settings, sound_speed_sigma=FREE_SOUND_SPEED))
+    problem = problem_of(inputs)
+    require_length(inputs, problem)
+    if inputs.time_limit is not None:
+        require_positive("time_limit", inputs.time_limit, "s")
+    start = time.perf_counter()
+    with one_blas_thread():
+        # Before the first run nothing but the coherence speaks for the size of the array. A second one takes the modes
+        # that the array found interpolates, if their number was left open and as much time is left as the first took.
+        note = ""
+        while True:
+            limit = inputs.time_limit or time_limit(problem, inputs.settings.modes)
+            state, stopped, end = last_state(inputs, progress, problem, clock)
+            found = assess_state(inputs, problem, state, wording)
+            if stopped:
+                found = replace(found, verdict="not_converged", message=stopped)
+            left = end - clock() if inputs.all_modes and found.verdict == "undersampled" else -np.inf
+            fewer = modes_below_limit(problem, found.positions) if left >= limit / 2 else 0
+            if not MIN_MODES <= fewer < inputs.settings.modes:
+                break
+            settings = replace(inputs.settings, modes=fewer, first_modes=min(inputs.settings.first_modes, fewer))
+            inputs = replace(inputs, settings=settings, all_modes=False, time_limit=left)
+            above = (
+                f"{len(problem.frequencies) - fewer} modes above {problem.frequencies[fewer - 1]:.0f} Hz are left out"
+            )
+            note = f"; {above}, since the array found cannot interpolate all of them (Eq. 9)"
+        found = replace(found, message=found.message + note)
+    measurement = inputs.measurement
+    return Calibration(
+        positions=found.positions,
+        names=tuple(measurement.names),
+        known=() if inputs.settings.known == "none" else tuple(measurement.names[n] for n in measurement.known),
+        excluded=tuple(inputs.excluded),
+        solver=inputs.settings.name,
+        seed=inputs.seed,
+        frequencies=found.problem.frequencies[state.first - 1 : state.last],
+        cost=float(state.cost),
+        cost_db=cost_in_decibels(found),
+        sweeps=int(state.sweep),
+        elapsed=time.perf_counter() - start,
+        converged=bool(state.converged),
+        aligned=problem.frame is None and not len(problem.known) and found.room is None,
+        sound_speed=found.problem.sound_speed,
+        sound_speed_sigma=found.sound_speed_sigma,
+        verdict=found.verdict,
+        verdict_text=found.verdict_text,
+        uncertainty=found.uncertainty,
+        covariance=found.covariance,
+        evidence=found.evidence,
+        room=found.room,
+        channels=found.channels,
+    ).compared_with(measurement, inputs.given)
+
+
+def last_state(
+    inputs: CalibrationInput, progress: Progress | None, problem: Problem, clock: Callable[[], float]
+) -> tuple[RunState, str, float]:
+    """Return the state at the end of a run, why it ended before the solver did ("" if it did not), and its deadline.
+
+    The start is not interrupted, since there are no positions before it.
+    """
+    limit = inputs.time_limit
+    if limit is None:
+        limit = time_limit(problem, inputs.settings.modes)
+    end, states = clock() + limit, states_of(inputs, progress, problem)
+    state = next(states)
+    try:
+        with deadline(end, clock):
+            while not state.finished:
+                check_deadline()
+                state = next(states)
+    except OutOfTime:
+        why = f"the solver was stopped after {limit:g} s of processor time; use fewer <modes> or a longer"
+        return ended_early(state), f"{why} <time_limit>", end
+    except KeyboardInterrupt:
+        return ended_early(state), "the solver was interrupted; these are the best positions so far", end
+    return state, "", end
+
+
+def cost_in_decibels(found: Assessment) -> float | None:
+    """Return Eq. 7 over all modes that the microphones can carry, dB of their power, as `fdcal.cost.reference_cost`.
+
+    A problem without a search domain gets one round the positions found, as on the page.
+
+    Returns none where a position is not finite, or the microphones are too few for any mode.
+    """
+    problem = found.problem
+    if not np.isfinite(found.positions).all():
+        return None
+    if problem.search is None:
+        problem = replace(problem, search=search_round(found.positions))
+    reference_cost = reference_cost_of(problem)
+    if reference_cost is None:
+        return None
+    cost = reference_cost(found.positions, None if found.channels is None else found.channels.correction)
+    return cost if np.isfinite(cost) else None
+
+
+DOMAIN_SOLVER = "robust"  # estimates the positions where the solver of the run needs a search domain itself
+DOMAIN_SECONDS = 20.0  # of processor time for the estimate
+
+
+def with_estimated_domain(
+    measurement: Measurement, settings: SolverSettings, seed: int, progress: Progress | None = None
+) -> Measurement:
+    """Return a measurement with a search domain: its own, or one round an estimate of the positions.
+
+    `settings`: of the run. Its solver estimates the positions, so that they are in its axes; solver robust does so for
+    one that needs a search domain. A known room is the domain itself; `progress`: as of
+    `fdcal.session.calibration_run.states_of`. Returns as it is where the positions cannot be estimated.
+    """
+    if measurement.search is not None:
+        return measurement
+    if settings.room is not None and len(settings.room) == measurement.array_dimension:
+        corners = [(0.0,) * len(settings.room), settings.room]
+        return replace(measurement, search=search_round(corners))
+    needs_search = solvers.load(settings.name).TRAITS.needs_search
+    chosen = replace(settings, name=DOMAIN_SOLVER if needs_search else settings.name, start=None)
+    inputs = CalibrationInput(measurement=measurement, name="", scene=None, settings=chosen, seed=seed)
+    try:
+        problem = problem_of(inputs)
+        inputs = replace(inputs, settings=solvers.with_mode_count(problem, chosen), time_limit=DOMAIN_SECONDS)
+        with one_blas_thread():
+            state = last_state(inputs, progress, problem, time.process_time)[0]
+    except InputError:
+        return measurement
+    return with_search_domain(measurement, state.best_positions)

@@ -1,0 +1,233 @@
+"""Block coordinate descent, section 3 of the paper: one microphone at a time over all candidates.
+
+    step   one free microphone is moved to the candidate of the lowest cost (Eq. 7), the others are held; then the
+           basis is recentred on the centre of mass of the array
+    sweep  all free microphones are moved once, in an order drawn for this sweep
+    stage  sweeps with one set of modes, until no microphone moves; then the next higher mode is added
+
+The run begins with its lowest modes and with microphones drawn from the candidates, the points of the search lattice.
+The centre of the expansion is the centre of mass rounded to the lattice, so one table of radial functions serves every
+step (`fdcal.acoustics.lattice_dictionary.LatticeDictionary`). In three dimensions the candidates are searched from
+coarse to fine (`fdcal.cost.lattice`), and the lowest one that was tried counts as the best.
+"""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from ..acoustics.lattice_dictionary import LatticeDictionary
+from ..cost import expansion
+from ..cost.eq7 import known_weights, leave_one_out_fits
+from ..cost.expansion import require_modes
+from ..cost.lattice import SpaceLattice, best_candidate, search_lattice, space_lattice
+from ..cost.maps import descent_maps
+from ..model.gauge import fixes_gauge
+from ..model.problem import Problem
+from ..model.settings import Search, SolverSettings
+from ..model.validation import InputError, frozen_array
+from . import starts
+from .estimate import Estimate
+from .interface import RunState, Traits
+from .requirements import require_range, require_search
+from .robust.result import estimate_at
+
+TRAITS = Traits(
+    moves_all=False,
+    needs_search=True,
+    adds_modes=True,
+    starts=("random", "affine"),
+    draws_order=True,
+    settings=frozenset(
+        {"modes", "first_modes", "order_offset", "ample_modes", "known_weight", "max_sweeps", "start", "known"}
+    ),
+)
+
+
+@dataclass(frozen=True)
+class State(RunState):
+    """Everything `step` needs. A run can be continued from any state.
+
+    `cost`: sum over the modes in use (Eq. 7), about the centre that the last step used.
+    """
+
+    solver: ClassVar[str] = "descent"
+
+    centre: np.ndarray  # (D,) float64, metres, centre of the expansion, read-only
+    turn: int = 0  # steps taken in the present sweep, 0 to the number of free microphones less 1
+    stage_sweeps: int = 0  # sweeps completed in the present stage
+    changed: bool = False  # whether a microphone has moved in the present sweep
+
+    @property
+    def order_offset(self) -> int:
+        """The number added to ceil(kR) with the modes in use (`order_offset_of`)."""
+        return order_offset_of(self.settings, self.last)
+
+
+def order_offset_of(settings: SolverSettings, modes: int) -> int:
+    """Return the number added to ceil(kR) in the order rule (Eq. 3).
+
+    It is 0 below `settings.ample_modes` modes: with more functions, few modes can be fitted at any positions.
+    """
+    return settings.order_offset if modes >= settings.ample_modes else 0
+
+
+def init(problem: Problem, settings: SolverSettings, seed: int) -> State:
+    """Return the first state: free microphones on the search lattice, known ones in their places.
+
+    `settings`: SolverSettings; `start` is "random" or "affine"; `seed`: of the random start and of the order in which
+    the microphones are moved. Raises InputError: without a search domain or known microphones that fix the gauge, for
+    modes that the microphones cannot resolve, or if there is no affine start.
+    """
+    _require_solvable(problem, settings)
+    require_modes(problem, settings.order_offset, settings.modes)
+    lattice = _lattice(problem, settings.order_offset)
+    if settings.start == "affine":
+        positions = lattice.nearest(starts.affine(problem, settings.modes))
+    else:
+        rng = np.random.default_rng([seed, 0])
+        positions = lattice.points[rng.choice(len(lattice.points), problem.pressures.shape[1], replace=False)]
+    positions[problem.known] = problem.known_positions
+    centre = lattice.nearest(positions.mean(axis=0))
+    state = State(
+        positions=frozen_array(positions, float),
+        centre=frozen_array(centre, float),
+        settings=settings,
+        seed=seed,
+        last=settings.first_modes,
+    )
+    return replace(state, cost=_cost(problem, state))
+
+
+def step(problem: Problem, state: State) -> State:
+    """Return `state` with the next microphone moved to its best candidate; the same state if it is finished."""
+    if state.finished:
+        return state
+    n = int(_order(problem, state.seed, state.sweep)[state.turn])
+    lattice = _lattice(problem, state.order_offset)
+    positions = state.positions.copy()
+    positions[n], cost = _best_candidate(problem, lattice, state, n)
+    moved = replace(
+        state,
+        positions=frozen_array(positions, float),
+        centre=frozen_array(lattice.nearest(positions.mean(axis=0)), float),
+        step=state.step + 1,
+        turn=state.turn + 1,
+        moved=n,
+        changed=state.changed or not np.array_equal(positions[n], lattice.nearest(state.positions[n])),
+        cost=cost,
+    )
+    return moved if moved.turn < len(problem.free) else _end_sweep(moved)
+
+
+def _end_sweep(state: State) -> State:
+    """Close the sweep; if nothing has moved, or the stage has had its sweeps, add a mode or finish."""
+    converged = not state.changed
+    state = replace(state, sweep=state.sweep + 1, stage_sweeps=state.stage_sweeps + 1, turn=0, changed=False)
+    if not converged and state.stage_sweeps < state.settings.max_sweeps:
+        return state
+    if state.automatic and state.last < state.settings.modes:
+        return replace(state, stage=state.stage + 1, last=state.last + 1, stage_sweeps=0)
+    return replace(state, finished=True, converged=converged)
+
+
+@functools.lru_cache(maxsize=8)
+def _order(problem: Problem, seed: int, sweep: int) -> np.ndarray:
+    """Return the order in which the free microphones are moved in a sweep."""
+    return np.random.default_rng([seed, 1, sweep]).permutation(problem.free)
+
+
+def _lattice(problem: Problem, order_offset: int) -> LatticeDictionary | SpaceLattice:
+    """Return the candidates: the lattice of the search domain, of two or three dimensions."""
+    if problem.array_dimension == 3:
+        return space_lattice(problem, order_offset)
+    return search_lattice(problem, order_offset)
+
+
+def _best_candidate(problem: Problem, lattice, state: State, n: int) -> tuple[np.ndarray, float]:
+    """Return the candidate of the lowest cost for microphone `n`, metres, and its cost."""
+    x, centre, modes = state.positions, state.centre, state.modes
+    if isinstance(lattice, SpaceLattice):
+        _, fits = _fits(problem, lattice, state, n, modes)
+        return lattice.best(centre, modes, fits, x[n])
+    return best_candidate(problem, lattice, x, n, centre, modes, state.settings.known_weight)
+
+
+def _fits(problem: Problem, lattice, state: State, n: int, modes: slice):
+    """Return W (Eq. 4) of each of `modes`, and the fit of its pressures without microphone `n`."""
+    W = lattice.dictionary(state.positions, state.centre, range(len(lattice.orders))[modes])
+    weights = known_weights(problem, state.settings.known_weight)
+    return W, leave_one_out_fits(W, problem.pressures[modes], n, weights)
+
+
+def _cost(problem: Problem, state: State) -> float:
+    """Return Eq. 7 over the modes in use: a microphone is left out and put back at its position."""
+    n = int(problem.free[0])
+    W, fits = _fits(problem, _lattice(problem, state.order_offset), state, n, state.modes)
+    return float(sum(fit.cost_of(w[n : n + 1])[0] for fit, w in zip(fits, W, strict=True)))
+
+
+def use_modes(problem: Problem, state: State, first: int, last: int, automatic: bool) -> State:
+    """Return `state` with modes `first` to `last` in use, counted from 1; the solver continues from its positions.
+
+    Raises InputError for modes that are not there.
+    """
+    require_range(problem, first, last)
+    require_modes(problem, state.settings.order_offset, last)
+    changed = replace(state, first=first, last=last, automatic=automatic, finished=False, converged=False)
+    changed = replace(changed, turn=0, stage_sweeps=0, changed=False)  # converged: a whole sweep moves nothing
+    return replace(changed, cost=_cost(problem, changed))
+
+
+def landscape(problem: Problem, state: State, n: int, modes: slice, search: Search | None = None) -> np.ndarray:
+    """Return what a step on microphone `n` minimises, over the lattice, mode by mode : (modes, ny, nx) float64.
+
+    In three dimensions it is the layer at the height of the microphone; `search` may be another lattice.
+    """
+    numbers, weight = range(1, len(problem.pressures) + 1)[modes], state.settings.known_weight
+    return descent_maps(problem, state.positions, n, numbers, state.order_offset, weight, state.centre, search)
+
+
+def result(problem: Problem, state: State) -> Estimate:
+    """Return what descent has found, judged by the likelihood: its own cost says nothing of noise."""
+    return estimate_at(problem, state.settings, state.positions, state.modes, state.converged)
+
+
+def usable_modes(problem: Problem, settings: SolverSettings) -> int:
+    """Return how many of the lowest modes have an expansion with fewer functions than there are microphones."""
+    return expansion.usable_modes(problem, settings.order_offset)
+
+
+def _require_solvable(problem: Problem, settings: SolverSettings) -> None:
+    """Raise InputError for a problem whose lattice descent cannot search."""
+    if settings.known != "all":
+        message = f'solver.known = "{settings.known}" leaves descent without the known microphones that it needs'
+        raise InputError(message, "use <known> all, or <solver> joint", key="known", value=settings.known)
+    if problem.dimension != problem.array_dimension:
+        raise InputError(
+            "descent works on two-dimensional fields and on arrays in space; this measurement of an array in a plane"
+            " has dimension = 3",
+            "use <solver> joint",
+        )
+    search, known, count = require_search(problem), problem.known.tolist(), problem.pressures.shape[1]
+    if not fixes_gauge(problem.known_positions):
+        fewest = "three known microphones that are not on one line"
+        if problem.array_dimension == 3:
+            fewest = "four known microphones that are not in one plane"
+        message = f"known = {known} does not fix translation, rotation and mirror"
+        raise InputError(message, f"descent needs at least {fewest}", key="known", value=known)
+    if np.prod(search.shape) < count:
+        message = f"search.step = {search.step:g} m leaves {np.prod(search.shape)} candidates for {count} microphones"
+        raise InputError(message, "use a smaller step or a larger search.size", key="search.step", value=search.step)
+    low, high = np.array(search.origin) - search.radius, np.add(search.origin, search.size) + search.radius
+    far = np.flatnonzero(np.any((problem.known_positions < low) | (problem.known_positions > high), axis=1))
+    if len(far):
+        raise InputError(
+            f"known microphone {known[far[0]]} at {problem.known_positions[far[0]].tolist()} m is further than"
+            f" search.radius = {search.radius:g} m from the search domain",
+            "move search.origin",
+            key="search.origin",
+        )
